@@ -1,0 +1,269 @@
+//! Camera frames, and the one way from a frame to what the network sees.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// One RGB frame of a tactile camera, 8 bits a channel, rows from the top.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Frame {
+    width_px: usize,
+    height_px: usize,
+    rgb: Vec<u8>,
+}
+
+impl Frame {
+    /// A frame from interleaved RGB bytes, `3 * width_px * height_px` of them.
+    pub fn new(width_px: usize, height_px: usize, rgb: Vec<u8>) -> Result<Self> {
+        if width_px == 0 || height_px == 0 || rgb.len() != 3 * width_px * height_px {
+            return Err(Error::invalid(
+                "frame",
+                format!("3 x {width_px} x {height_px} bytes"),
+                format!("{} bytes", rgb.len()),
+            ));
+        }
+        Ok(Self { width_px, height_px, rgb })
+    }
+
+    /// Width in pixels.
+    pub fn width_px(&self) -> usize {
+        self.width_px
+    }
+
+    /// Height in pixels.
+    pub fn height_px(&self) -> usize {
+        self.height_px
+    }
+
+    /// Interleaved RGB bytes, rows from the top.
+    pub fn rgb(&self) -> &[u8] {
+        &self.rgb
+    }
+}
+
+/// How frames become network inputs; saved with the model, so that simulated, recorded and live
+/// frames are treated alike.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Preprocessing {
+    /// Width and height of the network's input, pixels.
+    pub input_px: [usize; 2],
+    /// Mean of each channel over the training set, counts.
+    pub mean: [f32; 3],
+    /// Standard deviation of each channel over the training set, counts.
+    pub std: [f32; 3],
+}
+
+impl Preprocessing {
+    /// Preprocessing that subtracts nothing and scales by nothing: differences stay in counts.
+    pub fn counts(input_px: [usize; 2]) -> Self {
+        Self { input_px, mean: [0.0; 3], std: [1.0; 3] }
+    }
+}
+
+/// The difference of a frame from the sensor at rest: what a touch did to the picture.
+///
+/// `[3, height, width]`, channel planes R, G, B, in normalised units (counts where made by
+/// [`Preprocessing::counts`]). Signed, nothing clipped. Made only by [`Background::tactile_image`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct TactileImage {
+    /// Width and height, pixels.
+    pub size_px: [usize; 2],
+    /// `[3, height, width]`.
+    pub planes: Vec<f32>,
+    /// Share of pixels whose difference from rest exceeds [`EDGE_COUNTS`] in some channel, 0..=1:
+    /// how much of the view shows an edge. Nought at rest, and on a plate or a face without edges.
+    pub edge_share: f32,
+}
+
+/// A difference this large is an edge, not noise, counts. A camera's white noise of 2.5 counts
+/// averages below 1 at the network's resolution; an edge pressed 0.5 mm deep makes 40 to 90.
+pub const EDGE_COUNTS: f32 = 8.0;
+
+/// The sensor at rest: the no-contact frame, reduced once to the network's resolution.
+#[derive(Clone, Debug)]
+pub struct Background {
+    frame_px: [usize; 2],
+    preprocessing: Preprocessing,
+    planes: Vec<f32>,
+}
+
+impl Background {
+    /// Prepares the no-contact frame. Fails where it is too dark or saturated to subtract.
+    pub fn new(no_contact: &Frame, preprocessing: &Preprocessing) -> Result<Self> {
+        check_lit(no_contact, "no-contact frame")?;
+        let [width, height] = preprocessing.input_px;
+        if width == 0 || height == 0 || width > no_contact.width_px || height > no_contact.height_px {
+            return Err(Error::invalid(
+                "no-contact frame",
+                format!("at least {width}x{height} pixels"),
+                format!("{}x{}", no_contact.width_px, no_contact.height_px),
+            ));
+        }
+        if preprocessing.std.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
+            return Err(Error::invalid("preprocessing.std", "positive", format!("{:?}", preprocessing.std)));
+        }
+        Ok(Self {
+            frame_px: [no_contact.width_px, no_contact.height_px],
+            preprocessing: preprocessing.clone(),
+            planes: area_average(no_contact, preprocessing.input_px),
+        })
+    }
+
+    /// Subtracts the frame at rest: area average to the input size, exposure compensated per
+    /// channel, signed difference, then mean and variance of the training set (paper, Sec. V-A).
+    ///
+    /// Exposure: the whole frame's gain drifts by -8..+19 % (Sec. 4 of the sensor notes), so each
+    /// channel is divided by the median of its ratio to the frame at rest; most of a view is flat
+    /// and flat contact does not change colour, so the median is the drift.
+    pub fn tactile_image(&self, frame: &Frame) -> Result<TactileImage> {
+        if [frame.width_px, frame.height_px] != self.frame_px {
+            return Err(Error::invalid(
+                "frame",
+                format!("{}x{} pixels as the no-contact frame", self.frame_px[0], self.frame_px[1]),
+                format!("{}x{}", frame.width_px, frame.height_px),
+            ));
+        }
+        check_lit(frame, "frame")?;
+        let [width, height] = self.preprocessing.input_px;
+        let n_pixels = width * height;
+        let mut planes = area_average(frame, self.preprocessing.input_px);
+        let mut ratios = Vec::with_capacity(n_pixels);
+        for (plane, rest) in planes.chunks_mut(n_pixels).zip(self.planes.chunks(n_pixels)) {
+            ratios.clear();
+            ratios.extend(plane.iter().zip(rest).map(|(p, r)| p / r.max(1.0)));
+            let (_, gain, _) = ratios.select_nth_unstable_by(n_pixels / 2, f32::total_cmp);
+            let gain = gain.clamp(0.5, 2.0);
+            for (p, r) in plane.iter_mut().zip(rest) {
+                *p = *p / gain - r;
+            }
+        }
+        let is_edge = |pixel: &usize| (0..3).any(|c| planes[c * n_pixels + pixel].abs() > EDGE_COUNTS);
+        let edge_share = (0..n_pixels).filter(is_edge).count() as f32 / n_pixels as f32;
+        for (channel, plane) in planes.chunks_mut(n_pixels).enumerate() {
+            let (mean, std) = (self.preprocessing.mean[channel], self.preprocessing.std[channel]);
+            plane.iter_mut().for_each(|p| *p = (*p - mean) / std);
+        }
+        Ok(TactileImage { size_px: [width, height], planes, edge_share })
+    }
+}
+
+/// A frame that is all black, all white or constant says nothing: the camera is off or blinded.
+fn check_lit(frame: &Frame, what: &str) -> Result<()> {
+    let (min, max) = frame.rgb.iter().fold((255, 0), |(lo, hi), &v| (v.min(lo), v.max(hi)));
+    if max - min < 8 {
+        let got = match (min, max) {
+            (_, 0..=8) => "all black".to_owned(),
+            (247.., _) => "all white".to_owned(),
+            _ => format!("constant ({min}..{max})"),
+        };
+        return Err(Error::invalid(what, "a lit picture with some contrast", got));
+    }
+    Ok(())
+}
+
+/// Area average of a frame to `[3, height, width]`, counts. Fractional pixels are shared out.
+fn area_average(frame: &Frame, [width, height]: [usize; 2]) -> Vec<f32> {
+    let columns = overlaps(frame.width_px, width);
+    let rows = overlaps(frame.height_px, height);
+    let n_pixels = width * height;
+    let mut planes = vec![0.0_f32; 3 * n_pixels];
+    let mut line = vec![0.0_f32; 3 * frame.width_px];
+    for (row, row_weights) in rows.iter().enumerate() {
+        line.fill(0.0);
+        for &(y, weight) in row_weights {
+            let source = &frame.rgb[3 * y * frame.width_px..3 * (y + 1) * frame.width_px];
+            for (sum, &value) in line.iter_mut().zip(source) {
+                *sum += weight * f32::from(value);
+            }
+        }
+        for (column, column_weights) in columns.iter().enumerate() {
+            let mut sums = [0.0_f32; 3];
+            for &(x, weight) in column_weights {
+                for (channel, sum) in sums.iter_mut().enumerate() {
+                    *sum += weight * line[3 * x + channel];
+                }
+            }
+            for (channel, sum) in sums.into_iter().enumerate() {
+                planes[channel * n_pixels + row * width + column] = sum;
+            }
+        }
+    }
+    planes
+}
+
+/// For each of `n_out` equal bins over `n_in` pixels: the pixels it covers and their weights, which sum to 1.
+fn overlaps(n_in: usize, n_out: usize) -> Vec<Vec<(usize, f32)>> {
+    let scale = n_in as f64 / n_out as f64;
+    (0..n_out)
+        .map(|bin| {
+            let (start, end) = (bin as f64 * scale, (bin + 1) as f64 * scale);
+            (start.floor() as usize..(end.ceil() as usize).min(n_in))
+                .map(|pixel| {
+                    let covered = (end.min(pixel as f64 + 1.0) - start.max(pixel as f64)).max(0.0);
+                    (pixel, (covered / scale) as f32)
+                })
+                .filter(|(_, weight)| *weight > 0.0)
+                .collect()
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gradient(width: usize, height: usize, gain: f32) -> Frame {
+        let rgb = (0..width * height)
+            .flat_map(|i| [60 + (i % width) as u8, 100, 110].map(|v| (f32::from(v) * gain).round() as u8))
+            .collect();
+        Frame::new(width, height, rgb).unwrap()
+    }
+
+    #[test]
+    fn a_brighter_frame_at_rest_is_still_blank() {
+        let rest = gradient(32, 24, 1.0);
+        let background = Background::new(&rest, &Preprocessing::counts([8, 6])).unwrap();
+        let image = background.tactile_image(&gradient(32, 24, 1.15)).unwrap();
+        // Rounding to whole counts leaves at most half a count.
+        assert!(image.planes.iter().all(|p| p.abs() < 0.6), "{:?}", image.planes);
+        assert_eq!(image.edge_share, 0.0);
+    }
+
+    #[test]
+    fn differences_keep_their_sign() {
+        let rest = gradient(32, 24, 1.0);
+        let mut rgb = rest.rgb().to_vec();
+        for (x, value) in [(0, 40_i16), (31, -40)] {
+            for y in 0..24 {
+                let at = 3 * (y * 32 + x);
+                rgb[at] = (i16::from(rgb[at]) + value) as u8;
+            }
+        }
+        let background = Background::new(&rest, &Preprocessing::counts([32, 24])).unwrap();
+        let image = background.tactile_image(&Frame::new(32, 24, rgb).unwrap()).unwrap();
+        assert!((image.planes[0] - 40.0).abs() < 1e-3 && (image.planes[31] + 40.0).abs() < 1e-3);
+        assert!((image.edge_share - 2.0 / 32.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn area_average_keeps_the_mean_at_any_ratio() {
+        let frame = gradient(33, 25, 1.0);
+        let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+        let all: Vec<f32> = frame.rgb().iter().step_by(3).map(|v| f32::from(*v)).collect();
+        let small = area_average(&frame, [7, 4]);
+        assert!((mean(&small[..28]) - mean(&all)).abs() < 1e-3);
+    }
+
+    #[test]
+    fn useless_frames_are_refused_with_the_reason() {
+        let rest = gradient(32, 24, 1.0);
+        let background = Background::new(&rest, &Preprocessing::counts([8, 6])).unwrap();
+        for (value, reason) in [(0, "all black"), (255, "all white"), (90, "constant")] {
+            let frame = Frame::new(32, 24, vec![value; 3 * 32 * 24]).unwrap();
+            assert!(background.tactile_image(&frame).unwrap_err().to_string().contains(reason));
+        }
+        let other = gradient(16, 24, 1.0);
+        assert!(background.tactile_image(&other).unwrap_err().to_string().contains("16x24"));
+    }
+}

@@ -1,0 +1,148 @@
+//! The grid of poses at which a part was touched.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::se2::{Se2, wrap_angle};
+
+/// A regular grid of `part_from_sensor` poses round a part's centre, with `x`, `y` in
+/// `-xy_half_mm ..= xy_half_mm` and `theta` in `-theta_half_deg ..= theta_half_deg`.
+///
+/// The paper's grids: small objects 8 mm by 4, large objects 20 mm by 4, both 90 degrees by 30.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseGrid {
+    /// Largest |x| and |y|, mm.
+    pub xy_half_mm: f64,
+    /// Step in x and y, mm.
+    pub xy_step_mm: f64,
+    /// Largest |theta|, degrees.
+    pub theta_half_deg: f64,
+    /// Step in theta, degrees.
+    pub theta_step_deg: f64,
+}
+
+impl PoseGrid {
+    /// The paper's grid for letters of 12 mm: 5 x 5 x 7 = 175 poses a part.
+    pub const SMALL: Self =
+        Self { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
+    /// The paper's grid for letters of 32 mm: 11 x 11 x 7 = 847 poses a part.
+    pub const LARGE: Self =
+        Self { xy_half_mm: 20.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
+
+    /// Refuses a grid whose steps are not positive or do not divide its ranges.
+    pub fn validate(&self) -> Result<()> {
+        for (field, half, step) in [
+            ("xy", self.xy_half_mm, self.xy_step_mm),
+            ("theta", self.theta_half_deg, self.theta_step_deg),
+        ] {
+            let steps = half / step;
+            if !(step > 0.0 && half >= 0.0 && steps.is_finite() && (steps - steps.round()).abs() < 1e-6) {
+                return Err(Error::invalid(
+                    format!("reach.{field}"),
+                    "a half range that is a whole number of positive steps",
+                    format!("half {half}, step {step}"),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of distinct x (and of y) values.
+    pub fn n_xy(&self) -> usize {
+        2 * (self.xy_half_mm / self.xy_step_mm).round() as usize + 1
+    }
+
+    /// Number of distinct angles.
+    pub fn n_theta(&self) -> usize {
+        2 * (self.theta_half_deg / self.theta_step_deg).round() as usize + 1
+    }
+
+    /// Number of poses.
+    pub fn len(&self) -> usize {
+        self.n_xy() * self.n_xy() * self.n_theta()
+    }
+
+    /// Whether the grid holds no pose; a valid grid always holds one.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The pose of a cell in `0..len()`; x varies slowest, theta fastest.
+    pub fn pose(&self, cell: usize) -> Se2 {
+        let (n_xy, n_theta) = (self.n_xy(), self.n_theta());
+        let (ix, iy, it) = (cell / (n_xy * n_theta), cell / n_theta % n_xy, cell % n_theta);
+        Se2::from_degrees(
+            ix as f64 * self.xy_step_mm - self.xy_half_mm,
+            iy as f64 * self.xy_step_mm - self.xy_half_mm,
+            it as f64 * self.theta_step_deg - self.theta_half_deg,
+        )
+    }
+
+    /// The cell nearest to a pose, or `None` where the pose lies more than half a step outside the
+    /// recorded area: what is there is unknown.
+    pub fn nearest(&self, pose: &Se2) -> Option<usize> {
+        let ix = nearest_index(pose.x_mm, self.xy_half_mm, self.xy_step_mm)?;
+        let iy = nearest_index(pose.y_mm, self.xy_half_mm, self.xy_step_mm)?;
+        let it = nearest_index(pose.theta_deg(), self.theta_half_deg, self.theta_step_deg)
+            // +180 and -180 degrees are one angle.
+            .or_else(|| nearest_index(pose.theta_deg() - 360.0, self.theta_half_deg, self.theta_step_deg))
+            .or_else(|| nearest_index(pose.theta_deg() + 360.0, self.theta_half_deg, self.theta_step_deg))?;
+        Some((ix * self.n_xy() + iy) * self.n_theta() + it)
+    }
+
+    /// The cell that a pose coincides with to within `tolerance_mm` and `tolerance_deg`.
+    pub fn exact(&self, pose: &Se2, tolerance_mm: f64, tolerance_deg: f64) -> Option<usize> {
+        let cell = self.nearest(pose)?;
+        let found = self.pose(cell);
+        let turned = wrap_angle(found.theta_rad - pose.theta_rad).to_degrees().abs();
+        (found.distance_mm(pose) <= tolerance_mm && turned <= tolerance_deg).then_some(cell)
+    }
+}
+
+fn nearest_index(value: f64, half: f64, step: f64) -> Option<usize> {
+    let index = ((value + half) / step).round();
+    let last = (2.0 * half / step).round();
+    (index >= 0.0 && index <= last).then_some(index as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_boards_have_the_papers_counts() {
+        assert_eq!(12 * PoseGrid::SMALL.len(), 2_100);
+        assert_eq!(12 * PoseGrid::LARGE.len(), 10_164);
+    }
+
+    #[test]
+    fn each_cell_is_nearest_to_its_own_pose() {
+        let grid = PoseGrid::LARGE;
+        for cell in 0..grid.len() {
+            assert_eq!(grid.exact(&grid.pose(cell), 1e-9, 1e-9), Some(cell));
+        }
+    }
+
+    #[test]
+    fn outside_the_recorded_area_is_unknown() {
+        let grid = PoseGrid::SMALL;
+        assert!(grid.nearest(&Se2::from_degrees(10.1, 0.0, 0.0)).is_none());
+        assert!(grid.nearest(&Se2::from_degrees(0.0, 0.0, 106.0)).is_none());
+        assert!(grid.nearest(&Se2::from_degrees(9.9, 0.0, 104.0)).is_some());
+    }
+
+    #[test]
+    fn a_full_turn_grid_has_no_seam() {
+        let grid = PoseGrid { theta_half_deg: 150.0, ..PoseGrid::SMALL };
+        assert!(grid.nearest(&Se2::from_degrees(0.0, 0.0, 179.0)).is_none());
+        let full = PoseGrid { theta_half_deg: 180.0, ..PoseGrid::SMALL };
+        assert!(full.nearest(&Se2::from_degrees(0.0, 0.0, -179.0)).is_some());
+    }
+
+    #[test]
+    fn a_step_that_does_not_divide_the_range_is_refused() {
+        let grid = PoseGrid { xy_step_mm: 3.0, ..PoseGrid::SMALL };
+        assert!(grid.validate().unwrap_err().to_string().contains("reach.xy"));
+    }
+}
