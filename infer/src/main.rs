@@ -1,2 +1,151 @@
-//! x
-fn main(){}
+//! `tactile-infer`: builds the bank of peg embeddings, and matches single touches against it.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use tactile_data::store::Dataset;
+use tactile_infer::bank::Bank;
+use tactile_infer::matching::{MatchReport, Method, match_single_touches};
+use tactile_infer::{DeviceKind, Model, Result};
+
+/// The part-mating model at work: peg banks and single-touch matches.
+#[derive(Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Embed a dataset of peg touches into one bank file, bound to the model.
+    #[command(after_help = "Example:\n  tactile-infer bank --model model/model.safetensors --data pegs --out pegs.bank")]
+    Bank(BankArgs),
+    /// Match each hole touch of a dataset against the pegs of another: one touch, nearest neighbour.
+    #[command(after_help = "Example:\n  tactile-infer match --model model/model.safetensors --pegs pegs --holes holes --json")]
+    Match(MatchArgs),
+}
+
+#[derive(Args)]
+struct BankArgs {
+    /// Checkpoint written by tactile-train.
+    #[arg(long)]
+    model: PathBuf,
+    /// Dataset with each peg touched at each pose of its reach.
+    #[arg(long)]
+    data: PathBuf,
+    /// The bank file to write.
+    #[arg(long)]
+    out: PathBuf,
+    /// Where to compute: flex or ndarray.
+    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
+    device: String,
+}
+
+#[derive(Args)]
+struct MatchArgs {
+    /// Checkpoint written by tactile-train.
+    #[arg(long)]
+    model: PathBuf,
+    /// Dataset with each peg touched at each pose of its reach.
+    #[arg(long)]
+    pegs: PathBuf,
+    /// Dataset of hole touches whose part is known.
+    #[arg(long)]
+    holes: PathBuf,
+    /// Match at most this many holes, evenly spread over the dataset.
+    #[arg(long, default_value_t = 500)]
+    limit: usize,
+    /// Where to compute: flex or ndarray.
+    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
+    device: String,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Bank(args) => bank(&args),
+        Command::Match(args) => matches(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn bank(args: &BankArgs) -> Result<()> {
+    let model = load(&args.model, &args.device)?;
+    let dataset = Dataset::open(&args.data)?;
+    let bar = progress("embedding");
+    let bank = Bank::build(&model, &dataset, &|done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    bank.save(&args.out)?;
+    let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
+    println!("{}: {n_parts} parts x {n_poses} poses = {} rows of {}", args.out.display(), bank.n_rows(), bank.dim());
+    Ok(())
+}
+
+#[derive(Serialize)]
+struct MatchJson {
+    pixel: MatchReport,
+    pixel_flipped: MatchReport,
+    moco: MatchReport,
+    /// Correlation of f_PP(peg at the hole's pose, peg j) with f_HP(hole, peg j): how well the keys
+    /// alone tell which pegs a hole will be confused with.
+    peg_similarity_correlation: f64,
+}
+
+fn matches(args: &MatchArgs) -> Result<()> {
+    let model = load(&args.model, &args.device)?;
+    let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
+    let bar = progress("matching");
+    let bank = Bank::build(&model, &pegs, &|done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    let run = |method| match_single_touches(&model, &bank, &pegs, &holes, method, args.limit);
+    let (moco, peg_similarity_correlation) = run(Method::Moco)?;
+    let (pixel, _) = run(Method::Pixel)?;
+    let (pixel_flipped, _) = run(Method::PixelFlipped)?;
+    let json = MatchJson { pixel, pixel_flipped, moco, peg_similarity_correlation };
+    if args.json {
+        let text = serde_json::to_string_pretty(&json);
+        println!("{}", text.map_err(|e| tactile_infer::Error::invalid("result", "JSON", e.to_string()))?);
+        return Ok(());
+    }
+    println!("one touch, nearest neighbour among {} pegs, {} holes:", bank.n_rows(), json.moco.n_holes);
+    for (name, found) in [("Pixel", &json.pixel), ("Pixel, sign-flipped", &json.pixel_flipped), ("MoCo", &json.moco)] {
+        println!(
+            "  {name:20} class {:5.1} %   exact cell {:5.1} %   xy {:4.1} mm   theta {:4.1} deg (means over right classes)",
+            100.0 * found.accuracy, 100.0 * found.exact_cell, found.xy_mm_mean, found.theta_deg_mean
+        );
+    }
+    println!("  correlation of f_PP with f_HP: {peg_similarity_correlation:.3}");
+    Ok(())
+}
+
+fn load(path: &Path, device: &str) -> Result<Model> {
+    Model::load(path, device.parse()?)
+}
+
+/// A bar on a terminal, silence elsewhere.
+fn progress(what: &str) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template(&format!("{what} {{bar:30}} {{pos}}/{{len}} {{eta}} left"));
+    ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}

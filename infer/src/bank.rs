@@ -1,0 +1,203 @@
+//! The bank: one embedding for each recorded pose of each peg.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+use tactile_data::frame::TactileImage;
+use tactile_data::grid::PoseGrid;
+use tactile_data::store::Dataset;
+use tactile_data::touch::Side;
+
+use crate::checkpoint::{Model, from_json, to_json};
+use crate::encoder::NamedTensor;
+use crate::error::{Error, Result};
+use crate::safefile::SafeFile;
+
+/// The version of the bank's layout.
+pub const SCHEMA: &str = "tactile-filter/bank/1";
+
+/// How far a recorded pose may lie from its grid cell: the robot's own repeatability.
+const POSE_TOLERANCE: (f64, f64) = (0.5, 2.0);
+
+/// Peg embeddings on a grid of poses: rows part-major, then grid cell, each of unit length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bank {
+    parts: Vec<String>,
+    grid: PoseGrid,
+    dim: usize,
+    rows: Vec<f32>,
+    edge_shares: Vec<f32>,
+    model_sha256: String,
+}
+
+impl Bank {
+    /// A bank from its rows, `[parts * grid.len(), dim]`, and the share of each view that shows an edge.
+    pub fn from_rows(
+        parts: Vec<String>,
+        grid: PoseGrid,
+        dim: usize,
+        rows: Vec<f32>,
+        edge_shares: Vec<f32>,
+        model_sha256: String,
+    ) -> Result<Self> {
+        grid.validate()?;
+        let n_rows = parts.len() * grid.len();
+        if n_rows == 0 || dim == 0 || rows.len() != n_rows * dim || edge_shares.len() != n_rows {
+            return Err(Error::invalid(
+                "bank",
+                format!("{} parts x {} poses x {dim} values", parts.len(), grid.len()),
+                format!("{} values and {} edge shares", rows.len(), edge_shares.len()),
+            ));
+        }
+        if let Some(at) = rows.iter().position(|value| !value.is_finite()) {
+            return Err(Error::invalid(format!("bank row {}", at / dim), "finite values", "NaN or infinity"));
+        }
+        Ok(Self { parts, grid, dim, rows, edge_shares, model_sha256 })
+    }
+
+    /// Embeds a dataset of peg touches: each part at each pose of the dataset's reach, once.
+    pub fn build(model: &Model, dataset: &Dataset, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Self> {
+        let name = &dataset.meta().name;
+        let grid = dataset.meta().reach.ok_or_else(|| {
+            Error::invalid(format!("{name}: meta.json"), "a reach: the grid at which each peg was touched", "none")
+        })?;
+        let (parts, frame_of_row) = frames_by_row(dataset, &grid)?;
+        let background = model.background(dataset.no_contact())?;
+        let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
+        for (done, frames) in frame_of_row.chunks(256).enumerate() {
+            progress(done * 256, frame_of_row.len());
+            let images = frames
+                .par_iter()
+                .map(|frame| Ok(background.tactile_image(&dataset.frame(*frame))?))
+                .collect::<Result<Vec<TactileImage>>>()?;
+            rows.extend(model.embed_pegs(&images)?);
+            edge_shares.extend(images.iter().map(|image| image.edge_share));
+        }
+        progress(frame_of_row.len(), frame_of_row.len());
+        Self::from_rows(parts, grid, model.dim(), rows, edge_shares, model.sha256().to_owned())
+    }
+
+    /// Saves the bank in one file, bound to its model's checksum.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let n_rows = self.n_rows();
+        let tensor = |name: &str, shape, values: &[f32]| NamedTensor { name: name.into(), shape, values: values.to_vec() };
+        let file = SafeFile {
+            tensors: vec![
+                tensor("rows", vec![n_rows, self.dim], &self.rows),
+                tensor("edge_shares", vec![n_rows], &self.edge_shares),
+            ],
+            blobs: Vec::new(),
+            text: vec![
+                ("parts".into(), to_json(&self.parts)?),
+                ("grid".into(), to_json(&self.grid)?),
+                ("model_sha256".into(), self.model_sha256.clone()),
+            ],
+        };
+        file.save(path, SCHEMA)
+    }
+
+    /// Loads a bank and refuses one made by another model.
+    pub fn load(path: &Path, model: &Model) -> Result<Self> {
+        let mut file = SafeFile::load(path, SCHEMA)?;
+        let parts: Vec<String> = from_json(path, file.text(path, "parts")?)?;
+        let grid: PoseGrid = from_json(path, file.text(path, "grid")?)?;
+        let model_sha256 = file.text(path, "model_sha256")?.to_owned();
+        if model_sha256 != model.sha256() {
+            return Err(Error::invalid(
+                path.display().to_string(),
+                format!("a bank made by model {}", short(model.sha256())),
+                format!("one made by {}", short(&model_sha256)),
+            ));
+        }
+        let mut take = |name: &str| {
+            let at = file.tensors.iter().position(|tensor| tensor.name == name);
+            let missing = || Error::invalid(path.display().to_string(), format!("a tensor '{name}'"), "none");
+            at.map(|at| file.tensors.swap_remove(at)).ok_or_else(missing)
+        };
+        let rows = take("rows")?;
+        let edge_shares = take("edge_shares")?;
+        let dim = rows.shape.get(1).copied().unwrap_or(0);
+        Self::from_rows(parts, grid, dim, rows.values, edge_shares.values, model_sha256)
+    }
+
+    /// Names of the parts, in row order.
+    pub fn parts(&self) -> &[String] {
+        &self.parts
+    }
+
+    /// The poses at which each part was touched.
+    pub fn grid(&self) -> &PoseGrid {
+        &self.grid
+    }
+
+    /// Length of a row.
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Number of rows: parts times poses.
+    pub fn n_rows(&self) -> usize {
+        self.edge_shares.len()
+    }
+
+    /// All rows, `[n_rows, dim]`.
+    pub fn rows(&self) -> &[f32] {
+        &self.rows
+    }
+
+    /// One row, `[dim]`.
+    ///
+    /// # Panics
+    /// Where `row` is not below [`Self::n_rows`].
+    pub fn row(&self, row: usize) -> &[f32] {
+        &self.rows[row * self.dim..(row + 1) * self.dim]
+    }
+
+    /// For each row, the share of the view that shows an edge, 0..=1; nought for a blank view.
+    pub fn edge_shares(&self) -> &[f32] {
+        &self.edge_shares
+    }
+
+    /// Checksum of the model that made the rows.
+    pub fn model_sha256(&self) -> &str {
+        &self.model_sha256
+    }
+}
+
+/// The parts of a dataset in order of appearance, and for each (part, cell) the frame that recorded it.
+pub fn frames_by_row(dataset: &Dataset, grid: &PoseGrid) -> Result<(Vec<String>, Vec<usize>)> {
+    let mut parts: Vec<String> = Vec::new();
+    let mut frames: Vec<Option<usize>> = Vec::new();
+    for index in 0..dataset.len() {
+        let touch = dataset.touch(index);
+        if touch.side != Some(Side::Peg) {
+            continue;
+        }
+        let (Some(part), Some(pose)) = (&touch.part, &touch.part_from_sensor) else {
+            return Err(Error::invalid(format!("index row {index}"), "a part and a pose for each peg", "none"));
+        };
+        let cell = grid.exact(pose, POSE_TOLERANCE.0, POSE_TOLERANCE.1).ok_or_else(|| {
+            Error::invalid(format!("index row {index}"), "a pose on the dataset's reach grid", format!("{pose:?}"))
+        })?;
+        let at = parts.iter().position(|p| p == part).unwrap_or_else(|| {
+            parts.push(part.clone());
+            frames.resize(frames.len() + grid.len(), None);
+            parts.len() - 1
+        });
+        frames[at * grid.len() + cell] = Some(index);
+    }
+    if parts.is_empty() {
+        return Err(Error::invalid(dataset.meta().name.clone(), "touches of pegs", "none"));
+    }
+    let missing = |row: usize| {
+        let (part, pose) = (&parts[row / grid.len()], grid.pose(row % grid.len()));
+        let pose = format!("x {} mm, y {} mm, theta {:.0} deg", pose.x_mm, pose.y_mm, pose.theta_deg());
+        Error::invalid(dataset.meta().name.clone(), format!("a peg touch of '{part}' at {pose}"), "none")
+    };
+    let frames = frames.iter().enumerate().map(|(row, frame)| frame.ok_or_else(|| missing(row))).collect::<Result<_>>()?;
+    Ok((parts, frames))
+}
+
+fn short(sha256: &str) -> &str {
+    sha256.get(..12).unwrap_or(sha256)
+}

@@ -1,0 +1,219 @@
+//! A trained model on disk, and the model ready to embed.
+
+use std::path::Path;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use serde::{Deserialize, Serialize};
+use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
+
+use crate::device::DeviceKind;
+use crate::encoder::{Network, NetworkConfig, NamedTensor, tensors_of, with_tensors};
+use crate::error::{Error, Result};
+use crate::safefile::SafeFile;
+use crate::similarity::normalize_rows;
+
+/// The version of the checkpoint's layout.
+pub const SCHEMA: &str = "tactile-filter/checkpoint/1";
+
+/// Images embedded in one pass of the network; larger batches gain nothing on a CPU.
+const BATCH: usize = 64;
+
+/// How a model came to be. Saved in its checkpoint, for people.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Provenance {
+    /// A short name: the preset that trained it.
+    pub name: String,
+    /// Steps trained.
+    pub steps: usize,
+    /// Pairs in a batch.
+    pub batch: usize,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Name of the dataset.
+    pub dataset: String,
+    /// Retrieval@1 among near neighbours on held-out boards, 0..=1.
+    pub retrieval: f64,
+}
+
+/// Weights, sizes and statistics of a trained model: one file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// Sizes of the network.
+    pub config: NetworkConfig,
+    /// How frames become its inputs.
+    pub preprocessing: Preprocessing,
+    /// Where it comes from.
+    pub provenance: Provenance,
+    /// Weights and running statistics by name.
+    pub tensors: Vec<NamedTensor>,
+}
+
+impl Checkpoint {
+    /// Takes the weights out of a network.
+    pub fn of(network: &Network, config: NetworkConfig, preprocessing: Preprocessing, provenance: Provenance) -> Self {
+        Self { config, preprocessing, provenance, tensors: tensors_of(network) }
+    }
+
+    /// Writes one safetensors file, whole or not at all. Returns its checksum, the model's identity.
+    pub fn save(&self, path: &Path) -> Result<String> {
+        let file = SafeFile {
+            tensors: self.tensors.clone(),
+            blobs: Vec::new(),
+            text: vec![
+                ("config".into(), to_json(&self.config)?),
+                ("preprocessing".into(), to_json(&self.preprocessing)?),
+                ("provenance".into(), to_json(&self.provenance)?),
+            ],
+        };
+        file.save(path, SCHEMA)?;
+        Ok(file.sha256())
+    }
+
+    /// Reads and checks a checkpoint: schema, checksum, sizes. Returns it with its checksum.
+    pub fn load(path: &Path) -> Result<(Self, String)> {
+        let file = SafeFile::load(path, SCHEMA)?;
+        let config: NetworkConfig = from_json(path, file.text(path, "config")?)?;
+        config.validate()?;
+        let preprocessing = from_json(path, file.text(path, "preprocessing")?)?;
+        let provenance = from_json(path, file.text(path, "provenance")?)?;
+        let sha256 = file.sha256();
+        Ok((Self { config, preprocessing, provenance, tensors: file.tensors }, sha256))
+    }
+}
+
+/// A model ready to embed frames: f_HP's two towers.
+#[derive(Debug)]
+pub struct Model {
+    network: Network,
+    device: Device,
+    config: NetworkConfig,
+    preprocessing: Preprocessing,
+    provenance: Provenance,
+    sha256: String,
+}
+
+impl Model {
+    /// Loads a checkpoint onto a device. The embedding of the same frame is the same on each load.
+    pub fn load(path: &Path, device: DeviceKind) -> Result<Self> {
+        let (checkpoint, sha256) = Checkpoint::load(path)?;
+        Self::new(checkpoint, sha256, device)
+    }
+
+    /// A model from a checkpoint in memory; `sha256` is what [`Checkpoint::save`] returned.
+    pub fn new(checkpoint: Checkpoint, sha256: String, device: DeviceKind) -> Result<Self> {
+        let device = device.tensor_device();
+        Ok(Self {
+            network: with_tensors(checkpoint.config.init(0, &device), checkpoint.tensors)?,
+            device,
+            config: checkpoint.config,
+            preprocessing: checkpoint.preprocessing,
+            provenance: checkpoint.provenance,
+            sha256,
+        })
+    }
+
+    /// SHA-256 of the checkpoint: banks are bound to it.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+
+    /// How this model came to be.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// Sizes of the network.
+    pub fn config(&self) -> &NetworkConfig {
+        &self.config
+    }
+
+    /// Number of weights and running statistics.
+    pub fn n_parameters(&self) -> usize {
+        use burn::module::Module;
+        self.network.num_params()
+    }
+
+    /// Length of an embedding.
+    pub fn dim(&self) -> usize {
+        self.config.dim
+    }
+
+    /// Prepares a sensor's no-contact frame for this model.
+    pub fn background(&self, no_contact: &Frame) -> Result<Background> {
+        Ok(Background::new(no_contact, &self.preprocessing)?)
+    }
+
+    /// Queries of hole images: `[n, dim]`, rows of unit length.
+    pub fn embed_holes(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
+        self.embed(images, |network, batch| network.query(batch))
+    }
+
+    /// Keys of peg images: `[n, dim]`, rows of unit length.
+    pub fn embed_pegs(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
+        self.embed(images, |network, batch| network.key(batch))
+    }
+
+    fn embed(&self, images: &[TactileImage], tower: impl Fn(&Network, Tensor<4>) -> Tensor<2>) -> Result<Vec<f32>> {
+        let mut rows = Vec::with_capacity(images.len() * self.dim());
+        for batch in images.chunks(BATCH) {
+            let batch = stack(batch, self.config.input_px, &self.device)?; // [b, 3, h, w]
+            let embedded = tower(&self.network, batch).into_data().try_into_vec::<f32>();
+            rows.extend(embedded.map_err(|e| Error::invalid("embedding", "f32", format!("{e:?}")))?);
+        }
+        if let Some(at) = rows.iter().position(|value| !value.is_finite()) {
+            return Err(Error::invalid(format!("embedding of image {}", at / self.dim()), "finite values", "NaN"));
+        }
+        normalize_rows(&mut rows, self.dim());
+        Ok(rows)
+    }
+}
+
+/// Stacks images of one size into `[n, 3, height, width]`.
+pub fn stack(images: &[TactileImage], [width, height]: [usize; 2], device: &Device) -> Result<Tensor<4>> {
+    let mut values = Vec::with_capacity(images.len() * 3 * width * height);
+    for image in images {
+        if image.size_px != [width, height] {
+            return Err(Error::invalid("image", format!("{width}x{height} px"), format!("{:?}", image.size_px)));
+        }
+        values.extend_from_slice(&image.planes);
+    }
+    Ok(Tensor::from_data(TensorData::new(values, [images.len(), 3, height, width]), device))
+}
+
+pub(crate) fn to_json<T: Serialize>(value: &T) -> Result<String> {
+    serde_json::to_string(value).map_err(|e| Error::invalid("metadata", "values JSON can hold", e.to_string()))
+}
+
+pub(crate) fn from_json<T: for<'a> Deserialize<'a>>(path: &Path, text: &str) -> Result<T> {
+    serde_json::from_str(text)
+        .map_err(|e| Error::invalid(path.display().to_string(), "metadata of this version", e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_saved_model_embeds_as_before() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let sha256 = checkpoint.save(&path).unwrap();
+        let saved = Model::load(&path, DeviceKind::Flex).unwrap();
+        let kept = Model::new(checkpoint, sha256.clone(), DeviceKind::Flex).unwrap();
+        assert_eq!(saved.sha256(), sha256);
+        let image = TactileImage {
+            size_px: [16, 12],
+            planes: (0..3 * 16 * 12).map(|i| (i as f32 * 0.7).sin()).collect(),
+            edge_share: 0.5,
+        };
+        let images = vec![image; 70];
+        let rows = saved.embed_holes(&images).unwrap();
+        assert_eq!(rows, kept.embed_holes(&images).unwrap());
+        let first = crate::similarity::dot(&rows[..6], &rows[..6]);
+        assert!((first - 1.0).abs() < 1e-5);
+    }
+}

@@ -1,0 +1,204 @@
+//! Nearest neighbour after one touch: the paper's baselines, Pixel and MoCo (Sec. V-B).
+
+use rayon::prelude::*;
+use serde::Serialize;
+use tactile_data::frame::{Background, Preprocessing, TactileImage};
+use tactile_data::se2::wrap_angle;
+use tactile_data::store::Dataset;
+use tactile_data::touch::Side;
+
+use crate::bank::{Bank, frames_by_row};
+use crate::checkpoint::Model;
+use crate::error::{Error, Result};
+use crate::similarity::{dot, part_mating};
+
+/// How a hole is compared with a peg.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// L1 distance of the difference images.
+    Pixel,
+    /// L1 distance to the peg's image with its sign turned: a hole is not the negative of its peg.
+    PixelFlipped,
+    /// Cosine of query and key.
+    Moco,
+}
+
+/// What one touch alone tells.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct MatchReport {
+    /// Holes matched.
+    pub n_holes: usize,
+    /// Share whose nearest peg is of the right class, 0..=1.
+    pub accuracy: f64,
+    /// Share whose nearest peg is of the right class at the right pose, 0..=1.
+    pub exact_cell: f64,
+    /// Mean distance of the poses where the class is right, mm.
+    pub xy_mm_mean: f64,
+    /// Mean angle between the poses where the class is right, degrees.
+    pub theta_deg_mean: f64,
+}
+
+/// Matches up to `limit` hole touches, evenly spread. Beside the report: the correlation, over all rows
+/// `j` and all holes with a pose on the grid, of f_PP(peg at the hole's pose, `j`) with f_HP(hole, `j`)
+/// (nought for the Pixel methods).
+pub fn match_single_touches(
+    model: &Model,
+    bank: &Bank,
+    pegs: &Dataset,
+    holes: &Dataset,
+    method: Method,
+    limit: usize,
+) -> Result<(MatchReport, f64)> {
+    let known = |index: &usize| {
+        let touch = holes.touch(*index);
+        touch.side == Some(Side::Hole) && touch.part.is_some() && touch.part_from_sensor.is_some()
+    };
+    let candidates: Vec<usize> = (0..holes.len()).filter(known).collect();
+    if candidates.is_empty() || limit == 0 {
+        return Err(Error::invalid(&holes.meta().name, "hole touches with part and pose", "none"));
+    }
+    let n_holes = limit.min(candidates.len());
+    let chosen: Vec<usize> = (0..n_holes).map(|i| candidates[i * candidates.len() / n_holes]).collect();
+    let (nearest, correlation) = match method {
+        Method::Moco => nearest_by_model(model, bank, holes, &chosen)?,
+        Method::Pixel => (nearest_by_pixel(model, bank, pegs, holes, &chosen, 1.0)?, 0.0),
+        Method::PixelFlipped => (nearest_by_pixel(model, bank, pegs, holes, &chosen, -1.0)?, 0.0),
+    };
+    Ok((report(bank, holes, &chosen, &nearest), correlation))
+}
+
+fn nearest_by_model(model: &Model, bank: &Bank, holes: &Dataset, chosen: &[usize]) -> Result<(Vec<usize>, f64)> {
+    let images = images(&model.background(holes.no_contact())?, holes, chosen)?;
+    let queries = model.embed_holes(&images)?;
+    let mut sums = Correlation::default();
+    let mut nearest = Vec::with_capacity(chosen.len());
+    let mut cosines = Vec::new();
+    for (query, frame) in queries.chunks_exact(bank.dim()).zip(chosen) {
+        part_mating(query, bank, &mut cosines);
+        nearest.push(best(cosines.iter().copied()));
+        if let Some(row) = true_row(bank, holes, *frame) {
+            for (j, cosine) in cosines.iter().enumerate() {
+                sums.add(f64::from(dot(bank.row(row), bank.row(j))), f64::from(*cosine));
+            }
+        }
+    }
+    Ok((nearest, sums.value()))
+}
+
+fn nearest_by_pixel(
+    model: &Model,
+    bank: &Bank,
+    pegs: &Dataset,
+    holes: &Dataset,
+    chosen: &[usize],
+    sign: f32,
+) -> Result<Vec<usize>> {
+    let counts = Preprocessing::counts(model.config().input_px);
+    let (_, frames) = frames_by_row(pegs, bank.grid())?;
+    let peg_images = images(&Background::new(pegs.no_contact(), &counts)?, pegs, &frames)?;
+    let hole_images = images(&Background::new(holes.no_contact(), &counts)?, holes, chosen)?;
+    let distance = |hole: &TactileImage, peg: &TactileImage| {
+        hole.planes.iter().zip(&peg.planes).map(|(h, p)| (h - sign * p).abs()).sum::<f32>()
+    };
+    Ok(hole_images.par_iter().map(|hole| best(peg_images.iter().map(|peg| -distance(hole, peg)))).collect())
+}
+
+fn images(background: &Background, dataset: &Dataset, frames: &[usize]) -> Result<Vec<TactileImage>> {
+    frames.par_iter().map(|frame| Ok(background.tactile_image(&dataset.frame(*frame))?)).collect()
+}
+
+/// The first index of the largest score; a NaN never wins.
+fn best(scores: impl Iterator<Item = f32>) -> usize {
+    let mut best = (0, f32::NEG_INFINITY);
+    for (index, score) in scores.enumerate() {
+        if score > best.1 {
+            best = (index, score);
+        }
+    }
+    best.0
+}
+
+fn true_row(bank: &Bank, holes: &Dataset, frame: usize) -> Option<usize> {
+    let touch = holes.touch(frame);
+    let part = bank.parts().iter().position(|part| Some(part) == touch.part.as_ref())?;
+    let cell = bank.grid().exact(&touch.part_from_sensor?, 0.5, 2.0)?;
+    Some(part * bank.grid().len() + cell)
+}
+
+fn report(bank: &Bank, holes: &Dataset, chosen: &[usize], nearest: &[usize]) -> MatchReport {
+    let mut report = MatchReport { n_holes: chosen.len(), ..MatchReport::default() };
+    let mut n_right = 0.0;
+    for (frame, row) in chosen.iter().zip(nearest) {
+        let touch = holes.touch(*frame);
+        let Some(truth) = touch.part_from_sensor else { continue };
+        if touch.part.as_ref() != Some(&bank.parts()[row / bank.grid().len()]) {
+            continue;
+        }
+        let found = bank.grid().pose(row % bank.grid().len());
+        n_right += 1.0;
+        report.exact_cell += f64::from(true_row(bank, holes, *frame) == Some(*row));
+        report.xy_mm_mean += found.distance_mm(&truth);
+        report.theta_deg_mean += wrap_angle(found.theta_rad - truth.theta_rad).to_degrees().abs();
+    }
+    let n = chosen.len() as f64;
+    report.accuracy = n_right / n;
+    report.exact_cell /= n;
+    if n_right > 0.0 {
+        report.xy_mm_mean /= n_right;
+        report.theta_deg_mean /= n_right;
+    }
+    report
+}
+
+/// Pearson's correlation, summed in f64.
+#[derive(Default)]
+struct Correlation {
+    n: f64,
+    x: f64,
+    y: f64,
+    xx: f64,
+    yy: f64,
+    xy: f64,
+}
+
+impl Correlation {
+    fn add(&mut self, x: f64, y: f64) {
+        self.n += 1.0;
+        self.x += x;
+        self.y += y;
+        self.xx += x * x;
+        self.yy += y * y;
+        self.xy += x * y;
+    }
+
+    fn value(&self) -> f64 {
+        if self.n < 2.0 {
+            return 0.0;
+        }
+        let covariance = self.xy - self.x * self.y / self.n;
+        let spread = (self.xx - self.x * self.x / self.n) * (self.yy - self.y * self.y / self.n);
+        if spread > 0.0 { covariance / spread.sqrt() } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn correlation_of_a_line_is_one_and_of_nothing_is_nought() {
+        let mut line = Correlation::default();
+        let mut flat = Correlation::default();
+        for i in 0..10 {
+            line.add(f64::from(i), 3.0 - 2.0 * f64::from(i));
+            flat.add(f64::from(i), 1.0);
+        }
+        assert!((line.value() + 1.0).abs() < 1e-12);
+        assert_eq!(flat.value(), 0.0);
+    }
+
+    #[test]
+    fn a_nan_never_wins() {
+        assert_eq!(best([f32::NAN, 0.5, f32::NAN, 0.7].into_iter()), 3);
+    }
+}

@@ -1,0 +1,63 @@
+//! How well a peg fits a hole (f_HP) and how alike two peg views are (f_PP).
+//!
+//! One model serves both: f_PP is the cosine of two keys, which the contrastive loss already spreads
+//! apart wherever the peg views differ.
+
+use crate::bank::Bank;
+
+/// f_HP (paper, Eq. 2): the cosine of one query with each row of the bank.
+///
+/// `query`: `[dim]`, of unit length. `out` is cleared and filled with `[n_rows]` values in -1..=1.
+pub fn part_mating(query: &[f32], bank: &Bank, out: &mut Vec<f32>) {
+    out.clear();
+    out.extend(bank.rows().chunks_exact(bank.dim()).map(|row| dot(query, row)));
+}
+
+/// f_PP (paper, Eq. 6): the cosine of two rows of the bank, -1..=1.
+pub fn peg_similarity(bank: &Bank, row_a: usize, row_b: usize) -> f32 {
+    dot(bank.row(row_a), bank.row(row_b))
+}
+
+/// The inner product, summed in sixteen lanes so that it vectorises; the shorter length counts.
+pub fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut lanes = [0.0_f32; 16];
+    let (a_chunks, b_chunks) = (a.chunks_exact(16), b.chunks_exact(16));
+    let rest: f32 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a_chunks.zip(b_chunks) {
+        for lane in 0..16 {
+            lanes[lane] += x[lane] * y[lane];
+        }
+    }
+    lanes.iter().sum::<f32>() + rest
+}
+
+/// Scales each row of `[n, dim]` to unit length; a row of noughts stays as it is.
+pub fn normalize_rows(rows: &mut [f32], dim: usize) {
+    for row in rows.chunks_exact_mut(dim) {
+        let norm = dot(row, row).sqrt();
+        if norm > 0.0 && norm.is_finite() {
+            row.iter_mut().for_each(|value| *value /= norm);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dot_agrees_with_f64() {
+        let a: Vec<f32> = (0..131).map(|i| (i as f32 * 0.37).sin()).collect();
+        let b: Vec<f32> = (0..131).map(|i| (i as f32 * 0.11).cos()).collect();
+        let exact: f64 = a.iter().zip(&b).map(|(x, y)| f64::from(*x) * f64::from(*y)).sum();
+        // 131 products of order 1, each rounded to f32's half ulp of 6e-8.
+        assert!((f64::from(dot(&a, &b)) - exact).abs() < 131.0 * 6e-8);
+    }
+
+    #[test]
+    fn a_row_of_noughts_stays_finite() {
+        let mut rows = [3.0, 4.0, 0.0, 0.0];
+        normalize_rows(&mut rows, 2);
+        assert_eq!(rows, [0.6, 0.8, 0.0, 0.0]);
+    }
+}

@@ -1,0 +1,57 @@
+//! What can go wrong in training.
+
+use std::path::{Path, PathBuf};
+
+/// The result of this crate's functions.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// An error of this crate, one line for a person.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A setting or a dataset that makes no training run.
+    #[error("{what}: expected {expected}, got {got}")]
+    Invalid {
+        /// The setting or file.
+        what: String,
+        /// What would have been right.
+        expected: String,
+        /// What came.
+        got: String,
+    },
+    /// The loss is no longer a number: the last checkpoint was kept.
+    #[error("training diverged at step {step}: loss {loss}; the last checkpoint is kept. Try a lower --learning-rate")]
+    Diverged {
+        /// Step at which it happened.
+        step: usize,
+        /// What the loss had become.
+        loss: f64,
+    },
+    /// The operating system refused to read or write.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The dataset is not usable.
+    #[error(transparent)]
+    Data(#[from] tactile_data::Error),
+    /// The network or its checkpoint is not usable.
+    #[error(transparent)]
+    Infer(#[from] tactile_infer::Error),
+}
+
+impl Error {
+    /// A value of `what` that does not make sense.
+    pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
+        Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
+    }
+
+    /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
+    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.as_ref().to_path_buf();
+        move |source| Self::Io { path, source }
+    }
+}
