@@ -25,6 +25,12 @@ impl Frame {
         Ok(Self { width_px, height_px, rgb })
     }
 
+    /// A frame whose length is right by construction.
+    pub(crate) fn from_parts(width_px: usize, height_px: usize, rgb: Vec<u8>) -> Self {
+        debug_assert_eq!(rgb.len(), 3 * width_px * height_px);
+        Self { width_px, height_px, rgb }
+    }
+
     /// Width in pixels.
     pub fn width_px(&self) -> usize {
         self.width_px

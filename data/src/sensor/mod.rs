@@ -1,0 +1,124 @@
+//! The simulated GelSight Mini, a tier a file: gel, optics, camera.
+
+pub mod camera;
+pub mod gel;
+pub mod jpeg;
+pub mod optics;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// How much of the sensor is computed; each tier includes the ones before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Fidelity {
+    /// Where the part touches the gel: two grey levels.
+    Geometry,
+    /// How far the gel is pushed in: grey.
+    Gel,
+    /// The lamps' colours on the gel's slopes, without noise.
+    Optics,
+    /// What a real camera adds: gain drift, noise, dust, texture of printed parts, JPEG.
+    Camera,
+}
+
+/// A tactile sensor. The defaults are a GelSight Mini as the paper has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorSpec {
+    /// Width and height of a frame, pixels. The camera gives 320 x 240; half of it is more than the
+    /// network sees, at a quarter of the cost.
+    pub frame_px: [usize; 2],
+    /// Width and height of what a frame shows, mm (paper, Sec. V-A).
+    pub field_of_view_mm: [f64; 2],
+    /// Decay length of the gel's surface beside a contact, mm.
+    pub gel_length_mm: f64,
+    /// How deep a part is pressed in, mm.
+    pub depth_mm: f64,
+    /// Largest deviation of the depth between touches, mm.
+    pub depth_jitter_mm: f64,
+    /// Largest tilt between touches, degrees.
+    pub tilt_jitter_deg: f64,
+    /// Largest deviation of the place touched, mm.
+    pub place_jitter_mm: f64,
+    /// Brightness of the red, green and blue lamp at the frame's centre, counts.
+    pub lamp_counts: [f64; 3],
+    /// Direction in which each lamp lights a slope, degrees from x towards y.
+    pub lamp_deg: [f64; 3],
+    /// Standard deviation of the white noise of each channel, counts.
+    pub noise_counts: [f64; 3],
+    /// Worst and best JPEG quality.
+    pub jpeg_quality: [u8; 2],
+    /// Lowest and highest amplitude of a printed part's layer lines, mm.
+    pub texture_mm: [f64; 2],
+    /// Specks of dust on the gel.
+    pub n_specks: usize,
+    /// Seed of what is fixed for one sensor: its specks.
+    pub seed: u64,
+}
+
+impl Default for SensorSpec {
+    fn default() -> Self {
+        Self {
+            frame_px: [160, 120],
+            field_of_view_mm: [18.6, 14.3],
+            // Fitted on real flat punches and spheres: a flat optimum between 0.8 and 1.8.
+            gel_length_mm: 1.2,
+            depth_mm: 0.6,
+            depth_jitter_mm: 0.1,
+            tilt_jitter_deg: 0.5,
+            place_jitter_mm: 0.05,
+            // Fitted on a real calibration table of a Mini, to 10 %.
+            lamp_counts: [97.0, 50.0, 53.0],
+            lamp_deg: [83.0, -174.0, -97.0],
+            noise_counts: [1.8, 1.8, 2.5],
+            jpeg_quality: [75, 90],
+            texture_mm: [0.0, 0.02],
+            n_specks: 12,
+            seed: 0,
+        }
+    }
+}
+
+impl SensorSpec {
+    /// Refuses what no sensor can be, naming the field.
+    pub fn validate(&self) -> Result<()> {
+        let [width, height] = self.frame_px;
+        if !(8..=4_096).contains(&width) || !(8..=4_096).contains(&height) {
+            return Err(Error::invalid("sensor.frame_px", "8..=4096 pixels a side", format!("{width}x{height}")));
+        }
+        let positive = [
+            ("field_of_view_mm", self.field_of_view_mm[0].min(self.field_of_view_mm[1])),
+            ("gel_length_mm", self.gel_length_mm),
+            ("depth_mm", self.depth_mm),
+        ];
+        let not_negative = [
+            ("depth_jitter_mm", self.depth_jitter_mm),
+            ("tilt_jitter_deg", self.tilt_jitter_deg),
+            ("place_jitter_mm", self.place_jitter_mm),
+            ("texture_mm", self.texture_mm[0].min(self.texture_mm[1] - self.texture_mm[0])),
+            ("noise_counts", self.noise_counts.into_iter().fold(f64::INFINITY, f64::min)),
+        ];
+        for (field, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::invalid(format!("sensor.{field}"), "a positive length", value.to_string()));
+            }
+        }
+        for (field, value) in not_negative {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(Error::invalid(format!("sensor.{field}"), "nought or more, in order", value.to_string()));
+            }
+        }
+        let [worst, best] = self.jpeg_quality;
+        if !(1..=100).contains(&worst) || !(worst..=100).contains(&best) {
+            return Err(Error::invalid("sensor.jpeg_quality", "1..=100 in order", format!("{worst}..{best}")));
+        }
+        Ok(())
+    }
+
+    /// Size of a pixel in x and y, mm.
+    pub fn mm_per_px(&self) -> [f64; 2] {
+        [0, 1].map(|axis| self.field_of_view_mm[axis] / self.frame_px[axis] as f64)
+    }
+}
