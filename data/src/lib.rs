@@ -5,10 +5,20 @@
 //! sees), [`scene::Scene`] (what is simulated) and [`store::Dataset`] (what is on disk). This crate
 //! must not know networks, embeddings or beliefs.
 
+pub mod contact;
+pub mod contact_sheet;
 pub mod error;
 pub mod frame;
 pub mod grid;
+pub mod picture;
+pub mod recording;
+pub mod generate;
+pub mod scene;
+pub mod sensor;
+pub mod shape;
+pub mod simulator;
 pub mod se2;
+pub mod store;
 pub mod touch;
 
 pub use error::{Error, Result};

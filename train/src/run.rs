@@ -157,7 +157,7 @@ pub fn train(
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
     let state_path = out.join("state.safetensors");
     let state = match (resume, state_path.exists()) {
-        (true, _) => State::load(&state_path, config, &dataset.meta().sha256_frames, &device)?,
+        (true, _) => State::load(&state_path, config, dataset.frames_sha256(), &device)?,
         (false, true) => {
             let what = state_path.display().to_string();
             return Err(Error::invalid(what, "an empty --out, or --resume to go on", "the state of an earlier run"));
@@ -244,7 +244,7 @@ fn save(
     let network = state.moco.online.valid();
     let checkpoint = Checkpoint::of(&network, config.network, pairs.preprocessing.clone(), provenance);
     let sha256 = checkpoint.save(&out.join("model.safetensors"))?;
-    state.save(&out.join("state.safetensors"), config, &dataset.meta().sha256_frames)?;
+    state.save(&out.join("state.safetensors"), config, dataset.frames_sha256())?;
     Ok(sha256)
 }
 

@@ -1,2 +1,81 @@
-//! x
-fn main(){}
+//! `cargo xtask`: the project's chores. It runs programs and knows no crate.
+
+mod bench;
+mod demo;
+mod error;
+mod program;
+mod tidy;
+mod workspace;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::error::Result;
+use crate::workspace::Workspace;
+
+/// The project's chores.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Chore,
+}
+
+#[derive(Subcommand)]
+enum Chore {
+    /// Simulate, train, touch the pegs, identify holes, report.
+    #[command(after_help = "Example:\n  cargo xtask demo --quick --out demo")]
+    Demo(demo::DemoArgs),
+    /// Everything that a change must pass: tests, format, lints, docs, tidy.
+    #[command(after_help = "Example:\n  cargo xtask ci")]
+    Ci,
+    /// Measure how fast something is.
+    #[command(subcommand, after_help = "Example:\n  cargo xtask bench sensor")]
+    Bench(bench::Bench),
+    /// Check the rules that no compiler checks.
+    #[command(after_help = "Example:\n  cargo xtask tidy")]
+    Tidy,
+}
+
+fn main() -> ExitCode {
+    match run(&Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(chore: &Chore) -> Result<()> {
+    let workspace = Workspace::find()?;
+    match chore {
+        Chore::Demo(args) => demo::demo(&workspace, args),
+        Chore::Ci => ci(&workspace),
+        Chore::Bench(bench) => bench::bench(&workspace, bench),
+        Chore::Tidy => tidy::tidy(&workspace, &chores()),
+    }
+}
+
+/// Runs `.ci/run`, the one list of what a change must pass.
+fn ci(workspace: &Workspace) -> Result<()> {
+    let script = workspace.root.join(".ci").join("run");
+    program::run(".ci/run", "bash".as_ref(), &[script.as_os_str()], &workspace.root).map(|_| ())
+}
+
+/// Names of the chores, for the check that README's command lines exist.
+fn chores() -> Vec<String> {
+    Cli::command().get_subcommands().map(|chore| chore.get_name().to_string()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+        assert_eq!(chores(), ["demo", "ci", "bench", "tidy"]);
+    }
+}

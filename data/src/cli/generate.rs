@@ -1,0 +1,103 @@
+//! `tactile-data generate`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use tactile_data::generate::generate;
+use tactile_data::scene::{Parts, Scene};
+use tactile_data::sensor::Fidelity;
+use tactile_data::touch::Side;
+use tactile_data::{Error, Result};
+
+use super::progress;
+
+/// Simulate the touches of a scene into a dataset.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  tactile-data generate --scene maze --pairs 2000 --out maze\n  \
+                        tactile-data generate --scene alphabet-small --sides peg --out pegs")]
+pub struct Generate {
+    /// maze, alphabet-small, alphabet-large, alphabet-small-dev, alphabet-large-dev, or a TOML file
+    #[arg(long, value_name = "PRESET|FILE.toml")]
+    scene: String,
+    /// The dataset to write; must not exist
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Draws boards, poses, jitter and noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Which halves of letters to touch; MAZE boards are always touched in pairs
+    #[arg(long, value_enum, default_value_t = Sides::Both)]
+    sides: Sides,
+    /// Pairs of touches, for MAZE boards [default: the scene's]
+    #[arg(long, value_name = "N")]
+    pairs: Option<usize>,
+    /// MAZE boards, of which one in twelve is held out [default: the scene's]
+    #[arg(long, value_name = "N")]
+    boards: Option<usize>,
+    /// Size of the frames, pixels [default: the scene's]
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
+    frame_px: Option<[usize; 2]>,
+    /// How much of the sensor is computed [default: the scene's]
+    #[arg(long, value_enum, value_name = "TIER")]
+    fidelity: Option<Tier>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Sides {
+    Peg,
+    Hole,
+    Both,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Tier {
+    Geometry,
+    Gel,
+    Optics,
+    Camera,
+}
+
+impl Generate {
+    /// Renders the scene, with what the options change of it.
+    pub fn run(self) -> Result<()> {
+        let scene = self.scene()?;
+        let sides: &[Side] = match self.sides {
+            Sides::Peg => &[Side::Peg],
+            Sides::Hole => &[Side::Hole],
+            Sides::Both => &[Side::Hole, Side::Peg],
+        };
+        let n_frames = generate(&scene, sides, self.seed, &self.out, &progress::reporter("frames"))?;
+        println!("{n_frames} frames in {}", self.out.display());
+        Ok(())
+    }
+
+    fn scene(&self) -> Result<Scene> {
+        let mut scene = Scene::load(&self.scene)?;
+        match &mut scene.parts {
+            Parts::Maze(boards) => {
+                boards.n_pairs = self.pairs.unwrap_or(boards.n_pairs);
+                if let Some(n_boards) = self.boards {
+                    boards.n_boards = n_boards;
+                    boards.n_held_out = n_boards.div_ceil(12).min(n_boards.saturating_sub(1));
+                }
+            }
+            Parts::Letters(_) if self.pairs.is_some() || self.boards.is_some() => {
+                return Err(Error::invalid("--pairs, --boards", "a scene of MAZE boards", scene.name));
+            }
+            Parts::Letters(_) => {}
+        }
+        if let Some(frame_px) = self.frame_px {
+            scene.sensor.frame_px = frame_px;
+        }
+        if let Some(tier) = self.fidelity {
+            scene.fidelity = match tier {
+                Tier::Geometry => Fidelity::Geometry,
+                Tier::Gel => Fidelity::Gel,
+                Tier::Optics => Fidelity::Optics,
+                Tier::Camera => Fidelity::Camera,
+            };
+        }
+        scene.validate()?;
+        Ok(scene)
+    }
+}

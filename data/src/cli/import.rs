@@ -1,0 +1,63 @@
+//! `tactile-data import`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use tactile_data::Result;
+use tactile_data::recording::folder::{self, FIELD_OF_VIEW_MM, NoContact};
+
+use super::progress;
+
+/// Bring a recording, a folder of PNG, JPEG and GIF frames, into a dataset.
+///
+/// Every frame of an animated GIF counts. The index, CSV with a header or JSON lines, has the columns
+/// file, part, side, x_mm, y_mm, theta_deg, moved_x_mm, moved_y_mm, moved_theta_deg; all are optional
+/// but file. Without one, all pictures are taken by name.
+#[derive(Args)]
+#[command(
+    after_help = "Example:\n  tactile-data import recordings/letters --no-contact recordings/rest.png --out letters"
+)]
+pub struct Import {
+    /// The folder, or one picture or animation
+    source: PathBuf,
+    /// The dataset to write; must not exist
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// What is known of the frames [default: index.csv or index.jsonl in the folder, if there]
+    #[arg(long, value_name = "FILE")]
+    index: Option<PathBuf>,
+    /// A picture of the sensor at rest
+    #[arg(long, value_name = "FILE", conflicts_with = "no_contact_first")]
+    no_contact: Option<PathBuf>,
+    /// The sensor is at rest in the first N frames; their median is used [default: as many as look alike]
+    #[arg(long, value_name = "N")]
+    no_contact_first: Option<usize>,
+    /// Bring frames to this size, pixels [default: theirs]
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
+    frame_px: Option<[usize; 2]>,
+    /// What a frame shows along x and y, mm
+    #[arg(long, num_args = 2, value_names = ["X", "Y"], default_values_t = FIELD_OF_VIEW_MM)]
+    field_of_view_mm: Vec<f64>,
+}
+
+impl Import {
+    /// Imports and says what came of it.
+    pub fn run(self) -> Result<()> {
+        let how = folder::Import {
+            index: self.index,
+            no_contact: match (self.no_contact, self.no_contact_first) {
+                (Some(file), _) => NoContact::File(file),
+                (None, Some(n)) => NoContact::First(n),
+                (None, None) => NoContact::Guess,
+            },
+            frame_px: self.frame_px,
+            field_of_view_mm: [self.field_of_view_mm[0], self.field_of_view_mm[1]],
+        };
+        let imported = folder::import(&self.source, &how, &self.out, &progress::reporter("files"))?;
+        for warning in imported.warnings {
+            eprintln!("warning: {warning}");
+        }
+        println!("{} frames in {}", imported.n_frames, self.out.display());
+        Ok(())
+    }
+}

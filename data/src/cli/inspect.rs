@@ -1,0 +1,171 @@
+//! `tactile-data inspect`.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use tactile_data::contact::{self, FrameContact};
+use tactile_data::grid::PoseGrid;
+use tactile_data::store::{Dataset, Meta};
+use tactile_data::touch::Side;
+use tactile_data::{Error, Result, contact_sheet, picture};
+
+/// Parts named in the text before it says only how many there are.
+const MAX_NAMES: usize = 12;
+
+/// Summarise a dataset: size, scale, parts, poses, and which frames show contact.
+#[derive(Args)]
+#[command(after_help = "Example:\n  tactile-data inspect letters --sheet letters.png")]
+pub struct Inspect {
+    /// The dataset
+    dir: PathBuf,
+    /// Also draw up to 48 frames, each above its amplified difference from rest
+    #[arg(long, value_name = "FILE.png")]
+    sheet: Option<PathBuf>,
+    /// Print JSON for programs
+    #[arg(long)]
+    json: bool,
+}
+
+impl Inspect {
+    /// Prints the summary and draws the sheet.
+    pub fn run(self) -> Result<()> {
+        let dataset = Dataset::open(&self.dir)?;
+        let summary = Summary::of(&dataset)?;
+        if let Some(sheet) = &self.sheet {
+            picture::write_png(sheet, &contact_sheet::draw(&dataset)?)?;
+        }
+        let text = if self.json {
+            let json = serde_json::to_string_pretty(&summary);
+            json.map_err(|e| Error::invalid("summary", "numbers that JSON can hold", e.to_string()))?
+        } else {
+            summary.text()
+        };
+        writeln!(std::io::stdout(), "{}", text.trim_end()).map_err(Error::io("standard output"))
+    }
+}
+
+#[derive(Serialize)]
+struct Summary {
+    schema: &'static str,
+    name: String,
+    source: String,
+    seed: Option<u64>,
+    n_frames: usize,
+    frame_px: [usize; 2],
+    mm_per_px: [f64; 2],
+    parts: Vec<String>,
+    held_out: Vec<String>,
+    n_hole: usize,
+    n_peg: usize,
+    n_unknown_side: usize,
+    n_posed: usize,
+    reach: Option<PoseGrid>,
+    n_contact: usize,
+    /// First and last frame of each run.
+    contact_frames: Vec<[usize; 2]>,
+    /// Root mean square per frame, averaged over the frames, counts.
+    difference_rms_mean: f64,
+    unusable: Vec<Unusable>,
+}
+
+#[derive(Serialize)]
+struct Unusable {
+    frame: usize,
+    reason: String,
+}
+
+impl Summary {
+    fn of(dataset: &Dataset) -> Result<Self> {
+        let frames = contact::measure(dataset)?;
+        let usable: Vec<&FrameContact> = frames.iter().flatten().collect();
+        let rms: f64 = usable.iter().map(|frame| f64::from(frame.difference_rms)).sum();
+        let Meta { name, frame_px, mm_per_px, reach, held_out, seed, source, .. } = dataset.meta().clone();
+        let touches = dataset.touches();
+        let n_side = |side| touches.iter().filter(|touch| touch.side == side).count();
+        Ok(Self {
+            schema: "tactile-filter/inspection/1",
+            name,
+            source,
+            seed,
+            n_frames: dataset.len(),
+            frame_px,
+            mm_per_px,
+            parts: touches.iter().filter_map(|t| t.part.clone()).collect::<BTreeSet<_>>().into_iter().collect(),
+            held_out,
+            n_hole: n_side(Some(Side::Hole)),
+            n_peg: n_side(Some(Side::Peg)),
+            n_unknown_side: n_side(None),
+            n_posed: touches.iter().filter(|touch| touch.part_from_sensor.is_some()).count(),
+            reach,
+            n_contact: usable.iter().filter(|frame| frame.is_contact()).count(),
+            contact_frames: contact::contact_runs(&frames).iter().map(|run| [*run.start(), *run.end()]).collect(),
+            difference_rms_mean: rms / usable.len().max(1) as f64,
+            unusable: (frames.iter().enumerate())
+                .filter_map(|(frame, result)| Some(Unusable { frame, reason: result.as_ref().err()?.to_string() }))
+                .collect(),
+        })
+    }
+}
+
+impl Summary {
+    /// The summary for people.
+    fn text(&self) -> String {
+        let [width, height] = self.frame_px;
+        let [mm_x, mm_y] = self.mm_per_px;
+        let (view_x, view_y) = (mm_x * width as f64, mm_y * height as f64);
+        let seed = self.seed.map_or(String::new(), |seed| format!(", seed {seed}"));
+        let grid = self.reach.map_or("no grid".to_owned(), |grid| {
+            let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
+            format!(
+                "a grid of {n_xy} x {n_xy} x {n_theta}, {} mm by {}, {} degrees by {}",
+                grid.xy_half_mm, grid.xy_step_mm, grid.theta_half_deg, grid.theta_step_deg
+            )
+        });
+        let runs: Vec<String> =
+            self.contact_frames.iter().map(|&[a, b]| if a == b { a.to_string() } else { format!("{a}-{b}") }).collect();
+        let runs = if self.n_contact == self.n_frames { String::new() } else { format!(": {}", shorten(&runs)) };
+        let mut text = format!(
+            "{}: {} frames of {width}x{height} pixels\n\
+             view         {view_x:.1} x {view_y:.1} mm, {mm_x:.4} x {mm_y:.4} mm a pixel\n\
+             source       {}{seed}\n\
+             parts        {}\n\
+             held out     {}\n\
+             sides        {} hole, {} peg, {} unknown\n\
+             poses        {} known, {grid}\n\
+             difference   {:.2} counts rms from rest, on average\n\
+             contact      in {} of {} frames{}\n",
+            self.name,
+            self.n_frames,
+            self.source,
+            listed(&self.parts),
+            listed(&self.held_out),
+            self.n_hole,
+            self.n_peg,
+            self.n_unknown_side,
+            self.n_posed,
+            self.difference_rms_mean,
+            self.n_contact,
+            self.n_frames,
+            if self.n_contact == 0 { String::new() } else { runs },
+        );
+        for Unusable { frame, reason } in &self.unusable {
+            text += &format!("unusable     frame {frame}: {reason}\n");
+        }
+        text
+    }
+}
+
+fn listed(names: &[String]) -> String {
+    if names.is_empty() { "none named".to_owned() } else { format!("{}: {}", names.len(), shorten(names)) }
+}
+
+/// The names in a row; only the first and last where there are many.
+fn shorten(names: &[String]) -> String {
+    match names {
+        [first, second, .., last] if names.len() > MAX_NAMES => format!("{first}, {second}, ... {last}"),
+        _ => names.join(", "),
+    }
+}

@@ -1,0 +1,142 @@
+//! Datasets from scenes: pairs of touches all over MAZE boards, or each part at each pose of its reach.
+
+use std::path::Path;
+
+use rand::RngExt;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::scene::{MazeBoards, Parts, Scene};
+use crate::se2::Se2;
+use crate::simulator::{Simulator, frame_rng};
+use crate::store::{DatasetWriter, Meta};
+use crate::touch::{Side, Touch};
+
+/// Frames rendered between two writes: enough for all threads, little in memory.
+const CHUNK: usize = 256;
+
+/// One touch to be rendered.
+struct Planned {
+    part: usize,
+    side: Side,
+    part_from_sensor: Se2,
+}
+
+/// Renders a scene into a dataset folder and returns the number of frames. `sides` says which halves of
+/// letters to touch; MAZE boards are always touched in pairs, the hole and then the peg at one pose.
+/// The same seed writes the same bytes, whatever the number of threads.
+pub fn generate(
+    scene: &Scene,
+    sides: &[Side],
+    seed: u64,
+    out: &Path,
+    progress: &dyn Fn(usize, usize),
+) -> Result<usize> {
+    let simulator = Simulator::new(scene.clone(), seed)?;
+    let (planned, held_out) = match (&scene.parts, scene.reach) {
+        (Parts::Maze(boards), _) => pairs(scene, boards, seed),
+        (Parts::Letters(_), Some(reach)) => {
+            let cell = |part, side| (0..reach.len()).map(move |cell| Planned { part, side, part_from_sensor: reach.pose(cell) });
+            let of_part = |part| sides.iter().flat_map(move |side| cell(part, *side));
+            ((0..simulator.parts().len()).flat_map(of_part).collect(), Vec::new())
+        }
+        (Parts::Letters(_), None) => return Err(Error::invalid("reach", "a grid of poses for letters", "none")),
+    };
+    if planned.is_empty() {
+        return Err(Error::invalid("--sides", "peg, hole or both", "none"));
+    }
+    let description = serde_json::to_value(scene).map_err(|e| Error::invalid("scene", "JSON", e.to_string()))?;
+    let meta = Meta {
+        name: scene.name.clone(),
+        frame_px: scene.sensor.frame_px,
+        mm_per_px: scene.sensor.mm_per_px(),
+        reach: scene.reach,
+        held_out,
+        scene: Some(description),
+        seed: Some(seed),
+        source: "simulated".into(),
+    };
+    let mut writer = DatasetWriter::create(out, meta, &simulator.no_contact(seed))?;
+    for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
+        progress(chunk * CHUNK, planned.len());
+        let frames = touches
+            .par_iter()
+            .enumerate()
+            .map(|(i, touch)| {
+                // Streams from 1 000 on: the first ones belong to the sensor at rest.
+                let mut rng = frame_rng(seed, 1_000 + (chunk * CHUNK + i) as u64);
+                simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        for (frame, touch) in frames.iter().zip(touches) {
+            let touch = Touch {
+                part: Some(simulator.parts()[touch.part].clone()),
+                side: Some(touch.side),
+                part_from_sensor: Some(touch.part_from_sensor),
+                moved: None,
+            };
+            writer.push(frame, &touch)?;
+        }
+    }
+    progress(planned.len(), planned.len());
+    writer.finish()?;
+    Ok(planned.len())
+}
+
+/// Pairs all over the boards, board by board, at any angle; the last boards are held out.
+fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> (Vec<Planned>, Vec<String>) {
+    let [width, height] = scene.sensor.field_of_view_mm;
+    let half = 0.5 * (boards.spec.side_mm - width.hypot(height));
+    let planned = (0..boards.n_pairs)
+        .flat_map(|pair| {
+            let mut rng = frame_rng(seed ^ 0x70_6f_73_65, pair as u64);
+            let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+            let part_from_sensor = Se2::new(around(half), around(half), around(std::f64::consts::PI));
+            let part = pair * boards.n_boards / boards.n_pairs;
+            [Side::Hole, Side::Peg].map(|side| Planned { part, side, part_from_sensor })
+        })
+        .collect();
+    let names = scene.part_names();
+    (planned, names[boards.n_boards - boards.n_held_out..].to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Dataset;
+
+    fn small_maze() -> Scene {
+        let mut scene = Scene::preset("maze").unwrap();
+        if let Parts::Maze(boards) = &mut scene.parts {
+            (boards.n_boards, boards.n_held_out, boards.n_pairs) = (3, 1, 9);
+        }
+        scene.sensor.frame_px = [40, 30];
+        scene
+    }
+
+    #[test]
+    fn a_maze_gives_pairs_at_one_pose_and_holds_out_its_last_boards() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("maze");
+        assert_eq!(generate(&small_maze(), &[], 4, &out, &|_, _| ()).unwrap(), 18);
+        let dataset = Dataset::open(&out).unwrap();
+        assert_eq!(dataset.meta().held_out, ["maze-002"]);
+        for pair in 0..9 {
+            let (hole, peg) = (dataset.touch(2 * pair), dataset.touch(2 * pair + 1));
+            assert_eq!((hole.side, peg.side), (Some(Side::Hole), Some(Side::Peg)));
+            assert!(hole.part == peg.part && hole.part_from_sensor == peg.part_from_sensor);
+        }
+    }
+
+    #[test]
+    fn the_same_seed_writes_the_same_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, seed| {
+            let out = folder.path().join(name);
+            generate(&small_maze(), &[], seed, &out, &|_, _| ()).unwrap();
+            std::fs::read(out.join("frames.npy")).unwrap()
+        };
+        assert_eq!(write("a", 4), write("b", 4));
+        assert_ne!(write("c", 4), write("d", 5));
+    }
+}

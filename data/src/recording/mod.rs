@@ -1,0 +1,3 @@
+//! Recordings of real sensors, brought into the native format of [`crate::store`].
+
+pub mod folder;

@@ -1,0 +1,111 @@
+//! The belief in a few numbers: its modes, each with a mean pose and a covariance.
+
+use tactile_data::se2::{Se2, wrap_angle};
+
+use crate::belief::{Belief, Hypothesis};
+
+/// A peak of the belief with the states that lead up to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mode {
+    /// Index of the part in the bank.
+    pub part: usize,
+    /// Probability of the mode's states, 0..=1.
+    pub mass: f64,
+    /// Mean pose of the sensor at its latest touch; the angle is the circular mean.
+    pub part_from_sensor: Se2,
+    /// Covariance of (x mm, y mm, theta rad), angles taken as deviations from the circular mean.
+    pub covariance: [[f64; 3]; 3],
+}
+
+/// Modes below this probability are not worth naming to a person.
+const MIN_MASS: f64 = 0.01;
+
+/// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
+/// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out.
+pub fn modes(belief: &Belief) -> Vec<Mode> {
+    let states = belief.states();
+    let mut peaks: Vec<(usize, Vec<usize>)> = Vec::new();
+    let uphill: Vec<usize> = (0..states.len()).map(|at| likeliest_neighbour(belief, &states, at)).collect();
+    let mut peak_of: Vec<Option<usize>> = vec![None; states.len()];
+    for at in 0..states.len() {
+        let mut top = at;
+        while uphill[top] != top {
+            top = uphill[top];
+        }
+        let peak = *peak_of[top].get_or_insert_with(|| {
+            peaks.push((states[top].0.part, Vec::new()));
+            peaks.len() - 1
+        });
+        peaks[peak].1.push(at);
+    }
+    let first_from_sensor = belief.first_from_sensor();
+    let pose = |at: usize| (belief.grid().pose(states[at].0.cell) * first_from_sensor, states[at].1);
+    let mut modes: Vec<Mode> = peaks
+        .into_iter()
+        .filter(|(_, members)| members.iter().map(|at| states[*at].1).sum::<f64>() >= MIN_MASS)
+        .map(|(part, members)| summarise(part, &members.into_iter().map(pose).collect::<Vec<_>>()))
+        .collect();
+    modes.sort_by(|a, b| b.mass.total_cmp(&a.mass));
+    modes
+}
+
+/// The likeliest of a state and its up to 26 neighbours; of equals the lowest, so that plateaus have one top.
+fn likeliest_neighbour(belief: &Belief, states: &[(Hypothesis, f64)], at: usize) -> usize {
+    let grid = belief.grid();
+    let (hypothesis, _) = states[at];
+    let centre = grid.pose(hypothesis.cell);
+    let mut best = at;
+    for step in 0..27_i32 {
+        let [dx, dy, dt] = [step / 9 - 1, step / 3 % 3 - 1, step % 3 - 1].map(f64::from);
+        let pose = Se2::new(
+            centre.x_mm + dx * grid.xy_step_mm,
+            centre.y_mm + dy * grid.xy_step_mm,
+            centre.theta_rad + dt * grid.theta_step_deg.to_radians(),
+        );
+        let Some(cell) = grid.nearest(&pose) else { continue };
+        let beside = Hypothesis { cell, ..hypothesis };
+        if let Ok(next) = states.binary_search_by(|(hypothesis, _)| hypothesis.cmp(&beside)) {
+            let (mass, best_mass) = (states[next].1, states[best].1);
+            if mass > best_mass || (mass == best_mass && next < best) {
+                best = next;
+            }
+        }
+    }
+    best
+}
+
+/// Mean and covariance of poses with probabilities.
+fn summarise(part: usize, poses: &[(Se2, f64)]) -> Mode {
+    let mass: f64 = poses.iter().map(|(_, mass)| mass).sum();
+    let mean = |value: &dyn Fn(&Se2) -> f64| poses.iter().map(|(pose, m)| m * value(pose)).sum::<f64>() / mass;
+    let part_from_sensor = Se2::new(
+        mean(&|pose| pose.x_mm),
+        mean(&|pose| pose.y_mm),
+        mean(&|pose| pose.theta_rad.sin()).atan2(mean(&|pose| pose.theta_rad.cos())),
+    );
+    let deviation = |pose: &Se2| {
+        let turn = wrap_angle(pose.theta_rad - part_from_sensor.theta_rad);
+        [pose.x_mm - part_from_sensor.x_mm, pose.y_mm - part_from_sensor.y_mm, turn]
+    };
+    let axes = [0, 1, 2];
+    let covariance = axes.map(|i| axes.map(|j| mean(&|pose| deviation(pose)[i] * deviation(pose)[j])));
+    Mode { part, mass, part_from_sensor, covariance }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    #[test]
+    fn angles_round_half_a_turn_average_to_half_a_turn() {
+        // navigation#1161: a linear covariance of +-180 degrees is huge.
+        let poses = [(Se2::new(1.0, 0.0, PI - 0.1), 0.2), (Se2::new(3.0, 0.0, -PI + 0.1), 0.2)];
+        let mode = summarise(0, &poses);
+        assert!((mode.part_from_sensor.theta_rad.abs() - PI).abs() < 1e-12);
+        assert!((mode.covariance[2][2] - 0.01).abs() < 1e-12);
+        // x: mean 2, variance 1; x and angle rise together by 1 and 0.1.
+        assert!((mode.part_from_sensor.x_mm - 2.0).abs() < 1e-12 && (mode.covariance[0][0] - 1.0).abs() < 1e-12);
+        assert!((mode.covariance[0][2] - 0.1).abs() < 1e-12 && (mode.mass - 0.4).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,55 @@
+//! How fast the programs are, measured from outside.
+
+use std::ffi::OsStr;
+
+use clap::Subcommand;
+
+use crate::error::{Error, Result};
+use crate::program;
+use crate::workspace::Workspace;
+
+/// What to measure.
+#[derive(Subcommand)]
+pub enum Bench {
+    /// The simulated sensor: images a second at 320x240 with everything on.
+    #[command(after_help = "Example:\n  cargo xtask bench sensor --pairs 1000")]
+    Sensor {
+        /// Pairs to simulate, two images each, on one board for every 50.
+        #[arg(long, default_value_t = 1000)]
+        pairs: usize,
+        /// Seed of the boards and touches.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+}
+
+/// Builds the programs and measures.
+pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
+    workspace.build()?;
+    match bench {
+        Bench::Sensor { pairs, seed } => sensor(workspace, *pairs, *seed),
+    }
+}
+
+/// Times one `tactile-data generate`, with its start, the boards and the writing to disk.
+fn sensor(workspace: &Workspace, n_pairs: usize, seed: u64) -> Result<()> {
+    let out = workspace.target.join(format!("bench-sensor-{}", std::process::id()));
+    // The training set of the demo has as many pairs on a board.
+    let (pairs, boards) = (n_pairs.to_string(), n_pairs.div_ceil(50).to_string());
+    let seed = seed.to_string();
+    let args = ["generate", "--scene", "maze", "--frame-px", "320x240", "--pairs", &pairs, "--boards", &boards];
+    let args = args.into_iter().chain(["--seed", &seed, "--out"]).map(OsStr::new);
+    let args: Vec<&OsStr> = args.chain([out.as_os_str()]).collect();
+    let usage = program::run("tactile-data generate", &workspace.program("tactile-data"), &args, &workspace.target);
+    if out.exists() {
+        std::fs::remove_dir_all(&out).map_err(Error::io(&out))?;
+    }
+    let usage = usage?;
+    let n_images = 2 * n_pairs;
+    println!(
+        "sensor: {:.0} images/s at 320x240 ({n_images} images of {boards} boards in {:.2} s, written to disk)",
+        n_images as f64 / usage.seconds,
+        usage.seconds
+    );
+    Ok(())
+}

@@ -1,0 +1,66 @@
+//! What can go wrong with a chore, in one line.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitStatus;
+
+/// The result of this program's functions.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// An error of this program.
+#[derive(Debug)]
+pub enum Error {
+    /// A program ran and failed.
+    Failed {
+        /// Which step it was, or which command line.
+        step: String,
+        /// How it ended.
+        status: ExitStatus,
+    },
+    /// The operating system refused to read, write or start something.
+    Io {
+        /// The file, folder or program.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A file or an answer that does not make sense.
+    Invalid {
+        /// The file, field or program.
+        what: String,
+        /// What would have been right.
+        expected: String,
+        /// What came.
+        got: String,
+    },
+    /// `tidy` found this many things, each printed already.
+    Untidy(usize),
+}
+
+impl Error {
+    /// A value of `what` that does not make sense.
+    pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
+        Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
+    }
+
+    /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
+    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.as_ref().to_path_buf();
+        move |source| Self::Io { path, source }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Failed { step, status } => match status.code() {
+                Some(code) => write!(f, "{step} failed with exit code {code}"),
+                None => write!(f, "{step} was stopped by a signal"),
+            },
+            Self::Io { path, source } => write!(f, "{}: {source}", path.display()),
+            Self::Invalid { what, expected, got } => write!(f, "{what}: expected {expected}, got {got}"),
+            Self::Untidy(1) => write!(f, "tidy found 1 thing to mend"),
+            Self::Untidy(n) => write!(f, "tidy found {n} things to mend"),
+        }
+    }
+}
