@@ -54,6 +54,9 @@ impl Frame {
 pub struct Preprocessing {
     /// Width and height of the network's input, pixels.
     pub input_px: [usize; 2],
+    /// Width and height of what a training frame showed, mm: an edge's shape only means the same at the
+    /// same scale.
+    pub field_of_view_mm: [f64; 2],
     /// Mean of each channel over the training set, counts.
     pub mean: [f32; 3],
     /// Standard deviation of each channel over the training set, counts.
@@ -61,9 +64,10 @@ pub struct Preprocessing {
 }
 
 impl Preprocessing {
-    /// Preprocessing that subtracts nothing and scales by nothing: differences stay in counts.
+    /// Preprocessing that subtracts no mean and scales by nothing: differences stay in counts. The field of
+    /// view is a GelSight Mini's.
     pub fn counts(input_px: [usize; 2]) -> Self {
-        Self { input_px, mean: [0.0; 3], std: [1.0; 3] }
+        Self { input_px, field_of_view_mm: [18.6, 14.3], mean: [0.0; 3], std: [1.0; 3] }
     }
 }
 

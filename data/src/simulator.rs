@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::scene::{Parts, Scene};
 use crate::se2::Se2;
-use crate::sensor::camera::{Camera, add_layer_lines, to_frame};
+use crate::sensor::camera::{CONTACT, Camera, add_layer_lines, to_frame};
 use crate::sensor::gel::Surface;
 use crate::sensor::optics::Optics;
 use crate::sensor::{Fidelity, SensorSpec};
@@ -27,6 +27,7 @@ pub struct Simulator {
     camera: Camera,
     optics: Optics,
     surfaces: Vec<[OnceLock<Result<Surface>>; 2]>,
+    symmetric: Vec<OnceLock<bool>>,
     rigs: Vec<OnceLock<(f64, Optics)>>,
 }
 
@@ -46,6 +47,7 @@ impl Simulator {
             camera: Camera::new(&scene.sensor),
             optics: Optics::new(&scene.sensor),
             surfaces: parts.iter().map(|_| Default::default()).collect(),
+            symmetric: parts.iter().map(|_| OnceLock::new()).collect(),
             rigs: parts.iter().map(|_| OnceLock::new()).collect(),
             parts,
             board_seed,
@@ -63,12 +65,18 @@ impl Simulator {
         &self.parts
     }
 
+    /// Whether a part looks the same after half a turn: its pose is then known only up to one.
+    pub fn is_half_turn_symmetric(&self, part: usize) -> bool {
+        let look = || self.scene.shape(part, self.board_seed).is_ok_and(|shape| shape.is_half_turn_symmetric());
+        self.symmetric.get(part).is_some_and(|known| *known.get_or_init(look))
+    }
+
     /// The sensor at rest: the mean of a few exposures.
     pub fn no_contact(&self, seed: u64) -> Frame {
         let size_px = self.scene.sensor.frame_px;
         if self.scene.fidelity < Fidelity::Camera {
             let depths = vec![0.0; (size_px[0] + 2) * (size_px[1] + 2)];
-            return self.picture(&depths, 0.0, &self.optics, &mut frame_rng(seed, 0));
+            return self.picture(&depths, &self.optics, &mut frame_rng(seed, 0));
         }
         let mut mean = vec![0.0_f32; 3 * size_px[0] * size_px[1]];
         for exposure in 0..REST_EXPOSURES {
@@ -93,16 +101,19 @@ impl Simulator {
         let depth_mm = (spec.depth_mm + jitter(spec.depth_jitter_mm)).max(0.0);
         let tilt = [0, 1].map(|_| jitter(spec.tilt_jitter_deg).to_radians().tan());
         let mut depths = surface.view(&(*part_from_sensor * slipped), spec.frame_px, spec.mm_per_px());
-        press(&mut depths, spec, depth_mm, tilt);
-        if self.scene.fidelity == Fidelity::Camera {
-            let amplitude = spec.texture_mm[0] + (spec.texture_mm[1] - spec.texture_mm[0]) * rng.random::<f64>();
-            add_layer_lines(&mut depths, spec.frame_px[0] + 2, spec.mm_per_px(), amplitude, rng);
+        if self.scene.fidelity == Fidelity::Camera && depth_mm > 0.0 {
+            let amplitude_mm = spec.texture_mm[0] + (spec.texture_mm[1] - spec.texture_mm[0]) * rng.random::<f64>();
+            add_layer_lines(&mut depths, spec.frame_px[0] + 2, spec.mm_per_px(), amplitude_mm / depth_mm, rng);
         }
-        Ok(self.picture(&depths, depth_mm, optics, rng))
+        // Which cells touch is told from the unit press: a tilt leaves them in contact.
+        if self.scene.fidelity > Fidelity::Geometry {
+            press(&mut depths, spec, depth_mm, tilt);
+        }
+        Ok(self.picture(&depths, optics, rng))
     }
 
-    /// Depths to a frame, as far as the scene's fidelity goes.
-    fn picture(&self, depths: &[f32], depth_mm: f64, optics: &Optics, rng: &mut ChaCha8Rng) -> Frame {
+    /// Depths (of a unit press for `Geometry`, else mm) to a frame, as far as the scene's fidelity goes.
+    fn picture(&self, depths: &[f32], optics: &Optics, rng: &mut ChaCha8Rng) -> Frame {
         let spec = &self.scene.sensor;
         let grey = |level: &dyn Fn(f32) -> f32| {
             let [width, height] = spec.frame_px;
@@ -111,7 +122,7 @@ impl Simulator {
         };
         match self.scene.fidelity {
             // The picture at rest keeps a corner of another grey: a constant frame is a broken camera.
-            Fidelity::Geometry => mark(grey(&|depth| if depth > 0.97 * depth_mm as f32 && depth > 0.0 { 200.0 } else { 60.0 })),
+            Fidelity::Geometry => mark(grey(&|depth| if depth > CONTACT { 200.0 } else { 60.0 })),
             Fidelity::Gel => mark(grey(&|depth| 60.0 + 150.0 * depth)),
             Fidelity::Optics => to_frame(&optics.shade(depths, spec.mm_per_px()), spec.frame_px),
             Fidelity::Camera => self.camera.expose(optics.shade(depths, spec.mm_per_px()), rng),

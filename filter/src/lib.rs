@@ -37,6 +37,8 @@ pub mod error;
 pub mod exact;
 pub mod likelihood;
 pub mod modes;
+#[cfg(feature = "cli")]
+pub mod offline;
 pub mod particle;
 pub mod resample;
 #[cfg(test)]

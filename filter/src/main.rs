@@ -1,2 +1,17 @@
-//! x
-fn main(){}
+//! `tactile-filter`: evaluates the filter over simulated holes, and plays recordings back through it.
+
+mod cli;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    match cli::Cli::parse().run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

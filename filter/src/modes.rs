@@ -1,5 +1,6 @@
 //! The belief in a few numbers: its modes, each with a mean pose and a covariance.
 
+use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 
 use crate::belief::{Belief, Hypothesis};
@@ -24,8 +25,8 @@ const MIN_MASS: f64 = 0.01;
 /// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out.
 pub fn modes(belief: &Belief) -> Vec<Mode> {
     let states = belief.states();
+    let uphill = likeliest_neighbours(belief.grid(), &states);
     let mut peaks: Vec<(usize, Vec<usize>)> = Vec::new();
-    let uphill: Vec<usize> = (0..states.len()).map(|at| likeliest_neighbour(belief, &states, at)).collect();
     let mut peak_of: Vec<Option<usize>> = vec![None; states.len()];
     for at in 0..states.len() {
         let mut top = at;
@@ -49,29 +50,36 @@ pub fn modes(belief: &Belief) -> Vec<Mode> {
     modes
 }
 
-/// The likeliest of a state and its up to 26 neighbours; of equals the lowest, so that plateaus have one top.
-fn likeliest_neighbour(belief: &Belief, states: &[(Hypothesis, f64)], at: usize) -> usize {
-    let grid = belief.grid();
-    let (hypothesis, _) = states[at];
-    let centre = grid.pose(hypothesis.cell);
-    let mut best = at;
-    for step in 0..27_i32 {
+/// For each state, the likeliest among it and its up to 26 neighbours; of equals the lowest, so that a
+/// plateau has one top. `states` in ascending order.
+fn likeliest_neighbours(grid: &PoseGrid, states: &[(Hypothesis, f64)]) -> Vec<usize> {
+    let n_cells = grid.len();
+    let n_parts = states.last().map_or(0, |(hypothesis, _)| hypothesis.part + 1);
+    let mut index_of: Vec<Option<usize>> = vec![None; n_parts * n_cells];
+    for (index, (hypothesis, _)) in states.iter().enumerate() {
+        index_of[hypothesis.part * n_cells + hypothesis.cell] = Some(index);
+    }
+    let beside: Vec<Vec<usize>> = (0..n_cells).map(|cell| cells_beside(grid, cell)).collect();
+    let uphill = |(at, (hypothesis, _)): (usize, &(Hypothesis, f64))| {
+        let held = beside[hypothesis.cell].iter().filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
+        let higher = |a: usize, b: usize| states[b].1 > states[a].1 || (states[b].1 == states[a].1 && b < a);
+        held.fold(at, |best, next| if higher(best, next) { next } else { best })
+    };
+    states.iter().enumerate().map(uphill).collect()
+}
+
+/// The cells within one step in x, y and theta, `cell` among them.
+fn cells_beside(grid: &PoseGrid, cell: usize) -> Vec<usize> {
+    let centre = grid.pose(cell);
+    let beside = |step: i32| {
         let [dx, dy, dt] = [step / 9 - 1, step / 3 % 3 - 1, step % 3 - 1].map(f64::from);
-        let pose = Se2::new(
+        grid.nearest(&Se2::new(
             centre.x_mm + dx * grid.xy_step_mm,
             centre.y_mm + dy * grid.xy_step_mm,
             centre.theta_rad + dt * grid.theta_step_deg.to_radians(),
-        );
-        let Some(cell) = grid.nearest(&pose) else { continue };
-        let beside = Hypothesis { cell, ..hypothesis };
-        if let Ok(next) = states.binary_search_by(|(hypothesis, _)| hypothesis.cmp(&beside)) {
-            let (mass, best_mass) = (states[next].1, states[best].1);
-            if mass > best_mass || (mass == best_mass && next < best) {
-                best = next;
-            }
-        }
-    }
-    best
+        ))
+    };
+    (0..27).filter_map(beside).collect()
 }
 
 /// Mean and covariance of poses with probabilities.

@@ -118,6 +118,11 @@ impl Model {
         &self.sha256
     }
 
+    /// How frames become inputs of this model.
+    pub fn preprocessing(&self) -> &Preprocessing {
+        &self.preprocessing
+    }
+
     /// How this model came to be.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance

@@ -61,8 +61,8 @@ pub fn match_single_touches(
     let chosen: Vec<usize> = (0..n_holes).map(|i| candidates[i * candidates.len() / n_holes]).collect();
     let (nearest, correlation) = match method {
         Method::Moco => nearest_by_model(model, bank, holes, &chosen)?,
-        Method::Pixel => (nearest_by_pixel(model, bank, pegs, holes, &chosen, 1.0)?, 0.0),
-        Method::PixelFlipped => (nearest_by_pixel(model, bank, pegs, holes, &chosen, -1.0)?, 0.0),
+        Method::Pixel => (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, 1.0)?, 0.0),
+        Method::PixelFlipped => (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, -1.0)?, 0.0),
     };
     Ok((report(bank, holes, &chosen, &nearest), correlation))
 }
@@ -85,7 +85,7 @@ fn nearest_by_model(model: &Model, bank: &Bank, holes: &Dataset, chosen: &[usize
     Ok((nearest, sums.value()))
 }
 
-fn nearest_by_pixel(
+fn all_nearest_by_pixel(
     model: &Model,
     bank: &Bank,
     pegs: &Dataset,
@@ -97,10 +97,13 @@ fn nearest_by_pixel(
     let (_, frames) = frames_by_row(pegs, bank.grid())?;
     let peg_images = images(&Background::new(pegs.no_contact(), &counts)?, pegs, &frames)?;
     let hole_images = images(&Background::new(holes.no_contact(), &counts)?, holes, chosen)?;
-    let distance = |hole: &TactileImage, peg: &TactileImage| {
-        hole.planes.iter().zip(&peg.planes).map(|(h, p)| (h - sign * p).abs()).sum::<f32>()
-    };
-    Ok(hole_images.par_iter().map(|hole| best(peg_images.iter().map(|peg| -distance(hole, peg)))).collect())
+    Ok(hole_images.par_iter().map(|hole| nearest_by_pixel(hole, &peg_images, sign)).collect())
+}
+
+/// The peg image nearest to a hole image by L1 distance; `sign` -1 turns the pegs inside out first.
+pub fn nearest_by_pixel(hole: &TactileImage, pegs: &[TactileImage], sign: f32) -> usize {
+    let distance = |peg: &TactileImage| hole.planes.iter().zip(&peg.planes).map(|(h, p)| (h - sign * p).abs()).sum::<f32>();
+    best(pegs.iter().map(|peg| -distance(peg)))
 }
 
 fn images(background: &Background, dataset: &Dataset, frames: &[usize]) -> Result<Vec<TactileImage>> {
@@ -108,7 +111,7 @@ fn images(background: &Background, dataset: &Dataset, frames: &[usize]) -> Resul
 }
 
 /// The first index of the largest score; a NaN never wins.
-fn best(scores: impl Iterator<Item = f32>) -> usize {
+pub fn best(scores: impl Iterator<Item = f32>) -> usize {
     let mut best = (0, f32::NEG_INFINITY);
     for (index, score) in scores.enumerate() {
         if score > best.1 {

@@ -185,7 +185,9 @@ fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result
         let got = format!("standard deviation {std:?} counts");
         return Err(Error::invalid(&dataset.meta().name, "frames that differ from the sensor at rest", got));
     }
-    Ok(Preprocessing { input_px, mean: mean.map(|m| m as f32), std: std.map(|s| s as f32) })
+    let meta = dataset.meta();
+    let field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+    Ok(Preprocessing { input_px, field_of_view_mm, mean: mean.map(|m| m as f32), std: std.map(|s| s as f32) })
 }
 
 /// For each training pair, others on the same board 1 to 8 mm away and at most 40 degrees turned.

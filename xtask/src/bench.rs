@@ -47,7 +47,7 @@ fn sensor(workspace: &Workspace, n_pairs: usize, seed: u64) -> Result<()> {
     let usage = usage?;
     let n_images = 2 * n_pairs;
     println!(
-        "sensor: {:.0} images/s at 320x240 ({n_images} images of {boards} boards in {:.2} s, written to disk)",
+        "sensor: {:.0} images/s at 320x240 ({n_images} images, boards: {boards}, {:.2} s, written to disk)",
         n_images as f64 / usage.seconds,
         usage.seconds
     );

@@ -26,13 +26,14 @@ impl Workspace {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize();
         let root = root.map_err(Error::io(env!("CARGO_MANIFEST_DIR")))?;
         let text = program::output(&cargo(), &["metadata", "--no-deps", "--format-version", "1"], &root)?;
-        let metadata: Value = serde_json::from_str(&text)
-            .map_err(|error| Error::invalid("cargo metadata", "JSON", error.to_string()))?;
+        let metadata: Value =
+            serde_json::from_str(&text).map_err(|error| Error::invalid("cargo metadata", "JSON", error.to_string()))?;
         let target = metadata["target_directory"].as_str().unwrap_or_default().into();
         let packages = array(&metadata["packages"]);
-        let programs = packages.iter().flat_map(|package| array(&package["targets"])).filter(|target| {
-            array(&target["kind"]).iter().any(|kind| kind == "bin")
-        });
+        let programs = packages
+            .iter()
+            .flat_map(|package| array(&package["targets"]))
+            .filter(|target| array(&target["kind"]).iter().any(|kind| kind == "bin"));
         Ok(Self { root, target, programs: names(programs), packages: names(packages.iter()) })
     }
 

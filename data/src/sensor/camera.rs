@@ -101,32 +101,30 @@ pub fn to_frame(rgb: &[f32], [width, height]: [usize; 2]) -> Frame {
     Frame::from_parts(width, height, bytes)
 }
 
-/// Layer lines of a printed part, mm: a wave of random pitch, phase and direction on what touches.
+/// A unit depth above this is contact: the gel falls below it 0.04 mm beside an edge.
+pub const CONTACT: f32 = 0.97;
+
+/// Layer lines of a printed part: a wave of random pitch, phase and direction on what touches.
 ///
-/// Pitch 0.1 to 0.3 mm, as printers lay them; `depths` is `[height + 2, width + 2]` in mm and is raised
-/// where the unit depth `contact` is near one.
-pub fn add_layer_lines(depths: &mut [f32], width: usize, mm_per_px: [f64; 2], amplitude_mm: f64, rng: &mut ChaCha8Rng) {
+/// Pitch 0.1 to 0.3 mm, as printers lay them; `depths` is `[height + 2, width + 2]` of a unit press, raised
+/// in contact; `amplitude` is a share of the press.
+pub fn add_layer_lines(depths: &mut [f32], width: usize, mm_per_px: [f64; 2], amplitude: f64, rng: &mut ChaCha8Rng) {
     let pitch = 0.1 + 0.2 * rng.random::<f64>();
     let angle = std::f64::consts::PI * rng.random::<f64>();
     let phase = std::f64::consts::TAU * rng.random::<f64>();
-    let deepest = depths.iter().copied().fold(0.0, f32::max);
-    if deepest <= 0.0 || amplitude_mm <= 0.0 {
-        return;
-    }
     let k = [angle.cos() * mm_per_px[0], angle.sin() * mm_per_px[1]].map(|v| v * std::f64::consts::TAU / pitch);
     // A wave finer than two pixels is below what the camera resolves.
     let resolved = (1.0 - (k[0].abs().max(k[1].abs()) / std::f64::consts::PI)).clamp(0.0, 1.0);
-    let amplitude = (amplitude_mm * resolved) as f32;
+    let amplitude = (amplitude * resolved) as f32;
     if amplitude < 1e-4 {
         return;
     }
-    let contact = 0.97 * deepest;
     for (row, line) in depths.chunks_exact_mut(width).enumerate() {
         // sin(a + n k) by rotation: one sine a row.
         let (mut sin, mut cos) = (phase + row as f64 * k[1]).sin_cos();
         let (turn_sin, turn_cos) = k[0].sin_cos();
         for depth in line {
-            if *depth > contact {
+            if *depth > CONTACT {
                 *depth += amplitude * sin as f32;
             }
             (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);

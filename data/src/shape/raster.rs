@@ -46,25 +46,59 @@ impl Raster {
         Self { n, cell_mm, values }
     }
 
-    /// Grows what is covered by `distance_mm` on every side: the largest value within that distance.
-    pub fn dilated(&self, distance_mm: f64) -> Self {
-        let reach = distance_mm / self.cell_mm;
-        let whole = reach.floor() as isize;
-        let n = self.n as isize;
-        let offsets: Vec<(isize, isize)> = (-whole..=whole)
-            .flat_map(|dy| (-whole..=whole).map(move |dx| (dx, dy)))
-            .filter(|(dx, dy)| (dx * dx + dy * dy) as f64 <= reach * reach)
-            .collect();
-        let mut values = self.values.clone();
-        for y in 0..n {
-            for x in 0..n {
-                let near = offsets.iter().map(|(dx, dy)| ((x + dx).clamp(0, n - 1), (y + dy).clamp(0, n - 1)));
-                let largest = near.map(|(x, y)| self.values[(y * n + x) as usize]).fold(0.0, f32::max);
-                values[(y * n + x) as usize] = largest;
+    /// Signed distance of each cell's centre to the outline in mm, negative inside, no further than
+    /// `limit_mm`, over `-half_mm..half_mm` in x and y. Exact outside, also where regions overlap.
+    pub fn distance(shape: &Shape, half_mm: f64, cell_mm: f64, limit_mm: f64) -> Self {
+        let n = (2.0 * half_mm / cell_mm).ceil() as usize;
+        let first_mm = 0.5 * (1.0 - n as f64) * cell_mm;
+        let centre = |i: usize| first_mm + i as f64 * cell_mm;
+        // The cells whose centres lie within the limit of an interval.
+        let near = |low: f64, high: f64| {
+            let first = ((low - limit_mm - first_mm) / cell_mm).ceil().clamp(0.0, n as f64) as usize;
+            let last = ((high + limit_mm - first_mm) / cell_mm + 1.0).floor().clamp(0.0, n as f64) as usize;
+            first..last.max(first)
+        };
+        let mut values = vec![limit_mm as f32; n * n];
+        let mut away = vec![0.0_f32; n * n];
+        for region in &shape.regions {
+            let range = |axis: usize| {
+                let ends = region.iter().flatten().map(|p| p[axis]);
+                ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+            };
+            let (columns, rows) = (near(range(0).0, range(0).1), near(range(1).0, range(1).1));
+            for row in rows.clone() {
+                away[row * n..][columns.clone()].fill((limit_mm * limit_mm) as f32);
+            }
+            for [a, b] in sides(region) {
+                let along = [b[0] - a[0], b[1] - a[1]];
+                let length_squared = (along[0] * along[0] + along[1] * along[1]).max(1e-18);
+                for row in near(a[1].min(b[1]), a[1].max(b[1])) {
+                    for column in near(a[0].min(b[0]), a[0].max(b[0])) {
+                        let (x, y) = (centre(column) - a[0], centre(row) - a[1]);
+                        let t = ((x * along[0] + y * along[1]) / length_squared).clamp(0.0, 1.0);
+                        let squared = (x - t * along[0]).powi(2) + (y - t * along[1]).powi(2);
+                        let cell = &mut away[row * n + column];
+                        *cell = cell.min(squared as f32);
+                    }
+                }
+            }
+            for row in rows {
+                let crossings = crossings(region, centre(row));
+                for column in columns.clone() {
+                    let inside = crossings.partition_point(|x| *x <= centre(column)) % 2 == 1;
+                    let distance = away[row * n + column].sqrt();
+                    let value = &mut values[row * n + column];
+                    *value = value.min(if inside { -distance } else { distance });
+                }
             }
         }
-        Self { values, ..*self }
+        Self { n, cell_mm, values }
     }
+}
+
+/// The sides of a region's contours, each from point to point.
+fn sides(region: &[super::Contour]) -> impl Iterator<Item = [[f64; 2]; 2]> {
+    region.iter().flat_map(|contour| (0..contour.len()).map(|i| [contour[i], contour[(i + 1) % contour.len()]]))
 }
 
 /// Where a horizontal line crosses the outlines of a region, sorted.
@@ -132,9 +166,17 @@ mod tests {
     }
 
     #[test]
-    fn dilating_a_square_grows_each_side() {
-        let grown = Raster::coverage(&square(1.0), 3.0, 0.1).dilated(0.2);
-        // 2.4 x 2.4 less what rounded corners lack.
-        assert!((area(&grown) - (2.4 * 2.4 - 0.2 * 0.2)).abs() < 0.1, "{}", area(&grown));
+    fn distance_to_overlapping_squares_is_that_to_their_union() {
+        let mut shape = square(1.03);
+        shape.regions.push(square(1.03).regions[0].iter().map(|c| c.iter().map(|p| [p[0] + 1.5, p[1]]).collect()).collect());
+        let raster = Raster::distance(&shape, 4.0, 0.1, 0.8);
+        for (i, got) in raster.values.iter().enumerate() {
+            let [x, y] = [i % 80, i / 80].map(|k| (k as f64 - 39.5) * 0.1);
+            let (dx, dy) = ((x - 0.75).abs() - 1.78, y.abs() - 1.03);
+            let inside = dx < 0.0 && dy < 0.0;
+            assert_eq!(*got < 0.0, inside, "{x} {y}");
+            let expected = dx.max(0.0).hypot(dy.max(0.0)).min(0.8);
+            assert!(inside || (f64::from(*got) - expected).abs() < 1e-5, "{x} {y}: {got}, not {expected}");
+        }
     }
 }

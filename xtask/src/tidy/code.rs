@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn a_test_item_may_have_no_braces() {
-        assert_eq!(without_tests("#[cfg(test)] use a::{b, c}; d").trim(), "d");
+        assert_eq!(without_tests("#[cfg(test)] use a::b; d").trim(), "d");
         assert_eq!(without_tests("#[cfg(test)] fn f(x: [u8; 3]) { g(); } d").trim(), "d");
     }
 }

@@ -3,8 +3,7 @@
 use super::Finding;
 
 /// Crates that a build script uses to compile or to find C and C++.
-const C_TOOLS: [&str; 8] =
-    ["autotools", "bindgen", "cc", "cmake", "cxx-build", "nasm-rs", "pkg-config", "vcpkg"];
+const C_TOOLS: [&str; 8] = ["autotools", "bindgen", "cc", "cmake", "cxx-build", "nasm-rs", "pkg-config", "vcpkg"];
 
 /// Crates that are called `-sys` and compile nothing: the kernel's constants, generated as Rust.
 const PURE_RUST: [&str; 1] = ["linux-raw-sys"];
@@ -46,7 +45,11 @@ pub fn unexplained(manifest: &str) -> Vec<Finding> {
                 None => explained = false,
                 Some(_) if inside && !explained && !line.contains("path =") => {
                     let name = line.split([' ', '=', '.']).next().unwrap_or(line);
-                    findings.push(Finding::new("Cargo.toml", n + 1, format!("{name} has no comment that gives its reason")));
+                    findings.push(Finding::new(
+                        "Cargo.toml",
+                        n + 1,
+                        format!("{name} has no comment that gives its reason"),
+                    ));
                 }
                 Some(_) => {}
             }
@@ -83,7 +86,8 @@ fn dependencies(manifest: &str) -> Vec<(usize, &str, &str)> {
             if let Some((_, name)) = section.split_once("dependencies.") {
                 found.push((n + 1, name.trim_end_matches(']'), "a section of its own"));
             }
-        } else if let Some((name, rest)) = line.split_once(['.', '=', ' ']).filter(|_| inside && !line.starts_with('#')) {
+        } else if let Some((name, rest)) = line.split_once(['.', '=', ' ']).filter(|_| inside && !line.starts_with('#'))
+        {
             found.push((n + 1, name, rest));
         }
     }
@@ -132,7 +136,8 @@ mod tests {
 
     #[test]
     fn versions_are_said_once() {
-        let manifest = "[features]\nx = []\n[dependencies]\n# why\nrand = \"0.10\"\n[dependencies.clap]\nworkspace = true\n";
+        let manifest =
+            "[features]\nx = []\n[dependencies]\n# why\nrand = \"0.10\"\n[dependencies.clap]\nworkspace = true\n";
         assert_eq!(
             lines(&house("data/Cargo.toml", manifest)),
             [

@@ -10,8 +10,13 @@ const MAX_LINES: usize = 400;
 const LONG: &str = "// long:";
 
 /// Written so that this file does not contain what it looks for.
-const MACHINE_PATHS: [&str; 5] =
-    [concat!("/", "home/"), concat!("/", "root/"), concat!("/", "work/"), concat!("/", "Users/"), concat!("/", "tmp/bash")];
+const MACHINE_PATHS: [&str; 5] = [
+    concat!("/", "home/"),
+    concat!("/", "root/"),
+    concat!("/", "work/"),
+    concat!("/", "Users/"),
+    concat!("/", "tmp/bash"),
+];
 
 /// What ends a program where an error should be returned.
 const PANICS: [&str; 6] = [".unwrap()", ".expect(", "panic!", "todo!", "unimplemented!", "dbg!"];
@@ -23,11 +28,11 @@ const BACKENDS: [&str; 6] =
 /// The one file that names a backend.
 const DEVICE: &str = "infer/src/device.rs";
 
-/// Every rule for one Rust file.
-pub fn check(path: &str, text: &str) -> Vec<Finding> {
+/// Every rule for one Rust file; `test_modules` are the paths that [`test_modules`] gives for all files.
+pub fn check(path: &str, text: &str, test_modules: &[String]) -> Vec<Finding> {
     let code = code_only(text);
     let mut findings: Vec<_> = found(path, &code, &["#[ignore"]).collect();
-    if is_library(path) {
+    if is_library(path) && !test_modules.iter().any(|module| path.starts_with(module)) {
         findings.extend(found(path, &without_tests(&code), &PANICS));
     }
     if path != DEVICE {
@@ -45,7 +50,24 @@ pub fn machine_paths(path: &str, text: &str) -> Vec<Finding> {
         MACHINE_PATHS.into_iter().find(|path| line.match_indices(path).any(|(at, _)| stands_alone(&line[..at])))
     };
     let lines = text.lines().enumerate();
-    lines.filter_map(|(n, line)| hit(line).map(|found| Finding::new(path, n + 1, format!("machine path {found}")))).collect()
+    lines
+        .filter_map(|(n, line)| hit(line).map(|found| Finding::new(path, n + 1, format!("machine path {found}"))))
+        .collect()
+}
+
+/// Where the modules lie that a file declares for tests only, as `#[cfg(test)] mod name;`: the
+/// file `name.rs` and the folder `name/`.
+pub fn test_modules(path: &str, text: &str) -> Vec<String> {
+    let stem = path.strip_suffix(".rs").unwrap_or(path);
+    let (folder, name) = stem.rsplit_once('/').unwrap_or(("", stem));
+    let folder = if ["lib", "main", "mod"].contains(&name) { folder } else { stem };
+    let code = code_only(text);
+    let declared = code.split("#[cfg(test)]").skip(1).filter_map(|item| {
+        let item = item.trim_start();
+        item.strip_prefix("pub(crate) ").unwrap_or(item).strip_prefix("mod ")?.split_once(';')
+    });
+    let names = declared.map(|(name, _)| name.trim()).filter(|name| !name.contains('{'));
+    names.flat_map(|name| [format!("{folder}/{name}.rs"), format!("{folder}/{name}/")]).collect()
 }
 
 /// A crate's own sources, but not a program's `main`, this program or the tests.
@@ -74,17 +96,29 @@ mod tests {
     use super::*;
 
     fn lines(path: &str, text: &str) -> Vec<String> {
-        check(path, text).iter().map(ToString::to_string).collect()
+        check(path, text, &[]).iter().map(ToString::to_string).collect()
     }
 
     #[test]
     fn a_library_does_not_panic_outside_its_tests() {
-        let text = "/// `x.unwrap()`\nfn f() {\n    g().unwrap();\n}\n#[cfg(test)]\nmod tests { fn t() { f().unwrap() } }\n";
+        let text =
+            "/// `x.unwrap()`\nfn f() {\n    g().unwrap();\n}\n#[cfg(test)]\nmod tests { fn t() { f().unwrap() } }\n";
         assert_eq!(lines("data/src/a.rs", text), ["data/src/a.rs:3: .unwrap() has no place here"]);
         for path in ["data/src/main.rs", "xtask/src/a.rs", "tests/src/a.rs", "data/tests/a.rs"] {
             assert!(lines(path, text).is_empty(), "{path}");
         }
         assert!(lines("data/src/a.rs", "fn f() { g().unwrap_or(1).expect_err(2) }").is_empty());
+    }
+
+    #[test]
+    fn a_module_for_tests_may_panic() {
+        let lib = "mod a;\n#[cfg(test)]\nmod world;\n#[cfg(test)]\nmod tests {\n    mod b;\n}\n";
+        let modules = test_modules("data/src/lib.rs", lib);
+        assert_eq!(modules, ["data/src/world.rs", "data/src/world/"]);
+        assert_eq!(test_modules("data/src/a.rs", lib), ["data/src/a/world.rs", "data/src/a/world/"]);
+        let text = "fn f() { g().unwrap() }";
+        assert!(check("data/src/world.rs", text, &modules).is_empty());
+        assert_eq!(check("data/src/worlds.rs", text, &modules).len(), 1);
     }
 
     #[test]

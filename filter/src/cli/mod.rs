@@ -1,0 +1,34 @@
+//! The command line: one file a command.
+
+mod evaluate;
+mod replay;
+mod tuning;
+
+use clap::{Parser, Subcommand};
+use tactile_filter::Result;
+
+/// Which peg fits this hole, and where the hole is, by touch alone.
+///
+/// Exit codes: 0 done, 1 failed, 2 misused.
+#[derive(Parser)]
+#[command(name = "tactile-filter", version)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Evaluate(evaluate::Evaluate),
+    Replay(replay::Replay),
+}
+
+impl Cli {
+    /// Runs the command that was asked for.
+    pub fn run(self) -> Result<()> {
+        match self.command {
+            Command::Evaluate(evaluate) => evaluate.run(),
+            Command::Replay(replay) => replay.run(),
+        }
+    }
+}

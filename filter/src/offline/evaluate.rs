@@ -1,0 +1,263 @@
+//! Many episodes against a simulated robot, each driven as a robot would drive it.
+//!
+//! The estimator is shown frames and the motions actually made; true poses stay in [`Hole`], on this
+//! side of the episode's API.
+
+use std::time::Instant;
+
+use rand::RngExt;
+use rayon::prelude::*;
+use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
+use tactile_infer::bank::Bank;
+
+use crate::action::Action;
+use crate::episode::{Decision, Episode, EpisodeConfig, Estimate, Eye};
+use crate::error::{Error, Result};
+use crate::offline::result::Poses;
+
+/// What is run, how often.
+#[derive(Clone, Debug)]
+pub struct Protocol {
+    /// Episodes in all, shared out over the seeds.
+    pub n_episodes: usize,
+    /// Seeds of holes, poses and frames.
+    pub seeds: Vec<u64>,
+    /// On the grid, as the paper has it: the first touch is at a recorded pose and the motions offered lead
+    /// to recorded poses. Off it: the first touch is anywhere in the recorded range, and the motions
+    /// offered are those of the grid, seen from the first touch.
+    pub poses: Poses,
+    /// Touches of each episode; the stopping rule is noted and not obeyed, so that every curve is whole.
+    pub n_touches: usize,
+}
+
+/// One simulated hole under the sensor: the robot's side of an episode.
+pub struct Hole<'a> {
+    simulator: &'a Simulator,
+    part: usize,
+    symmetric: bool,
+    first: Se2,
+    part_from_sensor: Se2,
+    seed: u64,
+    stream: u64,
+}
+
+impl<'a> Hole<'a> {
+    /// The hole of an episode: part and pose follow from the seed and the episode's number.
+    pub fn new(simulator: &'a Simulator, grid: &PoseGrid, poses: Poses, seed: u64, episode: usize) -> Self {
+        // A dataset's frames are drawn from small streams of its seed; an episode's from these.
+        let (seed, stream) = (seed ^ 0x686f_6c65, (episode as u64 + 1) << 20);
+        let mut rng = frame_rng(seed, stream);
+        let part = rng.random_range(0..simulator.parts().len());
+        let first = match poses {
+            Poses::OnGrid => grid.pose(rng.random_range(0..grid.len())),
+            Poses::OffGrid => {
+                let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+                Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
+            }
+        };
+        Self { simulator, part, symmetric: simulator.is_half_turn_symmetric(part), first, part_from_sensor: first, seed, stream }
+    }
+
+    /// Name of the part whose hole this is.
+    pub fn part(&self) -> &str {
+        &self.simulator.parts()[self.part]
+    }
+
+    /// Index of the part in the scene.
+    pub fn part_index(&self) -> usize {
+        self.part
+    }
+
+    /// True pose of the first touch.
+    pub fn part_from_first(&self) -> Se2 {
+        self.first
+    }
+
+    /// True pose now.
+    pub fn part_from_sensor(&self) -> Se2 {
+        self.part_from_sensor
+    }
+
+    /// Touches the hole where the sensor is.
+    pub fn touch(&mut self) -> Result<Frame> {
+        self.stream += 1;
+        let mut rng = frame_rng(self.seed, self.stream);
+        Ok(self.simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
+    }
+
+    /// Moves the sensor; returns the motion actually made.
+    pub fn go(&mut self, action: &Action) -> Se2 {
+        self.part_from_sensor = self.part_from_sensor * action.sensor_from_next;
+        action.sensor_from_next
+    }
+
+    /// The motions that the reach allows from here.
+    pub fn reach(&self, grid: &PoseGrid, poses: Poses) -> Vec<Se2> {
+        let sensor_from_part = self.part_from_sensor.inverse();
+        let origin = match poses {
+            Poses::OnGrid => Se2::IDENTITY,
+            Poses::OffGrid => self.first,
+        };
+        (0..grid.len()).map(|cell| sensor_from_part * origin * grid.pose(cell)).collect()
+    }
+}
+
+/// What an episode knew after one of its touches, against the truth.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Scored {
+    /// Whether the most probable part is the right one.
+    pub right: bool,
+    /// Whether the first touch's pose was found to the cell as well.
+    pub exact_cell: bool,
+    /// Distance of the first touch's pose, mm.
+    pub xy_mm: f64,
+    /// Angle of the first touch's pose, degrees, modulo the part's symmetry.
+    pub theta_deg: f64,
+    /// Probability of the most probable part.
+    pub probability: f64,
+    /// Squared difference of the class posterior from the truth, 0..=2.
+    pub brier: f64,
+}
+
+/// Milliseconds of each stage of one touch.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StageTimes {
+    /// Frame to query.
+    pub encode: f64,
+    /// Query to posterior.
+    pub update: f64,
+    /// Posterior to the next action; nought after the last touch.
+    pub select: f64,
+}
+
+/// One episode, touch by touch.
+#[derive(Clone, Debug, Default)]
+pub struct Outcome {
+    /// After touch 1, 2, ...
+    pub scored: Vec<Scored>,
+    /// Stage times of touch 1, 2, ...
+    pub times: Vec<StageTimes>,
+}
+
+/// Who watches an episode: called after each touch with what was touched, seen and believed.
+pub type Watch<'w> = &'w mut dyn FnMut(&Hole<'_>, &Frame, &Episode<'_>, &Estimate);
+
+/// Runs all episodes of one configuration, in parallel; outcomes in order of the episodes.
+pub fn run(
+    simulator: &Simulator,
+    eye: &Eye<'_>,
+    bank: &Bank,
+    config: &EpisodeConfig,
+    protocol: &Protocol,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Vec<Outcome>> {
+    if protocol.seeds.is_empty() || protocol.n_episodes == 0 || protocol.n_touches == 0 {
+        let got = format!("{} episodes of {} seeds", protocol.n_episodes, protocol.seeds.len());
+        return Err(Error::invalid("evaluation", "episodes, touches and seeds", got));
+    }
+    if simulator.parts() != bank.parts() {
+        let got = bank.parts().join(" ");
+        return Err(Error::invalid("bank", format!("the scene's parts {}", simulator.parts().join(" ")), got));
+    }
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    (0..protocol.n_episodes)
+        .into_par_iter()
+        .map(|index| {
+            let outcome = run_one(simulator, eye, bank, config, protocol, index, &mut |_, _, _, _| ());
+            progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, protocol.n_episodes);
+            outcome
+        })
+        .collect()
+}
+
+/// Runs one episode of a protocol. The same index gives the same hole, poses and frames.
+pub fn run_one(
+    simulator: &Simulator,
+    eye: &Eye<'_>,
+    bank: &Bank,
+    config: &EpisodeConfig,
+    protocol: &Protocol,
+    index: usize,
+    watch: Watch<'_>,
+) -> Result<Outcome> {
+    let seed = protocol.seeds[index % protocol.seeds.len()];
+    let mut hole = Hole::new(simulator, bank.grid(), protocol.poses, seed, index);
+    // The curve goes on to the last touch; where the episode would have stopped is read off it.
+    let config = EpisodeConfig {
+        stop_probability: 1.0,
+        max_touches: protocol.n_touches,
+        seed: seed.wrapping_add(index as u64),
+        ..*config
+    };
+    let frame = hole.touch()?;
+    let mut outcome = Outcome::default();
+    let (observation, encode) = timed(|| eye.observe(&frame));
+    let observation = observation?;
+    let (episode, update) = timed(|| Episode::begin_with(&config, bank, &observation));
+    let mut episode = episode?;
+    let mut times = StageTimes { encode, update, select: 0.0 };
+    let mut frame = frame;
+    loop {
+        let estimate = episode.estimate();
+        outcome.scored.push(score(&estimate, bank, &hole));
+        watch(&hole, &frame, &episode, &estimate);
+        let reach = hole.reach(bank.grid(), protocol.poses);
+        let (decision, select) = timed(|| episode.decide(&reach));
+        times.select = select;
+        outcome.times.push(times);
+        let Decision::Touch(action) = decision else { break };
+        let moved = hole.go(&action);
+        frame = hole.touch()?;
+        let (observation, encode) = timed(|| eye.observe(&frame));
+        let observation = observation?;
+        let (taken, update) = timed(|| episode.observe_with(moved, &observation));
+        taken?;
+        times = StageTimes { encode, update, select: 0.0 };
+    }
+    // Nothing left to touch: what is known stays known.
+    while let (Some(last), true) = (outcome.scored.last().copied(), outcome.scored.len() < protocol.n_touches) {
+        outcome.scored.push(last);
+    }
+    Ok(outcome)
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let started = Instant::now();
+    let result = work();
+    (result, started.elapsed().as_secs_f64() * 1e3)
+}
+
+fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
+    let brier = |(part, p): (&String, &f64)| (p - f64::from(u8::from(part == hole.part()))).powi(2);
+    Scored {
+        probability: estimate.probability,
+        brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
+        ..score_pose(&estimate.part, estimate.part_from_first, bank.grid(), hole)
+    }
+}
+
+/// How good it is to name one row of the bank, with certainty, after the first touch.
+pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Result<Scored> {
+    let (part, cell) = (row / bank.grid().len(), row % bank.grid().len());
+    let scored = score_pose(&bank.parts()[part], bank.grid().pose(cell), bank.grid(), hole);
+    Ok(Scored { probability: 1.0, brier: if scored.right { 0.0 } else { 2.0 }, ..scored })
+}
+
+fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>) -> Scored {
+    let truth = hole.part_from_first();
+    let half_turn = Se2::new(0.0, 0.0, std::f64::consts::PI);
+    let twins = [Some(truth), hole.symmetric.then_some(half_turn * truth)];
+    let off = |pose: Se2| {
+        let turned = wrap_angle(pose.theta_rad - part_from_first.theta_rad).to_degrees().abs();
+        (pose.distance_mm(&part_from_first), turned)
+    };
+    let nearer = |a: (f64, f64), b: (f64, f64)| if b.0 + b.1 < a.0 + a.1 { b } else { a };
+    let (xy_mm, theta_deg) = twins.into_iter().flatten().map(off).fold((f64::INFINITY, f64::INFINITY), nearer);
+    let right = part == hole.part();
+    let same_cell = xy_mm < 0.5 * grid.xy_step_mm && theta_deg < 0.5 * grid.theta_step_deg;
+    Scored { right, exact_cell: right && same_cell, xy_mm, theta_deg, ..Scored::default() }
+}

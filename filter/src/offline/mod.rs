@@ -1,0 +1,9 @@
+//! Offline use: whole evaluations over simulated holes, and recordings played back.
+
+pub mod baselines;
+pub mod evaluate;
+pub mod replay;
+pub mod report;
+pub mod result;
+pub mod story;
+pub mod summary;

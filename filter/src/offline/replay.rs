@@ -1,0 +1,132 @@
+//! Recordings played back through the filter, the same way as live touches.
+
+use serde::Serialize;
+use tactile_data::contact::FrameContact;
+use tactile_data::frame::{Background, Preprocessing};
+use tactile_data::se2::Se2;
+use tactile_data::store::Dataset;
+use tactile_data::touch::{Side, Touch};
+use tactile_infer::Model;
+use tactile_infer::bank::Bank;
+
+use crate::episode::{Episode, EpisodeConfig, Eye};
+use crate::error::{Error, Result};
+
+/// One touch of a recording: the frame to look at, and the motion since the touch before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Played {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Motion since the touch before, in the sensor's frame there; `None` begins an episode.
+    pub moved: Option<Se2>,
+}
+
+/// What one recorded episode came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct Replayed {
+    /// Frames looked at, in order.
+    pub frames: Vec<usize>,
+    /// The most probable part.
+    pub part: String,
+    /// Its probability, 0..=1.
+    pub probability: f64,
+    /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
+    pub part_from_sensor: [f64; 3],
+    /// The part that was touched, where the recording says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<String>,
+    /// Whether the filter would act on this: confident, and nothing to doubt it.
+    pub confident: bool,
+    /// Reasons to doubt it.
+    pub warnings: Vec<String>,
+}
+
+/// Cuts a recording into episodes.
+///
+/// A frame with `moved` continues the episode. Frames of one part whose poses are known follow each other
+/// by the motion between them. Frames of which neither is known are a film: each run of frames with
+/// contact is one touch, its most edged frame, and an episode of its own. Pegs are passed over.
+pub fn episodes(dataset: &Dataset) -> Result<Vec<Vec<Played>>> {
+    let background = Background::new(dataset.no_contact(), &Preprocessing::counts([40, 30]))?;
+    let mut episodes: Vec<Vec<Played>> = Vec::new();
+    let mut film: Option<(usize, f32)> = None;
+    for (frame, touch) in dataset.touches().iter().enumerate() {
+        if touch.side == Some(Side::Peg) {
+            continue;
+        }
+        let is_film = touch.moved.is_none() && touch.part_from_sensor.is_none();
+        if is_film {
+            let image = background.tactile_image(&dataset.frame(frame)).map_err(|e| at_frame(frame, &e))?;
+            let contact = FrameContact::of(&image);
+            match (&mut film, contact.is_contact()) {
+                (Some(best), true) if image.edge_share > best.1 => *best = (frame, image.edge_share),
+                (Some(_), true) => {}
+                (None, true) => film = Some((frame, image.edge_share)),
+                (best, false) => episodes.extend(best.take().map(|(frame, _)| vec![Played { frame, moved: None }])),
+            }
+            continue;
+        }
+        episodes.extend(film.take().map(|(frame, _)| vec![Played { frame, moved: None }]));
+        let last = episodes.last_mut().and_then(|episode| Some((episode.last()?.frame, episode)));
+        let step = last.and_then(|(before, episode)| Some((motion(dataset.touch(before), touch)?, episode)));
+        match step {
+            Some((moved, episode)) => episode.push(Played { frame, moved: Some(moved) }),
+            None => episodes.push(vec![Played { frame, moved: None }]),
+        }
+    }
+    episodes.extend(film.take().map(|(frame, _)| vec![Played { frame, moved: None }]));
+    Ok(episodes)
+}
+
+/// The motion from one touch to the next, where the recording tells it.
+fn motion(before: &Touch, now: &Touch) -> Option<Se2> {
+    if now.moved.is_some() {
+        return now.moved;
+    }
+    let same = before.part == now.part && before.side == now.side;
+    let (from, to) = (before.part_from_sensor?, now.part_from_sensor?);
+    same.then(|| from.inverse() * to)
+}
+
+/// Plays one episode until its stopping rule ends it or the recording does.
+pub fn play(
+    dataset: &Dataset,
+    model: &Model,
+    eye: &Eye<'_>,
+    bank: &Bank,
+    config: &EpisodeConfig,
+    touches: &[Played],
+) -> Result<Replayed> {
+    let Some(first) = touches.first() else {
+        return Err(Error::invalid("recorded episode", "at least one touch", "none"));
+    };
+    let look = |frame: usize| eye.observe(&dataset.frame(frame)).map_err(|e| at_frame(frame, &e));
+    if model.sha256() != bank.model_sha256() {
+        return Err(Error::invalid("bank", format!("one made by model {}", model.sha256()), bank.model_sha256()));
+    }
+    let mut episode = Episode::begin_with(config, bank, &look(first.frame)?)?;
+    let mut frames = vec![first.frame];
+    for next in &touches[1..] {
+        let probability = episode.belief().class_posterior().into_iter().fold(0.0, f64::max);
+        if probability > config.stop_probability || frames.len() >= config.max_touches {
+            break;
+        }
+        episode.observe_with(next.moved.unwrap_or(Se2::IDENTITY), &look(next.frame)?)?;
+        frames.push(next.frame);
+    }
+    let estimate = episode.estimate();
+    let pose = estimate.part_from_sensor;
+    Ok(Replayed {
+        truth: dataset.touch(first.frame).part.clone(),
+        confident: estimate.probability > config.stop_probability && estimate.warnings.is_empty(),
+        warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
+        part: estimate.part,
+        probability: estimate.probability,
+        part_from_sensor: [pose.x_mm, pose.y_mm, pose.theta_deg()],
+        frames,
+    })
+}
+
+fn at_frame(frame: usize, error: &dyn std::fmt::Display) -> Error {
+    Error::invalid(format!("frame {frame}"), "a usable frame", error.to_string())
+}

@@ -1,0 +1,373 @@
+//! The page: key figures, curves, stopping and latency, episodes, how it was made.
+
+use std::io;
+
+use super::super::result::{Choice, Evaluation, Inference, Method, Poses, Quantiles, Row};
+use super::curves::{Line, Marker, Point, chart, legend_mark};
+use super::style::CSS;
+use super::{Board, EpisodeStory, PaperNumbers, escape, number, story};
+
+/// The columns of the first table: the numbers of touches that the paper reports.
+const TOUCHES: [usize; 4] = [1, 3, 5, 10];
+
+/// The whole page.
+pub fn html(
+    evaluation: &Evaluation,
+    board: &Board,
+    episodes: &[EpisodeStory],
+    paper: &PaperNumbers,
+) -> io::Result<String> {
+    let scene = escape(&evaluation.scene);
+    let sections = [
+        head(evaluation, paper),
+        beside_paper(evaluation, paper),
+        curves(evaluation, paper),
+        stopping(evaluation),
+        stories(board, episodes)?,
+        how_made(evaluation),
+        all_rows(evaluation),
+    ];
+    Ok(format!(
+        r#"<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Tactile-Filter: {scene}</title><style>{CSS}</style></head><body>
+{}</body></html>
+"#,
+        sections.concat()
+    ))
+}
+
+/// One way of inferring over its numbers of touches.
+struct Series<'a> {
+    method: Method,
+    inference: Inference,
+    action: Choice,
+    rows: Vec<&'a Row>,
+}
+
+impl Series<'_> {
+    fn label(&self) -> String {
+        let inference = match self.inference {
+            Inference::Exact => "exact",
+            Inference::Particle => "particles",
+            Inference::None => "one touch",
+        };
+        let action = match self.action {
+            Choice::Paper => ", the paper’s action rule",
+            Choice::Information => ", most informative action",
+            Choice::Random => ", random action",
+            Choice::None => "",
+        };
+        let method = match self.method {
+            Method::Pixel => "Nearest picture (Pixel)",
+            Method::Moco => "Nearest embedding (MoCo)",
+            Method::Filter => "Filter",
+        };
+        format!("{method}, {inference}{action}")
+    }
+
+    fn class_and_marker(&self) -> (String, Marker) {
+        let (class, marker) = match (self.method, self.action) {
+            (Method::Pixel, _) => ("pixel", Marker::Cross),
+            (Method::Moco, _) => ("moco", Marker::Square),
+            (Method::Filter, Choice::Paper) => ("paper-rule", Marker::Square),
+            (Method::Filter, Choice::Information | Choice::None) => ("information", Marker::Circle),
+            (Method::Filter, Choice::Random) => ("random", Marker::Triangle),
+        };
+        let particle = if self.inference == Inference::Particle { " particle" } else { "" };
+        (format!("{class}{particle}"), marker)
+    }
+
+    fn at(&self, n_touches: usize) -> Option<&Row> {
+        self.rows.iter().copied().find(|row| row.n_touches == n_touches)
+    }
+
+    fn line(&self, value: impl Fn(&Row) -> (f64, Option<[f64; 2]>)) -> Line {
+        let (class, marker) = self.class_and_marker();
+        let point = |row: &&Row| {
+            let (value, interval) = value(row);
+            Point { n_touches: row.n_touches, value, interval }
+        };
+        Line { label: self.label(), class, marker, points: self.rows.iter().map(point).collect() }
+    }
+}
+
+/// Every way of inferring with poses of one kind: filters first, then the baselines.
+fn series(evaluation: &Evaluation, poses: Poses) -> Vec<Series<'_>> {
+    let mut rows: Vec<&Row> = evaluation.rows.iter().filter(|row| row.poses == poses).collect();
+    let way = |row: &Row| (row.method, row.inference, row.action);
+    rows.sort_by_key(|row| (std::cmp::Reverse(row.method), row.inference, row.action, row.n_touches));
+    let same = rows.chunk_by(|a, b| way(a) == way(b));
+    same.map(|rows| {
+        let (method, inference, action) = way(rows[0]);
+        Series { method, inference, action, rows: rows.to_vec() }
+    })
+    .collect()
+}
+
+/// The filter of the highest accuracy after its last touch; the first of equals.
+fn best_filter(evaluation: &Evaluation, poses: Poses) -> Option<Series<'_>> {
+    let last = |series: &Series| series.rows.last().map_or(0.0, |row| row.accuracy);
+    let filters = series(evaluation, poses).into_iter().filter(|series| series.method == Method::Filter);
+    filters.reduce(|best, other| if last(&other) > last(&best) { other } else { best })
+}
+
+fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
+    let best = best_filter(evaluation, Poses::OnGrid).or_else(|| best_filter(evaluation, Poses::OffGrid));
+    let row = best.as_ref().and_then(|series| series.at(5).or(series.rows.last().copied()));
+    let accuracy = row.map(|row| {
+        let paper = paper.at(row.n_touches);
+        let paper = paper.map(|paper| format!("; the paper: {} %", number(paper.accuracy_percent, 1)));
+        let what = format!("right part after {}{}", touches(row.n_touches), paper.unwrap_or_default());
+        tile(&percent(row.accuracy), &what)
+    });
+    let place = row.map(|row| {
+        let errors = format!("{} mm, {}°", number(row.xy_mm_mean, 2), number(row.theta_deg_mean, 1));
+        tile(&errors, &format!("mean error after {}, where the part is right", touches(row.n_touches)))
+    });
+    let latency = &evaluation.latency_ms;
+    let decision_ms = latency.encode.p50 + latency.update.p50 + latency.select.p50;
+    let tiles = [
+        accuracy.unwrap_or_default(),
+        place.unwrap_or_default(),
+        tile(&number(evaluation.stopping.mean_touches, 1), "touches until it stops by itself, on average"),
+        tile(&percent(evaluation.stopping.confident_and_wrong), "of episodes stop sure of a wrong part"),
+        tile(&milliseconds(decision_ms), "per touch: see, update, choose the next (sum of medians)"),
+    ];
+    format!(
+        r#"<h1>Which peg fits this hole? {}</h1>
+<p>A simulated tactile sensor touches a hole. Its maker is one of {} parts whose pegs were touched before. Touch by touch the
+filter works out which part it is and where on it the sensor stands. {} simulated episodes, {}.</p>
+<div class="tiles">{}</div>
+"#,
+        escape(&evaluation.scene),
+        evaluation.n_classes,
+        evaluation.n_episodes,
+        seeds(evaluation),
+        tiles.concat()
+    )
+}
+
+fn tile(figure: &str, what: &str) -> String {
+    format!(r#"<div class="tile"><b>{figure}</b>{what}</div>"#)
+}
+
+/// The filter and the baselines beside the paper at the paper's numbers of touches.
+fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
+    let on_grid = series(evaluation, Poses::OnGrid);
+    let ours = [(Poses::OnGrid, ""), (Poses::OffGrid, ", off the grid")]
+        .map(|(poses, suffix)| best_filter(evaluation, poses).map(|series| (series, suffix)));
+    let accuracy_cell = |row: &Row| {
+        let [low, high] = row.accuracy_ci95.map(|bound| number(100.0 * bound, 1));
+        format!("{}<small>{low}–{high}</small>", number(100.0 * row.accuracy, 1))
+    };
+    let filters = |cell: &dyn Fn(&Row) -> String| -> String {
+        let filter = |(series, suffix): &(Series, &str)| {
+            table_row("ours", &format!("{}{suffix}", series.label()), |n| series.at(n).map(cell))
+        };
+        ours.iter().flatten().map(filter).collect()
+    };
+    let papers = |label: &str, value: &dyn Fn(usize) -> Option<f64>| {
+        let known = TOUCHES.iter().any(|n| value(*n).is_some());
+        let row = || table_row("", label, |n| value(n).map(|value| number(value, 1)));
+        if known { row() } else { String::new() }
+    };
+    let baselines: String = on_grid
+        .iter()
+        .filter(|series| series.method != Method::Filter)
+        .map(|series| table_row("", &series.label(), |n| series.at(n).map(accuracy_cell)))
+        .collect();
+    let body = [
+        group("Right part, % (95 % interval)"),
+        filters(&accuracy_cell),
+        papers("The paper; one touch is its MoCo", &|n| paper.at(n).map(|row| row.accuracy_percent)),
+        baselines,
+        papers("The paper’s Pixel", &|n| paper.pixel_percent.filter(|_| n == 1)),
+        group("Error of the place, mm"),
+        filters(&|row| number(row.xy_mm_mean, 2)),
+        papers("The paper", &|n| paper.at(n).map(|row| row.xy_mm)),
+        group("Error of the angle, degrees"),
+        filters(&|row| number(row.theta_deg_mean, 1)),
+        papers("The paper", &|n| paper.at(n).map(|row| row.theta_deg)),
+    ];
+    let heads: String = TOUCHES.iter().map(|n| format!("<th>{n}</th>")).collect();
+    let caution = if paper.rows.is_empty() {
+        "The paper has no numbers for this scene."
+    } else {
+        "The paper’s numbers are from a real robot and printed boards, these are simulated: a yardstick, not a race."
+    };
+    format!(
+        r#"<figure><div class="scroll"><table><thead><tr><th>Touches</th>{heads}</tr></thead><tbody>{}</tbody></table></div>
+<figcaption>Bold: the best filter of this evaluation. Read along a row how touches add up. {caution}</figcaption></figure>
+"#,
+        body.concat()
+    )
+}
+
+fn group(title: &str) -> String {
+    format!(r#"<tr class="group"><th colspan="5">{title}</th></tr>"#)
+}
+
+fn table_row(class: &str, label: &str, cell: impl Fn(usize) -> Option<String>) -> String {
+    let cells: String = TOUCHES.iter().map(|n| format!("<td>{}</td>", cell(*n).unwrap_or_default())).collect();
+    format!(r#"<tr class="{class}"><td>{label}</td>{cells}</tr>"#)
+}
+
+fn curves(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
+    let kinds = [
+        (Poses::OnGrid, "Poses on the recorded grid, as in the paper"),
+        (Poses::OffGrid, "Poses anywhere, at any angle"),
+    ];
+    let figures: String = kinds
+        .into_iter()
+        .map(|(poses, title)| (series(evaluation, poses), title))
+        .filter(|(series, _)| !series.is_empty())
+        .map(|(series, title)| figure(&series, title, paper))
+        .collect();
+    format!("<h2>Accuracy and error against touches</h2>{figures}\n")
+}
+
+fn figure(series: &[Series], title: &str, paper: &PaperNumbers) -> String {
+    let papers = |value: fn(&super::PaperRow) -> f64| Line {
+        label: "The paper".into(),
+        class: "reference".into(),
+        marker: Marker::Diamond,
+        points: paper
+            .rows
+            .iter()
+            .map(|row| Point { n_touches: row.n_touches, value: value(row), interval: None })
+            .collect(),
+    };
+    let with_paper = |value: &dyn Fn(&Row) -> (f64, Option<[f64; 2]>), paper: Line| -> Vec<Line> {
+        series.iter().map(|series| series.line(value)).chain([paper]).collect()
+    };
+    let accuracy = |row: &Row| (100.0 * row.accuracy, Some(row.accuracy_ci95.map(|bound| 100.0 * bound)));
+    let charts = [
+        ("Right part, %", with_paper(&accuracy, papers(|row| row.accuracy_percent)), Some(100.0)),
+        ("Error of the place, mm", with_paper(&|row| (row.xy_mm_mean, None), papers(|row| row.xy_mm)), None),
+        ("Error of the angle, degrees", with_paper(&|row| (row.theta_deg_mean, None), papers(|row| row.theta_deg)), None),
+    ];
+    let charts: String = charts
+        .iter()
+        .map(|(name, lines, top)| format!("<div><p>{name}</p>{}</div>", chart(name, lines, *top)))
+        .collect();
+    let mut legend: Vec<_> = series
+        .iter()
+        .map(|series| {
+            let (class, marker) = series.class_and_marker();
+            format!("<li>{}{}</li>", legend_mark(&class, marker, series.rows.len() > 1), series.label())
+        })
+        .collect();
+    if !paper.rows.is_empty() {
+        legend.push(format!("<li>{}The paper, real boards</li>", legend_mark("reference", Marker::Diamond, false)));
+    }
+    format!(
+        r#"<figure><h4>{title}</h4><ul class="legend">{}</ul><div class="charts">{charts}</div>
+<figcaption>Left: higher is better; bands and bars are 95 % intervals. Middle and right: lower is better; errors are those of the
+episodes that name the right part. The stopping rule is off, so that every episode counts at every number of touches.</figcaption></figure>"#,
+        legend.concat()
+    )
+}
+
+fn stopping(evaluation: &Evaluation) -> String {
+    let latency = &evaluation.latency_ms;
+    let row = |stage: &str, Quantiles { p50, p99 }: Quantiles| {
+        format!("<tr><td>{stage}</td><td>{}</td><td>{}</td></tr>", number(p50, 2), number(p99, 2))
+    };
+    let rows = [
+        row("See: frame to embedding", latency.encode),
+        row("Update: embedding to belief", latency.update),
+        row("Choose: belief to next touch", latency.select),
+    ];
+    let n = evaluation.n_threads;
+    let threads = if n == 1 { "1 thread".into() } else { format!("{n} threads") };
+    format!(
+        r#"<h2>Stopping and speed</h2>
+<p>With the stopping rule on, an episode ends after {} touches on average; {} of all episodes end sure of a wrong part.</p>
+<figure><div class="scroll"><table><thead><tr><th>Time of one touch, ms</th><th>half within</th><th>99 of 100 within</th></tr></thead>
+<tbody>{}</tbody></table></div><figcaption>Device <code>{}</code>, {threads}. The time that the robot takes to move is not counted.</figcaption></figure>
+"#,
+        number(evaluation.stopping.mean_touches, 1),
+        percent(evaluation.stopping.confident_and_wrong),
+        rows.concat(),
+        escape(&evaluation.device),
+    )
+}
+
+fn stories(board: &Board, episodes: &[EpisodeStory]) -> io::Result<String> {
+    if episodes.is_empty() {
+        return Ok(String::new());
+    }
+    let sections = episodes.iter().map(|episode| story::section(episode, board)).collect::<io::Result<String>>()?;
+    Ok(format!(
+        r#"<h2>Episodes, touch by touch</h2>
+{}<p class="note">A row is a touch. <b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
+filled, with its upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey
+is no change. <b>Where the sensor may be:</b> a map for each part; the darker the blue, the more probable the place, on one scale
+for the row. The bar and the number are the part’s whole probability. The red ring is the truth: watch the blue gather in it.</p>
+{sections}"#,
+        story::outlines(board)
+    ))
+}
+
+fn how_made(evaluation: &Evaluation) -> String {
+    let model = &evaluation.model;
+    let [width, height] = model.input_px;
+    let command = evaluation.command.as_ref();
+    let command = command.map(|command| format!("<dt>Command</dt><dd><code>{}</code></dd>", escape(command)));
+    format!(
+        r#"<h2>How it was made</h2><dl>{}<dt>Model</dt><dd>{}, {} parameters, input {width} × {height} pixels</dd>
+<dt>SHA-256 of the model</dt><dd><code>{}</code></dd><dt>Episodes</dt><dd>{} of {}, {}</dd></dl>
+"#,
+        command.unwrap_or_default(),
+        escape(&model.name),
+        model.parameters,
+        escape(&model.sha256),
+        evaluation.n_episodes,
+        escape(&evaluation.scene),
+        seeds(evaluation),
+    )
+}
+
+fn all_rows(evaluation: &Evaluation) -> String {
+    let row = |label: &str, poses: &str, row: &Row| {
+        let [low, high] = row.accuracy_ci95.map(|bound| number(100.0 * bound, 1));
+        let figures = [
+            number(100.0 * row.accuracy, 1),
+            format!("{low}–{high}"),
+            number(100.0 * row.exact_cell, 1),
+            number(row.xy_mm_mean, 2),
+            number(row.theta_deg_mean, 1),
+            number(row.brier, 3),
+        ];
+        let cells: String = figures.iter().map(|figure| format!("<td>{figure}</td>")).collect();
+        format!("<tr><td>{label}</td><td>{poses}</td><td>{}</td>{cells}</tr>", row.n_touches)
+    };
+    let rows: String = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, "off grid")]
+        .into_iter()
+        .flat_map(|(poses, name)| series(evaluation, poses).into_iter().map(move |series| (series, name)))
+        .map(|(series, name)| series.rows.iter().map(|r| row(&series.label(), name, r)).collect::<String>())
+        .collect();
+    format!(
+        r#"<details><summary>All numbers</summary><div class="scroll"><table><thead><tr><th>Way</th><th>Poses</th><th>Touches</th><th>Right, %</th>
+<th>95 %</th><th>Right cell, %</th><th>mm</th><th>degrees</th><th>Brier</th></tr></thead><tbody>{rows}</tbody></table></div></details>
+"#
+    )
+}
+
+fn percent(share: f64) -> String {
+    format!("{} %", number(100.0 * share, 1))
+}
+
+fn touches(n_touches: usize) -> String {
+    if n_touches == 1 { "1 touch".into() } else { format!("{n_touches} touches") }
+}
+
+fn milliseconds(value: f64) -> String {
+    format!("{} ms", number(value, if value < 10.0 { 1 } else { 0 }))
+}
+
+fn seeds(evaluation: &Evaluation) -> String {
+    let seeds: Vec<_> = evaluation.seeds.iter().map(u64::to_string).collect();
+    format!("{} {}", if seeds.len() == 1 { "seed" } else { "seeds" }, seeds.join(", "))
+}

@@ -1,0 +1,102 @@
+//! The page's style: light and dark, wide and narrow, screen and print.
+
+/// CSS of the page. Colours are Okabe and Ito's, told apart by colour-blind readers too; the actions have
+/// the colours, the inference the dash and the fill, and each action its own mark.
+pub const CSS: &str = r#"
+:root { color-scheme: light dark; --page: #fff; --ink: #1b1e23; --soft: #5c636e; --faint: #d9dde3; --panel: #f5f6f8;
+  --information: #0072b2; --paper-rule: #c24e00; --random: #007a5a; --moco: #9a4f83; --pixel: #a66f00;
+  --print: #c7362b; --bar: #1f7fd6; }
+@media (prefers-color-scheme: dark) { :root { --page: #14171b; --ink: #e8eaee; --soft: #a2a9b4; --faint: #3a404a;
+  --panel: #1d2127; --information: #56b4e9; --paper-rule: #f08a4b; --random: #35c296; --moco: #d99ac4; --pixel: #e6a935;
+  --print: #ff7b6e; --bar: #4ba0ee; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 28px 20px 60px; max-width: 1120px; background: var(--page); color: var(--ink);
+  font: 16px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
+h1 { font-size: 1.8rem; line-height: 1.2; margin: 0 0 8px; }
+h2 { font-size: 1.3rem; margin: 44px 0 6px; }
+h3 { font-size: 1.05rem; margin: 30px 0 2px; }
+h4 { font-size: 1rem; margin: 20px 0 0; }
+p { max-width: 46rem; margin: 6px 0; }
+figure { margin: 0; }
+figcaption, .note { color: var(--soft); font-size: .88rem; max-width: 46rem; }
+figcaption { margin: 8px 0 14px; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(165px, 1fr)); gap: 12px; margin: 20px 0; }
+.tile { background: var(--panel); border-radius: 8px; padding: 12px 14px; font-size: .88rem; line-height: 1.35; color: var(--soft); }
+.tile b { display: block; font-size: 1.7rem; line-height: 1.25; color: var(--ink); }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
+th, td { text-align: right; padding: 4px 12px; white-space: nowrap; vertical-align: top; }
+th:first-child, td:first-child { text-align: left; padding-left: 0; white-space: normal; }
+thead th { border-bottom: 1px solid var(--soft); }
+tr.group th { padding-top: 14px; color: var(--soft); font-weight: 600; }
+tr.ours td { font-weight: 600; }
+td small { display: block; font-weight: 400; color: var(--soft); font-size: .78rem; }
+.legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 10px 0 0; padding: 0; list-style: none; font-size: .88rem; }
+.legend li { display: flex; align-items: center; gap: 7px; }
+.key { width: 30px; height: 14px; flex: none; }
+.charts { display: grid; grid-template-columns: repeat(auto-fit, minmax(290px, 1fr)); gap: 8px 18px; }
+.charts p { font-weight: 600; font-size: .9rem; margin: 10px 0 0; }
+.charts svg { display: block; width: 100%; max-width: 460px; height: auto; }
+svg text { font: 12px system-ui, "DejaVu Sans", sans-serif; fill: var(--soft); }
+svg .end { text-anchor: end; } svg .middle { text-anchor: middle; }
+svg .grid { stroke: var(--faint); stroke-width: 1; fill: none; }
+svg .line { fill: none; stroke: currentColor; stroke-width: 2; stroke-linejoin: round; }
+svg .band { fill: currentColor; opacity: .13; }
+svg .bar { stroke: currentColor; stroke-width: 1.5; fill: none; }
+svg .mark { fill: currentColor; stroke: currentColor; stroke-width: 1.5; }
+.particle .line { stroke-dasharray: 5 3; } .particle .mark, .reference .mark { fill: var(--page); }
+.information { color: var(--information); } .paper-rule { color: var(--paper-rule); } .random { color: var(--random); }
+.moco { color: var(--moco); } .pixel { color: var(--pixel); } .reference { color: var(--ink); }
+.episode { border-top: 1px solid var(--faint); margin-top: 24px; }
+.episode h3 { margin-top: 14px; }
+.verdict { font-size: .85rem; font-weight: 600; border: 1px solid currentColor; border-radius: 99px; padding: 1px 9px; margin-left: 8px; }
+.right { color: var(--random); } .wrong { color: var(--print); }
+.heads, .touch { display: grid; grid-template-columns: 1.5rem 1fr 1fr 1fr 3.1fr; gap: 12px; align-items: start; }
+.heads { color: var(--soft); font-size: .8rem; margin: 10px 0 2px; }
+.touch { padding: 8px 0; break-inside: avoid; }
+.touch + .touch { border-top: 1px dotted var(--faint); }
+.count { font-weight: 600; font-size: 1.05rem; }
+.touch img, .where { display: block; width: 100%; height: auto; border-radius: 4px; }
+.where { background: var(--panel); }
+.part { fill: var(--soft); opacity: .32; }
+.print { fill: none; stroke: var(--print); vector-effect: non-scaling-stroke; stroke-width: 1; opacity: .65; }
+.print.now { fill: var(--print); fill-opacity: .15; stroke-width: 2; opacity: 1; }
+.print.top { stroke-width: 4; opacity: 1; }
+.trail { fill: none; stroke: var(--print); vector-effect: non-scaling-stroke; stroke-width: 1; stroke-dasharray: 2 2; opacity: .8; }
+.maps { display: grid; grid-template-columns: repeat(6, 1fr); gap: 6px 8px; }
+.map { font-size: .76rem; line-height: 1.3; font-variant-numeric: tabular-nums; }
+.map svg { display: block; width: 100%; height: auto; background: var(--panel); border-radius: 3px; }
+.map image { image-rendering: pixelated; }
+.map .part { opacity: .2; }
+.map .name { display: flex; justify-content: space-between; color: var(--soft); }
+.map.true .name { color: var(--print); font-weight: 700; }
+.ring { fill: none; stroke: var(--print); stroke-width: 2; vector-effect: non-scaling-stroke; }
+.share { height: 4px; border-radius: 2px; background: var(--faint); }
+.share i { display: block; height: 4px; border-radius: 2px; background: var(--bar); }
+.defs { position: absolute; width: 0; height: 0; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: 4px 18px; font-size: .92rem; }
+dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
+code { font-size: .88em; }
+summary { cursor: pointer; margin-top: 24px; }
+@media (max-width: 640px) {
+  body { padding: 18px 14px 40px; font-size: 15px; }
+  h1 { font-size: 1.45rem; }
+  .tiles { grid-template-columns: 1fr 1fr; }
+  th, td { padding: 4px 7px; }
+  .heads { display: none; }
+  .touch { grid-template-columns: 1fr 1fr 1fr; gap: 8px; align-items: center; }
+  .count, .maps { grid-column: 1 / -1; }
+  .count::before { content: "Touch "; }
+  dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: 8px; }
+}
+@media print {
+  :root { color-scheme: light; --page: #fff; --ink: #000; --soft: #444; --faint: #ccc; --panel: #f4f4f4;
+    --information: #0072b2; --paper-rule: #c24e00; --random: #007a5a; --moco: #9a4f83; --pixel: #a66f00;
+    --print: #c7362b; --bar: #1f7fd6; }
+  * { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+  body { max-width: none; padding: 0; font-size: 10.5pt; }
+  .charts { grid-template-columns: repeat(3, 1fr); }
+  h2, h3, h4, .heads { break-after: avoid; } figure, table, .tiles { break-inside: avoid; }
+  details { display: none; }
+}
+"#;

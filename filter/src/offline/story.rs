@@ -1,0 +1,98 @@
+//! A few episodes told touch by touch, for the report.
+
+use tactile_data::frame::{Background, Frame, Preprocessing};
+use tactile_data::simulator::Simulator;
+use tactile_infer::bank::Bank;
+
+use crate::belief::{Belief, look_up};
+use crate::episode::{EpisodeConfig, Eye};
+use crate::error::Result;
+use crate::offline::evaluate::{Protocol, run_one};
+use crate::offline::report::{Board, EpisodeStory, PartPicture, TouchStory};
+
+/// What all episodes of a scene share.
+pub fn board(simulator: &Simulator, bank: &Bank) -> Result<Board> {
+    let scene = simulator.scene();
+    let part = |(index, name): (usize, &String)| {
+        let outline_mm = scene.shape(index, 0)?.regions.into_iter().flatten().collect();
+        Ok(PartPicture { name: name.clone(), outline_mm })
+    };
+    Ok(Board {
+        parts: simulator.parts().iter().enumerate().map(part).collect::<Result<_>>()?,
+        grid: *bank.grid(),
+        field_of_view_mm: scene.sensor.field_of_view_mm,
+    })
+}
+
+/// Plays the first `n` episodes of a protocol again, each until its own stopping rule ends it.
+pub fn tell(
+    simulator: &Simulator,
+    eye: &Eye<'_>,
+    bank: &Bank,
+    config: &EpisodeConfig,
+    protocol: &Protocol,
+    n: usize,
+) -> Result<Vec<EpisodeStory>> {
+    let no_contact = simulator.no_contact(0);
+    let rest = Background::new(&no_contact, &Preprocessing::counts([80, 60]))?;
+    let tell_one = |index: usize| {
+        let mut story = EpisodeStory {
+            name: format!("Episode {}", index + 1),
+            truth: 0,
+            guess: 0,
+            probability: 0.0,
+            stop: format!("touch limit of {}", protocol.n_touches),
+            touches: Vec::new(),
+        };
+        let mut failed = Ok(());
+        let mut over = false;
+        run_one(simulator, eye, bank, config, protocol, index, &mut |hole, frame, episode, estimate| {
+            if over || failed.is_err() {
+                return;
+            }
+            story.truth = hole.part_index();
+            story.guess = bank.parts().iter().position(|part| *part == estimate.part).unwrap_or(0);
+            story.probability = estimate.probability;
+            match touch(&rest, frame, hole.part_from_sensor(), episode.belief(), bank.parts().len()) {
+                Ok(touch) => story.touches.push(touch),
+                Err(error) => failed = Err(error),
+            }
+            if estimate.probability > config.stop_probability {
+                story.stop = format!("more than {:.0} % sure", 100.0 * config.stop_probability);
+                over = true;
+            }
+        })?;
+        failed.map(|()| story)
+    };
+    (0..n.min(protocol.n_episodes)).map(tell_one).collect()
+}
+
+fn touch(
+    rest: &Background,
+    frame: &Frame,
+    part_from_sensor: tactile_data::se2::Se2,
+    belief: &Belief,
+    n_parts: usize,
+) -> Result<TouchStory> {
+    let difference = rest.tactile_image(frame)?;
+    Ok(TouchStory { part_from_sensor, frame: frame.clone(), difference, belief: places(belief, n_parts) })
+}
+
+/// Probability of each place of the sensor now, `[part, x, y]`, summed over the angle. Places outside the
+/// recorded area are left out and the rest scaled to sum to 1.
+fn places(belief: &Belief, n_parts: usize) -> Vec<f64> {
+    let grid = belief.grid();
+    let n_places = grid.n_xy().pow(2);
+    let mut places = vec![0.0; n_places * n_parts];
+    let moved = belief.first_from_sensor();
+    for (hypothesis, mass) in belief.states() {
+        if let Some(seen) = look_up(grid, &(grid.pose(hypothesis.cell) * moved), 1.0) {
+            places[hypothesis.part * n_places + seen.cell / grid.n_theta()] += mass;
+        }
+    }
+    let total: f64 = places.iter().sum();
+    if total > 0.0 {
+        places.iter_mut().for_each(|mass| *mass /= total);
+    }
+    places
+}
