@@ -36,7 +36,9 @@ pub fn generate(
     let (planned, held_out) = match (&scene.parts, scene.reach) {
         (Parts::Maze(boards), _) => pairs(scene, boards, seed),
         (Parts::Letters(_), Some(reach)) => {
-            let cell = |part, side| (0..reach.len()).map(move |cell| Planned { part, side, part_from_sensor: reach.pose(cell) });
+            let cell = |part, side| {
+                (0..reach.len()).map(move |cell| Planned { part, side, part_from_sensor: reach.pose(cell) })
+            };
             let of_part = |part| sides.iter().flat_map(move |side| cell(part, *side));
             ((0..simulator.parts().len()).flat_map(of_part).collect(), Vec::new())
         }

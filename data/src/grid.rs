@@ -24,18 +24,15 @@ pub struct PoseGrid {
 
 impl PoseGrid {
     /// The paper's grid for letters of 12 mm: 5 x 5 x 7 = 175 poses a part.
-    pub const SMALL: Self =
-        Self { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
+    pub const SMALL: Self = Self { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
     /// The paper's grid for letters of 32 mm: 11 x 11 x 7 = 847 poses a part.
-    pub const LARGE: Self =
-        Self { xy_half_mm: 20.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
+    pub const LARGE: Self = Self { xy_half_mm: 20.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
 
     /// Refuses a grid whose steps are not positive or do not divide its ranges.
     pub fn validate(&self) -> Result<()> {
-        for (field, half, step) in [
-            ("xy", self.xy_half_mm, self.xy_step_mm),
-            ("theta", self.theta_half_deg, self.theta_step_deg),
-        ] {
+        for (field, half, step) in
+            [("xy", self.xy_half_mm, self.xy_step_mm), ("theta", self.theta_half_deg, self.theta_step_deg)]
+        {
             let steps = half / step;
             if !(step > 0.0 && half >= 0.0 && steps.is_finite() && (steps - steps.round()).abs() < 1e-6) {
                 return Err(Error::invalid(

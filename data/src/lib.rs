@@ -9,15 +9,15 @@ pub mod contact;
 pub mod contact_sheet;
 pub mod error;
 pub mod frame;
+pub mod generate;
 pub mod grid;
 pub mod picture;
 pub mod recording;
-pub mod generate;
 pub mod scene;
+pub mod se2;
 pub mod sensor;
 pub mod shape;
 pub mod simulator;
-pub mod se2;
 pub mod store;
 pub mod touch;
 

@@ -226,7 +226,13 @@ impl MazeBoards {
         }
         let ordered = |field: &str, [low, high]: [f64; 2], least: f64, most: f64| {
             let fits = low >= least && high >= low && high <= most;
-            let error = || Error::invalid(format!("parts.maze.{field}"), format!("{least} to {most}, in order"), format!("{low}..{high}"));
+            let error = || {
+                Error::invalid(
+                    format!("parts.maze.{field}"),
+                    format!("{least} to {most}, in order"),
+                    format!("{low}..{high}"),
+                )
+            };
             fits.then_some(()).ok_or_else(error)
         };
         ordered("gel_length_mm", self.gel_length_mm, 0.1, 10.0)?;

@@ -42,11 +42,7 @@ impl Se2 {
     /// `b_from_a` for this `a_from_b`.
     pub fn inverse(&self) -> Self {
         let (sin, cos) = self.theta_rad.sin_cos();
-        Self::new(
-            -cos * self.x_mm - sin * self.y_mm,
-            sin * self.x_mm - cos * self.y_mm,
-            -self.theta_rad,
-        )
+        Self::new(-cos * self.x_mm - sin * self.y_mm, sin * self.x_mm - cos * self.y_mm, -self.theta_rad)
     }
 
     /// Takes a point of frame `b` to frame `a`, mm.
@@ -69,6 +65,7 @@ impl Se2 {
 impl Mul for Se2 {
     type Output = Self;
 
+    #[allow(clippy::suspicious_arithmetic_impl)] // angles of composed rotations add
     fn mul(self, b_from_c: Self) -> Self {
         let [x_mm, y_mm] = self.apply([b_from_c.x_mm, b_from_c.y_mm]);
         Self::new(x_mm, y_mm, self.theta_rad + b_from_c.theta_rad)

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::scene::{Parts, Scene};
 use crate::se2::Se2;
-use crate::sensor::camera::{CONTACT, Camera, add_layer_lines, to_frame};
+use crate::sensor::camera::{CONTACT, Camera, LayerLines, to_frame};
 use crate::sensor::gel::Surface;
 use crate::sensor::optics::Optics;
 use crate::sensor::{Fidelity, SensorSpec};
@@ -103,7 +103,12 @@ impl Simulator {
         let mut depths = surface.view(&(*part_from_sensor * slipped), spec.frame_px, spec.mm_per_px());
         if self.scene.fidelity == Fidelity::Camera && depth_mm > 0.0 {
             let amplitude_mm = spec.texture_mm[0] + (spec.texture_mm[1] - spec.texture_mm[0]) * rng.random::<f64>();
-            add_layer_lines(&mut depths, spec.frame_px[0] + 2, spec.mm_per_px(), amplitude_mm / depth_mm, rng);
+            // Peg and hole are printed apart, each with its own lines.
+            let lines = LayerLines::draw(&mut frame_rng(
+                self.board_seed ^ 0x6c69_6e65,
+                2 * part as u64 + u64::from(side == Side::Peg),
+            ));
+            lines.add(&mut depths, spec, part_from_sensor.theta_rad, amplitude_mm / depth_mm, rng);
         }
         // Which cells touch is told from the unit press: a tilt leaves them in contact.
         if self.scene.fidelity > Fidelity::Geometry {
@@ -132,6 +137,7 @@ impl Simulator {
     fn surface(&self, part: usize, side: Side, gel_length_mm: f64) -> Result<&Surface> {
         let solved = self.surfaces[part][usize::from(side == Side::Peg)].get_or_init(|| {
             let shape = self.scene.shape(part, self.board_seed)?;
+            let gel_length_mm = (self.scene.fidelity > Fidelity::Geometry).then_some(gel_length_mm);
             Surface::solve(&shape, side, self.scene.half_extent_mm(), gel_length_mm, self.scene.clearance_mm)
         });
         solved.as_ref().map_err(|e| Error::invalid(&self.parts[part], "a part that can be pressed", e.to_string()))
@@ -192,7 +198,14 @@ mod tests {
         Simulator::new(Scene::preset(name).unwrap(), 1).unwrap()
     }
 
-    fn image(simulator: &Simulator, background: &Background, part: usize, side: Side, pose: &Se2, seed: u64) -> TactileImage {
+    fn image(
+        simulator: &Simulator,
+        background: &Background,
+        part: usize,
+        side: Side,
+        pose: &Se2,
+        seed: u64,
+    ) -> TactileImage {
         let frame = simulator.touch(part, side, pose, &mut frame_rng(seed, part as u64)).unwrap();
         background.tactile_image(&frame).unwrap()
     }
@@ -208,7 +221,8 @@ mod tests {
     #[test]
     fn over_nothing_and_on_the_plate_the_view_is_blank() {
         let mut scene = Scene::preset("alphabet-large").unwrap();
-        scene.parts = Parts::Letters(crate::scene::Letters { letters: "I".into(), height_mm: 32.0, max_width_mm: 40.0 });
+        scene.parts =
+            Parts::Letters(crate::scene::Letters { letters: "I".into(), height_mm: 32.0, max_width_mm: 40.0 });
         let simulator = Simulator::new(scene, 1).unwrap();
         let background = Background::new(&simulator.no_contact(3), &Preprocessing::counts([40, 30])).unwrap();
         for side in [Side::Peg, Side::Hole] {
@@ -228,16 +242,21 @@ mod tests {
         let grid = simulator.scene().reach.unwrap();
         // Every third pose, to keep the test short; the class is judged, not the pose.
         let cells: Vec<usize> = (0..grid.len()).step_by(3).collect();
-        let view = |side, part: usize, cell: usize, seed| image(&simulator, &background, part, side, &grid.pose(cell), seed);
-        let pegs: Vec<(usize, TactileImage)> =
-            (0..12).flat_map(|part| cells.iter().map(move |cell| (part, *cell))).map(|(part, cell)| (part, view(Side::Peg, part, cell, 11 + cell as u64))).collect();
+        let view =
+            |side, part: usize, cell: usize, seed| image(&simulator, &background, part, side, &grid.pose(cell), seed);
+        let pegs: Vec<(usize, TactileImage)> = (0..12)
+            .flat_map(|part| cells.iter().map(move |cell| (part, *cell)))
+            .map(|(part, cell)| (part, view(Side::Peg, part, cell, 11 + cell as u64)))
+            .collect();
         let (mut right, mut right_flipped, mut correlation) = (0, 0, 0.0);
         let n_holes = 96;
         for i in 0..n_holes {
             let (part, cell) = (i % 12, cells[(i * 7) % cells.len()]);
             let hole = view(Side::Hole, part, cell, 1_000 + i as u64);
             let nearest = |sign: f32| {
-                let distance = |peg: &TactileImage| peg.planes.iter().zip(&hole.planes).map(|(p, h)| (h - sign * p).abs()).sum::<f32>();
+                let distance = |peg: &TactileImage| {
+                    peg.planes.iter().zip(&hole.planes).map(|(p, h)| (h - sign * p).abs()).sum::<f32>()
+                };
                 pegs.iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1))).unwrap().0
             };
             right += usize::from(nearest(1.0) == part);

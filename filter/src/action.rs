@@ -56,12 +56,12 @@ pub struct ActionConfig {
 }
 
 impl Default for ActionConfig {
-    /// 160 draws and 12 mm as measured on a prototype.
+    /// 160 draws and 12 mm as measured on a prototype; 24 suppositions as measured on random contours.
     fn default() -> Self {
         Self {
             rule: ActionRule::default(),
             n_draws: 160,
-            n_suppositions: 8,
+            n_suppositions: 24,
             contact_threshold: 0.01,
             min_separation_mm: 12.0,
             min_separation_deg: 360.0,
@@ -72,13 +72,7 @@ impl Default for ActionConfig {
 impl ActionConfig {
     /// Alg. 1, lines 9-10: the likeliest state against the K = 100 particles, any pose, those with contact.
     pub fn paper() -> Self {
-        Self {
-            rule: ActionRule::Paper,
-            n_draws: 100,
-            n_suppositions: 1,
-            min_separation_mm: 0.0,
-            ..Self::default()
-        }
+        Self { rule: ActionRule::Paper, n_draws: 100, n_suppositions: 1, min_separation_mm: 0.0, ..Self::default() }
     }
 }
 
@@ -168,11 +162,14 @@ fn scores(
     let mut seen: Vec<Option<Seen>> = Vec::with_capacity(cells.len());
     let mut score = |candidate: &Se2| {
         seen.clear();
-        seen.extend(part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), likelihood.lookup_tolerance)));
+        seen.extend(
+            part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), likelihood.lookup_tolerance)),
+        );
         let view = |part: usize, pose: usize| seen[pose].map(|s| (part * grid.len() + s.cell, s.trust));
-        let (mut total, mut n_contacts) = (0.0, 0);
+        let (mut total, mut n_inside, mut n_contacts) = (0.0, 0.0, 0);
         for truth in &supposed {
             let Some((row, trust)) = view(truth.part, pose_of(truth)) else { continue };
+            n_inside += 1.0;
             if bank.edge_shares()[row] <= config.contact_threshold {
                 continue;
             }
@@ -190,7 +187,8 @@ fn scores(
                 _ => sum,
             };
         }
-        (n_contacts > 0).then_some(total)
+        // What is offered can be reached on the true part: suppositions that it leads out of tell nothing.
+        (n_contacts > 0).then_some(total / n_inside)
     };
     candidates.iter().map(&mut score).collect()
 }
@@ -245,5 +243,104 @@ impl<'a> Pairing<'a> {
             _ => 1.0 - agreement,
         };
         trust * ratio + 1.0 - trust
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::belief::EngineConfig;
+    use crate::likelihood::{Observation, TouchLikelihood};
+    use tactile_data::grid::PoseGrid;
+
+    /// Three angles at one place.
+    const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+
+    /// Two parts alike at -30 and 0 degrees and unlike at +30.
+    fn bank(share_at_30: f32) -> Bank {
+        let rows =
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
+        let shares = vec![0.2, 0.2, share_at_30, 0.2, 0.2, share_at_30];
+        Bank::from_rows(vec!["A".into(), "B".into()], GRID, 3, rows.concat(), shares, String::new()).unwrap()
+    }
+
+    /// A belief sure of -30 degrees and of no part.
+    fn belief(bank: &Bank) -> Belief {
+        let touch = Observation { query: vec![1.0, 0.0, 0.0], edge_share: 0.2 };
+        let first = TouchLikelihood::new(&touch, bank, &LikelihoodConfig::default()).unwrap();
+        Belief::new(bank, EngineConfig::Exact, 0.25, 1, first)
+    }
+
+    fn turn(degrees: f64) -> Se2 {
+        Se2::from_degrees(0.0, 0.0, degrees)
+    }
+
+    fn chosen(config: ActionConfig, bank: &Bank, candidates: &[Se2], seed: u64) -> Option<Se2> {
+        let action = choose(&config, &LikelihoodConfig::default(), &belief(bank), bank, candidates, seed);
+        action.map(|action| action.sensor_from_next)
+    }
+
+    const ANY_PLACE: ActionConfig = ActionConfig {
+        rule: ActionRule::Paper,
+        n_draws: 160,
+        n_suppositions: 1,
+        contact_threshold: 0.01,
+        min_separation_mm: 0.0,
+        min_separation_deg: 360.0,
+    };
+
+    #[test]
+    fn both_rules_touch_where_the_parts_differ() {
+        for rule in [ActionRule::Paper, ActionRule::Information] {
+            let config = ActionConfig { rule, n_suppositions: 4, ..ANY_PLACE };
+            for candidates in [[turn(30.0), turn(60.0)], [turn(60.0), turn(30.0)]] {
+                assert_eq!(chosen(config, &bank(0.2), &candidates, 1), Some(turn(60.0)));
+            }
+        }
+    }
+
+    #[test]
+    fn an_action_without_contact_is_not_chosen() {
+        // The printed indicator selects what shows no contact; the prose says "exceeds".
+        assert_eq!(chosen(ANY_PLACE, &bank(0.0), &[turn(60.0), turn(30.0)], 1), Some(turn(30.0)));
+    }
+
+    #[test]
+    fn the_papers_score_agrees_with_hand_arithmetic() {
+        let bank = bank(0.2);
+        let likelihood = LikelihoodConfig { temperature: 0.5, ..LikelihoodConfig::default() };
+        let pairing = Pairing::new(ActionRule::Paper, &likelihood, &bank, &mut ChaCha8Rng::seed_from_u64(1));
+        // 1 / exp(cos / tau), scaled by exp(-1 / tau): cosines -1, 0 and 1.
+        for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
+            assert!((pairing.value(Some((row, 1.0)), 2) - (-(cosine + 1.0) / 0.5).exp()).abs() < 1e-6);
+        }
+        assert_eq!(pairing.value(None, 2), pairing.average);
+    }
+
+    #[test]
+    fn touches_keep_apart_as_long_as_they_can() {
+        let bank = bank(0.2);
+        let [near, far] = [3.0, 20.0].map(|x| Se2::from_degrees(x, 0.0, 0.0));
+        let config = ActionConfig { rule: ActionRule::Random, min_separation_mm: 12.0, ..ANY_PLACE };
+        for seed in 0..20 {
+            assert_eq!(chosen(config, &bank, &[near, far], seed), Some(far));
+        }
+        // Nothing is 12 mm away: 12 is halved to 3, and the better half is taken.
+        assert_eq!(chosen(config, &bank, &[Se2::from_degrees(1.0, 0.0, 0.0), near], 1), Some(near));
+    }
+
+    #[test]
+    fn nothing_left_to_touch_is_none() {
+        let bank = bank(0.2);
+        let config = ActionConfig { min_separation_mm: 12.0, ..ANY_PLACE };
+        for candidates in [vec![], vec![Se2::IDENTITY], vec![Se2 { x_mm: f64::NAN, ..Se2::IDENTITY }]] {
+            assert_eq!(chosen(config, &bank, &candidates, 1), None);
+        }
+    }
+
+    #[test]
+    fn of_equal_actions_the_earliest_is_chosen() {
+        let same = [turn(60.0), turn(60.0 + 1e-9), turn(60.0 - 1e-9)];
+        assert_eq!(chosen(ANY_PLACE, &bank(0.2), &same, 1), Some(same[0]));
     }
 }

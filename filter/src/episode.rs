@@ -282,3 +282,208 @@ impl<'a> Episode<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::action::ActionRule;
+    use crate::synthetic::World;
+    use rand::rngs::ChaCha8Rng;
+    use rand::{RngExt, SeedableRng};
+    use tactile_data::frame::Preprocessing;
+    use tactile_data::grid::PoseGrid;
+    use tactile_infer::DeviceKind;
+    use tactile_infer::checkpoint::{Checkpoint, Provenance};
+    use tactile_infer::encoder::NetworkConfig;
+    use tactile_infer::similarity::normalize_rows;
+
+    /// 7 x 7 x 3 = 147 poses on 24 x 24 mm.
+    const GRID: PoseGrid = PoseGrid { xy_half_mm: 12.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+
+    /// Runs an episode with no stop but the touch limit; whether each touch's estimate named the part, and the last.
+    fn play(world: &World, config: &EpisodeConfig, part: usize, seed: u64) -> (Vec<bool>, Estimate, Se2) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let start = GRID.pose(rng.random_range(0..GRID.len()));
+        let mut pose = start;
+        let mut episode = Episode::begin_with(config, &world.bank, &world.touch(part, &pose, &mut rng)).unwrap();
+        let mut hits = Vec::new();
+        loop {
+            hits.push(episode.estimate().part == world.bank.parts()[part]);
+            match episode.decide(&world.reach(&pose)) {
+                Decision::Touch(action) => {
+                    pose = pose * action.sensor_from_next;
+                    episode.observe_with(action.sensor_from_next, &world.touch(part, &pose, &mut rng)).unwrap();
+                }
+                Decision::Done(estimate, _) => return (hits, *estimate, start),
+            }
+        }
+    }
+
+    /// Share of episodes that name the part after each touch.
+    fn accuracy(world: &World, config: &EpisodeConfig, n_episodes: u64) -> Vec<f64> {
+        let mut shares = vec![0.0; config.max_touches];
+        for seed in 0..n_episodes {
+            let config = EpisodeConfig { seed, ..*config };
+            let part = seed as usize % world.bank.parts().len();
+            for (share, hit) in shares.iter_mut().zip(play(world, &config, part, seed).0) {
+                *share += f64::from(u8::from(hit)) / n_episodes as f64;
+            }
+        }
+        shares
+    }
+
+    fn never_confident(max_touches: usize) -> EpisodeConfig {
+        EpisodeConfig { stop_probability: 1.0, max_touches, ..EpisodeConfig::default() }
+    }
+
+    #[test]
+    fn more_touches_find_the_part_and_the_pose() {
+        let world = World::new(8, GRID, 0.3, 0.05, 5);
+        let config = never_confident(5);
+        let shares = accuracy(&world, &config, 40);
+        assert!(shares[4] >= 0.9 && shares[4] > shares[0], "{shares:?}");
+        let (_, estimate, start) = play(&world, &config, 2, 2);
+        assert_eq!(estimate.part_from_first, start);
+        assert!((estimate.class_posterior.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        assert!(estimate.modes[0].mass > 0.5 && estimate.warnings.is_empty());
+    }
+
+    #[test]
+    fn the_paper_as_printed_runs_and_beats_one_touch() {
+        let world = World::new(8, GRID, 0.2, 0.03, 5);
+        let config = EpisodeConfig { stop_probability: 1.0, max_touches: 5, ..EpisodeConfig::paper() };
+        let shares = accuracy(&world, &config, 40);
+        assert!(shares[4] > shares[0], "{shares:?}");
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_episode_and_deciding_changes_nothing() {
+        let world = World::new(4, GRID, 0.5, 0.1, 2);
+        for engine in [EngineConfig::Exact, EngineConfig::Particle(ParticleConfig::default())] {
+            let config = EpisodeConfig { engine, ..never_confident(4) };
+            assert_eq!(play(&world, &config, 1, 9), play(&world, &config, 1, 9));
+        }
+        let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
+        let episode = Episode::begin_with(&never_confident(4), &world.bank, &touch).unwrap();
+        let reach = world.reach(&Se2::IDENTITY);
+        assert_eq!(episode.decide(&reach), episode.decide(&reach));
+    }
+
+    #[test]
+    fn each_reason_to_stop_is_given() {
+        let world = World::new(4, GRID, 0.2, 0.02, 2);
+        let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
+        let reason = |config: EpisodeConfig, candidates: &[Se2]| match Episode::begin_with(&config, &world.bank, &touch)
+            .unwrap()
+            .decide(candidates)
+        {
+            Decision::Touch(_) => None,
+            Decision::Done(_, reason) => Some(reason),
+        };
+        let reach = world.reach(&Se2::IDENTITY);
+        let eager = EpisodeConfig { stop_probability: 0.0, ..never_confident(2) };
+        assert_eq!(reason(eager, &reach), Some(StopReason::Confident));
+        assert_eq!(reason(never_confident(1), &reach), Some(StopReason::TouchLimit));
+        assert_eq!(reason(never_confident(2), &[]), Some(StopReason::NothingToLearn));
+        assert_eq!(reason(never_confident(2), &reach), None);
+    }
+
+    #[test]
+    fn what_resembles_no_part_is_named_with_a_warning() {
+        let world = World::new(4, GRID, 0.2, 0.02, 2);
+        let estimate = |touch: &Observation| {
+            Episode::begin_with(&EpisodeConfig::default(), &world.bank, touch).unwrap().estimate()
+        };
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let noise = (0..world.bank.dim()).map(|_| rng.random::<f32>() - 0.5).collect();
+        let strange = Observation { query: noise, edge_share: 0.3 };
+        assert!(matches!(estimate(&strange).warnings[..], [Warning::LowSimilarity { .. }]));
+        let blank = Observation { edge_share: 0.0, ..strange };
+        assert_eq!(estimate(&blank).warnings, [Warning::NothingSeen]);
+        assert!(estimate(&world.touch(0, &Se2::IDENTITY, &mut rng)).warnings.is_empty());
+    }
+
+    #[test]
+    fn bad_input_is_refused_and_leaves_the_belief() {
+        let world = World::new(2, GRID, 0.2, 0.02, 2);
+        let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
+        let mut episode = Episode::begin_with(&EpisodeConfig::default(), &world.bank, &touch).unwrap();
+        let before = episode.estimate();
+        let frame = Frame::new(1, 1, vec![0; 3]).unwrap();
+        assert!(episode.observe(Se2::IDENTITY, &frame).unwrap_err().to_string().contains("an eye"));
+        assert!(episode.observe_with(Se2 { x_mm: f64::NAN, ..Se2::IDENTITY }, &touch).is_err());
+        let nothing = Observation { query: vec![f32::NAN; world.bank.dim()], edge_share: 0.2 };
+        assert!(episode.observe_with(Se2::IDENTITY, &nothing).is_err());
+        assert_eq!(episode.estimate(), before);
+        let never = EpisodeConfig { max_touches: 0, ..EpisodeConfig::default() };
+        let error = Episode::begin_with(&never, &world.bank, &touch).unwrap_err();
+        assert_eq!(error.to_string(), "episode.max_touches: expected at least 1, got 0");
+    }
+
+    #[test]
+    fn a_bank_made_by_another_model_is_refused() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 64 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let model = Model::new(checkpoint, "another".into(), DeviceKind::Flex).unwrap();
+        let frame = Frame::new(16, 12, (0..3 * 16 * 12).map(|i| 60 + (i % 90) as u8).collect()).unwrap();
+        let eye = Eye::new(&model, &frame).unwrap();
+        let world = World::new(2, GRID, 0.2, 0.02, 2);
+        let error = Episode::begin(&EpisodeConfig::default(), &eye, &world.bank, &frame).unwrap_err();
+        assert_eq!(error.to_string(), "bank: expected one made by model another, got one made by synthetic");
+    }
+
+    #[test]
+    fn a_config_survives_json() {
+        for config in [EpisodeConfig::default(), EpisodeConfig::paper()] {
+            let text = serde_json::to_string(&config).unwrap();
+            assert_eq!(serde_json::from_str::<EpisodeConfig>(&text).unwrap(), config);
+        }
+        assert!(serde_json::from_str::<EpisodeConfig>("{\"max_touchs\": 3}").is_err());
+    }
+
+    #[test]
+    fn expected_information_beats_chance_where_parts_differ_in_few_places() {
+        // Eight parts with the same random view at each pose, but for a corner of 2 x 2 x 3 = 12 poses of 147.
+        const DIM: usize = 32;
+        let n_parts = 8;
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut unit_row = || {
+            let mut row: Vec<f32> = (0..DIM).map(|_| rng.random::<f32>() - 0.5).collect();
+            normalize_rows(&mut row, DIM);
+            row
+        };
+        let shared: Vec<Vec<f32>> = (0..GRID.len()).map(|_| unit_row()).collect();
+        let in_corner = |cell: usize| GRID.pose(cell).x_mm > 6.0 && GRID.pose(cell).y_mm > 6.0;
+        let rows: Vec<f32> = (0..n_parts * GRID.len())
+            .flat_map(|row| if in_corner(row % GRID.len()) { unit_row() } else { shared[row % GRID.len()].clone() })
+            .collect();
+        let names = (0..n_parts).map(|part| part.to_string()).collect();
+        let shares = vec![0.2; n_parts * GRID.len()];
+        let bank = Bank::from_rows(names, GRID, DIM, rows, shares, String::new()).unwrap();
+        let n_correct = |rule| {
+            let n_right = |seed: &u64| {
+                let (part, start) = (*seed as usize % n_parts, GRID.pose(70));
+                let mut rng = ChaCha8Rng::seed_from_u64(*seed);
+                let mut touch = |pose: Se2| {
+                    let row = bank.row(part * GRID.len() + GRID.nearest(&pose).unwrap());
+                    let query = row.iter().map(|value| value + 0.1 * (rng.random::<f32>() - 0.5)).collect();
+                    Observation { query, edge_share: 0.2 }
+                };
+                let action = ActionConfig { rule, ..ActionConfig::default() };
+                let config = EpisodeConfig { action, seed: *seed, ..never_confident(2) };
+                let mut episode = Episode::begin_with(&config, &bank, &touch(start)).unwrap();
+                let reach: Vec<Se2> = (0..GRID.len()).map(|cell| start.inverse() * GRID.pose(cell)).collect();
+                let Decision::Touch(action) = episode.decide(&reach) else { return false };
+                episode.observe_with(action.sensor_from_next, &touch(start * action.sensor_from_next)).unwrap();
+                episode.estimate().part == bank.parts()[part]
+            };
+            (0..64).filter(n_right).count()
+        };
+        // By chance 1 in 8 is right without the corner: 64 / 8 = 8, and few random touches land in it.
+        let random = n_correct(ActionRule::Random);
+        assert!(random < 32, "{random}");
+        let informed = n_correct(ActionRule::Information);
+        assert!(informed >= 60, "{informed}");
+    }
+}

@@ -16,7 +16,6 @@ const N_POINTS: usize = 8;
 /// Parts with contours, their bank, and holes that differ a little from the pegs.
 pub struct World {
     pub bank: Bank,
-    pegs: Vec<Vec<[f64; 4]>>,
     holes: Vec<Vec<[f64; 4]>>,
     noise: f64,
 }
@@ -45,7 +44,7 @@ impl World {
         }
         let names = (0..n_parts).map(|part| format!("part {part}")).collect();
         let bank = Bank::from_rows(names, grid, N_POINTS * N_POINTS, rows, edge_shares, "synthetic".into()).unwrap();
-        Self { bank, pegs, holes, noise }
+        Self { bank, holes, noise }
     }
 
     /// A touch of a part's hole.
@@ -62,17 +61,14 @@ impl World {
         let grid = self.bank.grid();
         (0..grid.len()).map(|cell| part_from_sensor.inverse() * grid.pose(cell)).collect()
     }
-
-    pub fn n_parts(&self) -> usize {
-        self.pegs.len()
-    }
 }
 
 /// Nearness to the contour on a window of 18 x 14 mm, mean removed, unit length; and the share near it.
 fn view(waves: &[[f64; 4]], part_from_sensor: &Se2) -> (Vec<f64>, f32) {
     let mut values: Vec<f64> = (0..N_POINTS * N_POINTS)
         .map(|at| {
-            let place = |index: usize, extent: f64| (index as f64 + 0.5 - N_POINTS as f64 / 2.0) * extent / N_POINTS as f64;
+            let place =
+                |index: usize, extent: f64| (index as f64 + 0.5 - N_POINTS as f64 / 2.0) * extent / N_POINTS as f64;
             let [x, y] = part_from_sensor.apply([place(at % N_POINTS, 18.0), place(at / N_POINTS, 14.0)]);
             let height: f64 = waves.iter().map(|[kx, ky, phase, a]| a * (kx * x + ky * y + phase).cos()).sum();
             (-(height / 0.4).powi(2)).exp()
@@ -85,52 +81,4 @@ fn view(waves: &[[f64; 4]], part_from_sensor: &Se2) -> (Vec<f64>, f32) {
     let norm = values.iter().map(|value| value * value).sum::<f64>().sqrt().max(1e-9);
     values.iter_mut().for_each(|value| *value /= norm);
     (values, edge_share as f32)
-}
-
-#[test]
-fn experiment() {
-    use crate::action::*; use crate::episode::*;
-    let env = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let n_ep = env("EP", 150.0) as usize;
-    let world = World::new(12, PoseGrid::LARGE, env("MISFIT", 1.0), env("NOISE", 0.1), 5);
-    let blank = world.bank.edge_shares().iter().filter(|s| **s < 0.01).count() as f64 / world.bank.n_rows() as f64;
-    println!("blank share {blank}");
-    let base = EpisodeConfig { stop_probability: 1.0, ..EpisodeConfig::default() };
-    let mut runs = vec![];
-    for (name, rule, ns) in [("random", ActionRule::Random, 1), ("paper1", ActionRule::Paper, 1), ("paper8", ActionRule::Paper, 8), ("info8", ActionRule::Information, 8), ("info24", ActionRule::Information, 24)] {
-        let mut c = base; c.action.rule = rule; c.action.n_suppositions = ns; c.action.min_separation_mm = env("SEP", 12.0);
-        c.action.n_draws = env("DRAWS", 160.0) as usize;
-        c.likelihood.lookup_tolerance = env("TOL", 0.25);
-        c.likelihood.temperature = env("TAU", 0.1);
-        c.likelihood.outlier_floor = env("EPS", 0.01);
-        runs.push((name, c));
-    }
-    if env("PAPER", 0.0) > 0.0 { let mut c = EpisodeConfig::paper(); c.stop_probability = 1.0; runs.push(("as printed", c));
-      let mut c = base; c.engine = crate::belief::EngineConfig::Particle(Default::default()); runs.push(("particle100 info", c)); }
-    for (name, config) in runs {
-        let mut hits = [0; 11];
-        let (mut cells, mut t_choose, mut n_choose, mut t_upd, mut brier) = (0, 0.0, 0, 0.0, 0.0);
-        for ep in 0..n_ep {
-            let mut rng = ChaCha8Rng::seed_from_u64(1000 + ep as u64);
-            let part = ep % 12;
-            let cell = loop { let c = rng.random_range(0..world.bank.grid().len()); if world.bank.edge_shares()[part * world.bank.grid().len() + c] > 0.02 { break c } };
-            let start = world.bank.grid().pose(cell);
-            let mut pose = start;
-            let config = EpisodeConfig { seed: ep as u64, ..config };
-            let mut e = Episode::begin_with(&config, &world.bank, &world.touch(part, &pose, &mut rng)).unwrap();
-            for n in 1..=10 {
-                let est = e.estimate();
-                if est.part == world.bank.parts()[part] { hits[n] += 1; if n == 10 && est.part_from_first.distance_mm(&start) < 0.1 { cells += 1 } }
-                if n == 5 { brier += est.class_posterior.iter().enumerate().map(|(i, p)| (p - f64::from(i == part)).powi(2)).sum::<f64>() }
-                let cand = world.reach(&pose);
-                let t = std::time::Instant::now();
-                match e.decide(&cand) { Decision::Touch(a) => { t_choose += t.elapsed().as_secs_f64(); n_choose += 1;
-                    pose = pose * a.sensor_from_next; let o = world.touch(part, &pose, &mut rng);
-                    let t = std::time::Instant::now(); e.observe_with(a.sensor_from_next, &o).unwrap(); t_upd += t.elapsed().as_secs_f64(); }
-                    Decision::Done(..) => break }
-            }
-        }
-        let pc = |h: i32| 100.0 * h as f64 / n_ep as f64;
-        println!("{name:16} n=1 {:.1} 2 {:.1} 3 {:.1} 5 {:.1} 10 {:.1} cell {:.1} brier5 {:.3} choose {:.1} ms update {:.2} ms", pc(hits[1]), pc(hits[2]), pc(hits[3]), pc(hits[5]), pc(hits[10]), pc(cells), brier / n_ep as f64, 1e3 * t_choose / n_choose as f64, 1e3 * t_upd / n_choose as f64);
-    }
 }

@@ -80,7 +80,8 @@ impl Bank {
     /// Saves the bank in one file, bound to its model's checksum.
     pub fn save(&self, path: &Path) -> Result<()> {
         let n_rows = self.n_rows();
-        let tensor = |name: &str, shape, values: &[f32]| NamedTensor { name: name.into(), shape, values: values.to_vec() };
+        let tensor =
+            |name: &str, shape, values: &[f32]| NamedTensor { name: name.into(), shape, values: values.to_vec() };
         let file = SafeFile {
             tensors: vec![
                 tensor("rows", vec![n_rows, self.dim], &self.rows),
@@ -194,7 +195,8 @@ pub fn frames_by_row(dataset: &Dataset, grid: &PoseGrid) -> Result<(Vec<String>,
         let pose = format!("x {} mm, y {} mm, theta {:.0} deg", pose.x_mm, pose.y_mm, pose.theta_deg());
         Error::invalid(dataset.meta().name.clone(), format!("a peg touch of '{part}' at {pose}"), "none")
     };
-    let frames = frames.iter().enumerate().map(|(row, frame)| frame.ok_or_else(|| missing(row))).collect::<Result<_>>()?;
+    let frames =
+        frames.iter().enumerate().map(|(row, frame)| frame.ok_or_else(|| missing(row))).collect::<Result<_>>()?;
     Ok((parts, frames))
 }
 

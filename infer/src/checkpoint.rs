@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 
 use crate::device::DeviceKind;
-use crate::encoder::{Network, NetworkConfig, NamedTensor, tensors_of, with_tensors};
+use crate::encoder::{NamedTensor, Network, NetworkConfig, tensors_of, with_tensors};
 use crate::error::{Error, Result};
 use crate::safefile::SafeFile;
 use crate::similarity::normalize_rows;

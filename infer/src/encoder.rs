@@ -178,7 +178,8 @@ impl ModuleMapper for DrawWeights {
             // Convolutions are [out, in, k, k]; linear layers are [in, out].
             let fan_in: usize = if D == 2 { shape[0] } else { shape[1..].iter().product() };
             let scale = (2.0 / fan_in as f64).sqrt();
-            let values: Vec<f32> = (0..shape.iter().product()).map(|_| (scale * normal(&mut self.rng)) as f32).collect();
+            let values: Vec<f32> =
+                (0..shape.iter().product()).map(|_| (scale * normal(&mut self.rng)) as f32).collect();
             let device = tensor.device();
             let requires_grad = tensor.is_require_grad();
             Tensor::from_data(TensorData::new(values, shape), &device).set_require_grad(requires_grad)

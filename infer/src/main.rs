@@ -23,10 +23,14 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Embed a dataset of peg touches into one bank file, bound to the model.
-    #[command(after_help = "Example:\n  tactile-infer bank --model model/model.safetensors --data pegs --out pegs.bank")]
+    #[command(
+        after_help = "Example:\n  tactile-infer bank --model model/model.safetensors --data pegs --out pegs.bank"
+    )]
     Bank(BankArgs),
     /// Match each hole touch of a dataset against the pegs of another: one touch, nearest neighbour.
-    #[command(after_help = "Example:\n  tactile-infer match --model model/model.safetensors --pegs pegs --holes holes --json")]
+    #[command(
+        after_help = "Example:\n  tactile-infer match --model model/model.safetensors --pegs pegs --holes holes --json"
+    )]
     Match(MatchArgs),
 }
 
@@ -130,7 +134,10 @@ fn matches(args: &MatchArgs) -> Result<()> {
     for (name, found) in [("Pixel", &json.pixel), ("Pixel, sign-flipped", &json.pixel_flipped), ("MoCo", &json.moco)] {
         println!(
             "  {name:20} class {:5.1} %   exact cell {:5.1} %   xy {:4.1} mm   theta {:4.1} deg (means over right classes)",
-            100.0 * found.accuracy, 100.0 * found.exact_cell, found.xy_mm_mean, found.theta_deg_mean
+            100.0 * found.accuracy,
+            100.0 * found.exact_cell,
+            found.xy_mm_mean,
+            found.theta_deg_mean
         );
     }
     println!("  correlation of f_PP with f_HP: {peg_similarity_correlation:.3}");

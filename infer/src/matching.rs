@@ -102,7 +102,8 @@ fn all_nearest_by_pixel(
 
 /// The peg image nearest to a hole image by L1 distance; `sign` -1 turns the pegs inside out first.
 pub fn nearest_by_pixel(hole: &TactileImage, pegs: &[TactileImage], sign: f32) -> usize {
-    let distance = |peg: &TactileImage| hole.planes.iter().zip(&peg.planes).map(|(h, p)| (h - sign * p).abs()).sum::<f32>();
+    let distance =
+        |peg: &TactileImage| hole.planes.iter().zip(&peg.planes).map(|(h, p)| (h - sign * p).abs()).sum::<f32>();
     best(pegs.iter().map(|peg| -distance(peg)))
 }
 

@@ -28,9 +28,9 @@ impl SafeFile {
     /// The text entry of this name.
     pub fn text(&self, path: &Path, name: &str) -> Result<&str> {
         let found = self.text.iter().find(|(key, _)| key == name);
-        found.map(|(_, text)| text.as_str()).ok_or_else(|| {
-            Error::invalid(path.display().to_string(), format!("an entry '{name}'"), "none")
-        })
+        found
+            .map(|(_, text)| text.as_str())
+            .ok_or_else(|| Error::invalid(path.display().to_string(), format!("an entry '{name}'"), "none"))
     }
 
     /// SHA-256 over names, shapes and values, as 64 hex digits: the identity of a model or bank.
@@ -63,9 +63,10 @@ impl SafeFile {
             let view = TensorView::new(Dtype::F32, tensor.shape.clone(), bytes);
             view.map(|view| (tensor.name.clone(), view))
         });
-        let blobs = self.blobs.iter().map(|(name, bytes)| {
-            TensorView::new(Dtype::U8, vec![bytes.len()], bytes).map(|view| (name.clone(), view))
-        });
+        let blobs = self
+            .blobs
+            .iter()
+            .map(|(name, bytes)| TensorView::new(Dtype::U8, vec![bytes.len()], bytes).map(|view| (name.clone(), view)));
         let views = tensors.chain(blobs);
         let malformed = |e| Error::invalid(path.display().to_string(), "tensors that fit their shapes", format!("{e}"));
         let views = views.collect::<std::result::Result<Vec<_>, _>>().map_err(malformed)?;
@@ -97,7 +98,9 @@ impl SafeFile {
                     tensors.push(NamedTensor { name: tensor_name, shape: view.shape().to_vec(), values });
                 }
                 Dtype::U8 => blobs.push((tensor_name, view.data().to_vec())),
-                other => return Err(Error::invalid(format!("{name}: {tensor_name}"), "f32 or u8", format!("{other:?}"))),
+                other => {
+                    return Err(Error::invalid(format!("{name}: {tensor_name}"), "f32 or u8", format!("{other:?}")));
+                }
             }
         }
         blobs.sort();

@@ -47,9 +47,8 @@ impl Augmentation {
                     for row in rows {
                         let (upper, lower) = (&plane[row.low * width..], &plane[row.high * width..]);
                         for column in columns {
-                            let mix = |line: &[f32]| {
-                                line[column.low] + column.share * (line[column.high] - line[column.low])
-                            };
+                            let mix =
+                                |line: &[f32]| line[column.low] + column.share * (line[column.high] - line[column.low]);
                             let (top, bottom) = (mix(upper), mix(lower));
                             sum += top + row.share * (bottom - top);
                         }

@@ -115,10 +115,8 @@ impl<'a> Pairs<'a> {
                 chosen.push(next);
             }
         }
-        let drawn: Vec<(Pair, Augmentation)> = chosen
-            .into_iter()
-            .map(|index| (self.training[index], Augmentation::draw(&mut rng, min_scale)))
-            .collect();
+        let drawn: Vec<(Pair, Augmentation)> =
+            chosen.into_iter().map(|index| (self.training[index], Augmentation::draw(&mut rng, min_scale))).collect();
         self.load(&drawn)
     }
 
@@ -176,9 +174,8 @@ fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result
             Ok(sums)
         })
         .collect::<Result<Vec<_>>>()?;
-    let mean_of = |channel: usize, power: usize| {
-        sums.iter().map(|sum| sum[channel][power]).sum::<f64>() / sums.len() as f64
-    };
+    let mean_of =
+        |channel: usize, power: usize| sums.iter().map(|sum| sum[channel][power]).sum::<f64>() / sums.len() as f64;
     let mean = [0, 1, 2].map(|channel| mean_of(channel, 0));
     let std = [0, 1, 2].map(|channel| (mean_of(channel, 1) - mean[channel].powi(2)).sqrt());
     if std.iter().any(|s| !(*s > 0.1)) {

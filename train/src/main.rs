@@ -101,7 +101,11 @@ fn run(cli: &Cli) -> Result<Outcome> {
     } else {
         println!(
             "{}: {} steps, retrieval@1 {:.1} % and @5 {:.1} % among {} held-out holes",
-            outcome.model.display(), outcome.step, 100.0 * found.retrieval_1, 100.0 * found.retrieval_5, found.n_holes
+            outcome.model.display(),
+            outcome.step,
+            100.0 * found.retrieval_1,
+            100.0 * found.retrieval_5,
+            found.n_holes
         );
     }
     Ok(outcome)
@@ -152,7 +156,10 @@ impl Show {
                 let (loss, speed) = self.last;
                 let line = format!(
                     "step {step}: loss {loss:.3}, held-out retrieval@1 {:.1} %, @5 {:.1} %, cosine gap {:.2}, spread {:.2}, {speed:.0} pairs/s",
-                    100.0 * validation.retrieval_1, 100.0 * validation.retrieval_5, validation.cosine_gap, validation.spread
+                    100.0 * validation.retrieval_1,
+                    100.0 * validation.retrieval_5,
+                    validation.cosine_gap,
+                    validation.spread
                 );
                 match &self.bar {
                     Some(bar) => bar.println(line),

@@ -65,7 +65,7 @@ impl TrainConfig {
         Self {
             preset: "tiny".into(),
             network: NetworkConfig::TINY,
-            n_steps: 700,
+            n_steps: 500,
             n_pairs: 192,
             n_shards: 2,
             temperature: 0.1,
@@ -323,8 +323,11 @@ struct Curve {
 impl Curve {
     /// Opens the curve and drops lines of steps that will be made again.
     fn open(path: &Path, first_step: usize) -> Result<Self> {
-        let mut kept = String::from("step,loss,learning_rate,pairs_per_second,retrieval_1,retrieval_5,cosine_gap,spread\n");
-        if first_step > 0 && let Ok(old) = std::fs::read_to_string(path) {
+        let mut kept =
+            String::from("step,loss,learning_rate,pairs_per_second,retrieval_1,retrieval_5,cosine_gap,spread\n");
+        if first_step > 0
+            && let Ok(old) = std::fs::read_to_string(path)
+        {
             for line in old.lines().skip(1).take(first_step) {
                 kept.push_str(line);
                 kept.push('\n');

@@ -86,7 +86,8 @@ impl Camera {
             start += row_length;
             for ((pixel, noise), light) in line.as_chunks_mut::<3>().0.iter_mut().zip(noise).zip(dust) {
                 for channel in 0..3 {
-                    pixel[channel] = pixel[channel] * gains[channel] * light + self.noise_counts[channel] * noise[channel];
+                    pixel[channel] =
+                        pixel[channel] * gains[channel] * light + self.noise_counts[channel] * noise[channel];
                 }
             }
         }
@@ -104,30 +105,46 @@ pub fn to_frame(rgb: &[f32], [width, height]: [usize; 2]) -> Frame {
 /// A unit depth above this is contact: the gel falls below it 0.04 mm beside an edge.
 pub const CONTACT: f32 = 0.97;
 
-/// Layer lines of a printed part: a wave of random pitch, phase and direction on what touches.
-///
-/// Pitch 0.1 to 0.3 mm, as printers lay them; `depths` is `[height + 2, width + 2]` of a unit press, raised
-/// in contact; `amplitude` is a share of the press.
-pub fn add_layer_lines(depths: &mut [f32], width: usize, mm_per_px: [f64; 2], amplitude: f64, rng: &mut ChaCha8Rng) {
-    let pitch = 0.1 + 0.2 * rng.random::<f64>();
-    let angle = std::f64::consts::PI * rng.random::<f64>();
-    let phase = std::f64::consts::TAU * rng.random::<f64>();
-    let k = [angle.cos() * mm_per_px[0], angle.sin() * mm_per_px[1]].map(|v| v * std::f64::consts::TAU / pitch);
-    // A wave finer than two pixels is below what the camera resolves.
-    let resolved = (1.0 - (k[0].abs().max(k[1].abs()) / std::f64::consts::PI)).clamp(0.0, 1.0);
-    let amplitude = (amplitude * resolved) as f32;
-    if amplitude < 1e-4 {
-        return;
+/// The layer lines of one printed face: fixed for the part, in its own frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerLines {
+    /// Distance between lines, mm: 0.1 to 0.3, as printers lay them.
+    pub pitch_mm: f64,
+    /// Direction across the lines in the part's frame, radians.
+    pub across_rad: f64,
+}
+
+impl LayerLines {
+    /// Draws the lines of a part.
+    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
+        Self { pitch_mm: 0.1 + 0.2 * rng.random::<f64>(), across_rad: std::f64::consts::PI * rng.random::<f64>() }
     }
-    for (row, line) in depths.chunks_exact_mut(width).enumerate() {
-        // sin(a + n k) by rotation: one sine a row.
-        let (mut sin, mut cos) = (phase + row as f64 * k[1]).sin_cos();
-        let (turn_sin, turn_cos) = k[0].sin_cos();
-        for depth in line {
-            if *depth > CONTACT {
-                *depth += amplitude * sin as f32;
+
+    /// Raises what is in contact by a wave, as a sensor turned by `sensor_rad` on the part sees it.
+    ///
+    /// `depths` is `[height + 2, width + 2]` of a unit press; `amplitude` is a share of the press; the
+    /// phase of the wave is drawn, since it repeats every few pixels.
+    pub fn add(&self, depths: &mut [f32], spec: &SensorSpec, sensor_rad: f64, amplitude: f64, rng: &mut ChaCha8Rng) {
+        let (width, mm_per_px) = (spec.frame_px[0] + 2, spec.mm_per_px());
+        let phase = std::f64::consts::TAU * rng.random::<f64>();
+        let (sin, cos) = (self.across_rad - sensor_rad).sin_cos();
+        let k = [cos * mm_per_px[0], sin * mm_per_px[1]].map(|v| v * std::f64::consts::TAU / self.pitch_mm);
+        // A wave finer than two pixels is below what the camera resolves.
+        let resolved = (1.0 - (k[0].abs().max(k[1].abs()) / std::f64::consts::PI)).clamp(0.0, 1.0);
+        let amplitude = (amplitude * resolved) as f32;
+        if amplitude < 1e-4 {
+            return;
+        }
+        for (row, line) in depths.chunks_exact_mut(width).enumerate() {
+            // sin(a + n k) by rotation: one sine a row.
+            let (mut sin, mut cos) = (phase + row as f64 * k[1]).sin_cos();
+            let (turn_sin, turn_cos) = k[0].sin_cos();
+            for depth in line {
+                if *depth > CONTACT {
+                    *depth += amplitude * sin as f32;
+                }
+                (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
             }
-            (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
         }
     }
 }

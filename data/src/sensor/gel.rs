@@ -30,10 +30,18 @@ pub struct Surface {
 
 impl Surface {
     /// Solves the unit press. `half_mm` is how far from the part's centre the surface is wanted;
-    /// `clearance_mm` is by how much the hole's outline is wider than the peg's on every side.
-    pub fn solve(shape: &Shape, side: Side, half_mm: f64, gel_length_mm: f64, clearance_mm: f64) -> Result<Self> {
-        if !(half_mm > 0.0 && half_mm <= 500.0 && gel_length_mm > 0.0 && gel_length_mm.is_finite()) {
-            let got = format!("{half_mm} mm and {gel_length_mm} mm");
+    /// `clearance_mm` is by how much the hole's outline is wider than the peg's on every side. Without a
+    /// gel length only where there is contact is worked out, one there and nought elsewhere.
+    pub fn solve(
+        shape: &Shape,
+        side: Side,
+        half_mm: f64,
+        gel_length_mm: Option<f64>,
+        clearance_mm: f64,
+    ) -> Result<Self> {
+        let gel_fits = gel_length_mm.is_none_or(|l| l > 0.0 && l.is_finite());
+        if !(half_mm > 0.0 && half_mm <= 500.0 && gel_fits) {
+            let got = format!("{half_mm} mm and {gel_length_mm:?} mm");
             return Err(Error::invalid("surface", "up to 500 mm and a positive gel length", got));
         }
         // A cell whose centre lies just outside the contact takes the fall beside a straight edge, so that
@@ -41,13 +49,16 @@ impl Surface {
         let mut obstacle = Raster::distance(shape, half_mm, CELL_MM, clearance_mm + 2.0 * CELL_MM);
         let contact = |beside_mm: f32| match beside_mm {
             ..=0.0 => 1.0,
-            beside if beside < CELL_MM as f32 => (-beside / gel_length_mm as f32).exp(),
+            beside if beside < CELL_MM as f32 => gel_length_mm.map_or(0.0, |l| (-beside / l as f32).exp()),
             _ => 0.0,
         };
         let (outside, clearance_mm) = (if side == Side::Peg { 0.0 } else { 1.0 }, clearance_mm as f32);
         for value in &mut obstacle.values {
             *value = contact(if side == Side::Peg { *value } else { clearance_mm - *value });
         }
+        let Some(gel_length_mm) = gel_length_mm else {
+            return Ok(Self { field: obstacle, outside });
+        };
         let mut field = membrane(&obstacle, gel_length_mm, outside);
         blur(&mut field, outside);
         Ok(Self { field, outside })
@@ -169,7 +180,7 @@ mod tests {
 
     #[test]
     fn beside_a_straight_edge_the_gel_decays_exponentially() {
-        let surface = Surface::solve(&box_of([-30.0, 0.0], [-30.0, 30.0]), Side::Peg, 20.0, L, 0.0).unwrap();
+        let surface = Surface::solve(&box_of([-30.0, 0.0], [-30.0, 30.0]), Side::Peg, 20.0, Some(L), 0.0).unwrap();
         for s in [0.5_f64, 1.0, 2.0, 3.0] {
             let expected = (-s / L).exp();
             let got = f64::from(surface.sample([s, 0.0]));
@@ -182,7 +193,7 @@ mod tests {
     fn a_slit_keeps_its_centre_up_by_the_cosh_law() {
         for half_width in [0.5_f64, 1.0, 2.0] {
             let slit = box_of([-half_width, half_width], [-40.0, 40.0]);
-            let surface = Surface::solve(&slit, Side::Hole, 20.0, L, 0.0).unwrap();
+            let surface = Surface::solve(&slit, Side::Hole, 20.0, Some(L), 0.0).unwrap();
             let expected = 1.0 / (half_width / L).cosh();
             let got = f64::from(surface.sample([0.0, 0.0]));
             assert!((got - expected).abs() < 0.02, "half width {half_width}: {got}, not {expected}");
@@ -196,8 +207,8 @@ mod tests {
 
     #[test]
     fn nothing_leaves_the_gel_flat_and_a_plate_presses_it_everywhere() {
-        let peg = Surface::solve(&Shape::default(), Side::Peg, 10.0, L, 0.1).unwrap();
-        let plate = Surface::solve(&Shape::default(), Side::Hole, 10.0, L, 0.1).unwrap();
+        let peg = Surface::solve(&Shape::default(), Side::Peg, 10.0, Some(L), 0.1).unwrap();
+        let plate = Surface::solve(&Shape::default(), Side::Hole, 10.0, Some(L), 0.1).unwrap();
         assert!(peg.field.values.iter().all(|d| *d == 0.0));
         assert!(plate.field.values.iter().all(|d| (*d - 1.0).abs() < 1e-6));
     }
@@ -207,16 +218,16 @@ mod tests {
         let pin = box_of([-0.05, 0.05], [-0.05, 0.05]);
         for gel_length in [0.1, 10.0] {
             for side in [Side::Peg, Side::Hole] {
-                let surface = Surface::solve(&pin, side, 8.0, gel_length, 0.15).unwrap();
+                let surface = Surface::solve(&pin, side, 8.0, Some(gel_length), 0.15).unwrap();
                 assert!(surface.field.values.iter().all(|d| (-1e-6..=1.0 + 1e-5).contains(d)));
             }
         }
-        assert!(Surface::solve(&pin, Side::Peg, 8.0, f64::NAN, 0.1).is_err());
+        assert!(Surface::solve(&pin, Side::Peg, 8.0, Some(f64::NAN), 0.1).is_err());
     }
 
     #[test]
     fn a_view_turns_with_the_sensor() {
-        let surface = Surface::solve(&box_of([0.0, 5.0], [-1.0, 1.0]), Side::Peg, 15.0, L, 0.0).unwrap();
+        let surface = Surface::solve(&box_of([0.0, 5.0], [-1.0, 1.0]), Side::Peg, 15.0, Some(L), 0.0).unwrap();
         // The bar points right; a sensor turned by 90 degrees sees it point up.
         let view = surface.view(&Se2::from_degrees(0.0, 0.0, 90.0), [40, 40], [0.25, 0.25]);
         let at = |column: usize, row: usize| view[(row + 1) * 42 + column + 1];

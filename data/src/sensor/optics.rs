@@ -18,11 +18,8 @@ const AT_REST: [Quadratic; 3] = [
 
 /// How far each lamp reaches, as a share of its strength at the centre: quadratics through a real
 /// calibration table's values at the centre and the four sides.
-const FALL_OFF: [Quadratic; 3] = [
-    [1.0, 0.0, 0.12, -0.33, 0.0, -0.45],
-    [1.0, 0.0, 0.0, -0.30, 0.0, -0.30],
-    [1.0, 0.0, -0.28, -0.30, 0.0, -0.40],
-];
+const FALL_OFF: [Quadratic; 3] =
+    [[1.0, 0.0, 0.12, -0.33, 0.0, -0.45], [1.0, 0.0, 0.0, -0.30, 0.0, -0.30], [1.0, 0.0, -0.28, -0.30, 0.0, -0.40]];
 
 /// The lamps of one sensor, worked out for each pixel.
 #[derive(Clone, Debug)]
@@ -96,14 +93,14 @@ mod tests {
         let optics = Optics::new(&spec);
         let (gx, gy) = (0.4_f64, -0.7_f64);
         let mm_per_px = [0.1, 0.2];
-        let depths: Vec<f32> = (0..11 * 11)
-            .map(|i| (gx * 0.1 * f64::from(i % 11) + gy * 0.2 * f64::from(i / 11)) as f32)
-            .collect();
+        let depths: Vec<f32> =
+            (0..11 * 11).map(|i| (gx * 0.1 * f64::from(i % 11) + gy * 0.2 * f64::from(i / 11)) as f32).collect();
         let rgb = optics.shade(&depths, mm_per_px);
         let centre = 4 * 9 + 4;
         let (theta, phi) = (gx.hypot(gy).atan(), gy.atan2(gx));
         for channel in 0..3 {
-            let law = spec.lamp_counts[channel] * (2.0 * theta).sin() * (phi - spec.lamp_deg[channel].to_radians()).cos();
+            let law =
+                spec.lamp_counts[channel] * (2.0 * theta).sin() * (phi - spec.lamp_deg[channel].to_radians()).cos();
             let got = f64::from(rgb[3 * centre + channel] - optics.at_rest[3 * centre + channel]);
             // f32 differences of depths of order 1 over 0.2 mm.
             assert!((got - law).abs() < 2e-3, "channel {channel}: {got}, not {law}");

@@ -91,7 +91,9 @@ mod tests {
     #[test]
     fn letters_stand_upright_and_keep_their_counters() {
         let raster = Raster::coverage(&glyph('L', 12.0, 16.0).unwrap(), 8.0, 0.1);
-        let half = |rows: std::ops::Range<usize>| raster.values[rows.start * raster.n..rows.end * raster.n].iter().sum::<f32>();
+        let half = |rows: std::ops::Range<usize>| {
+            raster.values[rows.start * raster.n..rows.end * raster.n].iter().sum::<f32>()
+        };
         assert!(half(80..160) > 1.3 * half(0..80), "the foot of an L is at the bottom");
         let ring = Raster::coverage(&glyph('O', 12.0, 16.0).unwrap(), 8.0, 0.1);
         assert_eq!(ring.values[80 * ring.n + 80], 0.0);

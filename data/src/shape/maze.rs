@@ -66,7 +66,8 @@ fn draw(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
 fn tree(n: usize, rng: &mut ChaCha8Rng) -> Vec<(usize, usize)> {
     let neighbours = |i: usize| {
         let (x, y) = (i % n, i / n);
-        let candidates = [(x > 0, i.wrapping_sub(1)), (x + 1 < n, i + 1), (y > 0, i.wrapping_sub(n)), (y + 1 < n, i + n)];
+        let candidates =
+            [(x > 0, i.wrapping_sub(1)), (x + 1 < n, i + 1), (y > 0, i.wrapping_sub(n)), (y + 1 < n, i + n)];
         candidates.into_iter().filter(|(inside, _)| *inside).map(|(_, j)| j)
     };
     let mut seen = vec![false; n * n];

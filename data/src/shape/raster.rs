@@ -168,7 +168,9 @@ mod tests {
     #[test]
     fn distance_to_overlapping_squares_is_that_to_their_union() {
         let mut shape = square(1.03);
-        shape.regions.push(square(1.03).regions[0].iter().map(|c| c.iter().map(|p| [p[0] + 1.5, p[1]]).collect()).collect());
+        shape
+            .regions
+            .push(square(1.03).regions[0].iter().map(|c| c.iter().map(|p| [p[0] + 1.5, p[1]]).collect()).collect());
         let raster = Raster::distance(&shape, 4.0, 0.1, 0.8);
         for (i, got) in raster.values.iter().enumerate() {
             let [x, y] = [i % 80, i / 80].map(|k| (k as f64 - 39.5) * 0.1);

@@ -13,9 +13,7 @@ use tactile_filter::belief::EngineConfig;
 use tactile_filter::episode::{EpisodeConfig, Eye};
 use tactile_filter::offline::evaluate::{Protocol, Scored, run};
 use tactile_filter::offline::report::{Board, EpisodeStory, PaperNumbers, write_report};
-use tactile_filter::offline::result::{
-    Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA,
-};
+use tactile_filter::offline::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA};
 use tactile_filter::offline::{baselines, story, summary};
 use tactile_filter::{Error, Result};
 use tactile_infer::bank::Bank;
@@ -170,8 +168,16 @@ impl Evaluate {
         let pegs = self.pegs.as_ref().map_or(String::new(), |path| format!(" --pegs {}", path.display()));
         format!(
             "tactile-filter evaluate --model {} --bank {} --scene {} --out {}{pegs} --episodes {} --seeds {} --touches {} --poses {} --engines {} --actions {}",
-            self.model.display(), self.bank.display(), self.scene, self.out.display(), self.episodes,
-            seeds.join(","), self.touches, self.poses, list(&self.engines), list(&self.actions)
+            self.model.display(),
+            self.bank.display(),
+            self.scene,
+            self.out.display(),
+            self.episodes,
+            seeds.join(","),
+            self.touches,
+            self.poses,
+            list(&self.engines),
+            list(&self.actions)
         )
     }
 
@@ -204,12 +210,20 @@ fn to_json(evaluation: &Evaluation) -> Result<String> {
 
 fn print_table(evaluation: &Evaluation, flipped: Option<&Row>, out: &Path) {
     println!("{}: {} episodes, {} parts", evaluation.scene, evaluation.n_episodes, evaluation.n_classes);
-    println!("  {:28} {:>2} {:>8} {:>15} {:>8} {:>7} {:>7}", "method", "n", "right %", "95 % interval", "cell %", "xy mm", "deg");
+    println!(
+        "  {:28} {:>2} {:>8} {:>15} {:>8} {:>7} {:>7}",
+        "method", "n", "right %", "95 % interval", "cell %", "xy mm", "deg"
+    );
     let print = |name: &str, row: &Row| {
         println!(
             "  {name:28} {:2} {:8.1} {:7.1}-{:<7.1} {:8.1} {:7.2} {:7.2}",
-            row.n_touches, 100.0 * row.accuracy, 100.0 * row.accuracy_ci95[0], 100.0 * row.accuracy_ci95[1],
-            100.0 * row.exact_cell, row.xy_mm_mean, row.theta_deg_mean
+            row.n_touches,
+            100.0 * row.accuracy,
+            100.0 * row.accuracy_ci95[0],
+            100.0 * row.accuracy_ci95[1],
+            100.0 * row.exact_cell,
+            row.xy_mm_mean,
+            row.theta_deg_mean
         );
     };
     for row in evaluation.rows.iter().filter(|row| [1, 2, 3, 5, 10].contains(&row.n_touches)) {
@@ -221,7 +235,8 @@ fn print_table(evaluation: &Evaluation, flipped: Option<&Row>, out: &Path) {
     let (stop, ms) = (&evaluation.stopping, &evaluation.latency_ms);
     println!(
         "  stops after {:.2} touches on average; {:.1} % of confident stops are wrong",
-        stop.mean_touches, 100.0 * stop.confident_and_wrong
+        stop.mean_touches,
+        100.0 * stop.confident_and_wrong
     );
     println!(
         "  ms p50/p99: encode {:.1}/{:.1}, update {:.2}/{:.2}, choose {:.1}/{:.1}",

@@ -87,7 +87,11 @@ impl Replay {
         if (0..2).any(|axis| (view[axis] / trained[axis] - 1.0).abs() > SCALE_TOLERANCE) {
             eprintln!(
                 "warning: {} shows {:.1} x {:.1} mm, the model was trained on {:.1} x {:.1} mm",
-                self.data.display(), view[0], view[1], trained[0], trained[1]
+                self.data.display(),
+                view[0],
+                view[1],
+                trained[0],
+                trained[1]
             );
         }
     }
@@ -102,7 +106,9 @@ impl Replay {
         let truth = replayed.truth.as_ref().map_or(String::new(), |part| format!(", truth {part}"));
         println!(
             "episode {number}: {} touches, {} with {:.1} %, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{truth}",
-            replayed.frames.len(), replayed.part, 100.0 * replayed.probability
+            replayed.frames.len(),
+            replayed.part,
+            100.0 * replayed.probability
         );
         for warning in &replayed.warnings {
             println!("  warning: {warning}");

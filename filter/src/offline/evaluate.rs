@@ -59,7 +59,15 @@ impl<'a> Hole<'a> {
                 Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
             }
         };
-        Self { simulator, part, symmetric: simulator.is_half_turn_symmetric(part), first, part_from_sensor: first, seed, stream }
+        Self {
+            simulator,
+            part,
+            symmetric: simulator.is_half_turn_symmetric(part),
+            first,
+            part_from_sensor: first,
+            seed,
+            stream,
+        }
     }
 
     /// Name of the part whose hole this is.

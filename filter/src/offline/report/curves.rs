@@ -5,11 +5,11 @@ use std::fmt::Write;
 use super::escape;
 
 const WIDTH: f64 = 360.0;
-const HEIGHT: f64 = 250.0;
+const HEIGHT: f64 = 280.0;
 const LEFT: f64 = 40.0;
 const RIGHT: f64 = 348.0;
 const TOP: f64 = 14.0;
-const BOTTOM: f64 = 208.0;
+const BOTTOM: f64 = 236.0;
 
 /// A curve over the number of touches.
 pub struct Line {
@@ -55,7 +55,8 @@ pub fn chart(title: &str, lines: &[Line], top: Option<f64>) -> String {
     let step = tick_step(top.unwrap_or(highest));
     let top = top.unwrap_or((highest / step).ceil().max(1.0) * step);
     let n_last = lines.iter().flat_map(|line| &line.points).map(|point| point.n_touches).max().unwrap_or(1);
-    let x = |n_touches: usize| LEFT + 12.0 + (RIGHT - LEFT - 24.0) * (n_touches as f64 - 1.0) / (n_last.max(2) - 1) as f64;
+    let x =
+        |n_touches: usize| LEFT + 12.0 + (RIGHT - LEFT - 24.0) * (n_touches as f64 - 1.0) / (n_last.max(2) - 1) as f64;
     let y = |value: f64| BOTTOM - (BOTTOM - TOP) * value.clamp(0.0, top) / top;
 
     let mut svg = format!(
@@ -77,7 +78,7 @@ pub fn chart(title: &str, lines: &[Line], top: Option<f64>) -> String {
     let middle = (LEFT + RIGHT) / 2.0;
     add(&mut svg, format_args!(r#"<text class="middle axis" x="{middle}" y="{}">touches</text>"#, HEIGHT - 6.0));
     for line in lines {
-        draw(&mut svg, line, &x, &y);
+        draw(&mut svg, line, x, y);
     }
     svg + "</svg>"
 }

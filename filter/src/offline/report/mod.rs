@@ -4,6 +4,7 @@ mod curves;
 mod page;
 mod paper;
 mod picture;
+mod series;
 mod story;
 mod style;
 
@@ -97,7 +98,10 @@ fn check(episode: &EpisodeStory, board: &Board) -> io::Result<()> {
     }
     for (touch, n) in episode.touches.iter().zip(1..) {
         if touch.belief.len() != n_values {
-            return Err(wrong(format!("touch {n}: expected a belief of {n_values} places, got {}", touch.belief.len())));
+            return Err(wrong(format!(
+                "touch {n}: expected a belief of {n_values} places, got {}",
+                touch.belief.len()
+            )));
         }
     }
     Ok(())
@@ -126,7 +130,7 @@ mod tests {
     }
 
     fn episode() -> EpisodeStory {
-        let frame = Frame::new(16, 12, vec![90; 3 * 16 * 12]).unwrap();
+        let frame = Frame::new(16, 12, (0..3 * 16 * 12).map(|i| 60 + (i / 6) as u8).collect()).unwrap();
         let background = Background::new(&frame, &Preprocessing::counts([8, 6])).unwrap();
         let touch = TouchStory {
             part_from_sensor: Se2::from_degrees(4.0, 0.0, 30.0),

@@ -2,10 +2,11 @@
 
 use std::io;
 
-use super::super::result::{Choice, Evaluation, Inference, Method, Poses, Quantiles, Row};
+use super::super::result::{Evaluation, Method, Poses, Quantiles, Row};
 use super::curves::{Line, Marker, Point, chart, legend_mark};
+use super::series::{Series, best_filter, series};
 use super::style::CSS;
-use super::{Board, EpisodeStory, PaperNumbers, escape, number, story};
+use super::{Board, EpisodeStory, PaperNumbers, PaperRow, escape, number, story};
 
 /// The columns of the first table: the numbers of touches that the paper reports.
 const TOUCHES: [usize; 4] = [1, 3, 5, 10];
@@ -37,92 +38,17 @@ pub fn html(
     ))
 }
 
-/// One way of inferring over its numbers of touches.
-struct Series<'a> {
-    method: Method,
-    inference: Inference,
-    action: Choice,
-    rows: Vec<&'a Row>,
-}
-
-impl Series<'_> {
-    fn label(&self) -> String {
-        let inference = match self.inference {
-            Inference::Exact => "exact",
-            Inference::Particle => "particles",
-            Inference::None => "one touch",
-        };
-        let action = match self.action {
-            Choice::Paper => ", the paper’s action rule",
-            Choice::Information => ", most informative action",
-            Choice::Random => ", random action",
-            Choice::None => "",
-        };
-        let method = match self.method {
-            Method::Pixel => "Nearest picture (Pixel)",
-            Method::Moco => "Nearest embedding (MoCo)",
-            Method::Filter => "Filter",
-        };
-        format!("{method}, {inference}{action}")
-    }
-
-    fn class_and_marker(&self) -> (String, Marker) {
-        let (class, marker) = match (self.method, self.action) {
-            (Method::Pixel, _) => ("pixel", Marker::Cross),
-            (Method::Moco, _) => ("moco", Marker::Square),
-            (Method::Filter, Choice::Paper) => ("paper-rule", Marker::Square),
-            (Method::Filter, Choice::Information | Choice::None) => ("information", Marker::Circle),
-            (Method::Filter, Choice::Random) => ("random", Marker::Triangle),
-        };
-        let particle = if self.inference == Inference::Particle { " particle" } else { "" };
-        (format!("{class}{particle}"), marker)
-    }
-
-    fn at(&self, n_touches: usize) -> Option<&Row> {
-        self.rows.iter().copied().find(|row| row.n_touches == n_touches)
-    }
-
-    fn line(&self, value: impl Fn(&Row) -> (f64, Option<[f64; 2]>)) -> Line {
-        let (class, marker) = self.class_and_marker();
-        let point = |row: &&Row| {
-            let (value, interval) = value(row);
-            Point { n_touches: row.n_touches, value, interval }
-        };
-        Line { label: self.label(), class, marker, points: self.rows.iter().map(point).collect() }
-    }
-}
-
-/// Every way of inferring with poses of one kind: filters first, then the baselines.
-fn series(evaluation: &Evaluation, poses: Poses) -> Vec<Series<'_>> {
-    let mut rows: Vec<&Row> = evaluation.rows.iter().filter(|row| row.poses == poses).collect();
-    let way = |row: &Row| (row.method, row.inference, row.action);
-    rows.sort_by_key(|row| (std::cmp::Reverse(row.method), row.inference, row.action, row.n_touches));
-    let same = rows.chunk_by(|a, b| way(a) == way(b));
-    same.map(|rows| {
-        let (method, inference, action) = way(rows[0]);
-        Series { method, inference, action, rows: rows.to_vec() }
-    })
-    .collect()
-}
-
-/// The filter of the highest accuracy after its last touch; the first of equals.
-fn best_filter(evaluation: &Evaluation, poses: Poses) -> Option<Series<'_>> {
-    let last = |series: &Series| series.rows.last().map_or(0.0, |row| row.accuracy);
-    let filters = series(evaluation, poses).into_iter().filter(|series| series.method == Method::Filter);
-    filters.reduce(|best, other| if last(&other) > last(&best) { other } else { best })
-}
-
 fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     let best = best_filter(evaluation, Poses::OnGrid).or_else(|| best_filter(evaluation, Poses::OffGrid));
     let row = best.as_ref().and_then(|series| series.at(5).or(series.rows.last().copied()));
     let accuracy = row.map(|row| {
         let paper = paper.at(row.n_touches);
-        let paper = paper.map(|paper| format!("; the paper: {} %", number(paper.accuracy_percent, 1)));
+        let paper = paper.map(|paper| format!("; the paper: {}&nbsp;%", number(paper.accuracy_percent, 1)));
         let what = format!("right part after {}{}", touches(row.n_touches), paper.unwrap_or_default());
         tile(&percent(row.accuracy), &what)
     });
     let place = row.map(|row| {
-        let errors = format!("{} mm, {}°", number(row.xy_mm_mean, 2), number(row.theta_deg_mean, 1));
+        let errors = format!("{} mm · {}°", number(row.xy_mm_mean, 2), number(row.theta_deg_mean, 1));
         tile(&errors, &format!("mean error after {}, where the part is right", touches(row.n_touches)))
     });
     let latency = &evaluation.latency_ms;
@@ -136,8 +62,8 @@ fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     ];
     format!(
         r#"<h1>Which peg fits this hole? {}</h1>
-<p>A simulated tactile sensor touches a hole. Its maker is one of {} parts whose pegs were touched before. Touch by touch the
-filter works out which part it is and where on it the sensor stands. {} simulated episodes, {}.</p>
+<p>A simulated tactile sensor touches the hole of one of {} parts, whose pegs it has touched before. Touch by touch the
+filter works out which part it is, and where on it the sensor stands. {} simulated episodes, {}.</p>
 <div class="tiles">{}</div>
 "#,
         escape(&evaluation.scene),
@@ -155,7 +81,7 @@ fn tile(figure: &str, what: &str) -> String {
 /// The filter and the baselines beside the paper at the paper's numbers of touches.
 fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     let on_grid = series(evaluation, Poses::OnGrid);
-    let ours = [(Poses::OnGrid, ""), (Poses::OffGrid, ", off the grid")]
+    let ours = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, "off grid")]
         .map(|(poses, suffix)| best_filter(evaluation, poses).map(|series| (series, suffix)));
     let accuracy_cell = |row: &Row| {
         let [low, high] = row.accuracy_ci95.map(|bound| number(100.0 * bound, 1));
@@ -163,7 +89,7 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     };
     let filters = |cell: &dyn Fn(&Row) -> String| -> String {
         let filter = |(series, suffix): &(Series, &str)| {
-            table_row("ours", &format!("{}{suffix}", series.label()), |n| series.at(n).map(cell))
+            table_row("ours", &format!("This filter, {suffix}"), |n| series.at(n).map(cell))
         };
         ours.iter().flatten().map(filter).collect()
     };
@@ -180,7 +106,7 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     let body = [
         group("Right part, % (95 % interval)"),
         filters(&accuracy_cell),
-        papers("The paper; one touch is its MoCo", &|n| paper.at(n).map(|row| row.accuracy_percent)),
+        papers("The paper (one touch: its MoCo)", &|n| paper.at(n).map(|row| row.accuracy_percent)),
         baselines,
         papers("The paper’s Pixel", &|n| paper.pixel_percent.filter(|_| n == 1)),
         group("Error of the place, mm"),
@@ -190,6 +116,12 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
         filters(&|row| number(row.theta_deg_mean, 1)),
         papers("The paper", &|n| paper.at(n).map(|row| row.theta_deg)),
     ];
+    let best: Vec<_> = ours.iter().flatten().map(|(series, suffix)| format!("{suffix}, {}", series.way())).collect();
+    let best = if best.is_empty() {
+        String::new()
+    } else {
+        format!("This filter is the best of those below: {}. ", best.join("; "))
+    };
     let heads: String = TOUCHES.iter().map(|n| format!("<th>{n}</th>")).collect();
     let caution = if paper.rows.is_empty() {
         "The paper has no numbers for this scene."
@@ -198,7 +130,7 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     };
     format!(
         r#"<figure><div class="scroll"><table><thead><tr><th>Touches</th>{heads}</tr></thead><tbody>{}</tbody></table></div>
-<figcaption>Bold: the best filter of this evaluation. Read along a row how touches add up. {caution}</figcaption></figure>
+<figcaption>Read along a row how touches add up. {best}{caution}</figcaption></figure>
 "#,
         body.concat()
     )
@@ -215,37 +147,35 @@ fn table_row(class: &str, label: &str, cell: impl Fn(usize) -> Option<String>) -
 
 fn curves(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     let kinds = [
-        (Poses::OnGrid, "Poses on the recorded grid, as in the paper"),
-        (Poses::OffGrid, "Poses anywhere, at any angle"),
+        (Poses::OnGrid, "Poses on the recorded grid, as in the paper", paper.rows.as_slice()),
+        (Poses::OffGrid, "Poses anywhere in the recorded range, at any angle", &[]),
     ];
     let figures: String = kinds
         .into_iter()
-        .map(|(poses, title)| (series(evaluation, poses), title))
-        .filter(|(series, _)| !series.is_empty())
-        .map(|(series, title)| figure(&series, title, paper))
+        .map(|(poses, title, paper)| (series(evaluation, poses), title, paper))
+        .filter(|(series, ..)| !series.is_empty())
+        .map(|(series, title, paper)| figure(&series, title, paper))
         .collect();
     format!("<h2>Accuracy and error against touches</h2>{figures}\n")
 }
 
-fn figure(series: &[Series], title: &str, paper: &PaperNumbers) -> String {
-    let papers = |value: fn(&super::PaperRow) -> f64| Line {
-        label: "The paper".into(),
-        class: "reference".into(),
-        marker: Marker::Diamond,
-        points: paper
-            .rows
-            .iter()
-            .map(|row| Point { n_touches: row.n_touches, value: value(row), interval: None })
-            .collect(),
+fn figure(series: &[Series], title: &str, paper: &[PaperRow]) -> String {
+    let papers = |value: fn(&PaperRow) -> f64| {
+        let point = |row: &PaperRow| Point { n_touches: row.n_touches, value: value(row), interval: None };
+        let points = paper.iter().map(point).collect();
+        Line { label: "The paper".into(), class: "reference".into(), marker: Marker::Diamond, points }
     };
-    let with_paper = |value: &dyn Fn(&Row) -> (f64, Option<[f64; 2]>), paper: Line| -> Vec<Line> {
-        series.iter().map(|series| series.line(value)).chain([paper]).collect()
+    let right = |row: &Row| (100.0 * row.accuracy, Some(row.accuracy_ci95.map(|bound| 100.0 * bound)));
+    let accuracy = series.iter().map(|series| series.line(right)).chain([papers(|row| row.accuracy_percent)]).collect();
+    // Pixel names few parts right, and its errors would press all others flat.
+    let errors = |value: fn(&Row) -> f64, paper: fn(&PaperRow) -> f64| -> Vec<Line> {
+        let shown = series.iter().filter(|series| series.method != Method::Pixel);
+        shown.map(|series| series.line(|row| (value(row), None))).chain([papers(paper)]).collect()
     };
-    let accuracy = |row: &Row| (100.0 * row.accuracy, Some(row.accuracy_ci95.map(|bound| 100.0 * bound)));
-    let charts = [
-        ("Right part, %", with_paper(&accuracy, papers(|row| row.accuracy_percent)), Some(100.0)),
-        ("Error of the place, mm", with_paper(&|row| (row.xy_mm_mean, None), papers(|row| row.xy_mm)), None),
-        ("Error of the angle, degrees", with_paper(&|row| (row.theta_deg_mean, None), papers(|row| row.theta_deg)), None),
+    let charts: [(_, Vec<Line>, _); 3] = [
+        ("Right part, %", accuracy, Some(100.0)),
+        ("Error of the place, mm", errors(|row| row.xy_mm_mean, |row| row.xy_mm), None),
+        ("Error of the angle, degrees", errors(|row| row.theta_deg_mean, |row| row.theta_deg), None),
     ];
     let charts: String = charts
         .iter()
@@ -258,13 +188,13 @@ fn figure(series: &[Series], title: &str, paper: &PaperNumbers) -> String {
             format!("<li>{}{}</li>", legend_mark(&class, marker, series.rows.len() > 1), series.label())
         })
         .collect();
-    if !paper.rows.is_empty() {
+    if !paper.is_empty() {
         legend.push(format!("<li>{}The paper, real boards</li>", legend_mark("reference", Marker::Diamond, false)));
     }
     format!(
         r#"<figure><h4>{title}</h4><ul class="legend">{}</ul><div class="charts">{charts}</div>
-<figcaption>Left: higher is better; bands and bars are 95 % intervals. Middle and right: lower is better; errors are those of the
-episodes that name the right part. The stopping rule is off, so that every episode counts at every number of touches.</figcaption></figure>"#,
+<figcaption>Right parts: higher is better; bands and bars are 95 % intervals. Errors: lower is better; they are those of the
+episodes that name the right part, and Pixel is left out there. Pixel and MoCo: the part of the most similar recorded picture or embedding. The stopping rule is off, so that every episode counts at every number of touches.</figcaption></figure>"#,
         legend.concat()
     )
 }
@@ -303,7 +233,7 @@ fn stories(board: &Board, episodes: &[EpisodeStory]) -> io::Result<String> {
         r#"<h2>Episodes, touch by touch</h2>
 {}<p class="note">A row is a touch. <b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
 filled, with its upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey
-is no change. <b>Where the sensor may be:</b> a map for each part; the darker the blue, the more probable the place, on one scale
+is no change. <b>Where the sensor may be:</b> a map for each part; the stronger the blue, the more probable the place, on one scale
 for the row. The bar and the number are the part’s whole probability. The red ring is the truth: watch the blue gather in it.</p>
 {sections}"#,
         story::outlines(board)
@@ -356,7 +286,7 @@ fn all_rows(evaluation: &Evaluation) -> String {
 }
 
 fn percent(share: f64) -> String {
-    format!("{} %", number(100.0 * share, 1))
+    format!("{}&nbsp;%", number(100.0 * share, 1))
 }
 
 fn touches(n_touches: usize) -> String {
@@ -364,7 +294,7 @@ fn touches(n_touches: usize) -> String {
 }
 
 fn milliseconds(value: f64) -> String {
-    format!("{} ms", number(value, if value < 10.0 { 1 } else { 0 }))
+    format!("{}&nbsp;ms", number(value, if value < 10.0 { 1 } else { 0 }))
 }
 
 fn seeds(evaluation: &Evaluation) -> String {

@@ -11,7 +11,7 @@ use tactile_data::frame::{Frame, TactileImage};
 
 /// Widest picture in the page, pixels: twice what the page shows, for fine screens.
 const WIDEST_PX: u32 = 240;
-/// JPEG quality of camera frames; their noise makes a PNG five times as large.
+/// JPEG quality of camera frames; their noise makes a PNG six times as large.
 const QUALITY: u8 = 85;
 
 /// A camera frame, shrunk where it is large.

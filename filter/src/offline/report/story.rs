@@ -147,7 +147,7 @@ fn maps(touch: &TouchStory, truth: usize, shown: &[usize], board: &Board) -> io:
         let picture = picture::belief(places(touch, part, board), grid.n_xy(), most)?;
         let percent = 100.0 * share(touch, part, board);
         Ok(format!(
-            r#"<div class="map{class}"><svg viewBox="{lowest} {lowest} {side_mm} {side_mm}" aria-hidden="true">{}<image x="{lowest}" y="{lowest}" width="{side_mm}" height="{side_mm}" href="{picture}"/>{ring}</svg><div class="name"><span>{}</span><span>{} %</span></div><div class="share"><i style="width:{percent:.1}%"></i></div></div>"#,
+            r#"<div class="map{class}"><svg viewBox="{lowest} {lowest} {side_mm} {side_mm}" aria-hidden="true"><image x="{lowest}" y="{lowest}" width="{side_mm}" height="{side_mm}" href="{picture}"/>{}{ring}</svg><div class="name"><span>{}</span><span>{} %</span></div><div class="share"><i style="width:{percent:.1}%"></i></div></div>"#,
             outline(part),
             escape(&board.parts[part].name),
             number(percent, 0),

@@ -20,9 +20,9 @@ p { max-width: 46rem; margin: 6px 0; }
 figure { margin: 0; }
 figcaption, .note { color: var(--soft); font-size: .88rem; max-width: 46rem; }
 figcaption { margin: 8px 0 14px; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(165px, 1fr)); gap: 12px; margin: 20px 0; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(190px, 1fr)); gap: 12px; margin: 20px 0; }
 .tile { background: var(--panel); border-radius: 8px; padding: 12px 14px; font-size: .88rem; line-height: 1.35; color: var(--soft); }
-.tile b { display: block; font-size: 1.7rem; line-height: 1.25; color: var(--ink); }
+.tile b { display: block; font-size: 1.4rem; line-height: 1.4; color: var(--ink); white-space: nowrap; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
 th, td { text-align: right; padding: 4px 12px; white-space: nowrap; vertical-align: top; }
@@ -34,13 +34,14 @@ td small { display: block; font-weight: 400; color: var(--soft); font-size: .78r
 .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 10px 0 0; padding: 0; list-style: none; font-size: .88rem; }
 .legend li { display: flex; align-items: center; gap: 7px; }
 .key { width: 30px; height: 14px; flex: none; }
-.charts { display: grid; grid-template-columns: repeat(auto-fit, minmax(290px, 1fr)); gap: 8px 18px; }
+.charts { display: grid; grid-template-columns: repeat(3, 1fr); gap: 8px 18px; }
 .charts p { font-weight: 600; font-size: .9rem; margin: 10px 0 0; }
-.charts svg { display: block; width: 100%; max-width: 460px; height: auto; }
-svg text { font: 12px system-ui, "DejaVu Sans", sans-serif; fill: var(--soft); }
+.charts svg { display: block; width: 100%; height: auto; }
+svg text { font: 13px system-ui, "DejaVu Sans", sans-serif; fill: var(--soft); }
 svg .end { text-anchor: end; } svg .middle { text-anchor: middle; }
 svg .grid { stroke: var(--faint); stroke-width: 1; fill: none; }
 svg .line { fill: none; stroke: currentColor; stroke-width: 2; stroke-linejoin: round; }
+.reference .line { display: none; }
 svg .band { fill: currentColor; opacity: .13; }
 svg .bar { stroke: currentColor; stroke-width: 1.5; fill: none; }
 svg .mark { fill: currentColor; stroke: currentColor; stroke-width: 1.5; }
@@ -65,9 +66,9 @@ svg .mark { fill: currentColor; stroke: currentColor; stroke-width: 1.5; }
 .trail { fill: none; stroke: var(--print); vector-effect: non-scaling-stroke; stroke-width: 1; stroke-dasharray: 2 2; opacity: .8; }
 .maps { display: grid; grid-template-columns: repeat(6, 1fr); gap: 6px 8px; }
 .map { font-size: .76rem; line-height: 1.3; font-variant-numeric: tabular-nums; }
-.map svg { display: block; width: 100%; height: auto; background: var(--panel); border-radius: 3px; }
+.map svg { display: block; overflow: visible; width: 100%; height: auto; background: var(--panel); border-radius: 3px; }
 .map image { image-rendering: pixelated; }
-.map .part { opacity: .2; }
+.map .part { fill: none; stroke: var(--ink); stroke-width: 1; vector-effect: non-scaling-stroke; opacity: .5; }
 .map .name { display: flex; justify-content: space-between; color: var(--soft); }
 .map.true .name { color: var(--print); font-weight: 700; }
 .ring { fill: none; stroke: var(--print); stroke-width: 2; vector-effect: non-scaling-stroke; }
@@ -81,8 +82,10 @@ summary { cursor: pointer; margin-top: 24px; }
 @media (max-width: 640px) {
   body { padding: 18px 14px 40px; font-size: 15px; }
   h1 { font-size: 1.45rem; }
-  .tiles { grid-template-columns: 1fr 1fr; }
-  th, td { padding: 4px 7px; }
+  .tiles { grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px; }
+  .tile b { font-size: 1.2rem; white-space: normal; } .tile:last-child { grid-column: 1 / -1; }
+  th, td { padding: 4px; } td small { font-size: .68rem; letter-spacing: -.02em; }
+  .charts { grid-template-columns: 1fr; }
   .heads { display: none; }
   .touch { grid-template-columns: 1fr 1fr 1fr; gap: 8px; align-items: center; }
   .count, .maps { grid-column: 1 / -1; }
@@ -95,7 +98,8 @@ summary { cursor: pointer; margin-top: 24px; }
     --print: #c7362b; --bar: #1f7fd6; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
   body { max-width: none; padding: 0; font-size: 10.5pt; }
-  .charts { grid-template-columns: repeat(3, 1fr); }
+  .tiles { grid-template-columns: repeat(5, minmax(0, 1fr)); gap: 8px; } .tile { padding: 8px; } .tile b { font-size: 1rem; }
+  svg text { font-size: 16px; }
   h2, h3, h4, .heads { break-after: avoid; } figure, table, .tiles { break-inside: avoid; }
   details { display: none; }
 }

@@ -1,0 +1,115 @@
+//! The rows of an evaluation, gathered into curves.
+
+use super::super::result::{Choice, Evaluation, Inference, Method, Poses, Row};
+use super::curves::{Line, Marker, Point};
+
+/// One way of inferring over its numbers of touches.
+pub struct Series<'a> {
+    /// How the part was named.
+    pub method: Method,
+    /// How the belief was kept.
+    pub inference: Inference,
+    /// How touches were chosen.
+    pub action: Choice,
+    /// By ascending number of touches.
+    pub rows: Vec<&'a Row>,
+}
+
+impl Series<'_> {
+    /// Its name in a legend.
+    pub fn label(&self) -> String {
+        match self.method {
+            Method::Pixel => "Pixel, one touch".into(),
+            Method::Moco => "MoCo, one touch".into(),
+            Method::Filter => format!("Filter, {}", self.way()),
+        }
+    }
+
+    /// How the filter infers and acts.
+    pub fn way(&self) -> String {
+        let inference = match self.inference {
+            Inference::Exact => "exact",
+            Inference::Particle => "particles",
+            Inference::None => "no inference",
+        };
+        let action = match self.action {
+            Choice::Paper => "the paper’s action rule",
+            Choice::Information => "most informative action",
+            Choice::Random => "random action",
+            Choice::None => "no action",
+        };
+        format!("{inference}, {action}")
+    }
+
+    /// Its class of the style and its mark.
+    pub fn class_and_marker(&self) -> (String, Marker) {
+        let (class, marker) = match (self.method, self.action) {
+            (Method::Pixel, _) => ("pixel", Marker::Cross),
+            (Method::Moco, _) => ("moco", Marker::Square),
+            (Method::Filter, Choice::Paper) => ("paper-rule", Marker::Square),
+            (Method::Filter, Choice::Information | Choice::None) => ("information", Marker::Circle),
+            (Method::Filter, Choice::Random) => ("random", Marker::Triangle),
+        };
+        let particle = if self.inference == Inference::Particle { " particle" } else { "" };
+        (format!("{class}{particle}"), marker)
+    }
+
+    /// Its row of one number of touches.
+    pub fn at(&self, n_touches: usize) -> Option<&Row> {
+        self.rows.iter().copied().find(|row| row.n_touches == n_touches)
+    }
+
+    /// Its curve of a value and, where known, its interval.
+    pub fn line(&self, value: impl Fn(&Row) -> (f64, Option<[f64; 2]>)) -> Line {
+        let (class, marker) = self.class_and_marker();
+        let point = |row: &&Row| {
+            let (value, interval) = value(row);
+            Point { n_touches: row.n_touches, value, interval }
+        };
+        Line { label: self.label(), class, marker, points: self.rows.iter().map(point).collect() }
+    }
+}
+
+/// Every way of inferring with poses of one kind: filters first, then the baselines.
+pub fn series(evaluation: &Evaluation, poses: Poses) -> Vec<Series<'_>> {
+    let mut rows: Vec<&Row> = evaluation.rows.iter().filter(|row| row.poses == poses).collect();
+    let way = |row: &Row| (row.method, row.inference, row.action);
+    rows.sort_by_key(|row| (std::cmp::Reverse(row.method), row.inference, row.action, row.n_touches));
+    let same = rows.chunk_by(|a, b| way(a) == way(b));
+    same.map(|rows| {
+        let (method, inference, action) = way(rows[0]);
+        Series { method, inference, action, rows: rows.to_vec() }
+    })
+    .collect()
+}
+
+/// The filter of the highest accuracy after its last touch; the first of equals.
+pub fn best_filter(evaluation: &Evaluation, poses: Poses) -> Option<Series<'_>> {
+    let last = |series: &Series| series.rows.last().map_or(0.0, |row| row.accuracy);
+    let filters = series(evaluation, poses).into_iter().filter(|series| series.method == Method::Filter);
+    filters.reduce(|best, other| if last(&other) > last(&best) { other } else { best })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::result;
+    use super::*;
+
+    #[test]
+    fn rows_are_gathered_by_way_and_the_best_at_the_end_leads() {
+        let mut evaluation: Evaluation = serde_json::from_value(result::tests::published()).unwrap();
+        let row = evaluation.rows[0].clone();
+        let other = |action, n_touches, accuracy| Row { action, n_touches, accuracy, ..row.clone() };
+        evaluation.rows = vec![
+            other(Choice::Random, 3, 0.6),
+            other(Choice::Information, 3, 0.8),
+            other(Choice::Random, 1, 0.5),
+            other(Choice::Information, 1, 0.4),
+            Row { poses: Poses::OffGrid, ..row.clone() },
+        ];
+        let found = series(&evaluation, Poses::OnGrid);
+        let touches = |series: &Series| series.rows.iter().map(|row| row.n_touches).collect::<Vec<_>>();
+        assert_eq!(found.iter().map(touches).collect::<Vec<_>>(), [[1, 3], [1, 3]]);
+        assert_eq!(best_filter(&evaluation, Poses::OnGrid).unwrap().action, Choice::Information);
+    }
+}
