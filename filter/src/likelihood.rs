@@ -35,7 +35,13 @@ impl Default for LikelihoodConfig {
     /// Bounded, blank-aware. Temperature and floor are the best of six pairs on the tuning letters M-X
     /// with the shipped model (ARCHITECTURE.md); agreement from 94-99 % measured at equal poses.
     fn default() -> Self {
-        Self { temperature: 0.1, outlier_floor: 0.01, blank_share: 0.01, blank_agreement: 0.96, lookup_tolerance: 0.25 }
+        Self {
+            temperature: 0.03,
+            outlier_floor: 3e-4,
+            blank_share: 0.01,
+            blank_agreement: 0.96,
+            lookup_tolerance: 0.25,
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use tactile_data::store::Dataset;
 use tactile_infer::bank::Bank;
-use tactile_infer::matching::{MatchReport, Method, match_single_touches};
+use tactile_infer::matching::{MatchReport, Method, Similarities, match_single_touches};
 use tactile_infer::{DeviceKind, Model, Result};
 
 /// The part-mating model at work: peg banks and single-touch matches.
@@ -106,9 +106,7 @@ struct MatchJson {
     pixel: MatchReport,
     pixel_flipped: MatchReport,
     moco: MatchReport,
-    /// Correlation of f_PP(peg at the hole's pose, peg j) with f_HP(hole, peg j): how well the keys
-    /// alone tell which pegs a hole will be confused with.
-    peg_similarity_correlation: f64,
+    similarities: Similarities,
 }
 
 fn matches(args: &MatchArgs) -> Result<()> {
@@ -121,10 +119,10 @@ fn matches(args: &MatchArgs) -> Result<()> {
     })?;
     bar.finish_and_clear();
     let run = |method| match_single_touches(&model, &bank, &pegs, &holes, method, args.limit);
-    let (moco, peg_similarity_correlation) = run(Method::Moco)?;
+    let (moco, similarities) = run(Method::Moco)?;
     let (pixel, _) = run(Method::Pixel)?;
     let (pixel_flipped, _) = run(Method::PixelFlipped)?;
-    let json = MatchJson { pixel, pixel_flipped, moco, peg_similarity_correlation };
+    let json = MatchJson { pixel, pixel_flipped, moco, similarities };
     if args.json {
         let text = serde_json::to_string_pretty(&json);
         println!("{}", text.map_err(|e| tactile_infer::Error::invalid("result", "JSON", e.to_string()))?);
@@ -140,7 +138,8 @@ fn matches(args: &MatchArgs) -> Result<()> {
             found.theta_deg_mean
         );
     }
-    println!("  correlation of f_PP with f_HP: {peg_similarity_correlation:.3}");
+    println!("  correlation of f_PP with f_HP: {:.3}", similarities.peg_similarity_correlation);
+    println!("  99 in 100 holes with an edge reach cosine {:.2} with some peg", similarities.best_cosine_p01);
     Ok(())
 }
 

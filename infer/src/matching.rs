@@ -38,9 +38,17 @@ pub struct MatchReport {
     pub theta_deg_mean: f64,
 }
 
-/// Matches up to `limit` hole touches, evenly spread. Beside the report: the correlation, over all rows
-/// `j` and all holes with a pose on the grid, of f_PP(peg at the hole's pose, `j`) with f_HP(hole, `j`)
-/// (nought for the Pixel methods).
+/// What the model's similarities are like, for choosing thresholds and models.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Similarities {
+    /// Correlation, over all rows `j` and all holes with a pose on the grid, of f_PP(peg at the hole's
+    /// pose, `j`) with f_HP(hole, `j`): how well the keys alone tell which pegs a hole is confused with.
+    pub peg_similarity_correlation: f64,
+    /// The best cosine that 99 in 100 holes with an edge in view reach.
+    pub best_cosine_p01: f64,
+}
+
+/// Matches up to `limit` hole touches, evenly spread. The similarities are noughts for the Pixel methods.
 pub fn match_single_touches(
     model: &Model,
     bank: &Bank,
@@ -48,7 +56,7 @@ pub fn match_single_touches(
     holes: &Dataset,
     method: Method,
     limit: usize,
-) -> Result<(MatchReport, f64)> {
+) -> Result<(MatchReport, Similarities)> {
     let known = |index: &usize| {
         let touch = holes.touch(*index);
         touch.side == Some(Side::Hole) && touch.part.is_some() && touch.part_from_sensor.is_some()
@@ -59,30 +67,46 @@ pub fn match_single_touches(
     }
     let n_holes = limit.min(candidates.len());
     let chosen: Vec<usize> = (0..n_holes).map(|i| candidates[i * candidates.len() / n_holes]).collect();
-    let (nearest, correlation) = match method {
+    let (nearest, similarities) = match method {
         Method::Moco => nearest_by_model(model, bank, holes, &chosen)?,
-        Method::Pixel => (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, 1.0)?, 0.0),
-        Method::PixelFlipped => (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, -1.0)?, 0.0),
+        Method::Pixel => (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, 1.0)?, Similarities::default()),
+        Method::PixelFlipped => {
+            (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, -1.0)?, Similarities::default())
+        }
     };
-    Ok((report(bank, holes, &chosen, &nearest), correlation))
+    Ok((report(bank, holes, &chosen, &nearest), similarities))
 }
 
-fn nearest_by_model(model: &Model, bank: &Bank, holes: &Dataset, chosen: &[usize]) -> Result<(Vec<usize>, f64)> {
+/// A view with fewer edge pixels shows no edge to judge a similarity by.
+const EDGED: f32 = 0.01;
+
+fn nearest_by_model(
+    model: &Model,
+    bank: &Bank,
+    holes: &Dataset,
+    chosen: &[usize],
+) -> Result<(Vec<usize>, Similarities)> {
     let images = images(&model.background(holes.no_contact())?, holes, chosen)?;
     let queries = model.embed_holes(&images)?;
-    let mut sums = Correlation::default();
-    let mut nearest = Vec::with_capacity(chosen.len());
+    let mut correlation = Correlation::default();
+    let (mut nearest, mut best_cosines) = (Vec::new(), Vec::new());
     let mut cosines = Vec::new();
-    for (query, frame) in queries.chunks_exact(bank.dim()).zip(chosen) {
+    for ((query, frame), image) in queries.chunks_exact(bank.dim()).zip(chosen).zip(&images) {
         part_mating(query, bank, &mut cosines);
-        nearest.push(best(cosines.iter().copied()));
+        let row = best(cosines.iter().copied());
+        nearest.push(row);
+        if image.edge_share >= EDGED {
+            best_cosines.push(f64::from(cosines[row]));
+        }
         if let Some(row) = true_row(bank, holes, *frame) {
             for (j, cosine) in cosines.iter().enumerate() {
-                sums.add(f64::from(dot(bank.row(row), bank.row(j))), f64::from(*cosine));
+                correlation.add(f64::from(dot(bank.row(row), bank.row(j))), f64::from(*cosine));
             }
         }
     }
-    Ok((nearest, sums.value()))
+    best_cosines.sort_by(f64::total_cmp);
+    let best_cosine_p01 = best_cosines.get(best_cosines.len() / 100).copied().unwrap_or(0.0);
+    Ok((nearest, Similarities { peg_similarity_correlation: correlation.value(), best_cosine_p01 }))
 }
 
 fn all_nearest_by_pixel(

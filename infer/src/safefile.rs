@@ -103,6 +103,8 @@ impl SafeFile {
                 }
             }
         }
+        // The library hands them out in the order of a hash map.
+        tensors.sort_by(|a, b| a.name.cmp(&b.name));
         blobs.sort();
         let mut text: Vec<(String, String)> = metadata.into_iter().collect();
         text.sort();

@@ -1,1 +1,8 @@
-//! x
+//! Programs run as a user runs them, and small samples for them to work on: what the tests of the
+//! crates together share.
+//!
+//! [`programs::run`] runs a program of this workspace; [`samples::Sample`] is a tiny chain of dataset,
+//! model and bank. This crate must not be used outside tests: it panics where something is wrong.
+
+pub mod programs;
+pub mod samples;

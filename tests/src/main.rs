@@ -1,1 +1,8 @@
-//! x
+//! The crates together: each module is a part of what a user does, each test a claim about it.
+
+mod bad_input;
+mod chain;
+mod filter;
+mod readme;
+mod real;
+mod train;

@@ -178,7 +178,7 @@ fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result
         |channel: usize, power: usize| sums.iter().map(|sum| sum[channel][power]).sum::<f64>() / sums.len() as f64;
     let mean = [0, 1, 2].map(|channel| mean_of(channel, 0));
     let std = [0, 1, 2].map(|channel| (mean_of(channel, 1) - mean[channel].powi(2)).sqrt());
-    if std.iter().any(|s| !(*s > 0.1)) {
+    if std.iter().any(|s| s.is_nan() || *s <= 0.1) {
         let got = format!("standard deviation {std:?} counts");
         return Err(Error::invalid(&dataset.meta().name, "frames that differ from the sensor at rest", got));
     }

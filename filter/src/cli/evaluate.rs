@@ -59,7 +59,7 @@ pub struct Evaluate {
     #[arg(long, value_delimiter = ',', default_value = "exact,paper", value_parser = ["exact", "particle", "paper"])]
     engines: Vec<String>,
     /// How the next touch is chosen; the first is the one that stopping and latency are told for.
-    #[arg(long, value_delimiter = ',', default_value = "paper,random", value_parser = ["paper", "information", "random"])]
+    #[arg(long, value_delimiter = ',', default_value = "information,paper,random", value_parser = ["paper", "information", "random"])]
     actions: Vec<String>,
     /// Episodes told touch by touch in the report.
     #[arg(long, default_value_t = 6)]

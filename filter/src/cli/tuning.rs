@@ -37,6 +37,9 @@ pub struct Tuning {
     /// Stop when a part is more probable than this (delta_prob).
     #[arg(long)]
     stop_probability: Option<f64>,
+    /// Warn where no touch reaches this cosine with any recorded view.
+    #[arg(long)]
+    low_similarity: Option<f32>,
     /// Particles of the particle engine.
     #[arg(long)]
     particles: Option<usize>,
@@ -62,6 +65,7 @@ impl Tuning {
         set(&mut config.action.min_separation_deg, self.min_separation_deg);
         set(&mut config.stop_probability, self.stop_probability);
         config.likelihood.blank_share = self.blank_share.unwrap_or(config.likelihood.blank_share);
+        config.low_similarity = self.low_similarity.unwrap_or(config.low_similarity);
         config.action.n_draws = self.draws.unwrap_or(config.action.n_draws);
         config.action.n_suppositions = self.suppositions.unwrap_or(config.action.n_suppositions);
         if let (EngineConfig::Particle(particles), Some(n)) = (&mut config.engine, self.particles) {

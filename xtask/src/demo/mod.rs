@@ -17,9 +17,8 @@ use step::{Notes, Step};
 /// Pairs of MAZE touches to train on: with more, training on two cores takes longer than a person waits.
 const PAIRS: &str = "12000";
 
-/// Episodes to evaluate: the protocol's 500, and as many as fit two minutes in all for a quick look.
+/// Episodes to evaluate: the protocol's.
 const EPISODES: &str = "500";
-const QUICK_EPISODES: &str = "150";
 
 /// The board of the paper's first table.
 const BOARD: &str = "alphabet-small";
@@ -27,7 +26,7 @@ const BOARD: &str = "alphabet-small";
 /// What `cargo xtask demo` takes.
 #[derive(Args)]
 pub struct DemoArgs {
-    /// Skip training: use the checkpoint that comes with the project, and fewer episodes.
+    /// Skip training: use the checkpoint that comes with the project.
     #[arg(long)]
     quick: bool,
     /// Folder for everything it makes [default: demo in the workspace].
@@ -77,7 +76,6 @@ fn steps(workspace: &Workspace, args: &DemoArgs) -> Result<Vec<Step>> {
     }
     let model = if args.quick { shipped } else { Path::new("model").join("model.safetensors") };
     let seed = args.seed.to_string();
-    let episodes = if args.quick { QUICK_EPISODES } else { EPISODES };
 
     let step = |name, program, words: &[&dyn AsRef<OsStr>]| Step {
         name,
@@ -133,13 +131,16 @@ fn steps(workspace: &Workspace, args: &DemoArgs) -> Result<Vec<Step>> {
                 &"pegs.bank",
                 &"--scene",
                 &BOARD,
+                &"--pegs",
+                &"pegs",
                 &"--episodes",
-                &episodes,
+                &EPISODES,
                 &"--out",
                 &"evaluation",
             ],
         )
         .needs(&model)
+        .needs(pegs)
         .needs("pegs.bank")
         .makes("evaluation", "evaluation/evaluation.json"),
     ];

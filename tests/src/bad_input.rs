@@ -1,0 +1,280 @@
+//! Bad input through the programs: one line that names what is wrong, an exit code, nothing lost.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use image::{Rgb, RgbImage};
+use tactile_tests::programs::{Ran, run};
+use tactile_tests::samples::{FRAME_PX, SCENE, Sample, text};
+
+/// Runs a program in the sample's folder with a command line of plain words.
+fn shell(sample: &Sample, line: &str) -> Ran {
+    let words: Vec<_> = line.split_whitespace().collect();
+    run(words[0], sample.folder(), &words[1..])
+}
+
+/// Asserts that a program failed with one line that holds each of the words.
+fn names(ran: &Ran, words: &[&str]) {
+    let line = ran.failed();
+    for word in words {
+        assert!(line.contains(word), "no {word:?} in {ran:#?}");
+    }
+}
+
+/// Every file below a folder with its content.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files.extend(contents(&path));
+        } else {
+            files.insert(path.clone(), fs::read(&path).unwrap());
+        }
+    }
+    files
+}
+
+/// Changes a file as a text; it must hold what is replaced.
+fn replace(file: &Path, from: &str, to: &str) {
+    let text = fs::read_to_string(file).unwrap();
+    assert!(text.contains(from), "no {from:?} in {}", file.display());
+    fs::write(file, text.replace(from, to)).unwrap();
+}
+
+/// Spoils a copy of the sample's MAZE dataset, and asserts that looking at it and training on it both
+/// fail with one line that holds the words.
+fn spoilt_dataset(spoil: impl FnOnce(&Path), words: &[&str]) {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let copy = sample.copy("maze", folder.path());
+    spoil(&copy);
+    let copy = text(copy);
+    names(&run("tactile-data", folder.path(), &["inspect", &copy]), words);
+    names(&run("tactile-train", folder.path(), &["--data", &copy, "--out", "model"]), words);
+    assert!(!folder.path().join("model").exists());
+}
+
+#[test]
+fn a_dataset_cut_short_is_refused() {
+    let cut = |dataset: &Path| {
+        let frames = fs::OpenOptions::new().write(true).open(dataset.join("frames.npy")).unwrap();
+        frames.set_len(frames.metadata().unwrap().len() - 1).unwrap();
+    };
+    let n_bytes = 128 + 48 * 80 * 60 * 3;
+    spoilt_dataset(cut, &["frames.npy", &format!("{n_bytes} bytes"), &format!("{} bytes", n_bytes - 1)]);
+}
+
+#[test]
+fn a_dataset_with_a_wrong_checksum_is_refused() {
+    for file in ["frames.npy", "index.jsonl"] {
+        let change = |dataset: &Path| {
+            let path = dataset.join(file);
+            let mut bytes = fs::read(&path).unwrap();
+            *bytes.last_mut().unwrap() ^= 1;
+            fs::write(&path, bytes).unwrap();
+        };
+        spoilt_dataset(change, &[file, "SHA-256"]);
+    }
+}
+
+#[test]
+fn a_dataset_with_frames_of_another_size_is_refused() {
+    let declare = |dataset: &Path| {
+        let meta = dataset.join("meta.json");
+        let mut json: serde_json::Value = serde_json::from_slice(&fs::read(&meta).unwrap()).unwrap();
+        json["frame_px"] = serde_json::json!([60, 80]);
+        fs::write(&meta, json.to_string()).unwrap();
+    };
+    spoilt_dataset(declare, &["frames.npy", "(48, 80, 60, 3)", "(48, 60, 80, 3)"]);
+    let rest = |dataset: &Path| RgbImage::new(40, 30).save(dataset.join("no_contact.png")).unwrap();
+    spoilt_dataset(rest, &["no_contact.png", "80x60", "40x30"]);
+}
+
+#[test]
+fn a_dataset_without_its_no_contact_frame_is_refused() {
+    spoilt_dataset(|dataset| fs::remove_file(dataset.join("no_contact.png")).unwrap(), &["no_contact.png"]);
+}
+
+#[test]
+fn a_dataset_of_another_version_is_refused() {
+    let later = |dataset: &Path| replace(&dataset.join("meta.json"), "/dataset/1", "/dataset/2");
+    spoilt_dataset(later, &["meta.json", "tactile-filter/dataset/1", "tactile-filter/dataset/2"]);
+}
+
+#[test]
+fn a_bank_made_by_another_model_is_refused() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let (other, out) = (text(folder.path().join("other")), text(folder.path().join("evaluation")));
+    shell(&sample, &format!("tactile-train --data maze --out {other} --seed 2 --steps 1 --batch 8")).done();
+    let with = format!("--model {other}/model.safetensors --bank pegs.bank");
+    for line in [
+        format!("tactile-filter evaluate {with} --scene two.toml --out {out}"),
+        format!("tactile-filter replay {with} --data holes"),
+    ] {
+        names(&shell(&sample, &line), &["pegs.bank", "a bank made by model", &sample.model_sha256[..12]]);
+    }
+    assert!(!folder.path().join("evaluation").exists());
+}
+
+#[test]
+fn a_checkpoint_of_another_version_or_cut_short_is_refused() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let good = fs::read(sample.folder().join("model/model.safetensors")).unwrap();
+    let (now, later) = (b"tactile-filter/checkpoint/1", b"tactile-filter/checkpoint/2");
+    let at = good.windows(now.len()).position(|bytes| bytes == now).unwrap();
+    let mut of_later = good.clone();
+    of_later[at..at + later.len()].copy_from_slice(later);
+    let mut changed = good.clone();
+    *changed.last_mut().unwrap() ^= 1;
+    let model = folder.path().join("model.safetensors");
+    let bank = folder.path().join("pegs.bank");
+    fs::write(&bank, "precious").unwrap();
+    for (bytes, words) in [
+        (&of_later[..], ["tactile-filter/checkpoint/1", "tactile-filter/checkpoint/2"]),
+        (&good[..good.len() - 1], ["a whole safetensors file", "got"]),
+        (&changed, ["checksum", &sample.model_sha256]),
+        (&[], ["a whole safetensors file", "got"]),
+    ] {
+        fs::write(&model, bytes).unwrap();
+        let args = ["bank", "--model", &text(model.clone()), "--data", "pegs", "--out", &text(bank.clone())];
+        names(&run("tactile-infer", sample.folder(), &args), &[&["model.safetensors"], &words[..]].concat());
+    }
+    assert_eq!(fs::read(&bank).unwrap(), b"precious");
+}
+
+#[test]
+fn a_scene_with_an_unknown_part_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("bad.toml");
+    for (from, to, word) in [
+        ("\"TX\"", "\"T\u{e000}\"", "\u{e000}"),
+        ("\"TX\"", "\"TT\"", "'T' twice"),
+        ("[parts.letters]", "[parts.connectors]", "connectors"),
+        ("[reach]", "[grid]", "grid"),
+    ] {
+        fs::write(&scene, SCENE.replace(from, to)).unwrap();
+        let ran = run("tactile-data", folder.path(), &["generate", "--scene", "bad.toml", "--out", "out"]);
+        names(&ran, &["bad.toml", word]);
+    }
+    let misspelt = run("tactile-data", folder.path(), &["generate", "--scene", "alphabet-smal", "--out", "out"]);
+    names(&misspelt, &["alphabet-smal", "alphabet-small,"]);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "only the scene");
+}
+
+/// Imports frames of one touch, one a picture, with the sample's own frame at rest; the dataset.
+fn recorded(sample: &Sample, folder: &Path, frames: &[RgbImage]) -> String {
+    let pictures = folder.join("pictures");
+    fs::create_dir(&pictures).unwrap();
+    for (number, frame) in frames.iter().enumerate() {
+        frame.save(pictures.join(format!("touch{number}.png"))).unwrap();
+    }
+    let (out, rest) = (text(folder.join("recorded")), sample.at("pegs/no_contact.png"));
+    run("tactile-data", folder, &["import", &text(pictures), "--no-contact", &rest, "--out", &out]).done();
+    out
+}
+
+#[test]
+fn a_frame_that_shows_nothing_is_named() {
+    let sample = Sample::shared();
+    let rest = image::open(sample.at("pegs/no_contact.png")).unwrap().to_rgb8();
+    for (value, word) in [(0, "all black"), (255, "all white"), (120, "constant")] {
+        let folder = tempfile::tempdir().unwrap();
+        let dark = RgbImage::from_pixel(80, 60, Rgb([value; 3]));
+        let data = recorded(&sample, folder.path(), &[rest.clone(), dark.clone()]);
+        let line = format!("tactile-filter replay --model model/model.safetensors --bank pegs.bank --data {data}");
+        names(&shell(&sample, &line), &["frame 1", word]);
+        // Looking at the recording tells of it and goes on.
+        let inspected = run("tactile-data", folder.path(), &["inspect", &data]);
+        assert!(
+            inspected
+                .done()
+                .contains(&format!("frame 1: frame: expected a lit picture with some contrast, got {word}")),
+            "{inspected:?}"
+        );
+        // As the frame at rest it spoils the whole recording.
+        dark.save(Path::new(&data).join("no_contact.png")).unwrap();
+        names(&shell(&sample, &line), &["no-contact frame", word]);
+    }
+}
+
+#[test]
+fn frames_of_another_size_are_named() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = folder.path().join("pictures");
+    fs::create_dir(&pictures).unwrap();
+    fs::copy(sample.at("pegs/no_contact.png"), pictures.join("a.png")).unwrap();
+    RgbImage::new(64, 48).save(pictures.join("b.png")).unwrap();
+    let rest = sample.at("pegs/no_contact.png");
+    let import = ["import", "pictures", "--no-contact", &rest, "--out", "recorded"];
+    let ran = run("tactile-data", folder.path(), &import);
+    let last = ran.stderr.lines().last().unwrap();
+    assert!(ran.code == Some(1) && ["b.png", "80x60", "64x48"].iter().all(|word| last.contains(word)), "{ran:?}");
+    assert!(!folder.path().join("recorded").exists());
+    // Too small for the network.
+    fs::remove_file(pictures.join("b.png")).unwrap();
+    run("tactile-data", folder.path(), &[&import[..], &["--frame-px", "20x15"]].concat()).done();
+    let data = text(folder.path().join("recorded"));
+    let line = format!("tactile-filter replay --model model/model.safetensors --bank pegs.bank --data {data}");
+    names(&shell(&sample, &line), &["20x15", "40x30"]);
+}
+
+#[test]
+fn an_existing_dataset_is_never_written_over() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    sample.copy("maze", folder.path());
+    let before = contents(folder.path());
+    let generate = ["generate", "--scene", "maze", "--pairs", "24", "--boards", "3", "--frame-px", FRAME_PX];
+    let import = ["import", &sample.at("pegs/no_contact.png"), "--no-contact-first", "1"];
+    for args in [&generate[..], &import[..]] {
+        names(&run("tactile-data", folder.path(), &[args, &["--out", "maze"]].concat()), &["maze", "an existing file"]);
+    }
+    assert!(before == contents(folder.path()));
+}
+
+#[test]
+fn a_file_that_is_not_there_is_named() {
+    let sample = Sample::shared();
+    for line in [
+        "tactile-data inspect nowhere",
+        "tactile-data import nowhere --out never",
+        "tactile-data generate --scene nowhere.toml --out never",
+        "tactile-train --data nowhere --out never",
+        "tactile-infer bank --model nowhere --data pegs --out never",
+        "tactile-infer bank --model model/model.safetensors --data nowhere --out never",
+        "tactile-infer match --model model/model.safetensors --pegs pegs --holes nowhere",
+        "tactile-filter evaluate --model model/model.safetensors --bank nowhere --scene two.toml --out never",
+        "tactile-filter replay --model model/model.safetensors --bank pegs.bank --data nowhere",
+    ] {
+        names(&shell(&sample, line), &["nowhere"]);
+    }
+    assert!(!sample.folder().join("never").exists());
+}
+
+#[test]
+fn misuse_exits_2_and_names_the_word() {
+    let sample = Sample::shared();
+    for (line, word) in [
+        ("tactile-train --data maze --out never --device cuda", "'cuda'"),
+        ("tactile-infer bank --model m --data pegs --out never --device cuda", "'cuda'"),
+        ("tactile-filter replay --model m --bank b --data holes --device cuda", "'cuda'"),
+        ("tactile-data generate --scene maze", "--out"),
+        ("tactile-data generate --scene maze --out never --frame-px 80", "WIDTHxHEIGHT"),
+        ("tactile-data dance", "'dance'"),
+        ("tactile-train --data maze --out never --speed 3", "'--speed'"),
+        ("tactile-filter evaluate --episodes many", "'many'"),
+    ] {
+        let ran = shell(&sample, line);
+        assert!(ran.misused().contains(word), "{ran:?}");
+    }
+    for program in ["tactile-data", "tactile-train", "tactile-infer", "tactile-filter"] {
+        assert!(shell(&sample, program).misused().contains("Usage"));
+        assert!(shell(&sample, &format!("{program} --help")).done().contains("Usage"));
+    }
+    assert!(!sample.folder().join("never").exists());
+}

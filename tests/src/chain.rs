@@ -1,0 +1,92 @@
+//! From boards to a report, by the programs alone.
+
+use std::fs;
+
+use serde_json::Value;
+use tactile_tests::programs::run;
+use tactile_tests::samples::Sample;
+
+/// Runs the evaluation of a sample into its folder `evaluation`; what it wrote.
+fn evaluate(sample: &Sample) -> Value {
+    let args = "evaluate --model model/model.safetensors --bank pegs.bank --scene two.toml --pegs pegs --out evaluation \
+                --episodes 6 --seeds 1,2 --touches 3 --stories 2 --engines exact,particle,paper --actions information,random";
+    run("tactile-filter", sample.folder(), &args.split_whitespace().collect::<Vec<_>>()).done();
+    let json = fs::read(sample.folder().join("evaluation/evaluation.json")).unwrap();
+    serde_json::from_slice(&json).unwrap()
+}
+
+#[test]
+fn the_same_seeds_give_the_same_model_and_the_same_evaluation() {
+    let [(first, of_first), (second, of_second)] = [0; 2].map(|_| {
+        let sample = Sample::make();
+        let evaluation = evaluate(&sample);
+        (sample, evaluation)
+    });
+    assert_eq!(first.model_sha256, second.model_sha256);
+    for file in ["maze/frames.npy", "pegs/frames.npy", "holes/frames.npy"] {
+        let [a, b] = [&first, &second].map(|sample| fs::read(sample.folder().join(file)).unwrap());
+        assert!(a == b, "{file}");
+    }
+    for key in ["rows", "stopping", "model"] {
+        assert_eq!(of_first[key], of_second[key], "{key}");
+    }
+}
+
+#[test]
+fn an_evaluation_has_the_promised_keys_and_a_report() {
+    let sample = Sample::make();
+    let evaluation = evaluate(&sample);
+    let text = |key: &str| evaluation[key].as_str().unwrap_or_default();
+    assert_eq!((text("schema"), text("scene"), text("device")), ("tactile-filter/evaluation/1", "two-letters", "flex"));
+    assert_eq!((&evaluation["n_classes"], &evaluation["n_episodes"]), (&2.into(), &6.into()));
+    assert_eq!(evaluation["seeds"], serde_json::json!([1, 2]));
+    assert_eq!(evaluation["model"]["sha256"], sample.model_sha256.as_str());
+    assert_eq!(evaluation["model"]["input_px"], serde_json::json!([40, 30]));
+    for pointer in ["/n_threads", "/model/parameters", "/stopping/mean_touches", "/stopping/confident_and_wrong"] {
+        assert!(evaluation.pointer(pointer).is_some_and(Value::is_number), "{pointer}");
+    }
+    for (stage, share) in ["encode", "update", "select"].into_iter().flat_map(|s| [(s, "p50"), (s, "p99")]) {
+        assert!(evaluation["latency_ms"][stage][share].is_number(), "{stage} {share}");
+    }
+    let rows = evaluation["rows"].as_array().unwrap();
+    // Pixel and MoCo after one touch; exact and particle by two rules and Alg. 1 by its own, after each of three.
+    assert_eq!(rows.len(), 2 + (2 * 2 + 1) * 3);
+    for row in rows {
+        for (key, known) in [
+            ("method", &["pixel", "moco", "filter"][..]),
+            ("inference", &["exact", "particle", "none"]),
+            ("action", &["paper", "information", "random", "none"]),
+            ("poses", &["on-grid", "off-grid"]),
+        ] {
+            assert!(row[key].as_str().is_some_and(|value| known.contains(&value)), "{key} of {row}");
+        }
+        for key in ["accuracy", "exact_cell", "brier"] {
+            assert!(row[key].as_f64().is_some_and(|share| (0.0..=2.0).contains(&share)), "{key} of {row}");
+        }
+        for key in ["n_touches", "xy_mm_mean", "theta_deg_mean"] {
+            assert!(row[key].is_number() || row[key].is_null() && row["accuracy"] == 0.0, "{key} of {row}");
+        }
+        let accuracy = row["accuracy"].as_f64().unwrap();
+        let [low, high] = [0, 1].map(|side| row["accuracy_ci95"][side].as_f64().unwrap());
+        assert!(0.0 <= low && low <= accuracy && accuracy <= high && high <= 1.0, "{row}");
+    }
+    let report = fs::read_to_string(sample.folder().join("evaluation/report.html")).unwrap();
+    assert!(report.starts_with("<!DOCTYPE html>") && report.contains("two-letters"));
+    assert!(!report.contains("src=\"http"), "the report is one file");
+}
+
+#[test]
+fn recorded_holes_are_played_one_episode_a_part() {
+    let sample = Sample::shared();
+    let args = ["replay", "--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "holes", "--json"];
+    let replayed = run("tactile-filter", sample.folder(), &args);
+    let lines: Vec<Value> = replayed.done().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let truths: Vec<_> = lines.iter().map(|line| line["truth"].as_str().unwrap_or_default()).collect();
+    assert_eq!(truths, ["T", "X"]);
+    for line in &lines {
+        let n_touches = line["frames"].as_array().unwrap().len();
+        assert!((1..=10).contains(&n_touches), "{line}");
+        assert!(["T", "X"].contains(&line["part"].as_str().unwrap()), "{line}");
+        assert!((0.0..=1.0).contains(&line["probability"].as_f64().unwrap()), "{line}");
+    }
+}

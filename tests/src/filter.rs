@@ -1,0 +1,134 @@
+//! The filter on a bank of embedded pegs, as a robot uses it.
+
+use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
+use tactile_data::scene::Scene;
+use tactile_data::se2::Se2;
+use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
+use tactile_filter::belief::EngineConfig;
+use tactile_filter::episode::{Decision, Episode, EpisodeConfig, Estimate, Eye, StopReason};
+use tactile_filter::particle::ParticleConfig;
+use tactile_infer::bank::Bank;
+use tactile_infer::{DeviceKind, Model};
+use tactile_tests::samples::Sample;
+
+/// A model, its bank and a simulated hole.
+struct Bench {
+    simulator: Simulator,
+    model: Model,
+    bank: Bank,
+}
+
+impl Bench {
+    fn new(sample: &Sample) -> Self {
+        let model = Model::load(&sample.folder().join("model/model.safetensors"), DeviceKind::Flex).unwrap();
+        let bank = Bank::load(&sample.folder().join("pegs.bank"), &model).unwrap();
+        let simulator = Simulator::new(Scene::load(&sample.at("two.toml")).unwrap(), 1).unwrap();
+        Self { simulator, model, bank }
+    }
+
+    fn eye(&self) -> Eye<'_> {
+        Eye::new(&self.model, &self.simulator.no_contact(9)).unwrap()
+    }
+
+    fn touch(&self, part_from_sensor: &Se2, number: u64) -> Frame {
+        self.simulator.touch(0, Side::Hole, part_from_sensor, &mut frame_rng(9, number)).unwrap()
+    }
+
+    /// Motions from a pose to every recorded one.
+    fn reach(&self, part_from_sensor: &Se2) -> Vec<Se2> {
+        let grid: &PoseGrid = self.bank.grid();
+        (0..grid.len()).map(|cell| part_from_sensor.inverse() * grid.pose(cell)).collect()
+    }
+
+    /// Three touches along a fixed path; what is known then.
+    fn along_a_path(&self, config: &EpisodeConfig) -> Estimate {
+        let eye = self.eye();
+        let mut pose = self.bank.grid().pose(4);
+        let mut episode = Episode::begin(config, &eye, &self.bank, &self.touch(&pose, 1)).unwrap();
+        for (number, moved) in [(2, Se2::from_degrees(4.0, 0.0, 0.0)), (3, Se2::from_degrees(0.0, -4.0, 30.0))] {
+            pose = pose * moved;
+            episode.observe(moved, &self.touch(&pose, number)).unwrap();
+        }
+        episode.estimate()
+    }
+}
+
+fn particles(n_particles: usize, seed: u64) -> EpisodeConfig {
+    let engine = EngineConfig::Particle(ParticleConfig { n_particles, ..ParticleConfig::default() });
+    EpisodeConfig { engine, seed, ..EpisodeConfig::default() }
+}
+
+#[test]
+fn particles_agree_with_the_exact_posterior_to_sampling_error() {
+    let sample = Sample::shared();
+    let bench = Bench::new(&sample);
+    let exact = bench.along_a_path(&EpisodeConfig::default());
+    assert!(exact.probability < 0.99, "a posterior that leaves something to disagree about: {exact:?}");
+    let n_particles = 20_000;
+    let sampled = bench.along_a_path(&particles(n_particles, 5));
+    // A share p of K draws has a standard error of at most 1 / (2 sqrt K); three touches redraw at most
+    // three times. Five standard errors.
+    let tolerance = 5.0 * (3.0 / n_particles as f64).sqrt() / 2.0;
+    for (p, q) in exact.class_posterior.iter().zip(&sampled.class_posterior) {
+        assert!((p - q).abs() < tolerance, "{exact:?}\n{sampled:?}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_estimate() {
+    let sample = Sample::shared();
+    let bench = Bench::new(&sample);
+    let first = bench.along_a_path(&particles(100, 3));
+    assert_eq!(first, bench.along_a_path(&particles(100, 3)));
+    assert_ne!(first.class_posterior, bench.along_a_path(&particles(100, 4)).class_posterior);
+}
+
+#[test]
+fn a_robot_is_led_from_touch_to_touch_until_the_limit() {
+    let sample = Sample::shared();
+    let bench = Bench::new(&sample);
+    let eye = bench.eye();
+    let mut config = EpisodeConfig { stop_probability: 1.0, max_touches: 4, ..EpisodeConfig::default() };
+    // The sample's reach is smaller than the distance kept by default.
+    config.action.min_separation_mm = 3.0;
+    let first = bench.bank.grid().pose(13);
+    let mut pose = first;
+    let mut episode = Episode::begin(&config, &eye, &bench.bank, &bench.touch(&pose, 1)).unwrap();
+    let mut n_touches = 1;
+    let (estimate, reason) = loop {
+        let action = match episode.decide(&bench.reach(&pose)) {
+            Decision::Touch(action) => action,
+            Decision::Done(estimate, reason) => break (estimate, reason),
+        };
+        assert_eq!(episode.decide(&bench.reach(&pose)), Decision::Touch(action), "deciding changes nothing");
+        pose = pose * action.sensor_from_next;
+        n_touches += 1;
+        episode.observe(action.sensor_from_next, &bench.touch(&pose, n_touches)).unwrap();
+    };
+    assert_eq!((reason, estimate.n_touches, n_touches), (StopReason::TouchLimit, 4, 4));
+    assert!((estimate.class_posterior.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+    // What the episode believes of now and of the first touch differs by the motions made in between.
+    let moved = first.inverse() * pose;
+    let expected = estimate.part_from_first * moved;
+    assert!(expected.distance_mm(&estimate.part_from_sensor) < 1e-9, "{estimate:?}");
+}
+
+#[test]
+fn a_frame_that_shows_nothing_leaves_the_episode_as_it_was() {
+    let sample = Sample::shared();
+    let bench = Bench::new(&sample);
+    let eye = bench.eye();
+    let frame = bench.touch(&Se2::IDENTITY, 1);
+    let mut episode = Episode::begin(&EpisodeConfig::default(), &eye, &bench.bank, &frame).unwrap();
+    let before = episode.estimate();
+    let black = Frame::new(80, 60, vec![0; 3 * 80 * 60]).unwrap();
+    let small = Frame::new(40, 30, (0..3 * 40 * 30).map(|i| i as u8).collect()).unwrap();
+    for (bad, word) in [(black, "all black"), (small, "80x60")] {
+        let error = episode.observe(Se2::IDENTITY, &bad).unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+    assert!(episode.observe(Se2::from_degrees(f64::NAN, 0.0, 0.0), &frame).is_err());
+    assert_eq!(episode.estimate(), before);
+}
