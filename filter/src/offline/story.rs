@@ -4,7 +4,7 @@ use tactile_data::frame::{Background, Frame, Preprocessing};
 use tactile_data::simulator::Simulator;
 use tactile_infer::bank::Bank;
 
-use crate::belief::{Belief, look_up};
+use crate::belief::Belief;
 use crate::episode::{EpisodeConfig, Eye};
 use crate::error::Result;
 use crate::offline::evaluate::{Protocol, run_one};
@@ -78,21 +78,13 @@ fn touch(
     Ok(TouchStory { part_from_sensor, frame: frame.clone(), difference, belief: places(belief, n_parts) })
 }
 
-/// Probability of each place of the sensor now, `[part, x, y]`, summed over the angle. Places outside the
-/// recorded area are left out and the rest scaled to sum to 1.
+/// Probability of each place of the first touch, `[part, x, y]`, summed over the angle.
 fn places(belief: &Belief, n_parts: usize) -> Vec<f64> {
     let grid = belief.grid();
     let n_places = grid.n_xy().pow(2);
     let mut places = vec![0.0; n_places * n_parts];
-    let moved = belief.first_from_sensor();
     for (hypothesis, mass) in belief.states() {
-        if let Some(seen) = look_up(grid, &(grid.pose(hypothesis.cell) * moved), 1.0) {
-            places[hypothesis.part * n_places + seen.cell / grid.n_theta()] += mass;
-        }
-    }
-    let total: f64 = places.iter().sum();
-    if total > 0.0 {
-        places.iter_mut().for_each(|mass| *mass /= total);
+        places[hypothesis.part * n_places + hypothesis.cell / grid.n_theta()] += mass;
     }
     places
 }

@@ -65,7 +65,7 @@ pub struct TouchStory {
     pub frame: Frame,
     /// What the network saw.
     pub difference: TactileImage,
-    /// Probability of each place of the sensor, summed over the angle; sums to 1.
+    /// Probability of each place of the first touch, summed over the angle; sums to 1.
     ///
     /// `[part, x, y]`, y fastest: the order of [`PoseGrid::pose`] without its angle.
     pub belief: Vec<f64>,

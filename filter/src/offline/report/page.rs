@@ -4,7 +4,7 @@ use std::io;
 
 use super::super::result::{Evaluation, Method, Poses, Quantiles, Row};
 use super::curves::{Line, Marker, Point, chart, legend_mark};
-use super::series::{Series, best_filter, series};
+use super::series::{Series, leading_filter, series};
 use super::style::CSS;
 use super::{Board, EpisodeStory, PaperNumbers, PaperRow, escape, number, story};
 
@@ -39,7 +39,7 @@ pub fn html(
 }
 
 fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
-    let best = best_filter(evaluation, Poses::OnGrid).or_else(|| best_filter(evaluation, Poses::OffGrid));
+    let best = leading_filter(evaluation, Poses::OnGrid).or_else(|| leading_filter(evaluation, Poses::OffGrid));
     let row = best.as_ref().and_then(|series| series.at(5).or(series.rows.last().copied()));
     let accuracy = row.map(|row| {
         let paper = paper.at(row.n_touches);
@@ -82,7 +82,7 @@ fn tile(figure: &str, what: &str) -> String {
 fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     let on_grid = series(evaluation, Poses::OnGrid);
     let ours = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, "off grid")]
-        .map(|(poses, suffix)| best_filter(evaluation, poses).map(|series| (series, suffix)));
+        .map(|(poses, suffix)| leading_filter(evaluation, poses).map(|series| (series, suffix)));
     let accuracy_cell = |row: &Row| {
         let [low, high] = row.accuracy_ci95.map(|bound| number(100.0 * bound, 1));
         format!("{}<small>{low}–{high}</small>", number(100.0 * row.accuracy, 1))
@@ -117,11 +117,8 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
         papers("The paper", &|n| paper.at(n).map(|row| row.theta_deg)),
     ];
     let best: Vec<_> = ours.iter().flatten().map(|(series, suffix)| format!("{suffix}, {}", series.way())).collect();
-    let best = if best.is_empty() {
-        String::new()
-    } else {
-        format!("This filter is the best of those below: {}. ", best.join("; "))
-    };
+    let best =
+        if best.is_empty() { String::new() } else { format!("This filter is the default: {}. ", best.join("; ")) };
     let heads: String = TOUCHES.iter().map(|n| format!("<th>{n}</th>")).collect();
     let caution = if paper.rows.is_empty() {
         "The paper has no numbers for this scene."
@@ -233,7 +230,7 @@ fn stories(board: &Board, episodes: &[EpisodeStory]) -> io::Result<String> {
         r#"<h2>Episodes, touch by touch</h2>
 {}<p class="note">A row is a touch. <b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
 filled, with its upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey
-is no change. <b>Where the sensor may be:</b> a map for each part; the stronger the blue, the more probable the place, on one scale
+is no change. <b>Where the first touch was:</b> a map for each part; the stronger the blue, the more probable the place, on one scale
 for the row. The bar and the number are the part’s whole probability. The red ring is the truth: watch the blue gather in it.</p>
 {sections}"#,
         story::outlines(board)

@@ -83,11 +83,14 @@ pub fn series(evaluation: &Evaluation, poses: Poses) -> Vec<Series<'_>> {
     .collect()
 }
 
-/// The filter of the highest accuracy after its last touch; the first of equals.
-pub fn best_filter(evaluation: &Evaluation, poses: Poses) -> Option<Series<'_>> {
-    let last = |series: &Series| series.rows.last().map_or(0.0, |row| row.accuracy);
-    let filters = series(evaluation, poses).into_iter().filter(|series| series.method == Method::Filter);
-    filters.reduce(|best, other| if last(&other) > last(&best) { other } else { best })
+/// The filter that the evaluation is about: the one its rows name first, for which stopping and latency
+/// are told.
+pub fn leading_filter(evaluation: &Evaluation, poses: Poses) -> Option<Series<'_>> {
+    let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter && row.poses == poses)?;
+    let is_lead = |series: &Series| {
+        (series.method, series.inference, series.action) == (lead.method, lead.inference, lead.action)
+    };
+    series(evaluation, poses).into_iter().find(is_lead)
 }
 
 #[cfg(test)]
@@ -96,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_gathered_by_way_and_the_best_at_the_end_leads() {
+    fn rows_are_gathered_by_way_and_the_first_leads() {
         let mut evaluation: Evaluation = serde_json::from_value(result::tests::published()).unwrap();
         let row = evaluation.rows[0].clone();
         let other = |action, n_touches, accuracy| Row { action, n_touches, accuracy, ..row.clone() };
@@ -110,6 +113,6 @@ mod tests {
         let found = series(&evaluation, Poses::OnGrid);
         let touches = |series: &Series| series.rows.iter().map(|row| row.n_touches).collect::<Vec<_>>();
         assert_eq!(found.iter().map(touches).collect::<Vec<_>>(), [[1, 3], [1, 3]]);
-        assert_eq!(best_filter(&evaluation, Poses::OnGrid).unwrap().action, Choice::Information);
+        assert_eq!(leading_filter(&evaluation, Poses::OnGrid).unwrap().action, Choice::Random);
     }
 }

@@ -40,7 +40,7 @@ pub fn section(episode: &EpisodeStory, board: &Board) -> io::Result<String> {
                 where_touched(&touches[..=last], *truth, half_mm, board),
                 picture::frame(&touch.frame)?,
                 picture::difference(&touch.difference, full_scale)?,
-                maps(touch, *truth, &shown, board)?,
+                maps(touch, *truth, &touches[0].part_from_sensor, &shown, board)?,
             ))
         })
         .collect::<io::Result<String>>()?;
@@ -48,7 +48,7 @@ pub fn section(episode: &EpisodeStory, board: &Board) -> io::Result<String> {
     Ok(format!(
         r#"<section class="episode"><h3>{}<span class="verdict {class}">{verdict}</span></h3>
 <p>The hole was <b>{}</b>. After {} the filter said <b>{}</b> with {} %. It stopped: {}.</p>
-<div class="heads"><div></div><div>Where it touched</div><div>What the camera saw</div><div>What changed</div><div>Where the sensor may be, part by part</div></div>
+<div class="heads"><div></div><div>Where it touched</div><div>What the camera saw</div><div>What changed</div><div>Where the first touch was, part by part</div></div>
 {rows}</section>
 "#,
         escape(name),
@@ -131,12 +131,12 @@ fn footprint(part_from_sensor: &Se2, [width, height]: [f64; 2], newest: bool) ->
 }
 
 /// A belief map for each part shown, all on one scale: the likeliest place of any part is full colour.
-fn maps(touch: &TouchStory, truth: usize, shown: &[usize], board: &Board) -> io::Result<String> {
+fn maps(touch: &TouchStory, truth: usize, part_from_first: &Se2, shown: &[usize], board: &Board) -> io::Result<String> {
     let most = touch.belief.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let grid = &board.grid;
     let half_mm = grid.xy_half_mm + grid.xy_step_mm / 2.0;
     let side_mm = 2.0 * half_mm;
-    let Se2 { x_mm, y_mm, .. } = touch.part_from_sensor;
+    let Se2 { x_mm, y_mm, .. } = part_from_first;
     let radius_mm = 0.09 * side_mm;
     let map = |&part: &usize| {
         let (class, ring) = if part == truth {
