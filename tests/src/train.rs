@@ -46,6 +46,27 @@ fn a_run_that_stopped_goes_on_as_if_it_had_not() {
 }
 
 #[test]
+fn both_devices_begin_with_the_same_loss() {
+    let sample = Sample::shared();
+    let dataset = Dataset::open(&sample.folder().join("maze")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let first_loss = |device: DeviceKind| {
+        let config = TrainConfig { n_steps: 1, n_pairs: 8, n_warmup: 1, ..TrainConfig::tiny() };
+        let mut first = f64::NAN;
+        let mut note = |event: Event<'_>| {
+            if let Event::Step { loss, .. } = event {
+                first = loss;
+            }
+        };
+        train(&dataset, &folder.path().join(device.to_string()), &config, device, false, &|| false, &mut note).unwrap();
+        first
+    };
+    let (flex, ndarray) = (first_loss(DeviceKind::Flex), first_loss(DeviceKind::Ndarray));
+    // The backends sum in another order: some 1e-6 of each activation, through a dozen layers.
+    assert!((flex - ndarray).abs() < 1e-3 * flex, "{flex} {ndarray}");
+}
+
+#[test]
 fn a_second_run_never_overwrites_the_first() {
     let sample = Sample::shared();
     let [model, state] = ["model/model.safetensors", "model/state.safetensors"].map(|file| sample.folder().join(file));

@@ -83,7 +83,9 @@ impl<'a> Pairs<'a> {
         let preprocessing = measure(dataset, &training, input_px)?;
         // Decoded at twice the input size, so that a crop still has a pixel for each of the input's.
         let wide = Preprocessing { input_px: input_px.map(|n| 2 * n), ..preprocessing.clone() };
-        let background = Background::new(dataset.no_contact(), &wide)?;
+        let unusable =
+            |e: tactile_data::Error| Error::invalid(&dataset.meta().name, "frames to train on", e.to_string());
+        let background = Background::new(dataset.no_contact(), &wide).map_err(unusable)?;
         let neighbours = neighbours(dataset, &training);
         Ok(Self { dataset, background, preprocessing, training, held_out, neighbours })
     }
@@ -91,8 +93,8 @@ impl<'a> Pairs<'a> {
     /// The batch of a step: drawn from `(seed, step)` alone, so that a resumed run sees what an
     /// uninterrupted one does.
     ///
-    /// A quarter of the batch are anchors drawn at random; the rest are anchors' neighbours on the same
-    /// board, a few mm and degrees away: the negatives the filter has to tell apart.
+    /// With probability `near_share` the next pair is a neighbour of the one before, on the same board a few
+    /// mm and degrees away: the negatives that the filter has to tell apart. Else it is any.
     pub fn batch(&self, seed: u64, step: usize, n_pairs: usize, min_scale: f32, near_share: f64) -> Result<Batch> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(step as u64 + 1);

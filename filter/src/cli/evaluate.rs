@@ -134,7 +134,7 @@ impl Evaluate {
             rows,
             stopping,
             latency_ms,
-            command: Some(self.command_line()),
+            command: Some(command_line()),
         };
         let (_, config) = &runs[0];
         let stories = story::tell(&simulator, &eye, &bank, config, &protocol, self.stories)?;
@@ -162,25 +162,6 @@ impl Evaluate {
         Ok(configs)
     }
 
-    fn command_line(&self) -> String {
-        let list = |items: &[String]| items.join(",");
-        let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
-        let pegs = self.pegs.as_ref().map_or(String::new(), |path| format!(" --pegs {}", path.display()));
-        format!(
-            "tactile-filter evaluate --model {} --bank {} --scene {} --out {}{pegs} --episodes {} --seeds {} --touches {} --poses {} --engines {} --actions {}",
-            self.model.display(),
-            self.bank.display(),
-            self.scene,
-            self.out.display(),
-            self.episodes,
-            seeds.join(","),
-            self.touches,
-            self.poses,
-            list(&self.engines),
-            list(&self.actions)
-        )
-    }
-
     fn write(&self, evaluation: &Evaluation, board: &Board, stories: &[EpisodeStory]) -> Result<()> {
         std::fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
         let report = self.out.join("report.html");
@@ -189,6 +170,12 @@ impl Evaluate {
         // Last: whoever finds the figures finds the report too.
         Ok(write_whole(&self.out.join("evaluation.json"), to_json(evaluation)?.as_bytes())?)
     }
+}
+
+/// The command line as it was typed, without the folder of the program.
+fn command_line() -> String {
+    let words = std::env::args().skip(1);
+    std::iter::once("tactile-filter".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
 
 fn label(config: &EpisodeConfig, poses: Poses) -> summary::Label {
