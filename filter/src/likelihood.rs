@@ -168,10 +168,15 @@ mod tests {
         Observation { query: query.to_vec(), edge_share }
     }
 
+    /// The defaults but for round numbers.
+    fn round() -> LikelihoodConfig {
+        LikelihoodConfig { temperature: 0.1, outlier_floor: 0.01, ..LikelihoodConfig::default() }
+    }
+
     #[test]
     fn the_two_parts_multiply() {
         let bank = bank(&[[1.0, 0.0], [0.8, 0.6], [1.0, 0.0]], &[0.2, 0.2, 0.0]);
-        let config = LikelihoodConfig::default();
+        let config = round();
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
         let (best, other) = (1.01, (-2.0_f64).exp() + 0.01); // cosines 1 and 0.8, tau 0.1, eps 0.01
         let mean = (best + other) / 2.0;
@@ -195,7 +200,8 @@ mod tests {
     #[test]
     fn the_papers_likelihood_is_the_cosine_over_the_temperature() {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], &[0.0, 0.1, 0.2]);
-        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &LikelihoodConfig::paper()).unwrap();
+        let config = LikelihoodConfig { temperature: 0.1, ..LikelihoodConfig::paper() };
+        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &config).unwrap();
         assert!((seen.log_rows[0] - seen.log_rows[1] - 10.0).abs() < 1e-5);
         assert!((seen.log_rows[1] - seen.log_rows[2] - 10.0).abs() < 1e-5);
     }
@@ -203,7 +209,7 @@ mod tests {
     #[test]
     fn one_bad_match_costs_at_most_the_floor() {
         let bank = bank(&[[1.0, 0.0], [-1.0, 0.0]], &[0.2, 0.2]);
-        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &LikelihoodConfig::default()).unwrap();
+        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &round()).unwrap();
         assert!((seen.log_rows[0] - seen.log_rows[1] - (1.01_f64 / 0.01).ln()).abs() < 1e-6);
     }
 
