@@ -6,6 +6,7 @@ use rand::RngExt;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::frame::Frame;
 use crate::scene::{MazeBoards, Parts, Scene};
 use crate::se2::Se2;
 use crate::simulator::{Simulator, frame_rng};
@@ -59,27 +60,34 @@ pub fn generate(
         source: "simulated".into(),
     };
     let mut writer = DatasetWriter::create(out, meta, &simulator.no_contact(seed))?;
-    for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
-        progress(chunk * CHUNK, planned.len());
-        let frames = touches
-            .par_iter()
-            .enumerate()
-            .map(|(i, touch)| {
-                // Streams from 1 000 on: the first ones belong to the sensor at rest.
-                let mut rng = frame_rng(seed, 1_000 + (chunk * CHUNK + i) as u64);
-                simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)
-            })
-            .collect::<Result<Vec<_>>>()?;
-        for (frame, touch) in frames.iter().zip(touches) {
+    let render = |chunk: usize, touches: &[Planned]| {
+        let frame = |(i, touch): (usize, &Planned)| {
+            // Streams from 1 000 on: the first ones belong to the sensor at rest.
+            let mut rng = frame_rng(seed, 1_000 + (chunk * CHUNK + i) as u64);
+            simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)
+        };
+        touches.par_iter().enumerate().map(frame).collect::<Result<Vec<_>>>()
+    };
+    let mut write = |frames: &[Frame], touches: &[Planned]| {
+        frames.iter().zip(touches).try_for_each(|(frame, touch)| {
             let touch = Touch {
                 part: Some(simulator.parts()[touch.part].clone()),
                 side: Some(touch.side),
                 part_from_sensor: Some(touch.part_from_sensor),
                 moved: None,
             };
-            writer.push(frame, &touch)?;
-        }
+            writer.push(frame, &touch)
+        })
+    };
+    // A chunk is written while the next one is rendered.
+    let (mut rendered, mut previous): (Vec<Frame>, &[Planned]) = (Vec::new(), &[]);
+    for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
+        progress(chunk * CHUNK, planned.len());
+        let (frames, written) = rayon::join(|| render(chunk, touches), || write(&rendered, previous));
+        written?;
+        (rendered, previous) = (frames?, touches);
     }
+    write(&rendered, previous)?;
     progress(planned.len(), planned.len());
     writer.finish()?;
     Ok(planned.len())

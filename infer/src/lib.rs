@@ -3,6 +3,26 @@
 //! [`Model`] turns frames into unit-length rows of `f32`; [`bank::Bank`] holds the rows of the pegs; no
 //! tensor crosses this crate's embedding API. This crate must not know gradients, optimisers, beliefs
 //! or robots.
+//!
+//! ```
+//! use tactile_data::frame::{Preprocessing, TactileImage};
+//! use tactile_infer::encoder::NetworkConfig;
+//! use tactile_infer::{Checkpoint, DeviceKind, Model};
+//!
+//! # fn main() -> tactile_infer::Result<()> {
+//! // A network that has learnt nothing yet; `Model::load` takes a trained one from its file.
+//! let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+//! let network = config.init(1, &DeviceKind::Flex.tensor_device());
+//! let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Default::default());
+//! let model = Model::new(checkpoint, "none yet".into(), DeviceKind::Flex)?;
+//!
+//! let planes = (0..3 * 16 * 12).map(|i| (i as f32).sin()).collect();
+//! let image = TactileImage { size_px: [16, 12], planes, edge_share: 0.5 };
+//! let rows = model.embed_holes(&[image])?; // [1, dim], of unit length
+//! assert!((rows.iter().map(|value| value * value).sum::<f32>() - 1.0).abs() < 1e-5);
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod bank;
 pub mod checkpoint;

@@ -14,7 +14,7 @@ pub enum Bench {
     /// The simulated sensor: images a second at 320x240 with everything on.
     #[command(after_help = "Example:\n  cargo xtask bench sensor --pairs 1000")]
     Sensor {
-        /// Pairs to simulate, two images each, on one board for every 50.
+        /// Pairs to simulate, two images each, on one board for every 150 as in the `maze` preset.
         #[arg(long, default_value_t = 1000)]
         pairs: usize,
         /// Seed of the boards and touches.
@@ -34,8 +34,8 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
 /// Times one `tactile-data generate`, with its start, the boards and the writing to disk.
 fn sensor(workspace: &Workspace, n_pairs: usize, seed: u64) -> Result<()> {
     let out = workspace.target.join(format!("bench-sensor-{}", std::process::id()));
-    // The training set of the demo has as many pairs on a board.
-    let (pairs, boards) = (n_pairs.to_string(), n_pairs.div_ceil(50).to_string());
+    // The `maze` preset has as many pairs on a board.
+    let (pairs, boards) = (n_pairs.to_string(), n_pairs.div_ceil(150).to_string());
     let seed = seed.to_string();
     let args = ["generate", "--scene", "maze", "--frame-px", "320x240", "--pairs", &pairs, "--boards", &boards];
     let args = args.into_iter().chain(["--seed", &seed, "--out"]).map(OsStr::new);

@@ -98,7 +98,7 @@ impl Camera {
 
 /// Rounds counts to bytes.
 pub fn to_frame(rgb: &[f32], [width, height]: [usize; 2]) -> Frame {
-    let bytes = rgb.iter().map(|value| value.round_ties_even().clamp(0.0, 255.0) as u8).collect();
+    let bytes = rgb.iter().map(|value| jpeg::round(value.clamp(0.0, 255.0)) as u8).collect();
     Frame::from_parts(width, height, bytes)
 }
 
