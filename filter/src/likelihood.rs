@@ -32,7 +32,7 @@ pub struct LikelihoodConfig {
 }
 
 impl Default for LikelihoodConfig {
-    /// Bounded, blank-aware. Temperature and floor are the best of six pairs on the tuning letters M-X
+    /// Bounded, blank-aware. Temperature and floor are the best of five pairs on the tuning letters M-X
     /// with the shipped model (ARCHITECTURE.md); agreement from 94-99 % measured at equal poses.
     fn default() -> Self {
         Self {
