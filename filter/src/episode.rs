@@ -233,18 +233,26 @@ impl<'a> Episode<'a> {
     /// make. Changes nothing: asked again, it answers the same.
     pub fn decide(&self, candidates: &[Se2]) -> Decision {
         let done = |reason| Decision::Done(Box::new(self.estimate()), reason);
-        let probability = self.belief.class_posterior().into_iter().fold(0.0, f64::max).min(1.0);
-        if probability > self.config.stop_probability {
-            return done(StopReason::Confident);
+        if let Some(reason) = self.stop_reason() {
+            return done(reason);
         }
         let n_touches = self.belief.touches().len();
-        if n_touches >= self.config.max_touches {
-            return done(StopReason::TouchLimit);
-        }
         // A stream of draws of its own for each touch.
         let seed = self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches as u64);
         let action = choose(&self.config.action, &self.config.likelihood, &self.belief, self.bank, candidates, seed);
         action.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
+    }
+
+    /// Why to stop now, whatever could still be touched; `None` to go on.
+    pub fn stop_reason(&self) -> Option<StopReason> {
+        let probability = self.belief.class_posterior().into_iter().fold(0.0, f64::max).min(1.0);
+        if probability > self.config.stop_probability {
+            Some(StopReason::Confident)
+        } else if self.belief.touches().len() >= self.config.max_touches {
+            Some(StopReason::TouchLimit)
+        } else {
+            None
+        }
     }
 
     /// What is known now.

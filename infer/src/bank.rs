@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use tactile_data::frame::TactileImage;
+use tactile_data::frame::{Background, TactileImage};
 use tactile_data::grid::PoseGrid;
+use tactile_data::se2::Se2;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
@@ -66,10 +67,7 @@ impl Bank {
         let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
         for (done, frames) in frame_of_row.chunks(256).enumerate() {
             progress(done * 256, frame_of_row.len());
-            let images = frames
-                .par_iter()
-                .map(|frame| Ok(background.tactile_image(&dataset.frame(*frame))?))
-                .collect::<Result<Vec<TactileImage>>>()?;
+            let images = tactile_images(&background, dataset, frames)?;
             rows.extend(model.embed_pegs(&images)?);
             edge_shares.extend(images.iter().map(|image| image.edge_share));
         }
@@ -154,6 +152,13 @@ impl Bank {
         &self.rows[row * self.dim..(row + 1) * self.dim]
     }
 
+    /// The row recorded of a part at a pose, to within the robot's repeatability; `None` where there is none.
+    pub fn row_at(&self, part: &str, part_from_sensor: &Se2) -> Option<usize> {
+        let part = self.parts.iter().position(|name| name == part)?;
+        let cell = self.grid.exact(part_from_sensor, POSE_TOLERANCE.0, POSE_TOLERANCE.1)?;
+        Some(part * self.grid.len() + cell)
+    }
+
     /// For each row, the share of the view that shows an edge, 0..=1; nought for a blank view.
     pub fn edge_shares(&self) -> &[f32] {
         &self.edge_shares
@@ -163,6 +168,11 @@ impl Bank {
     pub fn model_sha256(&self) -> &str {
         &self.model_sha256
     }
+}
+
+/// What the network sees of some frames of a dataset, in their order.
+pub fn tactile_images(background: &Background, dataset: &Dataset, frames: &[usize]) -> Result<Vec<TactileImage>> {
+    frames.par_iter().map(|frame| Ok(background.tactile_image(&dataset.frame(*frame))?)).collect()
 }
 
 /// The parts of a dataset in order of appearance, and for each (part, cell) the frame that recorded it.

@@ -6,10 +6,9 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde::Serialize;
 use tactile_data::store::Dataset;
 use tactile_infer::bank::Bank;
-use tactile_infer::matching::{MatchReport, Method, Similarities, match_single_touches};
+use tactile_infer::matching::match_single_touches;
 use tactile_infer::{DeviceKind, Model, Result};
 
 /// The part-mating model at work: peg banks and single-touch matches.
@@ -101,14 +100,6 @@ fn bank(args: &BankArgs) -> Result<()> {
     Ok(())
 }
 
-#[derive(Serialize)]
-struct MatchJson {
-    pixel: MatchReport,
-    pixel_flipped: MatchReport,
-    moco: MatchReport,
-    similarities: Similarities,
-}
-
 fn matches(args: &MatchArgs) -> Result<()> {
     let model = load(&args.model, &args.device)?;
     let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
@@ -118,28 +109,25 @@ fn matches(args: &MatchArgs) -> Result<()> {
         bar.set_position(done as u64);
     })?;
     bar.finish_and_clear();
-    let run = |method| match_single_touches(&model, &bank, &pegs, &holes, method, args.limit);
-    let (moco, similarities) = run(Method::Moco)?;
-    let (pixel, _) = run(Method::Pixel)?;
-    let (pixel_flipped, _) = run(Method::PixelFlipped)?;
-    let json = MatchJson { pixel, pixel_flipped, moco, similarities };
+    let found = match_single_touches(&model, &bank, &pegs, &holes, args.limit)?;
     if args.json {
-        let text = serde_json::to_string_pretty(&json);
+        let text = serde_json::to_string_pretty(&found);
         println!("{}", text.map_err(|e| tactile_infer::Error::invalid("result", "JSON", e.to_string()))?);
         return Ok(());
     }
-    println!("one touch, nearest neighbour among {} pegs, {} holes:", bank.n_rows(), json.moco.n_holes);
-    for (name, found) in [("Pixel", &json.pixel), ("Pixel, sign-flipped", &json.pixel_flipped), ("MoCo", &json.moco)] {
+    println!("one touch, nearest neighbour among {} pegs, {} holes:", bank.n_rows(), found.moco.n_holes);
+    let rows = [("Pixel", &found.pixel), ("Pixel, sign-flipped", &found.pixel_flipped), ("MoCo", &found.moco)];
+    for (name, report) in rows {
         println!(
             "  {name:20} class {:5.1} %   exact cell {:5.1} %   xy {:4.1} mm   theta {:4.1} deg (means over right classes)",
-            100.0 * found.accuracy,
-            100.0 * found.exact_cell,
-            found.xy_mm_mean,
-            found.theta_deg_mean
+            100.0 * report.accuracy,
+            100.0 * report.exact_cell,
+            report.xy_mm_mean,
+            report.theta_deg_mean
         );
     }
-    println!("  correlation of f_PP with f_HP: {:.3}", similarities.peg_similarity_correlation);
-    println!("  99 in 100 holes with an edge reach cosine {:.2} with some peg", similarities.best_cosine_p01);
+    println!("  correlation of f_PP with f_HP: {:.3}", found.similarities.peg_similarity_correlation);
+    println!("  99 in 100 holes with an edge reach cosine {:.2} with some peg", found.similarities.best_cosine_p01);
     Ok(())
 }
 

@@ -7,21 +7,10 @@ use tactile_data::se2::wrap_angle;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
-use crate::bank::{Bank, frames_by_row};
+use crate::bank::{Bank, frames_by_row, tactile_images};
 use crate::checkpoint::Model;
 use crate::error::{Error, Result};
 use crate::similarity::{dot, part_mating};
-
-/// How a hole is compared with a peg.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
-    /// L1 distance of the difference images.
-    Pixel,
-    /// L1 distance to the peg's image with its sign turned: a hole is not the negative of its peg.
-    PixelFlipped,
-    /// Cosine of query and key.
-    Moco,
-}
 
 /// What one touch alone tells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -48,15 +37,28 @@ pub struct Similarities {
     pub best_cosine_p01: f64,
 }
 
-/// Matches up to `limit` hole touches, evenly spread. The similarities are noughts for the Pixel methods.
+/// What one touch tells by each way of comparing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Matches {
+    /// By L1 distance of the difference images.
+    pub pixel: MatchReport,
+    /// By L1 distance to the peg's image with its sign turned: a hole is not the negative of its peg.
+    pub pixel_flipped: MatchReport,
+    /// By cosine of query and key.
+    pub moco: MatchReport,
+    /// What the model's cosines are like.
+    pub similarities: Similarities,
+}
+
+/// Matches up to `limit` hole touches of known part and pose, evenly spread over the dataset, against the
+/// pegs that the bank was made of.
 pub fn match_single_touches(
     model: &Model,
     bank: &Bank,
     pegs: &Dataset,
     holes: &Dataset,
-    method: Method,
     limit: usize,
-) -> Result<(MatchReport, Similarities)> {
+) -> Result<Matches> {
     let known = |index: &usize| {
         let touch = holes.touch(*index);
         touch.side == Some(Side::Hole) && touch.part.is_some() && touch.part_from_sensor.is_some()
@@ -67,14 +69,22 @@ pub fn match_single_touches(
     }
     let n_holes = limit.min(candidates.len());
     let chosen: Vec<usize> = (0..n_holes).map(|i| candidates[i * candidates.len() / n_holes]).collect();
-    let (nearest, similarities) = match method {
-        Method::Moco => nearest_by_model(model, bank, holes, &chosen)?,
-        Method::Pixel => (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, 1.0)?, Similarities::default()),
-        Method::PixelFlipped => {
-            (all_nearest_by_pixel(model, bank, pegs, holes, &chosen, -1.0)?, Similarities::default())
-        }
+    let (nearest, similarities) = nearest_by_model(model, bank, holes, &chosen)?;
+
+    let counts = Preprocessing::counts(model.config().input_px);
+    let (_, frames) = frames_by_row(pegs, bank.grid())?;
+    let peg_images = tactile_images(&Background::new(pegs.no_contact(), &counts)?, pegs, &frames)?;
+    let hole_images = tactile_images(&Background::new(holes.no_contact(), &counts)?, holes, &chosen)?;
+    let by_pixel = |sign: f32| {
+        let nearest = hole_images.par_iter().map(|hole| nearest_by_pixel(hole, &peg_images, sign));
+        report(bank, holes, &chosen, &nearest.collect::<Vec<_>>())
     };
-    Ok((report(bank, holes, &chosen, &nearest), similarities))
+    Ok(Matches {
+        pixel: by_pixel(1.0),
+        pixel_flipped: by_pixel(-1.0),
+        moco: report(bank, holes, &chosen, &nearest),
+        similarities,
+    })
 }
 
 /// A view with fewer edge pixels shows no edge to judge a similarity by.
@@ -86,7 +96,7 @@ fn nearest_by_model(
     holes: &Dataset,
     chosen: &[usize],
 ) -> Result<(Vec<usize>, Similarities)> {
-    let images = images(&model.background(holes.no_contact())?, holes, chosen)?;
+    let images = tactile_images(&model.background(holes.no_contact())?, holes, chosen)?;
     let queries = model.embed_holes(&images)?;
     let mut correlation = Correlation::default();
     let (mut nearest, mut best_cosines) = (Vec::new(), Vec::new());
@@ -109,30 +119,11 @@ fn nearest_by_model(
     Ok((nearest, Similarities { peg_similarity_correlation: correlation.value(), best_cosine_p01 }))
 }
 
-fn all_nearest_by_pixel(
-    model: &Model,
-    bank: &Bank,
-    pegs: &Dataset,
-    holes: &Dataset,
-    chosen: &[usize],
-    sign: f32,
-) -> Result<Vec<usize>> {
-    let counts = Preprocessing::counts(model.config().input_px);
-    let (_, frames) = frames_by_row(pegs, bank.grid())?;
-    let peg_images = images(&Background::new(pegs.no_contact(), &counts)?, pegs, &frames)?;
-    let hole_images = images(&Background::new(holes.no_contact(), &counts)?, holes, chosen)?;
-    Ok(hole_images.par_iter().map(|hole| nearest_by_pixel(hole, &peg_images, sign)).collect())
-}
-
 /// The peg image nearest to a hole image by L1 distance; `sign` -1 turns the pegs inside out first.
 pub fn nearest_by_pixel(hole: &TactileImage, pegs: &[TactileImage], sign: f32) -> usize {
     let distance =
         |peg: &TactileImage| hole.planes.iter().zip(&peg.planes).map(|(h, p)| (h - sign * p).abs()).sum::<f32>();
     best(pegs.iter().map(|peg| -distance(peg)))
-}
-
-fn images(background: &Background, dataset: &Dataset, frames: &[usize]) -> Result<Vec<TactileImage>> {
-    frames.par_iter().map(|frame| Ok(background.tactile_image(&dataset.frame(*frame))?)).collect()
 }
 
 /// The first index of the largest score; a NaN never wins.
@@ -148,9 +139,7 @@ pub fn best(scores: impl Iterator<Item = f32>) -> usize {
 
 fn true_row(bank: &Bank, holes: &Dataset, frame: usize) -> Option<usize> {
     let touch = holes.touch(frame);
-    let part = bank.parts().iter().position(|part| Some(part) == touch.part.as_ref())?;
-    let cell = bank.grid().exact(&touch.part_from_sensor?, 0.5, 2.0)?;
-    Some(part * bank.grid().len() + cell)
+    bank.row_at(touch.part.as_deref()?, &touch.part_from_sensor?)
 }
 
 fn report(bank: &Bank, holes: &Dataset, chosen: &[usize], nearest: &[usize]) -> MatchReport {

@@ -1,4 +1,4 @@
-//! Outlines as coverage on a square raster.
+//! Outlines on a square raster: as coverage, and as distance.
 
 use super::Shape;
 
@@ -103,15 +103,8 @@ fn sides(region: &[super::Contour]) -> impl Iterator<Item = [[f64; 2]; 2]> {
 
 /// Where a horizontal line crosses the outlines of a region, sorted.
 fn crossings(region: &[super::Contour], y: f64) -> Vec<f64> {
-    let mut xs = Vec::new();
-    for contour in region {
-        for (i, a) in contour.iter().enumerate() {
-            let b = &contour[(i + 1) % contour.len()];
-            if (a[1] <= y) != (b[1] <= y) {
-                xs.push(a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
-            }
-        }
-    }
+    let crossing = sides(region).filter(|[a, b]| (a[1] <= y) != (b[1] <= y));
+    let mut xs: Vec<f64> = crossing.map(|[a, b]| a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])).collect();
     xs.sort_by(f64::total_cmp);
     xs
 }

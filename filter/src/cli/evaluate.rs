@@ -94,9 +94,10 @@ impl Evaluate {
         let mut flipped = None;
         if let Some(path) = &self.pegs {
             let pegs = Dataset::open(path)?;
-            let run = |sign| baselines::pixel(&simulator, &model, &bank, &pegs, &no_contact, &protocol, sign);
-            rows.push(single(Method::Pixel, &run(1.0)?));
-            flipped = Some(single(Method::Pixel, &run(-1.0)?));
+            let scored = baselines::pixel(&simulator, &model, &bank, &pegs, &no_contact, &protocol)?;
+            let [plain, inside_out] = scored.map(|scored| single(Method::Pixel, &scored));
+            rows.push(plain);
+            flipped = Some(inside_out);
         }
         rows.push(single(Method::Moco, &baselines::moco(&simulator, &eye, &bank, &protocol)?));
 

@@ -65,7 +65,7 @@ impl Replay {
         let limit = self.limit.unwrap_or(recorded.len());
         let mut n_right = [0, 0];
         for (number, touches) in recorded.iter().take(limit).enumerate() {
-            let replayed = play(&dataset, &model, &eye, &bank, &config, touches)?;
+            let replayed = play(&dataset, &eye, &bank, &config, touches)?;
             if let Some(truth) = &replayed.truth {
                 n_right[0] += usize::from(*truth == replayed.part);
                 n_right[1] += 1;

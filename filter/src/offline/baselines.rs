@@ -1,11 +1,11 @@
 //! What one touch alone tells, by nearest neighbour: the paper's Pixel and MoCo (Sec. V-B).
 
 use rayon::prelude::*;
-use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
+use tactile_data::frame::{Background, Frame, Preprocessing};
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_infer::Model;
-use tactile_infer::bank::{Bank, frames_by_row};
+use tactile_infer::bank::{Bank, frames_by_row, tactile_images};
 use tactile_infer::matching::{best, nearest_by_pixel};
 use tactile_infer::similarity::part_mating;
 
@@ -19,12 +19,12 @@ pub fn moco(simulator: &Simulator, eye: &Eye<'_>, bank: &Bank, protocol: &Protoc
         let observation = eye.observe(&frame)?;
         let mut cosines = Vec::new();
         part_mating(&observation.query, bank, &mut cosines);
-        score_row(best(cosines.into_iter()), bank, hole)
+        Ok(score_row(best(cosines.into_iter()), bank, hole))
     })
 }
 
 /// The nearest recorded frame to the first touch of each episode, by L1 distance of the difference
-/// images; `sign` -1 compares with the recorded frames turned inside out.
+/// images: to the frames as they are, and to the frames turned inside out.
 pub fn pixel(
     simulator: &Simulator,
     model: &Model,
@@ -32,27 +32,25 @@ pub fn pixel(
     pegs: &Dataset,
     no_contact: &Frame,
     protocol: &Protocol,
-    sign: f32,
-) -> Result<Vec<Scored>> {
+) -> Result<[Vec<Scored>; 2]> {
     let counts = Preprocessing::counts(model.config().input_px);
     let (_, frames) = frames_by_row(pegs, bank.grid())?;
     let rest = Background::new(pegs.no_contact(), &counts)?;
-    let recorded = frames
-        .par_iter()
-        .map(|frame| Ok(rest.tactile_image(&pegs.frame(*frame))?))
-        .collect::<Result<Vec<TactileImage>>>()?;
+    let recorded = tactile_images(&rest, pegs, &frames)?;
     let rest = Background::new(no_contact, &counts)?;
-    first_touches(simulator, bank, protocol, |hole, frame| {
-        score_row(nearest_by_pixel(&rest.tactile_image(&frame)?, &recorded, sign), bank, hole)
-    })
+    let scored = first_touches(simulator, bank, protocol, |hole, frame| {
+        let image = rest.tactile_image(&frame)?;
+        Ok([1.0, -1.0].map(|sign| score_row(nearest_by_pixel(&image, &recorded, sign), bank, hole)))
+    })?;
+    Ok([0, 1].map(|sign| scored.iter().map(|both| both[sign]).collect()))
 }
 
-fn first_touches(
+fn first_touches<T: Send>(
     simulator: &Simulator,
     bank: &Bank,
     protocol: &Protocol,
-    judge: impl Fn(&Hole<'_>, Frame) -> Result<Scored> + Sync,
-) -> Result<Vec<Scored>> {
+    judge: impl Fn(&Hole<'_>, Frame) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
     (0..protocol.n_episodes)
         .into_par_iter()
         .map(|index| {

@@ -201,14 +201,13 @@ pub fn run_one(
         seed: seed.wrapping_add(index as u64),
         ..*config
     };
-    let frame = hole.touch()?;
+    let mut frame = hole.touch()?;
     let mut outcome = Outcome::default();
     let (observation, encode) = timed(|| eye.observe(&frame));
     let observation = observation?;
     let (episode, update) = timed(|| Episode::begin_with(&config, bank, &observation));
     let mut episode = episode?;
     let mut times = StageTimes { encode, update, select: 0.0 };
-    let mut frame = frame;
     loop {
         let estimate = episode.estimate();
         outcome.scored.push(score(&estimate, bank, &hole));
@@ -249,10 +248,10 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
 }
 
 /// How good it is to name one row of the bank, with certainty, after the first touch.
-pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Result<Scored> {
+pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Scored {
     let (part, cell) = (row / bank.grid().len(), row % bank.grid().len());
     let scored = score_pose(&bank.parts()[part], bank.grid().pose(cell), bank.grid(), hole);
-    Ok(Scored { probability: 1.0, brier: if scored.right { 0.0 } else { 2.0 }, ..scored })
+    Scored { probability: 1.0, brier: if scored.right { 0.0 } else { 2.0 }, ..scored }
 }
 
 fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>) -> Scored {

@@ -1,12 +1,10 @@
 //! Recordings played back through the filter, the same way as live touches.
 
 use serde::Serialize;
-use tactile_data::contact::FrameContact;
-use tactile_data::frame::{Background, Preprocessing};
+use tactile_data::contact;
 use tactile_data::se2::Se2;
 use tactile_data::store::Dataset;
 use tactile_data::touch::{Side, Touch};
-use tactile_infer::Model;
 use tactile_infer::bank::Bank;
 
 use crate::episode::{Episode, EpisodeConfig, Eye};
@@ -47,21 +45,20 @@ pub struct Replayed {
 /// by the motion between them. Frames of which neither is known are a film: each run of frames with
 /// contact is one touch, its most edged frame, and an episode of its own. Pegs are passed over.
 pub fn episodes(dataset: &Dataset) -> Result<Vec<Vec<Played>>> {
-    let background = Background::new(dataset.no_contact(), &Preprocessing::counts([40, 30]))?;
+    let is_film = |touch: &Touch| touch.moved.is_none() && touch.part_from_sensor.is_none();
+    let contacts = if dataset.touches().iter().any(is_film) { contact::measure(dataset)? } else { Vec::new() };
     let mut episodes: Vec<Vec<Played>> = Vec::new();
     let mut film: Option<(usize, f32)> = None;
     for (frame, touch) in dataset.touches().iter().enumerate() {
         if touch.side == Some(Side::Peg) {
             continue;
         }
-        let is_film = touch.moved.is_none() && touch.part_from_sensor.is_none();
-        if is_film {
-            let image = background.tactile_image(&dataset.frame(frame)).map_err(|e| at_frame(frame, &e))?;
-            let contact = FrameContact::of(&image);
+        if is_film(touch) {
+            let contact = contacts[frame].as_ref().map_err(|e| at_frame(frame, e))?;
             match (&mut film, contact.is_contact()) {
-                (Some(best), true) if image.edge_share > best.1 => *best = (frame, image.edge_share),
+                (Some(best), true) if contact.edge_share > best.1 => *best = (frame, contact.edge_share),
                 (Some(_), true) => {}
-                (None, true) => film = Some((frame, image.edge_share)),
+                (None, true) => film = Some((frame, contact.edge_share)),
                 (best, false) => episodes.extend(best.take().map(|(frame, _)| vec![Played { frame, moved: None }])),
             }
             continue;
@@ -91,7 +88,6 @@ fn motion(before: &Touch, now: &Touch) -> Option<Se2> {
 /// Plays one episode until its stopping rule ends it or the recording does.
 pub fn play(
     dataset: &Dataset,
-    model: &Model,
     eye: &Eye<'_>,
     bank: &Bank,
     config: &EpisodeConfig,
@@ -100,18 +96,15 @@ pub fn play(
     let Some(first) = touches.first() else {
         return Err(Error::invalid("recorded episode", "at least one touch", "none"));
     };
-    let look = |frame: usize| eye.observe(&dataset.frame(frame)).map_err(|e| at_frame(frame, &e));
-    if model.sha256() != bank.model_sha256() {
-        return Err(Error::invalid("bank", format!("one made by model {}", model.sha256()), bank.model_sha256()));
-    }
-    let mut episode = Episode::begin_with(config, bank, &look(first.frame)?)?;
+    let begun = Episode::begin(config, eye, bank, &dataset.frame(first.frame));
+    let mut episode = begun.map_err(|e| at_frame(first.frame, &e))?;
     let mut frames = vec![first.frame];
     for next in &touches[1..] {
-        let probability = episode.belief().class_posterior().into_iter().fold(0.0, f64::max);
-        if probability > config.stop_probability || frames.len() >= config.max_touches {
+        if episode.stop_reason().is_some() {
             break;
         }
-        episode.observe_with(next.moved.unwrap_or(Se2::IDENTITY), &look(next.frame)?)?;
+        let moved = next.moved.unwrap_or(Se2::IDENTITY);
+        episode.observe(moved, &dataset.frame(next.frame)).map_err(|e| at_frame(next.frame, &e))?;
         frames.push(next.frame);
     }
     let estimate = episode.estimate();
