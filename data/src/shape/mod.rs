@@ -1,10 +1,14 @@
 //! The outlines of parts, in mm, and how they become rasters.
 
 pub mod glyph;
+pub mod height_map;
 pub mod maze;
 pub mod raster;
+pub mod relief;
 
+pub use height_map::HeightMap;
 pub use raster::Raster;
+pub use relief::{Face, Layer, Relief};
 
 /// A closed outline: points in mm, the last joined to the first.
 pub type Contour = Vec<[f64; 2]>;
