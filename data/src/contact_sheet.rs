@@ -17,7 +17,7 @@ const GAP_PX: usize = 2;
 /// Gap round samples and pairs, pixels.
 const MARGIN_PX: usize = 12;
 /// Grey of the paper, counts.
-const PAPER: u8 = 32;
+pub(crate) const PAPER: u8 = 32;
 /// Amplification of a difference, so that the usual 40 to 60 counts of an edge nearly fill the range
 /// of 128 either way.
 const DIFFERENCE_GAIN: f32 = 2.0;
@@ -73,28 +73,33 @@ fn samples(touches: &[Touch]) -> Vec<Vec<usize>> {
 
 fn difference(background: &Background, frame: &Frame, [width, height]: [usize; 2]) -> Result<Frame> {
     let n_pixels = width * height;
-    let rgb = match background.tactile_image(frame) {
-        // The conversion to u8 saturates.
-        Ok(image) => (0..3 * n_pixels)
-            .map(|at| (128.0 + DIFFERENCE_GAIN * image.planes[at % 3 * n_pixels + at / 3]).round() as u8)
-            .collect(),
-        Err(_) => vec![128; 3 * n_pixels],
+    let counts: Vec<f32> = match background.tactile_image(frame) {
+        Ok(image) => (0..3 * n_pixels).map(|at| image.planes[at % 3 * n_pixels + at / 3]).collect(),
+        Err(_) => vec![0.0; 3 * n_pixels],
     };
+    amplified(&counts, [width, height])
+}
+
+/// Differences, interleaved RGB in counts, amplified on mid-grey.
+pub(crate) fn amplified(counts: &[f32], [width, height]: [usize; 2]) -> Result<Frame> {
+    // The conversion to u8 saturates.
+    let rgb = counts.iter().map(|counts| (128.0 + DIFFERENCE_GAIN * counts).round() as u8).collect();
     Frame::new(width, height, rgb)
 }
 
-struct Sheet {
+/// Frames on dark paper.
+pub(crate) struct Sheet {
     size_px: [usize; 2],
     rgb: Vec<u8>,
 }
 
 impl Sheet {
-    fn new(size_px: [usize; 2]) -> Self {
+    pub(crate) fn new(size_px: [usize; 2]) -> Self {
         Self { size_px, rgb: vec![PAPER; 3 * size_px[0] * size_px[1]] }
     }
 
     /// Copies a frame in, its top left corner at `x`, `y`; it must lie inside.
-    fn put(&mut self, [x, y]: [usize; 2], frame: &Frame) {
+    pub(crate) fn put(&mut self, [x, y]: [usize; 2], frame: &Frame) {
         let line_len = 3 * frame.width_px();
         for (row, line) in frame.rgb().chunks(line_len).enumerate() {
             let start = 3 * ((y + row) * self.size_px[0] + x);
@@ -102,7 +107,7 @@ impl Sheet {
         }
     }
 
-    fn into_frame(self) -> Result<Frame> {
+    pub(crate) fn into_frame(self) -> Result<Frame> {
         Frame::new(self.size_px[0], self.size_px[1], self.rgb)
     }
 }

@@ -1,5 +1,6 @@
 //! Datasets from scenes: pairs of touches all over MAZE boards, or each part at each pose of its reach.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use rand::RngExt;
@@ -17,10 +18,34 @@ use crate::touch::{Side, Touch};
 const CHUNK: usize = 256;
 
 /// One touch to be rendered.
-struct Planned {
-    part: usize,
-    side: Side,
-    part_from_sensor: Se2,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned {
+    /// Number of the part in its scene.
+    pub part: usize,
+    /// What is touched of it.
+    pub side: Side,
+    /// Where the sensor is.
+    pub part_from_sensor: Se2,
+}
+
+/// The touches of a scene's dataset, in order: pairs all over MAZE boards, or `sides` of each letter at each
+/// pose of the reach. Fails where there is none.
+pub fn plan(scene: &Scene, sides: &[Side], seed: u64) -> Result<Vec<Planned>> {
+    let planned: Vec<Planned> = match (&scene.parts, scene.reach) {
+        (Parts::Maze(boards), _) => pairs(scene, boards, seed),
+        (_, Some(reach)) => {
+            let cell = |part, side| {
+                (0..reach.len()).map(move |cell| Planned { part, side, part_from_sensor: reach.pose(cell) })
+            };
+            let of_part = |part| sides.iter().flat_map(move |side| cell(part, *side));
+            (0..scene.part_names().len()).flat_map(of_part).collect()
+        }
+        (_, None) => return Err(Error::invalid("reach", "a grid of poses for each part", "none")),
+    };
+    if planned.is_empty() {
+        return Err(Error::invalid("--sides", "peg, hole or both", "none"));
+    }
+    Ok(planned)
 }
 
 /// Renders a scene into a dataset folder and returns the number of frames. `sides` says which halves of
@@ -34,20 +59,11 @@ pub fn generate(
     progress: &dyn Fn(usize, usize),
 ) -> Result<usize> {
     let simulator = Simulator::new(scene.clone(), seed)?;
-    let (planned, held_out) = match (&scene.parts, scene.reach) {
-        (Parts::Maze(boards), _) => pairs(scene, boards, seed),
-        (Parts::Letters(_), Some(reach)) => {
-            let cell = |part, side| {
-                (0..reach.len()).map(move |cell| Planned { part, side, part_from_sensor: reach.pose(cell) })
-            };
-            let of_part = |part| sides.iter().flat_map(move |side| cell(part, *side));
-            ((0..simulator.parts().len()).flat_map(of_part).collect(), Vec::new())
-        }
-        (Parts::Letters(_), None) => return Err(Error::invalid("reach", "a grid of poses for letters", "none")),
+    let planned = plan(scene, sides, seed)?;
+    let held_out = match &scene.parts {
+        Parts::Maze(boards) => scene.part_names().split_off(boards.n_boards - boards.n_held_out),
+        _ => Vec::new(),
     };
-    if planned.is_empty() {
-        return Err(Error::invalid("--sides", "peg, hole or both", "none"));
-    }
     let description = serde_json::to_value(scene).map_err(|e| Error::invalid("scene", "JSON", e.to_string()))?;
     let meta = Meta {
         name: scene.name.clone(),
@@ -59,8 +75,9 @@ pub fn generate(
         seed: Some(seed),
         source: "simulated".into(),
     };
-    let mut writer = DatasetWriter::create(out, meta, &simulator.no_contact(seed))?;
+    let mut writer = DatasetWriter::create(out, meta, &simulator.no_contact(seed))?.expecting(planned.len());
     let render = |chunk: usize, touches: &[Planned]| {
+        prepare(&simulator, touches)?;
         let frame = |(i, touch): (usize, &Planned)| {
             // Streams from 1 000 on: the first ones belong to the sensor at rest.
             let mut rng = frame_rng(seed, 1_000 + (chunk * CHUNK + i) as u64);
@@ -93,11 +110,20 @@ pub fn generate(
     Ok(planned.len())
 }
 
-/// Pairs all over the boards, board by board, at any angle; the last boards are held out.
-fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> (Vec<Planned>, Vec<String>) {
+/// Works out the sides that some touches need, one a thread: touches that need one and the same would wait
+/// for it.
+pub fn prepare(simulator: &Simulator, touches: &[Planned]) -> Result<()> {
+    let sides: BTreeSet<(usize, bool)> = touches.iter().map(|touch| (touch.part, touch.side == Side::Peg)).collect();
+    let sides: Vec<_> = sides.into_iter().collect();
+    let side = |is_peg| if is_peg { Side::Peg } else { Side::Hole };
+    sides.par_iter().try_for_each(|(part, is_peg)| simulator.prepare(*part, side(*is_peg)))
+}
+
+/// Pairs all over the boards, board by board, at any angle.
+fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> Vec<Planned> {
     let [width, height] = scene.sensor.field_of_view_mm;
     let half = 0.5 * (boards.spec.side_mm - width.hypot(height));
-    let planned = (0..boards.n_pairs)
+    (0..boards.n_pairs)
         .flat_map(|pair| {
             let mut rng = frame_rng(seed ^ 0x70_6f_73_65, pair as u64);
             let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
@@ -105,9 +131,7 @@ fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> (Vec<Planned>, Vec<St
             let part = pair * boards.n_boards / boards.n_pairs;
             [Side::Hole, Side::Peg].map(|side| Planned { part, side, part_from_sensor })
         })
-        .collect();
-    let names = scene.part_names();
-    (planned, names[boards.n_boards - boards.n_held_out..].to_vec())
+        .collect()
 }
 
 #[cfg(test)]

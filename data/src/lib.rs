@@ -23,12 +23,14 @@
 //! # }
 //! ```
 
+pub mod calibrate;
 pub mod contact;
 pub mod contact_sheet;
 pub mod error;
 pub mod frame;
 pub mod generate;
 pub mod grid;
+pub mod npy;
 pub mod picture;
 pub mod recording;
 pub mod scene;

@@ -75,6 +75,8 @@ pub struct DatasetWriter {
     frames: BufWriter<File>,
     index: BufWriter<File>,
     n_frames: usize,
+    /// The checksum of the frames so far, for a number of frames: the header states it.
+    hash: Option<(usize, Sha256)>,
 }
 
 impl DatasetWriter {
@@ -92,13 +94,23 @@ impl DatasetWriter {
         let mut frames = create_file(&partial.join(FRAMES))?;
         frames.write_all(&npy_header(0, &meta)).map_err(Error::io(partial.join(FRAMES)))?;
         let index = create_file(&partial.join(INDEX))?;
-        Ok(Self { out: out.to_path_buf(), partial, meta, frames, index, n_frames: 0 })
+        Ok(Self { out: out.to_path_buf(), partial, meta, frames, index, n_frames: 0, hash: None })
+    }
+
+    /// The same writer, told before the first frame how many there will be: it then works out the checksum as
+    /// it writes and need not read the frames again. Another number may come all the same.
+    pub fn expecting(mut self, n_frames: usize) -> Self {
+        self.hash = Some((n_frames, Sha256::new_with_prefix(npy_header(n_frames, &self.meta))));
+        self
     }
 
     /// Appends a frame, of the size that the meta data states, and what is known of it.
     pub fn push(&mut self, frame: &Frame, touch: &Touch) -> Result<()> {
         check_size(frame, &self.meta, &format!("frame {}", self.n_frames))?;
         self.frames.write_all(frame.rgb()).map_err(Error::io(self.partial.join(FRAMES)))?;
+        if let Some((_, hash)) = &mut self.hash {
+            hash.update(frame.rgb());
+        }
         let path = self.partial.join(INDEX);
         let line = serde_json::to_string(touch).map_err(json_error(&path, "a touch"))?;
         writeln!(self.index, "{line}").map_err(Error::io(&path))?;
@@ -117,10 +129,14 @@ impl DatasetWriter {
         self.frames.write_all(&header).map_err(Error::io(&frames))?;
         sync(self.frames, &frames)?;
         sync(self.index, &index)?;
+        let frames_sha256 = match self.hash {
+            Some((n_frames, hash)) if n_frames == self.n_frames => format!("{:x}", hash.finalize()),
+            _ => sha256(&frames)?,
+        };
         let content = MetaFile {
             schema: SCHEMA.to_owned(),
             n_frames: self.n_frames,
-            frames_sha256: sha256(&frames)?,
+            frames_sha256,
             index_sha256: sha256(&index)?,
             meta: self.meta,
         };
@@ -435,6 +451,19 @@ mod tests {
             assert_eq!(dataset.touch(i.into()), &touch(i));
         }
         assert!(!partial_path(&out).unwrap().exists());
+    }
+
+    /// Opening checks the checksum, whether it was worked out along the way or not.
+    #[test]
+    fn the_number_of_frames_may_be_told_and_may_be_wrong() {
+        for told in [3, 5] {
+            let folder = tempfile::tempdir().unwrap();
+            let out = folder.path().join("data");
+            let mut writer = DatasetWriter::create(&out, meta(), &frame(9)).unwrap().expecting(told);
+            (0..3).for_each(|i| writer.push(&frame(i + 1), &touch(i)).unwrap());
+            writer.finish().unwrap();
+            assert_eq!(Dataset::open(&out).unwrap().len(), 3);
+        }
     }
 
     #[test]

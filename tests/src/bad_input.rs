@@ -153,7 +153,7 @@ fn a_scene_with_an_unknown_part_is_refused() {
     for (from, to, word) in [
         ("\"TX\"", "\"T\u{e000}\"", "\u{e000}"),
         ("\"TX\"", "\"TT\"", "'T' twice"),
-        ("[parts.letters]", "[parts.connectors]", "connectors"),
+        ("[parts.letters]", "[parts.gears]", "gears"),
         ("[reach]", "[grid]", "grid"),
     ] {
         fs::write(&scene, SCENE.replace(from, to)).unwrap();

@@ -16,7 +16,7 @@ use super::progress;
 #[command(after_help = "Examples:\n  tactile-data generate --scene maze --pairs 2000 --out maze\n  \
                         tactile-data generate --scene alphabet-small --sides peg --out pegs")]
 pub struct Generate {
-    /// maze, alphabet-small, alphabet-large, alphabet-small-dev, alphabet-large-dev, or a TOML file
+    /// maze, alphabet-small, alphabet-large, either of these with -dev, connectors, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
     /// The dataset to write; must not exist
@@ -25,7 +25,7 @@ pub struct Generate {
     /// Draws boards, poses, jitter and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Which halves of letters to touch; MAZE boards are always touched in pairs
+    /// Which halves of the parts to touch; MAZE boards are always touched in pairs
     #[arg(long, value_enum, default_value_t = Sides::Both)]
     sides: Sides,
     /// Pairs of touches, for MAZE boards [default: the scene's]
@@ -37,9 +37,9 @@ pub struct Generate {
     /// Size of the frames, pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
     frame_px: Option<[usize; 2]>,
-    /// How much of the sensor is computed [default: the scene's]
-    #[arg(long, value_enum, value_name = "TIER")]
-    fidelity: Option<Tier>,
+    /// geometry, gel, optics, camera or shadow [default: the scene's]
+    #[arg(long, value_name = "TIER")]
+    fidelity: Option<Fidelity>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -47,14 +47,6 @@ enum Sides {
     Peg,
     Hole,
     Both,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Tier {
-    Geometry,
-    Gel,
-    Optics,
-    Camera,
 }
 
 impl Generate {
@@ -81,22 +73,15 @@ impl Generate {
                     boards.n_held_out = n_boards.div_ceil(12).min(n_boards.saturating_sub(1));
                 }
             }
-            Parts::Letters(_) if self.pairs.is_some() || self.boards.is_some() => {
+            Parts::Kit(_) if self.pairs.is_some() || self.boards.is_some() => {
                 return Err(Error::invalid("--pairs, --boards", "a scene of MAZE boards", scene.name));
             }
-            Parts::Letters(_) => {}
+            Parts::Kit(_) => {}
         }
         if let Some(frame_px) = self.frame_px {
             scene.sensor.frame_px = frame_px;
         }
-        if let Some(tier) = self.fidelity {
-            scene.fidelity = match tier {
-                Tier::Geometry => Fidelity::Geometry,
-                Tier::Gel => Fidelity::Gel,
-                Tier::Optics => Fidelity::Optics,
-                Tier::Camera => Fidelity::Camera,
-            };
-        }
+        scene.fidelity = self.fidelity.unwrap_or(scene.fidelity);
         scene.validate()?;
         Ok(scene)
     }

@@ -1,9 +1,11 @@
 //! The command line: one file a command.
 
+mod calibrate;
 mod generate;
 mod import;
 mod inspect;
 mod progress;
+mod speed;
 
 use clap::{Parser, Subcommand};
 use tactile_data::Result;
@@ -21,8 +23,10 @@ pub struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Generate(generate::Generate),
+    Calibrate(calibrate::Calibrate),
     Inspect(inspect::Inspect),
     Import(import::Import),
+    Speed(speed::Speed),
 }
 
 impl Cli {
@@ -30,8 +34,10 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Generate(generate) => generate.run(),
+            Command::Calibrate(calibrate) => calibrate.run(),
             Command::Inspect(inspect) => inspect.run(),
             Command::Import(import) => import.run(),
+            Command::Speed(speed) => speed.run(),
         }
     }
 }

@@ -2,10 +2,12 @@
 
 use std::sync::OnceLock;
 
+use multiversion::multiversion;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
+use super::rounding::to_byte;
 use super::{SensorSpec, jpeg};
 use crate::frame::Frame;
 
@@ -23,7 +25,7 @@ pub struct Camera {
     size_px: [usize; 2],
     noise_counts: [f32; 3],
     jpeg_quality: [u8; 2],
-    /// Share of the light that dust leaves, for each pixel.
+    /// Share of the light that dust leaves, for each pixel and channel.
     dust: Vec<f32>,
 }
 
@@ -61,7 +63,7 @@ impl Camera {
             size_px: spec.frame_px,
             noise_counts: spec.noise_counts.map(|n| n as f32),
             jpeg_quality: spec.jpeg_quality,
-            dust: (0..width * height).map(light).collect(),
+            dust: (0..width * height).flat_map(|i| [light(i); 3]).collect(),
         }
     }
 
@@ -78,32 +80,44 @@ impl Camera {
         let table = normals();
         let mut start = rng.random_range(0..table.len());
         let row_length = 3 * self.size_px[0];
-        for (line, dust) in rgb.chunks_exact_mut(row_length).zip(self.dust.chunks_exact(self.size_px[0])) {
+        let pattern = |values: [f32; 3]| -> Vec<f32> { (0..row_length).map(|i| values[i % 3]).collect() };
+        let (gains, noise_counts) = (pattern(gains), pattern(self.noise_counts));
+        for (line, dust) in rgb.chunks_exact_mut(row_length).zip(self.dust.chunks_exact(row_length)) {
             if start + row_length > table.len() {
                 start = rng.random_range(0..table.len() - row_length);
             }
-            let noise = table[start..start + row_length].as_chunks::<3>().0;
+            expose_row(line, &gains, dust, &noise_counts, &table[start..start + row_length]);
             start += row_length;
-            for ((pixel, noise), light) in line.as_chunks_mut::<3>().0.iter_mut().zip(noise).zip(dust) {
-                for channel in 0..3 {
-                    pixel[channel] =
-                        pixel[channel] * gains[channel] * light + self.noise_counts[channel] * noise[channel];
-                }
-            }
         }
-        jpeg::compress(&mut rgb, self.size_px, rng.random_range(self.jpeg_quality[0]..=self.jpeg_quality[1]));
-        to_frame(&rgb, self.size_px)
+        let quality = rng.random_range(self.jpeg_quality[0]..=self.jpeg_quality[1]);
+        let [width, height] = self.size_px;
+        Frame::from_parts(width, height, jpeg::compress(&rgb, self.size_px, quality))
+    }
+}
+
+/// Gain and noise on a row, a value for each pixel and channel.
+#[multiversion(targets("x86_64+avx2"))]
+fn expose_row(line: &mut [f32], gains: &[f32], dust: &[f32], noise_counts: &[f32], normals: &[f32]) {
+    let factors = gains.iter().zip(dust).zip(noise_counts.iter().zip(normals));
+    for (value, ((gain, light), (counts, normal))) in line.iter_mut().zip(factors) {
+        *value = *value * gain * light + counts * normal;
     }
 }
 
 /// Rounds counts to bytes.
 pub fn to_frame(rgb: &[f32], [width, height]: [usize; 2]) -> Frame {
-    let bytes = rgb.iter().map(|value| jpeg::round(value.clamp(0.0, 255.0)) as u8).collect();
+    let mut bytes = vec![0; rgb.len()];
+    round(rgb, &mut bytes);
     Frame::from_parts(width, height, bytes)
 }
 
-/// A unit depth above this is contact: the gel falls below it 0.04 mm beside an edge.
-pub const CONTACT: f32 = 0.97;
+#[multiversion(targets("x86_64+avx2"))]
+fn round(counts: &[f32], bytes: &mut [u8]) {
+    bytes.iter_mut().zip(counts).for_each(|(byte, counts)| *byte = to_byte(*counts));
+}
+
+/// A depth above this share of the press is contact: the gel falls below it 0.04 mm beside an edge.
+const CONTACT: f32 = 0.97;
 
 /// The layer lines of one printed face: fixed for the part, in its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,30 +136,54 @@ impl LayerLines {
 
     /// Raises what is in contact by a wave, as a sensor turned by `sensor_rad` on the part sees it.
     ///
-    /// `depths` is `[height + 2, width + 2]` of a unit press; `amplitude` is a share of the press; the
-    /// phase of the wave is drawn, since it repeats every few pixels.
-    pub fn add(&self, depths: &mut [f32], spec: &SensorSpec, sensor_rad: f64, amplitude: f64, rng: &mut ChaCha8Rng) {
-        let (width, mm_per_px) = (spec.frame_px[0] + 2, spec.mm_per_px());
+    /// `depths` is `[height + 2, width + 2]` in mm of a press of `depth_mm` with a `tilt` in mm a mm, as
+    /// [`Surface::depths`](super::gel::Surface::depths) gives it. Amplitude and phase of the wave are drawn:
+    /// the lines repeat every few pixels.
+    pub fn add(
+        &self,
+        depths: &mut [f32],
+        spec: &SensorSpec,
+        sensor_rad: f64,
+        depth_mm: f64,
+        tilt: [f64; 2],
+        rng: &mut ChaCha8Rng,
+    ) {
+        let [lowest, highest] = spec.texture_mm;
+        let amplitude_mm = lowest + (highest - lowest) * rng.random::<f64>();
         let phase = std::f64::consts::TAU * rng.random::<f64>();
+        let (width, mm_per_px) = (spec.frame_px[0] + 2, spec.mm_per_px());
         let (sin, cos) = (self.across_rad - sensor_rad).sin_cos();
         let k = [cos * mm_per_px[0], sin * mm_per_px[1]].map(|v| v * std::f64::consts::TAU / self.pitch_mm);
         // A wave finer than two pixels is below what the camera resolves.
         let resolved = (1.0 - (k[0].abs().max(k[1].abs()) / std::f64::consts::PI)).clamp(0.0, 1.0);
-        let amplitude = (amplitude * resolved) as f32;
-        if amplitude < 1e-4 {
+        let amplitude_mm = amplitude_mm * resolved;
+        if amplitude_mm < 1e-5 {
             return;
         }
+        // sin(a + n k) = sin a cos n k + cos a sin n k: one sine a row and one a column.
+        let columns: Vec<[f32; 2]> = (0..width)
+            .map(|column| (column as f64 * k[0]).sin_cos())
+            .map(|(sin, cos)| [amplitude_mm * cos, amplitude_mm * sin].map(|v| v as f32))
+            .collect();
+        let step = (tilt[0] * mm_per_px[0]) as f32;
         for (row, line) in depths.chunks_exact_mut(width).enumerate() {
-            // sin(a + n k) by rotation: one sine a row.
-            let (mut sin, mut cos) = (phase + row as f64 * k[1]).sin_cos();
-            let (turn_sin, turn_cos) = k[0].sin_cos();
-            for depth in line {
-                if *depth > CONTACT {
-                    *depth += amplitude * sin as f32;
-                }
-                (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
-            }
+            let y_mm = (row as f64 - 0.5 * (spec.frame_px[1] + 1) as f64) * mm_per_px[1];
+            let x_mm = -0.5 * (width - 1) as f64 * mm_per_px[0];
+            let press = (depth_mm + tilt[0] * x_mm + tilt[1] * y_mm) as f32;
+            let (sin, cos) = (phase + row as f64 * k[1]).sin_cos();
+            raise(line, &columns, [sin as f32, cos as f32], [press, step]);
         }
+    }
+}
+
+/// Adds a wave to a row where it is in contact; the press is `press[0]` at its first pixel and `press[1]`
+/// more at each next one.
+#[multiversion(targets("x86_64+avx2"))]
+fn raise(line: &mut [f32], columns: &[[f32; 2]], row: [f32; 2], press: [f32; 2]) {
+    for (i, (depth, column)) in line.iter_mut().zip(columns).enumerate() {
+        let wave = row[0] * column[0] + row[1] * column[1];
+        let touches = *depth > CONTACT * (press[0] + i as f32 * press[1]).max(0.0);
+        *depth += if touches { wave } else { 0.0 };
     }
 }
 

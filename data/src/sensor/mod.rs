@@ -1,13 +1,23 @@
-//! The simulated GelSight Mini, a tier a file: gel, optics, camera.
+//! The simulated GelSight Mini, a tier a file: geometry, gel, optics, camera, shadow.
 
 pub mod camera;
 pub mod gel;
+pub mod geometry;
 pub mod jpeg;
+pub mod light;
+pub mod membrane;
+pub mod obstacle;
 pub mod optics;
+pub(crate) mod rounding;
+pub mod shadow;
+
+use std::path::PathBuf;
+use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use light::LightRig;
 
 /// How much of the sensor is computed; each tier includes the ones before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -21,6 +31,33 @@ pub enum Fidelity {
     Optics,
     /// What a real camera adds: gain drift, noise, dust, texture of printed parts, JPEG.
     Camera,
+    /// Shadows that the gel's own surface casts, taken by the camera.
+    Shadow,
+}
+
+impl Fidelity {
+    /// All tiers, the cheapest first.
+    pub const ALL: [Self; 5] = [Self::Geometry, Self::Gel, Self::Optics, Self::Camera, Self::Shadow];
+
+    /// The tier's name in scene files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Geometry => "geometry",
+            Self::Gel => "gel",
+            Self::Optics => "optics",
+            Self::Camera => "camera",
+            Self::Shadow => "shadow",
+        }
+    }
+}
+
+impl FromStr for Fidelity {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let known = Self::ALL.into_iter().find(|tier| tier.name() == name);
+        known.ok_or_else(|| Error::invalid("fidelity", Self::ALL.map(Self::name).join(", "), name))
+    }
 }
 
 /// A tactile sensor. The defaults are a GelSight Mini as the paper has it.
@@ -42,10 +79,12 @@ pub struct SensorSpec {
     pub tilt_jitter_deg: f64,
     /// Largest deviation of the place touched, mm.
     pub place_jitter_mm: f64,
-    /// Brightness of the red, green and blue lamp at the frame's centre, counts.
-    pub lamp_counts: [f64; 3],
-    /// Direction in which each lamp lights a slope, degrees from x towards y.
-    pub lamp_deg: [f64; 3],
+    /// Lamps and the frame at rest.
+    pub light: LightRig,
+    /// A calibration file, which [`crate::scene::Scene::load`] puts in the place of the light and, where it has
+    /// one, the gel length; none once it is read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<PathBuf>,
     /// Standard deviation of the white noise of each channel, counts.
     pub noise_counts: [f64; 3],
     /// Worst and best JPEG quality.
@@ -69,9 +108,8 @@ impl Default for SensorSpec {
             depth_jitter_mm: 0.1,
             tilt_jitter_deg: 0.5,
             place_jitter_mm: 0.05,
-            // Fitted on a real calibration table of a Mini, to 10 %.
-            lamp_counts: [97.0, 50.0, 53.0],
-            lamp_deg: [83.0, -174.0, -97.0],
+            light: LightRig::default(),
+            calibration: None,
             noise_counts: [1.8, 1.8, 2.5],
             jpeg_quality: [75, 90],
             texture_mm: [0.0, 0.02],
@@ -114,7 +152,7 @@ impl SensorSpec {
         if !(1..=100).contains(&worst) || !(worst..=100).contains(&best) {
             return Err(Error::invalid("sensor.jpeg_quality", "1..=100 in order", format!("{worst}..{best}")));
         }
-        Ok(())
+        self.light.validate()
     }
 
     /// Size of a pixel in x and y, mm.

@@ -1,54 +1,43 @@
-//! The lamps' light on the gel's slopes, in closed form.
-//!
-//! `dI_c = A_c(x, y) sin(2 theta) cos(phi - phi_c)` with `theta = atan |grad D|` and `phi` the direction
-//! of `grad D`, towards deeper gel. Since `sin(2 theta) = 2 g / (1 + g^2)` for a slope `g`, it needs no
-//! angle: `dI_c = A_c 2 (g_x cos phi_c + g_y sin phi_c) / (1 + g^2)`.
+//! The lamps' light on the gel's slopes: depths to colours.
+
+use multiversion::multiversion;
 
 use super::SensorSpec;
+use super::light::{LightRig, Quadratic, value};
+use crate::error::{Error, Result};
+use crate::frame::Frame;
 
-/// `1, x, y, x^2, x y, y^2` over the frame, x and y in -1..=1, x right and y down.
-type Quadratic = [f32; 6];
-
-/// The frame at rest: quadratics fitted to a real Mini's no-contact frame, within 2 to 8 counts.
-const AT_REST: [Quadratic; 3] = [
-    [121.5, -5.9, 24.6, -61.9, 0.1, -65.2],
-    [109.4, -2.9, -6.1, -27.3, 1.0, -15.9],
-    [133.8, -4.3, -19.3, -42.2, 2.7, -41.7],
-];
-
-/// How far each lamp reaches, as a share of its strength at the centre: quadratics through a real
-/// calibration table's values at the centre and the four sides.
-const FALL_OFF: [Quadratic; 3] =
-    [[1.0, 0.0, 0.12, -0.33, 0.0, -0.45], [1.0, 0.0, 0.0, -0.30, 0.0, -0.30], [1.0, 0.0, -0.28, -0.30, 0.0, -0.40]];
-
-/// The lamps of one sensor, worked out for each pixel.
+/// The light of one sensor on frames of one size.
 #[derive(Clone, Debug)]
 pub struct Optics {
     size_px: [usize; 2],
     /// Interleaved RGB of the frame at rest, counts.
     at_rest: Vec<f32>,
-    /// For each pixel and channel `(2 A_c cos phi_c, 2 A_c sin phi_c)`, interleaved.
-    lamps: Vec<[f32; 2]>,
+    rig: LightRig,
 }
 
 impl Optics {
-    /// Works out background and lamps for each pixel of the sensor's frame.
+    /// Works out the frame at rest.
     pub fn new(spec: &SensorSpec) -> Self {
         let [width, height] = spec.frame_px;
-        let (mut at_rest, mut lamps) = (Vec::new(), Vec::new());
-        for row in 0..height {
-            for column in 0..width {
-                let x = (column as f32 + 0.5) / width as f32 * 2.0 - 1.0;
-                let y = (row as f32 + 0.5) / height as f32 * 2.0 - 1.0;
-                for channel in 0..3 {
-                    at_rest.push(value(&AT_REST[channel], x, y).max(2.0));
-                    let strength = spec.lamp_counts[channel] as f32 * value(&FALL_OFF[channel], x, y).max(0.1);
-                    let (sin, cos) = (spec.lamp_deg[channel].to_radians() as f32).sin_cos();
-                    lamps.push([2.0 * strength * cos, 2.0 * strength * sin]);
-                }
-            }
+        let rest = |i: usize| {
+            let (x, y) = (place(i % width, width), place(i / width, height));
+            spec.light.at_rest.iter().map(move |channel| value(channel, x, y).max(2.0))
+        };
+        let at_rest = (0..width * height).flat_map(rest).collect();
+        Self { size_px: spec.frame_px, at_rest, rig: spec.light.clone() }
+    }
+
+    /// The same light over a real sensor's no-contact frame, of the same size.
+    pub fn over(mut self, no_contact: &Frame) -> Result<Self> {
+        let [width, height] = self.size_px;
+        let got = [no_contact.width_px(), no_contact.height_px()];
+        if got != self.size_px {
+            let expected = format!("{width}x{height} pixels");
+            return Err(Error::invalid("no-contact frame", expected, format!("{}x{}", got[0], got[1])));
         }
-        Self { size_px: spec.frame_px, at_rest, lamps }
+        self.at_rest = no_contact.rgb().iter().map(|counts| f32::from(*counts)).collect();
+        Ok(self)
     }
 
     /// Interleaved RGB of the frame at rest, counts.
@@ -56,22 +45,37 @@ impl Optics {
         &self.at_rest
     }
 
+    /// Width and height of a frame, pixels.
+    pub fn size_px(&self) -> [usize; 2] {
+        self.size_px
+    }
+
+    /// The lamps.
+    pub fn rig(&self) -> &LightRig {
+        &self.rig
+    }
+
     /// Shades depths `[height + 2, width + 2]` in mm into interleaved RGB counts, not yet clipped.
     pub fn shade(&self, depths: &[f32], mm_per_px: [f64; 2]) -> Vec<f32> {
         let [width, height] = self.size_px;
         let scale = mm_per_px.map(|mm| (0.5 / mm) as f32);
         let mut rgb = self.at_rest.clone();
-        for row in 0..height {
-            let line = |offset: usize| &depths[(row + offset) * (width + 2)..(row + offset + 1) * (width + 2)];
-            let (above, middle, below) = (line(0), line(1), line(2));
-            let pixels = rgb[3 * row * width..3 * (row + 1) * width].as_chunks_mut::<3>().0;
-            let lamps = self.lamps[3 * row * width..3 * (row + 1) * width].as_chunks::<3>().0;
-            for (column, (pixel, lamp)) in pixels.iter_mut().zip(lamps).enumerate() {
-                let gx = (middle[column + 2] - middle[column]) * scale[0];
-                let gy = (below[column + 1] - above[column + 1]) * scale[1];
-                let share = 1.0 / (1.0 + gx * gx + gy * gy);
-                for channel in 0..3 {
-                    pixel[channel] += (gx * lamp[channel][0] + gy * lamp[channel][1]) * share;
+        // Basis functions of one row, then one channel's change, planar: loops that vectorise.
+        let mut bases = vec![0.0; 5 * width];
+        let mut change = vec![0.0; width];
+        let n_bases = if self.rig.walls.is_some() { 5 } else { 2 };
+        for (row, line) in rgb.chunks_exact_mut(3 * width).enumerate() {
+            let y = place(row, height);
+            slopes(&depths[row * (width + 2)..(row + 3) * (width + 2)], scale, &mut bases[..n_bases * width]);
+            for channel in 0..3 {
+                change.fill(0.0);
+                let walls = self.rig.walls.iter().flat_map(|walls| [&walls.steep, &walls.across, &walls.diagonal]);
+                let factors = [&self.rig.along_x, &self.rig.along_y].into_iter().chain(walls);
+                for (factors, basis) in factors.zip(bases.chunks_exact(width)) {
+                    answer(&factors[channel], y, basis, &mut change);
+                }
+                for (pixel, change) in line.as_chunks_mut::<3>().0.iter_mut().zip(&change) {
+                    pixel[channel] += change;
                 }
             }
         }
@@ -79,31 +83,105 @@ impl Optics {
     }
 }
 
-fn value(k: &Quadratic, x: f32, y: f32) -> f32 {
-    k[0] + k[1] * x + k[2] * y + k[3] * x * x + k[4] * x * y + k[5] * y * y
+/// Where the middle of one of `n` pixels lies in the frame, -1..=1.
+fn place(pixel: usize, n: usize) -> f32 {
+    (pixel as f32 + 0.5) / n as f32 * 2.0 - 1.0
+}
+
+/// The basis functions of [`LightRig`] for a row, one after another: the first two or all five, as
+/// `bases` has room. `depths` holds the row above, its own and the one below, each with its margin.
+#[multiversion(targets("x86_64+avx2"))]
+fn slopes(depths: &[f32], scale: [f32; 2], bases: &mut [f32]) {
+    let width = depths.len() / 3 - 2;
+    let (above, rest) = depths.split_at(width + 2);
+    let (middle, below) = rest.split_at(width + 2);
+    let (left, right) = (&middle[..width], &middle[2..]);
+    let (above, below) = (&above[1..=width], &below[1..=width]);
+    let (first, rest) = bases.split_at_mut(width);
+    let (second, walls) = rest.split_at_mut(width);
+    for i in 0..width {
+        let (gx, gy) = ((right[i] - left[i]) * scale[0], (below[i] - above[i]) * scale[1]);
+        let share = 2.0 / (1.0 + gx * gx + gy * gy);
+        first[i] = gx * share;
+        second[i] = gy * share;
+    }
+    if walls.is_empty() {
+        return;
+    }
+    let (steep, rest) = walls.split_at_mut(width);
+    let (across, diagonal) = rest.split_at_mut(width);
+    for i in 0..width {
+        let (gx, gy) = ((right[i] - left[i]) * scale[0], (below[i] - above[i]) * scale[1]);
+        let share = 1.0 / (1.0 + gx * gx + gy * gy);
+        steep[i] = (gx * gx + gy * gy) * share;
+        across[i] = (gx * gx - gy * gy) * share;
+        diagonal[i] = 2.0 * gx * gy * share;
+    }
+}
+
+/// Adds to a row's `change` the answer to one basis function.
+#[multiversion(targets("x86_64+avx2"))]
+fn answer(factors: &Quadratic, y: f32, basis: &[f32], change: &mut [f32]) {
+    // Along a row the quadratic is one of x alone.
+    let constant = factors[0] + factors[2] * y + factors[5] * y * y;
+    let linear = factors[1] + factors[4] * y;
+    let square = factors[3];
+    let (step, first) = (2.0 / change.len() as f32, 1.0 / change.len() as f32 - 1.0);
+    for (i, (change, basis)) in change.iter_mut().zip(basis).enumerate() {
+        let x = first + step * i as f32;
+        *change += (constant + (linear + square * x) * x) * basis;
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::light::Walls;
     use super::*;
+
+    /// Depths of a plane of one slope.
+    fn plane([gx, gy]: [f64; 2], [width, height]: [usize; 2], mm_per_px: [f64; 2]) -> Vec<f32> {
+        let depth =
+            |i: usize| gx * mm_per_px[0] * (i % (width + 2)) as f64 + gy * mm_per_px[1] * (i / (width + 2)) as f64;
+        (0..(width + 2) * (height + 2)).map(|i| depth(i) as f32).collect()
+    }
 
     #[test]
     fn the_closed_form_is_the_trigonometric_law() {
-        let spec = SensorSpec { frame_px: [9, 9], ..SensorSpec::default() };
+        let (counts, deg) = ([97.0, 50.0, 53.0], [83.0, -174.0, -97.0]);
+        let spec = SensorSpec { frame_px: [9, 9], light: LightRig::lamps(counts, deg), ..SensorSpec::default() };
         let optics = Optics::new(&spec);
         let (gx, gy) = (0.4_f64, -0.7_f64);
-        let mm_per_px = [0.1, 0.2];
-        let depths: Vec<f32> =
-            (0..11 * 11).map(|i| (gx * 0.1 * f64::from(i % 11) + gy * 0.2 * f64::from(i / 11)) as f32).collect();
-        let rgb = optics.shade(&depths, mm_per_px);
+        let rgb = optics.shade(&plane([gx, gy], [9, 9], [0.1, 0.2]), [0.1, 0.2]);
         let centre = 4 * 9 + 4;
         let (theta, phi) = (gx.hypot(gy).atan(), gy.atan2(gx));
         for channel in 0..3 {
-            let law =
-                spec.lamp_counts[channel] * (2.0 * theta).sin() * (phi - spec.lamp_deg[channel].to_radians()).cos();
+            let law = counts[channel] * (2.0 * theta).sin() * (phi - f64::to_radians(deg[channel])).cos();
             let got = f64::from(rgb[3 * centre + channel] - optics.at_rest[3 * centre + channel]);
             // f32 differences of depths of order 1 over 0.2 mm.
             assert!((got - law).abs() < 2e-3, "channel {channel}: {got}, not {law}");
+        }
+    }
+
+    #[test]
+    fn walls_add_the_second_order_and_the_place_counts() {
+        let mut steep = [[0.0; 6]; 3];
+        steep[0] = [0.0, 3.0, 5.0, 7.0, 11.0, 13.0];
+        let walls = Walls { steep, across: [[20.0, 0.0, 0.0, 0.0, 0.0, 0.0]; 3], diagonal: [[0.0; 6]; 3] };
+        let mini = SensorSpec { frame_px: [12, 10], ..SensorSpec::default() };
+        let spec = SensorSpec { light: LightRig { walls: Some(walls), ..LightRig::default() }, ..mini.clone() };
+        let slope = [0.9_f64, 0.5];
+        let depths = plane(slope, [12, 10], [0.1, 0.1]);
+        let added: Vec<f32> = (Optics::new(&spec).shade(&depths, [0.1, 0.1]).iter())
+            .zip(Optics::new(&mini).shade(&depths, [0.1, 0.1]))
+            .map(|(with, without)| with - without)
+            .collect();
+        let theta = slope[0].hypot(slope[1]).atan();
+        let cos_2_phi = (2.0 * slope[1].atan2(slope[0])).cos();
+        for (column, row) in [(0_usize, 0_usize), (11, 9), (5, 2)] {
+            let (x, y) = ((column as f64 + 0.5) / 6.0 - 1.0, (row as f64 + 0.5) / 5.0 - 1.0);
+            let steep = 3.0 * x + 5.0 * y + 7.0 * x * x + 11.0 * x * y + 13.0 * y * y;
+            let law = theta.sin().powi(2) * (steep + 20.0 * cos_2_phi);
+            assert!((f64::from(added[3 * (row * 12 + column)]) - law).abs() < 2e-3);
         }
     }
 
@@ -122,5 +200,15 @@ mod tests {
             let mean = values.sum::<f32>() / (160.0 * 120.0);
             assert!((mean - real).abs() < 3.0, "channel {channel}: {mean}");
         }
+    }
+
+    #[test]
+    fn a_no_contact_frame_takes_the_place_of_the_model_s() {
+        let spec = SensorSpec { frame_px: [8, 8], ..SensorSpec::default() };
+        let frame = Frame::from_parts(8, 8, (0..192).collect());
+        let optics = Optics::new(&spec).over(&frame).unwrap();
+        assert_eq!(optics.shade(&[0.0; 100], spec.mm_per_px())[100], 100.0);
+        let other = Frame::from_parts(4, 4, vec![9; 48]);
+        assert!(Optics::new(&spec).over(&other).unwrap_err().to_string().contains("8x8 pixels, got 4x4"));
     }
 }

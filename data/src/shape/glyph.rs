@@ -2,7 +2,8 @@
 
 use ttf_parser::{Face, OutlineBuilder};
 
-use super::{Contour, Shape};
+use super::Shape;
+use super::curve::Flatten;
 use crate::error::{Error, Result};
 
 /// Straight pieces a curve is cut into: 0.02 mm off at most on a letter of 32 mm.
@@ -14,7 +15,7 @@ pub fn glyph(letter: char, height_mm: f64, max_width_mm: f64) -> Result<Shape> {
     let unknown = |got: String| Error::invalid("part", "a letter of the font", got);
     let face = Face::parse(dejavu::sans::bold(), 0).map_err(|e| unknown(e.to_string()))?;
     let id = face.glyph_index(letter).ok_or_else(|| unknown(format!("'{letter}'")))?;
-    let mut outline = Flatten::default();
+    let mut outline = Flatten::new(PIECES);
     face.outline_glyph(id, &mut outline).ok_or_else(|| unknown(format!("'{letter}', which has no outline")))?;
     let shape = Shape { regions: vec![outline.contours] };
     let [x_min, y_min, x_max, y_max] = shape.bounds();
@@ -26,49 +27,21 @@ pub fn glyph(letter: char, height_mm: f64, max_width_mm: f64) -> Result<Shape> {
     Ok(shape.map(|[x, y]| [(x - x_mid) * scale_x, (y_mid - y) * scale_y]))
 }
 
-#[derive(Default)]
-struct Flatten {
-    contours: Vec<Contour>,
-    at: [f64; 2],
-}
-
-impl Flatten {
-    fn push(&mut self, point: [f64; 2]) {
-        self.at = point;
-        if let Some(contour) = self.contours.last_mut() {
-            contour.push(point);
-        }
-    }
-}
-
 impl OutlineBuilder for Flatten {
     fn move_to(&mut self, x: f32, y: f32) {
-        self.contours.push(Vec::new());
-        self.push([x.into(), y.into()]);
+        self.start([x, y].map(f64::from));
     }
 
     fn line_to(&mut self, x: f32, y: f32) {
-        self.push([x.into(), y.into()]);
+        self.line([x, y].map(f64::from));
     }
 
     fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
-        let (a, b, c) = (self.at, [f64::from(x1), f64::from(y1)], [f64::from(x), f64::from(y)]);
-        for i in 1..=PIECES {
-            let t = i as f64 / PIECES as f64;
-            let s = 1.0 - t;
-            self.push([0, 1].map(|k| s * s * a[k] + 2.0 * s * t * b[k] + t * t * c[k]));
-        }
+        self.quadratic([x1, y1].map(f64::from), [x, y].map(f64::from));
     }
 
     fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
-        let a = self.at;
-        let [b, c, d] = [[x1, y1], [x2, y2], [x, y]].map(|p| p.map(f64::from));
-        for i in 1..=PIECES {
-            let t = i as f64 / PIECES as f64;
-            let s = 1.0 - t;
-            let mix = |k: usize| s.powi(3) * a[k] + 3.0 * s * s * t * b[k] + 3.0 * s * t * t * c[k] + t.powi(3) * d[k];
-            self.push([0, 1].map(mix));
-        }
+        self.cubic([x1, y1].map(f64::from), [x2, y2].map(f64::from), [x, y].map(f64::from));
     }
 
     fn close(&mut self) {}

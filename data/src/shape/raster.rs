@@ -97,7 +97,7 @@ impl Raster {
 }
 
 /// The sides of a region's contours, each from point to point.
-fn sides(region: &[super::Contour]) -> impl Iterator<Item = [[f64; 2]; 2]> {
+pub(super) fn sides(region: &[super::Contour]) -> impl Iterator<Item = [[f64; 2]; 2]> {
     region.iter().flat_map(|contour| (0..contour.len()).map(|i| [contour[i], contour[(i + 1) % contour.len()]]))
 }
 

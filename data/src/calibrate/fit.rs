@@ -1,0 +1,404 @@
+//! From presses of a ball to the light that made them, judged on presses left out.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::ball::BallPress;
+use super::least_squares::Sums;
+use super::presses::{Press, Presses};
+use super::{Calibration, SCHEMA, at_rest};
+use crate::error::{Error, Result};
+use crate::sensor::light::{LightRig, Quadratic, Walls};
+use crate::sensor::shadow::Shadow;
+
+/// Pixels this far beside a circle still count in the fit, mm: where the gel's slope fades.
+const REACH_MM: f64 = 3.0;
+
+/// The figures are of the circle and half its radius round it: the contact and its coloured band.
+const CONTACT_RADII: f64 = 1.5;
+
+/// Squared weights' price, counts squared a pixel.
+const RIDGE: f64 = 1e-4;
+
+/// Candidates for the contact's radius as a share of the circle's: what one sees as its edge is the bright
+/// ring, some of which lies outside.
+const CONTACT_SHARES: [f64; 6] = [0.80, 0.84, 0.88, 0.92, 0.96, 1.0];
+
+/// Candidates for the gel's decay length, mm.
+const GEL_LENGTHS_MM: [f64; 7] = [0.8, 1.2, 1.6, 2.0, 2.5, 3.2, 4.5];
+
+/// How well the light fitted to all presses but one predicts that one, on the circle and half its radius round
+/// it, exposure compensated on pixels more than 4 mm from it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Figures {
+    /// Mean absolute error, counts.
+    pub l1_counts: f64,
+    /// The same of the frame at rest taken for the press.
+    pub background_l1_counts: f64,
+    /// The first over the second.
+    pub ratio: f64,
+    /// Correlation of predicted and real difference from rest.
+    pub correlation: f64,
+    /// Peak signal to noise ratio, dB.
+    pub psnr_db: f64,
+}
+
+/// What a fit gives.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The light fitted to all presses, and the means of the figures.
+    pub calibration: Calibration,
+    /// Figures of each press, by its name, left out in turn.
+    pub left_out: Vec<(String, Figures)>,
+}
+
+/// Which factors of the light are fitted.
+#[derive(Clone, Copy, Debug)]
+struct Model {
+    n_bases: usize,
+    n_polynomials: usize,
+}
+
+/// Linear in the slope or with walls; constant, linear or quadratic over the frame.
+const MODELS: [Model; 6] = {
+    const fn model(n_bases: usize, n_polynomials: usize) -> Model {
+        Model { n_bases, n_polynomials }
+    }
+    [model(2, 1), model(2, 3), model(2, 6), model(5, 1), model(5, 3), model(5, 6)]
+};
+
+impl Model {
+    fn columns(self) -> Vec<usize> {
+        (0..self.n_bases).flat_map(|basis| (0..self.n_polynomials).map(move |i| 6 * basis + i)).collect()
+    }
+
+    /// Puts weights in their place among all 30.
+    fn spread(self, weights: &[Vec<f64>; 3]) -> [Vec<f64>; 3] {
+        weights.each_ref().map(|weights| {
+            let mut all = vec![0.0; 30];
+            self.columns().into_iter().zip(weights).for_each(|(column, weight)| all[column] = *weight);
+            all
+        })
+    }
+}
+
+/// Fits the light to a ball's presses.
+///
+/// Of the gel's decay length, the share of the circle that is in contact, and the number of factors, those are
+/// taken under which presses left out are predicted with the least squared error; the figures are of the same
+/// presses left out again, by lamps that have not seen them.
+pub fn fit(presses: &Presses) -> Result<Fit> {
+    let mut chosen: Option<(f64, f64, f64, Model)> = None;
+    for gel_length_mm in GEL_LENGTHS_MM {
+        for share in CONTACT_SHARES {
+            let sums = all_sums(presses, share, gel_length_mm, 4);
+            for model in MODELS {
+                let Ok(error) = left_out_error(&sums, model) else { continue };
+                if chosen.is_none_or(|(least, ..)| error < least) {
+                    chosen = Some((error, share, gel_length_mm, model));
+                }
+            }
+        }
+    }
+    let Some((_, share, gel_length_mm, model)) = chosen else {
+        return Err(Error::invalid("calibration", "presses spread over the frame", "presses that say too little"));
+    };
+    let sums = all_sums(presses, share, gel_length_mm, 2);
+    let total = total(&sums);
+    let weights = |sums: &Sums| Ok(model.spread(&sums.select(&model.columns()).solve(RIDGE)?));
+    let judge = |(press, own): (&Press, &Sums)| {
+        let mut others = total.clone();
+        others.combine(own, -1.0);
+        let ball = ball(presses, press, share, gel_length_mm);
+        Ok((press.name.clone(), figures(presses, press, &ball, &weights(&others)?)))
+    };
+    let left_out = presses.presses.par_iter().zip(&sums).map(judge).collect::<Result<Vec<_>>>()?;
+    let calibration = Calibration {
+        schema: SCHEMA.to_owned(),
+        frame_px: [presses.no_contact.width_px(), presses.no_contact.height_px()],
+        field_of_view_mm: [
+            presses.mm_per_px[0] * presses.no_contact.width_px() as f64,
+            presses.mm_per_px[1] * presses.no_contact.height_px() as f64,
+        ],
+        source: format!("{} presses of a ball of {} mm", left_out.len(), 2.0 * presses.ball_radius_mm),
+        gel_length_mm: Some(gel_length_mm),
+        contact_share: Some(share),
+        leave_one_out: Some(mean(&left_out)),
+        light: light(&weights(&total)?, model.n_bases == 5, at_rest(&presses.no_contact)?),
+    };
+    Ok(Fit { calibration, left_out })
+}
+
+/// The five functions of the slope in [`LightRig`] at a place beside a ball's axis.
+pub(super) fn bases(ball: &BallPress, [x_mm, y_mm]: [f64; 2]) -> [f64; 5] {
+    let r = x_mm.hypot(y_mm);
+    let slope = ball.slope(r);
+    // Deeper towards the axis.
+    let [gx, gy] = if r > 0.0 { [-x_mm / r * slope, -y_mm / r * slope] } else { [0.0; 2] };
+    slope_bases(gx, gy)
+}
+
+/// The five functions of [`LightRig`] of a slope.
+pub(super) fn slope_bases(gx: f64, gy: f64) -> [f64; 5] {
+    let share = 1.0 / (1.0 + gx * gx + gy * gy);
+    [2.0 * gx, 2.0 * gy, gx * gx + gy * gy, gx * gx - gy * gy, 2.0 * gx * gy].map(|basis| basis * share)
+}
+
+/// Each of `bases` times each term of a [`Quadratic`] at a place of the frame, -1..=1.
+pub(super) fn factors(bases: [f64; 5], [x, y]: [f64; 2]) -> [f64; 30] {
+    let terms = [1.0, x, y, x * x, x * y, y * y];
+    std::array::from_fn(|i| bases[i / 6] * terms[i % 6])
+}
+
+/// The light of 30 weights for each channel, as [`factors`] orders them.
+pub(super) fn light(weights: &[Vec<f64>; 3], has_walls: bool, at_rest: [Quadratic; 3]) -> LightRig {
+    let part = |basis: usize| {
+        weights.each_ref().map(|weights| -> Quadratic { std::array::from_fn(|i| weights[6 * basis + i] as f32) })
+    };
+    let walls = has_walls.then(|| Walls { steep: part(2), across: part(3), diagonal: part(4) });
+    LightRig { at_rest, along_x: part(0), along_y: part(1), walls, shadow: Shadow::default() }
+}
+
+fn ball(presses: &Presses, press: &Press, share: f64, gel_length_mm: f64) -> BallPress {
+    let radius_mm = presses.radius_mm(&press.circle);
+    BallPress::new(presses.ball_radius_mm, share * radius_mm, gel_length_mm, CONTACT_RADII * radius_mm + REACH_MM)
+}
+
+/// What each press says of all 30 factors, by every `stride`-th pixel each way.
+fn all_sums(presses: &Presses, share: f64, gel_length_mm: f64, stride: usize) -> Vec<Sums> {
+    let [width, height] = [presses.no_contact.width_px(), presses.no_contact.height_px()];
+    let of_press = |press: &Press| {
+        let ball = ball(presses, press, share, gel_length_mm);
+        let reach_mm = presses.radius_mm(&press.circle) + REACH_MM;
+        let mut sums = Sums::new(30);
+        for (row, column) in (0..height).step_by(stride).flat_map(|y| (0..width).step_by(stride).map(move |x| (y, x))) {
+            let pixel = row * width + column;
+            let offset_mm = presses.from_centre_mm(&press.circle, pixel);
+            if offset_mm[0].hypot(offset_mm[1]) <= reach_mm {
+                let factors = factors(bases(&ball, offset_mm), place(pixel, [width, height]));
+                sums.add(&factors, [0, 1, 2].map(|channel| f64::from(press.difference[3 * pixel + channel])));
+            }
+        }
+        sums
+    };
+    presses.presses.par_iter().map(of_press).collect()
+}
+
+/// Where a pixel's middle lies in the frame, -1..=1.
+pub(super) fn place(pixel: usize, [width, height]: [usize; 2]) -> [f64; 2] {
+    let share = |at: usize, n: usize| (at as f64 + 0.5) / n as f64 * 2.0 - 1.0;
+    [share(pixel % width, width), share(pixel / width, height)]
+}
+
+fn total(sums: &[Sums]) -> Sums {
+    let mut total = Sums::new(30);
+    sums.iter().for_each(|press| total.combine(press, 1.0));
+    total
+}
+
+/// Squared error of presses left out, one at a time.
+fn left_out_error(sums: &[Sums], model: Model) -> Result<f64> {
+    let columns = model.columns();
+    let total = total(sums).select(&columns);
+    let errors = sums.iter().map(|press| {
+        let own = press.select(&columns);
+        let mut others = total.clone();
+        others.combine(&own, -1.0);
+        Ok(own.squared_error(&others.solve(RIDGE)?))
+    });
+    errors.sum()
+}
+
+/// How well `weights` predict a press.
+fn figures(presses: &Presses, press: &Press, ball: &BallPress, weights: &[Vec<f64>; 3]) -> Figures {
+    let [width, height] = [presses.no_contact.width_px(), presses.no_contact.height_px()];
+    let rest = presses.no_contact.rgb();
+    let radius_mm = presses.radius_mm(&press.circle);
+    let mut pairs = Vec::new();
+    for pixel in 0..width * height {
+        let offset_mm = presses.from_centre_mm(&press.circle, pixel);
+        if offset_mm[0].hypot(offset_mm[1]) > CONTACT_RADII * radius_mm {
+            continue;
+        }
+        let factors = factors(bases(ball, offset_mm), place(pixel, [width, height]));
+        for channel in 0..3 {
+            let change: f64 = weights[channel].iter().zip(factors).map(|(w, f)| w * f).sum();
+            let (rest, gain) = (f64::from(rest[3 * pixel + channel]), f64::from(press.gain[channel]));
+            // The camera clips what it exposes, not what we compensate.
+            let predicted = ((rest + change) * gain).clamp(0.0, 255.0) / gain - rest;
+            pairs.push([predicted, f64::from(press.difference[3 * pixel + channel])]);
+        }
+    }
+    of_pairs(&pairs)
+}
+
+fn of_pairs(pairs: &[[f64; 2]]) -> Figures {
+    let mean = |value: &dyn Fn(&[f64; 2]) -> f64| pairs.iter().map(value).sum::<f64>() / pairs.len() as f64;
+    let l1_counts = mean(&|[p, d]| (p - d).abs());
+    let background_l1_counts = mean(&|[_, d]| d.abs());
+    let (mean_p, mean_d) = (mean(&|[p, _]| *p), mean(&|[_, d]| *d));
+    let product = |a: usize, b: usize| {
+        let centred = [mean_p, mean_d];
+        mean(&|pair| (pair[a] - centred[a]) * (pair[b] - centred[b]))
+    };
+    Figures {
+        l1_counts,
+        background_l1_counts,
+        ratio: l1_counts / background_l1_counts.max(1e-9),
+        correlation: product(0, 1) / (product(0, 0) * product(1, 1)).sqrt().max(1e-9),
+        psnr_db: 10.0 * (255.0 * 255.0 / mean(&|[p, d]| (p - d).powi(2)).max(1e-9)).log10(),
+    }
+}
+
+/// Means over presses; the ratio is of the means.
+fn mean(left_out: &[(String, Figures)]) -> Figures {
+    let mean = |value: fn(&Figures) -> f64| left_out.iter().map(|(_, f)| value(f)).sum::<f64>() / left_out.len() as f64;
+    let (l1_counts, background_l1_counts) = (mean(|f| f.l1_counts), mean(|f| f.background_l1_counts));
+    Figures {
+        l1_counts,
+        background_l1_counts,
+        ratio: l1_counts / background_l1_counts,
+        correlation: mean(|f| f.correlation),
+        psnr_db: mean(|f| f.psnr_db),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    use super::super::presses::{Circle, Source};
+    use super::super::synthetic;
+    use super::*;
+    use crate::sensor::SensorSpec;
+    use crate::sensor::optics::Optics;
+    use crate::sensor::shadow::cast;
+
+    fn synthetic_presses(seed: u64, is_labelled: bool) -> Presses {
+        let (no_contact, mut frames) = synthetic::presses(seed);
+        if !is_labelled {
+            frames.iter_mut().for_each(|(_, _, circle)| *circle = None);
+        }
+        Presses::new(no_contact, frames, synthetic::BALL_MM, synthetic::spec().mm_per_px()).unwrap()
+    }
+
+    /// Largest difference of two lights over slopes and the middle of the frame, counts.
+    fn largest_difference(a: &LightRig, b: &LightRig) -> f32 {
+        let spec = |light: &LightRig| SensorSpec { frame_px: [16, 16], light: light.clone(), ..SensorSpec::default() };
+        let optics = [a, b].map(|light| Optics::new(&spec(light)));
+        let slopes = (0..49).map(|i| [f64::from(i % 7 - 3), f64::from(i / 7 - 3)].map(|g| 0.35 * g));
+        let differences = slopes.flat_map(|[gx, gy]| {
+            let depths: Vec<f32> =
+                (0..18 * 18).map(|i| (gx * f64::from(i % 18) + gy * f64::from(i / 18)) as f32).collect();
+            let [a, b] = optics.each_ref().map(|optics| {
+                let rgb = optics.shade(&depths, [1.0; 2]).into_iter().zip(optics.at_rest());
+                rgb.map(|(rgb, rest)| rgb - rest).collect::<Vec<_>>()
+            });
+            // Rows and columns 4 to 11: half the frame each way, where there are presses.
+            let inner = (0..3 * 256).filter(|i| (4..12).contains(&(i / 3 % 16)) && (4..12).contains(&(i / 48)));
+            inner.map(|i| (a[i] - b[i]).abs()).collect::<Vec<_>>()
+        });
+        differences.fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn a_known_light_is_recovered_from_other_noise_and_found_circles() {
+        let truth = synthetic::spec();
+        for (seed, is_labelled) in [(1, true), (2, false)] {
+            let presses = synthetic_presses(seed, is_labelled);
+            let Fit { calibration, left_out } = fit(&presses).unwrap();
+            let figures = calibration.leave_one_out.as_ref().unwrap();
+            // Noise of 1.8 counts alone has a mean of 1.8 sqrt(2 / pi) = 1.4, and rounding adds to it.
+            assert!(figures.l1_counts < 2.0 && figures.correlation > 0.99, "{figures:?}");
+            assert_eq!(left_out.len(), 12);
+            let off = largest_difference(&calibration.light, &truth.light);
+            // Of some 100 counts at most.
+            assert!(off < if is_labelled { 4.0 } else { 8.0 }, "{off} counts off, labelled: {is_labelled}");
+            if is_labelled {
+                assert_eq!((calibration.gel_length_mm, calibration.contact_share), (Some(1.2), Some(1.0)));
+            }
+        }
+    }
+
+    #[test]
+    fn circles_are_found_where_the_ball_was() {
+        let (labelled, found) = (synthetic_presses(3, true), synthetic_presses(3, false));
+        for (truth, found) in labelled.presses.iter().zip(&found.presses) {
+            let Circle { centre_px: [x, y], radius_px } = truth.circle;
+            let [dx, dy] = [found.circle.centre_px[0] - x, found.circle.centre_px[1] - y];
+            assert!(dx.hypot(dy) < 1.0, "{}: {:?}, not {:?}", truth.name, found.circle, truth.circle);
+            assert!((found.circle.radius_px - radius_px).abs() < 2.0, "{:?}, not {:?}", found.circle, truth.circle);
+        }
+    }
+
+    fn recorded_balls() -> Option<PathBuf> {
+        let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/real-gelsight");
+        let folder = std::env::var_os("TACTILE_REAL_GELSIGHT").map_or(beside, PathBuf::from).join("gelsight-ball-fots");
+        if !folder.is_dir() {
+            println!("skipped: no recorded presses at {}", folder.display());
+            return None;
+        }
+        Some(folder)
+    }
+
+    fn recorded(folder: &Path, has_labels: bool) -> Presses {
+        let source = Source {
+            no_contact: folder.join("gelsight_bg.png"),
+            labels: has_labels.then(|| folder.join("annotate.csv")),
+            ball_mm: 4.7,
+            mm_per_px: [1.0 / 19.58; 2],
+        };
+        Presses::read(&folder.join("images"), &source).unwrap()
+    }
+
+    #[test]
+    fn recorded_presses_left_out_are_predicted() {
+        let Some(folder) = recorded_balls() else { return };
+        for has_labels in [true, false] {
+            let figures = fit(&recorded(&folder, has_labels)).unwrap().calibration.leave_one_out.unwrap();
+            assert!(figures.ratio <= 0.25 && figures.correlation >= 0.95, "{figures:?}");
+        }
+    }
+
+    /// Six of the 42 recorded presses rendered by the light of the others, as the simulator renders, with the
+    /// shadows cast and without.
+    #[test]
+    fn shadows_add_nothing_to_recorded_presses() {
+        let Some(folder) = recorded_balls() else { return };
+        let mut presses = recorded(&folder, true);
+        let (held, kept): (Vec<_>, Vec<_>) =
+            presses.presses.drain(..).enumerate().partition(|(index, _)| index % 7 == 0);
+        presses.presses = kept.into_iter().map(|(_, press)| press).collect();
+        let calibration = fit(&presses).unwrap().calibration;
+        let mean_l1 = |shadow: Option<Shadow>| {
+            let mut calibration = calibration.clone();
+            calibration.light.shadow = shadow.unwrap_or_default();
+            let optics = Optics::new(&calibration.spec(SensorSpec::default()).unwrap());
+            let optics = optics.over(&presses.no_contact).unwrap();
+            let l1 = |press: &Press| {
+                let (length_mm, share) = (calibration.gel_length_mm.unwrap(), calibration.contact_share.unwrap());
+                let ball = ball(&presses, press, share, length_mm);
+                let depths = synthetic::depths(&ball, press.circle.centre_px, calibration.frame_px, presses.mm_per_px);
+                let mut rgb = optics.shade(&depths, presses.mm_per_px);
+                if shadow.is_some() {
+                    cast(&mut rgb, &depths, &optics, presses.mm_per_px);
+                }
+                let near = |pixel: &usize| {
+                    let [x, y] = presses.from_centre_mm(&press.circle, *pixel);
+                    x.hypot(y) <= CONTACT_RADII * presses.radius_mm(&press.circle)
+                };
+                let pairs = (0..240 * 320).filter(near).flat_map(|pixel| 3 * pixel..3 * pixel + 3).map(|i| {
+                    let rest = f64::from(optics.at_rest()[i]);
+                    [f64::from(rgb[i].clamp(0.0, 255.0)) - rest, f64::from(press.difference[i])]
+                });
+                of_pairs(&pairs.collect::<Vec<_>>()).l1_counts
+            };
+            held.iter().map(|(_, press)| l1(press)).sum::<f64>() / held.len() as f64
+        };
+        let (without, with) = (mean_l1(None), mean_l1(Some(Shadow::default())));
+        let low = mean_l1(Some(Shadow { elevation_deg: 10.0, strength: 0.03, soft_mm: 0.05 }));
+        println!("contact L1 {without:.2} counts without shadows, {with:.2} with, {low:.2} with low lamps' shadows");
+        assert!(without < 7.0 && (with - without).abs() < 0.05 && low > without, "{without}, {with}, {low} counts");
+    }
+}

@@ -1,0 +1,131 @@
+//! `tactile-data calibrate`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+use tactile_data::calibrate::presses::{Presses, Source};
+use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
+use tactile_data::sensor::light::LightRig;
+use tactile_data::{Error, Result, picture};
+
+/// Fit a sensor's lamps to presses of a ball, or to Taxim's table.
+///
+/// Press a ball of known diameter a dozen times or more, all over the frame, and save a frame of each. Where the
+/// ball touched is found, unless labels say so: a CSV with the columns file, center_x, center_y and radius,
+/// pixels. The error printed is of each press left out of the fit in turn.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    tactile-data calibrate presses --ball-mm 4.70 --mm-per-px 0.058,0.0596 --no-contact rest.png\n  \
+    tactile-data calibrate --taxim polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295")]
+pub struct Calibrate {
+    /// The folder of frames
+    #[arg(required_unless_present = "taxim", requires = "ball_mm", requires = "no_contact")]
+    folder: Option<PathBuf>,
+    /// Diameter of the ball, mm
+    #[arg(long, value_name = "MM")]
+    ball_mm: Option<f64>,
+    /// Size of a pixel in x and y, mm
+    #[arg(long, value_name = "X,Y", value_parser = parse_pair, required_unless_present = "px_per_mm")]
+    mm_per_px: Option<[f64; 2]>,
+    /// Pixels a mm, in place of --mm-per-px
+    #[arg(long, value_name = "N", conflicts_with = "mm_per_px")]
+    px_per_mm: Option<f64>,
+    /// A frame of the sensor at rest
+    #[arg(long, value_name = "FRAME")]
+    no_contact: Option<PathBuf>,
+    /// Where the ball touched in each frame [default: it is found]
+    #[arg(long, value_name = "CSV", conflicts_with = "taxim")]
+    labels: Option<PathBuf>,
+    /// Read Taxim's polycalib.npz instead of presses
+    #[arg(long, value_name = "NPZ", conflicts_with = "folder", requires = "frame_px")]
+    taxim: Option<PathBuf>,
+    /// Size of the frames that Taxim's table was made for, pixels
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size, requires = "taxim")]
+    frame_px: Option<[usize; 2]>,
+    /// The calibration to write
+    #[arg(long, value_name = "FILE.toml", default_value = "calibration.toml")]
+    out: PathBuf,
+    /// Print JSON for programs
+    #[arg(long)]
+    json: bool,
+}
+
+impl Calibrate {
+    /// Fits, prints the errors and writes the file.
+    pub fn run(self) -> Result<()> {
+        let mm_per_px = self.mm_per_px.unwrap_or_else(|| [1.0 / self.px_per_mm.unwrap_or(f64::NAN); 2]);
+        let (calibration, text, json) = match (&self.taxim, &self.folder) {
+            (Some(table), _) => self.fit_table(table, mm_per_px)?,
+            (None, Some(folder)) => self.fit_presses(folder, mm_per_px)?,
+            (None, None) => return Err(Error::invalid("calibrate", "a folder of presses or --taxim", "neither")),
+        };
+        calibration.save(&self.out)?;
+        let text = if self.json {
+            serde_json::to_string_pretty(&json)
+                .map_err(|e| Error::invalid("calibration", "numbers that JSON can hold", e.to_string()))?
+        } else {
+            format!("{text}{} written", self.out.display())
+        };
+        writeln!(std::io::stdout(), "{text}").map_err(Error::io("standard output"))
+    }
+
+    fn fit_presses(&self, folder: &Path, mm_per_px: [f64; 2]) -> Result<Outcome> {
+        let source = Source {
+            no_contact: self.no_contact.clone().unwrap_or_default(),
+            labels: self.labels.clone(),
+            ball_mm: self.ball_mm.unwrap_or(f64::NAN),
+            mm_per_px,
+        };
+        let presses = Presses::read(folder, &source)?;
+        let fit::Fit { calibration, left_out } = fit::fit(&presses)?;
+        let mut text = format!(
+            "{:<24} {:>6} {:>6} {:>6} {:>8} {:>8} {:>6} {:>6} {:>7}\n",
+            "press left out", "x px", "y px", "r px", "L1", "at rest", "ratio", "corr", "PSNR"
+        );
+        let row = |figures: &fit::Figures| {
+            let fit::Figures { l1_counts, background_l1_counts, ratio, correlation, psnr_db } = figures;
+            format!("{l1_counts:>8.2} {background_l1_counts:>8.2} {ratio:>6.3} {correlation:>6.3} {psnr_db:>7.1}\n")
+        };
+        let mut rows = Vec::new();
+        for (press, (name, figures)) in presses.presses.iter().zip(&left_out) {
+            let ([x, y], radius) = (press.circle.centre_px, press.circle.radius_px);
+            text += &format!("{name:<24} {x:>6.1} {y:>6.1} {radius:>6.1} {}", row(figures));
+            rows.push(json!({ "file": name, "centre_px": [x, y], "radius_px": radius, "left_out": figures }));
+        }
+        if let Some(mean) = &calibration.leave_one_out {
+            text += &format!("{:<45} {}", "mean, counts and dB", row(mean));
+        }
+        if let (Some(length), Some(share)) = (calibration.gel_length_mm, calibration.contact_share) {
+            text += &format!("gel length {length} mm; contact {share} of the circles' radius\n");
+        }
+        let json = json!({ "calibration": calibration, "presses": rows });
+        Ok((calibration, text, json))
+    }
+
+    fn fit_table(&self, table: &Path, mm_per_px: [f64; 2]) -> Result<Outcome> {
+        let at_rest = match &self.no_contact {
+            Some(frame) => at_rest(&picture::read(frame)?)?,
+            None => LightRig::default().at_rest,
+        };
+        let read = taxim::read(table, self.frame_px.unwrap_or_default(), mm_per_px, at_rest)?;
+        let text = format!(
+            "fit to the table's red, green and blue: {:.1?} counts rms left of {:.1?}\n",
+            read.error_rms, read.table_rms
+        );
+        let json = json!({
+            "calibration": read.calibration, "table_rms": read.table_rms, "error_rms": read.error_rms,
+        });
+        Ok((read.calibration, text, json))
+    }
+}
+
+/// The calibration, what is said of it to people, and to programs.
+type Outcome = (Calibration, String, serde_json::Value);
+
+/// Reads two numbers such as `0.058,0.0596`.
+fn parse_pair(text: &str) -> std::result::Result<[f64; 2], String> {
+    let pair = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));
+    pair.ok_or_else(|| "expected X,Y, such as 0.058,0.0596".into())
+}

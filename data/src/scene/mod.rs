@@ -1,0 +1,188 @@
+//! What is simulated: parts, board, sensor, reach and fidelity. Everything else follows from a scene.
+
+mod board;
+mod maze_boards;
+mod parts;
+mod preset;
+mod sensor_table;
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibrate::Calibration;
+use crate::error::{Error, Result};
+use crate::grid::PoseGrid;
+use crate::sensor::{Fidelity, SensorSpec};
+use crate::shape::maze::maze;
+use crate::shape::{Relief, Shape};
+use crate::touch::Side;
+
+pub use board::Board;
+pub use maze_boards::MazeBoards;
+pub use parts::{Connectors, Kit, Letters, PartFile, Parts};
+
+/// A scene, as a TOML file declares it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// A short name.
+    pub name: String,
+    /// What is touched.
+    pub parts: Parts,
+    /// The board that the parts share; without it each lies alone in an endless one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<Board>,
+    /// The poses at which each part is recorded; MAZE boards are touched anywhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reach: Option<PoseGrid>,
+    /// By how much a hole's outline is wider than its peg's on every side, mm.
+    #[serde(default = "default_clearance")]
+    pub clearance_mm: f64,
+    /// How much of the sensor is computed.
+    #[serde(default = "default_fidelity")]
+    pub fidelity: Fidelity,
+    /// The sensor. In a file it may also have a `preset` and `mm_per_px`, see `data/scenes/`.
+    #[serde(default, deserialize_with = "sensor_table::deserialize")]
+    pub sensor: SensorSpec,
+}
+
+fn default_clearance() -> f64 {
+    0.15
+}
+
+fn default_fidelity() -> Fidelity {
+    Fidelity::Camera
+}
+
+impl Scene {
+    /// A preset, or a TOML file; paths in it start at its folder. Fails with the file, the line where it can
+    /// be told, and the field that is wrong.
+    pub fn load(preset_or_file: &str) -> Result<Self> {
+        if let Some(scene) = Self::preset(preset_or_file) {
+            return Ok(scene);
+        }
+        let path = Path::new(preset_or_file);
+        if !path.exists() {
+            let expected = format!("a scene file or one of {}", Self::PRESETS.join(", "));
+            return Err(Error::invalid("--scene", expected, preset_or_file));
+        }
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let mut scene: Self = toml::from_str(&text).map_err(|e| {
+            let line = 1 + e.span().map_or(0, |span| text.bytes().take(span.start).filter(|b| *b == b'\n').count());
+            Error::invalid(format!("{preset_or_file}, line {line}"), "a scene", e.message().to_owned())
+        })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        scene.start_at(folder).and_then(|()| scene.validate()).map_err(|e| e.within(preset_or_file))?;
+        Ok(scene)
+    }
+
+    /// Has the paths of a scene start at `folder`, and reads the sensor's calibration.
+    fn start_at(&mut self, folder: &Path) -> Result<()> {
+        if let Parts::Kit(kit) = &mut self.parts {
+            kit.start_at(folder);
+        }
+        if let Some(path) = self.sensor.calibration.take() {
+            let calibration = Calibration::load(folder.join(path)).map_err(|e| e.within("sensor.calibration"))?;
+            let spec = std::mem::take(&mut self.sensor);
+            self.sensor = calibration.light_for(spec).map_err(|e| e.within("sensor.calibration"))?;
+        }
+        Ok(())
+    }
+
+    /// Refuses a scene that cannot be touched, naming the field. Reads the files of its parts.
+    pub fn validate(&self) -> Result<()> {
+        self.sensor.validate()?;
+        if !(0.0..=5.0).contains(&self.clearance_mm) {
+            return Err(Error::invalid("clearance_mm", "0 to 5 mm", self.clearance_mm.to_string()));
+        }
+        match (&self.parts, &self.board) {
+            (Parts::Kit(kit), board) => {
+                let reach =
+                    self.reach.ok_or_else(|| Error::invalid("reach", "a grid of poses for each part", "none"))?;
+                reach.validate()?;
+                kit.validate()?;
+                let names = kit.names();
+                let parts =
+                    (0..names.len()).map(|part| kit.part(part, self.clearance_mm)).collect::<Result<Vec<_>>>()?;
+                board.as_ref().map_or(Ok(()), |board| board.validate(&names, &parts))
+            }
+            (Parts::Maze(boards), None) => boards.validate(&self.sensor),
+            (Parts::Maze(_), Some(_)) => Err(Error::invalid("board", "none: each MAZE is a board", "one")),
+        }
+    }
+
+    /// Names of the parts.
+    pub fn part_names(&self) -> Vec<String> {
+        match &self.parts {
+            Parts::Kit(kit) => kit.names(),
+            Parts::Maze(boards) => (0..boards.n_boards).map(|board| format!("maze-{board:03}")).collect(),
+        }
+    }
+
+    /// The outline of a part; `seed` draws MAZE boards.
+    pub fn shape(&self, part: usize, seed: u64) -> Result<Shape> {
+        match &self.parts {
+            Parts::Kit(kit) => Ok(kit.part(part, self.clearance_mm)?.outline),
+            Parts::Maze(boards) => Ok(maze(&boards.spec, seed.wrapping_mul(1_000_003).wrapping_add(part as u64))),
+        }
+    }
+
+    /// What the sensor meets on one side round a part, in the part's own frame: the part first, then what else
+    /// of the board is within reach. Pegs stand together: the highest is touched. Holes are plates, each with
+    /// its opening, and what one leaves open is open: the lowest counts. Connectors stand on their board on
+    /// both sides: their receptacles are one relief. `seed` draws MAZE boards.
+    pub fn reliefs(&self, part: usize, side: Side, seed: u64) -> Result<Vec<Relief>> {
+        let kit = match &self.parts {
+            Parts::Kit(kit) => kit,
+            Parts::Maze(_) => {
+                let walls = self.shape(part, seed)?;
+                return Ok(vec![match side {
+                    Side::Peg => Relief::peg(walls),
+                    Side::Hole => Relief::hole(walls, self.clearance_mm),
+                }]);
+            }
+        };
+        let own = kit.part(part, self.clearance_mm)?;
+        let stands = own.stands;
+        let mut reliefs = vec![own.side(side)];
+        let Some(board) = &self.board else { return Ok(reliefs) };
+        let places = board.places_mm(kit.names().len())?;
+        for (other, place) in places.iter().enumerate().filter(|(other, _)| *other != part) {
+            let offset = [0, 1].map(|axis| place[axis] - places[part][axis]);
+            let neighbour = kit.part(other, self.clearance_mm)?;
+            if is_within(neighbour.bounds(), offset, self.half_extent_mm()) {
+                reliefs.push(neighbour.side(side).shifted(offset));
+            }
+        }
+        match side {
+            Side::Hole if stands => Ok(vec![Relief { layers: reliefs.into_iter().flat_map(|r| r.layers).collect() }]),
+            Side::Hole => {
+                reliefs.push(Relief::peg(board.outline_round(places[part])));
+                Ok(reliefs)
+            }
+            Side::Peg => Ok(reliefs),
+        }
+    }
+
+    /// How far from a part's centre a view can reach, mm.
+    pub fn half_extent_mm(&self) -> f64 {
+        let [width, height] = self.sensor.field_of_view_mm;
+        match &self.parts {
+            Parts::Kit(_) => {
+                let reach = self.reach.map_or(0.0, |reach| reach.xy_half_mm + 0.5 * reach.xy_step_mm);
+                reach + 0.5 * width.hypot(height) + 1.0
+            }
+            Parts::Maze(boards) => 0.5 * boards.spec.side_mm,
+        }
+    }
+}
+
+/// Whether a box moved by `offset` reaches into the square of `half_mm` round the origin.
+fn is_within([x_min, y_min, x_max, y_max]: [f64; 4], [dx, dy]: [f64; 2], half_mm: f64) -> bool {
+    let meets = |low: f64, high: f64| low < half_mm && high > -half_mm;
+    meets(x_min + dx, x_max + dx) && meets(y_min + dy, y_max + dy)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,291 @@
+//! The parts of a scene: letters, connectors, the user's own files, or MAZE boards.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::MazeBoards;
+use crate::error::{Error, Result};
+use crate::shape::connector::Connector;
+use crate::shape::file::{self, FileScale, ending};
+use crate::shape::glyph::glyph;
+use crate::shape::heights::GreyScale;
+use crate::shape::{Relief, Shape};
+use crate::touch::Side;
+
+/// The parts of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Declared", into = "Declared")]
+pub enum Parts {
+    /// Parts that are touched one by one at the poses of the scene's reach.
+    Kit(Kit),
+    /// Random boards to train on, with pairs of touches all over them.
+    Maze(MazeBoards),
+}
+
+/// Parts of several kinds, in this order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kit {
+    /// Letters of a heavy sans, one part each.
+    pub letters: Option<Letters>,
+    /// Connectors, one part each.
+    pub connectors: Option<Connectors>,
+    /// The user's own parts.
+    pub files: Vec<PartFile>,
+}
+
+/// Letters of one size.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Letters {
+    /// The letters, each once.
+    pub letters: String,
+    /// Height of a letter, mm.
+    pub height_mm: f64,
+    /// Width a letter is narrowed to where it would be wider, mm.
+    pub max_width_mm: f64,
+}
+
+/// Connectors; plug and receptacle have their own dimensions, without the scene's clearance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Connectors {
+    /// The connectors, each once.
+    pub names: Vec<Connector>,
+}
+
+/// A part from the user's own files: an outline (`svg`), heights (`png`, `npy`) or a mesh (`stl`), each centred
+/// on its own box.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartFile {
+    /// Name of the part.
+    pub name: String,
+    /// What stands up; beside a scene file, its path starts there.
+    pub peg: PathBuf,
+    /// The opening (`svg`), or the surface of the plate with its pockets; without it, a plate with a through
+    /// hole that is wider than the peg's outline by the scene's clearance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hole: Option<PathBuf>,
+    /// Size of a pixel of a `png` or `npy` in x and y, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mm_per_px: Option<[f64; 2]>,
+    /// Height from one grey level of a `png` to the next, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mm_per_level: Option<f64>,
+    /// Height from black to white of a `png`, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub full_scale_mm: Option<f64>,
+}
+
+/// One part of a kit, with both its sides; all mm round its centre.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Part {
+    /// Outline of the peg.
+    pub outline: Shape,
+    /// What the hole's side takes of a board, before the clearance.
+    taken: Shape,
+    /// By how much the opening is widened on every side, mm.
+    pub clearance_mm: f64,
+    /// Whether the hole's side stands on the board instead of being a plate with an opening.
+    pub stands: bool,
+    peg: Relief,
+    hole: Relief,
+}
+
+/// Parts as a scene file has them.
+#[derive(Clone, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Declared {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    letters: Option<Letters>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    connectors: Option<Connectors>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    files: Vec<PartFile>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maze: Option<MazeBoards>,
+}
+
+impl TryFrom<Declared> for Parts {
+    type Error = Error;
+
+    fn try_from(declared: Declared) -> Result<Self> {
+        let Declared { letters, connectors, files, maze } = declared;
+        let kit = Kit { letters, connectors, files };
+        match maze {
+            None => Ok(Self::Kit(kit)),
+            Some(boards) if kit == Kit::default() => Ok(Self::Maze(boards)),
+            Some(_) => Err(Error::invalid("parts", "either maze or letters, connectors and files", "both")),
+        }
+    }
+}
+
+impl From<Parts> for Declared {
+    fn from(parts: Parts) -> Self {
+        match parts {
+            Parts::Kit(Kit { letters, connectors, files }) => Self { letters, connectors, files, maze: None },
+            Parts::Maze(boards) => Self { maze: Some(boards), ..Self::default() },
+        }
+    }
+}
+
+/// Where one part of a kit comes from.
+#[derive(Clone, Copy)]
+enum Origin<'a> {
+    Letter(char, &'a Letters),
+    Connector(Connector),
+    File(usize, &'a PartFile),
+}
+
+impl Kit {
+    /// A kit of letters alone.
+    pub fn of_letters(letters: &str, height_mm: f64, max_width_mm: f64) -> Self {
+        Self { letters: Some(Letters { letters: letters.into(), height_mm, max_width_mm }), ..Self::default() }
+    }
+
+    fn origins(&self) -> impl Iterator<Item = Origin<'_>> {
+        let letters = self.letters.iter().flat_map(|of| of.letters.chars().map(move |c| Origin::Letter(c, of)));
+        let connectors = self.connectors.iter().flat_map(|of| of.names.iter().map(|name| Origin::Connector(*name)));
+        let files = self.files.iter().enumerate().map(|(i, file)| Origin::File(i, file));
+        letters.chain(connectors).chain(files)
+    }
+
+    /// Names of the parts.
+    pub(super) fn names(&self) -> Vec<String> {
+        let name = |origin| match origin {
+            Origin::Letter(letter, _) => letter.to_string(),
+            Origin::Connector(connector) => connector.name().to_owned(),
+            Origin::File(_, file) => file.name.clone(),
+        };
+        self.origins().map(name).collect()
+    }
+
+    /// One part; reads its files. `clearance_mm` is by how much a hole is wider than its peg on every side.
+    pub(super) fn part(&self, part: usize, clearance_mm: f64) -> Result<Part> {
+        let Some(origin) = self.origins().nth(part) else {
+            return Err(Error::invalid("part", "a part of the scene", part.to_string()));
+        };
+        match origin {
+            Origin::Letter(letter, Letters { height_mm, max_width_mm, .. }) => {
+                let outline = glyph(letter, *height_mm, *max_width_mm)?;
+                Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
+            }
+            Origin::Connector(connector) => Ok(Part {
+                outline: Shape { regions: vec![vec![connector.outline()]] },
+                taken: Shape { regions: vec![vec![connector.body()]] },
+                clearance_mm: 0.0,
+                stands: true,
+                peg: connector.plug()?,
+                hole: connector.receptacle(),
+            }),
+            Origin::File(i, file) => file.part(&format!("parts.files[{i}]"), clearance_mm),
+        }
+    }
+
+    /// Refuses a kit whose parts cannot be made, naming the field.
+    pub(super) fn validate(&self) -> Result<()> {
+        if let Some(letters) = &self.letters {
+            letters.validate()?;
+        }
+        let names = self.names();
+        if names.is_empty() {
+            return Err(Error::invalid("parts", "at least one letter, connector or file", "none"));
+        }
+        for (i, name) in names.iter().enumerate() {
+            if name.trim().is_empty() || name.contains(char::is_control) {
+                return Err(Error::invalid("parts", "a name for each part", format!("{name:?}")));
+            }
+            if names[..i].contains(name) {
+                return Err(Error::invalid("parts", "each part's name once", format!("'{name}' twice")));
+            }
+        }
+        self.files.iter().enumerate().try_for_each(|(i, file)| file.validate(&format!("parts.files[{i}]")))
+    }
+
+    /// Has the paths of files start at `folder`.
+    pub(super) fn start_at(&mut self, folder: &Path) {
+        let files = self.files.iter_mut();
+        files.flat_map(|file| std::iter::once(&mut file.peg).chain(&mut file.hole)).for_each(|path| {
+            *path = folder.join(&*path);
+        });
+    }
+}
+
+impl Part {
+    /// A part whose hole is a through opening of its outline.
+    fn extruded(outline: Shape, peg: Relief, clearance_mm: f64) -> Self {
+        let hole = Relief::hole(outline.clone(), clearance_mm);
+        Self { taken: outline.clone(), outline, clearance_mm, stands: false, peg, hole }
+    }
+
+    /// One of its sides.
+    pub fn side(self, side: Side) -> Relief {
+        match side {
+            Side::Peg => self.peg,
+            Side::Hole => self.hole,
+        }
+    }
+
+    /// What peg and hole take of a board, before the clearance.
+    pub fn footprint(&self) -> Shape {
+        Shape { regions: self.outline.regions.iter().chain(&self.taken.regions).cloned().collect() }
+    }
+
+    /// Smallest box `[x_min, y_min, x_max, y_max]` round the footprint, mm.
+    pub fn bounds(&self) -> [f64; 4] {
+        let [x_min, y_min, x_max, y_max] = self.footprint().bounds();
+        let grow = self.clearance_mm;
+        [x_min - grow, y_min - grow, x_max + grow, y_max + grow]
+    }
+}
+
+impl Letters {
+    fn validate(&self) -> Result<()> {
+        let sizes = [("height_mm", self.height_mm), ("max_width_mm", self.max_width_mm)];
+        if let Some((field, value)) = sizes.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0 && *v <= 200.0)) {
+            return Err(Error::invalid(format!("parts.letters.{field}"), "0 to 200 mm", value.to_string()));
+        }
+        for letter in self.letters.chars() {
+            glyph(letter, self.height_mm, self.max_width_mm).map_err(|e| e.within("parts.letters.letters"))?;
+        }
+        Ok(())
+    }
+}
+
+impl PartFile {
+    fn validate(&self, field: &str) -> Result<()> {
+        let has = |endings: &[&str]| {
+            let fits = |path: &PathBuf| endings.contains(&ending(path).as_str());
+            fits(&self.peg) || self.hole.as_ref().is_some_and(fits)
+        };
+        let unused = |name: &str, endings: &str| {
+            Err(Error::invalid(format!("{field}.{name}"), format!("a {endings} file to use it on"), "none"))
+        };
+        if self.mm_per_px.is_some() && !has(&["png", "npy"]) {
+            return unused("mm_per_px", "png or npy");
+        }
+        if (self.mm_per_level.is_some() || self.full_scale_mm.is_some()) && !has(&["png"]) {
+            return unused("mm_per_level, full_scale_mm", "png");
+        }
+        Ok(())
+    }
+
+    fn part(&self, field: &str, clearance_mm: f64) -> Result<Part> {
+        let grey = match (self.mm_per_level, self.full_scale_mm) {
+            (None, None) => None,
+            (Some(mm), None) => Some(GreyScale::MmPerLevel(mm)),
+            (None, Some(mm)) => Some(GreyScale::FullScaleMm(mm)),
+            (Some(_), Some(_)) => {
+                return Err(Error::invalid(field, "mm_per_level or full_scale_mm", "both"));
+            }
+        };
+        let scale = FileScale { mm_per_px: self.mm_per_px, grey };
+        let peg = file::read(&self.peg, &scale).map_err(|e| e.within(format!("{field}.peg")))?;
+        let outline = peg.outline();
+        let Some(hole) = &self.hole else { return Ok(Part::extruded(outline, peg.peg(), clearance_mm)) };
+        let hole = file::read(hole, &scale).map_err(|e| e.within(format!("{field}.hole")))?;
+        let taken = hole.opening();
+        Ok(Part { outline, taken, clearance_mm: 0.0, stands: false, peg: peg.peg(), hole: hole.hole() })
+    }
+}

@@ -1,0 +1,221 @@
+//! A sensor's lamps: how each channel answers a slope of the gel.
+//!
+//! For a slope `g = (g_x, g_y)`, `g = tan(theta) (cos phi, sin phi)` towards deeper gel, a channel changes by
+//!
+//! ```text
+//! dI = a_x 2 g_x/(1 + g^2) + a_y 2 g_y/(1 + g^2)                               sin 2 theta: a lamp from one side
+//!    + b g^2/(1 + g^2) + b_2 (g_x^2 - g_y^2)/(1 + g^2) + b_11 2 g_x g_y/(1 + g^2)        sin^2 theta: walls
+//! ```
+//!
+//! where each factor is a quadratic of the place in the frame. These are the spherical harmonics of the
+//! surface's normal up to the second order, which hold 98 % of diffuse light (Ramamoorthi and Hanrahan,
+//! 2001), less the constant, which is the frame at rest. Of a real Mini's Taxim table they leave 2 to 4 counts
+//! (root mean square over the frame and slopes up to 58 degrees) of 22 to 32: `tactile-data calibrate --taxim`.
+
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::shadow::Shadow;
+use crate::error::{Error, Result};
+
+/// Factors of `1, x, y, x^2, x y, y^2` over the frame, x and y in -1..=1, x right and y down; counts.
+pub type Quadratic = [f32; 6];
+
+/// The most that a factor may be, counts: a lamp's change cannot leave the 8 bits by much.
+const MAX_COUNTS: f32 = 4_096.0;
+
+/// The frame at rest: quadratics fitted to a real Mini's no-contact frame, within 2 to 8 counts.
+const MINI_AT_REST: [Quadratic; 3] = [
+    [121.5, -5.9, 24.6, -61.9, 0.1, -65.2],
+    [109.4, -2.9, -6.1, -27.3, 1.0, -15.9],
+    [133.8, -4.3, -19.3, -42.2, 2.7, -41.7],
+];
+
+/// How far each lamp of a Mini reaches, as a share of its strength at the centre: quadratics through a real
+/// calibration table's values at the centre and the four sides.
+const MINI_FALL_OFF: [Quadratic; 3] =
+    [[1.0, 0.0, 0.12, -0.33, 0.0, -0.45], [1.0, 0.0, 0.0, -0.30, 0.0, -0.30], [1.0, 0.0, -0.28, -0.30, 0.0, -0.40]];
+
+/// A sensor's light, each factor for red, green and blue. In a scene it is written out or given by the name
+/// of a known rig: `light = "mini"`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LightRig {
+    /// The frame at rest, counts.
+    pub at_rest: [Quadratic; 3],
+    /// Response to `2 g_x / (1 + g^2)`, counts.
+    pub along_x: [Quadratic; 3],
+    /// Response to `2 g_y / (1 + g^2)`, counts.
+    pub along_y: [Quadratic; 3],
+    /// Response to steep walls; without it none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub walls: Option<Walls>,
+    /// How lamps cast shadows, for [`super::Fidelity::Shadow`].
+    pub shadow: Shadow,
+}
+
+/// The second order of a rig's response, each factor for red, green and blue, counts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Walls {
+    /// Response to `g^2 / (1 + g^2)`.
+    pub steep: [Quadratic; 3],
+    /// Response to `(g_x^2 - g_y^2) / (1 + g^2)`.
+    pub across: [Quadratic; 3],
+    /// Response to `2 g_x g_y / (1 + g^2)`.
+    pub diagonal: [Quadratic; 3],
+}
+
+impl Default for LightRig {
+    /// A GelSight Mini.
+    fn default() -> Self {
+        // Fitted on a real calibration table of a Mini, to 10 %.
+        Self::lamps([97.0, 50.0, 53.0], [83.0, -174.0, -97.0])
+    }
+}
+
+impl LightRig {
+    /// Names of the known rigs.
+    pub const NAMES: [&str; 2] = ["mini", "cmu"];
+
+    /// One lamp for each channel: its brightness at the frame's centre in counts, and the direction in which
+    /// it lights a slope, degrees from x towards y. Background and fall-off are a Mini's.
+    pub fn lamps(counts: [f64; 3], towards_deg: [f64; 3]) -> Self {
+        let lamp = |share: fn(f64) -> f64| {
+            [0, 1, 2].map(|c| {
+                let strength = counts[c] * share(towards_deg[c].to_radians());
+                MINI_FALL_OFF[c].map(|factor| (strength * f64::from(factor)) as f32)
+            })
+        };
+        Self {
+            at_rest: MINI_AT_REST,
+            along_x: lamp(f64::cos),
+            along_y: lamp(f64::sin),
+            walls: None,
+            shadow: Shadow::default(),
+        }
+    }
+
+    /// A known rig: `mini`, or `cmu`, the lamps of an older GelSight (fitted on Taxim's table of it).
+    pub fn named(name: &str) -> Result<Self> {
+        match name {
+            "mini" => Ok(Self::default()),
+            "cmu" => Ok(Self::lamps([65.0, 45.0, 47.0], [178.0, 62.0, -54.0])),
+            _ => Err(Error::invalid("light", format!("one of {}", Self::NAMES.join(", ")), name)),
+        }
+    }
+
+    /// The same rig with each channel's response `strength` times as strong and turned by `turn_deg` degrees
+    /// from x towards y; the frame at rest stays.
+    pub fn varied(&self, strength: [f64; 3], turn_deg: [f64; 3]) -> Self {
+        let turned = |x: &[Quadratic; 3], y: &[Quadratic; 3], times: f64| -> [[Quadratic; 3]; 2] {
+            let part = |c: usize, along_x: f64, along_y: f64| -> Quadratic {
+                std::array::from_fn(|i| {
+                    (strength[c] * (along_x * f64::from(x[c][i]) + along_y * f64::from(y[c][i]))) as f32
+                })
+            };
+            let angle = turn_deg.map(|deg| (times * deg.to_radians()).sin_cos());
+            [[0, 1, 2].map(|c| part(c, angle[c].1, -angle[c].0)), [0, 1, 2].map(|c| part(c, angle[c].0, angle[c].1))]
+        };
+        let [along_x, along_y] = turned(&self.along_x, &self.along_y, 1.0);
+        let walls = self.walls.as_ref().map(|walls| {
+            let [across, diagonal] = turned(&walls.across, &walls.diagonal, 2.0);
+            let steep = [0, 1, 2].map(|c| walls.steep[c].map(|factor| (strength[c] * f64::from(factor)) as f32));
+            Walls { steep, across, diagonal }
+        });
+        Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
+    }
+
+    /// Refuses numbers that no light can be, naming the field.
+    pub fn validate(&self) -> Result<()> {
+        let walls = self.walls.as_ref();
+        let mut fields = vec![("at_rest", &self.at_rest), ("along_x", &self.along_x), ("along_y", &self.along_y)];
+        fields.extend(walls.into_iter().flat_map(|walls| {
+            [("walls.steep", &walls.steep), ("walls.across", &walls.across), ("walls.diagonal", &walls.diagonal)]
+        }));
+        for (field, factors) in fields {
+            if let Some(value) = factors.iter().flatten().find(|value| value.is_nan() || value.abs() > MAX_COUNTS) {
+                let expected = format!("at most {MAX_COUNTS} counts either way");
+                return Err(Error::invalid(format!("light.{field}"), expected, value.to_string()));
+            }
+        }
+        self.shadow.validate()
+    }
+}
+
+impl<'de> Deserialize<'de> for LightRig {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Factors {
+            at_rest: [Quadratic; 3],
+            along_x: [Quadratic; 3],
+            along_y: [Quadratic; 3],
+            walls: Option<Walls>,
+            #[serde(default)]
+            shadow: Shadow,
+        }
+        #[derive(Deserialize)]
+        #[serde(untagged, expecting = "the name of a light rig, or at_rest, along_x and along_y of each channel")]
+        enum Given {
+            Named(String),
+            Factors(Box<Factors>),
+        }
+        match Given::deserialize(deserializer)? {
+            Given::Named(name) => Self::named(&name).map_err(serde::de::Error::custom),
+            Given::Factors(given) => {
+                let Factors { at_rest, along_x, along_y, walls, shadow } = *given;
+                Ok(Self { at_rest, along_x, along_y, walls, shadow })
+            }
+        }
+    }
+}
+
+/// A quadratic's value at a place of the frame, -1..=1 in x and y.
+pub fn value(k: &Quadratic, x: f32, y: f32) -> f32 {
+    k[0] + k[1] * x + k[2] * y + k[3] * x * x + k[4] * x * y + k[5] * y * y
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `atan2` of the response at the frame's centre, degrees.
+    fn direction(rig: &LightRig, channel: usize) -> f64 {
+        f64::from(rig.along_y[channel][0]).atan2(f64::from(rig.along_x[channel][0])).to_degrees()
+    }
+
+    #[test]
+    fn a_varied_rig_is_turned_and_scaled() {
+        let rig = LightRig::default().varied([1.1, 0.9, 1.0], [10.0, -20.0, 0.0]);
+        for (channel, (deg, counts)) in [(93.0, 106.7), (166.0, 45.0), (-97.0, 53.0)].into_iter().enumerate() {
+            assert!((direction(&rig, channel) - deg).abs() < 1e-4, "{}", direction(&rig, channel));
+            let strength = rig.along_x[channel][0].hypot(rig.along_y[channel][0]);
+            assert!((f64::from(strength) - counts).abs() < 1e-4);
+        }
+        // sin^2 theta cos 2 (phi - phi_c) turns by twice the angle.
+        let walls = Walls { steep: [[0.0; 6]; 3], across: [[8.0; 6]; 3], diagonal: [[0.0; 6]; 3] };
+        let turned = LightRig { walls: Some(walls), ..rig }.varied([1.0; 3], [45.0; 3]).walls.unwrap();
+        assert!(turned.across[0][0].abs() < 1e-5 && (turned.diagonal[0][0] - 8.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_rig_is_read_by_name_or_in_full() {
+        #[derive(Debug, PartialEq, Serialize, Deserialize)]
+        struct Sensor {
+            light: LightRig,
+        }
+        let cmu: Sensor = toml::from_str("light = \"cmu\"").unwrap();
+        assert!((direction(&cmu.light, 1) - 62.0).abs() < 1e-4);
+        assert_eq!(toml::from_str::<Sensor>(&toml::to_string(&cmu).unwrap()).unwrap(), cmu);
+        let json = serde_json::to_string(&cmu).unwrap();
+        assert_eq!(serde_json::from_str::<Sensor>(&json).unwrap(), cmu);
+        let error = toml::from_str::<Sensor>("light = \"sun\"").unwrap_err().to_string();
+        assert!(error.contains("expected one of mini, cmu, got sun"), "{error}");
+    }
+
+    #[test]
+    fn light_that_is_no_number_is_refused_by_field() {
+        let mut rig = LightRig::default();
+        rig.along_y[1][2] = f32::NAN;
+        assert!(rig.validate().unwrap_err().to_string().starts_with("light.along_y"));
+    }
+}
