@@ -24,6 +24,7 @@
 //! ```
 
 pub mod calibrate;
+pub mod compare;
 pub mod contact;
 pub mod contact_sheet;
 pub mod error;
@@ -33,6 +34,7 @@ pub mod grid;
 pub mod npy;
 pub mod picture;
 pub mod recording;
+pub mod render;
 pub mod scene;
 pub mod se2;
 pub mod sensor;

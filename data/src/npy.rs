@@ -52,6 +52,24 @@ pub fn read_npz(path: impl AsRef<Path>) -> Result<BTreeMap<String, Array>> {
     Ok(arrays)
 }
 
+/// Writes values in C order as an `.npy` file of f4, version 1.0. Refuses a shape of another number of values.
+pub fn write(path: impl AsRef<Path>, shape: &[usize], values: &[f32]) -> Result<()> {
+    let path = path.as_ref();
+    if shape.iter().product::<usize>() != values.len() {
+        let got = format!("{} values", values.len());
+        return Err(Error::invalid(path.display().to_string(), format!("values of shape {shape:?}"), got));
+    }
+    let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
+    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", sides.trim_end());
+    // Magic, version, length and header fill whole blocks of 64 bytes, the last byte a line's end.
+    header = format!("{header:<width$}\n", width = (header.len() + 11).next_multiple_of(64) - 11);
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    fs::write(path, bytes).map_err(Error::io(path))
+}
+
 /// Reads the bytes of an `.npy` file; `what` names it in errors.
 pub fn parse(bytes: &[u8], what: &str) -> Result<Array> {
     let invalid = |expected: &str, got: String| Error::invalid(what, expected, got);
@@ -160,6 +178,20 @@ mod tests {
         assert_eq!(arrays["b"], Array { shape: vec![1, 3], values: vec![1.0, 2.0, 1.0] });
         fs::write(&path, b"PK").unwrap();
         assert!(read_npz(&path).unwrap_err().to_string().contains("table.npz: expected a readable .npz archive"));
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("heights.npy");
+        for shape in [vec![2, 3], vec![6], vec![1, 6, 1]] {
+            let array = Array { shape, values: vec![0.5, -1.0, 2.0, 3.0, 1e-9, 7.0] };
+            write(&path, &array.shape, &array.values).unwrap();
+            assert_eq!(read(&path).unwrap(), array);
+            // NumPy's format: the data begin at a multiple of 64 bytes.
+            assert_eq!(fs::read(&path).unwrap().len() % 64, 24);
+        }
+        assert!(write(&path, &[2, 2], &[0.0; 3]).unwrap_err().to_string().contains("3 values"));
     }
 
     #[test]

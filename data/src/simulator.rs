@@ -190,7 +190,7 @@ impl Simulator {
 }
 
 /// Depths `[height + 2, width + 2]` in mm as grey levels.
-fn grey(depths: &[f32], [width, height]: [usize; 2]) -> Frame {
+pub(crate) fn grey(depths: &[f32], [width, height]: [usize; 2]) -> Frame {
     let mut rgb = vec![0; 3 * width * height];
     for (line, depths) in rgb.chunks_exact_mut(3 * width).zip(depths[width + 2..].chunks_exact(width + 2)) {
         for (pixel, depth) in line.as_chunks_mut::<3>().0.iter_mut().zip(&depths[1..]) {

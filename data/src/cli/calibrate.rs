@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
-use tactile_data::calibrate::presses::{Presses, Source};
+use tactile_data::calibrate::ball::BallPress;
+use tactile_data::calibrate::presses::{Circle, Presses, Source};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::sensor::light::LightRig;
 use tactile_data::{Error, Result, picture};
@@ -27,7 +28,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "MM")]
     ball_mm: Option<f64>,
     /// Size of a pixel in x and y, mm
-    #[arg(long, value_name = "X,Y", value_parser = parse_pair, required_unless_present = "px_per_mm")]
+    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, required_unless_present = "px_per_mm")]
     mm_per_px: Option<[f64; 2]>,
     /// Pixels a mm, in place of --mm-per-px
     #[arg(long, value_name = "N", conflicts_with = "mm_per_px")]
@@ -92,7 +93,10 @@ impl Calibrate {
         for (press, (name, figures)) in presses.presses.iter().zip(&left_out) {
             let ([x, y], radius) = (press.circle.centre_px, press.circle.radius_px);
             text += &format!("{name:<24} {x:>6.1} {y:>6.1} {radius:>6.1} {}", row(figures));
-            rows.push(json!({ "file": name, "centre_px": [x, y], "radius_px": radius, "left_out": figures }));
+            let depth_mm = depth_mm(&calibration, &presses, &press.circle);
+            rows.push(json!({
+                "file": name, "centre_px": [x, y], "radius_px": radius, "depth_mm": depth_mm, "left_out": figures,
+            }));
         }
         if let Some(mean) = &calibration.leave_one_out {
             text += &format!("{:<45} {}", "mean, counts and dB", row(mean));
@@ -121,11 +125,12 @@ impl Calibrate {
     }
 }
 
+/// How deep the ball is pressed in by the gel that was fitted, mm.
+fn depth_mm(calibration: &Calibration, presses: &Presses, circle: &Circle) -> Option<f64> {
+    let contact_mm = calibration.contact_share? * presses.radius_mm(circle);
+    let radius_mm = presses.ball_radius_mm;
+    Some(BallPress::new(radius_mm, contact_mm, calibration.gel_length_mm?, 2.0 * radius_mm).depth_mm(0.0))
+}
+
 /// The calibration, what is said of it to people, and to programs.
 type Outcome = (Calibration, String, serde_json::Value);
-
-/// Reads two numbers such as `0.058,0.0596`.
-fn parse_pair(text: &str) -> std::result::Result<[f64; 2], String> {
-    let pair = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));
-    pair.ok_or_else(|| "expected X,Y, such as 0.058,0.0596".into())
-}

@@ -27,13 +27,16 @@ pub struct Inspect {
     /// Print JSON for programs
     #[arg(long)]
     json: bool,
+    /// List in the JSON how much each frame differs from rest
+    #[arg(long, requires = "json")]
+    frames: bool,
 }
 
 impl Inspect {
     /// Prints the summary and draws the sheet.
     pub fn run(self) -> Result<()> {
         let dataset = Dataset::open(&self.dir)?;
-        let summary = Summary::of(&dataset)?;
+        let summary = Summary::of(&dataset, self.frames)?;
         if let Some(sheet) = &self.sheet {
             picture::write_png(sheet, &contact_sheet::draw(&dataset)?)?;
         }
@@ -69,6 +72,9 @@ struct Summary {
     /// Root mean square per frame, averaged over the frames, counts.
     difference_rms_mean: f64,
     unusable: Vec<Unusable>,
+    /// Root mean square of each frame's difference from rest, counts; none of an unusable one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    difference_rms: Option<Vec<Option<f32>>>,
 }
 
 #[derive(Serialize)]
@@ -78,7 +84,7 @@ struct Unusable {
 }
 
 impl Summary {
-    fn of(dataset: &Dataset) -> Result<Self> {
+    fn of(dataset: &Dataset, with_frames: bool) -> Result<Self> {
         let frames = contact::measure(dataset)?;
         let usable: Vec<&FrameContact> = frames.iter().flatten().collect();
         let rms: f64 = usable.iter().map(|frame| f64::from(frame.difference_rms)).sum();
@@ -106,6 +112,8 @@ impl Summary {
             unusable: (frames.iter().enumerate())
                 .filter_map(|(frame, result)| Some(Unusable { frame, reason: result.as_ref().err()?.to_string() }))
                 .collect(),
+            difference_rms: with_frames
+                .then(|| frames.iter().map(|frame| frame.as_ref().ok().map(|frame| frame.difference_rms)).collect()),
         })
     }
 }

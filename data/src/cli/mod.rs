@@ -1,16 +1,20 @@
 //! The command line: one file a command.
 
 mod calibrate;
+mod compare;
 mod generate;
 mod import;
 mod inspect;
 mod progress;
+mod render;
+mod ring;
 mod speed;
+mod walls;
 
 use clap::{Parser, Subcommand};
-use tactile_data::Result;
+use tactile_data::{Error, Result};
 
-/// Make, import and inspect datasets of tactile frames.
+/// Make, import and inspect datasets of tactile frames, and hold simulated frames against real ones.
 ///
 /// Exit codes: 0 done, 1 failed, 2 misused.
 #[derive(Parser)]
@@ -24,6 +28,10 @@ pub struct Cli {
 enum Command {
     Generate(generate::Generate),
     Calibrate(calibrate::Calibrate),
+    Render(render::Render),
+    Compare(compare::Compare),
+    Ring(ring::FindRing),
+    Walls(walls::Walls),
     Inspect(inspect::Inspect),
     Import(import::Import),
     Speed(speed::Speed),
@@ -35,6 +43,10 @@ impl Cli {
         match self.command {
             Command::Generate(generate) => generate.run(),
             Command::Calibrate(calibrate) => calibrate.run(),
+            Command::Render(render) => render.run(),
+            Command::Compare(compare) => compare.run(),
+            Command::Ring(ring) => ring.run(),
+            Command::Walls(walls) => walls.run(),
             Command::Inspect(inspect) => inspect.run(),
             Command::Import(import) => import.run(),
             Command::Speed(speed) => speed.run(),
@@ -48,6 +60,29 @@ fn parse_size(text: &str) -> std::result::Result<[usize; 2], String> {
     size.filter(|size| size.iter().all(|side| *side > 0)).ok_or_else(|| "expected WIDTHxHEIGHT, such as 160x120".into())
 }
 
+/// Reads numbers with commas between, such as `1.5,-2,30`.
+fn parse_numbers<const N: usize>(text: &str) -> std::result::Result<[f64; N], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let numbers = numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+    let fits = numbers.and_then(|numbers| numbers.try_into().ok());
+    fits.ok_or_else(|| format!("expected {N} numbers with commas between, such as {}", ["1.5"; N].join(",")))
+}
+
+/// Size of a pixel in x and y, mm, of frames that show `view_mm` along x and y.
+fn mm_per_px(view_mm: &[f64], size_px: [usize; 2]) -> Result<[f64; 2]> {
+    match view_mm {
+        [x, y] if [x, y].iter().all(|mm| mm.is_finite() && **mm > 0.0) => {
+            Ok([x / size_px[0] as f64, y / size_px[1] as f64])
+        }
+        _ => Err(Error::invalid("--field-of-view-mm", "two positive lengths", format!("{view_mm:?}"))),
+    }
+}
+
+/// JSON for programs.
+fn pretty(json: &serde_json::Value) -> Result<String> {
+    serde_json::to_string_pretty(json).map_err(|e| Error::invalid("--json", "numbers that JSON can hold", e.to_string()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,6 +91,14 @@ mod tests {
     fn the_command_line_is_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn numbers_are_as_many_as_are_asked_for_and_finite() {
+        assert_eq!(parse_numbers("1.5, -2,30"), Ok([1.5, -2.0, 30.0]));
+        for bad in ["1,2", "1,2,3,4", "1,2,x", "1,2,inf", ""] {
+            assert!(parse_numbers::<3>(bad).is_err(), "{bad}");
+        }
     }
 
     #[test]

@@ -135,10 +135,9 @@ pub fn compare(
     real.validate("real frame")?;
     simulated.validate("simulated frame")?;
     let size_px = [real.frame.width_px(), real.frame.height_px()];
-    for (what, got) in [
-        ("simulated frame", [simulated.frame.width_px(), simulated.frame.height_px()]),
-        ("contact", contact.size_px()),
-    ] {
+    for (what, got) in
+        [("simulated frame", [simulated.frame.width_px(), simulated.frame.height_px()]), ("contact", contact.size_px())]
+    {
         if got != size_px {
             let expected = format!("{}x{} pixels as the real frame", size_px[0], size_px[1]);
             return Err(Error::invalid(what, expected, format!("{}x{}", got[0], got[1])));
@@ -157,8 +156,7 @@ pub fn compare(
     let (simulated_gain, simulated_difference) = simulated.difference(&far);
     let near: Vec<usize> = all.filter(|pixel| distance_mm[*pixel] <= band_mm).collect();
     let values = near.iter().flat_map(|pixel| 3 * pixel..3 * pixel + 3);
-    let pairs: Vec<[f64; 2]> =
-        values.map(|i| [simulated_difference[i], real_difference[i]].map(f64::from)).collect();
+    let pairs: Vec<[f64; 2]> = values.map(|i| [simulated_difference[i], real_difference[i]].map(f64::from)).collect();
     Ok(Comparison {
         figures: Figures::of(&pairs),
         pixels: near,
@@ -202,8 +200,11 @@ mod tests {
     }
 
     fn square() -> Region {
-        Region::new([100, 60], (0..6_000).map(|i| (10..20).contains(&(i % 100)) && (20..30).contains(&(i / 100))).collect())
-            .unwrap()
+        Region::new(
+            [100, 60],
+            (0..6_000).map(|i| (10..20).contains(&(i % 100)) && (20..30).contains(&(i / 100))).collect(),
+        )
+        .unwrap()
     }
 
     fn is_square(x: usize, y: usize) -> bool {
@@ -237,16 +238,22 @@ mod tests {
             assert!(gain.iter().all(|gain| (gain - expected).abs() < 0.01), "{gain:?}");
         }
         // More than 4 mm, 40 pixels, from the square.
-        assert_eq!(compared.n_exposure_pixels, (0..6_000).filter(|i| {
-            let (x, y) = ((i % 100) as f64, (i / 100) as f64);
-            (10.0 - x).max(x - 19.0).max(0.0).hypot((20.0 - y).max(y - 29.0).max(0.0)) > 40.0
-        }).count());
+        assert_eq!(
+            compared.n_exposure_pixels,
+            (0..6_000)
+                .filter(|i| {
+                    let (x, y) = ((i % 100) as f64, (i / 100) as f64);
+                    (10.0 - x).max(x - 19.0).max(0.0).hypot((20.0 - y).max(y - 29.0).max(0.0)) > 40.0
+                })
+                .count()
+        );
     }
 
     #[test]
     fn a_frame_against_itself_is_faultless() {
         let rest = frame(|x, y| 90.0 + (x % 7) as f64 + (y % 5) as f64);
-        let pressed = frame(|x, y| 90.0 + (x % 7) as f64 + (y % 5) as f64 + if is_square(x, y) { x as f64 } else { 0.0 });
+        let pressed =
+            frame(|x, y| 90.0 + (x % 7) as f64 + (y % 5) as f64 + if is_square(x, y) { x as f64 } else { 0.0 });
         let press = Press { frame: &pressed, at_rest: &rest };
         let figures = compare(press, press, &square(), [0.1; 2], 1.0).unwrap().figures;
         assert_eq!(figures.l1_counts, 0.0);

@@ -86,7 +86,8 @@ mod tests {
         let marks: Vec<bool> = (0..300).map(|i| [43, 199, 211].contains(&i)).collect();
         let region = Region::new([20, 15], marks).unwrap();
         for (i, got) in region.distance_mm([0.3, 0.2]).into_iter().enumerate() {
-            let to = |at: usize| ((i % 20).abs_diff(at % 20) as f64 * 0.3).hypot((i / 20).abs_diff(at / 20) as f64 * 0.2);
+            let to =
+                |at: usize| ((i % 20).abs_diff(at % 20) as f64 * 0.3).hypot((i / 20).abs_diff(at / 20) as f64 * 0.2);
             let expected = to(43).min(to(199)).min(to(211));
             assert!((got - expected).abs() < 1e-12, "{i}: {got}, not {expected}");
         }
@@ -101,7 +102,10 @@ mod tests {
         };
         let counts: Vec<f32> = (0..30 * 20 * 3).map(counts).collect();
         let region = Region::of_difference([30, 20], &counts).unwrap();
-        let patch = Region::new([30, 20], (0..600).map(|i| (8..16).contains(&(i % 30)) && (6..14).contains(&(i / 30))).collect());
+        let patch = Region::new(
+            [30, 20],
+            (0..600).map(|i| (8..16).contains(&(i % 30)) && (6..14).contains(&(i / 30))).collect(),
+        );
         let distance_px = patch.unwrap().distance_mm([1.0; 2]);
         assert!(region.n_pixels() >= 64);
         assert!(region.is_in.iter().zip(distance_px).all(|(is_in, px)| !is_in || px <= 2.0));

@@ -76,12 +76,9 @@ fn collect<'a>(group: &'a Group, elements: &mut Vec<&'a usvg::Path>) {
 /// The contours of one element in mm, or where one of them is left open.
 fn region(element: &usvg::Path) -> std::result::Result<Vec<Contour>, [f64; 2]> {
     let transform = element.abs_transform();
-    let mm = |point: usvg::tiny_skia_path::Point| {
-        let (mut x, mut y) = (point.x, point.y);
-        let [sx, kx, tx] = [transform.sx, transform.kx, transform.tx];
-        let [ky, sy, ty] = [transform.ky, transform.sy, transform.ty];
-        (x, y) = (sx * x + kx * y + tx, ky * x + sy * y + ty);
-        [x, y].map(|v| f64::from(v) * MM_PER_PX)
+    let mm = |mut point: usvg::tiny_skia_path::Point| {
+        transform.map_point(&mut point);
+        [point.x, point.y].map(|v| f64::from(v) * MM_PER_PX)
     };
     let mut pen = Flatten::new(PIECES);
     let mut closed = true;

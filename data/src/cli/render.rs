@@ -1,0 +1,137 @@
+//! `tactile-data render`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use tactile_data::calibrate::Calibration;
+use tactile_data::render::{Press, Rendered, relief, render};
+use tactile_data::se2::Se2;
+use tactile_data::sensor::{Fidelity, SensorSpec};
+use tactile_data::shape::file::FileScale;
+use tactile_data::shape::heights::GreyScale;
+use tactile_data::touch::Side;
+use tactile_data::{Result, npy, picture};
+
+/// The frame of a Mini that is not reduced, pixels.
+const FRAME_PX: [usize; 2] = [320, 240];
+
+/// Render one press of one part, to hold it against a photograph.
+///
+/// The part is letter:A:12 (height in mm), connector:usb-a, ball:4.7 (diameter in mm), or a file: an outline (SVG),
+/// heights (npy in mm, grey PNG) or a mesh (STL, mm). x runs to the right, y downwards.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    tactile-data render letter:A:12 --as-hole --pose 1,0,30 --depth-mm 0.6 --out a.png\n  \
+    tactile-data render punch.npy --map-mm-per-px 0.03,0.03 --calibration mine.toml --no-contact rest.png \
+    --out punch.png")]
+pub struct Render {
+    /// letter:A:12, connector:usb-a, ball:4.7, or a file ending in svg, npy, png or stl
+    shape: String,
+    /// The picture to write
+    #[arg(long, value_name = "FILE.png")]
+    out: PathBuf,
+    /// What is given stands up [default]
+    #[arg(long, conflicts_with = "as_hole")]
+    as_peg: bool,
+    /// An outline is an opening in a plate; heights are a plate with its grooves and pockets
+    #[arg(long)]
+    as_hole: bool,
+    /// By how much an outline's opening is wider on every side, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.0, requires = "as_hole")]
+    clearance_mm: f64,
+    /// Where the middle of the sensor lies on the part, mm, and by how much it is turned, degrees from x to y
+    #[arg(long, value_name = "X,Y,DEG", default_value = "0,0,0", allow_hyphen_values = true,
+          value_parser = super::parse_numbers::<3>)]
+    pose: [f64; 3],
+    /// How deep the part's highest point is pressed in, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.6)]
+    depth_mm: f64,
+    /// Size of a pixel of an npy or PNG in x and y, mm
+    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>)]
+    map_mm_per_px: Option<[f64; 2]>,
+    /// Height from one grey level of a PNG to the next, mm
+    #[arg(long, value_name = "MM", conflicts_with = "full_scale_mm")]
+    mm_per_level: Option<f64>,
+    /// Height from black to white of a PNG, mm
+    #[arg(long, value_name = "MM")]
+    full_scale_mm: Option<f64>,
+    /// The sensor's light, gel and scale, as calibrate writes them [default: a Mini's]
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
+    /// A frame of your sensor at rest, which the press then changes
+    #[arg(long, value_name = "FRAME")]
+    no_contact: Option<PathBuf>,
+    /// geometry, gel, optics, camera or shadow
+    #[arg(long, value_name = "TIER", default_value = "optics")]
+    fidelity: Fidelity,
+    /// Size of the frame, pixels [default: the no-contact frame's, the calibration's, or 320x240]
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
+    frame_px: Option<[usize; 2]>,
+    /// What the frame shows along x and y, mm [default: the calibration's, or 18.6 14.3]
+    #[arg(long, num_args = 2, value_names = ["X", "Y"], conflicts_with = "mm_per_px")]
+    field_of_view_mm: Option<Vec<f64>>,
+    /// Size of the frame's pixels in x and y, mm, in place of the field of view
+    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>)]
+    mm_per_px: Option<[f64; 2]>,
+    /// Decay length of the gel's surface beside a contact, mm [default: the calibration's, or 1.2]
+    #[arg(long, value_name = "MM")]
+    gel_length_mm: Option<f64>,
+    /// Draws what the camera adds
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Also write the sensor at rest
+    #[arg(long, value_name = "FILE.png")]
+    at_rest_out: Option<PathBuf>,
+    /// Also write how far the gel is pushed in at each pixel, mm
+    #[arg(long, value_name = "FILE.npy")]
+    heights_out: Option<PathBuf>,
+}
+
+impl Render {
+    /// Renders the press and writes what is asked for.
+    pub fn run(self) -> Result<()> {
+        let no_contact = self.no_contact.as_deref().map(picture::read).transpose()?;
+        let rest_px = no_contact.as_ref().map(|frame| [frame.width_px(), frame.height_px()]);
+        let spec = self.sensor(rest_px)?;
+        let side = if self.as_hole { Side::Hole } else { Side::Peg };
+        let full_scale = self.full_scale_mm.map(GreyScale::FullScaleMm);
+        let grey = self.mm_per_level.map(GreyScale::MmPerLevel).or(full_scale);
+        let scale = FileScale { mm_per_px: self.map_mm_per_px, grey };
+        let relief = relief(&self.shape, side, &scale, self.clearance_mm)?;
+        let [x_mm, y_mm, theta_deg] = self.pose;
+        let part_from_sensor = Se2::from_degrees(x_mm, y_mm, theta_deg);
+        let press = Press { relief: &relief, side, part_from_sensor, depth_mm: self.depth_mm };
+        let Rendered { frame, at_rest, depths_mm } =
+            render(&spec, self.fidelity, no_contact.as_ref(), &press, self.seed)?;
+        picture::write_png(&self.out, &frame)?;
+        if let Some(path) = &self.at_rest_out {
+            picture::write_png(path, &at_rest)?;
+        }
+        if let Some(path) = &self.heights_out {
+            npy::write(path, &[spec.frame_px[1], spec.frame_px[0]], &depths_mm)?;
+        }
+        Ok(())
+    }
+
+    /// The sensor that the options describe.
+    fn sensor(&self, rest_px: Option<[usize; 2]>) -> Result<SensorSpec> {
+        let calibration = self.calibration.as_ref().map(Calibration::load).transpose()?;
+        let mut spec = SensorSpec { frame_px: FRAME_PX, ..SensorSpec::default() };
+        if let Some(calibration) = &calibration {
+            spec = calibration.spec(spec)?;
+        }
+        spec.frame_px = self.frame_px.or(rest_px).unwrap_or(spec.frame_px);
+        if let Some(view) = &self.field_of_view_mm {
+            spec.field_of_view_mm = [view[0], view[1]];
+        }
+        if let Some(mm_per_px) = self.mm_per_px {
+            spec.field_of_view_mm = [0, 1].map(|axis| mm_per_px[axis] * spec.frame_px[axis] as f64);
+        }
+        if let Some(calibration) = &calibration {
+            spec = calibration.light_for(spec)?;
+        }
+        spec.gel_length_mm = self.gel_length_mm.unwrap_or(spec.gel_length_mm);
+        spec.validate()?;
+        Ok(spec)
+    }
+}
