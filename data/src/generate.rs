@@ -4,10 +4,12 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use rand::RngExt;
+use rand::rngs::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::grid::PoseGrid;
 use crate::scene::{MazeBoards, Parts, Scene};
 use crate::se2::Se2;
 use crate::simulator::{Simulator, frame_rng};
@@ -28,38 +30,65 @@ pub struct Planned {
     pub part_from_sensor: Se2,
 }
 
-/// The touches of a scene's dataset, in order: pairs all over MAZE boards, or `sides` of each letter at each
-/// pose of the reach. Fails where there is none.
-pub fn plan(scene: &Scene, sides: &[Side], seed: u64) -> Result<Vec<Planned>> {
+/// Where the parts of a kit are touched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Places {
+    /// At each pose of the reach: what a bank is made of.
+    EachPose,
+    /// At this many poses of each part and side, drawn from the range of the reach, at any angle in it.
+    Anywhere(usize),
+}
+
+/// The touches of a scene's dataset, in order: pairs all over MAZE boards, or `sides` of each part of a kit
+/// at `places`. Fails where there is none.
+pub fn plan(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<Vec<Planned>> {
     let planned: Vec<Planned> = match (&scene.parts, scene.reach) {
         (Parts::Maze(boards), _) => pairs(scene, boards, seed),
         (_, Some(reach)) => {
-            let cell = |part, side| {
-                (0..reach.len()).map(move |cell| Planned { part, side, part_from_sensor: reach.pose(cell) })
+            let n_poses = match places {
+                Places::EachPose => reach.len(),
+                Places::Anywhere(n) => n,
             };
-            let of_part = |part| sides.iter().flat_map(move |side| cell(part, *side));
+            let pose = move |part: usize, side: Side, i: usize| match places {
+                Places::EachPose => reach.pose(i),
+                Places::Anywhere(_) => {
+                    let stream = ((2 * part + usize::from(side == Side::Peg)) << 32) + i;
+                    anywhere(&reach, &mut frame_rng(seed ^ 0x61_6e_79, stream as u64))
+                }
+            };
+            let touches = move |part, side| {
+                (0..n_poses).map(move |i| Planned { part, side, part_from_sensor: pose(part, side, i) })
+            };
+            let of_part = |part| sides.iter().flat_map(move |side| touches(part, *side));
             (0..scene.part_names().len()).flat_map(of_part).collect()
         }
         (_, None) => return Err(Error::invalid("reach", "a grid of poses for each part", "none")),
     };
     if planned.is_empty() {
-        return Err(Error::invalid("--sides", "peg, hole or both", "none"));
+        return Err(Error::invalid("--sides, --anywhere", "a side and a place to touch", "none"));
     }
     Ok(planned)
 }
 
-/// Renders a scene into a dataset folder and returns the number of frames. `sides` says which halves of
-/// letters to touch; MAZE boards are always touched in pairs, the hole and then the peg at one pose.
+/// A pose drawn from the range of a grid.
+fn anywhere(reach: &PoseGrid, rng: &mut ChaCha8Rng) -> Se2 {
+    let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+    Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg))
+}
+
+/// Renders a scene into a dataset folder and returns the number of frames. `sides` and `places` say what
+/// of a kit's parts to touch; MAZE boards are always touched in pairs, the hole and then the peg at one pose.
 /// The same seed writes the same bytes, whatever the number of threads.
 pub fn generate(
     scene: &Scene,
     sides: &[Side],
+    places: Places,
     seed: u64,
     out: &Path,
     progress: &dyn Fn(usize, usize),
 ) -> Result<usize> {
     let simulator = Simulator::new(scene.clone(), seed)?;
-    let planned = plan(scene, sides, seed)?;
+    let planned = plan(scene, sides, places, seed)?;
     let held_out = match &scene.parts {
         Parts::Maze(boards) => scene.part_names().split_off(boards.n_boards - boards.n_held_out),
         _ => Vec::new(),
@@ -152,7 +181,7 @@ mod tests {
     fn a_maze_gives_pairs_at_one_pose_and_holds_out_its_last_boards() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("maze");
-        assert_eq!(generate(&small_maze(), &[], 4, &out, &|_, _| ()).unwrap(), 18);
+        assert_eq!(generate(&small_maze(), &[], Places::EachPose, 4, &out, &|_, _| ()).unwrap(), 18);
         let dataset = Dataset::open(&out).unwrap();
         assert_eq!(dataset.meta().held_out, ["maze-002"]);
         for pair in 0..9 {
@@ -163,11 +192,21 @@ mod tests {
     }
 
     #[test]
+    fn places_drawn_lie_in_the_reach_and_differ_from_side_to_side() {
+        let scene = Scene::preset("alphabet-small").unwrap();
+        let touches = plan(&scene, &[Side::Hole, Side::Peg], Places::Anywhere(20), 3).unwrap();
+        assert_eq!(touches.len(), 12 * 2 * 20);
+        let pose = |i: usize| touches[i].part_from_sensor;
+        assert!((0..480).all(|i| pose(i).x_mm.abs() <= 8.0 && pose(i).theta_deg().abs() <= 90.0));
+        assert!((0..480).all(|i| (0..i).all(|j| pose(i) != pose(j))));
+    }
+
+    #[test]
     fn the_same_seed_writes_the_same_bytes() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, seed| {
             let out = folder.path().join(name);
-            generate(&small_maze(), &[], seed, &out, &|_, _| ()).unwrap();
+            generate(&small_maze(), &[], Places::EachPose, seed, &out, &|_, _| ()).unwrap();
             std::fs::read(out.join("frames.npy")).unwrap()
         };
         assert_eq!(write("a", 4), write("b", 4));

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use tactile_data::generate::generate;
+use tactile_data::generate::{Places, generate};
 use tactile_data::scene::{Parts, Scene};
 use tactile_data::sensor::Fidelity;
 use tactile_data::touch::Side;
@@ -14,7 +14,8 @@ use super::progress;
 /// Simulate the touches of a scene into a dataset.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  tactile-data generate --scene maze --pairs 2000 --out maze\n  \
-                        tactile-data generate --scene alphabet-small --sides peg --out pegs")]
+                        tactile-data generate --scene alphabet-small --sides peg --out pegs\n  \
+                        tactile-data generate --scene alphabet-small --sides peg --xy-step-mm 2 --theta-step-deg 15 --out fine-pegs")]
 pub struct Generate {
     /// maze, alphabet-small, alphabet-large, either of these with -dev, connectors, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
@@ -28,6 +29,15 @@ pub struct Generate {
     /// Which halves of the parts to touch; MAZE boards are always touched in pairs
     #[arg(long, value_enum, default_value_t = Sides::Both)]
     sides: Sides,
+    /// Step of the recorded places in x and y, mm [default: the scene's]
+    #[arg(long, value_name = "MM")]
+    xy_step_mm: Option<f64>,
+    /// Step of the recorded angles, degrees [default: the scene's]
+    #[arg(long, value_name = "DEG")]
+    theta_step_deg: Option<f64>,
+    /// Touch each side of each part at N places drawn from its reach instead of at each recorded pose
+    #[arg(long, value_name = "N", conflicts_with_all = ["xy_step_mm", "theta_step_deg"])]
+    anywhere: Option<usize>,
     /// Pairs of touches, for MAZE boards [default: the scene's]
     #[arg(long, value_name = "N")]
     pairs: Option<usize>,
@@ -58,7 +68,8 @@ impl Generate {
             Sides::Hole => &[Side::Hole],
             Sides::Both => &[Side::Hole, Side::Peg],
         };
-        let n_frames = generate(&scene, sides, self.seed, &self.out, &progress::reporter("frames"))?;
+        let places = self.anywhere.map_or(Places::EachPose, Places::Anywhere);
+        let n_frames = generate(&scene, sides, places, self.seed, &self.out, &progress::reporter("frames"))?;
         println!("{n_frames} frames in {}", self.out.display());
         Ok(())
     }
@@ -77,6 +88,10 @@ impl Generate {
                 return Err(Error::invalid("--pairs, --boards", "a scene of MAZE boards", scene.name));
             }
             Parts::Kit(_) => {}
+        }
+        if let Some(reach) = &mut scene.reach {
+            reach.xy_step_mm = self.xy_step_mm.unwrap_or(reach.xy_step_mm);
+            reach.theta_step_deg = self.theta_step_deg.unwrap_or(reach.theta_step_deg);
         }
         if let Some(frame_px) = self.frame_px {
             scene.sensor.frame_px = frame_px;

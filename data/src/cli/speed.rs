@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use tactile_data::generate::{plan, prepare};
+use tactile_data::generate::{Places, plan, prepare};
 use tactile_data::scene::Scene;
 use tactile_data::sensor::Fidelity;
 use tactile_data::simulator::{Simulator, frame_rng};
@@ -23,7 +23,7 @@ const N_PARTS: usize = 4;
 #[command(after_help = "Examples:\n  tactile-data speed --scene alphabet-large --frame-px 320x240\n  \
                         tactile-data speed --scene maze --fidelity camera --json")]
 pub struct Speed {
-    /// maze, alphabet-small, alphabet-large, alphabet-small-dev, alphabet-large-dev, or a TOML file
+    /// maze, alphabet-small, alphabet-large, either of these with -dev, connectors, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
     /// geometry, gel, optics, camera or shadow [default: one after another]
@@ -86,7 +86,7 @@ impl Speed {
         let mut scene = Scene::load(&self.scene)?;
         scene.fidelity = fidelity;
         scene.sensor.frame_px = self.frame_px.unwrap_or(scene.sensor.frame_px);
-        let planned = plan(&scene, &[Side::Hole, Side::Peg], self.seed)?;
+        let planned = plan(&scene, &[Side::Hole, Side::Peg], Places::EachPose, self.seed)?;
         let of_parts: Vec<_> = planned.into_iter().filter(|touch| touch.part < N_PARTS).collect();
         let n_touches = N_TOUCHES.min(of_parts.len());
         let touches: Vec<_> = (0..n_touches).map(|i| of_parts[i * of_parts.len() / n_touches]).collect();

@@ -229,7 +229,7 @@ mod tests {
         };
         let (real, simulated) = (pressed(1.1, 40.0), pressed(0.9, 30.0));
         let of = |frame| Press { frame, at_rest: &rest };
-        let compared = compare(of(&real), of(&simulated), &square(), [0.1; 2], 0.05).unwrap();
+        let compared = compare(of(&real), of(&simulated), &square(), [0.125; 2], 0.05).unwrap();
         assert_eq!(compared.pixels.len(), 100);
         // Rounding to whole counts moves a value by half a count and the gain by less than 1 %.
         assert!((compared.figures.l1_counts - 10.0).abs() < 1.0, "{:?}", compared.figures);
@@ -237,13 +237,13 @@ mod tests {
         for (gain, expected) in compared.gains.iter().zip([1.1, 0.9]) {
             assert!(gain.iter().all(|gain| (gain - expected).abs() < 0.01), "{gain:?}");
         }
-        // More than 4 mm, 40 pixels, from the square.
+        // More than 4 mm, 32 pixels, from the square.
         assert_eq!(
             compared.n_exposure_pixels,
             (0..6_000)
                 .filter(|i| {
                     let (x, y) = ((i % 100) as f64, (i / 100) as f64);
-                    (10.0 - x).max(x - 19.0).max(0.0).hypot((20.0 - y).max(y - 29.0).max(0.0)) > 40.0
+                    (10.0 - x).max(x - 19.0).max(0.0).hypot((20.0 - y).max(y - 29.0).max(0.0)) > 32.0
                 })
                 .count()
         );

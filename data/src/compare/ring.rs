@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     /// A square ring, its sides `off` pixels outside 40..100 x 30..90, one pixel wide and 30 counts bright on the
-    /// left and 20 dark elsewhere; and marks on the gel, moved by 3 pixels.
+    /// left and 12 dark elsewhere; and marks on the gel, moved by 3 pixels.
     fn frames(off: [f64; 4]) -> [Frame; 2] {
         let frame = |pressed: bool| {
             let rgb = (0..140 * 120).flat_map(|i| {
@@ -178,7 +178,7 @@ mod tests {
                 let [left, right, top, bottom] = [40.0 - off[0], 100.0 + off[1], 30.0 - off[2], 90.0 + off[3]];
                 let inside = (left..=right).contains(&x) && (top..=bottom).contains(&y);
                 let edge =
-                    if inside && x == left { 30 } else { -20 * i32::from(x == right || y == top || y == bottom) };
+                    if inside && x == left { 30 } else { -12 * i32::from(x == right || y == top || y == bottom) };
                 let moved = if pressed { 3.0 } else { 0.0 };
                 let mark = (x - moved).rem_euclid(34.0) < 10.0 && (y + moved).rem_euclid(34.0) < 10.0;
                 let change = if pressed && inside { edge } else { 0 };
