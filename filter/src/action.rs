@@ -11,8 +11,9 @@ use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::bank::Bank;
 use tactile_infer::similarity::peg_similarity;
 
-use crate::belief::{Belief, Hypothesis, Seen, look_up};
+use crate::belief::{Belief, Hypothesis};
 use crate::likelihood::LikelihoodConfig;
+use crate::lookup::{Seen, look_up};
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -159,11 +160,13 @@ fn scores(
         .collect();
     let pairing = Pairing::new(config.rule, likelihood, bank, rng);
 
+    // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
+    let tolerance = if likelihood.look_up.is_cubic(grid) { 1.0 } else { likelihood.lookup_tolerance };
     let mut seen: Vec<Option<Seen>> = Vec::with_capacity(cells.len());
     let mut score = |candidate: &Se2| {
         seen.clear();
         seen.extend(
-            part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), likelihood.lookup_tolerance)),
+            part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), tolerance)),
         );
         let view = |part: usize, pose: usize| seen[pose].map(|s| (part * grid.len() + s.cell, s.trust));
         let (mut total, mut n_inside, mut n_contacts) = (0.0, 0.0, 0);
@@ -268,7 +271,7 @@ mod tests {
     fn belief(bank: &Bank) -> Belief {
         let touch = Observation { query: vec![1.0, 0.0, 0.0], edge_share: 0.2 };
         let first = TouchLikelihood::new(&touch, bank, &LikelihoodConfig::default()).unwrap();
-        Belief::new(bank, EngineConfig::Exact, 0.25, 1, first)
+        Belief::new(bank, EngineConfig::Exact, 1, first)
     }
 
     fn turn(degrees: f64) -> Se2 {

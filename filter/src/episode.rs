@@ -7,11 +7,12 @@ use tactile_infer::Model;
 use tactile_infer::bank::Bank;
 
 use crate::action::{Action, ActionConfig, choose};
-use crate::belief::{Belief, EngineConfig};
+use crate::belief::{Belief, EngineConfig, Hypothesis};
 use crate::error::{Error, Result};
 use crate::likelihood::{LikelihoodConfig, Observation, TouchLikelihood};
 use crate::modes::{Mode, modes};
 use crate::particle::ParticleConfig;
+use crate::refine::Refined;
 
 /// How an episode infers, chooses and stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +28,15 @@ pub struct EpisodeConfig {
     pub stop_probability: f64,
     /// N_max: stop after this many touches, the first included; at least 1.
     pub max_touches: usize,
+    /// Whether the pose may lie between recorded ones; else it is one of them, as in the paper's protocol.
+    pub between_poses: bool,
+    /// A part explains the touches when its fit ([`Estimate::fit`]) is at least this; at or below 0.
+    pub none_fit: f64,
+    /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / n`; not
+    /// negative. Large: parts that are not in the bank are told from those in it, at the price of touches.
+    pub fit_margin: f64,
+    /// A fit below `none_fit` means none of these parts from this many touches on; at least 1.
+    pub none_touches: usize,
     /// An estimate warns where no edged touch reached this cosine with any recorded view, -1..=1.
     pub low_similarity: f32,
     /// Seed of every random draw.
@@ -43,6 +53,10 @@ impl Default for EpisodeConfig {
             likelihood: LikelihoodConfig::default(),
             stop_probability: 0.95,
             max_touches: 10,
+            between_poses: true,
+            none_fit: -1.1,
+            fit_margin: 2.0,
+            none_touches: 5,
             low_similarity: 0.8,
             seed: 1,
         }
@@ -59,6 +73,8 @@ impl EpisodeConfig {
             engine: EngineConfig::Particle(ParticleConfig::paper()),
             action: ActionConfig::paper(),
             likelihood: LikelihoodConfig::paper(),
+            between_poses: false,
+            none_fit: f64::MIN,
             ..Self::default()
         }
     }
@@ -71,6 +87,10 @@ impl EpisodeConfig {
         let (stop, low) = (self.stop_probability, f64::from(self.low_similarity));
         check("stop_probability", "0..=1", stop, (0.0..=1.0).contains(&stop))?;
         check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
+        check("none_fit", "a number, at most 0", self.none_fit, self.none_fit.is_finite() && self.none_fit <= 0.0)?;
+        let margin = self.fit_margin;
+        check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
+        check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
         check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
         let (mm, deg) = (self.action.min_separation_mm, self.action.min_separation_deg);
         check("action.min_separation_mm", "a number, not negative", mm, mm.is_finite() && mm >= 0.0)?;
@@ -120,8 +140,10 @@ pub enum Decision {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopReason {
-    /// A part is more probable than `stop_probability`.
+    /// A part is more probable than `stop_probability` and explains the touches.
     Confident,
+    /// No part explains the touches: this one is not in the bank.
+    NoneOfThese,
     /// `max_touches` touches were made.
     TouchLimit,
     /// No candidate leads anywhere that was not touched.
@@ -160,10 +182,16 @@ pub struct Estimate {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// Pose of the sensor now, by the likeliest state of that part.
+    /// Pose of the sensor now, around the likeliest state of that part.
     pub part_from_sensor: Se2,
-    /// Pose of the sensor at its first touch, by the same state; a pose of the bank's grid.
+    /// Pose of the sensor at its first touch: the mean around that state, or its recorded pose where
+    /// [`EpisodeConfig::between_poses`] is off.
     pub part_from_first: Se2,
+    /// Covariance of that pose: (x mm, y mm, theta rad); noughts for a recorded pose.
+    pub covariance: [[f64; 3]; 3],
+    /// How well that part explains what was felt: the mean log-likelihood of an edged touch's look, 0 for
+    /// the best recorded view each time; `None` where no edge was felt.
+    pub fit: Option<f64>,
     /// Probability of each part of the bank, `[n_parts]`.
     pub class_posterior: Vec<f64>,
     /// Where else it may be: the belief's modes, the heaviest first.
@@ -203,7 +231,7 @@ impl<'a> Episode<'a> {
     pub fn begin_with(config: &EpisodeConfig, bank: &'a Bank, observation: &Observation) -> Result<Self> {
         config.validate()?;
         let first = TouchLikelihood::new(observation, bank, &config.likelihood)?;
-        let belief = Belief::new(bank, config.engine, config.likelihood.lookup_tolerance, config.seed, first);
+        let belief = Belief::new(bank, config.engine, config.seed, first);
         Ok(Self { config: *config, eye: None, bank, belief })
     }
 
@@ -245,10 +273,19 @@ impl<'a> Episode<'a> {
 
     /// Why to stop now, whatever could still be touched; `None` to go on.
     pub fn stop_reason(&self) -> Option<StopReason> {
-        let probability = self.belief.class_posterior().into_iter().fold(0.0, f64::max).min(1.0);
-        if probability > self.config.stop_probability {
+        let (part, probability) = self.likeliest_part();
+        let n_touches = self.belief.touches().len();
+        let sure = probability.min(1.0) > self.config.stop_probability;
+        if !sure && n_touches < self.config.none_touches.min(self.config.max_touches) {
+            return None;
+        }
+        // No edge felt yet speaks against no part.
+        let fit = self.place(part).fit.unwrap_or(0.0);
+        if n_touches >= self.config.none_touches && fit < self.config.none_fit {
+            Some(StopReason::NoneOfThese)
+        } else if sure && fit >= self.config.none_fit + self.config.fit_margin / n_touches as f64 {
             Some(StopReason::Confident)
-        } else if self.belief.touches().len() >= self.config.max_touches {
+        } else if n_touches >= self.config.max_touches {
             Some(StopReason::TouchLimit)
         } else {
             None
@@ -257,22 +294,38 @@ impl<'a> Episode<'a> {
 
     /// What is known now.
     pub fn estimate(&self) -> Estimate {
-        let class_posterior = self.belief.class_posterior();
-        let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
-        let (part, probability) = class_posterior.iter().copied().enumerate().fold((0, 0.0), most);
-        let cell = self.belief.best(Some(part)).map_or(0, |hypothesis| hypothesis.cell);
-        let part_from_first = self.bank.grid().pose(cell);
+        let (part, probability) = self.likeliest_part();
+        let placed = self.place(part);
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
-            part_from_sensor: part_from_first * self.belief.first_from_sensor(),
-            part_from_first,
-            class_posterior,
+            part_from_sensor: placed.refined.part_from_first * self.belief.first_from_sensor(),
+            part_from_first: placed.refined.part_from_first,
+            covariance: placed.refined.covariance,
+            fit: placed.fit,
+            class_posterior: self.belief.class_posterior(),
             modes: modes(&self.belief),
             entropy_nats: self.belief.entropy_nats(),
             n_touches: self.belief.touches().len(),
             warnings: self.warnings(),
         }
+    }
+
+    /// The most probable part, the first of equals, and its probability.
+    fn likeliest_part(&self) -> (usize, f64) {
+        let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
+        self.belief.class_posterior().into_iter().enumerate().fold((0, 0.0), most)
+    }
+
+    /// Where a part would be, and how well it explains the touches there.
+    fn place(&self, part: usize) -> Placed {
+        let state = self.belief.best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
+        let refined = if self.config.between_poses {
+            self.belief.refine(state)
+        } else {
+            Refined { part_from_first: self.bank.grid().pose(state.cell), covariance: [[0.0; 3]; 3] }
+        };
+        Placed { refined, fit: self.belief.fit(part, &refined.part_from_first) }
     }
 
     /// The belief, for maps and reports.
@@ -290,6 +343,12 @@ impl<'a> Episode<'a> {
             Some(_) => Vec::new(),
         }
     }
+}
+
+/// A part's pose and its fit there.
+struct Placed {
+    refined: Refined,
+    fit: Option<f64>,
 }
 
 #[cfg(test)]
