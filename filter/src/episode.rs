@@ -6,7 +6,7 @@ use tactile_data::se2::Se2;
 use tactile_infer::Model;
 use tactile_infer::bank::Bank;
 
-use crate::action::{Action, ActionConfig, choose};
+use crate::action::{Action, ActionConfig, Situation, choose};
 use crate::belief::{Belief, EngineConfig, Hypothesis};
 use crate::error::{Error, Result};
 use crate::likelihood::{LikelihoodConfig, Observation, TouchLikelihood};
@@ -79,6 +79,23 @@ impl EpisodeConfig {
         }
     }
 
+    /// Why to stop after `n_touches` when the likeliest part has this probability and fit; `None` to go on.
+    pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
+        // No edge felt yet speaks against no part.
+        let fit = fit.unwrap_or(0.0);
+        if n_touches >= self.none_touches && fit < self.none_fit {
+            Some(StopReason::NoneOfThese)
+        } else if probability.min(1.0) > self.stop_probability
+            && fit >= self.none_fit + self.fit_margin / n_touches as f64
+        {
+            Some(StopReason::Confident)
+        } else if n_touches >= self.max_touches {
+            Some(StopReason::TouchLimit)
+        } else {
+            None
+        }
+    }
+
     /// Refuses numbers outside their ranges.
     pub fn validate(&self) -> Result<()> {
         let check = |name: &str, expected: &str, got: f64, fine: bool| {
@@ -97,6 +114,7 @@ impl EpisodeConfig {
         check("action.min_separation_deg", "a number, not negative", deg, deg.is_finite() && deg >= 0.0)?;
         let (draws, supposed) = (self.action.n_draws, self.action.n_suppositions);
         check("action.n_draws", "at least 1", draws as f64, draws >= 1)?;
+        check("action.n_finalists", "at least 1", self.action.n_finalists as f64, self.action.n_finalists >= 1)?;
         check("action.n_suppositions", "at least 1", supposed as f64, supposed >= 1)?;
         if let EngineConfig::Particle(ParticleConfig { n_particles, resample_share, .. }) = self.engine {
             check("engine.n_particles", "at least 1", n_particles as f64, n_particles >= 1)?;
@@ -260,6 +278,19 @@ impl<'a> Episode<'a> {
     /// Whether to stop, and if not, which of `candidates` (motions of the sensor that the reach allows) to
     /// make. Changes nothing: asked again, it answers the same.
     pub fn decide(&self, candidates: &[Se2]) -> Decision {
+        self.decide_while(candidates, &mut || true)
+    }
+
+    /// Like [`Self::decide`], with a limit on the effort: `keep_going` is asked before each candidate is
+    /// judged, and once it says no the best found so far is taken. With a clock it is a time budget.
+    ///
+    /// ```no_run
+    /// # fn choose(episode: &tactile_filter::episode::Episode, reach: &[tactile_data::se2::Se2]) {
+    /// let start = std::time::Instant::now();
+    /// let decision = episode.decide_while(reach, &mut || start.elapsed().as_micros() < 1_500);
+    /// # }
+    /// ```
+    pub fn decide_while(&self, candidates: &[Se2], keep_going: &mut dyn FnMut() -> bool) -> Decision {
         let done = |reason| Decision::Done(Box::new(self.estimate()), reason);
         if let Some(reason) = self.stop_reason() {
             return done(reason);
@@ -267,29 +298,25 @@ impl<'a> Episode<'a> {
         let n_touches = self.belief.touches().len();
         // A stream of draws of its own for each touch.
         let seed = self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches as u64);
-        let action = choose(&self.config.action, &self.config.likelihood, &self.belief, self.bank, candidates, seed);
-        action.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
+        let situation = Situation {
+            config: &self.config.action,
+            likelihood: &self.config.likelihood,
+            belief: &self.belief,
+            bank: self.bank,
+            candidates,
+            only_recorded: !self.config.between_poses,
+        };
+        choose(&situation, seed, keep_going).map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
     }
 
     /// Why to stop now, whatever could still be touched; `None` to go on.
     pub fn stop_reason(&self) -> Option<StopReason> {
         let (part, probability) = self.likeliest_part();
         let n_touches = self.belief.touches().len();
-        let sure = probability.min(1.0) > self.config.stop_probability;
-        if !sure && n_touches < self.config.none_touches.min(self.config.max_touches) {
-            return None;
-        }
-        // No edge felt yet speaks against no part.
-        let fit = self.place(part).fit.unwrap_or(0.0);
-        if n_touches >= self.config.none_touches && fit < self.config.none_fit {
-            Some(StopReason::NoneOfThese)
-        } else if sure && fit >= self.config.none_fit + self.config.fit_margin / n_touches as f64 {
-            Some(StopReason::Confident)
-        } else if n_touches >= self.config.max_touches {
-            Some(StopReason::TouchLimit)
-        } else {
-            None
-        }
+        // The fit costs a hundred look-ups a touch: worked out only where it can matter.
+        let matters = n_touches >= self.config.none_touches || probability > self.config.stop_probability;
+        let fit = if matters { self.place(part).fit } else { None };
+        self.config.stop(probability, fit, n_touches)
     }
 
     /// What is known now.

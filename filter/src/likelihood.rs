@@ -93,6 +93,11 @@ impl LikelihoodConfig {
     }
 }
 
+/// Probability that a view outside the recorded area is blank. Beside a small part nearly all are and on a
+/// large one few; were it the recorded views' own share, a blank touch outside would speak for a wrong
+/// state that sees the touch at one of the few blank views inside.
+const UNKNOWN_IS_BLANK: f64 = 0.5;
+
 /// What one touch of a hole looked like.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
@@ -135,10 +140,8 @@ impl TouchLikelihood {
         let n_edged = of_edged().count() as f64;
         let looks: Vec<f64> = of_edged().map(|s| log_look(f64::from(s - best_similarity), config)).collect();
         let log_mean = if looks.is_empty() { 0.0 } else { log_sum_exp(&looks) - n_edged.ln() };
-        // Relative to its mean the look of an edged view is 1 on average.
-        let agreeing = if blank { edged.len() as f64 - n_edged } else { n_edged } / edged.len() as f64;
-        let agreement = config.blank_agreement;
-        let log_unknown = (agreeing * agreement + (1.0 - agreeing) * (1.0 - agreement)).ln();
+        let unknown = if blank { UNKNOWN_IS_BLANK } else { 1.0 - UNKNOWN_IS_BLANK };
+        let log_unknown = unknown.ln();
         Ok(Self { similarities, log_unknown, best_similarity, blank, edged, log_mean, config: *config })
     }
 

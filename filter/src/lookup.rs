@@ -57,7 +57,7 @@ pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Optio
 }
 
 /// The up to 4 x 4 x 4 recorded poses around a pose, with the weights of cubic (Catmull-Rom)
-/// interpolation: exact at recorded poses; at the border the last pose repeats.
+/// interpolation: exact at recorded poses; at the border a parabola goes on through the last three.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stencil {
     /// The nearest cell of the grid.
@@ -66,6 +66,9 @@ pub struct Stencil {
     offsets: [[usize; 4]; 3],
     weights: [[f32; 4]; 3],
 }
+
+/// How far beyond the last recorded pose its view still stands for what is there, in steps.
+const BEYOND: f64 = 0.1;
 
 impl Stencil {
     /// The poses around a pose; `None` outside the recorded area.
@@ -77,15 +80,20 @@ impl Stencil {
             recorded.theta_deg() + wrap_angle(part_from_sensor.theta_rad - recorded.theta_rad).to_degrees()
         };
         let axis = |value: f64, half: f64, step: f64, n: usize, stride: usize| {
-            let place = ((value + half) / step).clamp(0.0, (n - 1) as f64);
+            let place = (value + half) / step;
+            if !(-BEYOND..=(n - 1) as f64 + BEYOND).contains(&place) {
+                return None;
+            }
+            let place = place.clamp(0.0, (n - 1) as f64);
             let low = (place as usize).min(n.saturating_sub(2));
             let offsets = [-1, 0, 1, 2].map(|k: isize| low.saturating_add_signed(k).min(n - 1) * stride);
-            (offsets, catmull_rom((place - low as f64) as f32))
+            let weights = catmull_rom((place - low as f64) as f32);
+            Some((offsets, at_border(weights, low == 0, low + 2 >= n, n)))
         };
         let (half, step) = (grid.xy_half_mm, grid.xy_step_mm);
-        let (x, x_weights) = axis(part_from_sensor.x_mm, half, step, n_xy, n_xy * n_theta);
-        let (y, y_weights) = axis(part_from_sensor.y_mm, half, step, n_xy, n_theta);
-        let (theta, theta_weights) = axis(theta_deg, grid.theta_half_deg, grid.theta_step_deg, n_theta, 1);
+        let (x, x_weights) = axis(part_from_sensor.x_mm, half, step, n_xy, n_xy * n_theta)?;
+        let (y, y_weights) = axis(part_from_sensor.y_mm, half, step, n_xy, n_theta)?;
+        let (theta, theta_weights) = axis(theta_deg, grid.theta_half_deg, grid.theta_step_deg, n_theta, 1)?;
         Some(Self { cell, offsets: [x, y, theta], weights: [x_weights, y_weights, theta_weights] })
     }
 
@@ -109,6 +117,18 @@ impl Stencil {
 fn catmull_rom(f: f32) -> [f32; 4] {
     let (f2, f3) = (f * f, f * f * f);
     [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, -0.5 * f2 + 0.5 * f3]
+}
+
+/// Weights where the first or the last of the four points lies beyond the border: what a parabola through
+/// the last three recorded points (a line through two) would have there.
+fn at_border([a, b, c, d]: [f32; 4], first: bool, last: bool, n: usize) -> [f32; 4] {
+    match (first, last) {
+        _ if n == 1 => [0.0, 1.0, 0.0, 0.0],
+        (true, true) => [0.0, b + 2.0 * a - d, c - a + 2.0 * d, 0.0],
+        (true, false) => [0.0, b + 3.0 * a, c - 3.0 * a, d + a],
+        (false, true) => [a + d, b - 3.0 * d, c + 3.0 * d, 0.0],
+        (false, false) => [a, b, c, d],
+    }
 }
 
 #[cfg(test)]
@@ -159,14 +179,17 @@ mod tests {
     }
 
     proptest! {
-        /// Catmull-Rom reproduces what is linear, away from the border, and weights sum to 1 everywhere.
+        /// Catmull-Rom reproduces what is quadratic, up to the border.
         #[test]
-        fn what_is_linear_is_exact(x in -5.9..5.9_f64, y in -5.9..5.9_f64, theta in -74.0..74.0_f64) {
-            let plane = |pose: &Se2| (0.3 * pose.x_mm - 0.7 * pose.y_mm + 2.0 * pose.theta_rad + 1.0) as f32;
+        fn what_is_quadratic_is_exact(x in -8.0..8.0_f64, y in -8.0..8.0_f64, theta in -90.0..90.0_f64) {
+            let plane = |pose: &Se2| {
+                let (x, y) = (pose.x_mm, pose.y_mm);
+                (0.03 * x * x - 0.7 * y + 2.0 * pose.theta_rad * pose.theta_rad + 0.05 * x * y + 1.0) as f32
+            };
             let cells: Vec<f32> = (0..FINE.len()).map(|cell| plane(&FINE.pose(cell))).collect();
             let pose = Se2::from_degrees(x, y, theta);
             let value = Stencil::new(&FINE, &pose).unwrap().value(&cells);
-            prop_assert!((value - plane(&pose)).abs() < 1e-4, "{value}, not {}", plane(&pose));
+            prop_assert!((value - plane(&pose)).abs() < 1e-3, "{value}, not {}", plane(&pose));
         }
 
         #[test]
