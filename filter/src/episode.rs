@@ -64,6 +64,13 @@ impl Default for EpisodeConfig {
 }
 
 impl EpisodeConfig {
+    /// The defaults with what was measured of a model, where it was (`tactile-infer calibrate`).
+    pub fn of(model: &Model) -> Self {
+        let default = Self::default();
+        let low_similarity = model.calibration().map_or(default.low_similarity, |c| c.low_similarity);
+        Self { likelihood: LikelihoodConfig::of(model), low_similarity, ..default }
+    }
+
     /// Alg. 1 as printed, K = 100, where it cannot be taken literally read as follows: log-likelihood =
     /// cosine / temperature; the moved particle is weighted; 1 / f_PP = exp(-cosine / temperature); actions
     /// with contact; a view outside the recorded area is unknown; the estimate is the state of largest

@@ -7,6 +7,7 @@
 //! cost. The look of a blank view means nothing, so there the second factor is 1.
 
 use serde::{Deserialize, Serialize};
+use tactile_infer::Model;
 use tactile_infer::bank::Bank;
 use tactile_infer::similarity::{dot, part_mating};
 
@@ -51,7 +52,7 @@ impl Default for LikelihoodConfig {
             blank_agreement: 0.96,
             lookup_tolerance: 0.25,
             look_up: LookUp::Auto,
-            overlap_mm: 2.0,
+            overlap_mm: 3.0,
             overlap_deg: 15.0,
         }
     }
@@ -62,6 +63,23 @@ impl LikelihoodConfig {
     /// floor, no blank views, every look-up inside the recorded area trusted.
     pub fn paper() -> Self {
         Self { outlier_floor: 0.0, blank_share: 0.0, lookup_tolerance: 1.0, look_up: LookUp::Nearest, overlap_mm: 0.0, ..Self::default() }
+    }
+
+    /// The defaults with what was measured of a model, where it was.
+    ///
+    /// A calibration finds the temperature at which ONE touch is believed rightly. Several touches of one
+    /// hole share their error (the same print, the same wear of the network), so that their product is
+    /// too sure: three times the temperature made the product of three touches likeliest on the tuning
+    /// letters. The floor never falls below the default: it bounds what one spoilt touch can cost.
+    pub fn of(model: &Model) -> Self {
+        let default = Self::default();
+        let Some(calibration) = model.calibration() else { return default };
+        Self {
+            temperature: SHARED_ERROR * calibration.temperature,
+            outlier_floor: calibration.outlier_floor.max(default.outlier_floor),
+            blank_agreement: calibration.blank_agreement.clamp(0.5, default.blank_agreement),
+            ..default
+        }
     }
 
     /// Refuses numbers outside their ranges.
@@ -92,6 +110,9 @@ impl LikelihoodConfig {
         edge_share < self.blank_share
     }
 }
+
+/// By how much the temperature of several touches exceeds that of one.
+const SHARED_ERROR: f64 = 3.0;
 
 /// Probability that a view outside the recorded area is blank. Beside a small part nearly all are and on a
 /// large one few; were it the recorded views' own share, a blank touch outside would speak for a wrong

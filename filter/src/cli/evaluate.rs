@@ -106,7 +106,7 @@ impl Evaluate {
         }
         rows.push(single(Method::Moco, &baselines::moco(&simulator, &eye, &bank, &protocol)?));
 
-        let runs = self.configs()?;
+        let runs = self.configs(&model)?;
         let mut stops = Vec::new();
         let mut first: Option<(summary::Label, Vec<Outcome>)> = None;
         let mut comparisons = Vec::new();
@@ -170,15 +170,15 @@ impl Evaluate {
     }
 
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
-    fn configs(&self) -> Result<Vec<(String, EpisodeConfig)>> {
+    fn configs(&self, model: &Model) -> Result<Vec<(String, EpisodeConfig)>> {
         let mut configs = Vec::new();
         for engine in &self.engines {
             if engine == "paper" {
-                configs.push(("Alg. 1 as printed".into(), self.tuning.config(engine, ActionRule::Paper)?));
+                configs.push(("Alg. 1 as printed".into(), self.tuning.config(engine, ActionRule::Paper, model)?));
                 continue;
             }
             for action in &self.actions {
-                configs.push((format!("{engine}, {action}"), self.tuning.config(engine, rule(action)?)?));
+                configs.push((format!("{engine}, {action}"), self.tuning.config(engine, rule(action)?, model)?));
             }
         }
         Ok(configs)

@@ -6,6 +6,7 @@ use tactile_filter::belief::EngineConfig;
 use tactile_filter::episode::EpisodeConfig;
 use tactile_filter::particle::ParticleConfig;
 use tactile_filter::{Error, Result};
+use tactile_infer::Model;
 
 /// Flags that change an episode's settings; what is left out keeps its default.
 #[derive(Args)]
@@ -58,12 +59,13 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// The settings of an engine (`exact`, `particle` or `paper`: Alg. 1 as printed) and a rule.
-    pub fn config(&self, engine: &str, rule: ActionRule) -> Result<EpisodeConfig> {
+    /// The settings of an engine (`exact`, `particle` or `paper`: Alg. 1 as printed) and a rule, with what was
+    /// measured of the model.
+    pub fn config(&self, engine: &str, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
         let mut config = match engine {
-            "exact" => EpisodeConfig::default(),
+            "exact" => EpisodeConfig::of(model),
             "particle" => {
-                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..EpisodeConfig::default() }
+                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..EpisodeConfig::of(model) }
             }
             "paper" => EpisodeConfig::paper(),
             other => return Err(Error::invalid("--engine", "exact, particle or paper", other)),
