@@ -386,7 +386,7 @@ mod tests {
         let (touches, config) = (touches(4, 11), LikelihoodConfig::default());
         let exact = run(&bank, EngineConfig::Exact, &touches, &config);
         for n_moves in [0, 4] {
-            let engine = ParticleConfig { n_particles: 20_000, n_moves, ..ParticleConfig::default() };
+            let engine = ParticleConfig { n_particles: 20_000, n_moves, adaptive: false, ..ParticleConfig::default() };
             let particle = run(&bank, EngineConfig::Particle(engine), &touches, &config);
             for (a, b) in particle.class_posterior().iter().zip(exact.class_posterior()) {
                 // Standard error of a share of 2e4 draws: 0.0035; at an effective size of a tenth: 0.011; four of those.

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::{Background, Frame};
+use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Model;
 use tactile_infer::bank::Bank;
@@ -236,6 +237,7 @@ pub struct Episode<'a> {
     eye: Option<&'a Eye<'a>>,
     bank: &'a Bank,
     belief: Belief,
+    touches: Vec<(Se2, Observation)>,
 }
 
 impl<'a> Episode<'a> {
@@ -257,7 +259,40 @@ impl<'a> Episode<'a> {
         config.validate()?;
         let first = TouchLikelihood::new(observation, bank, &config.likelihood)?;
         let belief = Belief::new(bank, config.engine, config.seed, first);
-        Ok(Self { config: *config, eye: None, bank, belief })
+        Ok(Self { config: *config, eye: None, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
+    }
+
+    /// What is needed to go on later, or elsewhere.
+    pub fn record(&self) -> EpisodeRecord {
+        EpisodeRecord {
+            config: self.config,
+            model_sha256: self.bank.model_sha256().into(),
+            parts: self.bank.parts().to_vec(),
+            grid: *self.bank.grid(),
+            touches: self.touches.clone(),
+        }
+    }
+
+    /// An episode as it was when recorded, to the bit. `eye` is needed to take in further frames.
+    ///
+    /// # Errors
+    /// A record of another bank, or without a touch, or whose touches no episode could have taken in.
+    pub fn restore(record: &EpisodeRecord, eye: Option<&'a Eye<'a>>, bank: &'a Bank) -> Result<Self> {
+        let of_bank = (bank.model_sha256(), bank.parts(), bank.grid());
+        if (record.model_sha256.as_str(), record.parts.as_slice(), &record.grid) != of_bank {
+            let got = format!("{} parts of model {}", record.parts.len(), record.model_sha256);
+            return Err(Error::invalid("episode record", "one of this bank: its model, parts and poses", got));
+        }
+        if let Some(eye) = eye.filter(|eye| eye.model.sha256() != bank.model_sha256()) {
+            let expected = format!("one of model {}", bank.model_sha256());
+            return Err(Error::invalid("eye", expected, format!("one of {}", eye.model.sha256())));
+        }
+        let Some(((_, first), later)) = record.touches.split_first() else {
+            return Err(Error::invalid("episode record", "at least one touch", "none"));
+        };
+        let mut episode = Self { eye, ..Self::begin_with(&record.config, bank, first)? };
+        later.iter().try_for_each(|(moved, observation)| episode.observe_with(*moved, observation))?;
+        Ok(episode)
     }
 
     /// Takes in a touch: `moved` is the motion actually made since the touch before, in the sensor's frame at
@@ -279,6 +314,7 @@ impl<'a> Episode<'a> {
         }
         let likelihood = TouchLikelihood::new(observation, self.bank, &self.config.likelihood)?;
         self.belief.update(&moved, likelihood);
+        self.touches.push((moved, observation.clone()));
         Ok(())
     }
 
@@ -379,6 +415,22 @@ impl<'a> Episode<'a> {
     }
 }
 
+/// An episode as it can be saved: its settings and what was felt. Serde writes it; [`Episode::restore`] plays
+/// it again and gives every number as it was.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EpisodeRecord {
+    /// The settings.
+    pub config: EpisodeConfig,
+    /// The model that made the bank and the touches.
+    pub model_sha256: String,
+    /// Names of the bank's parts.
+    pub parts: Vec<String>,
+    /// The bank's poses.
+    pub grid: PoseGrid,
+    /// Each touch with the motion since the one before; the first one's is no motion.
+    pub touches: Vec<(Se2, Observation)>,
+}
+
 /// A part's pose and its fit there.
 struct Placed {
     refined: Refined,
@@ -393,7 +445,6 @@ mod tests {
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
     use tactile_data::frame::Preprocessing;
-    use tactile_data::grid::PoseGrid;
     use tactile_infer::DeviceKind;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::encoder::NetworkConfig;
@@ -472,6 +523,30 @@ mod tests {
         let episode = Episode::begin_with(&never_confident(4), &world.bank, &touch).unwrap();
         let reach = world.reach(&Se2::IDENTITY);
         assert_eq!(episode.decide(&reach), episode.decide(&reach));
+    }
+
+    #[test]
+    fn a_saved_episode_goes_on_as_if_it_had_not_stopped() {
+        let world = World::new(4, GRID, 0.5, 0.1, 2);
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for engine in [EngineConfig::Exact, EngineConfig::Particle(ParticleConfig::default())] {
+            let config = EpisodeConfig { engine, ..never_confident(6) };
+            let reach = world.reach(&Se2::IDENTITY);
+            let touch = |rng: &mut ChaCha8Rng| world.touch(1, &Se2::from_degrees(4.0, 0.0, 30.0), rng);
+            let mut episode = Episode::begin_with(&config, &world.bank, &touch(&mut rng)).unwrap();
+            episode.observe_with(reach[5], &touch(&mut rng)).unwrap();
+            let text = serde_json::to_string(&episode.record()).unwrap();
+            let record: EpisodeRecord = serde_json::from_str(&text).unwrap();
+            let mut restored = Episode::restore(&record, None, &world.bank).unwrap();
+            let last = touch(&mut rng);
+            for one in [&mut episode, &mut restored] {
+                one.observe_with(reach[9], &last).unwrap();
+            }
+            assert_eq!(restored.estimate(), episode.estimate());
+            assert_eq!(restored.decide(&reach), episode.decide(&reach));
+            let other = World::new(3, GRID, 0.5, 0.1, 2);
+            assert!(Episode::restore(&record, None, &other.bank).unwrap_err().to_string().contains("record"));
+        }
     }
 
     #[test]

@@ -120,7 +120,7 @@ const SHARED_ERROR: f64 = 3.0;
 const UNKNOWN_IS_BLANK: f64 = 0.5;
 
 /// What one touch of a hole looked like.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
     /// The hole's query, `[dim]`; its length does not matter, its direction does.
     pub query: Vec<f32>,
