@@ -291,7 +291,8 @@ mod tests {
                     if index > 0 {
                         pose = pose * *moved;
                     }
-                    let average = likelihoods[index].iter().sum::<f64>() / rows.len() as f64;
+                    // Blank or not, an unknown view is as likely one as the other.
+                    let average = 0.5;
                     let distance = |cell: usize| {
                         let recorded = GRID.pose(cell);
                         let shift = recorded.distance_mm(&pose) / 4.0;
