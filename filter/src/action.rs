@@ -56,6 +56,8 @@ pub struct ActionConfig {
     pub min_separation_mm: f64,
     /// ... or is turned against it by at least this much, degrees; above 180 only the distance counts.
     pub min_separation_deg: f64,
+    /// What a millimetre of travel must tell to be worth it, nats, not negative; expected information only.
+    pub travel_nats_per_mm: f64,
 }
 
 impl Default for ActionConfig {
@@ -70,6 +72,7 @@ impl Default for ActionConfig {
             contact_threshold: 0.01,
             min_separation_mm: 4.0,
             min_separation_deg: 360.0,
+            travel_nats_per_mm: 0.0,
         }
     }
 }
@@ -258,7 +261,11 @@ impl<'a> Judge<'a> {
                 _ => sum,
             };
         }
-        (n_contacts > 0).then_some(total / n_supposed)
+        let travel = match config.rule {
+            ActionRule::Information => config.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm),
+            _ => 0.0,
+        };
+        (n_contacts > 0).then_some(total / n_supposed - travel)
     }
 }
 
@@ -366,6 +373,7 @@ mod tests {
         contact_threshold: 0.01,
         min_separation_mm: 0.0,
         min_separation_deg: 360.0,
+        travel_nats_per_mm: 0.0,
     };
 
     #[test]
@@ -406,6 +414,40 @@ mod tests {
         }
         // Nothing is 12 mm away: 12 is halved to 3, and the better half is taken.
         assert_eq!(chosen(config, &bank, &[Se2::from_degrees(1.0, 0.0, 0.0), near], 1), Some(near));
+    }
+
+    #[test]
+    fn travel_counts_against_what_is_learnt() {
+        let bank = bank(0.2);
+        // Both tell the same; one lies 1 mm away, which the grid's one place still holds.
+        let [near, far] = [0.0, 1.0].map(|x| Se2::from_degrees(x, 0.0, 60.0));
+        for (travel_nats_per_mm, expected) in [(0.0, far), (0.5, near)] {
+            let config = ActionConfig { rule: ActionRule::Information, travel_nats_per_mm, ..ANY_PLACE };
+            assert_eq!(chosen(config, &bank, &[far, near], 1), Some(expected));
+        }
+    }
+
+    #[test]
+    fn an_empty_budget_still_gives_an_action() {
+        let (bank, likelihood, config) = (bank(0.2), LikelihoodConfig::default(), ANY_PLACE);
+        let belief = belief(&bank);
+        let candidates = &[turn(30.0), turn(60.0)];
+        let situation = Situation {
+            config: &config,
+            likelihood: &likelihood,
+            belief: &belief,
+            bank: &bank,
+            candidates,
+            only_recorded: true,
+        };
+        assert!(choose(&situation, 1, &mut || false).is_some_and(|a| candidates.contains(&a.sensor_from_next)));
+        // Enough for one candidate only: the first.
+        let mut left = 1;
+        let once = choose(&situation, 1, &mut || {
+            left -= 1;
+            left >= 0
+        });
+        assert_eq!(once.map(|a| a.sensor_from_next), Some(candidates[0]));
     }
 
     #[test]

@@ -52,6 +52,7 @@ pub struct Belief {
     overlap: Overlap,
     touches: Vec<Touched>,
     engine: Engine,
+    log_evidence: f64,
 }
 
 impl Belief {
@@ -60,12 +61,12 @@ impl Belief {
         let (grid, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
         let touched = Touched::new(&grid, Se2::IDENTITY, 1.0, first);
         let mut exact = Exact::uniform(n_parts * grid.len());
-        exact.update(|state| touched.log_state(state));
+        let log_evidence = exact.update(|state| touched.log_state(state));
         let engine = match engine {
             EngineConfig::Exact => Engine::Exact(exact),
             EngineConfig::Particle(config) => Engine::Particle(Particle::draw(config, exact.log_posterior(), seed)),
         };
-        Self { grid, n_parts, overlap, touches: vec![touched], engine }
+        Self { grid, n_parts, overlap, touches: vec![touched], engine, log_evidence }
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
@@ -82,6 +83,7 @@ impl Belief {
             Engine::Particle(particle) => particle.update(newest),
         };
         self.touches.push(touched);
+        self.log_evidence += log_evidence;
         if let Engine::Particle(particle) = &mut self.engine {
             let (grid, touches) = (&self.grid, &self.touches);
             particle.rejuvenate(
@@ -94,6 +96,12 @@ impl Belief {
             );
         }
         log_evidence
+    }
+
+    /// log p(all touches), up to the constants of [`TouchLikelihood`]: 0 says no more than chance, -inf
+    /// that no state explains a touch.
+    pub fn log_evidence(&self) -> f64 {
+        self.log_evidence
     }
 
     /// All touches, in order.

@@ -122,6 +122,8 @@ impl EpisodeConfig {
         check("action.min_separation_deg", "a number, not negative", deg, deg.is_finite() && deg >= 0.0)?;
         let (draws, supposed) = (self.action.n_draws, self.action.n_suppositions);
         check("action.n_draws", "at least 1", draws as f64, draws >= 1)?;
+        let travel = self.action.travel_nats_per_mm;
+        check("action.travel_nats_per_mm", "a number, not negative", travel, travel.is_finite() && travel >= 0.0)?;
         check("action.n_finalists", "at least 1", self.action.n_finalists as f64, self.action.n_finalists >= 1)?;
         check("action.n_suppositions", "at least 1", supposed as f64, supposed >= 1)?;
         if let EngineConfig::Particle(ParticleConfig { n_particles, resample_share, .. }) = self.engine {
@@ -224,6 +226,8 @@ pub struct Estimate {
     pub modes: Vec<Mode>,
     /// Entropy over all states, nats.
     pub entropy_nats: f64,
+    /// [`Belief::log_evidence`] of all touches, nats.
+    pub log_evidence: f64,
     /// Touches made.
     pub n_touches: usize,
     /// Reasons to doubt all this.
@@ -376,6 +380,7 @@ impl<'a> Episode<'a> {
             class_posterior: self.belief.class_posterior(),
             modes: modes(&self.belief),
             entropy_nats: self.belief.entropy_nats(),
+            log_evidence: self.belief.log_evidence(),
             n_touches: self.belief.touches().len(),
             warnings: self.warnings(),
         }

@@ -60,6 +60,9 @@ pub struct Evaluate {
     /// Take each hole's own part out of the bank: how often is it recognised as none of these?
     #[arg(long)]
     absent: bool,
+    /// Milliseconds for each choice of a touch: the best found by then is taken [default: no limit]
+    #[arg(long)]
+    choose_ms: Option<f64>,
     /// Engines: exact, particle, and paper (Alg. 1 as printed: K = 100, plain cosine, its own action rule).
     #[arg(long, value_delimiter = ',', default_value = "exact,paper", value_parser = ["exact", "particle", "paper"])]
     engines: Vec<String>,
@@ -90,7 +93,7 @@ impl Evaluate {
         let eye = Eye::new(&model, &no_contact)?;
         let poses = if self.poses == "on-grid" { Poses::OnGrid } else { Poses::OffGrid };
         let (n_episodes, seeds, n_touches) = (self.episodes, self.seeds.clone(), self.touches);
-        let protocol = Protocol { n_episodes, seeds, poses, absent: self.absent, n_touches };
+        let protocol = Protocol { n_episodes, seeds, poses, absent: self.absent, choose_ms: self.choose_ms, n_touches };
 
         let mut rows = Vec::new();
         let single = |method, scored: &[Scored]| {

@@ -47,6 +47,9 @@ pub struct Tuning {
     /// Touches nearer than this share evidence, mm.
     #[arg(long)]
     overlap_mm: Option<f64>,
+    /// What a millimetre of travel must tell to be worth it, nats.
+    #[arg(long)]
+    travel_nats_per_mm: Option<f64>,
     /// Stop when a part is more probable than this (delta_prob).
     #[arg(long)]
     stop_probability: Option<f64>,
@@ -78,6 +81,7 @@ impl Tuning {
         set(&mut config.action.min_separation_mm, self.min_separation_mm);
         set(&mut config.action.min_separation_deg, self.min_separation_deg);
         set(&mut config.stop_probability, self.stop_probability);
+        set(&mut config.action.travel_nats_per_mm, self.travel_nats_per_mm);
         set(&mut config.none_fit, self.none_fit);
         set(&mut config.fit_margin, self.fit_margin);
         set(&mut config.likelihood.overlap_mm, self.overlap_mm);

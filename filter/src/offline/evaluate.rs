@@ -32,6 +32,8 @@ pub struct Protocol {
     pub poses: Poses,
     /// Whether the hole's own part is taken out of the bank: what is felt is then none of these.
     pub absent: bool,
+    /// Milliseconds for each choice of a touch; `None`: as many as it takes, the same on every machine.
+    pub choose_ms: Option<f64>,
     /// Touches of each episode; the stopping rule is noted and not obeyed, so that every curve is whole.
     pub n_touches: usize,
 }
@@ -231,7 +233,9 @@ pub fn run_one(
         outcome.scored.push(score(&estimate, bank, &hole));
         watch(&hole, &frame, &episode, &estimate);
         let reach = hole.reach(bank.grid(), protocol.poses);
-        let (decision, select) = timed(|| episode.decide(&reach));
+        let started = Instant::now();
+        let in_time = || protocol.choose_ms.is_none_or(|ms| started.elapsed().as_secs_f64() * 1e3 < ms);
+        let (decision, select) = timed(|| episode.decide_while(&reach, &mut { in_time }));
         times.select = select;
         outcome.times.push(times);
         let Decision::Touch(action) = decision else { break };
