@@ -11,8 +11,9 @@ use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::bank::Bank;
 use tactile_infer::similarity::peg_similarity;
 
-use crate::belief::{Belief, Hypothesis, Seen, look_up};
+use crate::belief::{Belief, Hypothesis};
 use crate::likelihood::LikelihoodConfig;
+use crate::lookup::{Seen, look_up};
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +47,8 @@ pub struct ActionConfig {
     /// States supposed true in turn, s* of the paper; at least 1. For the paper's rule the first is the
     /// likeliest state and the others are drawn; for expected information all are drawn.
     pub n_suppositions: usize,
+    /// Candidates judged by all draws, the best by a first look at a sixth of them; at least 1.
+    pub n_finalists: usize,
     /// delta_act: an action counts only from those supposed states where it would show a larger share of
     /// edge pixels than this, 0..=1.
     pub contact_threshold: f32,
@@ -53,18 +56,23 @@ pub struct ActionConfig {
     pub min_separation_mm: f64,
     /// ... or is turned against it by at least this much, degrees; above 180 only the distance counts.
     pub min_separation_deg: f64,
+    /// What a millimetre of travel must tell to be worth it, nats, not negative; expected information only.
+    pub travel_nats_per_mm: f64,
 }
 
 impl Default for ActionConfig {
-    /// 160 draws and 12 mm as measured on a prototype; 24 suppositions as measured on random contours.
+    /// 160 draws as measured on a prototype, 24 suppositions on random contours; 4 mm on the tuning letters,
+    /// where 12 mm drove touches out of the recorded area of small parts.
     fn default() -> Self {
         Self {
             rule: ActionRule::default(),
             n_draws: 160,
             n_suppositions: 24,
+            n_finalists: 24,
             contact_threshold: 0.01,
-            min_separation_mm: 12.0,
+            min_separation_mm: 4.0,
             min_separation_deg: 360.0,
+            travel_nats_per_mm: 0.0,
         }
     }
 }
@@ -72,37 +80,63 @@ impl Default for ActionConfig {
 impl ActionConfig {
     /// Alg. 1, lines 9-10: the likeliest state against the K = 100 particles, any pose, those with contact.
     pub fn paper() -> Self {
-        Self { rule: ActionRule::Paper, n_draws: 100, n_suppositions: 1, min_separation_mm: 0.0, ..Self::default() }
+        Self { rule: ActionRule::Paper, n_draws: 100, n_suppositions: 1, n_finalists: usize::MAX, min_separation_mm: 0.0, ..Self::default() }
     }
 }
 
-/// Chooses among `candidates`, motions `sensor_from_next` that the reach allows. Same input, same choice:
-/// the earliest of equals.
+/// What a choice is made in: what is believed, recorded and offered.
+pub struct Situation<'a> {
+    /// Rule and effort.
+    pub config: &'a ActionConfig,
+    /// The likelihood that the belief was made with.
+    pub likelihood: &'a LikelihoodConfig,
+    /// What is known of part and pose.
+    pub belief: &'a Belief,
+    /// The recorded views.
+    pub bank: &'a Bank,
+    /// Motions `sensor_from_next` that the reach allows.
+    pub candidates: &'a [Se2],
+    /// Whether every candidate leads to a recorded pose of the true part, as in the paper's protocol:
+    /// a supposition that it leads out of is then known to be wrong.
+    pub only_recorded: bool,
+}
+
+/// Chooses the next touch. Same input, same choice: the earliest of equals.
+///
+/// Every candidate is judged by a few draws, the best `n_finalists` by all. `keep_going` is asked before
+/// each candidate; once it says no, the best found so far is taken.
 ///
 /// Where every candidate lies too close to an earlier touch, the separation is halved until one does not.
 /// `None` where no candidate is left even so: none offered, none finite, or all where a touch was made.
-pub fn choose(
-    config: &ActionConfig,
-    likelihood: &LikelihoodConfig,
-    belief: &Belief,
-    bank: &Bank,
-    candidates: &[Se2],
-    seed: u64,
-) -> Option<Action> {
-    let far = far_candidates(config, belief, candidates);
+pub fn choose(situation: &Situation, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Action> {
+    let Situation { config, belief, .. } = situation;
+    let far = far_candidates(config, belief, situation.candidates);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let chance = far.get(rng.random_range(0..far.len().max(1)))?;
-    let best = match config.rule {
-        ActionRule::Random => None,
-        _ => best_score(&far, &scores(config, likelihood, belief, bank, &far, &mut rng)),
+    let chance = *far.get(rng.random_range(0..far.len().max(1)))?;
+    if config.rule == ActionRule::Random {
+        return Some(Action { sensor_from_next: chance });
+    }
+    let judge = Judge::new(situation, config.n_draws.max(1), config.n_suppositions.max(1), &mut rng);
+    let judged = |judge: &Judge, candidates: &[Se2], keep_going: &mut dyn FnMut() -> bool| {
+        let asked = candidates.iter().map_while(|candidate| keep_going().then(|| (judge.score(candidate), *candidate)));
+        asked.filter_map(|(score, candidate)| Some((score?, candidate))).collect::<Vec<_>>()
     };
+    let mut best = if far.len() > config.n_finalists.max(1) {
+        let first_look = judge.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6));
+        let mut ranked = judged(&first_look, &far, keep_going);
+        // Stable: the earliest of equals stays first.
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        ranked.truncate(config.n_finalists.max(1));
+        let finalists: Vec<Se2> = ranked.iter().map(|(_, candidate)| *candidate).collect();
+        let finals = judged(&judge, &finalists, keep_going);
+        if finals.is_empty() { ranked } else { finals }
+    } else {
+        judged(&judge, &far, keep_going)
+    };
+    best.truncate(far.len());
+    let best = best.into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
     // No view with contact is expected anywhere: any touch may tell more than the bank does.
-    Some(Action { sensor_from_next: best.unwrap_or(*chance) })
-}
-
-fn best_score(candidates: &[Se2], scores: &[Option<f64>]) -> Option<Se2> {
-    let scored = candidates.iter().zip(scores).filter_map(|(candidate, score)| Some((*candidate, (*score)?)));
-    scored.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(candidate, _)| candidate)
+    Some(Action { sensor_from_next: best.map_or(chance, |(_, candidate)| candidate) })
 }
 
 /// The candidates apart from every earlier touch, by the smallest halving of the separation that leaves any.
@@ -125,75 +159,118 @@ fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) ->
 }
 
 /// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
+#[derive(Clone, Copy)]
 struct Draw {
     hypothesis: Hypothesis,
     pose: usize,
     count: f64,
 }
 
-/// The score of each candidate; `None` where it would show contact from no supposed state.
-fn scores(
-    config: &ActionConfig,
-    likelihood: &LikelihoodConfig,
-    belief: &Belief,
-    bank: &Bank,
-    candidates: &[Se2],
-    rng: &mut ChaCha8Rng,
-) -> Vec<Option<f64>> {
-    let grid = bank.grid();
-    let drawn = belief.draw(config.n_draws.max(1), rng);
-    let mut supposed: Vec<Hypothesis> =
-        (0..config.n_suppositions.max(1)).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
-    if let (ActionRule::Paper, Some(best)) = (config.rule, belief.best(None)) {
-        supposed[0] = best;
-    }
-    let mut cells: Vec<usize> = drawn.iter().chain(&supposed).map(|hypothesis| hypothesis.cell).collect();
-    cells.sort_unstable();
-    cells.dedup();
-    let pose_of = |hypothesis: &Hypothesis| cells.partition_point(|cell| *cell < hypothesis.cell);
-    let first_from_sensor = belief.first_from_sensor();
-    let part_from_sensor: Vec<Se2> = cells.iter().map(|cell| grid.pose(*cell) * first_from_sensor).collect();
-    let draws: Vec<Draw> = drawn
-        .chunk_by(|a, b| a == b)
-        .map(|same| Draw { hypothesis: same[0], pose: pose_of(&same[0]), count: same.len() as f64 })
-        .collect();
-    let pairing = Pairing::new(config.rule, likelihood, bank, rng);
+/// Judges candidates against states drawn from the belief.
+struct Judge<'a> {
+    situation: &'a Situation<'a>,
+    pairing: Pairing<'a>,
+    /// Where the sensor would be by each distinct pose of the draws.
+    part_from_sensor: Vec<Se2>,
+    draws: Vec<Draw>,
+    supposed: Vec<Draw>,
+    tolerance: f64,
+}
 
-    let mut seen: Vec<Option<Seen>> = Vec::with_capacity(cells.len());
-    let mut score = |candidate: &Se2| {
-        seen.clear();
-        seen.extend(
-            part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), likelihood.lookup_tolerance)),
-        );
-        let view = |part: usize, pose: usize| seen[pose].map(|s| (part * grid.len() + s.cell, s.trust));
-        let (mut total, mut n_inside, mut n_contacts) = (0.0, 0.0, 0);
-        for truth in &supposed {
-            let Some((row, trust)) = view(truth.part, pose_of(truth)) else { continue };
-            n_inside += 1.0;
+impl<'a> Judge<'a> {
+    fn new(situation: &'a Situation<'a>, n_draws: usize, n_suppositions: usize, rng: &mut ChaCha8Rng) -> Self {
+        let Situation { config, likelihood, belief, bank, .. } = *situation;
+        let drawn = belief.draw(n_draws, rng);
+        let mut supposed: Vec<Hypothesis> =
+            (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
+        if let (ActionRule::Paper, Some(best)) = (config.rule, belief.best(None)) {
+            supposed[0] = best;
+        }
+        let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();
+        let pairing = Pairing::new(config.rule, likelihood, bank, rng);
+        let supposed = supposed.into_iter().map(|hypothesis| (hypothesis, 1.0)).collect();
+        Self::of(situation, pairing, draws, supposed)
+    }
+
+    fn of(
+        situation: &'a Situation<'a>,
+        pairing: Pairing<'a>,
+        draws: Vec<(Hypothesis, f64)>,
+        supposed: Vec<(Hypothesis, f64)>,
+    ) -> Self {
+        let Situation { likelihood, belief, bank, .. } = *situation;
+        let mut cells: Vec<usize> = draws.iter().chain(&supposed).map(|(hypothesis, _)| hypothesis.cell).collect();
+        cells.sort_unstable();
+        cells.dedup();
+        let first_from_sensor = belief.first_from_sensor();
+        let placed = |states: Vec<(Hypothesis, f64)>| -> Vec<Draw> {
+            let pose_of = |hypothesis: &Hypothesis| cells.partition_point(|cell| *cell < hypothesis.cell);
+            let draw = |(hypothesis, count)| Draw { hypothesis, pose: pose_of(&hypothesis), count };
+            states.into_iter().map(draw).collect()
+        };
+        // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
+        let tolerance = if likelihood.look_up.is_cubic(bank.grid()) { 1.0 } else { likelihood.lookup_tolerance };
+        Self {
+            situation,
+            pairing,
+            draws: placed(draws),
+            supposed: placed(supposed),
+            part_from_sensor: cells.iter().map(|cell| bank.grid().pose(*cell) * first_from_sensor).collect(),
+            tolerance,
+        }
+    }
+
+    /// A judge by about `n_draws` of the draws, evenly taken, and the first `n_suppositions`.
+    fn thinned(&self, n_draws: usize, n_suppositions: usize) -> Self {
+        let every = self.draws.len().div_ceil(n_draws.max(1)).max(1);
+        let state = |draw: &Draw| (draw.hypothesis, draw.count);
+        let draws = self.draws.iter().step_by(every).map(state).collect();
+        let supposed = self.supposed.iter().take(n_suppositions.max(1)).map(state).collect();
+        Self::of(self.situation, self.pairing, draws, supposed)
+    }
+
+    /// The score of a candidate; `None` where it would show contact from no supposed state.
+    fn score(&self, candidate: &Se2) -> Option<f64> {
+        let Situation { config, bank, only_recorded, .. } = *self.situation;
+        let grid = bank.grid();
+        let seen: Vec<Option<Seen>> =
+            self.part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), self.tolerance)).collect();
+        let view = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
+        let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
+        for truth in &self.supposed {
+            let Some((row, trust)) = view(truth) else {
+                // What is not recorded tells nothing.
+                n_supposed += if only_recorded { 0.0 } else { 1.0 };
+                continue;
+            };
+            n_supposed += 1.0;
             if bank.edge_shares()[row] <= config.contact_threshold {
                 continue;
             }
             n_contacts += 1;
             let (mut sum, mut n_states) = (0.0, 0.0);
-            for draw in &draws {
-                if config.rule == ActionRule::Paper && draw.hypothesis == *truth {
+            for draw in &self.draws {
+                if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
                     continue; // S without s*
                 }
-                sum += draw.count * pairing.value(view(draw.hypothesis.part, draw.pose), row);
+                sum += draw.count * self.pairing.value(view(draw), row);
                 n_states += draw.count;
             }
             total += match config.rule {
-                ActionRule::Information => (pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
+                ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
                 _ => sum,
             };
         }
-        // What is offered can be reached on the true part: suppositions that it leads out of tell nothing.
-        (n_contacts > 0).then_some(total / n_inside)
-    };
-    candidates.iter().map(&mut score).collect()
+        let travel = match config.rule {
+            ActionRule::Information => config.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm),
+            _ => 0.0,
+        };
+        (n_contacts > 0).then_some(total / n_supposed - travel)
+    }
 }
 
 /// How a recorded view counts against the view that would be touched.
+#[derive(Clone, Copy)]
 struct Pairing<'a> {
     rule: ActionRule,
     likelihood: &'a LikelihoodConfig,
@@ -268,7 +345,7 @@ mod tests {
     fn belief(bank: &Bank) -> Belief {
         let touch = Observation { query: vec![1.0, 0.0, 0.0], edge_share: 0.2 };
         let first = TouchLikelihood::new(&touch, bank, &LikelihoodConfig::default()).unwrap();
-        Belief::new(bank, EngineConfig::Exact, 0.25, 1, first)
+        Belief::new(bank, EngineConfig::Exact, 1, first)
     }
 
     fn turn(degrees: f64) -> Se2 {
@@ -276,17 +353,27 @@ mod tests {
     }
 
     fn chosen(config: ActionConfig, bank: &Bank, candidates: &[Se2], seed: u64) -> Option<Se2> {
-        let action = choose(&config, &LikelihoodConfig::default(), &belief(bank), bank, candidates, seed);
-        action.map(|action| action.sensor_from_next)
+        let (likelihood, belief) = (LikelihoodConfig::default(), belief(bank));
+        let situation = Situation {
+            config: &config,
+            likelihood: &likelihood,
+            belief: &belief,
+            bank,
+            candidates,
+            only_recorded: true,
+        };
+        choose(&situation, seed, &mut || true).map(|action| action.sensor_from_next)
     }
 
     const ANY_PLACE: ActionConfig = ActionConfig {
         rule: ActionRule::Paper,
         n_draws: 160,
         n_suppositions: 1,
+        n_finalists: 8,
         contact_threshold: 0.01,
         min_separation_mm: 0.0,
         min_separation_deg: 360.0,
+        travel_nats_per_mm: 0.0,
     };
 
     #[test]
@@ -327,6 +414,40 @@ mod tests {
         }
         // Nothing is 12 mm away: 12 is halved to 3, and the better half is taken.
         assert_eq!(chosen(config, &bank, &[Se2::from_degrees(1.0, 0.0, 0.0), near], 1), Some(near));
+    }
+
+    #[test]
+    fn travel_counts_against_what_is_learnt() {
+        let bank = bank(0.2);
+        // Both tell the same; one lies 1 mm away, which the grid's one place still holds.
+        let [near, far] = [0.0, 1.0].map(|x| Se2::from_degrees(x, 0.0, 60.0));
+        for (travel_nats_per_mm, expected) in [(0.0, far), (0.5, near)] {
+            let config = ActionConfig { rule: ActionRule::Information, travel_nats_per_mm, ..ANY_PLACE };
+            assert_eq!(chosen(config, &bank, &[far, near], 1), Some(expected));
+        }
+    }
+
+    #[test]
+    fn an_empty_budget_still_gives_an_action() {
+        let (bank, likelihood, config) = (bank(0.2), LikelihoodConfig::default(), ANY_PLACE);
+        let belief = belief(&bank);
+        let candidates = &[turn(30.0), turn(60.0)];
+        let situation = Situation {
+            config: &config,
+            likelihood: &likelihood,
+            belief: &belief,
+            bank: &bank,
+            candidates,
+            only_recorded: true,
+        };
+        assert!(choose(&situation, 1, &mut || false).is_some_and(|a| candidates.contains(&a.sensor_from_next)));
+        // Enough for one candidate only: the first.
+        let mut left = 1;
+        let once = choose(&situation, 1, &mut || {
+            left -= 1;
+            left >= 0
+        });
+        assert_eq!(once.map(|a| a.sensor_from_next), Some(candidates[0]));
     }
 
     #[test]

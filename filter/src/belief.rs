@@ -8,13 +8,15 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::se2::Se2;
 use tactile_infer::bank::Bank;
 
 use crate::exact::Exact;
 use crate::likelihood::TouchLikelihood;
 use crate::particle::{Particle, ParticleConfig};
+use crate::refine::{Refined, refine};
 use crate::resample::systematic;
+use crate::touched::{Overlap, Touched};
 
 /// One state: which part, and where on it the first touch was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,61 +25,6 @@ pub struct Hypothesis {
     pub part: usize,
     /// Cell of the bank's grid that holds `part_from_first_sensor`.
     pub cell: usize,
-}
-
-/// The recorded view that stands for a pose, and how far it is trusted to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
-    /// The nearest cell of the grid.
-    pub cell: usize,
-    /// 1 within the tolerance, falling towards 0 with the distance to the cell's pose.
-    pub trust: f64,
-}
-
-/// The recorded view nearest to a pose; `None` outside the recorded area, where the view is unknown.
-///
-/// With the distance `d` from the recorded pose, in grid steps (the larger of shift and turn), the trust is
-/// 1 up to `tolerance` and `exp(-((d - tolerance) / tolerance)^2 / 2)` beyond it.
-pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Option<Seen> {
-    let cell = grid.nearest(part_from_sensor)?;
-    let recorded = grid.pose(cell);
-    let shift = recorded.distance_mm(part_from_sensor) / grid.xy_step_mm;
-    let turn = wrap_angle(recorded.theta_rad - part_from_sensor.theta_rad).to_degrees().abs() / grid.theta_step_deg;
-    let excess = (shift.max(turn) - tolerance) / tolerance;
-    // A millionth of a step is rounding of the composed pose, not distance.
-    let trust = if excess <= 1e-6 { 1.0 } else { (-0.5 * excess * excess).exp() };
-    Some(Seen { cell, trust })
-}
-
-/// One touch: where it was relative to the first, and how likely it is at each view.
-#[derive(Clone, Debug)]
-pub struct Touched {
-    /// The sensor's motion since the first touch.
-    pub first_from_sensor: Se2,
-    /// The touch's likelihood at each row of the bank.
-    pub likelihood: TouchLikelihood,
-    /// For the cell of a first touch, the view recorded where this touch was: the same for every part.
-    seen: Vec<Option<Seen>>,
-}
-
-impl Touched {
-    fn new(grid: &PoseGrid, first_from_sensor: Se2, likelihood: TouchLikelihood, tolerance: f64) -> Self {
-        let seen = |cell| look_up(grid, &(grid.pose(cell) * first_from_sensor), tolerance);
-        Self { first_from_sensor, likelihood, seen: (0..grid.len()).map(seen).collect() }
-    }
-
-    /// log p(touch | hypothesis): that of the view recorded there, or of an unknown view, or of a mix
-    /// of both where the nearest view is trusted only in part.
-    pub fn log_likelihood(&self, hypothesis: Hypothesis) -> f64 {
-        let unknown = self.likelihood.log_unknown;
-        match self.seen[hypothesis.cell] {
-            None => unknown,
-            Some(Seen { cell, trust }) => {
-                let log = self.likelihood.log_rows[hypothesis.part * self.seen.len() + cell];
-                if trust == 1.0 { log } else { unknown + (trust * (log - unknown).exp() + 1.0 - trust).ln() }
-            }
-        }
-    }
 }
 
 /// Which inference runs.
@@ -102,37 +49,41 @@ enum Engine {
 pub struct Belief {
     grid: PoseGrid,
     n_parts: usize,
-    lookup_tolerance: f64,
+    overlap: Overlap,
     touches: Vec<Touched>,
     engine: Engine,
+    log_evidence: f64,
 }
 
 impl Belief {
     /// The belief after the first touch; every state was equally likely before it (paper, Eq. 3).
-    pub fn new(bank: &Bank, engine: EngineConfig, lookup_tolerance: f64, seed: u64, first: TouchLikelihood) -> Self {
-        let (grid, n_parts) = (*bank.grid(), bank.parts().len());
-        let touched = Touched::new(&grid, Se2::IDENTITY, first, lookup_tolerance);
+    pub fn new(bank: &Bank, engine: EngineConfig, seed: u64, first: TouchLikelihood) -> Self {
+        let (grid, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
+        let touched = Touched::new(&grid, Se2::IDENTITY, 1.0, first);
         let mut exact = Exact::uniform(n_parts * grid.len());
-        exact.update(|state| touched.log_likelihood(hypothesis(state, grid.len())));
+        let log_evidence = exact.update(|state| touched.log_state(state));
         let engine = match engine {
             EngineConfig::Exact => Engine::Exact(exact),
             EngineConfig::Particle(config) => Engine::Particle(Particle::draw(config, exact.log_posterior(), seed)),
         };
-        Self { grid, n_parts, lookup_tolerance, touches: vec![touched], engine }
+        Self { grid, n_parts, overlap, touches: vec![touched], engine, log_evidence }
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
     /// log p(touch | touches before), up to the constant of [`TouchLikelihood`].
     pub fn update(&mut self, sensor_from_next: &Se2, likelihood: TouchLikelihood) -> f64 {
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
-        let touched = Touched::new(&self.grid, first_from_sensor, likelihood, self.lookup_tolerance);
+        let new_share = |earlier: &Touched| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
+        let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
+        let touched = Touched::new(&self.grid, first_from_sensor, weight, likelihood);
         let n_cells = self.grid.len();
-        let newest = |state| touched.log_likelihood(hypothesis(state, n_cells));
+        let newest = |state| touched.log_state(state);
         let log_evidence = match &mut self.engine {
             Engine::Exact(exact) => exact.update(newest),
             Engine::Particle(particle) => particle.update(newest),
         };
         self.touches.push(touched);
+        self.log_evidence += log_evidence;
         if let Engine::Particle(particle) = &mut self.engine {
             let (grid, touches) = (&self.grid, &self.touches);
             particle.rejuvenate(
@@ -140,11 +91,17 @@ impl Belief {
                     let cell = neighbour(grid, state % n_cells, direction)?;
                     Some(state - state % n_cells + cell)
                 },
-                |state| log_score(touches, hypothesis(state, n_cells)),
-                |state| log_score(&touches[1..], hypothesis(state, n_cells)),
+                |state| log_score(touches, state),
+                |state| log_score(&touches[1..], state),
             );
         }
         log_evidence
+    }
+
+    /// log p(all touches), up to the constants of [`TouchLikelihood`]: 0 says no more than chance, -inf
+    /// that no state explains a touch.
+    pub fn log_evidence(&self) -> f64 {
+        self.log_evidence
     }
 
     /// All touches, in order.
@@ -183,15 +140,31 @@ impl Belief {
     ///
     /// `None` only where no state of `part` is held.
     pub fn best(&self, part: Option<usize>) -> Option<Hypothesis> {
-        let score = |hypothesis: Hypothesis| match &self.engine {
-            Engine::Exact(exact) => exact.log_posterior()[hypothesis.part * self.grid.len() + hypothesis.cell],
-            Engine::Particle(_) => log_score(&self.touches, hypothesis),
+        let score = |hypothesis: Hypothesis| {
+            let state = hypothesis.part * self.grid.len() + hypothesis.cell;
+            match &self.engine {
+                Engine::Exact(exact) => exact.log_posterior()[state],
+                Engine::Particle(_) => log_score(&self.touches, state),
+            }
         };
         let held = self.states().into_iter().map(|(hypothesis, _)| hypothesis);
         held.filter(|hypothesis| part.is_none_or(|part| part == hypothesis.part))
             .map(|hypothesis| (score(hypothesis), hypothesis))
             .reduce(|best, next| if next.0 > best.0 { next } else { best })
             .map(|(_, hypothesis)| hypothesis)
+    }
+
+    /// The pose of the first touch around a state, to below the grid's step.
+    pub fn refine(&self, state: Hypothesis) -> Refined {
+        refine(&self.grid, &self.touches, state.part, &self.grid.pose(state.cell))
+    }
+
+    /// How well a part at a pose explains what was felt: the mean over the edged touches of
+    /// [`Touched::log_look`], each 0 at best; `None` where no edge was felt within the recorded area.
+    pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<f64> {
+        let looks = self.touches.iter().filter_map(|touch| touch.log_look(&self.grid, part, part_from_first));
+        let (sum, n) = looks.fold((0.0, 0), |(sum, n), look| (sum + look, n + 1));
+        (n > 0).then(|| sum / f64::from(n))
     }
 
     /// `n` states drawn from the belief, ascending, each about as often as it is probable.
@@ -217,8 +190,8 @@ fn hypothesis(state: usize, n_cells: usize) -> Hypothesis {
     Hypothesis { part: state / n_cells, cell: state % n_cells }
 }
 
-fn log_score(touches: &[Touched], hypothesis: Hypothesis) -> f64 {
-    touches.iter().map(|touched| touched.log_likelihood(hypothesis)).sum()
+fn log_score(touches: &[Touched], state: usize) -> f64 {
+    touches.iter().map(|touched| touched.log_state(state)).sum()
 }
 
 /// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5); `None` off the grid.
@@ -239,6 +212,7 @@ mod tests {
     use crate::likelihood::{LikelihoodConfig, Observation};
     use proptest::prelude::*;
     use rand::SeedableRng;
+    use tactile_data::se2::wrap_angle;
 
     /// 3 x 3 x 3 = 27 poses.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
@@ -275,9 +249,14 @@ mod tests {
             .collect()
     }
 
+    /// Touches that share no evidence, wherever they are.
+    fn independent() -> LikelihoodConfig {
+        LikelihoodConfig { overlap_mm: 0.0, ..LikelihoodConfig::default() }
+    }
+
     fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
         let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
-        let mut belief = Belief::new(bank, engine, config.lookup_tolerance, 3, likelihood(&touches[0].1));
+        let mut belief = Belief::new(bank, engine, 3, likelihood(&touches[0].1));
         for (moved, touch) in &touches[1..] {
             belief.update(moved, likelihood(touch));
         }
@@ -320,7 +299,8 @@ mod tests {
                     if index > 0 {
                         pose = pose * *moved;
                     }
-                    let average = likelihoods[index].iter().sum::<f64>() / rows.len() as f64;
+                    // Blank or not, an unknown view is as likely one as the other.
+                    let average = 0.5;
                     let distance = |cell: usize| {
                         let recorded = GRID.pose(cell);
                         let shift = recorded.distance_mm(&pose) / 4.0;
@@ -358,7 +338,7 @@ mod tests {
         fn the_exact_engine_agrees_with_the_definition(seed in 0..1000_u64, n_touches in 1..6_usize) {
             let rows = unit_rows(3 * N_CELLS, seed);
             let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
-            let (touches, config) = (touches(n_touches, seed), LikelihoodConfig::default());
+            let (touches, config) = (touches(n_touches, seed), independent());
             let belief = run(&bank, EngineConfig::Exact, &touches, &config);
             let expected = brute_force(&rows, 3, &touches, &config);
             for (got, expected) in belief.masses().iter().zip(&expected) {
@@ -400,8 +380,11 @@ mod tests {
             let mut touches = touches(3, 1);
             touches[1].0 = there;
             touches[2].0 = there.inverse();
-            let belief = run(&bank, EngineConfig::Exact, &touches, &LikelihoodConfig::default());
-            prop_assert_eq!(&belief.touches()[2].seen, &belief.touches()[0].seen);
+            touches[2].1 = touches[0].1.clone();
+            let belief = run(&bank, EngineConfig::Exact, &touches, &independent());
+            let log = |touch: usize, state| belief.touches()[touch].log_state(state);
+            let apart = (0..N_CELLS).map(|state| (log(2, state) - log(0, state)).abs()).fold(0.0, f64::max);
+            prop_assert!(apart < 1e-9);
         }
     }
 
@@ -412,7 +395,7 @@ mod tests {
         let (touches, config) = (touches(4, 11), LikelihoodConfig::default());
         let exact = run(&bank, EngineConfig::Exact, &touches, &config);
         for n_moves in [0, 4] {
-            let engine = ParticleConfig { n_particles: 20_000, n_moves, ..ParticleConfig::default() };
+            let engine = ParticleConfig { n_particles: 20_000, n_moves, adaptive: false, ..ParticleConfig::default() };
             let particle = run(&bank, EngineConfig::Particle(engine), &touches, &config);
             for (a, b) in particle.class_posterior().iter().zip(exact.class_posterior()) {
                 // Standard error of a share of 2e4 draws: 0.0035; at an effective size of a tenth: 0.011; four of those.
@@ -434,9 +417,23 @@ mod tests {
             let belief = run(&bank, engine, &touches, &LikelihoodConfig::default());
             assert!((belief.class_posterior()[0] - 1.0).abs() < 1e-12);
             // Half a turn leads out of a reach of 30 degrees: unknown, never no contact.
-            assert!(belief.touches()[1].seen.iter().all(Option::is_none));
-            assert_eq!(belief.touches()[2].seen, belief.touches()[0].seen);
+            let touches = belief.touches();
+            assert!((0..N_CELLS).all(|state| touches[1].log_state(state) == touches[1].likelihood.log_unknown));
+            assert!((0..N_CELLS).any(|state| touches[0].log_state(state) != touches[0].likelihood.log_unknown));
         }
+    }
+
+    #[test]
+    fn the_same_touch_twice_tells_nothing_new() {
+        let rows = unit_rows(2 * N_CELLS, 6);
+        let bank = bank(&[&rows[..27], &rows[27..]]);
+        let mut touches = touches(2, 6);
+        touches[1] = (Se2::IDENTITY, touches[0].1.clone());
+        let once = run(&bank, EngineConfig::Exact, &touches[..1], &LikelihoodConfig::default());
+        let twice = run(&bank, EngineConfig::Exact, &touches, &LikelihoodConfig::default());
+        assert!(once.masses().iter().zip(twice.masses()).all(|(a, b)| (a - b).abs() < 1e-12));
+        let counted_twice = run(&bank, EngineConfig::Exact, &touches, &independent());
+        assert!(counted_twice.entropy_nats() < once.entropy_nats() - 0.1);
     }
 
     #[test]
@@ -453,16 +450,6 @@ mod tests {
         for (a, b) in before.masses().iter().zip(after.masses()) {
             assert!((a - b).abs() < 1e-12);
         }
-    }
-
-    #[test]
-    fn trust_is_whole_on_the_grid_and_falls_between_its_cells() {
-        let trust = |x, theta| look_up(&GRID, &Se2::from_degrees(x, 0.0, theta), 0.25).unwrap().trust;
-        assert_eq!([trust(4.0, 30.0), trust(1.0, 0.0), trust(0.0, 7.5)], [1.0; 3]);
-        // Half a step is one tolerance too far: exp(-1/2).
-        assert!((trust(1.99, 0.0) - (-0.5_f64 * 0.99 * 0.99).exp()).abs() < 0.02);
-        assert!((trust(0.0, 14.9) - 0.61).abs() < 0.02);
-        assert_eq!(look_up(&GRID, &Se2::from_degrees(1.9, 1.9, 14.0), 1.0).unwrap().trust, 1.0);
     }
 
     #[test]

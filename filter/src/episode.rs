@@ -2,16 +2,18 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::{Background, Frame};
+use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Model;
 use tactile_infer::bank::Bank;
 
-use crate::action::{Action, ActionConfig, choose};
-use crate::belief::{Belief, EngineConfig};
+use crate::action::{Action, ActionConfig, Situation, choose};
+use crate::belief::{Belief, EngineConfig, Hypothesis};
 use crate::error::{Error, Result};
 use crate::likelihood::{LikelihoodConfig, Observation, TouchLikelihood};
 use crate::modes::{Mode, modes};
 use crate::particle::ParticleConfig;
+use crate::refine::Refined;
 
 /// How an episode infers, chooses and stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +29,15 @@ pub struct EpisodeConfig {
     pub stop_probability: f64,
     /// N_max: stop after this many touches, the first included; at least 1.
     pub max_touches: usize,
+    /// Whether the pose may lie between recorded ones; else it is one of them, as in the paper's protocol.
+    pub between_poses: bool,
+    /// A part explains the touches when its fit ([`Estimate::fit`]) is at least this; at or below 0.
+    pub none_fit: f64,
+    /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / n`; not
+    /// negative. Large: parts that are not in the bank are told from those in it, at the price of touches.
+    pub fit_margin: f64,
+    /// A fit below `none_fit` means none of these parts from this many touches on; at least 1.
+    pub none_touches: usize,
     /// An estimate warns where no edged touch reached this cosine with any recorded view, -1..=1.
     pub low_similarity: f32,
     /// Seed of every random draw.
@@ -43,6 +54,10 @@ impl Default for EpisodeConfig {
             likelihood: LikelihoodConfig::default(),
             stop_probability: 0.95,
             max_touches: 10,
+            between_poses: true,
+            none_fit: -1.1,
+            fit_margin: 2.0,
+            none_touches: 5,
             low_similarity: 0.8,
             seed: 1,
         }
@@ -50,6 +65,13 @@ impl Default for EpisodeConfig {
 }
 
 impl EpisodeConfig {
+    /// The defaults with what was measured of a model, where it was (`tactile-infer calibrate`).
+    pub fn of(model: &Model) -> Self {
+        let default = Self::default();
+        let low_similarity = model.calibration().map_or(default.low_similarity, |c| c.low_similarity);
+        Self { likelihood: LikelihoodConfig::of(model), low_similarity, ..default }
+    }
+
     /// Alg. 1 as printed, K = 100, where it cannot be taken literally read as follows: log-likelihood =
     /// cosine / temperature; the moved particle is weighted; 1 / f_PP = exp(-cosine / temperature); actions
     /// with contact; a view outside the recorded area is unknown; the estimate is the state of largest
@@ -59,7 +81,26 @@ impl EpisodeConfig {
             engine: EngineConfig::Particle(ParticleConfig::paper()),
             action: ActionConfig::paper(),
             likelihood: LikelihoodConfig::paper(),
+            between_poses: false,
+            none_fit: f64::MIN,
             ..Self::default()
+        }
+    }
+
+    /// Why to stop after `n_touches` when the likeliest part has this probability and fit; `None` to go on.
+    pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
+        // No edge felt yet speaks against no part.
+        let fit = fit.unwrap_or(0.0);
+        if n_touches >= self.none_touches && fit < self.none_fit {
+            Some(StopReason::NoneOfThese)
+        } else if probability.min(1.0) > self.stop_probability
+            && fit >= self.none_fit + self.fit_margin / n_touches as f64
+        {
+            Some(StopReason::Confident)
+        } else if n_touches >= self.max_touches {
+            Some(StopReason::TouchLimit)
+        } else {
+            None
         }
     }
 
@@ -71,12 +112,19 @@ impl EpisodeConfig {
         let (stop, low) = (self.stop_probability, f64::from(self.low_similarity));
         check("stop_probability", "0..=1", stop, (0.0..=1.0).contains(&stop))?;
         check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
+        check("none_fit", "a number, at most 0", self.none_fit, self.none_fit.is_finite() && self.none_fit <= 0.0)?;
+        let margin = self.fit_margin;
+        check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
+        check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
         check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
         let (mm, deg) = (self.action.min_separation_mm, self.action.min_separation_deg);
         check("action.min_separation_mm", "a number, not negative", mm, mm.is_finite() && mm >= 0.0)?;
         check("action.min_separation_deg", "a number, not negative", deg, deg.is_finite() && deg >= 0.0)?;
         let (draws, supposed) = (self.action.n_draws, self.action.n_suppositions);
         check("action.n_draws", "at least 1", draws as f64, draws >= 1)?;
+        let travel = self.action.travel_nats_per_mm;
+        check("action.travel_nats_per_mm", "a number, not negative", travel, travel.is_finite() && travel >= 0.0)?;
+        check("action.n_finalists", "at least 1", self.action.n_finalists as f64, self.action.n_finalists >= 1)?;
         check("action.n_suppositions", "at least 1", supposed as f64, supposed >= 1)?;
         if let EngineConfig::Particle(ParticleConfig { n_particles, resample_share, .. }) = self.engine {
             check("engine.n_particles", "at least 1", n_particles as f64, n_particles >= 1)?;
@@ -120,8 +168,10 @@ pub enum Decision {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopReason {
-    /// A part is more probable than `stop_probability`.
+    /// A part is more probable than `stop_probability` and explains the touches.
     Confident,
+    /// No part explains the touches: this one is not in the bank.
+    NoneOfThese,
     /// `max_touches` touches were made.
     TouchLimit,
     /// No candidate leads anywhere that was not touched.
@@ -160,16 +210,24 @@ pub struct Estimate {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// Pose of the sensor now, by the likeliest state of that part.
+    /// Pose of the sensor now, around the likeliest state of that part.
     pub part_from_sensor: Se2,
-    /// Pose of the sensor at its first touch, by the same state; a pose of the bank's grid.
+    /// Pose of the sensor at its first touch: the mean around that state, or its recorded pose where
+    /// [`EpisodeConfig::between_poses`] is off.
     pub part_from_first: Se2,
+    /// Covariance of that pose: (x mm, y mm, theta rad); noughts for a recorded pose.
+    pub covariance: [[f64; 3]; 3],
+    /// How well that part explains what was felt: the mean log-likelihood of an edged touch's look, 0 for
+    /// the best recorded view each time; `None` where no edge was felt.
+    pub fit: Option<f64>,
     /// Probability of each part of the bank, `[n_parts]`.
     pub class_posterior: Vec<f64>,
     /// Where else it may be: the belief's modes, the heaviest first.
     pub modes: Vec<Mode>,
     /// Entropy over all states, nats.
     pub entropy_nats: f64,
+    /// [`Belief::log_evidence`] of all touches, nats.
+    pub log_evidence: f64,
     /// Touches made.
     pub n_touches: usize,
     /// Reasons to doubt all this.
@@ -183,6 +241,7 @@ pub struct Episode<'a> {
     eye: Option<&'a Eye<'a>>,
     bank: &'a Bank,
     belief: Belief,
+    touches: Vec<(Se2, Observation)>,
 }
 
 impl<'a> Episode<'a> {
@@ -203,8 +262,41 @@ impl<'a> Episode<'a> {
     pub fn begin_with(config: &EpisodeConfig, bank: &'a Bank, observation: &Observation) -> Result<Self> {
         config.validate()?;
         let first = TouchLikelihood::new(observation, bank, &config.likelihood)?;
-        let belief = Belief::new(bank, config.engine, config.likelihood.lookup_tolerance, config.seed, first);
-        Ok(Self { config: *config, eye: None, bank, belief })
+        let belief = Belief::new(bank, config.engine, config.seed, first);
+        Ok(Self { config: *config, eye: None, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
+    }
+
+    /// What is needed to go on later, or elsewhere.
+    pub fn record(&self) -> EpisodeRecord {
+        EpisodeRecord {
+            config: self.config,
+            model_sha256: self.bank.model_sha256().into(),
+            parts: self.bank.parts().to_vec(),
+            grid: *self.bank.grid(),
+            touches: self.touches.clone(),
+        }
+    }
+
+    /// An episode as it was when recorded, to the bit. `eye` is needed to take in further frames.
+    ///
+    /// # Errors
+    /// A record of another bank, or without a touch, or whose touches no episode could have taken in.
+    pub fn restore(record: &EpisodeRecord, eye: Option<&'a Eye<'a>>, bank: &'a Bank) -> Result<Self> {
+        let of_bank = (bank.model_sha256(), bank.parts(), bank.grid());
+        if (record.model_sha256.as_str(), record.parts.as_slice(), &record.grid) != of_bank {
+            let got = format!("{} parts of model {}", record.parts.len(), record.model_sha256);
+            return Err(Error::invalid("episode record", "one of this bank: its model, parts and poses", got));
+        }
+        if let Some(eye) = eye.filter(|eye| eye.model.sha256() != bank.model_sha256()) {
+            let expected = format!("one of model {}", bank.model_sha256());
+            return Err(Error::invalid("eye", expected, format!("one of {}", eye.model.sha256())));
+        }
+        let Some(((_, first), later)) = record.touches.split_first() else {
+            return Err(Error::invalid("episode record", "at least one touch", "none"));
+        };
+        let mut episode = Self { eye, ..Self::begin_with(&record.config, bank, first)? };
+        later.iter().try_for_each(|(moved, observation)| episode.observe_with(*moved, observation))?;
+        Ok(episode)
     }
 
     /// Takes in a touch: `moved` is the motion actually made since the touch before, in the sensor's frame at
@@ -226,12 +318,26 @@ impl<'a> Episode<'a> {
         }
         let likelihood = TouchLikelihood::new(observation, self.bank, &self.config.likelihood)?;
         self.belief.update(&moved, likelihood);
+        self.touches.push((moved, observation.clone()));
         Ok(())
     }
 
     /// Whether to stop, and if not, which of `candidates` (motions of the sensor that the reach allows) to
     /// make. Changes nothing: asked again, it answers the same.
     pub fn decide(&self, candidates: &[Se2]) -> Decision {
+        self.decide_while(candidates, &mut || true)
+    }
+
+    /// Like [`Self::decide`], with a limit on the effort: `keep_going` is asked before each candidate is
+    /// judged, and once it says no the best found so far is taken. With a clock it is a time budget.
+    ///
+    /// ```no_run
+    /// # fn choose(episode: &tactile_filter::episode::Episode, reach: &[tactile_data::se2::Se2]) {
+    /// let start = std::time::Instant::now();
+    /// let decision = episode.decide_while(reach, &mut || start.elapsed().as_micros() < 1_500);
+    /// # }
+    /// ```
+    pub fn decide_while(&self, candidates: &[Se2], keep_going: &mut dyn FnMut() -> bool) -> Decision {
         let done = |reason| Decision::Done(Box::new(self.estimate()), reason);
         if let Some(reason) = self.stop_reason() {
             return done(reason);
@@ -239,40 +345,62 @@ impl<'a> Episode<'a> {
         let n_touches = self.belief.touches().len();
         // A stream of draws of its own for each touch.
         let seed = self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches as u64);
-        let action = choose(&self.config.action, &self.config.likelihood, &self.belief, self.bank, candidates, seed);
-        action.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
+        let situation = Situation {
+            config: &self.config.action,
+            likelihood: &self.config.likelihood,
+            belief: &self.belief,
+            bank: self.bank,
+            candidates,
+            only_recorded: !self.config.between_poses,
+        };
+        choose(&situation, seed, keep_going).map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
     }
 
     /// Why to stop now, whatever could still be touched; `None` to go on.
     pub fn stop_reason(&self) -> Option<StopReason> {
-        let probability = self.belief.class_posterior().into_iter().fold(0.0, f64::max).min(1.0);
-        if probability > self.config.stop_probability {
-            Some(StopReason::Confident)
-        } else if self.belief.touches().len() >= self.config.max_touches {
-            Some(StopReason::TouchLimit)
-        } else {
-            None
-        }
+        let (part, probability) = self.likeliest_part();
+        let n_touches = self.belief.touches().len();
+        // The fit costs a hundred look-ups a touch: worked out only where it can matter.
+        let matters = n_touches >= self.config.none_touches || probability > self.config.stop_probability;
+        let fit = if matters { self.place(part).fit } else { None };
+        self.config.stop(probability, fit, n_touches)
     }
 
     /// What is known now.
     pub fn estimate(&self) -> Estimate {
-        let class_posterior = self.belief.class_posterior();
-        let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
-        let (part, probability) = class_posterior.iter().copied().enumerate().fold((0, 0.0), most);
-        let cell = self.belief.best(Some(part)).map_or(0, |hypothesis| hypothesis.cell);
-        let part_from_first = self.bank.grid().pose(cell);
+        let (part, probability) = self.likeliest_part();
+        let placed = self.place(part);
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
-            part_from_sensor: part_from_first * self.belief.first_from_sensor(),
-            part_from_first,
-            class_posterior,
+            part_from_sensor: placed.refined.part_from_first * self.belief.first_from_sensor(),
+            part_from_first: placed.refined.part_from_first,
+            covariance: placed.refined.covariance,
+            fit: placed.fit,
+            class_posterior: self.belief.class_posterior(),
             modes: modes(&self.belief),
             entropy_nats: self.belief.entropy_nats(),
+            log_evidence: self.belief.log_evidence(),
             n_touches: self.belief.touches().len(),
             warnings: self.warnings(),
         }
+    }
+
+    /// The most probable part, the first of equals, and its probability.
+    fn likeliest_part(&self) -> (usize, f64) {
+        let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
+        self.belief.class_posterior().into_iter().enumerate().fold((0, 0.0), most)
+    }
+
+    /// Where a part would be, and how well it explains the touches there.
+    fn place(&self, part: usize) -> Placed {
+        let state = self.belief.best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
+        let refined = if self.config.between_poses {
+            self.belief.refine(state)
+        } else {
+            Refined { part_from_first: self.bank.grid().pose(state.cell), covariance: [[0.0; 3]; 3] }
+        };
+        Placed { refined, fit: self.belief.fit(part, &refined.part_from_first) }
     }
 
     /// The belief, for maps and reports.
@@ -292,6 +420,28 @@ impl<'a> Episode<'a> {
     }
 }
 
+/// An episode as it can be saved: its settings and what was felt. Serde writes it; [`Episode::restore`] plays
+/// it again and gives every number as it was.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EpisodeRecord {
+    /// The settings.
+    pub config: EpisodeConfig,
+    /// The model that made the bank and the touches.
+    pub model_sha256: String,
+    /// Names of the bank's parts.
+    pub parts: Vec<String>,
+    /// The bank's poses.
+    pub grid: PoseGrid,
+    /// Each touch with the motion since the one before; the first one's is no motion.
+    pub touches: Vec<(Se2, Observation)>,
+}
+
+/// A part's pose and its fit there.
+struct Placed {
+    refined: Refined,
+    fit: Option<f64>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -300,7 +450,6 @@ mod tests {
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
     use tactile_data::frame::Preprocessing;
-    use tactile_data::grid::PoseGrid;
     use tactile_infer::DeviceKind;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::encoder::NetworkConfig;
@@ -352,7 +501,10 @@ mod tests {
         let shares = accuracy(&world, &config, 40);
         assert!(shares[4] >= 0.9 && shares[4] > shares[0], "{shares:?}");
         let (_, estimate, start) = play(&world, &config, 2, 2);
-        assert_eq!(estimate.part_from_first, start);
+        // Between recorded poses: the mean lies within half a step of the truth, which is recorded.
+        assert!(estimate.part_from_first.distance_mm(&start) < 2.0);
+        let recorded = EpisodeConfig { between_poses: false, ..config };
+        assert_eq!(play(&world, &recorded, 2, 2).1.part_from_first, start);
         assert!((estimate.class_posterior.iter().sum::<f64>() - 1.0).abs() < 1e-9);
         assert!(estimate.modes[0].mass > 0.5 && estimate.warnings.is_empty());
     }
@@ -379,6 +531,30 @@ mod tests {
     }
 
     #[test]
+    fn a_saved_episode_goes_on_as_if_it_had_not_stopped() {
+        let world = World::new(4, GRID, 0.5, 0.1, 2);
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for engine in [EngineConfig::Exact, EngineConfig::Particle(ParticleConfig::default())] {
+            let config = EpisodeConfig { engine, ..never_confident(6) };
+            let reach = world.reach(&Se2::IDENTITY);
+            let touch = |rng: &mut ChaCha8Rng| world.touch(1, &Se2::from_degrees(4.0, 0.0, 30.0), rng);
+            let mut episode = Episode::begin_with(&config, &world.bank, &touch(&mut rng)).unwrap();
+            episode.observe_with(reach[5], &touch(&mut rng)).unwrap();
+            let text = serde_json::to_string(&episode.record()).unwrap();
+            let record: EpisodeRecord = serde_json::from_str(&text).unwrap();
+            let mut restored = Episode::restore(&record, None, &world.bank).unwrap();
+            let last = touch(&mut rng);
+            for one in [&mut episode, &mut restored] {
+                one.observe_with(reach[9], &last).unwrap();
+            }
+            assert_eq!(restored.estimate(), episode.estimate());
+            assert_eq!(restored.decide(&reach), episode.decide(&reach));
+            let other = World::new(3, GRID, 0.5, 0.1, 2);
+            assert!(Episode::restore(&record, None, &other.bank).unwrap_err().to_string().contains("record"));
+        }
+    }
+
+    #[test]
     fn each_reason_to_stop_is_given() {
         let world = World::new(4, GRID, 0.2, 0.02, 2);
         let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
@@ -390,11 +566,15 @@ mod tests {
             Decision::Done(_, reason) => Some(reason),
         };
         let reach = world.reach(&Se2::IDENTITY);
-        let eager = EpisodeConfig { stop_probability: 0.0, ..never_confident(2) };
+        let eager = EpisodeConfig { stop_probability: 0.0, fit_margin: 0.0, ..never_confident(2) };
         assert_eq!(reason(eager, &reach), Some(StopReason::Confident));
         assert_eq!(reason(never_confident(1), &reach), Some(StopReason::TouchLimit));
         assert_eq!(reason(never_confident(2), &[]), Some(StopReason::NothingToLearn));
         assert_eq!(reason(never_confident(2), &reach), None);
+        // The best recorded view fits with 0 at most.
+        let doubtful = EpisodeConfig { none_fit: 0.0, none_touches: 1, ..never_confident(2) };
+        let strange = EpisodeConfig { between_poses: false, ..doubtful };
+        assert_ne!(reason(strange, &reach), Some(StopReason::Confident));
     }
 
     #[test]

@@ -36,12 +36,15 @@ pub mod episode;
 pub mod error;
 pub mod exact;
 pub mod likelihood;
+pub mod lookup;
 pub mod modes;
 #[cfg(feature = "cli")]
 pub mod offline;
 pub mod particle;
+pub mod refine;
 pub mod resample;
 #[cfg(test)]
 mod synthetic;
+pub mod touched;
 
 pub use error::{Error, Result};

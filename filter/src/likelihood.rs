@@ -7,11 +7,14 @@
 //! cost. The look of a blank view means nothing, so there the second factor is 1.
 
 use serde::{Deserialize, Serialize};
+use tactile_infer::Model;
 use tactile_infer::bank::Bank;
 use tactile_infer::similarity::{dot, part_mating};
 
 use crate::error::{Error, Result};
+use crate::lookup::LookUp;
 use crate::resample::log_sum_exp;
+use crate::touched::Overlap;
 
 /// How similarities become probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,9 +29,16 @@ pub struct LikelihoodConfig {
     pub blank_share: f32,
     /// Probability that hole and peg at one pose are both blank or both edged; above 0 and below 1.
     pub blank_agreement: f64,
-    /// How far from a recorded pose its view is still trusted wholly, in steps of the grid; positive.
+    /// How far from a recorded pose its view is still trusted wholly where the nearest one is looked up, in
+    /// steps of the grid; positive.
     /// No pose inside the recorded area is farther than 0.71 steps, so 1 trusts every look-up.
     pub lookup_tolerance: f64,
+    /// How views between recorded poses are judged.
+    pub look_up: LookUp,
+    /// Touches nearer than this share evidence, mm, not negative; nought: all count as independent.
+    pub overlap_mm: f64,
+    /// Touches at one place turned by less than this share evidence, degrees; positive.
+    pub overlap_deg: f64,
 }
 
 impl Default for LikelihoodConfig {
@@ -41,6 +51,9 @@ impl Default for LikelihoodConfig {
             blank_share: 0.01,
             blank_agreement: 0.96,
             lookup_tolerance: 0.25,
+            look_up: LookUp::Auto,
+            overlap_mm: 3.0,
+            overlap_deg: 15.0,
         }
     }
 }
@@ -49,7 +62,24 @@ impl LikelihoodConfig {
     /// The paper's weight (Eq. 2, Alg. 1 line 14) read as log-likelihood = cosine / temperature: no
     /// floor, no blank views, every look-up inside the recorded area trusted.
     pub fn paper() -> Self {
-        Self { outlier_floor: 0.0, blank_share: 0.0, lookup_tolerance: 1.0, ..Self::default() }
+        Self { outlier_floor: 0.0, blank_share: 0.0, lookup_tolerance: 1.0, look_up: LookUp::Nearest, overlap_mm: 0.0, ..Self::default() }
+    }
+
+    /// The defaults with what was measured of a model, where it was.
+    ///
+    /// A calibration finds the temperature at which ONE touch is believed rightly. Several touches of one
+    /// hole share their error (the same print, the same wear of the network), so that their product is
+    /// too sure: three times the temperature made the product of three touches likeliest on the tuning
+    /// letters. The floor never falls below the default: it bounds what one spoilt touch can cost.
+    pub fn of(model: &Model) -> Self {
+        let default = Self::default();
+        let Some(calibration) = model.calibration() else { return default };
+        Self {
+            temperature: SHARED_ERROR * calibration.temperature,
+            outlier_floor: calibration.outlier_floor.max(default.outlier_floor),
+            blank_agreement: calibration.blank_agreement.clamp(0.5, default.blank_agreement),
+            ..default
+        }
     }
 
     /// Refuses numbers outside their ranges.
@@ -64,7 +94,15 @@ impl LikelihoodConfig {
         check("blank_share", "0..=1", share, (0.0..=1.0).contains(&share))?;
         let agreement = self.blank_agreement;
         check("blank_agreement", "above 0 and below 1", agreement, agreement > 0.0 && agreement < 1.0)?;
-        check("lookup_tolerance", "a positive number", self.lookup_tolerance, positive(self.lookup_tolerance))
+        check("lookup_tolerance", "a positive number", self.lookup_tolerance, positive(self.lookup_tolerance))?;
+        let apart = self.overlap_mm.is_finite() && self.overlap_mm >= 0.0;
+        check("overlap_mm", "a number, not negative", self.overlap_mm, apart)?;
+        check("overlap_deg", "a positive number", self.overlap_deg, positive(self.overlap_deg))
+    }
+
+    /// How touches share evidence.
+    pub fn overlap(&self) -> Overlap {
+        Overlap { mm: self.overlap_mm, deg: self.overlap_deg }
     }
 
     /// Whether a view with this share of edge pixels is blank.
@@ -73,8 +111,16 @@ impl LikelihoodConfig {
     }
 }
 
+/// By how much the temperature of several touches exceeds that of one.
+const SHARED_ERROR: f64 = 3.0;
+
+/// Probability that a view outside the recorded area is blank. Beside a small part nearly all are and on a
+/// large one few; were it the recorded views' own share, a blank touch outside would speak for a wrong
+/// state that sees the touch at one of the few blank views inside.
+const UNKNOWN_IS_BLANK: f64 = 0.5;
+
 /// What one touch of a hole looked like.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
     /// The hole's query, `[dim]`; its length does not matter, its direction does.
     pub query: Vec<f32>,
@@ -82,17 +128,23 @@ pub struct Observation {
     pub edge_share: f32,
 }
 
-/// The log-likelihood of one touch at each recorded view, up to a constant of the touch.
+/// The log-likelihood of one touch at each recorded view and between them, up to a constant of the touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TouchLikelihood {
-    /// For each row of the bank, `[n_rows]`, finite; about 0 where the touch says nothing.
-    pub log_rows: Vec<f64>,
-    /// Outside the recorded area, where the view is unknown: the log of the average likelihood.
+    /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
+    pub similarities: Vec<f32>,
+    /// Outside the recorded area, where the view is unknown: the log of the average likelihood of an edged or
+    /// a blank view, either as likely as the other.
     pub log_unknown: f64,
     /// The largest cosine with any edged view, -1..=1; -1 where no view is edged.
     pub best_similarity: f32,
     /// Whether the touch showed no edge.
     pub blank: bool,
+    /// Whether each row of the bank shows an edge, `[n_rows]`.
+    edged: Vec<bool>,
+    /// Log of the mean of `exp((s - best) / tau) + eps` over the edged rows.
+    log_mean: f64,
+    config: LikelihoodConfig,
 }
 
 impl TouchLikelihood {
@@ -105,27 +157,52 @@ impl TouchLikelihood {
         let similarities = cosines(observation, bank)?; // [n_rows]
         let edged: Vec<bool> = bank.edge_shares().iter().map(|share| !config.is_blank(*share)).collect();
         let blank = config.is_blank(observation.edge_share);
-        let best = similarities.iter().zip(&edged).filter(|(_, edged)| **edged).map(|(s, _)| *s).fold(-1.0, f32::max);
-        let look = |similarity: f32| log_look(f64::from(similarity - best), config);
-        let (log_agree, log_differ) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
+        let of_edged = || similarities.iter().zip(&edged).filter(|(_, edged)| **edged).map(|(s, _)| *s);
+        let best_similarity = of_edged().fold(-1.0, f32::max);
+        let n_edged = of_edged().count() as f64;
+        let looks: Vec<f64> = of_edged().map(|s| log_look(f64::from(s - best_similarity), config)).collect();
+        let log_mean = if looks.is_empty() { 0.0 } else { log_sum_exp(&looks) - n_edged.ln() };
+        let unknown = if blank { UNKNOWN_IS_BLANK } else { 1.0 - UNKNOWN_IS_BLANK };
+        let log_unknown = unknown.ln();
+        Ok(Self { similarities, log_unknown, best_similarity, blank, edged, log_mean, config: *config })
+    }
 
-        let log_rows: Vec<f64> = if blank {
-            edged.iter().map(|edged| if *edged { log_differ } else { log_agree }).collect()
-        } else {
-            let looks: Vec<f64> = similarities.iter().map(|s| look(*s)).collect();
-            let of_edged: Vec<f64> = looks.iter().zip(&edged).filter(|(_, e)| **e).map(|(l, _)| *l).collect();
-            let log_mean = log_sum_exp(&of_edged) - (of_edged.len() as f64).ln();
-            let relative = |(look, edged): (f64, &bool)| if *edged { log_agree + look - log_mean } else { log_differ };
-            looks.into_iter().zip(&edged).map(relative).collect()
-        };
-        let log_unknown = log_sum_exp(&log_rows) - (log_rows.len() as f64).ln();
-        Ok(Self { log_rows, log_unknown, best_similarity: best, blank })
+    /// The log-likelihood at one row of the bank; finite.
+    pub fn log_row(&self, row: usize) -> f64 {
+        self.log_between(self.similarities[row], row)
+    }
+
+    /// The log-likelihood at a view of a given cosine, near one row of the bank that tells whether it is
+    /// blank; about 0 where the touch says nothing.
+    pub fn log_between(&self, similarity: f32, row: usize) -> f64 {
+        if self.edged[row] == self.blank {
+            return (1.0 - self.config.blank_agreement).ln();
+        }
+        let look = if self.blank { 0.0 } else { self.log_look(similarity) - self.log_mean };
+        self.config.blank_agreement.ln() + look
+    }
+
+    /// How well a view of a given cosine explains the touch's look: 0 for the best recorded view, and
+    /// no less than the log of the outlier floor.
+    pub fn log_look(&self, similarity: f32) -> f64 {
+        // Between recorded views a cosine may rise above the best of them, by little: e^2 bounds it.
+        log_look(f64::from(similarity - self.best_similarity).min(2.0 * self.config.temperature), &self.config)
+    }
+
+    /// The settings it was made with.
+    pub fn config(&self) -> &LikelihoodConfig {
+        &self.config
+    }
+
+    /// Whether the view of a row shows an edge.
+    pub fn is_edged(&self, row: usize) -> bool {
+        self.edged[row]
     }
 }
 
-/// log(exp(d / tau) + eps) for a cosine `d <= 0` below the best.
-fn log_look(below_best: f64, config: &LikelihoodConfig) -> f64 {
-    let log = below_best / config.temperature;
+/// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
+fn log_look(above_best: f64, config: &LikelihoodConfig) -> f64 {
+    let log = above_best / config.temperature;
     if config.outlier_floor > 0.0 { (log.exp() + config.outlier_floor).ln() } else { log }
 }
 
@@ -168,6 +245,10 @@ mod tests {
         Observation { query: query.to_vec(), edge_share }
     }
 
+    fn log_rows(seen: &TouchLikelihood) -> Vec<f64> {
+        (0..seen.similarities.len()).map(|row| seen.log_row(row)).collect()
+    }
+
     /// The defaults but for round numbers.
     fn round() -> LikelihoodConfig {
         LikelihoodConfig { temperature: 0.1, outlier_floor: 0.01, ..LikelihoodConfig::default() }
@@ -181,11 +262,11 @@ mod tests {
         let (best, other) = (1.01, (-2.0_f64).exp() + 0.01); // cosines 1 and 0.8, tau 0.1, eps 0.01
         let mean = (best + other) / 2.0;
         let by_hand = [0.96 * best / mean, 0.96 * other / mean, 0.04];
-        for (log, expected) in seen.log_rows.iter().zip(by_hand) {
+        for (log, expected) in log_rows(&seen).iter().zip(by_hand) {
             // Cosines are f32: 6e-8 over a temperature of 0.1.
             assert!((log.exp() - expected).abs() < 2e-6, "{} {expected}", log.exp());
         }
-        assert!((seen.log_unknown.exp() - by_hand.iter().sum::<f64>() / 3.0).abs() < 2e-6);
+        assert_eq!(seen.log_unknown, 0.5_f64.ln());
     }
 
     #[test]
@@ -193,8 +274,8 @@ mod tests {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], &[0.0, 0.0, 0.2]);
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &LikelihoodConfig::default()).unwrap();
         assert!(seen.blank);
-        assert_eq!(seen.log_rows[0], seen.log_rows[1]);
-        assert!((seen.log_rows[0] - seen.log_rows[2] - (0.96_f64 / 0.04).ln()).abs() < 1e-12);
+        assert_eq!(log_rows(&seen)[0], log_rows(&seen)[1]);
+        assert!((log_rows(&seen)[0] - log_rows(&seen)[2] - (0.96_f64 / 0.04).ln()).abs() < 1e-12);
     }
 
     #[test]
@@ -202,15 +283,15 @@ mod tests {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], &[0.0, 0.1, 0.2]);
         let config = LikelihoodConfig { temperature: 0.1, ..LikelihoodConfig::paper() };
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &config).unwrap();
-        assert!((seen.log_rows[0] - seen.log_rows[1] - 10.0).abs() < 1e-5);
-        assert!((seen.log_rows[1] - seen.log_rows[2] - 10.0).abs() < 1e-5);
+        assert!((log_rows(&seen)[0] - log_rows(&seen)[1] - 10.0).abs() < 1e-5);
+        assert!((log_rows(&seen)[1] - log_rows(&seen)[2] - 10.0).abs() < 1e-5);
     }
 
     #[test]
     fn one_bad_match_costs_at_most_the_floor() {
         let bank = bank(&[[1.0, 0.0], [-1.0, 0.0]], &[0.2, 0.2]);
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &round()).unwrap();
-        assert!((seen.log_rows[0] - seen.log_rows[1] - (1.01_f64 / 0.01).ln()).abs() < 1e-6);
+        assert!((log_rows(&seen)[0] - log_rows(&seen)[1] - (1.01_f64 / 0.01).ln()).abs() < 1e-6);
     }
 
     #[test]
@@ -221,8 +302,8 @@ mod tests {
                 let config = LikelihoodConfig { temperature, outlier_floor, ..LikelihoodConfig::default() };
                 config.validate().unwrap();
                 let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &config).unwrap();
-                assert!(seen.log_rows.iter().chain([&seen.log_unknown]).all(|log| log.is_finite()));
-                assert!(seen.log_rows[0] > seen.log_rows[1]);
+                assert!(log_rows(&seen).iter().chain([&seen.log_unknown]).all(|log| log.is_finite()));
+                assert!(log_rows(&seen)[0] > log_rows(&seen)[1]);
             }
         }
     }
@@ -231,15 +312,14 @@ mod tests {
     fn a_query_of_noughts_says_nothing() {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0]], &[0.2, 0.2]);
         let seen = TouchLikelihood::new(&touch([0.0, 0.0], 0.2), &bank, &LikelihoodConfig::default()).unwrap();
-        assert_eq!(seen.log_rows[0], seen.log_rows[1]);
+        assert_eq!(log_rows(&seen)[0], log_rows(&seen)[1]);
     }
 
     #[test]
     fn a_long_query_counts_by_its_direction() {
         let bank = bank(&[[1.0, 0.0], [0.6, 0.8]], &[0.2, 0.2]);
-        let log_rows =
-            |query| TouchLikelihood::new(&touch(query, 0.2), &bank, &LikelihoodConfig::default()).unwrap().log_rows;
-        for (long, unit) in log_rows([300.0, 0.0]).iter().zip(log_rows([1.0, 0.0])) {
+        let seen = |query| TouchLikelihood::new(&touch(query, 0.2), &bank, &LikelihoodConfig::default()).unwrap();
+        for (long, unit) in log_rows(&seen([300.0, 0.0])).iter().zip(log_rows(&seen([1.0, 0.0]))) {
             assert!((long - unit).abs() < 1e-5);
         }
     }
@@ -254,7 +334,7 @@ mod tests {
         // 3e38 x 2 overflows in the first row only.
         let steep = super::tests::bank(&[[2.0, 0.0], [0.0, 1.0]], &[0.2, 0.2]);
         let seen = TouchLikelihood::new(&touch([3e38, 1.0], 0.2), &steep, &config).unwrap();
-        assert!(seen.log_rows[0] < seen.log_rows[1]);
+        assert!(log_rows(&seen)[0] < log_rows(&seen)[1]);
     }
 
     #[test]

@@ -10,25 +10,29 @@ use crate::resample::{effective_sample_size, log_normalize, systematic};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ParticleConfig {
-    /// K, at least 1.
+    /// K, or where it is adaptive its largest, at least 1.
     pub n_particles: usize,
     /// Resample when the effective sample size is at most this share of K, 0..=1. One: at each touch.
     pub resample_share: f64,
+    /// Whether a resampling keeps only as many particles as the states still occupied ask for (KLD
+    /// sampling, Fox 2003), between 100 and `n_particles`; else always `n_particles`.
+    pub adaptive: bool,
     /// Metropolis-Hastings moves of each particle after each touch; nought leaves duplicates as they are.
     pub n_moves: usize,
 }
 
 impl Default for ParticleConfig {
-    /// K = 100 as in the paper, resampled when half degenerate and rejuvenated.
+    /// Up to 5,000, as many as the spread of the belief asks for, resampled when half degenerate and
+    /// rejuvenated.
     fn default() -> Self {
-        Self { n_particles: 100, resample_share: 0.5, n_moves: 4 }
+        Self { n_particles: 5_000, resample_share: 0.5, adaptive: true, n_moves: 4 }
     }
 }
 
 impl ParticleConfig {
     /// Alg. 1 as printed: K = 100, resampled at each touch, duplicates never moved.
     pub fn paper() -> Self {
-        Self { resample_share: 1.0, n_moves: 0, ..Self::default() }
+        Self { n_particles: 100, resample_share: 1.0, adaptive: false, n_moves: 0 }
     }
 }
 
@@ -74,11 +78,21 @@ impl Particle {
         // The tolerance: K equal weights sum to an effective size of K only to rounding.
         if effective_sample_size(&self.log_weights) <= self.config.resample_share * n as f64 * (1.0 + 1e-9) {
             let weights: Vec<f64> = self.log_weights.iter().map(|log| log.exp()).collect();
-            let drawn = systematic(&weights, n, stream(self.seed, self.n_streams).random());
-            self.states = drawn.into_iter().map(|index| self.states[index]).collect();
+            let offset = stream(self.seed, self.n_streams).random();
+            let most = self.config.n_particles.max(1);
+            let n = if self.config.adaptive { self.enough(&systematic(&weights, most, offset)).min(most) } else { n };
+            self.states = systematic(&weights, n, offset).into_iter().map(|index| self.states[index]).collect();
             self.log_weights = vec![-(n as f64).ln(); n];
         }
         log_evidence
+    }
+
+    /// Particles that stand for the states a full resampling occupies, at least 100.
+    fn enough(&self, drawn: &[usize]) -> usize {
+        let mut occupied: Vec<usize> = drawn.iter().map(|index| self.states[*index]).collect();
+        occupied.sort_unstable();
+        occupied.dedup();
+        kld_bound(occupied.len()).max(100)
     }
 
     /// Moves each particle without changing what the particles stand for (Metropolis-Hastings), so that
@@ -115,6 +129,19 @@ impl Particle {
     pub fn weighted(&self) -> impl Iterator<Item = (usize, f64)> {
         self.states.iter().copied().zip(self.log_weights.iter().map(|log| log.exp()))
     }
+}
+
+/// Draws after which, with probability 0.99, the sampled distribution over `n_bins` lies within a
+/// Kullback-Leibler distance of 0.05 of the true one (Fox 2003, Eq. 13).
+fn kld_bound(n_bins: usize) -> usize {
+    const DISTANCE: f64 = 0.05;
+    const NORMAL_QUANTILE_99: f64 = 2.326_347_874;
+    if n_bins < 2 {
+        return 1;
+    }
+    let k = (n_bins - 1) as f64;
+    let a = 2.0 / (9.0 * k);
+    (k / (2.0 * DISTANCE) * (1.0 - a + a.sqrt() * NORMAL_QUANTILE_99).powi(3)).ceil() as usize
 }
 
 /// Random draws of their own for each step of an episode.
@@ -160,13 +187,32 @@ mod tests {
             exact.update(|state| touch[state].ln());
         });
         for (resample_share, n_moves) in [(0.0, 0), (0.5, 0), (1.0, 0), (0.5, 1), (1.0, 4)] {
-            let config = ParticleConfig { n_particles: 100_000, resample_share, n_moves };
+            let config = ParticleConfig { n_particles: 100_000, resample_share, n_moves, adaptive: false };
             for (mass, log) in after_all_touches(config).iter().zip(exact.log_posterior()) {
                 // Standard error of a share of 1e5 draws is at most 0.0016; weights of up to 5 times the mean
                 // and three rounds of resampling at most treble it; four of those.
                 assert!((mass - log.exp()).abs() < 0.02, "{config:?}: {mass} against {}", log.exp());
             }
         }
+    }
+
+    #[test]
+    fn the_bound_agrees_with_published_values() {
+        // Wilson and Hilferty's quantile of chi-square with k - 1 degrees of freedom over 2 * 0.05: the 99 %
+        // quantiles of tables are 74.92 (49 degrees of freedom) and 248.3 (199).
+        assert!((kld_bound(50) as f64 - 749.2).abs() < 2.0 && (kld_bound(200) as f64 - 2_483.0).abs() < 5.0);
+        assert_eq!(kld_bound(1), 1);
+    }
+
+    #[test]
+    fn an_adaptive_filter_keeps_what_its_spread_asks_for() {
+        let mut particle = Particle::draw(ParticleConfig { n_particles: 20_000, ..ParticleConfig::default() }, &[0.01_f64.ln(); 100], 3);
+        // Two states of a hundred stay: their share of the particles is too small not to resample.
+        particle.update(|state| if state < 2 { 0.0 } else { -50.0 });
+        assert_eq!(particle.weighted().count(), 100);
+        let mass: f64 = particle.weighted().filter(|(state, _)| *state == 0).map(|(_, w)| w).sum();
+        // 200 of 20,000 particles were drawn of each: the share is right to some 7 %.
+        assert!((mass - 0.5).abs() < 0.2, "{mass}");
     }
 
     #[test]
@@ -199,7 +245,7 @@ mod tests {
         // LowLevelParticleFilters.jl#134: right only when resampling at each step.
         let first: Vec<f64> = TOUCHES[0].iter().map(|p| p.ln()).collect();
         let log_evidence = |resample_share| {
-            let config = ParticleConfig { n_particles: 100_000, resample_share, n_moves: 0 };
+            let config = ParticleConfig { n_particles: 100_000, resample_share, n_moves: 0, adaptive: false };
             let mut particle = Particle::draw(config, &first, 5);
             (1..3).map(|touch| particle.update(|state| TOUCHES[touch][state].ln())).sum::<f64>()
         };

@@ -75,6 +75,23 @@ impl Bank {
         Self::from_rows(parts, grid, model.dim(), rows, edge_shares, model.sha256().to_owned())
     }
 
+    /// The bank without one part, by its index.
+    ///
+    /// # Errors
+    /// A part that the bank does not hold, or the only one that it holds.
+    pub fn without(&self, part: usize) -> Result<Self> {
+        if part >= self.parts.len() {
+            let got = format!("part {part}");
+            return Err(Error::invalid("bank", format!("one of {} parts", self.parts.len()), got));
+        }
+        let n_cells = self.grid.len();
+        let but = |n_each: usize| move |i: &usize| *i / n_each != part;
+        let parts = (0..self.parts.len()).filter(but(1)).map(|i| self.parts[i].clone()).collect();
+        let edge_shares = (0..self.n_rows()).filter(but(n_cells)).map(|i| self.edge_shares[i]).collect();
+        let rows = [&self.rows[..part * n_cells * self.dim], &self.rows[(part + 1) * n_cells * self.dim..]].concat();
+        Self::from_rows(parts, self.grid, self.dim, rows, edge_shares, self.model_sha256.clone())
+    }
+
     /// Saves the bank in one file, bound to its model's checksum.
     pub fn save(&self, path: &Path) -> Result<()> {
         let n_rows = self.n_rows();

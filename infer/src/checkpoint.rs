@@ -6,6 +6,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 
+use crate::calibration::Calibration;
 use crate::device::DeviceKind;
 use crate::encoder::{NamedTensor, Network, NetworkConfig, tensors_of, with_tensors};
 use crate::error::{Error, Result};
@@ -14,6 +15,9 @@ use crate::similarity::normalize_rows;
 
 /// The version of the checkpoint's layout.
 pub const SCHEMA: &str = "tactile-filter/checkpoint/1";
+
+/// The entry of the calibration in a checkpoint.
+const CALIBRATION: &str = "calibration";
 
 /// Images embedded in one pass of the network; larger batches gain nothing on a CPU.
 const BATCH: usize = 64;
@@ -45,6 +49,9 @@ pub struct Checkpoint {
     pub preprocessing: Preprocessing,
     /// Where it comes from.
     pub provenance: Provenance,
+    /// How far its cosines can be believed, where that was measured. Not part of the model's identity:
+    /// embeddings do not depend on it.
+    pub calibration: Option<Calibration>,
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
 }
@@ -52,12 +59,13 @@ pub struct Checkpoint {
 impl Checkpoint {
     /// Takes the weights out of a network.
     pub fn of(network: &Network, config: NetworkConfig, preprocessing: Preprocessing, provenance: Provenance) -> Self {
-        Self { config, preprocessing, provenance, tensors: tensors_of(network) }
+        Self { config, preprocessing, provenance, calibration: None, tensors: tensors_of(network) }
     }
 
-    /// Writes one safetensors file, whole or not at all. Returns its checksum, the model's identity.
+    /// Writes one safetensors file, whole or not at all. Returns the model's identity: the checksum of all
+    /// but the calibration.
     pub fn save(&self, path: &Path) -> Result<String> {
-        let file = SafeFile {
+        let mut file = SafeFile {
             tensors: self.tensors.clone(),
             blobs: Vec::new(),
             text: vec![
@@ -66,19 +74,25 @@ impl Checkpoint {
                 ("provenance".into(), to_json(&self.provenance)?),
             ],
         };
+        let identity = file.sha256();
+        if let Some(calibration) = &self.calibration {
+            file.text.push((CALIBRATION.into(), to_json(calibration)?));
+        }
         file.save(path, SCHEMA)?;
-        Ok(file.sha256())
+        Ok(identity)
     }
 
-    /// Reads and checks a checkpoint: schema, checksum, sizes. Returns it with its checksum.
+    /// Reads and checks a checkpoint: schema, checksum, sizes. Returns it with the model's identity.
     pub fn load(path: &Path) -> Result<(Self, String)> {
-        let file = SafeFile::load(path, SCHEMA)?;
+        let mut file = SafeFile::load(path, SCHEMA)?;
+        let entry = file.text.iter().position(|(key, _)| key == CALIBRATION).map(|at| file.text.swap_remove(at).1);
+        let calibration = entry.map(|text| from_json(path, &text)).transpose()?;
         let config: NetworkConfig = from_json(path, file.text(path, "config")?)?;
         config.validate()?;
         let preprocessing = from_json(path, file.text(path, "preprocessing")?)?;
         let provenance = from_json(path, file.text(path, "provenance")?)?;
         let sha256 = file.sha256();
-        Ok((Self { config, preprocessing, provenance, tensors: file.tensors }, sha256))
+        Ok((Self { config, preprocessing, provenance, calibration, tensors: file.tensors }, sha256))
     }
 }
 
@@ -90,6 +104,7 @@ pub struct Model {
     config: NetworkConfig,
     preprocessing: Preprocessing,
     provenance: Provenance,
+    calibration: Option<Calibration>,
     sha256: String,
 }
 
@@ -109,11 +124,12 @@ impl Model {
             config: checkpoint.config,
             preprocessing: checkpoint.preprocessing,
             provenance: checkpoint.provenance,
+            calibration: checkpoint.calibration,
             sha256,
         })
     }
 
-    /// SHA-256 of the checkpoint: banks are bound to it.
+    /// SHA-256 of the checkpoint but for its calibration: banks are bound to it.
     pub fn sha256(&self) -> &str {
         &self.sha256
     }
@@ -126,6 +142,11 @@ impl Model {
     /// How this model came to be.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
+    }
+
+    /// How far its cosines can be believed, where that was measured (`tactile-infer calibrate`).
+    pub fn calibration(&self) -> Option<&Calibration> {
+        self.calibration.as_ref()
     }
 
     /// Sizes of the network.

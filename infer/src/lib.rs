@@ -25,6 +25,7 @@
 //! ```
 
 pub mod bank;
+pub mod calibration;
 pub mod checkpoint;
 pub mod device;
 pub mod encoder;

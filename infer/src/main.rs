@@ -8,6 +8,8 @@ use clap::{Args, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use tactile_data::store::Dataset;
 use tactile_infer::bank::Bank;
+use tactile_infer::calibration::{Calibration, calibrate};
+use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::matching::match_single_touches;
 use tactile_infer::{DeviceKind, Model, Result};
 
@@ -31,6 +33,33 @@ enum Command {
         after_help = "Example:\n  tactile-infer match --model model/model.safetensors --pegs pegs --holes holes --json"
     )]
     Match(MatchArgs),
+    /// Fit the likelihood's temperature and floor on parts for tuning, and store them with the model.
+    #[command(
+        after_help = "Example:\n  tactile-infer calibrate --model model/model.safetensors --bank dev.bank --holes dev-holes"
+    )]
+    Calibrate(CalibrateArgs),
+}
+
+#[derive(Args)]
+struct CalibrateArgs {
+    /// Checkpoint written by tactile-train; the calibration is stored in it, its identity stays.
+    #[arg(long)]
+    model: PathBuf,
+    /// Bank of pegs made by the model: parts for tuning, never those of an evaluation.
+    #[arg(long)]
+    bank: PathBuf,
+    /// Dataset of hole touches of the same parts, between the recorded poses.
+    #[arg(long)]
+    holes: PathBuf,
+    /// Write the calibrated checkpoint here instead.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Where to compute: flex or ndarray.
+    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
+    device: String,
+    /// Print the calibration as JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Args)]
@@ -75,6 +104,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Bank(args) => bank(&args),
         Command::Match(args) => matches(&args),
+        Command::Calibrate(args) => calibrate_model(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -128,6 +158,28 @@ fn matches(args: &MatchArgs) -> Result<()> {
     }
     println!("  correlation of f_PP with f_HP: {:.3}", found.similarities.peg_similarity_correlation);
     println!("  99 in 100 holes with an edge reach cosine {:.2} with some peg", found.similarities.best_cosine_p01);
+    Ok(())
+}
+
+fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
+    let model = load(&args.model, &args.device)?;
+    let bank = Bank::load(&args.bank, &model)?;
+    let calibration = calibrate(&model, &bank, &Dataset::open(&args.holes)?)?;
+    let (checkpoint, _) = Checkpoint::load(&args.model)?;
+    let out = args.out.as_ref().unwrap_or(&args.model);
+    Checkpoint { calibration: Some(calibration), ..checkpoint }.save(out)?;
+    if args.json {
+        let text = serde_json::to_string_pretty(&calibration);
+        println!("{}", text.map_err(|e| tactile_infer::Error::invalid("calibration", "JSON", e.to_string()))?);
+        return Ok(());
+    }
+    let Calibration { temperature, outlier_floor, blank_agreement, low_similarity, .. } = calibration;
+    println!("{}: temperature {temperature:.4}, outlier floor {outlier_floor:.1e}", out.display());
+    println!("  blank agreement {blank_agreement:.3}; 99 in 100 holes reach cosine {low_similarity:.2}");
+    println!(
+        "  {:.3} nats to find the pose by one touch ({:.2} by chance), {} holes",
+        calibration.nll_nats, calibration.chance_nats, calibration.n_holes
+    );
     Ok(())
 }
 

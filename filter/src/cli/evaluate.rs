@@ -11,9 +11,11 @@ use tactile_data::store::Dataset;
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::episode::{EpisodeConfig, Eye};
-use tactile_filter::offline::evaluate::{Protocol, Scored, run};
+use tactile_filter::offline::evaluate::{Outcome, Protocol, Scored, run};
 use tactile_filter::offline::report::{Board, EpisodeStory, PaperNumbers, write_report};
-use tactile_filter::offline::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA};
+use tactile_filter::offline::result::{
+    Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping,
+};
 use tactile_filter::offline::{baselines, story, summary};
 use tactile_filter::{Error, Result};
 use tactile_infer::bank::Bank;
@@ -55,6 +57,12 @@ pub struct Evaluate {
     /// Where holes are touched.
     #[arg(long, default_value = "on-grid", value_parser = ["on-grid", "off-grid"])]
     poses: String,
+    /// Take each hole's own part out of the bank: how often is it recognised as none of these?
+    #[arg(long)]
+    absent: bool,
+    /// Milliseconds for each choice of a touch: the best found by then is taken [default: no limit]
+    #[arg(long)]
+    choose_ms: Option<f64>,
     /// Engines: exact, particle, and paper (Alg. 1 as printed: K = 100, plain cosine, its own action rule).
     #[arg(long, value_delimiter = ',', default_value = "exact,paper", value_parser = ["exact", "particle", "paper"])]
     engines: Vec<String>,
@@ -84,8 +92,8 @@ impl Evaluate {
         let no_contact = simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374);
         let eye = Eye::new(&model, &no_contact)?;
         let poses = if self.poses == "on-grid" { Poses::OnGrid } else { Poses::OffGrid };
-        let protocol =
-            Protocol { n_episodes: self.episodes, seeds: self.seeds.clone(), poses, n_touches: self.touches };
+        let (n_episodes, seeds, n_touches) = (self.episodes, self.seeds.clone(), self.touches);
+        let protocol = Protocol { n_episodes, seeds, poses, absent: self.absent, choose_ms: self.choose_ms, n_touches };
 
         let mut rows = Vec::new();
         let single = |method, scored: &[Scored]| {
@@ -101,8 +109,10 @@ impl Evaluate {
         }
         rows.push(single(Method::Moco, &baselines::moco(&simulator, &eye, &bank, &protocol)?));
 
-        let runs = self.configs()?;
-        let mut told = None;
+        let runs = self.configs(&model)?;
+        let mut stops = Vec::new();
+        let mut first: Option<(summary::Label, Vec<Outcome>)> = None;
+        let mut comparisons = Vec::new();
         for (name, config) in &runs {
             let bar = progress(name);
             let outcomes = run(&simulator, &eye, &bank, config, &protocol, &|done, total| {
@@ -110,12 +120,18 @@ impl Evaluate {
                 bar.set_position(done as u64);
             })?;
             bar.finish_and_clear();
-            rows.extend(summary::rows(label(config, poses), &outcomes));
-            if told.is_none() {
-                told = Some((summary::stopping(&outcomes, config.stop_probability), summary::latency(&outcomes)));
+            let label = label(config, poses);
+            rows.extend(summary::rows(label, &outcomes));
+            stops.push(summary::stops(label, &outcomes, config));
+            match &first {
+                None => first = Some((label, outcomes)),
+                Some((of, told)) if of.inference == label.inference && of.action != label.action => {
+                    comparisons.extend(summary::compare((*of, told), (label, &outcomes)));
+                }
+                Some(_) => {}
             }
         }
-        let Some((stopping, latency_ms)) = told else {
+        let Some((_, told)) = first else {
             return Err(Error::invalid("--engines and --actions", "at least one of each", "none"));
         };
         let evaluation = Evaluation {
@@ -133,12 +149,20 @@ impl Evaluate {
             device: self.device.clone(),
             n_threads: std::thread::available_parallelism().map_or(1, usize::from),
             rows,
-            stopping,
-            latency_ms,
+            stopping: Stopping {
+                mean_touches: stops[0].mean_touches,
+                confident_and_wrong: stops[0].confident_and_wrong,
+            },
+            latency_ms: summary::latency(&told),
+            stops,
+            comparisons,
+            reliability: summary::reliability(&told),
             command: Some(command_line()),
         };
         let (_, config) = &runs[0];
-        let stories = story::tell(&simulator, &eye, &bank, config, &protocol, self.stories)?;
+        // An episode without its part has no truth to show.
+        let n_stories = if self.absent { 0 } else { self.stories };
+        let stories = story::tell(&simulator, &eye, &bank, config, &protocol, n_stories)?;
         self.write(&evaluation, &story::board(&simulator, &bank)?, &stories)?;
         if self.json {
             println!("{}", to_json(&evaluation)?);
@@ -149,15 +173,15 @@ impl Evaluate {
     }
 
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
-    fn configs(&self) -> Result<Vec<(String, EpisodeConfig)>> {
+    fn configs(&self, model: &Model) -> Result<Vec<(String, EpisodeConfig)>> {
         let mut configs = Vec::new();
         for engine in &self.engines {
             if engine == "paper" {
-                configs.push(("Alg. 1 as printed".into(), self.tuning.config(engine, ActionRule::Paper)?));
+                configs.push(("Alg. 1 as printed".into(), self.tuning.config(engine, ActionRule::Paper, model)?));
                 continue;
             }
             for action in &self.actions {
-                configs.push((format!("{engine}, {action}"), self.tuning.config(engine, rule(action)?)?));
+                configs.push((format!("{engine}, {action}"), self.tuning.config(engine, rule(action)?, model)?));
             }
         }
         Ok(configs)
@@ -220,12 +244,32 @@ fn print_table(evaluation: &Evaluation, flipped: Option<&Row>, out: &Path) {
     if let Some(row) = flipped {
         print("pixel, sign-flipped", row);
     }
-    let (stop, ms) = (&evaluation.stopping, &evaluation.latency_ms);
-    println!(
-        "  stops after {:.2} touches on average; {:.1} % of confident stops are wrong",
-        stop.mean_touches,
-        100.0 * stop.confident_and_wrong
-    );
+    for stops in &evaluation.stops {
+        println!(
+            "  {:28} stops after {:.2} touches; confident {:.1} %, of these wrong {:.1} %; none of these {:.1} %; 95 % sure after {:.2}",
+            format!("{:?}, {:?}", stops.inference, stops.action).to_lowercase(),
+            stops.mean_touches,
+            100.0 * stops.confident,
+            100.0 * stops.confident_and_wrong,
+            100.0 * stops.none_of_these,
+            stops.touches_to_95,
+        );
+    }
+    for c in evaluation.comparisons.iter().filter(|c| [1, 2, 3, 5, 10].contains(&c.n_touches)) {
+        let name = format!("{:?}, {:?} less {:?}", c.inference, c.action, c.against).to_lowercase();
+        let [low, high] = c.ci95.map(|bound| 100.0 * bound);
+        println!("  {name:38} n = {:2}: {:+.1} points ({low:+.1} to {high:+.1})", c.n_touches, 100.0 * c.difference);
+    }
+    for bin in &evaluation.reliability {
+        let [low, high] = bin.right_ci95.map(|bound| 100.0 * bound);
+        println!(
+            "  {:5.1} % sure: {:5.1} % right ({low:.1}-{high:.1}), {} touches",
+            100.0 * bin.mean_probability,
+            100.0 * bin.right,
+            bin.n
+        );
+    }
+    let ms = &evaluation.latency_ms;
     println!(
         "  ms p50/p99: encode {:.1}/{:.1}, update {:.2}/{:.2}, choose {:.1}/{:.1}",
         ms.encode.p50, ms.encode.p99, ms.update.p50, ms.update.p99, ms.select.p50, ms.select.p99

@@ -58,7 +58,7 @@ impl Replay {
         let dataset = Dataset::open(&self.data)?;
         self.warn_of_scale(&model, &dataset);
         let eye = Eye::new(&model, dataset.no_contact())?;
-        let mut config = self.tuning.config(&self.engine, ActionRule::Paper)?;
+        let mut config = self.tuning.config(&self.engine, ActionRule::Paper, &model)?;
         config.max_touches = self.max_touches;
         config.validate()?;
         let recorded = episodes(&dataset)?;

@@ -6,6 +6,7 @@ use tactile_filter::belief::EngineConfig;
 use tactile_filter::episode::EpisodeConfig;
 use tactile_filter::particle::ParticleConfig;
 use tactile_filter::{Error, Result};
+use tactile_infer::Model;
 
 /// Flags that change an episode's settings; what is left out keeps its default.
 #[derive(Args)]
@@ -34,6 +35,21 @@ pub struct Tuning {
     /// States supposed true in turn when an action is judged.
     #[arg(long)]
     suppositions: Option<usize>,
+    /// Actions judged by all draws, after a first look at each.
+    #[arg(long)]
+    finalists: Option<usize>,
+    /// Least fit of a part that explains the touches.
+    #[arg(long)]
+    none_fit: Option<f64>,
+    /// How much better the fit must be after one touch, half as much after two, to be confident.
+    #[arg(long)]
+    fit_margin: Option<f64>,
+    /// Touches nearer than this share evidence, mm.
+    #[arg(long)]
+    overlap_mm: Option<f64>,
+    /// What a millimetre of travel must tell to be worth it, nats.
+    #[arg(long)]
+    travel_nats_per_mm: Option<f64>,
     /// Stop when a part is more probable than this (delta_prob).
     #[arg(long)]
     stop_probability: Option<f64>,
@@ -46,12 +62,13 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// The settings of an engine (`exact`, `particle` or `paper`: Alg. 1 as printed) and a rule.
-    pub fn config(&self, engine: &str, rule: ActionRule) -> Result<EpisodeConfig> {
+    /// The settings of an engine (`exact`, `particle` or `paper`: Alg. 1 as printed) and a rule, with what was
+    /// measured of the model.
+    pub fn config(&self, engine: &str, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
         let mut config = match engine {
-            "exact" => EpisodeConfig::default(),
+            "exact" => EpisodeConfig::of(model),
             "particle" => {
-                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..EpisodeConfig::default() }
+                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..EpisodeConfig::of(model) }
             }
             "paper" => EpisodeConfig::paper(),
             other => return Err(Error::invalid("--engine", "exact, particle or paper", other)),
@@ -64,6 +81,11 @@ impl Tuning {
         set(&mut config.action.min_separation_mm, self.min_separation_mm);
         set(&mut config.action.min_separation_deg, self.min_separation_deg);
         set(&mut config.stop_probability, self.stop_probability);
+        set(&mut config.action.travel_nats_per_mm, self.travel_nats_per_mm);
+        set(&mut config.none_fit, self.none_fit);
+        set(&mut config.fit_margin, self.fit_margin);
+        set(&mut config.likelihood.overlap_mm, self.overlap_mm);
+        config.action.n_finalists = self.finalists.unwrap_or(config.action.n_finalists);
         config.likelihood.blank_share = self.blank_share.unwrap_or(config.likelihood.blank_share);
         config.low_similarity = self.low_similarity.unwrap_or(config.low_similarity);
         config.action.n_draws = self.draws.unwrap_or(config.action.n_draws);

@@ -30,6 +30,10 @@ pub struct Protocol {
     /// to recorded poses. Off it: the first touch is anywhere in the recorded range, and the motions
     /// offered are those of the grid, seen from the first touch.
     pub poses: Poses,
+    /// Whether the hole's own part is taken out of the bank: what is felt is then none of these.
+    pub absent: bool,
+    /// Milliseconds for each choice of a touch; `None`: as many as it takes, the same on every machine.
+    pub choose_ms: Option<f64>,
     /// Touches of each episode; the stopping rule is noted and not obeyed, so that every curve is whole.
     pub n_touches: usize,
 }
@@ -103,8 +107,13 @@ impl<'a> Hole<'a> {
         action.sensor_from_next
     }
 
-    /// The motions that the reach allows from here.
-    pub fn reach(&self, grid: &PoseGrid, poses: Poses) -> Vec<Se2> {
+    /// The motions that the reach allows from here: to the recorded poses, or off the grid those of the
+    /// scene's reach, seen from the first touch.
+    pub fn reach(&self, recorded: &PoseGrid, poses: Poses) -> Vec<Se2> {
+        let grid = match poses {
+            Poses::OnGrid => *recorded,
+            Poses::OffGrid => self.simulator.scene().reach.unwrap_or(*recorded),
+        };
         let sensor_from_part = self.part_from_sensor.inverse();
         let origin = match poses {
             Poses::OnGrid => Se2::IDENTITY,
@@ -127,6 +136,8 @@ pub struct Scored {
     pub theta_deg: f64,
     /// Probability of the most probable part.
     pub probability: f64,
+    /// How well that part explains what was felt.
+    pub fit: Option<f64>,
     /// Squared difference of the class posterior from the truth, 0..=2.
     pub brier: f64,
 }
@@ -171,22 +182,28 @@ pub fn run(
         let got = bank.parts().join(" ");
         return Err(Error::invalid("bank", format!("the scene's parts {}", simulator.parts().join(" ")), got));
     }
+    let without: Vec<Bank> = if protocol.absent {
+        (0..bank.parts().len()).map(|part| bank.without(part)).collect::<std::result::Result<_, _>>()?
+    } else {
+        Vec::new()
+    };
     let done = std::sync::atomic::AtomicUsize::new(0);
     (0..protocol.n_episodes)
         .into_par_iter()
         .map(|index| {
-            let outcome = run_one(simulator, eye, bank, config, protocol, index, &mut |_, _, _, _| ());
+            let outcome = run_one(simulator, eye, (bank, &without), config, protocol, index, &mut |_, _, _, _| ());
             progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, protocol.n_episodes);
             outcome
         })
         .collect()
 }
 
-/// Runs one episode of a protocol. The same index gives the same hole, poses and frames.
+/// Runs one episode of a protocol. The same index gives the same hole, poses and frames. `banks` are the
+/// whole one and, where the protocol asks for it, those without each part.
 pub fn run_one(
     simulator: &Simulator,
     eye: &Eye<'_>,
-    bank: &Bank,
+    (bank, without): (&Bank, &[Bank]),
     config: &EpisodeConfig,
     protocol: &Protocol,
     index: usize,
@@ -194,9 +211,12 @@ pub fn run_one(
 ) -> Result<Outcome> {
     let seed = protocol.seeds[index % protocol.seeds.len()];
     let mut hole = Hole::new(simulator, bank.grid(), protocol.poses, seed, index);
+    let bank = without.get(hole.part_index()).unwrap_or(bank);
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = EpisodeConfig {
         stop_probability: 1.0,
+        none_fit: f64::MIN,
+        between_poses: protocol.poses == Poses::OffGrid,
         max_touches: protocol.n_touches,
         seed: seed.wrapping_add(index as u64),
         ..*config
@@ -213,7 +233,9 @@ pub fn run_one(
         outcome.scored.push(score(&estimate, bank, &hole));
         watch(&hole, &frame, &episode, &estimate);
         let reach = hole.reach(bank.grid(), protocol.poses);
-        let (decision, select) = timed(|| episode.decide(&reach));
+        let started = Instant::now();
+        let in_time = || protocol.choose_ms.is_none_or(|ms| started.elapsed().as_secs_f64() * 1e3 < ms);
+        let (decision, select) = timed(|| episode.decide_while(&reach, &mut { in_time }));
         times.select = select;
         outcome.times.push(times);
         let Decision::Touch(action) = decision else { break };
@@ -242,6 +264,7 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
     let brier = |(part, p): (&String, &f64)| (p - f64::from(u8::from(part == hole.part()))).powi(2);
     Scored {
         probability: estimate.probability,
+        fit: estimate.fit,
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
         ..score_pose(&estimate.part, estimate.part_from_first, bank.grid(), hole)
     }

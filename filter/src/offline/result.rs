@@ -30,6 +30,15 @@ pub struct Evaluation {
     pub stopping: Stopping,
     /// How long each stage took, milliseconds.
     pub latency_ms: Latency,
+    /// What the stopping rule did with each way of inferring and choosing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stops: Vec<Stops>,
+    /// Rules of choice compared on the same holes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub comparisons: Vec<Comparison>,
+    /// Whether what the filter is sure of is right: the first way of inferring, over all touches.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub reliability: Vec<ReliabilityBin>,
     /// The command line that makes this evaluation again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<String>,
@@ -139,6 +148,58 @@ pub struct Stopping {
     pub mean_touches: f64,
     /// Share of episodes that stopped as confident and named the wrong part, 0..=1.
     pub confident_and_wrong: f64,
+}
+
+/// What the stopping rule did with one way of inferring and choosing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stops {
+    /// How the belief was kept.
+    pub inference: Inference,
+    /// How touches were chosen.
+    pub action: Choice,
+    /// Mean number of touches when the episode stopped.
+    pub mean_touches: f64,
+    /// Share of episodes that stopped as confident, 0..=1.
+    pub confident: f64,
+    /// Share of those that named the wrong part.
+    pub confident_and_wrong: f64,
+    /// Share of episodes that stopped because no part explains the touches.
+    pub none_of_these: f64,
+    /// Mean number of touches until a part is 95 % sure, whatever its fit; episodes that never are count
+    /// as one more than their touches.
+    pub touches_to_95: f64,
+}
+
+/// Two rules of choice on the same holes after the same number of touches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// How the belief was kept.
+    pub inference: Inference,
+    /// One rule.
+    pub action: Choice,
+    /// The other.
+    pub against: Choice,
+    /// Touches so far.
+    pub n_touches: usize,
+    /// Accuracy of the one less that of the other, -1..=1.
+    pub difference: f64,
+    /// Bounds of the 95 % interval of the paired difference.
+    pub ci95: [f64; 2],
+}
+
+/// Episodes whose most probable part had a probability in one range.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ReliabilityBin {
+    /// Range of the probability.
+    pub probability: [f64; 2],
+    /// Mean probability within it.
+    pub mean_probability: f64,
+    /// Share that was right.
+    pub right: f64,
+    /// Bounds of the 95 % interval of that share.
+    pub right_ci95: [f64; 2],
+    /// Touches counted, over all episodes.
+    pub n: usize,
 }
 
 /// How long each stage of one touch took, milliseconds.

@@ -5,7 +5,7 @@ use tactile_data::simulator::Simulator;
 use tactile_infer::bank::Bank;
 
 use crate::belief::Belief;
-use crate::episode::{EpisodeConfig, Eye};
+use crate::episode::{EpisodeConfig, Eye, StopReason};
 use crate::error::Result;
 use crate::offline::evaluate::{Protocol, run_one};
 use crate::offline::report::{Board, EpisodeStory, PartPicture, TouchStory};
@@ -46,7 +46,7 @@ pub fn tell(
         };
         let mut failed = Ok(());
         let mut over = false;
-        run_one(simulator, eye, bank, config, protocol, index, &mut |hole, frame, episode, estimate| {
+        run_one(simulator, eye, (bank, &[]), config, protocol, index, &mut |hole, frame, episode, estimate| {
             if over || failed.is_err() {
                 return;
             }
@@ -57,9 +57,16 @@ pub fn tell(
                 Ok(touch) => story.touches.push(touch),
                 Err(error) => failed = Err(error),
             }
-            if estimate.probability > config.stop_probability {
-                story.stop = format!("more than {:.0} % sure", 100.0 * config.stop_probability);
-                over = true;
+            match config.stop(estimate.probability, estimate.fit, estimate.n_touches) {
+                Some(StopReason::Confident) => {
+                    story.stop = format!("more than {:.0} % sure", 100.0 * config.stop_probability);
+                    over = true;
+                }
+                Some(StopReason::NoneOfThese) => {
+                    story.stop = "none of these parts explains the touches".into();
+                    over = true;
+                }
+                _ => {}
             }
         })?;
         failed.map(|()| story)

@@ -1,7 +1,10 @@
 //! Episodes to figures: accuracy with its interval, errors, stopping, latency.
 
+use crate::episode::{EpisodeConfig, StopReason};
 use crate::offline::evaluate::{Outcome, Scored, StageTimes};
-use crate::offline::result::{Choice, Inference, Latency, Method, Poses, Quantiles, Row, Stopping};
+use crate::offline::result::{
+    Choice, Comparison, Inference, Latency, Method, Poses, Quantiles, ReliabilityBin, Row, Stops,
+};
 
 /// What a row is about.
 #[derive(Clone, Copy, Debug)]
@@ -48,25 +51,77 @@ pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
     }
 }
 
-/// Where each episode would have stopped: at its first touch after which a part is more probable than
-/// `stop_probability`, or at its last. `confident_and_wrong` is the share, of the stops for confidence,
-/// that name the wrong part.
-pub fn stopping(outcomes: &[Outcome], stop_probability: f64) -> Stopping {
-    let (mut touches, mut confident, mut wrong) = (0, 0, 0);
+/// Where each episode would have stopped by the rule of `config`, or at its last touch. The share of
+/// confident stops that name the wrong part is of those stops, not of all episodes.
+pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig) -> Stops {
+    let (mut touches, mut to_95, mut confident, mut wrong, mut none) = (0, 0, 0.0_f64, 0.0, 0.0);
     for outcome in outcomes {
-        match outcome.scored.iter().position(|s| s.probability > stop_probability) {
-            Some(at) => {
-                touches += at + 1;
-                confident += 1;
-                wrong += usize::from(!outcome.scored[at].right);
+        let reason = |(at, s): (usize, &Scored)| Some((at, config.stop(s.probability, s.fit, at + 1)?));
+        let stop = outcome.scored.iter().enumerate().find_map(reason);
+        touches += stop.map_or(outcome.scored.len(), |(at, _)| at + 1);
+        to_95 += outcome.scored.iter().position(|s| s.probability > 0.95).unwrap_or(outcome.scored.len()) + 1;
+        match stop {
+            Some((at, StopReason::Confident)) => {
+                confident += 1.0;
+                wrong += if outcome.scored[at].right { 0.0 } else { 1.0 };
             }
-            None => touches += outcome.scored.len(),
+            Some((_, StopReason::NoneOfThese)) => none += 1.0,
+            _ => {}
         }
     }
-    Stopping {
-        mean_touches: touches as f64 / outcomes.len().max(1) as f64,
-        confident_and_wrong: f64::from(wrong as u32) / f64::from(confident.max(1) as u32),
+    let n = outcomes.len().max(1) as f64;
+    Stops {
+        inference: label.inference,
+        action: label.action,
+        mean_touches: touches as f64 / n,
+        confident: confident / n,
+        confident_and_wrong: wrong / confident.max(1.0),
+        none_of_these: none / n,
+        touches_to_95: to_95 as f64 / n,
     }
+}
+
+/// Two rules on the same holes after each number of touches: the difference of their accuracies with the
+/// normal 95 % interval of the mean of the paired differences.
+pub fn compare(one: (Label, &[Outcome]), other: (Label, &[Outcome])) -> Vec<Comparison> {
+    let n_touches = one.1.iter().chain(other.1).map(|outcome| outcome.scored.len()).min().unwrap_or(0);
+    let after = |n: usize| {
+        let right = |outcome: &Outcome| f64::from(u8::from(outcome.scored[n].right));
+        let differences: Vec<f64> = one.1.iter().zip(other.1).map(|(a, b)| right(a) - right(b)).collect();
+        let count = differences.len() as f64;
+        let mean = differences.iter().sum::<f64>() / count;
+        let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+        let half = 1.959_963_985 * (variance / count).sqrt();
+        Comparison {
+            inference: one.0.inference,
+            action: one.0.action,
+            against: other.0.action,
+            n_touches: n + 1,
+            difference: mean,
+            ci95: [mean - half, mean + half],
+        }
+    };
+    (0..n_touches).map(after).collect()
+}
+
+/// Bounds of the ranges of probability: finer where it matters.
+const RELIABILITY: [f64; 9] = [0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0];
+
+/// How often the most probable part is right, for ranges of its probability, over all touches.
+pub fn reliability(outcomes: &[Outcome]) -> Vec<ReliabilityBin> {
+    let bin = |bounds: &[f64]| {
+        let within = |s: &&Scored| s.probability > bounds[0] && (s.probability <= bounds[1] || bounds[1] == 1.0);
+        let all = || outcomes.iter().flat_map(|outcome| &outcome.scored).filter(within);
+        let (n, n_right) = (all().count(), all().filter(|s| s.right).count());
+        (n > 0).then(|| ReliabilityBin {
+            probability: [bounds[0], bounds[1]],
+            mean_probability: all().map(|s| s.probability.min(1.0)).sum::<f64>() / n as f64,
+            right: n_right as f64 / n as f64,
+            right_ci95: wilson_95(n_right, n),
+            n,
+        })
+    };
+    RELIABILITY.windows(2).filter_map(bin).collect()
 }
 
 /// Median and 99th percentile of each stage.
@@ -119,9 +174,39 @@ mod tests {
             outcome(vec![scored(0.99, false), scored(0.2, true), scored(0.2, true)]),
             outcome(vec![scored(0.2, true), scored(0.3, true), scored(0.95, true)]),
         ];
-        let stopping = stopping(&outcomes, 0.95);
-        assert_eq!(stopping.mean_touches, (2 + 1 + 3) as f64 / 3.0);
-        assert_eq!(stopping.confident_and_wrong, 0.5);
+        let config = EpisodeConfig { max_touches: 3, fit_margin: 0.0, ..EpisodeConfig::default() };
+        let stops = stops(LABEL, &outcomes, &config);
+        assert_eq!(stops.mean_touches, (2 + 1 + 3) as f64 / 3.0);
+        assert_eq!((stops.confident, stops.confident_and_wrong, stops.none_of_these), (2.0 / 3.0, 0.5, 0.0));
+        assert_eq!(stops.touches_to_95, (2 + 1 + 4) as f64 / 3.0);
+    }
+
+    const LABEL: Label = Label {
+        method: Method::Filter,
+        inference: Inference::Exact,
+        action: Choice::Random,
+        poses: Poses::OnGrid,
+    };
+
+    #[test]
+    fn a_comparison_is_of_the_same_holes() {
+        let outcomes = |rights: [bool; 4]| {
+            let scored = |right| vec![Scored { right, ..Scored::default() }];
+            rights.map(|right| Outcome { scored: scored(right), times: Vec::new() })
+        };
+        let (one, other) = (outcomes([true, true, true, false]), outcomes([true, false, false, false]));
+        let [comparison] = compare((LABEL, &one), (LABEL, &other))[..] else { panic!() };
+        // Differences 0, 1, 1, 0: mean 1/2, variance 1/3, standard error sqrt(1/12).
+        assert_eq!(comparison.difference, 0.5);
+        assert!((comparison.ci95[1] - 0.5 - 1.959_963_985 / 12.0_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn reliability_counts_every_touch_once() {
+        let scored = |probability, right| Scored { probability, right, ..Scored::default() };
+        let outcome = Outcome { scored: vec![scored(0.3, false), scored(0.96, true), scored(1.0, true)], times: vec![] };
+        let bins = reliability(&[outcome]);
+        assert_eq!(bins.iter().map(|bin| (bin.n, bin.right)).collect::<Vec<_>>(), [(1, 0.0), (1, 1.0), (1, 1.0)]);
     }
 
     #[test]

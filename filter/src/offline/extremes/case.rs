@@ -1,0 +1,136 @@
+//! One case: what was tried, what was expected, what came.
+
+use serde::Serialize;
+
+use crate::error::{Error, Result};
+
+/// What a case drives to its extreme.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Group {
+    /// tau.
+    Temperature,
+    /// K.
+    Particles,
+    /// Parts in the bank.
+    Classes,
+    /// Similarities that say nothing or are not numbers.
+    Similarity,
+    /// Motions one after the other.
+    Chain,
+    /// Angles round half a turn.
+    Wrap,
+}
+
+impl Group {
+    /// All groups, in the order of the table.
+    pub const ALL: [Self; 6] =
+        [Self::Temperature, Self::Particles, Self::Classes, Self::Similarity, Self::Chain, Self::Wrap];
+
+    /// What a person calls it.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Temperature => "Temperature of the likelihood",
+            Self::Particles => "Number of particles",
+            Self::Classes => "Number of parts",
+            Self::Similarity => "Similarities, queries and rows",
+            Self::Chain => "Chained actions",
+            Self::Wrap => "Angles round half a turn",
+        }
+    }
+
+    /// What [`Case::at`] counts.
+    pub fn axis(self) -> &'static str {
+        match self {
+            Self::Temperature => "temperature",
+            Self::Particles => "particles",
+            Self::Classes => "parts",
+            Self::Similarity => "",
+            Self::Chain => "actions",
+            Self::Wrap => "degrees",
+        }
+    }
+}
+
+/// What was tried, expected and measured.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Case {
+    /// What it drives to its extreme.
+    pub group: Group,
+    /// Which of the ways it was tried in.
+    pub variant: String,
+    /// How far, in units of [`Group::axis`]; `None` where there is nothing to count.
+    pub at: Option<f64>,
+    /// What should happen, in a few words.
+    pub expected: String,
+    /// The largest error, relative unless `expected` names a unit; `None` where nothing can be measured.
+    pub error: Option<f64>,
+    /// The largest error that rounding or chance explains; `None` where any is explained.
+    pub bound: Option<f64>,
+    /// Whether the true part stayed the most probable; `None` where that is not asked.
+    pub right_part: Option<bool>,
+    /// What the library said where it refused.
+    pub refused: Option<String>,
+    /// Whether all is as expected.
+    pub holds: bool,
+}
+
+impl Case {
+    /// A case whose error is measured; it holds where the error is within `bound`. NaN never is.
+    pub fn measured(group: Group, variant: impl Into<String>, expected: impl Into<String>, error: f64, bound: f64) -> Self {
+        let (variant, expected, holds) = (variant.into(), expected.into(), error <= bound);
+        let bound = bound.is_finite().then_some(bound);
+        Self { group, variant, at: None, expected, error: Some(error), bound, right_part: None, refused: None, holds }
+    }
+
+    /// A case that should be refused; it holds where an error came, and not where a value did.
+    pub fn refused<T>(group: Group, variant: impl Into<String>, came: Result<T>) -> Self {
+        let refused = came.err().map(|error: Error| error.to_string());
+        Self {
+            group,
+            variant: variant.into(),
+            at: None,
+            expected: "refused in one line".into(),
+            error: None,
+            bound: None,
+            right_part: None,
+            holds: refused.is_some(),
+            refused,
+        }
+    }
+
+    /// The same at one place of its group's axis.
+    pub fn at(self, at: f64) -> Self {
+        Self { at: Some(at), ..self }
+    }
+
+    /// The same where the true part must be the most probable.
+    pub fn right_part(self, right: bool) -> Self {
+        Self { right_part: Some(right), holds: self.holds && right, ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_a_number_never_holds() {
+        let holds = |error, bound| Case::measured(Group::Chain, "", "", error, bound).holds;
+        assert!(holds(1.0, 1.0) && holds(1e300, f64::INFINITY));
+        assert!(!holds(1.1, 1.0) && !holds(f64::NAN, f64::INFINITY));
+    }
+
+    #[test]
+    fn an_expected_refusal_that_does_not_come_fails() {
+        assert!(!Case::refused(Group::Similarity, "", Ok(1)).holds);
+        let came = Case::refused::<()>(Group::Similarity, "", Err(Error::invalid("touch", "a", "b")));
+        assert!(came.holds && came.refused.as_deref() == Some("touch: expected a, got b"));
+    }
+
+    #[test]
+    fn a_lost_part_fails_however_small_the_error() {
+        let case = Case::measured(Group::Classes, "", "", 0.0, 1.0);
+        assert!(case.clone().right_part(true).holds && !case.right_part(false).holds);
+    }
+}

@@ -1,0 +1,87 @@
+//! How far the filter's arithmetic can be trusted at its extremes: each case beside an f64 reference.
+
+mod case;
+mod cases;
+mod half;
+mod page;
+mod reference;
+mod sample;
+mod speed;
+
+use serde::Serialize;
+
+pub use case::{Case, Group};
+pub use page::html;
+pub use speed::Timing;
+
+use crate::error::Result;
+
+/// The version of the result's layout.
+pub const SCHEMA: &str = "tactile-filter/extremes/1";
+
+/// All cases and what was measured of each.
+#[derive(Clone, Debug, Serialize)]
+pub struct Extremes {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// Seed of every random draw.
+    pub seed: u64,
+    /// Whether the largest cases were made smaller.
+    pub quick: bool,
+    /// The cases, group by group.
+    pub cases: Vec<Case>,
+    /// How long updates take on this computer, one thread.
+    pub timings: Vec<Timing>,
+}
+
+impl Extremes {
+    /// How many cases are not as expected.
+    pub fn n_failed(&self) -> usize {
+        self.cases.iter().filter(|case| !case.holds).count()
+    }
+}
+
+/// Computes every case. `progress` is told each group that begins.
+///
+/// `quick`: 10,000 particles, 1,000 parts and 1,000 chained actions at most, and a tenth of the timings.
+///
+/// # Errors
+/// Where the library refuses what it should take; what it should refuse is a case.
+pub fn run(seed: u64, quick: bool, progress: &mut dyn FnMut(Group)) -> Result<Extremes> {
+    let mut cases = Vec::new();
+    for group in Group::ALL {
+        progress(group);
+        cases.extend(match group {
+            Group::Temperature => cases::temperatures(seed)?,
+            Group::Particles => cases::particles(seed, quick)?,
+            Group::Classes => cases::classes(seed, quick)?,
+            Group::Similarity => cases::similarities()?,
+            Group::Chain => cases::chain(seed, quick)?,
+            Group::Wrap => cases::wrap(seed)?,
+        });
+    }
+    let timings = speed::timings(seed, quick)?;
+    Ok(Extremes { schema: SCHEMA.into(), seed, quick, cases, timings })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_case_is_as_expected() {
+        for group in Group::ALL {
+            let cases = match group {
+                Group::Temperature => cases::temperatures(1),
+                Group::Particles => cases::particles(1, true),
+                Group::Classes => cases::classes(1, true),
+                Group::Similarity => cases::similarities(),
+                Group::Chain => cases::chain(1, true),
+                Group::Wrap => cases::wrap(1),
+            };
+            for case in cases.unwrap() {
+                assert!(case.group == group && case.holds, "{case:?}");
+            }
+        }
+    }
+}

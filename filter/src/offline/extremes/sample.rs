@@ -1,0 +1,146 @@
+//! A bank and the touches of one of its holes, drawn at random.
+
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::Se2;
+use tactile_infer::bank::Bank;
+use tactile_infer::similarity::normalize_rows;
+
+use super::half::to_f16;
+use super::reference::{Touch, cosines, log_posterior};
+use crate::belief::{Belief, EngineConfig};
+use crate::error::Result;
+use crate::likelihood::{LikelihoodConfig, Observation, TouchLikelihood};
+
+/// Share of a row that all rows have in common: two have a cosine of about 0.5, a touch and its row 0.9.
+const COMMON: f32 = 1.0;
+const NOISE: f32 = 0.6;
+
+/// One row in so many is blank.
+const BLANK_EVERY: usize = 9;
+
+/// Rows of a bank, and what was felt of the hole of part [`Sample::TRUTH`].
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Number of parts.
+    pub n_parts: usize,
+    /// The poses of each.
+    pub grid: PoseGrid,
+    /// Length of a row.
+    pub dim: usize,
+    /// `[n_parts * grid.len(), dim]`.
+    pub rows: Vec<f32>,
+    /// Of each row.
+    pub edge_shares: Vec<f32>,
+    /// Each with the motion since the one before.
+    pub touches: Vec<(Se2, Observation)>,
+}
+
+impl Sample {
+    /// The true part.
+    pub const TRUTH: usize = 0;
+
+    /// Random rows; the touches lie near recorded poses of the true part, within a tenth of a step.
+    pub fn draw(n_parts: usize, grid: PoseGrid, dim: usize, n_touches: usize, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let n_rows = n_parts * grid.len();
+        let common = normals(dim, &mut rng);
+        let mut rows = Vec::with_capacity(n_rows * dim);
+        for _ in 0..n_rows {
+            let own = normals(dim, &mut rng);
+            rows.extend(own.iter().zip(&common).map(|(own, common)| own + COMMON * common));
+        }
+        normalize_rows(&mut rows, dim);
+        let edge_shares: Vec<f32> = (0..n_rows).map(|row| if row % BLANK_EVERY == 4 { 0.0 } else { 0.2 }).collect();
+        let mut sample = Self { n_parts, grid, dim, rows, edge_shares, touches: Vec::new() };
+        let mut pose = Se2::IDENTITY;
+        for n in 0..n_touches {
+            let cell = rng.random_range(0..grid.len());
+            let recorded = grid.pose(cell);
+            let mut within = |step: f64| 0.2 * step * (rng.random::<f64>() - 0.5);
+            let near = Se2::from_degrees(
+                recorded.x_mm + within(grid.xy_step_mm),
+                recorded.y_mm + within(grid.xy_step_mm),
+                recorded.theta_deg() + within(grid.theta_step_deg),
+            );
+            // The states are recorded poses: the first touch is at one.
+            let next = if n == 0 { recorded } else { near };
+            let moved = if n == 0 { Se2::IDENTITY } else { pose.inverse() * next };
+            pose = next;
+            let row = Self::TRUTH * grid.len() + cell;
+            let noise = normals(dim, &mut rng);
+            let spread = NOISE / (dim as f32).sqrt();
+            let query = sample.row(row).iter().zip(&noise).map(|(value, noise)| value + spread * noise).collect();
+            sample.touches.push((moved, Observation { query, edge_share: sample.edge_shares[row] }));
+        }
+        sample
+    }
+
+    fn row(&self, row: usize) -> &[f32] {
+        &self.rows[row * self.dim..(row + 1) * self.dim]
+    }
+
+    /// The same with its rows kept in f16.
+    pub fn halved(&self) -> Self {
+        Self { rows: self.rows.iter().map(|value| to_f16(*value)).collect(), ..self.clone() }
+    }
+
+    /// The bank of its rows.
+    pub fn bank(&self) -> Result<Bank> {
+        let names = (0..self.n_parts).map(|part| part.to_string()).collect();
+        let (rows, shares) = (self.rows.clone(), self.edge_shares.clone());
+        Ok(Bank::from_rows(names, self.grid, self.dim, rows, shares, String::new())?)
+    }
+
+    /// What the filter believes after all touches.
+    pub fn belief(&self, engine: EngineConfig, seed: u64, config: &LikelihoodConfig) -> Result<Belief> {
+        let bank = self.bank()?;
+        let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, config);
+        let mut belief = Belief::new(&bank, engine, seed, likelihood(&self.touches[0].1)?);
+        for (moved, touch) in &self.touches[1..] {
+            belief.update(moved, likelihood(touch)?);
+        }
+        Ok(belief)
+    }
+
+    /// What it should believe: each state's log-probability.
+    pub fn reference(&self, config: &LikelihoodConfig) -> Vec<f64> {
+        let touch = |(moved, seen): &(Se2, Observation)| Touch {
+            moved: *moved,
+            edge_share: seen.edge_share,
+            cosines: cosines(&self.rows, &seen.query),
+        };
+        let touches: Vec<Touch> = self.touches.iter().map(touch).collect();
+        log_posterior(&self.grid, &self.edge_shares, &touches, config)
+    }
+}
+
+/// Numbers of mean 0 and variance 1, close to normal: the sum of 12 uniform draws less 6.
+fn normals(n: usize, rng: &mut ChaCha8Rng) -> Vec<f32> {
+    (0..n).map(|_| (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn touches_are_alike_to_their_row_and_less_to_others() {
+        let sample = Sample::draw(3, PoseGrid::SMALL, 128, 4, 1);
+        for (_, touch) in &sample.touches {
+            let mut found = cosines(&sample.rows, &touch.query);
+            found.sort_by(f64::total_cmp);
+            let (best, next) = (found[found.len() - 1], found[found.len() - 2]);
+            assert!((0.8..0.95).contains(&best) && next < best - 0.05, "{best} {next}");
+        }
+    }
+
+    #[test]
+    fn halving_moves_each_value_by_at_most_half_a_step() {
+        let sample = Sample::draw(1, PoseGrid::SMALL, 16, 1, 1);
+        for (half, whole) in sample.halved().rows.iter().zip(&sample.rows) {
+            assert!((half - whole).abs() <= whole.abs() / 2048.0 + 3e-8);
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! One touch of an episode: where it was relative to the first, and how likely it is from each state.
+
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::{Se2, wrap_angle};
+
+use crate::likelihood::TouchLikelihood;
+use crate::lookup::{Seen, Stencil, look_up};
+
+/// How little is left of a touch's evidence where it repeats an earlier one: views that overlap share
+/// what they show and most of their error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Overlap {
+    /// Distance at which views count as apart, mm; nought counts all touches as independent.
+    pub mm: f64,
+    /// Turn at which views count as apart, degrees.
+    pub deg: f64,
+}
+
+impl Overlap {
+    /// Share of a touch's evidence that is new beside an earlier touch, 0..=1:
+    /// `1 - exp(-(d^2 / mm^2 + turn^2 / deg^2) / 2)`.
+    pub fn new_share(&self, earlier: &Se2, now: &Se2) -> f64 {
+        if self.mm <= 0.0 {
+            return 1.0;
+        }
+        let turn = wrap_angle(earlier.theta_rad - now.theta_rad).to_degrees() / self.deg;
+        let shift = earlier.distance_mm(now) / self.mm;
+        1.0 - (-0.5 * (shift * shift + turn * turn)).exp()
+    }
+}
+
+/// A touch, judged from every state.
+#[derive(Clone, Debug)]
+pub struct Touched {
+    /// The sensor's motion since the first touch.
+    pub first_from_sensor: Se2,
+    /// The touch's likelihood at each row of the bank.
+    pub likelihood: TouchLikelihood,
+    /// Share of its evidence that counts, 0..=1: less than 1 where it overlaps an earlier touch.
+    pub weight: f64,
+    cubic: bool,
+    tolerance: f64,
+    /// log p(touch | state) for each state, part-major, `[n_parts * n_cells]`.
+    log_states: Vec<f64>,
+}
+
+impl Touched {
+    /// Judges a touch from every state of the grid.
+    pub fn new(grid: &PoseGrid, first_from_sensor: Se2, weight: f64, likelihood: TouchLikelihood) -> Self {
+        let config = likelihood.config();
+        let (cubic, tolerance) = (config.look_up.is_cubic(grid), config.lookup_tolerance);
+        let mut touched =
+            Self { first_from_sensor, likelihood, weight, cubic, tolerance, log_states: Vec::new() };
+        let (n_cells, n_states) = (grid.len(), touched.likelihood.similarities.len());
+        let mut log_states = vec![0.0; n_states];
+        for cell in 0..n_cells {
+            // The look-up is the same for every part.
+            let view = touched.view(grid, &grid.pose(cell));
+            for part in 0..n_states / n_cells {
+                log_states[part * n_cells + cell] = touched.log_view(n_cells, part, view);
+            }
+        }
+        touched.log_states = log_states;
+        touched
+    }
+
+    /// log p(touch | state), a state being `part * n_cells + cell` of the first touch.
+    pub fn log_state(&self, state: usize) -> f64 {
+        self.log_states[state]
+    }
+
+    /// log p(touch | part and pose of the first touch), any pose.
+    pub fn log_pose(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
+        self.log_view(grid.len(), part, self.view(grid, part_from_first))
+    }
+
+    /// How well the view at a pose explains the look of an edged touch ([`TouchLikelihood::log_look`]);
+    /// `None` where the touch is blank or the view unknown.
+    pub fn log_look(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<f64> {
+        /// A blank view where an edge was felt: as bad as a wrong part's views are on average.
+        const MISMATCH: f64 = -2.0;
+        if self.likelihood.blank {
+            return None;
+        }
+        let start = part * grid.len();
+        let (cell, similarity) = match self.view(grid, part_from_first) {
+            View::Unknown => return None,
+            View::Nearest(seen) => (seen.cell, self.likelihood.similarities[start + seen.cell]),
+            View::Between(stencil) => (stencil.cell, stencil.value(&self.likelihood.similarities[start..start + grid.len()])),
+        };
+        Some(if self.likelihood.is_edged(start + cell) { self.likelihood.log_look(similarity) } else { MISMATCH })
+    }
+
+    fn view(&self, grid: &PoseGrid, part_from_first: &Se2) -> View {
+        let part_from_sensor = *part_from_first * self.first_from_sensor;
+        if self.cubic {
+            Stencil::new(grid, &part_from_sensor).map_or(View::Unknown, View::Between)
+        } else {
+            look_up(grid, &part_from_sensor, self.tolerance).map_or(View::Unknown, View::Nearest)
+        }
+    }
+
+    /// That of the view there, or of an unknown view, or of a mix of both where the nearest view is
+    /// trusted only in part.
+    fn log_view(&self, n_cells: usize, part: usize, view: View) -> f64 {
+        let (unknown, start) = (self.likelihood.log_unknown, part * n_cells);
+        let log = match view {
+            View::Unknown => unknown,
+            View::Nearest(Seen { cell, trust }) => {
+                let log = self.likelihood.log_row(start + cell);
+                if trust == 1.0 { log } else { unknown + (trust * (log - unknown).exp() + 1.0 - trust).ln() }
+            }
+            View::Between(stencil) => {
+                let similarity = stencil.value(&self.likelihood.similarities[start..start + n_cells]);
+                self.likelihood.log_between(similarity, start + stencil.cell)
+            }
+        };
+        // What does not count says nothing, as an unknown view does.
+        unknown + self.weight * (log - unknown)
+    }
+}
+
+/// What the bank knows of the view at a pose.
+#[derive(Clone, Copy)]
+enum View {
+    Unknown,
+    Nearest(Seen),
+    Between(Stencil),
+}
