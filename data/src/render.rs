@@ -21,6 +21,9 @@ use crate::touch::Side;
 /// Side of a pixel of a ball's height map, mm; of a large ball a thousandth of its diameter.
 const BALL_CELL_MM: f64 = 0.05;
 
+/// What lies this far below a ball's middle is never touched, mm: the deepest press that can be solved.
+const OPEN_MM: f64 = 100.0;
+
 /// The gel is worked out this many decay lengths beyond the view: what lies there moves the view's border by 2 %.
 const MARGIN_LENGTHS: f64 = 4.0;
 
@@ -139,12 +142,15 @@ pub fn relief(part: &str, side: Side, scale: &FileScale, clearance_mm: f64) -> R
     }
 }
 
-/// The upper half of a ball.
+/// The upper half of a ball, with nothing round it.
 fn ball(diameter_mm: f64) -> Result<HeightMap> {
     let (radius_mm, cell_mm) = (0.5 * diameter_mm, BALL_CELL_MM.min(diameter_mm / 20.0).max(diameter_mm / 1_000.0));
     let n = (diameter_mm / cell_mm).ceil() as usize;
     let centre = |i: usize| (i as f64 + 0.5 - 0.5 * n as f64) * cell_mm;
-    let height = |i: usize| (radius_mm.powi(2) - centre(i % n).powi(2) - centre(i / n).powi(2)).max(0.0).sqrt() as f32;
+    let height = |i: usize| {
+        let square = radius_mm.powi(2) - centre(i % n).powi(2) - centre(i / n).powi(2);
+        (if square >= 0.0 { square.sqrt() } else { -OPEN_MM }) as f32
+    };
     HeightMap::new([n, n], [cell_mm; 2], &(0..n * n).map(height).collect::<Vec<_>>())
 }
 

@@ -5,6 +5,7 @@ mod demo;
 mod error;
 mod program;
 mod tidy;
+mod validate;
 mod workspace;
 
 use std::process::ExitCode;
@@ -33,6 +34,9 @@ enum Chore {
     /// Measure how fast something is.
     #[command(subcommand, after_help = "Example:\n  cargo xtask bench sensor")]
     Bench(bench::Bench),
+    /// Hold the simulated sensor against real images, and write a report.
+    #[command(after_help = "Example:\n  cargo xtask validate --real ../shared/real-gelsight --out validation")]
+    Validate(validate::ValidateArgs),
     /// Check the rules that no compiler checks.
     #[command(after_help = "Example:\n  cargo xtask tidy")]
     Tidy,
@@ -54,6 +58,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Demo(args) => demo::demo(&workspace, args),
         Chore::Ci => ci(&workspace),
         Chore::Bench(bench) => bench::bench(&workspace, bench),
+        Chore::Validate(args) => validate::validate(&workspace, args),
         Chore::Tidy => tidy::tidy(&workspace, &chores()),
     }
 }
@@ -76,6 +81,6 @@ mod tests {
     #[test]
     fn the_command_line_is_well_formed() {
         Cli::command().debug_assert();
-        assert_eq!(chores(), ["demo", "ci", "bench", "tidy"]);
+        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "tidy"]);
     }
 }

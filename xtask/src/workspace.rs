@@ -43,6 +43,12 @@ impl Workspace {
         program::run("cargo build", Path::new(&cargo()), &args, &self.root).map(|_| ())
     }
 
+    /// Builds the programs of one package.
+    pub fn build_package(&self, package: &str) -> Result<()> {
+        let args = ["build", "--release", "--package", package].map(OsStr::new);
+        program::run("cargo build", Path::new(&cargo()), &args, &self.root).map(|_| ())
+    }
+
     /// Path of a built program.
     pub fn program(&self, name: &str) -> PathBuf {
         self.target.join("release").join(name).with_extension(std::env::consts::EXE_EXTENSION)

@@ -1,12 +1,12 @@
 //! From presses of a ball to the light that made them, judged on presses left out.
 
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use super::ball::BallPress;
 use super::least_squares::Sums;
 use super::presses::{Press, Presses};
 use super::{Calibration, SCHEMA, at_rest};
+use crate::compare::Figures;
 use crate::error::{Error, Result};
 use crate::sensor::light::{LightRig, Quadratic, Walls};
 use crate::sensor::shadow::Shadow;
@@ -27,29 +27,13 @@ const CONTACT_SHARES: [f64; 6] = [0.80, 0.84, 0.88, 0.92, 0.96, 1.0];
 /// Candidates for the gel's decay length, mm.
 const GEL_LENGTHS_MM: [f64; 7] = [0.8, 1.2, 1.6, 2.0, 2.5, 3.2, 4.5];
 
-/// How well the light fitted to all presses but one predicts that one, on the circle and half its radius round
-/// it, exposure compensated on pixels more than 4 mm from it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Figures {
-    /// Mean absolute error, counts.
-    pub l1_counts: f64,
-    /// The same of the frame at rest taken for the press.
-    pub background_l1_counts: f64,
-    /// The first over the second.
-    pub ratio: f64,
-    /// Correlation of predicted and real difference from rest.
-    pub correlation: f64,
-    /// Peak signal to noise ratio, dB.
-    pub psnr_db: f64,
-}
-
 /// What a fit gives.
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// The light fitted to all presses, and the means of the figures.
     pub calibration: Calibration,
-    /// Figures of each press, by its name, left out in turn.
+    /// How well each press, by its name, is predicted by the light fitted to the others, on the circle and half
+    /// its radius round it, exposure compensated on pixels more than 4 mm from it.
     pub left_out: Vec<(String, Figures)>,
 }
 
@@ -230,25 +214,7 @@ fn figures(presses: &Presses, press: &Press, ball: &BallPress, weights: &[Vec<f6
             pairs.push([predicted, f64::from(press.difference[3 * pixel + channel])]);
         }
     }
-    of_pairs(&pairs)
-}
-
-fn of_pairs(pairs: &[[f64; 2]]) -> Figures {
-    let mean = |value: &dyn Fn(&[f64; 2]) -> f64| pairs.iter().map(value).sum::<f64>() / pairs.len() as f64;
-    let l1_counts = mean(&|[p, d]| (p - d).abs());
-    let background_l1_counts = mean(&|[_, d]| d.abs());
-    let (mean_p, mean_d) = (mean(&|[p, _]| *p), mean(&|[_, d]| *d));
-    let product = |a: usize, b: usize| {
-        let centred = [mean_p, mean_d];
-        mean(&|pair| (pair[a] - centred[a]) * (pair[b] - centred[b]))
-    };
-    Figures {
-        l1_counts,
-        background_l1_counts,
-        ratio: l1_counts / background_l1_counts.max(1e-9),
-        correlation: product(0, 1) / (product(0, 0) * product(1, 1)).sqrt().max(1e-9),
-        psnr_db: 10.0 * (255.0 * 255.0 / mean(&|[p, d]| (p - d).powi(2)).max(1e-9)).log10(),
-    }
+    Figures::of(&pairs)
 }
 
 /// Means over presses; the ratio is of the means.
@@ -392,7 +358,7 @@ mod tests {
                     let rest = f64::from(optics.at_rest()[i]);
                     [f64::from(rgb[i].clamp(0.0, 255.0)) - rest, f64::from(press.difference[i])]
                 });
-                of_pairs(&pairs.collect::<Vec<_>>()).l1_counts
+                Figures::of(&pairs.collect::<Vec<_>>()).l1_counts
             };
             held.iter().map(|(_, press)| l1(press)).sum::<f64>() / held.len() as f64
         };

@@ -14,11 +14,11 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::compare::Figures;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::sensor::SensorSpec;
 use crate::sensor::light::{LightRig, Quadratic};
-use fit::Figures;
 use least_squares::Sums;
 
 /// What a calibration file says it is.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use crate::compare::{self, FAR_MM, far_pixels};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::picture;
@@ -18,9 +19,6 @@ const MAX_SATURATED: f64 = 0.25;
 
 /// The least mean difference in a contact, as a multiple of that far from it.
 const MIN_CONTRAST: f64 = 2.0;
-
-/// Pixels farther than this from a contact show the gel at rest, mm.
-const FAR_MM: f64 = 4.0;
 
 /// Where a ball touches, in pixels: the middle of the frame's first pixel is `[0, 0]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -190,26 +188,10 @@ impl Presses {
         Ok(Press { name, circle, gain, difference })
     }
 
-    /// The exposure of each channel as the median ratio to the no-contact frame over `far` pixels (all, where
-    /// those are less than a twentieth), and the difference from it once compensated.
+    /// The exposure of each channel by `far` pixels, and the difference from rest once compensated.
     fn compare(&self, frame: &Frame, far: impl Fn(usize) -> bool) -> ([f32; 3], Vec<f32>) {
-        let rest = self.no_contact.rgb();
-        let n_pixels = rest.len() / 3;
-        let mut pixels: Vec<usize> = (0..n_pixels).filter(|pixel| far(*pixel)).collect();
-        if pixels.len() < n_pixels / 20 {
-            pixels = (0..n_pixels).collect();
-        }
-        let gain = [0, 1, 2].map(|channel| {
-            let ratio = |pixel: &usize| {
-                let [frame, rest] = [frame.rgb(), rest].map(|rgb| f32::from(rgb[3 * pixel + channel]));
-                frame.max(1.0) / rest.max(1.0)
-            };
-            let mut ratios: Vec<f32> = pixels.iter().map(ratio).collect();
-            let middle = ratios.len() / 2;
-            *ratios.select_nth_unstable_by(middle, f32::total_cmp).1
-        });
-        let pairs = frame.rgb().iter().zip(rest).enumerate();
-        (gain, pairs.map(|(i, (frame, rest))| f32::from(*frame) / gain[i % 3] - f32::from(*rest)).collect())
+        let n_pixels = self.no_contact.width_px() * self.no_contact.height_px();
+        compare::Press { frame, at_rest: &self.no_contact }.difference(&far_pixels(n_pixels, far))
     }
 }
 

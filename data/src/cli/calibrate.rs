@@ -8,6 +8,7 @@ use serde_json::json;
 use tactile_data::calibrate::ball::BallPress;
 use tactile_data::calibrate::presses::{Circle, Presses, Source};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
+use tactile_data::compare::Figures;
 use tactile_data::sensor::light::LightRig;
 use tactile_data::{Error, Result, picture};
 
@@ -85,8 +86,8 @@ impl Calibrate {
             "{:<24} {:>6} {:>6} {:>6} {:>8} {:>8} {:>6} {:>6} {:>7}\n",
             "press left out", "x px", "y px", "r px", "L1", "at rest", "ratio", "corr", "PSNR"
         );
-        let row = |figures: &fit::Figures| {
-            let fit::Figures { l1_counts, background_l1_counts, ratio, correlation, psnr_db } = figures;
+        let row = |figures: &Figures| {
+            let Figures { l1_counts, background_l1_counts, ratio, correlation, psnr_db } = figures;
             format!("{l1_counts:>8.2} {background_l1_counts:>8.2} {ratio:>6.3} {correlation:>6.3} {psnr_db:>7.1}\n")
         };
         let mut rows = Vec::new();

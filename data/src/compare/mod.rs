@@ -19,7 +19,7 @@ use region::Region;
 /// Pixels farther than this from contact show the gel at rest, mm.
 pub const FAR_MM: f64 = 4.0;
 
-/// An exposure is taken from far pixels where they are this share of the frame; else from all.
+/// An exposure is taken from far pixels where they are this share of the frame or more.
 const LEAST_FAR: f64 = 0.05;
 
 /// Gap between the pictures of a row, pixels.
@@ -110,6 +110,13 @@ impl Press<'_> {
     }
 }
 
+/// The pixels from which an exposure is taken: those far from contact, or all where those are fewer than a
+/// twentieth.
+pub fn far_pixels(n_pixels: usize, is_far: impl Fn(usize) -> bool) -> Vec<usize> {
+    let far: Vec<usize> = (0..n_pixels).filter(|pixel| is_far(*pixel)).collect();
+    if (far.len() as f64) < LEAST_FAR * n_pixels as f64 { (0..n_pixels).collect() } else { far }
+}
+
 /// The exposure of each channel: the median over some pixels of its ratio to the frame at rest. One of no pixels.
 pub fn exposure_gain(frame: &Frame, at_rest: &Frame, pixels: &[usize]) -> [f32; 3] {
     [0, 1, 2].map(|channel| {
@@ -147,14 +154,10 @@ pub fn compare(
         return Err(Error::invalid("contact", "at least one pixel", "none"));
     }
     let distance_mm = contact.distance_mm(mm_per_px);
-    let all = 0..distance_mm.len();
-    let mut far: Vec<usize> = all.clone().filter(|pixel| distance_mm[*pixel] > FAR_MM).collect();
-    if (far.len() as f64) < LEAST_FAR * distance_mm.len() as f64 {
-        far = all.clone().collect();
-    }
+    let far = far_pixels(distance_mm.len(), |pixel| distance_mm[pixel] > FAR_MM);
     let (real_gain, real_difference) = real.difference(&far);
     let (simulated_gain, simulated_difference) = simulated.difference(&far);
-    let near: Vec<usize> = all.filter(|pixel| distance_mm[*pixel] <= band_mm).collect();
+    let near: Vec<usize> = (0..distance_mm.len()).filter(|pixel| distance_mm[*pixel] <= band_mm).collect();
     let values = near.iter().flat_map(|pixel| 3 * pixel..3 * pixel + 3);
     let pairs: Vec<[f64; 2]> = values.map(|i| [simulated_difference[i], real_difference[i]].map(f64::from)).collect();
     Ok(Comparison {
