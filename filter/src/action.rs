@@ -80,7 +80,14 @@ impl Default for ActionConfig {
 impl ActionConfig {
     /// Alg. 1, lines 9-10: the likeliest state against the K = 100 particles, any pose, those with contact.
     pub fn paper() -> Self {
-        Self { rule: ActionRule::Paper, n_draws: 100, n_suppositions: 1, n_finalists: usize::MAX, min_separation_mm: 0.0, ..Self::default() }
+        Self {
+            rule: ActionRule::Paper,
+            n_draws: 100,
+            n_suppositions: 1,
+            n_finalists: usize::MAX,
+            min_separation_mm: 0.0,
+            ..Self::default()
+        }
     }
 }
 
@@ -121,20 +128,19 @@ pub fn choose(situation: &Situation, seed: u64, keep_going: &mut dyn FnMut() -> 
         let asked = candidates.iter().map_while(|candidate| keep_going().then(|| (judge.score(candidate), *candidate)));
         asked.filter_map(|(score, candidate)| Some((score?, candidate))).collect::<Vec<_>>()
     };
-    let mut best = if far.len() > config.n_finalists.max(1) {
+    let finals = if far.len() > config.n_finalists.max(1) {
         let first_look = judge.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6));
         let mut ranked = judged(&first_look, &far, keep_going);
         // Stable: the earliest of equals stays first.
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked.truncate(config.n_finalists.max(1));
         let finalists: Vec<Se2> = ranked.iter().map(|(_, candidate)| *candidate).collect();
-        let finals = judged(&judge, &finalists, keep_going);
-        if finals.is_empty() { ranked } else { finals }
+        let judged_by_all = judged(&judge, &finalists, keep_going);
+        if judged_by_all.is_empty() { ranked } else { judged_by_all }
     } else {
         judged(&judge, &far, keep_going)
     };
-    best.truncate(far.len());
-    let best = best.into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
+    let best = finals.into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
     // No view with contact is expected anywhere: any touch may tell more than the bank does.
     Some(Action { sensor_from_next: best.map_or(chance, |(_, candidate)| candidate) })
 }

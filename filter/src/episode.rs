@@ -578,6 +578,35 @@ mod tests {
     }
 
     #[test]
+    fn a_part_that_is_not_in_the_bank_is_none_of_these() {
+        let world = World::new(6, GRID, 0.2, 0.02, 3);
+        let reason = |bank: &Bank, part: usize, seed: u64| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let mut pose = GRID.pose(rng.random_range(0..GRID.len()));
+            let config = EpisodeConfig { between_poses: false, ..EpisodeConfig::default() };
+            let mut episode = Episode::begin_with(&config, bank, &world.touch(part, &pose, &mut rng)).unwrap();
+            loop {
+                let moved = match episode.decide(&world.reach(&pose)) {
+                    Decision::Touch(action) => action.sensor_from_next,
+                    Decision::Done(_, reason) => return reason,
+                };
+                pose = pose * moved;
+                episode.observe_with(moved, &world.touch(part, &pose, &mut rng)).unwrap();
+            }
+        };
+        let n_strange = |absent: bool| {
+            let is_strange = |seed: &u64| {
+                let part = *seed as usize % 6;
+                let bank = if absent { world.bank.without(part).unwrap() } else { world.bank.clone() };
+                reason(&bank, part, *seed) == StopReason::NoneOfThese
+            };
+            (0..24).filter(is_strange).count()
+        };
+        let (present, absent) = (n_strange(false), n_strange(true));
+        assert!(present <= 2 && absent >= 20, "{present} of 24 in the bank, {absent} of 24 not in it");
+    }
+
+    #[test]
     fn what_resembles_no_part_is_named_with_a_warning() {
         let world = World::new(4, GRID, 0.2, 0.02, 2);
         let estimate = |touch: &Observation| {

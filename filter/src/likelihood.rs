@@ -62,7 +62,14 @@ impl LikelihoodConfig {
     /// The paper's weight (Eq. 2, Alg. 1 line 14) read as log-likelihood = cosine / temperature: no
     /// floor, no blank views, every look-up inside the recorded area trusted.
     pub fn paper() -> Self {
-        Self { outlier_floor: 0.0, blank_share: 0.0, lookup_tolerance: 1.0, look_up: LookUp::Nearest, overlap_mm: 0.0, ..Self::default() }
+        Self {
+            outlier_floor: 0.0,
+            blank_share: 0.0,
+            lookup_tolerance: 1.0,
+            look_up: LookUp::Nearest,
+            overlap_mm: 0.0,
+            ..Self::default()
+        }
     }
 
     /// The defaults with what was measured of a model, where it was.

@@ -206,7 +206,11 @@ mod tests {
 
     #[test]
     fn an_adaptive_filter_keeps_what_its_spread_asks_for() {
-        let mut particle = Particle::draw(ParticleConfig { n_particles: 20_000, ..ParticleConfig::default() }, &[0.01_f64.ln(); 100], 3);
+        let mut particle = Particle::draw(
+            ParticleConfig { n_particles: 20_000, ..ParticleConfig::default() },
+            &[0.01_f64.ln(); 100],
+            3,
+        );
         // Two states of a hundred stay: their share of the particles is too small not to resample.
         particle.update(|state| if state < 2 { 0.0 } else { -50.0 });
         assert_eq!(particle.weighted().count(), 100);

@@ -49,8 +49,7 @@ impl Touched {
     pub fn new(grid: &PoseGrid, first_from_sensor: Se2, weight: f64, likelihood: TouchLikelihood) -> Self {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.look_up.is_cubic(grid), config.lookup_tolerance);
-        let mut touched =
-            Self { first_from_sensor, likelihood, weight, cubic, tolerance, log_states: Vec::new() };
+        let mut touched = Self { first_from_sensor, likelihood, weight, cubic, tolerance, log_states: Vec::new() };
         let (n_cells, n_states) = (grid.len(), touched.likelihood.similarities.len());
         let mut log_states = vec![0.0; n_states];
         for cell in 0..n_cells {
@@ -86,7 +85,9 @@ impl Touched {
         let (cell, similarity) = match self.view(grid, part_from_first) {
             View::Unknown => return None,
             View::Nearest(seen) => (seen.cell, self.likelihood.similarities[start + seen.cell]),
-            View::Between(stencil) => (stencil.cell, stencil.value(&self.likelihood.similarities[start..start + grid.len()])),
+            View::Between(stencil) => {
+                (stencil.cell, stencil.value(&self.likelihood.similarities[start..start + grid.len()]))
+            }
         };
         Some(if self.likelihood.is_edged(start + cell) { self.likelihood.log_look(similarity) } else { MISMATCH })
     }
@@ -126,4 +127,20 @@ enum View {
     Unknown,
     Nearest(Seen),
     Between(Stencil),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_new_of_a_touch_grows_with_its_distance() {
+        let overlap = Overlap { mm: 3.0, deg: 15.0 };
+        let share = |x: f64, deg: f64| overlap.new_share(&Se2::IDENTITY, &Se2::from_degrees(x, 0.0, deg));
+        assert_eq!(share(0.0, 0.0), 0.0);
+        // One width away on either axis: 1 - exp(-1/2).
+        assert!((share(3.0, 0.0) - 0.393_469_340).abs() < 1e-9 && (share(0.0, 15.0) - 0.393_469_340).abs() < 1e-9);
+        assert!(share(12.0, 0.0) > 0.999 && share(0.0, 180.0) > 0.999);
+        assert_eq!(Overlap { mm: 0.0, deg: 15.0 }.new_share(&Se2::IDENTITY, &Se2::IDENTITY), 1.0);
+    }
 }

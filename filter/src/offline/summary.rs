@@ -181,12 +181,8 @@ mod tests {
         assert_eq!(stops.touches_to_95, (2 + 1 + 4) as f64 / 3.0);
     }
 
-    const LABEL: Label = Label {
-        method: Method::Filter,
-        inference: Inference::Exact,
-        action: Choice::Random,
-        poses: Poses::OnGrid,
-    };
+    const LABEL: Label =
+        Label { method: Method::Filter, inference: Inference::Exact, action: Choice::Random, poses: Poses::OnGrid };
 
     #[test]
     fn a_comparison_is_of_the_same_holes() {
@@ -204,7 +200,8 @@ mod tests {
     #[test]
     fn reliability_counts_every_touch_once() {
         let scored = |probability, right| Scored { probability, right, ..Scored::default() };
-        let outcome = Outcome { scored: vec![scored(0.3, false), scored(0.96, true), scored(1.0, true)], times: vec![] };
+        let outcome =
+            Outcome { scored: vec![scored(0.3, false), scored(0.96, true), scored(1.0, true)], times: vec![] };
         let bins = reliability(&[outcome]);
         assert_eq!(bins.iter().map(|bin| (bin.n, bin.right)).collect::<Vec<_>>(), [(1, 0.0), (1, 1.0), (1, 1.0)]);
     }
