@@ -221,7 +221,7 @@ impl<'a> Judge<'a> {
             pairing,
             draws: placed(draws),
             supposed: placed(supposed),
-            part_from_sensor: cells.iter().map(|cell| bank.grid().pose(*cell) * first_from_sensor).collect(),
+            part_from_sensor: cells.iter().map(|cell| belief.grid().pose(*cell) * first_from_sensor).collect(),
             tolerance,
         }
     }
@@ -351,7 +351,7 @@ mod tests {
     fn belief(bank: &Bank) -> Belief {
         let touch = Observation { query: vec![1.0, 0.0, 0.0], edge_share: 0.2 };
         let first = TouchLikelihood::new(&touch, bank, &LikelihoodConfig::default()).unwrap();
-        Belief::new(bank, EngineConfig::Exact, 1, first)
+        Belief::new(bank, EngineConfig::Exact, 1, 1, first)
     }
 
     fn turn(degrees: f64) -> Se2 {

@@ -23,7 +23,7 @@ use crate::touched::{Overlap, Touched};
 pub struct Hypothesis {
     /// Index of the part in the bank.
     pub part: usize,
-    /// Cell of the bank's grid that holds `part_from_first_sensor`.
+    /// Cell of [`Belief::grid`] that holds `part_from_first_sensor`.
     pub cell: usize,
 }
 
@@ -47,6 +47,7 @@ enum Engine {
 /// S: the probability of each hypothesis given all touches so far, of which there is at least one.
 #[derive(Clone, Debug)]
 pub struct Belief {
+    views: PoseGrid,
     grid: PoseGrid,
     n_parts: usize,
     overlap: Overlap,
@@ -57,16 +58,22 @@ pub struct Belief {
 
 impl Belief {
     /// The belief after the first touch; every state was equally likely before it (paper, Eq. 3).
-    pub fn new(bank: &Bank, engine: EngineConfig, seed: u64, first: TouchLikelihood) -> Self {
-        let (grid, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
-        let touched = Touched::new(&grid, Se2::IDENTITY, 1.0, first);
+    ///
+    /// `subdivisions`: parts of a step of the bank's grid between two states, at least 1. More than 1 only where
+    /// views are interpolated between the bank's poses: a state may then lie between them.
+    pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
+        let (views, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
+        let share = subdivisions.max(1) as f64;
+        let grid =
+            PoseGrid { xy_step_mm: views.xy_step_mm / share, theta_step_deg: views.theta_step_deg / share, ..views };
+        let touched = Touched::new(&views, &grid, Se2::IDENTITY, 1.0, first);
         let mut exact = Exact::uniform(n_parts * grid.len());
         let log_evidence = exact.update(|state| touched.log_state(state));
         let engine = match engine {
             EngineConfig::Exact => Engine::Exact(exact),
             EngineConfig::Particle(config) => Engine::Particle(Particle::draw(config, exact.log_posterior(), seed)),
         };
-        Self { grid, n_parts, overlap, touches: vec![touched], engine, log_evidence }
+        Self { views, grid, n_parts, overlap, touches: vec![touched], engine, log_evidence }
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
@@ -75,7 +82,7 @@ impl Belief {
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
         let new_share = |earlier: &Touched| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
         let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
-        let touched = Touched::new(&self.grid, first_from_sensor, weight, likelihood);
+        let touched = Touched::new(&self.views, &self.grid, first_from_sensor, weight, likelihood);
         let n_cells = self.grid.len();
         let newest = |state| touched.log_state(state);
         let log_evidence = match &mut self.engine {
@@ -109,7 +116,7 @@ impl Belief {
         &self.touches
     }
 
-    /// The grid of the states.
+    /// The grid of the states: the bank's, or a finer one.
     pub fn grid(&self) -> &PoseGrid {
         &self.grid
     }
@@ -156,13 +163,14 @@ impl Belief {
 
     /// The pose of the first touch around a state, to below the grid's step.
     pub fn refine(&self, state: Hypothesis) -> Refined {
-        refine(&self.grid, &self.touches, state.part, &self.grid.pose(state.cell))
+        let start = self.grid.pose(state.cell);
+        refine(&self.views, &self.touches, state.part, &start)
     }
 
     /// How well a part at a pose explains what was felt: the mean over the edged touches of
     /// [`Touched::log_look`], each 0 at best; `None` where no edge was felt within the recorded area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<f64> {
-        let looks = self.touches.iter().filter_map(|touch| touch.log_look(&self.grid, part, part_from_first));
+        let looks = self.touches.iter().filter_map(|touch| touch.log_look(&self.views, part, part_from_first));
         let (sum, n) = looks.fold((0.0, 0), |(sum, n), look| (sum + look, n + 1));
         (n > 0).then(|| sum / f64::from(n))
     }
@@ -256,7 +264,7 @@ mod tests {
 
     fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
         let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
-        let mut belief = Belief::new(bank, engine, 3, likelihood(&touches[0].1));
+        let mut belief = Belief::new(bank, engine, 1, 3, likelihood(&touches[0].1));
         for (moved, touch) in &touches[1..] {
             belief.update(moved, likelihood(touch));
         }
@@ -434,6 +442,23 @@ mod tests {
         assert!(once.masses().iter().zip(twice.masses()).all(|(a, b)| (a - b).abs() < 1e-12));
         let counted_twice = run(&bank, EngineConfig::Exact, &touches, &independent());
         assert!(counted_twice.entropy_nats() < once.entropy_nats() - 0.1);
+    }
+
+    #[test]
+    fn a_finer_grid_of_states_holds_the_coarser_one() {
+        let rows = unit_rows(2 * N_CELLS, 8);
+        let bank = bank(&[&rows[..27], &rows[27..]]);
+        let config = LikelihoodConfig { look_up: crate::lookup::LookUp::Cubic, ..independent() };
+        let (touches, likelihood) = (touches(1, 8), |touch| TouchLikelihood::new(touch, &bank, &config).unwrap());
+        let belief = |n| Belief::new(&bank, EngineConfig::Exact, n, 3, likelihood(&touches[0].1));
+        let (coarse, fine) = (belief(1), belief(2));
+        assert_eq!(fine.grid().len(), 5 * 5 * 5);
+        let log = |belief: &Belief, state| belief.touches()[0].log_state(state);
+        for cell in 0..N_CELLS {
+            let same = fine.grid().nearest(&GRID.pose(cell)).unwrap();
+            assert!((log(&coarse, cell) - log(&fine, same)).abs() < 1e-4);
+        }
+        assert!((fine.class_posterior().iter().sum::<f64>() - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -31,6 +31,9 @@ pub struct EpisodeConfig {
     pub max_touches: usize,
     /// Whether the pose may lie between recorded ones; else it is one of them, as in the paper's protocol.
     pub between_poses: bool,
+    /// States between two recorded poses of a bank fine enough to be interpolated, on each axis; at least 1.
+    /// A state stands for all poses around it, and ten touches see farther than a bank's step.
+    pub subdivisions: usize,
     /// A part explains the touches when its fit ([`Estimate::fit`]) is at least this; at or below 0.
     pub none_fit: f64,
     /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / n`; not
@@ -55,6 +58,7 @@ impl Default for EpisodeConfig {
             stop_probability: 0.95,
             max_touches: 10,
             between_poses: true,
+            subdivisions: 2,
             none_fit: -1.1,
             fit_margin: 2.0,
             none_touches: 5,
@@ -115,6 +119,7 @@ impl EpisodeConfig {
         check("none_fit", "a number, at most 0", self.none_fit, self.none_fit.is_finite() && self.none_fit <= 0.0)?;
         let margin = self.fit_margin;
         check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
+        check("subdivisions", "1 to 8", self.subdivisions as f64, (1..=8).contains(&self.subdivisions))?;
         check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
         check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
         let (mm, deg) = (self.action.min_separation_mm, self.action.min_separation_deg);
@@ -262,7 +267,9 @@ impl<'a> Episode<'a> {
     pub fn begin_with(config: &EpisodeConfig, bank: &'a Bank, observation: &Observation) -> Result<Self> {
         config.validate()?;
         let first = TouchLikelihood::new(observation, bank, &config.likelihood)?;
-        let belief = Belief::new(bank, config.engine, config.seed, first);
+        let between = config.between_poses && config.likelihood.look_up.is_cubic(bank.grid());
+        let subdivisions = if between { config.subdivisions } else { 1 };
+        let belief = Belief::new(bank, config.engine, subdivisions, config.seed, first);
         Ok(Self { config: *config, eye: None, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
     }
 
@@ -398,7 +405,7 @@ impl<'a> Episode<'a> {
         let refined = if self.config.between_poses {
             self.belief.refine(state)
         } else {
-            Refined { part_from_first: self.bank.grid().pose(state.cell), covariance: [[0.0; 3]; 3] }
+            Refined { part_from_first: self.belief.grid().pose(state.cell), covariance: [[0.0; 3]; 3] }
         };
         Placed { refined, fit: self.belief.fit(part, &refined.part_from_first) }
     }

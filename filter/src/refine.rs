@@ -95,7 +95,7 @@ mod tests {
                 let observation = world.touch(part, pose, rng);
                 TouchLikelihood::new(&observation, &world.bank, &LikelihoodConfig::default()).unwrap()
             };
-            let mut belief = Belief::new(&world.bank, EngineConfig::Exact, 1, touch(&truth, &mut rng));
+            let mut belief = Belief::new(&world.bank, EngineConfig::Exact, 1, 1, touch(&truth, &mut rng));
             let mut pose = truth;
             for [x, y] in [[4.0, 0.0], [-4.0, 4.0], [0.0, -4.0], [-3.0, -3.0]] {
                 let moved = Se2::from_degrees(x, y, 0.0);

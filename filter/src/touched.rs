@@ -45,18 +45,26 @@ pub struct Touched {
 }
 
 impl Touched {
-    /// Judges a touch from every state of the grid.
-    pub fn new(grid: &PoseGrid, first_from_sensor: Se2, weight: f64, likelihood: TouchLikelihood) -> Self {
+    /// Judges a touch from every state: each part at each pose of `states`, with the views of a bank whose
+    /// grid is `grid`.
+    pub fn new(
+        grid: &PoseGrid,
+        states: &PoseGrid,
+        first_from_sensor: Se2,
+        weight: f64,
+        likelihood: TouchLikelihood,
+    ) -> Self {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.look_up.is_cubic(grid), config.lookup_tolerance);
         let mut touched = Self { first_from_sensor, likelihood, weight, cubic, tolerance, log_states: Vec::new() };
-        let (n_cells, n_states) = (grid.len(), touched.likelihood.similarities.len());
-        let mut log_states = vec![0.0; n_states];
+        let n_parts = touched.likelihood.similarities.len() / grid.len();
+        let n_cells = states.len();
+        let mut log_states = vec![0.0; n_parts * n_cells];
         for cell in 0..n_cells {
             // The look-up is the same for every part.
-            let view = touched.view(grid, &grid.pose(cell));
-            for part in 0..n_states / n_cells {
-                log_states[part * n_cells + cell] = touched.log_view(n_cells, part, view);
+            let view = touched.view(grid, &states.pose(cell));
+            for part in 0..n_parts {
+                log_states[part * n_cells + cell] = touched.log_view(grid.len(), part, view);
             }
         }
         touched.log_states = log_states;

@@ -50,6 +50,9 @@ pub struct Tuning {
     /// What a millimetre of travel must tell to be worth it, nats.
     #[arg(long)]
     travel_nats_per_mm: Option<f64>,
+    /// States between two recorded poses of a bank that is interpolated, on each axis.
+    #[arg(long)]
+    subdivisions: Option<usize>,
     /// Stop when a part is more probable than this (delta_prob).
     #[arg(long)]
     stop_probability: Option<f64>,
@@ -85,6 +88,7 @@ impl Tuning {
         set(&mut config.none_fit, self.none_fit);
         set(&mut config.fit_margin, self.fit_margin);
         set(&mut config.likelihood.overlap_mm, self.overlap_mm);
+        config.subdivisions = self.subdivisions.unwrap_or(config.subdivisions);
         config.action.n_finalists = self.finalists.unwrap_or(config.action.n_finalists);
         config.likelihood.blank_share = self.blank_share.unwrap_or(config.likelihood.blank_share);
         config.low_similarity = self.low_similarity.unwrap_or(config.low_similarity);

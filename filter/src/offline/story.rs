@@ -1,6 +1,7 @@
 //! A few episodes told touch by touch, for the report.
 
 use tactile_data::frame::{Background, Frame, Preprocessing};
+use tactile_data::grid::PoseGrid;
 use tactile_data::simulator::Simulator;
 use tactile_infer::bank::Bank;
 
@@ -53,7 +54,7 @@ pub fn tell(
             story.truth = hole.part_index();
             story.guess = bank.parts().iter().position(|part| *part == estimate.part).unwrap_or(0);
             story.probability = estimate.probability;
-            match touch(&rest, frame, hole.part_from_sensor(), episode.belief(), bank.parts().len()) {
+            match touch(&rest, frame, hole.part_from_sensor(), episode.belief(), bank) {
                 Ok(touch) => story.touches.push(touch),
                 Err(error) => failed = Err(error),
             }
@@ -79,19 +80,25 @@ fn touch(
     frame: &Frame,
     part_from_sensor: tactile_data::se2::Se2,
     belief: &Belief,
-    n_parts: usize,
+    bank: &Bank,
 ) -> Result<TouchStory> {
     let difference = rest.tactile_image(frame)?;
-    Ok(TouchStory { part_from_sensor, frame: frame.clone(), difference, belief: places(belief, n_parts) })
+    Ok(TouchStory {
+        part_from_sensor,
+        frame: frame.clone(),
+        difference,
+        belief: places(belief, bank.grid(), bank.parts().len()),
+    })
 }
 
-/// Probability of each place of the first touch, `[part, x, y]`, summed over the angle.
-fn places(belief: &Belief, n_parts: usize) -> Vec<f64> {
-    let grid = belief.grid();
+/// Probability of each recorded place of the first touch, `[part, x, y]`, summed over the angle.
+fn places(belief: &Belief, grid: &PoseGrid, n_parts: usize) -> Vec<f64> {
     let n_places = grid.n_xy().pow(2);
     let mut places = vec![0.0; n_places * n_parts];
     for (hypothesis, mass) in belief.states() {
-        places[hypothesis.part * n_places + hypothesis.cell / grid.n_theta()] += mass;
+        if let Some(cell) = grid.nearest(&belief.grid().pose(hypothesis.cell)) {
+            places[hypothesis.part * n_places + cell / grid.n_theta()] += mass;
+        }
     }
     places
 }
