@@ -1,38 +1,13 @@
-//! How fast the programs are, measured from outside.
+//! `cargo xtask bench sensor`.
 
 use std::ffi::OsStr;
-
-use clap::Subcommand;
 
 use crate::error::{Error, Result};
 use crate::program;
 use crate::workspace::Workspace;
 
-/// What to measure.
-#[derive(Subcommand)]
-pub enum Bench {
-    /// The simulated sensor: images a second at 320x240 with everything on.
-    #[command(after_help = "Example:\n  cargo xtask bench sensor --pairs 1000")]
-    Sensor {
-        /// Pairs to simulate, two images each, on one board for every 150 as in the `maze` preset.
-        #[arg(long, default_value_t = 1000)]
-        pairs: usize,
-        /// Seed of the boards and touches.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-    },
-}
-
-/// Builds the programs and measures.
-pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
-    workspace.build()?;
-    match bench {
-        Bench::Sensor { pairs, seed } => sensor(workspace, *pairs, *seed),
-    }
-}
-
 /// Times one `tactile-data generate`, with its start, the boards and the writing to disk.
-fn sensor(workspace: &Workspace, n_pairs: usize, seed: u64) -> Result<()> {
+pub fn sensor(workspace: &Workspace, n_pairs: usize, seed: u64) -> Result<()> {
     let out = workspace.target.join(format!("bench-sensor-{}", std::process::id()));
     // The `maze` preset has as many pairs on a board.
     let (pairs, boards) = (n_pairs.to_string(), n_pairs.div_ceil(150).to_string());
