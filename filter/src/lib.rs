@@ -35,6 +35,10 @@ pub mod belief;
 pub mod episode;
 pub mod error;
 pub mod exact;
+#[cfg(test)]
+mod fuzz;
+#[cfg(test)]
+mod invariants;
 pub mod likelihood;
 pub mod lookup;
 pub mod modes;

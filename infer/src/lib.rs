@@ -30,6 +30,8 @@ pub mod checkpoint;
 pub mod device;
 pub mod encoder;
 pub mod error;
+#[cfg(test)]
+mod fuzz;
 pub mod matching;
 pub mod safefile;
 pub mod similarity;

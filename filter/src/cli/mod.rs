@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod evaluate;
+mod extremes;
 mod replay;
 mod tuning;
 
@@ -20,6 +21,7 @@ pub struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Evaluate(evaluate::Evaluate),
+    Extremes(extremes::ExtremesArgs),
     Replay(replay::Replay),
 }
 
@@ -28,6 +30,7 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Evaluate(evaluate) => evaluate.run(),
+            Command::Extremes(extremes) => extremes.run(),
             Command::Replay(replay) => replay.run(),
         }
     }

@@ -2,6 +2,7 @@
 
 pub mod baselines;
 pub mod evaluate;
+pub mod extremes;
 pub mod replay;
 pub mod report;
 pub mod result;

@@ -1,6 +1,9 @@
 //! How fast and how sound the programs are, measured from outside.
 
+mod extremes;
 mod sensor;
+
+use std::path::PathBuf;
 
 use clap::Subcommand;
 
@@ -13,6 +16,19 @@ pub enum Bench {
     /// The simulated sensor: images a second of each tier, and what training on each tier gives.
     #[command(after_help = "Examples:\n  cargo xtask bench sensor\n  cargo xtask bench sensor --train-steps 200")]
     Sensor(sensor::SensorArgs),
+    /// The filter's numbers at the extremes: the posterior against an f64 reference, as a table and a page.
+    #[command(after_help = "Example:\n  cargo xtask bench extremes --out extremes")]
+    Extremes {
+        /// Folder for extremes.json and extremes.html.
+        #[arg(long, default_value = "extremes")]
+        out: PathBuf,
+        /// Fewer and smaller cases, in seconds.
+        #[arg(long)]
+        quick: bool,
+        /// Seed of the banks and touches.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
 }
 
 /// Builds the programs and measures.
@@ -20,5 +36,6 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
     workspace.build()?;
     match bench {
         Bench::Sensor(args) => sensor::sensor(workspace, args),
+        Bench::Extremes { out, quick, seed } => extremes::extremes(workspace, out, *quick, *seed),
     }
 }

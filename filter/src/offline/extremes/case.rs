@@ -77,7 +77,13 @@ pub struct Case {
 
 impl Case {
     /// A case whose error is measured; it holds where the error is within `bound`. NaN never is.
-    pub fn measured(group: Group, variant: impl Into<String>, expected: impl Into<String>, error: f64, bound: f64) -> Self {
+    pub fn measured(
+        group: Group,
+        variant: impl Into<String>,
+        expected: impl Into<String>,
+        error: f64,
+        bound: f64,
+    ) -> Self {
         let (variant, expected, holds) = (variant.into(), expected.into(), error <= bound);
         let bound = bound.is_finite().then_some(bound);
         Self { group, variant, at: None, expected, error: Some(error), bound, right_part: None, refused: None, holds }

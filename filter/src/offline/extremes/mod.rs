@@ -4,6 +4,7 @@ mod case;
 mod cases;
 mod half;
 mod page;
+mod plot;
 mod reference;
 mod sample;
 mod speed;

@@ -168,7 +168,7 @@ fn nearest(grid: &PoseGrid, recorded: &[Pose], pose: &Pose, tolerance: f64) -> O
     })?;
     let (x, y, turn) = steps(&recorded[cell]);
     let excess = (x.hypot(y).max(turn) / tolerance - 1.0).max(0.0);
-    Some((cell, if excess <= 1e-6 { 1.0 } else { (-0.5 * excess * excess).exp() }))
+    Some((cell, (-0.5 * excess * excess).exp()))
 }
 
 #[cfg(test)]

@@ -13,11 +13,11 @@ use crate::belief::{Belief, EngineConfig};
 use crate::error::Result;
 use crate::likelihood::{LikelihoodConfig, Observation, TouchLikelihood};
 
-/// Share of a row that all rows have in common: two have a cosine of about 0.5, a touch and its row 0.9.
-const COMMON: f32 = 1.0;
+/// Length of the noise on a touch, whose row has length 1: their cosine is about 0.86. Half of each row is
+/// common to all, so that two rows have a cosine of about 0.5.
 const NOISE: f32 = 0.6;
 
-/// One row in so many is blank.
+/// One cell in so many is blank, the same on each part: only looks tell parts apart, at any temperature.
 const BLANK_EVERY: usize = 9;
 
 /// Rows of a bank, and what was felt of the hole of part [`Sample::TRUTH`].
@@ -41,44 +41,57 @@ impl Sample {
     /// The true part.
     pub const TRUTH: usize = 0;
 
-    /// Random rows; the touches lie near recorded poses of the true part, within a tenth of a step.
+    /// Random rows; the touches lie within a tenth of a step of recorded poses of the true part, the first at one.
     pub fn draw(n_parts: usize, grid: PoseGrid, dim: usize, n_touches: usize, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6d6f_7665);
+        let mut recorded = || grid.pose(rng.random_range(0..grid.len()));
+        let mut poses: Vec<Se2> = (0..n_touches.max(1)).map(|_| recorded()).collect();
+        for pose in &mut poses[1..] {
+            let mut within = |step: f64| 0.2 * step * (rng.random::<f64>() - 0.5);
+            *pose = Se2::from_degrees(
+                pose.x_mm + within(grid.xy_step_mm),
+                pose.y_mm + within(grid.xy_step_mm),
+                pose.theta_deg() + within(grid.theta_step_deg),
+            );
+        }
+        let motions: Vec<Se2> = poses.windows(2).map(|pair| pair[0].inverse() * pair[1]).collect();
+        Self::along(n_parts, grid, dim, poses[0], &motions, seed)
+    }
+
+    /// Random rows, touched at `first` and after each of the motions.
+    pub fn along(n_parts: usize, grid: PoseGrid, dim: usize, first: Se2, motions: &[Se2], seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let n_rows = n_parts * grid.len();
         let common = normals(dim, &mut rng);
-        let mut rows = Vec::with_capacity(n_rows * dim);
-        for _ in 0..n_rows {
+        let mut rows: Vec<f32> = Vec::with_capacity(n_rows * dim);
+        let mut edge_shares: Vec<f32> = Vec::with_capacity(n_rows);
+        let whole_turn = grid.theta_half_deg == 180.0;
+        for row in 0..n_rows {
+            let cell = row % grid.n_theta();
+            if whole_turn && cell + 1 == grid.n_theta() {
+                // +180 degrees is -180 degrees.
+                let same = row + 1 - grid.n_theta();
+                rows.extend_from_within(same * dim..(same + 1) * dim);
+                edge_shares.push(edge_shares[same]);
+                continue;
+            }
             let own = normals(dim, &mut rng);
-            rows.extend(own.iter().zip(&common).map(|(own, common)| own + COMMON * common));
+            rows.extend(own.iter().zip(&common).map(|(own, common)| own + common));
+            edge_shares.push(if row % grid.len() % BLANK_EVERY == 4 { 0.0 } else { 0.2 });
         }
         normalize_rows(&mut rows, dim);
-        let edge_shares: Vec<f32> = (0..n_rows).map(|row| if row % BLANK_EVERY == 4 { 0.0 } else { 0.2 }).collect();
         let mut sample = Self { n_parts, grid, dim, rows, edge_shares, touches: Vec::new() };
-        let mut pose = Se2::IDENTITY;
-        for n in 0..n_touches {
-            let cell = rng.random_range(0..grid.len());
-            let recorded = grid.pose(cell);
-            let mut within = |step: f64| 0.2 * step * (rng.random::<f64>() - 0.5);
-            let near = Se2::from_degrees(
-                recorded.x_mm + within(grid.xy_step_mm),
-                recorded.y_mm + within(grid.xy_step_mm),
-                recorded.theta_deg() + within(grid.theta_step_deg),
-            );
-            // The states are recorded poses: the first touch is at one.
-            let next = if n == 0 { recorded } else { near };
-            let moved = if n == 0 { Se2::IDENTITY } else { pose.inverse() * next };
-            pose = next;
-            let row = Self::TRUTH * grid.len() + cell;
-            let noise = normals(dim, &mut rng);
+        let mut pose = first;
+        for moved in [&Se2::IDENTITY].into_iter().chain(motions) {
+            pose = pose * *moved;
+            let row = Self::TRUTH * grid.len() + grid.nearest(&pose).unwrap_or(0);
             let spread = NOISE / (dim as f32).sqrt();
-            let query = sample.row(row).iter().zip(&noise).map(|(value, noise)| value + spread * noise).collect();
-            sample.touches.push((moved, Observation { query, edge_share: sample.edge_shares[row] }));
+            let noise = normals(dim, &mut rng);
+            let felt = sample.rows[row * dim..(row + 1) * dim].iter().zip(noise);
+            let query = felt.map(|(value, noise)| value + spread * noise).collect();
+            sample.touches.push((*moved, Observation { query, edge_share: sample.edge_shares[row] }));
         }
         sample
-    }
-
-    fn row(&self, row: usize) -> &[f32] {
-        &self.rows[row * self.dim..(row + 1) * self.dim]
     }
 
     /// The same with its rows kept in f16.
