@@ -20,7 +20,7 @@ fn posterior(rows: &[[f32; 3]], shares: &[f32], touches: &[[f32; 3]], config: &L
     let seen = |query: &[f32; 3]| {
         TouchLikelihood::new(&Observation { query: query.to_vec(), edge_share: 0.2 }, &bank, config).unwrap()
     };
-    let mut belief = Belief::new(&bank, EngineConfig::Exact, 1, seen(&touches[0]));
+    let mut belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, seen(&touches[0]));
     for touch in &touches[1..] {
         belief.update(&Se2::IDENTITY, seen(touch));
     }

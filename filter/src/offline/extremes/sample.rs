@@ -110,7 +110,7 @@ impl Sample {
     pub fn belief(&self, engine: EngineConfig, seed: u64, config: &LikelihoodConfig) -> Result<Belief> {
         let bank = self.bank()?;
         let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, config);
-        let mut belief = Belief::new(&bank, engine, seed, likelihood(&self.touches[0].1)?);
+        let mut belief = Belief::new(&bank, engine, 1, seed, likelihood(&self.touches[0].1)?);
         for (moved, touch) in &self.touches[1..] {
             belief.update(moved, likelihood(touch)?);
         }

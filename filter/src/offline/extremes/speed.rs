@@ -60,7 +60,7 @@ pub fn timings(seed: u64, quick: bool) -> Result<Vec<Timing>> {
 /// Times `n` updates by the sample's second touch, each of the same belief.
 fn time(n: usize, sample: &Sample, bank: &Bank, engine: EngineConfig) -> Result<Timing> {
     let config = LikelihoodConfig { temperature: WARM, ..LikelihoodConfig::default() };
-    let before = Belief::new(bank, engine, 1, TouchLikelihood::new(&sample.touches[0].1, bank, &config)?);
+    let before = Belief::new(bank, engine, 1, 1, TouchLikelihood::new(&sample.touches[0].1, bank, &config)?);
     let (moved, touch): &(Se2, _) = &sample.touches[1];
     let mut times_ms = Vec::with_capacity(n);
     // The first two warm the caches and are not counted.

@@ -121,7 +121,8 @@ fn draw(svg: &mut String, line: &Line, x: impl Fn(usize) -> f64, y: impl Fn(f64)
     svg.push_str("</g>");
 }
 
-fn mark(marker: Marker, x: f64, y: f64) -> String {
+/// The outline of a mark round a place of the chart.
+pub fn mark(marker: Marker, x: f64, y: f64) -> String {
     match marker {
         Marker::Circle => format!("M{:.1} {y:.1}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0Z", x - 4.0),
         Marker::Square => format!("M{:.1} {:.1}h7v7h-7Z", x - 3.5, y - 3.5),

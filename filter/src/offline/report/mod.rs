@@ -1,12 +1,12 @@
 //! The evaluation as one HTML file: no network, no script, for a screen or a printer.
 
-mod curves;
+pub(super) mod curves;
 mod page;
 mod paper;
 mod picture;
 mod series;
 mod story;
-mod style;
+pub(super) mod style;
 
 use std::fs;
 use std::io;
@@ -108,7 +108,7 @@ fn check(episode: &EpisodeStory, board: &Board) -> io::Result<()> {
 }
 
 /// Text that HTML shows as it is.
-fn escape(text: &str) -> String {
+pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
