@@ -1,0 +1,135 @@
+//! The settings of an episode, and the rule by which it stops.
+
+use serde::{Deserialize, Serialize};
+use tactile_infer::Model;
+
+use crate::action::ActionConfig;
+use crate::belief::EngineConfig;
+use crate::episode::StopReason;
+use crate::error::{Error, Result};
+use crate::likelihood::LikelihoodConfig;
+use crate::particle::ParticleConfig;
+
+/// How an episode infers, chooses and stops.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EpisodeConfig {
+    /// Which inference runs.
+    pub engine: EngineConfig,
+    /// How the next touch is chosen.
+    pub action: ActionConfig,
+    /// How similarities become probabilities.
+    pub likelihood: LikelihoodConfig,
+    /// delta_prob: stop when a part is more probable than this, 0..=1. One: never for this reason.
+    pub stop_probability: f64,
+    /// N_max: stop after this many touches, the first included; at least 1.
+    pub max_touches: usize,
+    /// Whether the pose may lie between recorded ones; else it is one of them, as in the paper's protocol.
+    pub between_poses: bool,
+    /// States between two recorded poses of a bank fine enough to be interpolated, on each axis; at least 1.
+    /// A state stands for all poses around it, and ten touches see farther than a bank's step.
+    pub subdivisions: usize,
+    /// A part explains the touches when its fit ([`crate::episode::Estimate::fit`]) is at least this; at or below 0.
+    pub none_fit: f64,
+    /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / n`; not
+    /// negative. Large: parts that are not in the bank are told from those in it, at the price of touches.
+    pub fit_margin: f64,
+    /// A fit below `none_fit` means none of these parts from this many touches on; at least 1.
+    pub none_touches: usize,
+    /// An estimate warns where no edged touch reached this cosine with any recorded view, -1..=1.
+    pub low_similarity: f32,
+    /// Seed of every random draw.
+    pub seed: u64,
+}
+
+impl Default for EpisodeConfig {
+    /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V). 99 in 100
+    /// edged touches of the tuning letters reach a cosine of 0.79, no real press of anything else did.
+    fn default() -> Self {
+        Self {
+            engine: EngineConfig::Exact,
+            action: ActionConfig::default(),
+            likelihood: LikelihoodConfig::default(),
+            stop_probability: 0.95,
+            max_touches: 10,
+            between_poses: true,
+            subdivisions: 2,
+            none_fit: -1.1,
+            fit_margin: 2.0,
+            none_touches: 5,
+            low_similarity: 0.8,
+            seed: 1,
+        }
+    }
+}
+
+impl EpisodeConfig {
+    /// The defaults with what was measured of a model, where it was (`tactile-infer calibrate`).
+    pub fn of(model: &Model) -> Self {
+        let default = Self::default();
+        let low_similarity = model.calibration().map_or(default.low_similarity, |c| c.low_similarity);
+        Self { likelihood: LikelihoodConfig::of(model), low_similarity, ..default }
+    }
+
+    /// Alg. 1 as printed, K = 100, where it cannot be taken literally read as follows: log-likelihood =
+    /// cosine / temperature; the moved particle is weighted; 1 / f_PP = exp(-cosine / temperature); actions
+    /// with contact; a view outside the recorded area is unknown; the estimate is the state of largest
+    /// accumulated posterior in the likeliest part.
+    pub fn paper() -> Self {
+        Self {
+            engine: EngineConfig::Particle(ParticleConfig::paper()),
+            action: ActionConfig::paper(),
+            likelihood: LikelihoodConfig::paper(),
+            between_poses: false,
+            none_fit: f64::MIN,
+            ..Self::default()
+        }
+    }
+
+    /// Why to stop after `n_touches` when the likeliest part has this probability and fit; `None` to go on.
+    pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
+        // No edge felt yet speaks against no part.
+        let fit = fit.unwrap_or(0.0);
+        if n_touches >= self.none_touches && fit < self.none_fit {
+            Some(StopReason::NoneOfThese)
+        } else if probability.min(1.0) > self.stop_probability
+            && fit >= self.none_fit + self.fit_margin / n_touches as f64
+        {
+            Some(StopReason::Confident)
+        } else if n_touches >= self.max_touches {
+            Some(StopReason::TouchLimit)
+        } else {
+            None
+        }
+    }
+
+    /// Refuses numbers outside their ranges.
+    pub fn validate(&self) -> Result<()> {
+        let check = |name: &str, expected: &str, got: f64, fine: bool| {
+            if fine { Ok(()) } else { Err(Error::invalid(format!("episode.{name}"), expected, got.to_string())) }
+        };
+        let (stop, low) = (self.stop_probability, f64::from(self.low_similarity));
+        check("stop_probability", "0..=1", stop, (0.0..=1.0).contains(&stop))?;
+        check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
+        check("none_fit", "a number, at most 0", self.none_fit, self.none_fit.is_finite() && self.none_fit <= 0.0)?;
+        let margin = self.fit_margin;
+        check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
+        check("subdivisions", "1 to 8", self.subdivisions as f64, (1..=8).contains(&self.subdivisions))?;
+        check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
+        check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
+        let (mm, deg) = (self.action.min_separation_mm, self.action.min_separation_deg);
+        check("action.min_separation_mm", "a number, not negative", mm, mm.is_finite() && mm >= 0.0)?;
+        check("action.min_separation_deg", "a number, not negative", deg, deg.is_finite() && deg >= 0.0)?;
+        let (draws, supposed) = (self.action.n_draws, self.action.n_suppositions);
+        check("action.n_draws", "at least 1", draws as f64, draws >= 1)?;
+        let travel = self.action.travel_nats_per_mm;
+        check("action.travel_nats_per_mm", "a number, not negative", travel, travel.is_finite() && travel >= 0.0)?;
+        check("action.n_finalists", "at least 1", self.action.n_finalists as f64, self.action.n_finalists >= 1)?;
+        check("action.n_suppositions", "at least 1", supposed as f64, supposed >= 1)?;
+        if let EngineConfig::Particle(ParticleConfig { n_particles, resample_share, .. }) = self.engine {
+            check("engine.n_particles", "at least 1", n_particles as f64, n_particles >= 1)?;
+            check("engine.resample_share", "0..=1", resample_share, (0.0..=1.0).contains(&resample_share))?;
+        }
+        self.likelihood.validate()
+    }
+}
