@@ -21,10 +21,19 @@ pub struct Mode {
 /// Modes below this probability are not worth naming to a person.
 const MIN_MASS: f64 = 0.01;
 
+/// The heaviest states, among which modes are looked for: half a million would take a second.
+const MAX_STATES: usize = 10_000;
+
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
-/// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out.
+/// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and
+/// so is what lies beyond the heaviest ten thousand states.
 pub fn modes(belief: &Belief) -> Vec<Mode> {
-    let states = belief.states();
+    let mut states = belief.states();
+    if states.len() > MAX_STATES {
+        states.select_nth_unstable_by(MAX_STATES, |a, b| b.1.total_cmp(&a.1));
+        states.truncate(MAX_STATES);
+        states.sort_unstable_by_key(|(hypothesis, _)| *hypothesis);
+    }
     let uphill = likeliest_neighbours(belief.grid(), &states);
     let mut peaks: Vec<(usize, Vec<usize>)> = Vec::new();
     let mut peak_of: Vec<Option<usize>> = vec![None; states.len()];
@@ -59,9 +68,9 @@ fn likeliest_neighbours(grid: &PoseGrid, states: &[(Hypothesis, f64)]) -> Vec<us
     for (index, (hypothesis, _)) in states.iter().enumerate() {
         index_of[hypothesis.part * n_cells + hypothesis.cell] = Some(index);
     }
-    let beside: Vec<Vec<usize>> = (0..n_cells).map(|cell| cells_beside(grid, cell)).collect();
     let uphill = |(at, (hypothesis, _)): (usize, &(Hypothesis, f64))| {
-        let held = beside[hypothesis.cell].iter().filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
+        let beside = cells_beside(grid, hypothesis.cell);
+        let held = beside.into_iter().filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
         let higher = |a: usize, b: usize| states[b].1 > states[a].1 || (states[b].1 == states[a].1 && b < a);
         held.fold(at, |best, next| if higher(best, next) { next } else { best })
     };
