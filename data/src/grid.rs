@@ -42,6 +42,13 @@ impl PoseGrid {
                 ));
             }
         }
+        /// More poses than any bank holds; far beyond, their number overflows.
+        const MOST: f64 = 1e7;
+        let (xy, theta) = (self.xy_half_mm / self.xy_step_mm, self.theta_half_deg / self.theta_step_deg);
+        let n_poses = (2.0 * xy + 1.0).powi(2) * (2.0 * theta + 1.0);
+        if n_poses > MOST {
+            return Err(Error::invalid("reach", format!("at most {MOST:e} poses"), format!("{n_poses:e}")));
+        }
         Ok(())
     }
 
@@ -135,6 +142,13 @@ mod tests {
         assert!(grid.nearest(&Se2::from_degrees(0.0, 0.0, 179.0)).is_none());
         let full = PoseGrid { theta_half_deg: 180.0, ..PoseGrid::SMALL };
         assert!(full.nearest(&Se2::from_degrees(0.0, 0.0, -179.0)).is_some());
+    }
+
+    #[test]
+    fn more_poses_than_can_be_counted_are_refused() {
+        // 1e100 steps saturate, and their number wrapped round to 1.
+        let endless = PoseGrid { xy_half_mm: 1e300, xy_step_mm: 1e200, ..PoseGrid::SMALL };
+        assert!(endless.validate().unwrap_err().to_string().contains("poses"));
     }
 
     #[test]

@@ -196,8 +196,8 @@ impl<'a> Episode<'a> {
 
     /// Like [`Self::observe`], with the touch already embedded.
     pub fn observe_with(&mut self, moved: Se2, observation: &Observation) -> Result<()> {
-        if !moved.is_finite() {
-            return Err(Error::invalid("moved", "a finite motion", format!("{moved:?}")));
+        if !is_plausible(&moved) {
+            return Err(Error::invalid("moved", "a motion within 1 km and 1,000 rad", format!("{moved:?}")));
         }
         let likelihood = TouchLikelihood::new(observation, self.bank, &self.config.likelihood)?;
         self.belief.update(&moved, likelihood);
@@ -317,6 +317,11 @@ pub struct EpisodeRecord {
     pub grid: PoseGrid,
     /// Each touch with the motion since the one before; the first one's is no motion.
     pub touches: Vec<(Se2, Observation)>,
+}
+
+/// Whether a robot could have moved so; NaN could not. Far beyond, composed poses overflow.
+fn is_plausible(moved: &Se2) -> bool {
+    moved.x_mm.abs() <= 1e6 && moved.y_mm.abs() <= 1e6 && moved.theta_rad.abs() <= 1e3
 }
 
 /// A part's pose and its fit there.

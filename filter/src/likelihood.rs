@@ -222,12 +222,15 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     if !(0.0..=1.0).contains(&observation.edge_share) {
         return Err(Error::invalid("touch", "an edge share in 0..=1", observation.edge_share.to_string()));
     }
+    // By its largest value first: the squares of long and short queries leave the range of f32.
+    let largest = query.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
+    let query: Vec<f32> = query.iter().map(|value| if largest > 0.0 { value / largest } else { *value }).collect();
     let mut similarities = Vec::new();
-    part_mating(query, bank, &mut similarities);
+    part_mating(&query, bank, &mut similarities);
     if similarities.iter().all(|s| !s.is_finite()) {
         return Err(Error::invalid("touch", "a finite similarity with some part", "none"));
     }
-    let norm = dot(query, query).sqrt();
+    let norm = dot(&query, &query).sqrt();
     let scale = if norm > 0.0 && norm.is_finite() { norm.recip() } else { 1.0 };
     for similarity in &mut similarities {
         *similarity = if similarity.is_finite() { (*similarity * scale).clamp(-1.0, 1.0) } else { -1.0 };
@@ -338,9 +341,9 @@ mod tests {
         for query in [[f32::NAN, 1.0], [f32::INFINITY, f32::INFINITY]] {
             assert!(TouchLikelihood::new(&touch(query, 0.2), &bank, &config).is_err());
         }
-        // 3e38 x 2 overflows in the first row only.
-        let steep = super::tests::bank(&[[2.0, 0.0], [0.0, 1.0]], &[0.2, 0.2]);
-        let seen = TouchLikelihood::new(&touch([3e38, 1.0], 0.2), &steep, &config).unwrap();
+        // 3e38 + 3e38 overflows in the first row only.
+        let steep = super::tests::bank(&[[3e38, 3e38], [0.0, 1.0]], &[0.2, 0.2]);
+        let seen = TouchLikelihood::new(&touch([1.0, 1.0], 0.2), &steep, &config).unwrap();
         assert!(log_rows(&seen)[0] < log_rows(&seen)[1]);
     }
 

@@ -117,6 +117,12 @@ impl Model {
 
     /// A model from a checkpoint in memory; `sha256` is what [`Checkpoint::save`] returned.
     pub fn new(checkpoint: Checkpoint, sha256: String, device: DeviceKind) -> Result<Self> {
+        // Before any is allocated: a config may ask for terabytes that the file does not hold.
+        let n_held: usize = checkpoint.tensors.iter().map(|tensor| tensor.values.len()).sum();
+        let n_asked = checkpoint.config.n_weights_at_least();
+        if n_asked > n_held {
+            return Err(Error::invalid("network", format!("{n_asked} weights or more"), n_held.to_string()));
+        }
         let device = device.tensor_device();
         Ok(Self {
             network: with_tensors(checkpoint.config.init(0, &device), checkpoint.tensors)?,

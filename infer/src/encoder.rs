@@ -43,6 +43,12 @@ impl NetworkConfig {
         Ok(())
     }
 
+    /// The weights of its largest layers: the 3x3 convolutions and the first of the projector.
+    pub fn n_weights_at_least(&self) -> usize {
+        let [columns, rows] = self.input_px.map(|n| n.div_ceil(8));
+        9 * 16 * 3 * self.width * self.width + 2 * self.width * columns * rows * self.hidden
+    }
+
     /// A network with weights drawn from `seed`: the same on every backend.
     pub fn init(&self, seed: u64, device: &Device) -> Network {
         let [w, d] = [self.width, self.dim];

@@ -57,6 +57,14 @@ impl SafeFile {
     /// Writes the file beside its place and renames it there, so that a crash or a full disk leaves
     /// the old file as it was.
     pub fn save(&self, path: &Path, schema: &str) -> Result<()> {
+        let mut names: Vec<&str> = self.tensors.iter().map(|tensor| tensor.name.as_str()).collect();
+        names.extend(self.blobs.iter().map(|(name, _)| name.as_str()));
+        names.sort_unstable();
+        // The library panics on it.
+        if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            let got = format!("'{}' twice", twice[0]);
+            return Err(Error::invalid(path.display().to_string(), "tensors of different names", got));
+        }
         let bytes: Vec<Vec<u8>> =
             self.tensors.iter().map(|t| t.values.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
         let tensors = self.tensors.iter().zip(&bytes).map(|(tensor, bytes)| {

@@ -157,6 +157,8 @@ pub fn similarities() -> Result<Vec<Case>> {
         ("a query of noughts", "every part as probable", usual.to_vec(), zero.clone(), [0.0; 3]),
         ("a query of length 1e-15", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e-15), [1.0, 0.0, 0.6]),
         ("a query of length 1e15", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e15), [1.0, 0.0, 0.6]),
+        ("a query of length 1e-30", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e-30), [1.0, 0.0, 0.6]),
+        ("a query of length 1e30", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e30), [1.0, 0.0, 0.6]),
     ];
     let mut cases = Vec::new();
     for (variant, expected, rows, query, cosines) in touches {

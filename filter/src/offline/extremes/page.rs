@@ -8,7 +8,7 @@ use super::plot::plot;
 use super::speed::Timing;
 
 /// What is this page's own.
-const STYLE: &str = "td { text-align: left; } td.n { text-align: right; } .plots { display: grid; \
+const STYLE: &str = "th, td { text-align: left; } .n { text-align: right; } .plots { display: grid; \
     grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 8px 28px; } \
     .plots p { font-weight: 600; font-size: .9rem; margin: 10px 0 0; } .plots svg:not(.key) { display: block; width: 100%; }";
 
@@ -44,23 +44,21 @@ compared with the f64 reference of their unrounded rows.</figcaption></figure>
 
 fn tile(timing: &Timing) -> String {
     let target = match timing.target_ms {
-        Some([half, most]) => format!(", aimed at {half} and {most}"),
+        Some([half, most]) => format!("; aimed at {half} and {most}&nbsp;ms"),
         None => String::new(),
     };
+    let Timing { what, n, p50_ms, p99_ms, .. } = timing;
     format!(
-        r#"<div class="tile"><b>{:.2} · {:.2}&nbsp;ms</b>{}: half and 99 of 100 of {} within this, one thread{target}</div>"#,
-        timing.p50_ms,
-        timing.p99_ms,
-        escape(&timing.what),
-        timing.n
+        r#"<div class="tile"><b>{p50_ms:.2}&nbsp;ms</b>{}, one thread: half of {n} within this, 99 of 100 within {p99_ms:.2}&nbsp;ms{target}</div>"#,
+        escape(what)
     )
 }
 
 fn table(cases: &[Case], group: Group) -> String {
     let rows: String = cases.iter().filter(|case| case.group == group).map(row).collect();
     format!(
-        r#"<h2>{}</h2><div class="scroll"><table><thead><tr><th>Case</th><th>{}</th><th>Expected</th><th>Error</th>
-<th>Bound</th><th>Right part</th><th>Verdict</th></tr></thead><tbody>{rows}</tbody></table></div>
+        r#"<h2>{}</h2><div class="scroll"><table><thead><tr><th>Case</th><th class="n">{}</th><th>Expected</th>
+<th class="n">Error</th><th class="n">Bound</th><th>Right part</th><th>Verdict</th></tr></thead><tbody>{rows}</tbody></table></div>
 "#,
         group.title(),
         group.axis()
@@ -107,7 +105,14 @@ mod tests {
         ];
         let timing = Timing { what: "update".into(), n: 3, p50_ms: 0.25, p99_ms: 1.5, target_ms: Some([0.5, 1.0]) };
         let html = html(&Extremes { schema: SCHEMA.into(), seed: 1, quick: false, cases, timings: vec![timing] });
-        for word in [">holds<", ">fails<", ">refused<", "expected a &lt; b, got NaN", "0.25 · 1.50", "<b>2</b>of 3"] {
+        for word in [
+            ">holds<",
+            ">fails<",
+            ">refused<",
+            "expected a &lt; b, got NaN",
+            "<b>0.25&nbsp;ms</b>update",
+            "<b>2</b>of 3",
+        ] {
             assert!(html.contains(word), "{word}");
         }
         for outside in ["http:", "https:", "<script", "<link"] {
