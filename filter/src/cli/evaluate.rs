@@ -140,6 +140,7 @@ impl Evaluate {
             n_classes: bank.parts().len(),
             n_episodes: self.episodes,
             seeds: self.seeds.clone(),
+            absent: self.absent,
             model: ModelRecord {
                 name: model.provenance().name.clone(),
                 sha256: model.sha256().into(),

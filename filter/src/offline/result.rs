@@ -18,6 +18,9 @@ pub struct Evaluation {
     pub n_episodes: usize,
     /// Seeds of the episodes.
     pub seeds: Vec<u64>,
+    /// Whether each hole's own part was taken out of the bank: no answer is then right but "none of these".
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub absent: bool,
     /// The model that embedded the touches.
     pub model: ModelRecord,
     /// Device of the network.
@@ -258,6 +261,7 @@ pub(crate) mod tests {
     fn optional_figures_are_kept() {
         let mut more = published();
         more["command"] = json!("tactile-filter evaluate");
+        more["absent"] = json!(true);
         more["rows"][0]["n_correct"] = json!(450);
         let evaluation: Evaluation = serde_json::from_value(more.clone()).unwrap();
         assert_eq!(serde_json::to_value(&evaluation).unwrap(), more);

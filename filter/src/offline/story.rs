@@ -1,6 +1,6 @@
 //! A few episodes told touch by touch, for the report.
 
-use tactile_data::frame::{Background, Frame, Preprocessing};
+use tactile_data::frame::{Background, Preprocessing};
 use tactile_data::grid::PoseGrid;
 use tactile_data::simulator::Simulator;
 use tactile_infer::bank::Bank;
@@ -40,9 +40,8 @@ pub fn tell(
         let mut story = EpisodeStory {
             name: format!("Episode {}", index + 1),
             truth: 0,
-            guess: 0,
-            probability: 0.0,
             stop: format!("touch limit of {}", protocol.n_touches),
+            refused: false,
             touches: Vec::new(),
         };
         let mut failed = Ok(());
@@ -52,11 +51,18 @@ pub fn tell(
                 return;
             }
             story.truth = hole.part_index();
-            story.guess = bank.parts().iter().position(|part| *part == estimate.part).unwrap_or(0);
-            story.probability = estimate.probability;
-            match touch(&rest, frame, hole.part_from_sensor(), episode.belief(), bank) {
-                Ok(touch) => story.touches.push(touch),
-                Err(error) => failed = Err(error),
+            match rest.tactile_image(frame) {
+                Ok(difference) => story.touches.push(TouchStory {
+                    part_from_sensor: hole.part_from_sensor(),
+                    frame: frame.clone(),
+                    difference,
+                    guess: bank.parts().iter().position(|part| *part == estimate.part).unwrap_or(0),
+                    probability: estimate.probability,
+                    fit: estimate.fit,
+                    fit_needed: fit_needed(config, estimate.n_touches),
+                    belief: places(episode.belief(), bank.grid(), bank.parts().len()),
+                }),
+                Err(error) => failed = Err(error.into()),
             }
             match config.stop(estimate.probability, estimate.fit, estimate.n_touches) {
                 Some(StopReason::Confident) => {
@@ -65,30 +71,23 @@ pub fn tell(
                 }
                 Some(StopReason::NoneOfThese) => {
                     story.stop = "none of these parts explains the touches".into();
+                    story.refused = true;
                     over = true;
                 }
                 _ => {}
             }
         })?;
+        if !over && story.touches.len() < protocol.n_touches {
+            story.stop = "nowhere left to touch".into();
+        }
         failed.map(|()| story)
     };
     (0..n.min(protocol.n_episodes)).map(tell_one).collect()
 }
 
-fn touch(
-    rest: &Background,
-    frame: &Frame,
-    part_from_sensor: tactile_data::se2::Se2,
-    belief: &Belief,
-    bank: &Bank,
-) -> Result<TouchStory> {
-    let difference = rest.tactile_image(frame)?;
-    Ok(TouchStory {
-        part_from_sensor,
-        frame: frame.clone(),
-        difference,
-        belief: places(belief, bank.grid(), bank.parts().len()),
-    })
+/// The fit that [`EpisodeConfig::stop`] asks for to be confident, where it asks at all.
+fn fit_needed(config: &EpisodeConfig, n_touches: usize) -> Option<f64> {
+    (config.none_fit > f64::MIN).then(|| config.none_fit + config.fit_margin / n_touches as f64)
 }
 
 /// Probability of each recorded place of the first touch, `[part, x, y]`, summed over the angle.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::escape;
+use super::{escape, number};
 
 const WIDTH: f64 = 360.0;
 const HEIGHT: f64 = 280.0;
@@ -48,28 +48,31 @@ pub enum Marker {
     Cross,
 }
 
-/// A chart of `lines`. The axis of values starts at nought and ends at `top`, or at the largest value.
-pub fn chart(title: &str, lines: &[Line], top: Option<f64>) -> String {
+/// A chart of `lines`. The axis of values spans `range`, or nought to the largest value, and ends at ticks.
+pub fn chart(title: &str, lines: &[Line], range: Option<[f64; 2]>) -> String {
     let values = lines.iter().flat_map(|line| &line.points).map(|point| point.value);
     let highest = values.filter(|value| value.is_finite()).fold(0.0, f64::max);
-    let step = tick_step(top.unwrap_or(highest));
-    let top = top.unwrap_or((highest / step).ceil().max(1.0) * step);
+    let [low, high] = range.unwrap_or([0.0, highest]);
+    let step = tick_step(high - low);
+    let first_tick = (low / step + 1e-9).floor() as i64;
+    let last_tick = ((high / step - 1e-9).ceil() as i64).max(first_tick + 1);
+    let [bottom, top] = [first_tick, last_tick].map(|tick| tick as f64 * step);
     let n_last = lines.iter().flat_map(|line| &line.points).map(|point| point.n_touches).max().unwrap_or(1);
     let x =
         |n_touches: usize| LEFT + 12.0 + (RIGHT - LEFT - 24.0) * (n_touches as f64 - 1.0) / (n_last.max(2) - 1) as f64;
-    let y = |value: f64| BOTTOM - (BOTTOM - TOP) * value.clamp(0.0, top) / top;
+    let y = |value: f64| BOTTOM - (BOTTOM - TOP) * (value.clamp(bottom, top) - bottom) / (top - bottom);
 
     let mut svg = format!(
         r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{}">"#,
         escape(title)
     );
-    let n_ticks = (top / step).round() as usize;
     let decimals = (-step.log10().floor()).max(0.0) as usize;
-    for value in (0..=n_ticks).map(|tick| tick as f64 * step) {
+    for tick in first_tick..=last_tick {
+        let (value, nought) = (tick as f64 * step, if tick == 0 && bottom < 0.0 { " nought" } else { "" });
         let y = y(value);
-        add(&mut svg, format_args!(r#"<path class="grid" d="M{LEFT} {y:.1}H{RIGHT}"/>"#));
-        let label = LEFT - 6.0;
-        add(&mut svg, format_args!(r#"<text class="end" x="{label}" y="{:.1}">{value:.decimals$}</text>"#, y + 4.0));
+        add(&mut svg, format_args!(r#"<path class="grid{nought}" d="M{LEFT} {y:.1}H{RIGHT}"/>"#));
+        let (label, value) = (LEFT - 6.0, number(value, decimals));
+        add(&mut svg, format_args!(r#"<text class="end" x="{label}" y="{:.1}">{value}</text>"#, y + 4.0));
     }
     for n_touches in 1..=n_last {
         let (x, y) = (x(n_touches), BOTTOM + 17.0);
@@ -114,7 +117,9 @@ fn draw(svg: &mut String, line: &Line, x: impl Fn(usize) -> f64, y: impl Fn(f64)
         if let (Some([low, high]), 1) = (point.interval, line.points.len()) {
             add(svg, format_args!(r#"<path class="bar" d="M{x:.1} {:.1}V{:.1}"/>"#, y(low), y(high)));
         }
-        let tip = format!("{}, {} touches: {:.2}", line.label, point.n_touches, point.value);
+        let interval = point.interval.map(|[low, high]| format!(" ({} to {})", number(low, 2), number(high, 2)));
+        let value = number(point.value, 2) + &interval.unwrap_or_default();
+        let tip = format!("{}, {} touches: {value}", line.label, point.n_touches);
         let (mark, tip) = (mark(line.marker, x, y_mark), escape(&tip));
         add(svg, format_args!(r#"<path class="mark" d="{mark}"><title>{tip}</title></path>"#));
     }
@@ -157,9 +162,18 @@ mod tests {
 
     #[test]
     fn values_stand_at_their_height() {
-        let svg = chart("t", &[line(&[0.0, 50.0, 100.0])], Some(100.0));
+        let svg = chart("t", &[line(&[0.0, 50.0, 100.0])], Some([0.0, 100.0]));
         let middle = (TOP + BOTTOM) / 2.0;
         assert!(svg.contains(&format!("M52.0 {BOTTOM:.1}L194.0 {middle:.1}L336.0 {TOP:.1}")), "{svg}");
+    }
+
+    #[test]
+    fn an_axis_goes_below_nought_and_marks_it() {
+        let svg = chart("t", &[line(&[-10.0, 10.0])], Some([-13.0, 31.0]));
+        // Ticks at -20, -10, ..., 40: nought lies a third of the height above the bottom.
+        let nought = BOTTOM - (BOTTOM - TOP) / 3.0;
+        assert!(svg.contains(&format!(r#"<path class="grid nought" d="M{LEFT} {nought:.1}H"#)), "{svg}");
+        assert!(svg.contains(">−20<") && svg.contains(">40<") && !svg.contains(">-"), "{svg}");
     }
 
     #[test]

@@ -1,12 +1,16 @@
-//! The evaluation as one HTML file: no network, no script, for a screen or a printer.
+//! The evaluation as one HTML file: no network, one small script that sorts tables, for a screen or a printer.
 
+mod comparison;
 pub(super) mod curves;
 mod page;
 mod paper;
 mod picture;
+mod reliability;
 mod series;
+mod stopping;
 mod story;
 pub(super) mod style;
+mod table;
 
 use std::fs;
 use std::io;
@@ -46,13 +50,11 @@ pub struct EpisodeStory {
     pub name: String,
     /// The true part, an index into [`Board::parts`].
     pub truth: usize,
-    /// The part named at the end, an index into [`Board::parts`].
-    pub guess: usize,
-    /// Probability of `guess` at the end, 0..=1.
-    pub probability: f64,
     /// Why it ended, in a few words.
     pub stop: String,
-    /// The touches, in order.
+    /// Whether it ended because no part explains the touches.
+    pub refused: bool,
+    /// The touches, in order; at least one.
     pub touches: Vec<TouchStory>,
 }
 
@@ -65,6 +67,15 @@ pub struct TouchStory {
     pub frame: Frame,
     /// What the network saw.
     pub difference: TactileImage,
+    /// The part named after it, an index into [`Board::parts`].
+    pub guess: usize,
+    /// Probability of `guess`, 0..=1.
+    pub probability: f64,
+    /// How well `guess` explains the touches so far, nats: [`crate::episode::Estimate::fit`]; `None` where no
+    /// edge was felt.
+    pub fit: Option<f64>,
+    /// The least `fit` with which the filter would be confident after this touch; `None` for any.
+    pub fit_needed: Option<f64>,
     /// Probability of each place of the first touch, summed over the angle; sums to 1.
     ///
     /// `[part, x, y]`, y fastest: the order of [`PoseGrid::pose`] without its angle.
@@ -93,7 +104,11 @@ fn check(episode: &EpisodeStory, board: &Board) -> io::Result<()> {
     let n_parts = board.parts.len();
     let n_values = n_parts * board.grid.n_xy().pow(2);
     let wrong = |reason: String| io::Error::new(io::ErrorKind::InvalidInput, format!("{}: {reason}", episode.name));
-    if let Some(part) = [episode.truth, episode.guess].into_iter().find(|part| *part >= n_parts) {
+    if episode.touches.is_empty() {
+        return Err(wrong("expected at least one touch, got none".into()));
+    }
+    let named = episode.touches.iter().map(|touch| touch.guess).chain([episode.truth]);
+    if let Some(part) = named.into_iter().find(|part| *part >= n_parts) {
         return Err(wrong(format!("expected one of {n_parts} parts, got part {part}")));
     }
     for (touch, n) in episode.touches.iter().zip(1..) {
@@ -114,12 +129,23 @@ pub(super) fn escape(text: &str) -> String {
 
 /// A number with so many decimals; a dash where there is none.
 fn number(value: f64, decimals: usize) -> String {
-    if value.is_finite() { format!("{value:.decimals$}") } else { "–".into() }
+    if value.is_finite() { format!("{value:.decimals$}").replace('-', "−") } else { "–".into() }
+}
+
+/// A difference: like [`number`], with its sign.
+fn signed(value: f64, decimals: usize) -> String {
+    let number = number(value, decimals);
+    let is_nought = number.trim_start_matches('−').chars().all(|c| matches!(c, '0' | '.'));
+    match (is_nought, value > 0.0 && value.is_finite()) {
+        (true, _) => number.trim_start_matches('−').into(),
+        (false, true) => format!("+{number}"),
+        (false, false) => number,
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::result;
+    use super::super::result::{self, Choice, Comparison, Inference, ReliabilityBin, Stops};
     use super::*;
     use tactile_data::frame::{Background, Preprocessing};
 
@@ -136,17 +162,59 @@ mod tests {
             part_from_sensor: Se2::from_degrees(4.0, 0.0, 30.0),
             difference: background.tactile_image(&frame).unwrap(),
             frame,
+            guess: 1,
+            probability: 0.5,
+            fit: Some(-0.75),
+            fit_needed: Some(-0.25),
             belief: vec![1.0 / 50.0; 50],
         };
-        let touches = vec![touch.clone(), touch];
-        EpisodeStory { name: "episode 3".into(), truth: 0, guess: 1, probability: 0.5, stop: "limit".into(), touches }
+        let touches = vec![touch.clone(), TouchStory { fit: None, ..touch }];
+        EpisodeStory { name: "episode 3".into(), truth: 0, stop: "limit".into(), refused: false, touches }
+    }
+
+    fn published() -> Evaluation {
+        serde_json::from_value(result::tests::published()).unwrap()
+    }
+
+    /// Two rules that stopped, were compared and were now and then sure.
+    fn whole() -> Evaluation {
+        let (inference, action) = (Inference::Exact, Choice::Information);
+        let stops = Stops {
+            inference,
+            action,
+            mean_touches: 3.5,
+            confident: 0.75,
+            confident_and_wrong: 0.015,
+            none_of_these: 0.125,
+            touches_to_95: 3.75,
+        };
+        let comparison = |n_touches| Comparison {
+            inference,
+            action,
+            against: Choice::Random,
+            n_touches,
+            difference: 0.25,
+            ci95: [0.125, 0.375],
+        };
+        let (probability, right_ci95) = ([0.99, 1.0], [0.95, 0.995]);
+        let bin = ReliabilityBin { probability, mean_probability: 0.998, right: 0.98, right_ci95, n: 300 };
+        let mut evaluation = published();
+        evaluation.stops = vec![stops, Stops { action: Choice::Random, ..stops }];
+        evaluation.comparisons = (1..=3).map(comparison).collect();
+        evaluation.reliability = vec![bin];
+        evaluation.rows[0].xy_mm_median = Some(0.0625);
+        evaluation.rows[0].theta_deg_median = Some(0.375);
+        evaluation
     }
 
     fn write(board: &Board, episodes: &[EpisodeStory]) -> io::Result<String> {
+        write_evaluation(&whole(), board, episodes)
+    }
+
+    fn write_evaluation(evaluation: &Evaluation, board: &Board, episodes: &[EpisodeStory]) -> io::Result<String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("report.html");
-        let evaluation: Evaluation = serde_json::from_value(result::tests::published()).unwrap();
-        write_report(&path, &evaluation, board, episodes, &PaperNumbers::of_scene("alphabet-small"))?;
+        write_report(&path, evaluation, board, episodes, &PaperNumbers::of_scene("alphabet-small"))?;
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing is left beside the report");
         fs::read_to_string(&path)
     }
@@ -154,16 +222,18 @@ mod tests {
     #[test]
     fn the_report_is_one_page_that_needs_nothing_else() {
         let html = write(&board(), &[episode()]).unwrap();
-        for outside in ["http:", "https:", "<script", "<link", "@import", "src=\"/"] {
+        for outside in ["http:", "https:", "<script ", "<link", "@import", "import(", "fetch(", "src=\"/"] {
             assert!(!html.replace("http://www.w3.org/2000/svg", "").contains(outside), "{outside}");
         }
+        assert_eq!(html.matches("<script>").count(), 1, "the one that sorts tables");
         assert!(html.contains("A&lt;B") && !html.contains("A<B"));
     }
 
     #[test]
     fn each_tag_that_opens_closes() {
         let html = write(&board(), &[episode()]).unwrap();
-        for tag in ["table", "tr", "td", "th", "svg", "g", "figure", "figcaption", "section", "div", "p", "text"] {
+        let tags = ["table", "tr", "td", "th", "svg", "g", "figure", "figcaption", "section", "div", "p", "text"];
+        for tag in tags.into_iter().chain(["ul", "li", "h2", "button", "script", "b", "small"]) {
             let open = html.matches(&format!("<{tag} ")).count() + html.matches(&format!("<{tag}>")).count();
             assert_eq!(open, html.matches(&format!("</{tag}>")).count(), "{tag}");
         }
@@ -177,12 +247,63 @@ mod tests {
     }
 
     #[test]
+    fn the_key_figures_stand_on_top() {
+        let html = write(&board(), &[]).unwrap();
+        let tiles = &html[html.find(r#"<div class="tiles">"#).unwrap()..html.find("<figure>").unwrap()];
+        // Encoding 5, updating 0.5 and choosing 3 ms: 8.5.
+        for figure in ["<b>90.0&nbsp;%</b>", "<b>1.5&nbsp;%</b>", "<b>0.06 mm · 0.4°</b>", "<b>8.5&nbsp;ms</b>"] {
+            assert!(tiles.contains(figure), "{figure} in {tiles}");
+        }
+    }
+
+    #[test]
+    fn a_mean_stands_with_its_median() {
+        let html = write(&board(), &[]).unwrap();
+        assert!(html.contains("0.20<small>median 0.06</small>") && html.contains("0.9<small>median 0.4</small>"));
+        let without = write_evaluation(&published(), &board(), &[]).unwrap();
+        assert!(without.contains("<td>0.20</td>") && !without.contains("<small>median"));
+    }
+
+    #[test]
+    fn an_older_evaluation_is_told_without_what_it_does_not_have() {
+        let html = write_evaluation(&published(), &board(), &[]).unwrap();
+        assert!(!html.contains("as often as it says") && !html.contains("Does choosing"));
+        assert!(html.contains("after 2.5 touches on average"));
+    }
+
+    #[test]
+    fn without_the_parts_in_the_bank_there_is_no_accuracy_to_show() {
+        let evaluation = Evaluation { absent: true, ..whole() };
+        let html = write_evaluation(&evaluation, &board(), &[]).unwrap();
+        assert!(html.contains("taken out of the bank") && html.contains("<b>12.5&nbsp;%</b>"));
+        for gone in ["Accuracy and error", "All numbers", "Does choosing", "as often as it says", "the paper: "] {
+            assert!(!html.contains(gone), "{gone}");
+        }
+    }
+
+    #[test]
+    fn an_episode_tells_its_fit_touch_by_touch_and_how_it_ended() {
+        let html = write(&board(), &[episode()]).unwrap();
+        assert!(html.contains("fit −0.75") && html.contains("−0.25 or more") && html.contains("no edge felt"));
+        assert!(html.contains("✗ wrong part"));
+        let refused = EpisodeStory { refused: true, ..episode() };
+        assert!(write(&board(), &[refused]).unwrap().contains("✗ none of these"));
+    }
+
+    #[test]
+    fn a_difference_has_a_sign_unless_it_is_nought() {
+        let signs = [0.26, -0.26, 0.01, -0.01, f64::NAN].map(|value| signed(value, 1));
+        assert_eq!(signs, ["+0.3", "−0.3", "0.0", "0.0", "–"]);
+    }
+
+    #[test]
     fn a_story_of_another_board_is_refused() {
         let mut short = episode();
         short.touches[1].belief.pop();
         let error = write(&board(), &[short]).unwrap_err();
         assert_eq!(error.to_string(), "episode 3: touch 2: expected a belief of 50 places, got 49");
-        let unknown = EpisodeStory { guess: 2, ..episode() };
+        let mut unknown = episode();
+        unknown.touches[0].guess = 2;
         assert!(write(&board(), &[unknown]).unwrap_err().to_string().contains("one of 2 parts, got part 2"));
     }
 }

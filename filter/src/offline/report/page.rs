@@ -1,12 +1,14 @@
-//! The page: key figures, curves, stopping and latency, episodes, how it was made.
+//! The page: key figures, curves, what the other modules of the report tell, episodes, how it was made.
 
 use std::io;
 
-use super::super::result::{Evaluation, Method, Poses, Quantiles, Row};
+use super::super::result::{Evaluation, Method, Poses, Row, Stops};
 use super::curves::{Line, Marker, Point, chart, legend_mark};
-use super::series::{Series, leading_filter, series};
+use super::series::{Series, leading_filter, series, way};
 use super::style::CSS;
-use super::{Board, EpisodeStory, PaperNumbers, PaperRow, escape, number, story};
+use super::table::{SCRIPT, sortable};
+use super::{Board, EpisodeStory, PaperNumbers, PaperRow};
+use super::{comparison, escape, number, reliability, stopping, story};
 
 /// The columns of the first table: the numbers of touches that the paper reports.
 const TOUCHES: [usize; 4] = [1, 3, 5, 10];
@@ -19,51 +21,45 @@ pub fn html(
     paper: &PaperNumbers,
 ) -> io::Result<String> {
     let scene = escape(&evaluation.scene);
-    let sections = [
-        head(evaluation, paper),
-        beside_paper(evaluation, paper),
-        curves(evaluation, paper),
-        stopping(evaluation),
-        stories(board, episodes)?,
-        how_made(evaluation),
-        all_rows(evaluation),
-    ];
+    let mut sections = vec![head(evaluation, paper)];
+    // Without their parts in the bank, nothing is right and no pose is true.
+    if evaluation.absent {
+        sections.push(stopping::section(evaluation));
+    } else {
+        let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter);
+        sections.extend([
+            beside_paper(evaluation, paper),
+            curves(evaluation, paper),
+            comparison::section(evaluation),
+            reliability::section(evaluation, &lead.map_or(String::new(), |row| way(row.inference, row.action))),
+            stopping::section(evaluation),
+        ]);
+    }
+    sections.extend([stopping::speed(evaluation), stories(board, episodes)?, how_made(evaluation)]);
+    if !evaluation.absent {
+        sections.push(all_rows(evaluation));
+    }
     Ok(format!(
         r#"<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Tactile-Filter: {scene}</title><style>{CSS}</style></head><body>
-{}</body></html>
+{}{SCRIPT}</body></html>
 "#,
         sections.concat()
     ))
 }
 
 fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
-    let best = leading_filter(evaluation, Poses::OnGrid).or_else(|| leading_filter(evaluation, Poses::OffGrid));
-    let row = best.as_ref().and_then(|series| series.at(5).or(series.rows.last().copied()));
-    let accuracy = row.map(|row| {
-        let paper = paper.at(row.n_touches);
-        let paper = paper.map(|paper| format!("; the paper: {}&nbsp;%", number(paper.accuracy_percent, 1)));
-        let what = format!("right part after {}{}", touches(row.n_touches), paper.unwrap_or_default());
-        tile(&percent(row.accuracy), &what)
-    });
-    let place = row.map(|row| {
-        let errors = format!("{} mm · {}°", number(row.xy_mm_mean, 2), number(row.theta_deg_mean, 1));
-        tile(&errors, &format!("mean error after {}, where the part is right", touches(row.n_touches)))
-    });
-    let latency = &evaluation.latency_ms;
-    let decision_ms = latency.encode.p50 + latency.update.p50 + latency.select.p50;
-    let tiles = [
-        accuracy.unwrap_or_default(),
-        place.unwrap_or_default(),
-        tile(&number(evaluation.stopping.mean_touches, 1), "touches until it stops by itself, on average"),
-        tile(&percent(evaluation.stopping.confident_and_wrong), "of episodes stop sure of a wrong part"),
-        tile(&milliseconds(decision_ms), "per touch: see, update, choose the next (sum of medians)"),
-    ];
+    let tiles = if evaluation.absent { absent_tiles(evaluation) } else { tiles(evaluation, paper) };
+    let what = if evaluation.absent {
+        "Here each hole’s own part was taken out of the bank: no part is right, and the filter should say “none of these parts”."
+    } else {
+        "Touch by touch the filter works out which part it is, and where on it the sensor stands."
+    };
     format!(
         r#"<h1>Which peg fits this hole? {}</h1>
-<p>A simulated tactile sensor touches the hole of one of {} parts, whose pegs it has touched before. Touch by touch the
-filter works out which part it is, and where on it the sensor stands. {} simulated episodes, {}.</p>
+<p>A simulated tactile sensor touches the hole of one of {} parts, whose pegs it has touched before. {what}
+{} simulated episodes, {}.</p>
 <div class="tiles">{}</div>
 "#,
         escape(&evaluation.scene),
@@ -72,6 +68,60 @@ filter works out which part it is, and where on it the sensor stands. {} simulat
         seeds(evaluation),
         tiles.concat()
     )
+}
+
+/// The key figures: accuracy, wrong answers, pose, time.
+fn tiles(evaluation: &Evaluation, paper: &PaperNumbers) -> Vec<String> {
+    let kinds = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, "off grid")];
+    let found = kinds.iter().find_map(|(poses, name)| Some((leading_filter(evaluation, *poses)?, *name)));
+    let mut tiles = Vec::new();
+    if let Some((series, poses)) = &found {
+        for row in TOUCHES[1..].iter().filter_map(|n| series.at(*n)) {
+            let paper = paper.at(row.n_touches);
+            let paper = paper.map(|paper| format!("; the paper: {}&nbsp;%", number(paper.accuracy_percent, 1)));
+            let what = format!("right part after {}, {poses}{}", touches(row.n_touches), paper.unwrap_or_default());
+            tiles.push(tile(&percent(row.accuracy), &what));
+        }
+    }
+    tiles.push(match leading_stops(evaluation) {
+        Some(stops) => tile(&percent(stops.confident_and_wrong), "of confident stops name a wrong part"),
+        None => tile(&percent(evaluation.stopping.confident_and_wrong), "of episodes stop sure of a wrong part"),
+    });
+    let last = found.iter().find_map(|(series, _)| series.at(10).or(series.rows.last().copied()));
+    tiles.extend(last.map(|row| {
+        let (what, [mm, deg]) = match (row.xy_mm_median, row.theta_deg_median) {
+            (Some(mm), Some(deg)) => ("median", [mm, deg]),
+            _ => ("mean", [row.xy_mm_mean, row.theta_deg_mean]),
+        };
+        let errors = format!("{} mm · {}°", number(mm, 2), number(deg, 1));
+        tile(&errors, &format!("{what} error of the pose after {}, where the part is right", touches(row.n_touches)))
+    }));
+    tiles.push(decision_time(evaluation));
+    tiles
+}
+
+/// The key figures where no part is right: how often that is seen.
+fn absent_tiles(evaluation: &Evaluation) -> Vec<String> {
+    let stops = leading_stops(evaluation).map(|stops| {
+        [
+            tile(&percent(stops.none_of_these), "of episodes rightly stop with “none of these parts”"),
+            tile(&percent(stops.confident), "of episodes stop sure of a part, each of them wrong"),
+            tile(&number(stops.mean_touches, 1), "touches until it stops, on average"),
+        ]
+    });
+    stops.into_iter().flatten().chain([decision_time(evaluation)]).collect()
+}
+
+/// What the stopping rule did with the way of inferring that the evaluation is about.
+fn leading_stops(evaluation: &Evaluation) -> Option<&Stops> {
+    let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter)?;
+    evaluation.stops.iter().find(|stops| (stops.inference, stops.action) == (lead.inference, lead.action))
+}
+
+fn decision_time(evaluation: &Evaluation) -> String {
+    let latency = &evaluation.latency_ms;
+    let decision_ms = latency.encode.p50 + latency.update.p50 + latency.select.p50;
+    tile(&milliseconds(decision_ms), "per touch: see, update, choose the next (sum of medians)")
 }
 
 fn tile(figure: &str, what: &str) -> String {
@@ -86,6 +136,10 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     let accuracy_cell = |row: &Row| {
         let [low, high] = row.accuracy_ci95.map(|bound| number(100.0 * bound, 1));
         format!("{}<small>{low}–{high}</small>", number(100.0 * row.accuracy, 1))
+    };
+    let error_cell = |mean: f64, median: Option<f64>, decimals| {
+        let median = median.map(|median| format!("<small>median {}</small>", number(median, decimals)));
+        number(mean, decimals) + &median.unwrap_or_default()
     };
     let filters = |cell: &dyn Fn(&Row) -> String| -> String {
         let filter = |(series, suffix): &(Series, &str)| {
@@ -109,11 +163,11 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
         papers("The paper (one touch: its MoCo)", &|n| paper.at(n).map(|row| row.accuracy_percent)),
         baselines,
         papers("The paper’s Pixel", &|n| paper.pixel_percent.filter(|_| n == 1)),
-        group("Error of the place, mm"),
-        filters(&|row| number(row.xy_mm_mean, 2)),
+        group("Mean error of the place, mm"),
+        filters(&|row| error_cell(row.xy_mm_mean, row.xy_mm_median, 2)),
         papers("The paper", &|n| paper.at(n).map(|row| row.xy_mm)),
-        group("Error of the angle, degrees"),
-        filters(&|row| number(row.theta_deg_mean, 1)),
+        group("Mean error of the angle, degrees"),
+        filters(&|row| error_cell(row.theta_deg_mean, row.theta_deg_median, 1)),
         papers("The paper", &|n| paper.at(n).map(|row| row.theta_deg)),
     ];
     let best: Vec<_> = ours.iter().flatten().map(|(series, suffix)| format!("{suffix}, {}", series.way())).collect();
@@ -165,18 +219,24 @@ fn figure(series: &[Series], title: &str, paper: &[PaperRow]) -> String {
     let right = |row: &Row| (100.0 * row.accuracy, Some(row.accuracy_ci95.map(|bound| 100.0 * bound)));
     let accuracy = series.iter().map(|series| series.line(right)).chain([papers(|row| row.accuracy_percent)]).collect();
     // Pixel names few parts right, and its errors would press all others flat.
-    let errors = |value: fn(&Row) -> f64, paper: fn(&PaperRow) -> f64| -> Vec<Line> {
+    let errors = |value: fn(&Row) -> f64| -> Vec<Line> {
         let shown = series.iter().filter(|series| series.method != Method::Pixel);
-        shown.map(|series| series.line(|row| (value(row), None))).chain([papers(paper)]).collect()
+        shown.map(|series| series.line(|row| (value(row), None))).collect()
     };
-    let charts: [(_, Vec<Line>, _); 3] = [
-        ("Right part, %", accuracy, Some(100.0)),
-        ("Error of the place, mm", errors(|row| row.xy_mm_mean, |row| row.xy_mm), None),
-        ("Error of the angle, degrees", errors(|row| row.theta_deg_mean, |row| row.theta_deg), None),
+    let mut charts: Vec<(_, Vec<Line>, _)> = vec![
+        ("Right part, %", accuracy, Some([0.0, 100.0])),
+        ("Place: mean error, mm", errors(|row| row.xy_mm_mean), None),
+        ("Angle: mean error, degrees", errors(|row| row.theta_deg_mean), None),
     ];
-    let charts: String = charts
+    charts[1].1.push(papers(|row| row.xy_mm));
+    charts[2].1.push(papers(|row| row.theta_deg));
+    if series.iter().flat_map(|series| &series.rows).any(|row| row.xy_mm_median.is_some()) {
+        charts.push(("Place: median error, mm", errors(|row| row.xy_mm_median.unwrap_or(f64::NAN)), None));
+        charts.push(("Angle: median error, degrees", errors(|row| row.theta_deg_median.unwrap_or(f64::NAN)), None));
+    }
+    let charts: Vec<String> = charts
         .iter()
-        .map(|(name, lines, top)| format!("<div><p>{name}</p>{}</div>", chart(name, lines, *top)))
+        .map(|(name, lines, range)| format!("<div><p>{name}</p>{}</div>", chart(name, lines, *range)))
         .collect();
     let mut legend: Vec<_> = series
         .iter()
@@ -189,35 +249,12 @@ fn figure(series: &[Series], title: &str, paper: &[PaperRow]) -> String {
         legend.push(format!("<li>{}The paper, real boards</li>", legend_mark("reference", Marker::Diamond, false)));
     }
     format!(
-        r#"<figure><h4>{title}</h4><ul class="legend">{}</ul><div class="charts">{charts}</div>
+        r#"<figure><h4>{title}</h4><div class="charts">{}<ul class="legend">{}</ul>{}</div>
 <figcaption>Right parts: higher is better; bands and bars are 95 % intervals. Errors: lower is better; they are those of the
-episodes that name the right part, and Pixel is left out there. Pixel and MoCo: the part of the most similar recorded picture or embedding. The stopping rule is off, so that every episode counts at every number of touches.</figcaption></figure>"#,
-        legend.concat()
-    )
-}
-
-fn stopping(evaluation: &Evaluation) -> String {
-    let latency = &evaluation.latency_ms;
-    let row = |stage: &str, Quantiles { p50, p99 }: Quantiles| {
-        format!("<tr><td>{stage}</td><td>{}</td><td>{}</td></tr>", number(p50, 2), number(p99, 2))
-    };
-    let rows = [
-        row("See: frame to embedding", latency.encode),
-        row("Update: embedding to belief", latency.update),
-        row("Choose: belief to next touch", latency.select),
-    ];
-    let n = evaluation.n_threads;
-    let threads = if n == 1 { "1 thread".into() } else { format!("{n} threads") };
-    format!(
-        r#"<h2>Stopping and speed</h2>
-<p>With the stopping rule on, an episode ends after {} touches on average; {} of all episodes end sure of a wrong part.</p>
-<figure><div class="scroll"><table><thead><tr><th>Time of one touch, ms</th><th>half within</th><th>99 of 100 within</th></tr></thead>
-<tbody>{}</tbody></table></div><figcaption>Device <code>{}</code>, {threads}. The time that the robot takes to move is not counted.</figcaption></figure>
-"#,
-        number(evaluation.stopping.mean_touches, 1),
-        percent(evaluation.stopping.confident_and_wrong),
-        rows.concat(),
-        escape(&evaluation.device),
+episodes that name the right part: a mean far above its median is made by few episodes that are far off. Pixel is left out there. Pixel and MoCo: the part of the most similar recorded picture or embedding. The stopping rule is off, so that every episode counts at every number of touches.</figcaption></figure>"#,
+        charts[..3].concat(),
+        legend.concat(),
+        charts[3..].concat(),
     )
 }
 
@@ -231,7 +268,10 @@ fn stories(board: &Board, episodes: &[EpisodeStory]) -> io::Result<String> {
 {}<p class="note">A row is a touch. <b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
 filled, with its upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey
 is no change. <b>Where the first touch was:</b> a map for each part; the stronger the blue, the more probable the place, on one scale
-for the row. The bar and the number are the part’s whole probability. The red ring is the truth: watch the blue gather in it.</p>
+for the row. The bar and the number are the part’s whole probability. The red ring is the truth: watch the blue gather in it. Above the maps,
+the likeliest part and its <b>fit:</b> how well it explains what was felt, higher is better, 0 is as well as the best recorded view of
+any part. To be confident the filter must be sure of a part that fits; a part that is likely because the others fit even
+worse is none of these parts.</p>
 {sections}"#,
         story::outlines(board)
     ))
@@ -257,29 +297,32 @@ fn how_made(evaluation: &Evaluation) -> String {
 }
 
 fn all_rows(evaluation: &Evaluation) -> String {
-    let row = |label: &str, poses: &str, row: &Row| {
+    let cells = |label: &str, poses: &str, row: &Row| {
         let [low, high] = row.accuracy_ci95.map(|bound| number(100.0 * bound, 1));
-        let figures = [
+        let median = |value: Option<f64>, decimals| number(value.unwrap_or(f64::NAN), decimals);
+        vec![
+            label.into(),
+            poses.into(),
+            row.n_touches.to_string(),
             number(100.0 * row.accuracy, 1),
             format!("{low}–{high}"),
             number(100.0 * row.exact_cell, 1),
             number(row.xy_mm_mean, 2),
+            median(row.xy_mm_median, 2),
             number(row.theta_deg_mean, 1),
+            median(row.theta_deg_median, 1),
             number(row.brier, 3),
-        ];
-        let cells: String = figures.iter().map(|figure| format!("<td>{figure}</td>")).collect();
-        format!("<tr><td>{label}</td><td>{poses}</td><td>{}</td>{cells}</tr>", row.n_touches)
+        ]
     };
-    let rows: String = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, "off grid")]
+    let rows: Vec<_> = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, "off grid")]
         .into_iter()
         .flat_map(|(poses, name)| series(evaluation, poses).into_iter().map(move |series| (series, name)))
-        .map(|(series, name)| series.rows.iter().map(|r| row(&series.label(), name, r)).collect::<String>())
+        .flat_map(|(series, name)| series.rows.iter().map(|row| cells(&series.label(), name, row)).collect::<Vec<_>>())
         .collect();
-    format!(
-        r#"<details><summary>All numbers</summary><div class="scroll"><table><thead><tr><th>Way</th><th>Poses</th><th>Touches</th><th>Right, %</th>
-<th>95 %</th><th>Right cell, %</th><th>mm</th><th>degrees</th><th>Brier</th></tr></thead><tbody>{rows}</tbody></table></div></details>
-"#
-    )
+    let place_and_angle = ["mm, mean", "median", "degrees, mean", "median"];
+    let heads = ["Way", "Poses", "Touches", "Right, %", "95 %", "Right cell, %"].into_iter().chain(place_and_angle);
+    let table = sortable(&heads.chain(["Brier"]).collect::<Vec<_>>(), &rows);
+    format!("<details><summary>All numbers</summary>{table}</details>\n")
 }
 
 fn percent(share: f64) -> String {

@@ -27,28 +27,15 @@ impl Series<'_> {
 
     /// How the filter infers and acts.
     pub fn way(&self) -> String {
-        let inference = match self.inference {
-            Inference::Exact => "exact",
-            Inference::Particle => "particles",
-            Inference::None => "no inference",
-        };
-        let action = match self.action {
-            Choice::Paper => "the paper’s action rule",
-            Choice::Information => "most informative action",
-            Choice::Random => "random action",
-            Choice::None => "no action",
-        };
-        format!("{inference}, {action}")
+        way(self.inference, self.action)
     }
 
     /// Its class of the style and its mark.
     pub fn class_and_marker(&self) -> (String, Marker) {
-        let (class, marker) = match (self.method, self.action) {
-            (Method::Pixel, _) => ("pixel", Marker::Cross),
-            (Method::Moco, _) => ("moco", Marker::Square),
-            (Method::Filter, Choice::Paper) => ("paper-rule", Marker::Square),
-            (Method::Filter, Choice::Information | Choice::None) => ("information", Marker::Circle),
-            (Method::Filter, Choice::Random) => ("random", Marker::Triangle),
+        let (class, marker) = match self.method {
+            Method::Pixel => ("pixel", Marker::Cross),
+            Method::Moco => ("moco", Marker::Square),
+            Method::Filter => choice_class_and_marker(self.action),
         };
         let particle = if self.inference == Inference::Particle { " particle" } else { "" };
         (format!("{class}{particle}"), marker)
@@ -67,6 +54,35 @@ impl Series<'_> {
             Point { n_touches: row.n_touches, value, interval }
         };
         Line { label: self.label(), class, marker, points: self.rows.iter().map(point).collect() }
+    }
+}
+
+/// How a filter infers and acts, in words.
+pub fn way(inference: Inference, action: Choice) -> String {
+    let inference = match inference {
+        Inference::Exact => "exact",
+        Inference::Particle => "particles",
+        Inference::None => "no inference",
+    };
+    format!("{inference}, {}", choice(action))
+}
+
+/// How touches are chosen, in words.
+pub fn choice(action: Choice) -> &'static str {
+    match action {
+        Choice::Paper => "the paper’s action rule",
+        Choice::Information => "most informative action",
+        Choice::Random => "random action",
+        Choice::None => "no action",
+    }
+}
+
+/// The colour of a rule of choice, as a class of the style, and its mark.
+pub fn choice_class_and_marker(action: Choice) -> (&'static str, Marker) {
+    match action {
+        Choice::Paper => ("paper-rule", Marker::Square),
+        Choice::Information | Choice::None => ("information", Marker::Circle),
+        Choice::Random => ("random", Marker::Triangle),
     }
 }
 

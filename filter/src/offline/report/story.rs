@@ -26,8 +26,15 @@ pub fn outlines(board: &Board) -> String {
 
 /// One episode as a section of the page.
 pub fn section(episode: &EpisodeStory, board: &Board) -> io::Result<String> {
-    let EpisodeStory { name, truth, guess, probability, stop, touches } = episode;
-    let (class, verdict) = if truth == guess { ("right", "✓ right") } else { ("wrong", "✗ wrong") };
+    let EpisodeStory { name, truth, stop, refused, touches } = episode;
+    let Some(TouchStory { guess, probability, .. }) = touches.last() else {
+        return Ok(String::new());
+    };
+    let (class, verdict) = match (refused, truth == guess) {
+        (true, _) => ("wrong", "✗ none of these"),
+        (false, true) => ("right", "✓ right part"),
+        (false, false) => ("wrong", "✗ wrong part"),
+    };
     let full_scale = picture::full_scale(touches.iter().map(|touch| &touch.difference));
     let shown = shown_parts(episode, board);
     let half_mm = half_view_mm(episode, board);
@@ -35,11 +42,12 @@ pub fn section(episode: &EpisodeStory, board: &Board) -> io::Result<String> {
         .map(|last| {
             let touch = &touches[last];
             Ok(format!(
-                r#"<div class="touch"><div class="count">{}</div>{}<img alt="Camera frame" src="{}"><img alt="Difference from rest" src="{}"><div class="maps">{}</div></div>"#,
+                r#"<div class="touch"><div class="count">{}</div>{}<img alt="Camera frame" src="{}"><img alt="Difference from rest" src="{}"><div class="belief">{}<div class="maps">{}</div></div></div>"#,
                 last + 1,
                 where_touched(&touches[..=last], *truth, half_mm, board),
                 picture::frame(&touch.frame)?,
                 picture::difference(&touch.difference, full_scale)?,
+                said(touch, board),
                 maps(touch, *truth, &touches[0].part_from_sensor, &shown, board)?,
             ))
         })
@@ -47,7 +55,7 @@ pub fn section(episode: &EpisodeStory, board: &Board) -> io::Result<String> {
     let part = |part: usize| escape(&board.parts[part].name);
     Ok(format!(
         r#"<section class="episode"><h3>{}<span class="verdict {class}">{verdict}</span></h3>
-<p>The hole was <b>{}</b>. After {} the filter said <b>{}</b> with {} %. It stopped: {}.</p>
+<p>The hole was <b>{}</b>. After {} the likeliest part was <b>{}</b> with {} %. It stopped: {}.</p>
 <div class="heads"><div></div><div>Where it touched</div><div>What the camera saw</div><div>What changed</div><div>Where the first touch was, part by part</div></div>
 {rows}</section>
 "#,
@@ -58,6 +66,22 @@ pub fn section(episode: &EpisodeStory, board: &Board) -> io::Result<String> {
         number(100.0 * probability, 1),
         escape(stop),
     ))
+}
+
+/// What the filter said after a touch: the likeliest part, and how well it explains the touches.
+fn said(touch: &TouchStory, board: &Board) -> String {
+    let fit = match (touch.fit, touch.fit_needed) {
+        (None, _) => "no edge felt yet".into(),
+        (Some(fit), None) => format!("fit {}", number(fit, 2)),
+        (Some(fit), Some(needed)) => {
+            format!("fit {}, to be confident {} or more", number(fit, 2), number(needed, 2))
+        }
+    };
+    format!(
+        r#"<p class="said"><b>{}</b> with {} %; {fit}</p>"#,
+        escape(&board.parts[touch.guess].name),
+        number(100.0 * touch.probability, 1)
+    )
 }
 
 /// The parts with a map: all, or those of the largest probability at any touch, and the true one.

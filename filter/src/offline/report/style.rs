@@ -20,8 +20,8 @@ p { max-width: 46rem; margin: 6px 0; }
 figure { margin: 0; }
 figcaption, .note { color: var(--soft); font-size: .88rem; max-width: 46rem; }
 figcaption { margin: 8px 0 14px; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(190px, 1fr)); gap: 12px; margin: 20px 0; }
-.tile { background: var(--panel); border-radius: 8px; padding: 12px 14px; font-size: .88rem; line-height: 1.35; color: var(--soft); }
+.tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 20px 0; }
+.tile { flex: 1 1 140px; background: var(--panel); border-radius: 8px; padding: 12px 14px; font-size: .88rem; line-height: 1.35; color: var(--soft); }
 .tile b { display: block; font-size: 1.4rem; line-height: 1.4; color: var(--ink); white-space: nowrap; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
@@ -32,14 +32,24 @@ tr.group th { padding-top: 14px; color: var(--soft); font-weight: 600; }
 tr.ours td { font-weight: 600; }
 td small { display: block; font-weight: 400; color: var(--soft); font-size: .78rem; }
 .legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 10px 0 0; padding: 0; list-style: none; font-size: .88rem; }
+.sortable td:first-child { white-space: nowrap; }
+.sortable th { vertical-align: bottom; white-space: normal; }
+.sortable th button { all: unset; cursor: pointer; }
+.sortable th button:hover { text-decoration: underline; } .sortable th button:focus-visible { outline: 2px solid var(--bar); }
+.sortable [aria-sort] button::after { content: " ▲"; font-size: .7em; } .sortable [aria-sort="descending"] button::after { content: " ▼"; }
 .legend li { display: flex; align-items: center; gap: 7px; }
 .key { width: 30px; height: 14px; flex: none; }
 .charts { display: grid; grid-template-columns: repeat(3, 1fr); gap: 8px 18px; }
+.charts .legend { flex-direction: column; margin: 12px 0 0; padding-left: 38px; }
+.charts.two { grid-template-columns: 1fr 2fr; } .charts.and-table { grid-template-columns: 1fr 1fr max-content; } .charts > .scroll { align-self: center; }
+.charts th, .charts td { padding: 3px 9px; } .charts td { white-space: nowrap; } .charts td small { display: inline; margin-left: 8px; }
 .charts p { font-weight: 600; font-size: .9rem; margin: 10px 0 0; }
-.charts svg { display: block; width: 100%; height: auto; }
+.charts svg:not(.key) { display: block; width: 100%; height: auto; }
 svg text { font: 13px system-ui, "DejaVu Sans", sans-serif; fill: var(--soft); }
 svg .end { text-anchor: end; } svg .middle { text-anchor: middle; }
 svg .grid { stroke: var(--faint); stroke-width: 1; fill: none; }
+svg .grid.nought { stroke: var(--soft); } .diagonal { stroke: var(--soft); stroke-dasharray: 5 4; stroke-width: 1.5; fill: none; }
+svg .dot { fill: currentColor; fill-opacity: .75; stroke: var(--page); stroke-width: 1; }
 svg .line { fill: none; stroke: currentColor; stroke-width: 2; stroke-linejoin: round; }
 .reference .line { display: none; }
 svg .band { fill: currentColor; opacity: .13; }
@@ -64,6 +74,7 @@ svg .mark { fill: currentColor; stroke: currentColor; stroke-width: 1.5; }
 .print.now { fill: var(--print); fill-opacity: .15; stroke-width: 2; opacity: 1; }
 .print.top { stroke-width: 4; opacity: 1; }
 .trail { fill: none; stroke: var(--print); vector-effect: non-scaling-stroke; stroke-width: 1; stroke-dasharray: 2 2; opacity: .8; }
+.belief { min-width: 0; } .said { font-size: .8rem; line-height: 1.3; margin: 0 0 6px; color: var(--soft); } .said b { color: var(--ink); }
 .maps { display: grid; grid-template-columns: repeat(6, 1fr); gap: 6px 8px; }
 .map { font-size: .76rem; line-height: 1.3; font-variant-numeric: tabular-nums; }
 .map svg { display: block; overflow: visible; width: 100%; height: auto; background: var(--panel); border-radius: 3px; }
@@ -82,13 +93,14 @@ summary { cursor: pointer; margin-top: 24px; }
 @media (max-width: 640px) {
   body { padding: 18px 14px 40px; font-size: 15px; }
   h1 { font-size: 1.45rem; }
-  .tiles { grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px; }
-  .tile b { font-size: 1.2rem; white-space: normal; } .tile:last-child { grid-column: 1 / -1; }
+  .tiles { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px; }
+  .tile b { font-size: 1.2rem; white-space: normal; }
   th, td { padding: 4px; } td small { font-size: .68rem; letter-spacing: -.02em; }
-  .charts { grid-template-columns: 1fr; }
+  .sortable { font-size: .78rem; } .sortable th, .sortable td { padding: 4px 3px; } .sortable td:first-child { white-space: normal; }
+  .charts, .charts.two, .charts.and-table { grid-template-columns: minmax(0, 1fr); } .charts .legend { order: -1; margin: 8px 0 0; padding: 0; }
   .heads { display: none; }
   .touch { grid-template-columns: 1fr 1fr 1fr; gap: 8px; align-items: center; }
-  .count, .maps { grid-column: 1 / -1; }
+  .count, .belief { grid-column: 1 / -1; }
   .count::before { content: "Touch "; }
   dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: 8px; }
 }
@@ -98,7 +110,7 @@ summary { cursor: pointer; margin-top: 24px; }
     --print: #c7362b; --bar: #1f7fd6; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
   body { max-width: none; padding: 0; font-size: 10.5pt; }
-  .tiles { grid-template-columns: repeat(5, minmax(0, 1fr)); gap: 8px; } .tile { padding: 8px; } .tile b { font-size: 1rem; }
+  .tiles { display: grid; grid-template-columns: repeat(6, minmax(0, 1fr)); gap: 8px; } .tile { padding: 8px; } .tile b { font-size: 1rem; }
   svg text { font-size: 16px; }
   h2, h3, h4, .heads { break-after: avoid; } figure, table, .tiles { break-inside: avoid; }
   details { display: none; }
