@@ -10,6 +10,7 @@ use crate::calibration::Calibration;
 use crate::device::DeviceKind;
 use crate::encoder::{NamedTensor, Network, NetworkConfig, tensors_of, with_tensors};
 use crate::error::{Error, Result};
+use crate::folded::Folded;
 use crate::safefile::SafeFile;
 use crate::similarity::normalize_rows;
 
@@ -100,6 +101,8 @@ impl Checkpoint {
 #[derive(Debug)]
 pub struct Model {
     network: Network,
+    /// The same network without tensors, on the CPU.
+    folded: Option<Folded>,
     device: Device,
     config: NetworkConfig,
     preprocessing: Preprocessing,
@@ -123,8 +126,13 @@ impl Model {
         if n_asked > n_held {
             return Err(Error::invalid("network", format!("{n_asked} weights or more"), n_held.to_string()));
         }
+        let folded = match device {
+            DeviceKind::Flex => Some(Folded::new(&checkpoint.config, &checkpoint.tensors)?),
+            _ => None,
+        };
         let device = device.tensor_device();
         Ok(Self {
+            folded,
             network: with_tensors(checkpoint.config.init(0, &device), checkpoint.tensors)?,
             device,
             config: checkpoint.config,
@@ -178,18 +186,29 @@ impl Model {
 
     /// Queries of hole images: `[n, dim]`, rows of unit length.
     pub fn embed_holes(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
-        self.embed(images, |network, batch| network.query(batch))
+        self.embed(images, Folded::query, Network::query)
     }
 
     /// Keys of peg images: `[n, dim]`, rows of unit length.
     pub fn embed_pegs(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
-        self.embed(images, |network, batch| network.key(batch))
+        self.embed(images, Folded::key, Network::key)
     }
 
-    fn embed(&self, images: &[TactileImage], tower: impl Fn(&Network, Tensor<4>) -> Tensor<2>) -> Result<Vec<f32>> {
+    fn embed(
+        &self,
+        images: &[TactileImage],
+        on_cpu: impl Fn(&Folded, &[f32]) -> Vec<f32>,
+        tower: impl Fn(&Network, Tensor<4>) -> Tensor<2>,
+    ) -> Result<Vec<f32>> {
+        let [width, height] = self.config.input_px;
         let mut rows = Vec::with_capacity(images.len() * self.dim());
         for batch in images.chunks(BATCH) {
-            let batch = stack(batch, self.config.input_px, &self.device)?; // [b, 3, h, w]
+            let planes = planes(batch, self.config.input_px)?;
+            if let Some(folded) = &self.folded {
+                rows.extend(on_cpu(folded, &planes));
+                continue;
+            }
+            let batch = Tensor::from_data(TensorData::new(planes, [batch.len(), 3, height, width]), &self.device);
             let embedded = tower(&self.network, batch).into_data().try_into_vec::<f32>();
             rows.extend(embedded.map_err(|e| Error::invalid("embedding", "f32", format!("{e:?}")))?);
         }
@@ -201,8 +220,8 @@ impl Model {
     }
 }
 
-/// Stacks images of one size into `[n, 3, height, width]`.
-pub fn stack(images: &[TactileImage], [width, height]: [usize; 2], device: &Device) -> Result<Tensor<4>> {
+/// Images of one size, one behind the other: `[n, 3, height, width]`.
+fn planes(images: &[TactileImage], [width, height]: [usize; 2]) -> Result<Vec<f32>> {
     let mut values = Vec::with_capacity(images.len() * 3 * width * height);
     for image in images {
         if image.size_px != [width, height] {
@@ -210,7 +229,7 @@ pub fn stack(images: &[TactileImage], [width, height]: [usize; 2], device: &Devi
         }
         values.extend_from_slice(&image.planes);
     }
-    Ok(Tensor::from_data(TensorData::new(values, [images.len(), 3, height, width]), device))
+    Ok(values)
 }
 
 pub(crate) fn to_json<T: Serialize>(value: &T) -> Result<String> {

@@ -13,6 +13,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
+use crate::conv;
 use crate::error::{Error, Result};
 
 /// The sizes of a network. Saved in its checkpoint.
@@ -117,15 +118,36 @@ pub struct Encoder {
 impl Encoder {
     /// `[n, 3, height, width]` -> `[n, dim]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<2> {
+        let device = images.device();
+        let x = if device.is_autodiff() && conv::op::is_supported(&device) {
+            self.layers_on_cpu(images)
+        } else {
+            self.layers(images)
+        };
+        let x = x.flatten::<2>(1, 3); // [n, 2w * rows * columns]
+        let x = relu(self.norm_1.forward(self.project_1.forward(x)));
+        self.norm_2.forward(self.project_2.forward(x))
+    }
+
+    /// The convolutions by burn's own kernels, on any backend.
+    fn layers(&self, images: Tensor<4>) -> Tensor<4> {
         let x = relu(self.stem.forward(images));
         let x = relu(self.half.forward(x));
         let x = relu(x.clone() + self.residual_1.forward(x));
         let x = relu(self.quarter.forward(x));
         let x = relu(x.clone() + self.residual_2.forward(x));
-        let x = relu(self.narrow.forward(x));
-        let x = x.flatten::<2>(1, 3); // [n, 2w * rows * columns]
-        let x = relu(self.norm_1.forward(self.project_1.forward(x)));
-        self.norm_2.forward(self.project_2.forward(x))
+        relu(self.narrow.forward(x))
+    }
+
+    /// The convolutions by ours, in training on the CPU. The same numbers but for rounding.
+    fn layers_on_cpu(&self, images: Tensor<4>) -> Tensor<4> {
+        let x = images.permute([0, 2, 3, 1]); // [n, height, width, channels] from here on
+        let x = self.stem.train_on_cpu(x, false);
+        let x = self.half.train_on_cpu(x, false);
+        let x = self.residual_1.train_on_cpu(x, true);
+        let x = self.quarter.train_on_cpu(x, false);
+        let x = self.residual_2.train_on_cpu(x, true);
+        self.narrow.train_on_cpu(x, false).permute([0, 3, 1, 2])
     }
 }
 
@@ -166,6 +188,19 @@ impl ConvBn {
 
     fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         self.norm.forward(self.conv.forward(x))
+    }
+
+    /// `relu(norm(conv(x)) [+ x])` by our own kernels, NHWC; the running statistics follow the batch's.
+    fn train_on_cpu(&self, x: Tensor<4>, adds_input: bool) -> Tensor<4> {
+        let norm = &self.norm;
+        let layer = conv::op::Layer { stride: self.conv.stride[0], adds_input, epsilon: norm.epsilon };
+        let (out, mean, variance) =
+            conv::op::train_layer(x, self.conv.weight.val(), norm.gamma.val(), norm.beta.val(), layer);
+        for (running, batch) in [(&norm.running_mean, mean), (&norm.running_var, variance)] {
+            let old = running.value_sync().to_device(&out.device());
+            running.update((old * (1.0 - norm.momentum) + batch.detach() * norm.momentum).detach());
+        }
+        out
     }
 }
 
@@ -322,6 +357,52 @@ mod tests {
         let other = with_tensors(tiny().init(2, &device), tensors_of(&network)).unwrap();
         let embed = |n: &Network| n.query(image(3, &device)).into_data().try_into_vec::<f32>().unwrap();
         assert_eq!(embed(&network), embed(&other));
+    }
+
+    /// One step of training by our kernels and by burn's own: outputs, running statistics and every gradient.
+    #[cfg(feature = "autodiff")]
+    #[test]
+    fn our_kernels_train_as_burns_own_do() {
+        let run = |kind: DeviceKind| {
+            let device = kind.tensor_device().autodiff();
+            let network = tiny().init(7, &device);
+            let out = network.query(image(4, &device));
+            let weights: Vec<f32> = (0..24).map(|i| (i as f32 * 1.3).cos()).collect();
+            let weights = Tensor::<2>::from_data(TensorData::new(weights, [4, 6]), &device);
+            let mut gradients = (out.clone() * weights).sum().backward();
+            let mut found = Vec::new();
+            let mut collect = CollectGradients { gradients: &mut gradients, found: &mut found };
+            network.visit(&mut collect);
+            (out.into_data().try_into_vec::<f32>().unwrap(), tensors_of(&network), found)
+        };
+        let close = |a: &[f32], b: &[f32]| {
+            let largest = b.iter().fold(0.05_f32, |m, v| m.max(v.abs())); // some gradients are nought but for rounding
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-4 * largest)
+        };
+        let (ours, burns) = (run(DeviceKind::Flex), run(DeviceKind::Ndarray));
+        assert!(close(&ours.0, &burns.0), "{:?} {:?}", ours.0, burns.0);
+        for (a, b) in ours.1.iter().zip(&burns.1) {
+            assert!(close(&a.values, &b.values), "{} {:?} {:?}", a.name, a.values, b.values);
+        }
+        assert!(ours.2.len() > 20 && ours.2.len() == burns.2.len());
+        for (a, b) in ours.2.iter().zip(&burns.2) {
+            assert!(close(a, b), "{a:?} {b:?}");
+        }
+    }
+
+    #[cfg(feature = "autodiff")]
+    struct CollectGradients<'a> {
+        gradients: &'a mut burn::tensor::Gradients,
+        found: &'a mut Vec<Vec<f32>>,
+    }
+
+    #[cfg(feature = "autodiff")]
+    impl ModuleVisitor for CollectGradients<'_> {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            if let Some(gradient) = param.val().grad_remove(self.gradients) {
+                self.found.push(gradient.into_data().try_into_vec::<f32>().unwrap());
+            }
+        }
     }
 
     #[test]

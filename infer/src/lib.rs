@@ -27,9 +27,11 @@
 pub mod bank;
 pub mod calibration;
 pub mod checkpoint;
+mod conv;
 pub mod device;
 pub mod encoder;
 pub mod error;
+pub mod folded;
 #[cfg(test)]
 mod fuzz;
 pub mod matching;

@@ -1,0 +1,205 @@
+//! Convolutions on the CPU: forward, gradient of the input, gradient of the weights.
+//!
+//! Written for this network because a general library's kernels lose half their time to copying windows
+//! (ARCHITECTURE.md has the figures). Plain slices, no tensors: [`op`] makes burn operations of them, and
+//! [`crate::folded`] an encoder without burn.
+
+mod norm;
+pub mod op;
+mod plan;
+mod tile;
+
+use rayon::prelude::*;
+
+use plan::Gather;
+pub use plan::Packed;
+
+/// Images that share one partial sum of the weights' gradient. A constant, so that the sum does not
+/// depend on the number of threads.
+const IMAGES_A_PART: usize = 64;
+
+/// A square convolution without bias, padded by half its kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Conv {
+    /// Channels of the input.
+    pub n_in: usize,
+    /// Channels of the output.
+    pub n_out: usize,
+    /// Side of the kernel, odd.
+    pub kernel: usize,
+    /// Step between outputs, pixels.
+    pub stride: usize,
+    /// Height and width of the input, pixels.
+    pub size: [usize; 2],
+}
+
+impl Conv {
+    /// Height and width of the output, pixels.
+    pub fn out_size(&self) -> [usize; 2] {
+        self.size.map(|n| n.div_ceil(self.stride))
+    }
+
+    fn in_length(&self) -> usize {
+        self.size[0] * self.size[1] * self.n_in
+    }
+
+    fn out_length(&self) -> usize {
+        self.out_size()[0] * self.out_size()[1] * self.n_out
+    }
+
+    /// Weights laid out for the forward pass. `weights`: `[n_out, n_in, kernel, kernel]`, as PyTorch has them.
+    pub fn pack(&self, weights: &[f32]) -> Packed {
+        let gather = Gather::forward(self);
+        Packed::new(vec![gather], self.n_out, |_, [ky, kx], c, out| {
+            weights[((out * self.n_in + c) * self.kernel + ky) * self.kernel + kx]
+        })
+    }
+
+    /// `[n, height, width, n_in]` -> `[n, out height, out width, n_out]`; `finish` sees each image of the
+    /// result while it is in the cache, with its index.
+    pub fn forward(&self, images: &[f32], packed: &Packed, finish: impl Fn(usize, &mut [f32]) + Sync) -> Vec<f32> {
+        let mut out = vec![0.0; images.len() / self.in_length() * self.out_length()];
+        out.par_chunks_mut(self.out_length()).zip(images.par_chunks(self.in_length())).enumerate().for_each_init(
+            Vec::new,
+            |padded, (at, (out, image))| {
+                packed.correlate(image, padded, out);
+                finish(at, out);
+            },
+        );
+        out
+    }
+
+    /// Gradient of the input from that of the output, both NHWC.
+    pub fn input_gradient(&self, gradient: &[f32], weights: &[f32]) -> Vec<f32> {
+        let packed = Packed::new(Gather::backward(self), self.n_in, |_, [ky, kx], c, out| {
+            weights[((c * self.n_in + out) * self.kernel + ky) * self.kernel + kx]
+        });
+        let mut out = vec![0.0; gradient.len() / self.out_length() * self.in_length()];
+        let images = gradient.par_chunks(self.out_length());
+        out.par_chunks_mut(self.in_length())
+            .zip(images)
+            .for_each_init(Vec::new, |padded, (out, image)| packed.correlate(image, padded, out));
+        out
+    }
+
+    /// Gradient of the weights, `[n_out, n_in, kernel, kernel]`.
+    pub fn weight_gradient(&self, images: &[f32], gradient: &[f32]) -> Vec<f32> {
+        let gather = Gather::forward(self);
+        let parts: Vec<Vec<f32>> = images
+            .par_chunks(IMAGES_A_PART * self.in_length())
+            .zip(gradient.par_chunks(IMAGES_A_PART * self.out_length()))
+            .map(|(images, gradient)| gather.outer(images, gradient, self.n_out))
+            .collect();
+        let rows = self.kernel * self.kernel * self.n_in; // [ky, kx, n_in]
+        let sum = |at: usize| parts.iter().map(|part| part[at]).sum::<f32>();
+        let mut weights = vec![0.0; self.n_out * rows];
+        for row in 0..rows {
+            let (tap, c) = (row / self.n_in, row % self.n_in);
+            for out in 0..self.n_out {
+                let at = (out * self.n_in + c) * self.kernel * self.kernel + tap;
+                weights[at] = sum(row * self.n_out + out);
+            }
+        }
+        weights
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The definition, in f64: the window's products summed for each output.
+    fn direct(conv: &Conv, image: &[f32], weights: &[f32]) -> Vec<f64> {
+        let ([height, width], [rows, columns]) = (conv.size, conv.out_size());
+        let pad = conv.kernel / 2;
+        let mut out = vec![0.0; rows * columns * conv.n_out];
+        for (at, value) in out.iter_mut().enumerate() {
+            let (o, x, y) = (at % conv.n_out, at / conv.n_out % columns, at / conv.n_out / columns);
+            for ky in 0..conv.kernel {
+                for kx in 0..conv.kernel {
+                    let (iy, ix) = (y * conv.stride + ky, x * conv.stride + kx);
+                    if iy < pad || ix < pad || iy - pad >= height || ix - pad >= width {
+                        continue;
+                    }
+                    for c in 0..conv.n_in {
+                        let weight = weights[((o * conv.n_in + c) * conv.kernel + ky) * conv.kernel + kx];
+                        let pixel = image[((iy - pad) * width + ix - pad) * conv.n_in + c];
+                        *value += f64::from(weight) * f64::from(pixel);
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    fn values(n: usize, seed: f32) -> Vec<f32> {
+        (0..n).map(|i| (seed * (i as f32 + 1.0)).sin()).collect()
+    }
+
+    fn layers() -> Vec<Conv> {
+        let conv = |n_in, n_out, kernel, stride, size| Conv { n_in, n_out, kernel, stride, size };
+        vec![
+            conv(3, 32, 5, 2, [30, 40]),
+            conv(32, 33, 3, 2, [15, 20]),
+            conv(4, 64, 3, 1, [8, 10]),
+            conv(40, 7, 1, 1, [4, 5]),
+            conv(2, 3, 3, 2, [1, 7]),
+            conv(5, 4, 5, 2, [9, 3]),
+            conv(3, 2, 3, 3, [8, 7]),
+        ]
+    }
+
+    #[test]
+    fn forward_agrees_with_the_definition() {
+        for conv in layers() {
+            let images = values(2 * conv.in_length(), 0.37);
+            let weights = values(conv.n_in * conv.n_out * conv.kernel.pow(2), 0.23);
+            let out = conv.forward(&images, &conv.pack(&weights), |_, _| ());
+            let expected: Vec<f64> =
+                images.chunks(conv.in_length()).flat_map(|image| direct(&conv, image, &weights)).collect();
+            assert_eq!(out.len(), expected.len());
+            // Some 300 products of order 1, each rounded to 6e-8.
+            assert!(out.iter().zip(&expected).all(|(a, b)| (f64::from(*a) - b).abs() < 2e-5), "{conv:?}");
+        }
+    }
+
+    /// The convolution is linear in its input and in its weights, so `<g, conv(x + dx, w)> - <g, conv(x, w)>` is
+    /// exactly the inner product of the gradient with the change.
+    #[test]
+    fn gradients_are_the_adjoints_of_the_definition() {
+        for conv in layers() {
+            let (n, n_weights) = (3, conv.n_in * conv.n_out * conv.kernel.pow(2));
+            let (images, gradient) = (values(n * conv.in_length(), 0.37), values(n * conv.out_length(), 0.71));
+            let weights = values(n_weights, 0.23);
+            let inner = |images: &[f32], weights: &[f32]| -> f64 {
+                let out = images.chunks(conv.in_length()).flat_map(|image| direct(&conv, image, weights));
+                out.zip(&gradient).map(|(a, b)| a * f64::from(*b)).sum()
+            };
+            let of_input = conv.input_gradient(&gradient, &weights);
+            for at in [0, 1, n * conv.in_length() / 2, n * conv.in_length() - 1] {
+                let mut unit = vec![0.0; images.len()];
+                unit[at] = 1.0;
+                let expected = inner(&unit, &weights);
+                assert!((f64::from(of_input[at]) - expected).abs() < 5e-5, "{conv:?} input {at}");
+            }
+            let of_weights = conv.weight_gradient(&images, &gradient);
+            for at in [0, 1, n_weights / 2, n_weights - 1] {
+                let mut unit = vec![0.0; n_weights];
+                unit[at] = 1.0;
+                let expected = inner(&images, &unit);
+                assert!((f64::from(of_weights[at]) - expected).abs() < 5e-5, "{conv:?} weight {at}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_no_bit() {
+        let conv = Conv { n_in: 3, n_out: 5, kernel: 3, stride: 1, size: [6, 5] };
+        let (images, gradient) = (values(150 * conv.in_length(), 0.37), values(150 * conv.out_length(), 0.71));
+        let on = |n: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
+            pool.install(|| conv.weight_gradient(&images, &gradient))
+        };
+        assert_eq!(on(1), on(3));
+    }
+}

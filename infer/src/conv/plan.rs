@@ -1,0 +1,342 @@
+//! Where a convolution reads, and its weights in the order in which they are read.
+
+use std::ops::Range;
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::Conv;
+use super::tile::{Sums, columns, gather, outer, rows};
+
+/// Pixels of the gradient that are taken together, so that they and their images stay in the cache.
+const PIXELS_AT_ONCE: usize = 512;
+
+/// Which pixels of a padded image each output reads: runs of memory, the same for each output but for
+/// where they begin.
+#[derive(Clone, Debug)]
+pub struct Gather {
+    /// Height, width and channels of what is read, before padding.
+    source: [usize; 3],
+    /// Pixels of padding on each side.
+    pad: usize,
+    /// For each output, where it begins in the padded image.
+    bases: Vec<usize>,
+    /// For each output, which pixel of the result it is.
+    targets: Vec<usize>,
+    /// Where each run lies behind the base.
+    starts: Vec<usize>,
+    /// Taps of each run: rows of the kernel.
+    taps_y: Vec<usize>,
+    /// Taps within each run: columns of the kernel.
+    taps_x: Vec<usize>,
+}
+
+impl Gather {
+    /// Windows of the input.
+    pub fn forward(conv: &Conv) -> Self {
+        let source = [conv.size[0], conv.size[1], conv.n_in];
+        let pad = conv.kernel / 2;
+        let row = (source[1] + 2 * pad) * source[2];
+        let [height, width] = conv.out_size();
+        let base = |at: usize| at / width * conv.stride * row + at % width * conv.stride * source[2];
+        let taps: Vec<usize> = (0..conv.kernel).collect();
+        Self {
+            source,
+            pad,
+            bases: (0..height * width).map(base).collect(),
+            targets: (0..height * width).collect(),
+            starts: taps.iter().map(|ky| ky * row).collect(),
+            taps_y: taps.clone(),
+            taps_x: taps,
+        }
+    }
+
+    /// Windows of the output's gradient that reach each pixel of the input: one plan for each of the
+    /// stride's phases, because each phase meets other taps.
+    pub fn backward(conv: &Conv) -> Vec<Self> {
+        let (stride, half) = (conv.stride, conv.kernel / 2);
+        let [out_height, out_width] = conv.out_size();
+        let source = [out_height, out_width, conv.n_out];
+        // A tap reaches at most this far beyond the outputs.
+        let pad = half.div_ceil(stride) + 1;
+        let row = (source[1] + 2 * pad) * source[2];
+        // Taps of a phase, falling, so that the outputs they reach rise.
+        let taps =
+            |phase: usize| -> Vec<usize> { (0..conv.kernel).rev().filter(|tap| tap % stride == phase).collect() };
+        // The first output that pixel `at` reaches: (at + half - largest tap) / stride.
+        let first = |at: usize, taps: &[usize]| (at + half + pad * stride - taps[0]) / stride;
+        let mut plans = Vec::new();
+        for phase in 0..stride * stride {
+            let (taps_y, taps_x) = (taps(phase / stride), taps(phase % stride));
+            if taps_y.is_empty() || taps_x.is_empty() {
+                continue; // A pixel that no window meets: its gradient stays nought.
+            }
+            let lies_in = |at: usize, phase: usize| (at + half) % stride == phase;
+            let pixels: Vec<[usize; 2]> = (0..conv.size[0] * conv.size[1])
+                .map(|at| [at / conv.size[1], at % conv.size[1]])
+                .filter(|[y, x]| lies_in(*y, phase / stride) && lies_in(*x, phase % stride))
+                .collect();
+            let base = |[y, x]: &[usize; 2]| first(*y, &taps_y) * row + first(*x, &taps_x) * source[2];
+            plans.push(Self {
+                source,
+                pad,
+                bases: pixels.iter().map(base).collect(),
+                targets: pixels.iter().map(|[y, x]| y * conv.size[1] + x).collect(),
+                starts: (0..taps_y.len()).map(|i| i * row).collect(),
+                taps_y,
+                taps_x,
+            });
+        }
+        plans
+    }
+
+    fn run(&self) -> usize {
+        self.taps_x.len() * self.source[2]
+    }
+
+    fn padded_length(&self) -> usize {
+        (self.source[0] + 2 * self.pad) * (self.source[1] + 2 * self.pad) * self.source[2]
+    }
+
+    /// Copies an image into the middle of `padded`, which is all noughts elsewhere.
+    fn fill(&self, image: &[f32], padded: &mut [f32]) {
+        let row = (self.source[1] + 2 * self.pad) * self.source[2];
+        let length = self.source[1] * self.source[2];
+        for (y, line) in image.chunks_exact(length).enumerate() {
+            let start = (y + self.pad) * row + self.pad * self.source[2];
+            padded[start..start + length].copy_from_slice(line);
+        }
+    }
+
+    /// Gradient of the weights, `[ky, kx, n_in, n_out]`, of some images.
+    pub fn outer(&self, images: &[f32], gradient: &[f32], n_out: usize) -> Vec<f32> {
+        Arch::new().dispatch(Outer { plan: self, images, gradient, n_out })
+    }
+}
+
+/// Weights in panels: for each block of output channels, each run and each place in it, the block's
+/// weights side by side, noughts beyond the last channel.
+#[derive(Clone, Debug)]
+pub struct Packed {
+    plans: Vec<(Gather, Vec<f32>)>,
+    n_out: usize,
+}
+
+impl Packed {
+    /// `weight(plan, [ky, kx], input channel, output channel)` gives each weight.
+    pub fn new(plans: Vec<Gather>, n_out: usize, weight: impl Fn(usize, [usize; 2], usize, usize) -> f32) -> Self {
+        let width = Arch::new().dispatch(Columns);
+        let pack = |(at, plan): (usize, Gather)| {
+            let mut panels = Vec::new();
+            for first in (0..n_out).step_by(width) {
+                for ky in &plan.taps_y {
+                    for kx in &plan.taps_x {
+                        for c in 0..plan.source[2] {
+                            let value = |out| if out < n_out { weight(at, [*ky, *kx], c, out) } else { 0.0 };
+                            panels.extend((first..first + width).map(value));
+                        }
+                    }
+                }
+            }
+            (plan, panels)
+        };
+        Self { plans: plans.into_iter().enumerate().map(pack).collect(), n_out }
+    }
+
+    /// One image, `[height, width, channels]`, into `out`. `padded` is scratch, kept between images.
+    pub fn correlate(&self, image: &[f32], padded: &mut Vec<f32>, out: &mut [f32]) {
+        let plans = self.plans.iter().map(|(plan, panels)| (plan, panels.as_slice())).collect();
+        Arch::new().dispatch(Correlate { plans, n_out: self.n_out, image, padded, out });
+    }
+
+    /// Rows of numbers, `[n, channels]`, as the pixels of one image: what a linear layer is to a kernel of one.
+    pub fn multiply(&self, rows: &[f32], n_in: usize, padded: &mut Vec<f32>, out: &mut [f32]) {
+        let size = [1, rows.len() / n_in];
+        let plan = Gather::forward(&Conv { n_in, n_out: self.n_out, kernel: 1, stride: 1, size });
+        let plans = self.plans.iter().map(|(_, panels)| (&plan, panels.as_slice())).collect();
+        Arch::new().dispatch(Correlate { plans, n_out: self.n_out, image: rows, padded, out });
+    }
+}
+
+struct Columns;
+
+impl WithSimd for Columns {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> usize {
+        columns::<S>()
+    }
+}
+
+/// Calls `$run::<S, ROWS>` with a constant number of rows.
+macro_rules! with_rows {
+    ($n:expr, $run:ident :: <$simd:ty> $arguments:tt) => {
+        match $n {
+            1 => $run::<$simd, 1> $arguments,
+            2 => $run::<$simd, 2> $arguments,
+            3 => $run::<$simd, 3> $arguments,
+            4 => $run::<$simd, 4> $arguments,
+            5 => $run::<$simd, 5> $arguments,
+            6 => $run::<$simd, 6> $arguments,
+            7 => $run::<$simd, 7> $arguments,
+            8 => $run::<$simd, 8> $arguments,
+            9 => $run::<$simd, 9> $arguments,
+            _ => $run::<$simd, 10> $arguments,
+        }
+    };
+}
+
+struct Correlate<'a> {
+    plans: Vec<(&'a Gather, &'a [f32])>,
+    n_out: usize,
+    image: &'a [f32],
+    padded: &'a mut Vec<f32>,
+    out: &'a mut [f32],
+}
+
+impl WithSimd for Correlate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let n_out = self.n_out;
+        // All plans of a convolution read the same padded image.
+        let Some((first, _)) = self.plans.first() else { return };
+        if self.padded.len() != first.padded_length() {
+            self.padded.clear();
+            self.padded.resize(first.padded_length(), 0.0);
+        }
+        first.fill(self.image, self.padded);
+        for (plan, panels) in &self.plans {
+            let (panels, _) = S::as_simd_f32s(panels);
+            let length = plan.starts.len() * plan.run() * columns::<S>() / S::F32_LANES;
+            for (block, panel) in panels.chunks_exact(length.max(1)).enumerate() {
+                let channels = block * columns::<S>()..(block + 1).min(n_out.div_ceil(columns::<S>())) * columns::<S>();
+                let channels = channels.start..channels.end.min(n_out);
+                for at in (0..plan.bases.len()).step_by(rows::<S>()) {
+                    let pixels = at..(at + rows::<S>()).min(plan.bases.len());
+                    with_rows!(
+                        pixels.len(),
+                        correlate_tile::<S>(simd, plan, self.padded, panel, pixels, channels.clone(), n_out, self.out)
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn correlate_tile<S: Simd, const ROWS: usize>(
+    simd: S,
+    plan: &Gather,
+    image: &[f32],
+    panel: &[S::f32s],
+    pixels: Range<usize>,
+    channels: Range<usize>,
+    n_out: usize,
+    out: &mut [f32],
+) {
+    let bases = &plan.bases[pixels.clone()];
+    let sums: Sums<S, ROWS> = gather(simd, image, bases, &plan.starts, plan.run(), panel);
+    for (sums, target) in sums.iter().zip(&plan.targets[pixels]) {
+        let line = &mut out[target * n_out..][channels.clone()];
+        let values: &[f32] = bytemuck_cast::<S>(sums);
+        line.copy_from_slice(&values[..line.len()]);
+    }
+}
+
+/// The lanes of some vectors as numbers.
+#[inline(always)]
+fn bytemuck_cast<S: Simd>(vectors: &[S::f32s]) -> &[f32] {
+    pulp::bytemuck::cast_slice(vectors)
+}
+
+struct Outer<'a> {
+    plan: &'a Gather,
+    images: &'a [f32],
+    gradient: &'a [f32],
+    n_out: usize,
+}
+
+impl WithSimd for Outer<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
+        let Self { plan, n_out, .. } = self;
+        let n_padded = n_out.div_ceil(columns::<S>()) * columns::<S>();
+        let (n_pixels, run) = (plan.bases.len(), plan.run());
+        let in_length: usize = plan.source.iter().product();
+        let mut sums = vec![0.0; plan.starts.len() * run * n_padded]; // [ky, kx, n_in, n_padded]
+        let n_together = PIXELS_AT_ONCE.div_ceil(n_pixels);
+        let padded_length = plan.padded_length();
+        let mut padded = vec![0.0; n_together * padded_length];
+        let mut widened = vec![0.0; if n_padded == n_out { 0 } else { n_together * n_pixels * n_padded }];
+        let bases: Vec<usize> =
+            (0..n_together).flat_map(|image| plan.bases.iter().map(move |base| image * padded_length + base)).collect();
+        let groups = self.images.chunks(n_together * in_length);
+        for (images, gradient) in groups.zip(self.gradient.chunks(n_together * n_pixels * n_out)) {
+            for (image, padded) in images.chunks_exact(in_length).zip(padded.chunks_exact_mut(padded_length)) {
+                plan.fill(image, padded);
+            }
+            let gradient = if n_padded == n_out {
+                gradient
+            } else {
+                for (line, wide) in gradient.chunks_exact(n_out).zip(widened.chunks_exact_mut(n_padded)) {
+                    wide[..n_out].copy_from_slice(line);
+                }
+                &widened[..gradient.len() / n_out * n_padded]
+            };
+            let (gradient, _) = S::as_simd_f32s(gradient);
+            let bases = &bases[..images.len() / in_length * n_pixels];
+            for (tap, start) in plan.starts.iter().enumerate() {
+                let sums = &mut sums[tap * run * n_padded..][..run * n_padded];
+                // Eight rows of two vectors hide the latency of a multiply-add; more would spill under AVX2.
+                let height = if S::F32_LANES >= 16 { 10 } else { 5 };
+                for row in (0..run).step_by(height) {
+                    let n_rows = height.min(run - row);
+                    for first in (0..n_padded).step_by(columns::<S>()) {
+                        with_rows!(
+                            n_rows,
+                            outer_tile::<S>(
+                                simd,
+                                &padded,
+                                bases,
+                                start + row,
+                                gradient,
+                                [first, n_padded],
+                                &mut sums[row * n_padded..]
+                            )
+                        );
+                    }
+                }
+            }
+        }
+        if n_padded == n_out {
+            return sums;
+        }
+        sums.chunks_exact(n_padded).flat_map(|line| &line[..n_out]).copied().collect()
+    }
+}
+
+#[inline(always)]
+fn outer_tile<S: Simd, const ROWS: usize>(
+    simd: S,
+    image: &[f32],
+    bases: &[usize],
+    start: usize,
+    gradient: &[S::f32s],
+    [first, n_padded]: [usize; 2],
+    sums: &mut [f32],
+) {
+    let zero = simd.splat_f32s(0.0);
+    let width = [first / S::F32_LANES, n_padded / S::F32_LANES];
+    let added: Sums<S, ROWS> = outer(simd, image, bases, start, gradient, width, [[zero; 2]; ROWS]);
+    for (added, line) in added.iter().zip(sums.chunks_mut(n_padded)) {
+        let line = &mut line[first..first + columns::<S>()];
+        for (sum, value) in line.iter_mut().zip(bytemuck_cast::<S>(added)) {
+            *sum += value;
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! The two inner loops of a convolution, a register tile each, for the widest vectors at hand.
+//!
+//! Images are NHWC: the channels of a pixel lie together, so a row of a kernel's window is one run of
+//! memory, and nothing need be copied out of the image before it is multiplied.
+
+use pulp::Simd;
+
+/// Vectors side by side in a tile.
+const VECTORS: usize = 2;
+
+/// Pixels in a tile: with two vectors each they fill the registers without spilling.
+pub const fn rows<S: Simd>() -> usize {
+    // AVX-512 has 32 registers, AVX2 16.
+    if S::F32_LANES >= 16 { 10 } else { 5 }
+}
+
+/// Channels in a tile; what is packed is padded to a multiple of it.
+pub const fn columns<S: Simd>() -> usize {
+    VECTORS * S::F32_LANES
+}
+
+/// Sums of products of one tile.
+pub type Sums<S, const ROWS: usize> = [[<S as Simd>::f32s; VECTORS]; ROWS];
+
+/// `sums[i][j] = sum over runs r and places k of image[bases[i] + starts[r] + k] * panel[r, k, j]`.
+#[inline(always)]
+pub fn gather<S: Simd, const ROWS: usize>(
+    simd: S,
+    image: &[f32],
+    bases: &[usize],
+    starts: &[usize],
+    run: usize,
+    panel: &[S::f32s], // [starts, run, VECTORS]
+) -> Sums<S, ROWS> {
+    let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
+    for (panel, start) in panel.chunks_exact(VECTORS * run).zip(starts) {
+        let runs: [&[f32]; ROWS] = std::array::from_fn(|i| &image[bases[i] + start..][..run]);
+        for k in 0..run {
+            let weights = [panel[VECTORS * k], panel[VECTORS * k + 1]];
+            for i in 0..ROWS {
+                let value = simd.splat_f32s(runs[i][k]);
+                sums[i][0] = simd.mul_add_f32s(value, weights[0], sums[i][0]);
+                sums[i][1] = simd.mul_add_f32s(value, weights[1], sums[i][1]);
+            }
+        }
+    }
+    sums
+}
+
+/// Adds to `sums[i][j]` the sum over pixels p of `image[bases[p] + start + i] * gradient[p, first + j]`.
+///
+/// `gradient` has `width` vectors a pixel.
+#[inline(always)]
+pub fn outer<S: Simd, const ROWS: usize>(
+    simd: S,
+    image: &[f32],
+    bases: &[usize],
+    start: usize,
+    gradient: &[S::f32s],
+    [first, width]: [usize; 2],
+    mut sums: Sums<S, ROWS>,
+) -> Sums<S, ROWS> {
+    for (base, gradient) in bases.iter().zip(gradient.chunks_exact(width)) {
+        let values: &[f32] = &image[base + start..][..ROWS];
+        let gradient = &gradient[first..][..VECTORS];
+        for i in 0..ROWS {
+            let value = simd.splat_f32s(values[i]);
+            sums[i][0] = simd.mul_add_f32s(value, gradient[0], sums[i][0]);
+            sums[i][1] = simd.mul_add_f32s(value, gradient[1], sums[i][1]);
+        }
+    }
+    sums
+}
