@@ -100,9 +100,10 @@ pub fn concern(rows: &[Row], config: &TrainConfig) -> Option<String> {
     let last = rows.last()?;
     let validation = last.validation.as_ref()?;
     if validation.n_holes == 0 {
-        return Some("no board is held out, so nothing says whether this model is good".into());
+        let is_first = rows.iter().filter(|row| row.validation.is_some()).count() == 1;
+        return is_first.then(|| "no board is held out, so nothing says whether this model is good".into());
     }
-    let is_late = last.step > config.n_warmup.max(config.n_steps / 4);
+    let is_late = last.step > config.n_warmup.max(config.n_steps / 4).max(WINDOW);
     let is_chance = validation.retrieval_1 <= NEAR_CHANCE * validation.chance_1;
     (is_late && is_chance).then(|| {
         format!(

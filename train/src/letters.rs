@@ -21,6 +21,7 @@ pub struct Letters<'a> {
     pegs: &'a Dataset,
     holes: &'a Dataset,
     chosen: Vec<usize>,
+    n_parts: usize,
 }
 
 impl<'a> Letters<'a> {
@@ -48,7 +49,7 @@ impl<'a> Letters<'a> {
         }
         let n = holes_of_parts.len().min(MAX_HOLES);
         let chosen = (0..n).map(|i| holes_of_parts[i * holes_of_parts.len() / n]).collect();
-        Ok(Self { pegs, holes, chosen })
+        Ok(Self { pegs, holes, chosen, n_parts: parts.len() })
     }
 
     /// Refuses parts that training sees: their accuracy would say nothing of others.
@@ -64,6 +65,11 @@ impl<'a> Letters<'a> {
             }
             None => Ok(()),
         }
+    }
+
+    /// What the accuracy would be by chance, 0..=1.
+    pub fn chance(&self) -> f64 {
+        1.0 / self.n_parts as f64
     }
 
     /// Images embedded for one accuracy.

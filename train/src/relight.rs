@@ -43,7 +43,7 @@ impl Relight {
         let determinant = w[0] * w[3] - w[1] * w[2];
         let share = values[0] / values[1];
         if share.is_nan() || share > MAX_CURL_SHARE || determinant.abs() < 1e-3 {
-            let got = format!("slopes whose curl is {share:.2} of what it might be");
+            let got = format!("slopes whose curl is {share:.2} of what it might be; use --flips plain");
             return Err(Error::invalid("flips relit", "frames that show how the lamps light a slope", got));
         }
         // Slopes are W U^T D; the lamps are its pseudo-inverse, U W^-1.

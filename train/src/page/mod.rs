@@ -69,7 +69,7 @@ fn standing(run: &Run<'_>, rows: &[Row], end: End<'_>) -> String {
 
 fn tiles(rows: &[Row]) -> String {
     let Some(found) = latest(rows) else { return String::new() };
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let percent = |share: f64| format!("{:.1}\u{a0}%", 100.0 * share);
     let mut tiles = Vec::new();
     if let Some(letters) = found.letters {
         tiles.push((
@@ -120,7 +120,7 @@ fn charts(run: &Run<'_>, rows: &[Row]) -> String {
         (
             "Parts never trained on, one touch, share right",
             vec![line("letters", "first", saves(|v| v.letters))],
-            None,
+            run.letters.map(|letters| Level { label: "chance", value: letters.chance() }),
             "The figure to choose a model by: it should still rise when the loss has long gone flat.",
         ),
         (
