@@ -5,4 +5,5 @@ mod chain;
 mod filter;
 mod readme;
 mod real;
+mod sick;
 mod train;

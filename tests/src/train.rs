@@ -1,48 +1,96 @@
 //! Training that stops, goes on, and fails.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
 use tactile_data::store::Dataset;
+use tactile_infer::encoder::NetworkConfig;
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_tests::programs::{self, run};
 use tactile_tests::samples::{Sample, text};
-use tactile_train::run::{Event, Outcome, TrainConfig, train};
+use tactile_train::config::{FalseNegatives, Flips, Optimizer, TrainConfig};
+use tactile_train::run::{Event, Outcome, Run, train};
 
-/// Trains six steps, or to `stop_after` of them.
-fn six_steps(dataset: &Dataset, out: &Path, stop_after: usize, resume: bool) -> Outcome {
-    let config = TrainConfig { n_steps: 6, n_pairs: 8, n_warmup: 1, save_every: 4, ..TrainConfig::tiny() };
-    let made = Cell::new(0);
-    let mut count = |event: Event<'_>| {
-        if let Event::Step { step, .. } = event {
-            made.set(step);
-        }
-    };
-    train(dataset, out, &config, DeviceKind::Flex, resume, &|| made.get() >= stop_after, &mut count).unwrap()
+/// The smallest network that there is a use for, so that a step takes milliseconds.
+const SMALL: NetworkConfig = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+
+/// Six steps, saved after four.
+fn six_steps() -> TrainConfig {
+    TrainConfig { network: SMALL, n_steps: 6, n_pairs: 8, n_warmup: 1, save_every: 4, ..TrainConfig::tiny() }
 }
 
-#[test]
-fn a_run_that_stopped_goes_on_as_if_it_had_not() {
+/// Trains all steps, or to `stop_after` of them; returns how it ended and the losses on the way.
+fn train_to(
+    dataset: &Dataset,
+    out: &Path,
+    config: &TrainConfig,
+    stop_after: usize,
+    resume: bool,
+) -> (Outcome, Vec<f64>) {
+    let run = Run { dataset, letters: None, out, config, device: DeviceKind::Flex, resume };
+    let (made, losses) = (Cell::new(0), RefCell::new(Vec::new()));
+    let mut count = |event: Event<'_>| {
+        if let Event::Step { step, loss, .. } = event {
+            made.set(step);
+            losses.borrow_mut().push(loss);
+        }
+    };
+    let outcome = train(&run, &|| made.get() >= stop_after, &mut count).unwrap();
+    (outcome, losses.into_inner())
+}
+
+/// Steps and losses of the curve in a folder.
+fn curve(out: &Path) -> Vec<String> {
+    let text = fs::read_to_string(out.join("curve.csv")).unwrap();
+    text.lines().map(|line| line.split(',').take(2).collect::<Vec<_>>().join(",")).collect()
+}
+
+/// Stops after each of `stops`, goes on to the end, and holds the result against a run without a stop.
+fn stops_change_nothing(config: &TrainConfig, stops: &[usize]) {
     let sample = Sample::shared();
     let dataset = Dataset::open(&sample.folder().join("maze")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
-    let expected = six_steps(&dataset, &whole, 6, false);
-    let stopped = six_steps(&dataset, &parts, 3, false);
-    assert_eq!((stopped.step, stopped.finished), (3, false));
-    let resumed = six_steps(&dataset, &parts, 6, true);
-    assert_eq!((resumed.step, resumed.finished), (6, true));
+    let (expected, expected_losses) = train_to(&dataset, &whole, config, usize::MAX, false);
+    let mut losses = Vec::new();
+    let mut outcome = None;
+    for (stop, resume) in stops.iter().zip([false].into_iter().chain([true; 9])) {
+        let (stopped, made) = train_to(&dataset, &parts, config, *stop, resume);
+        assert_eq!((stopped.step, stopped.finished), (*stop, *stop == config.n_steps));
+        losses.extend(made);
+        outcome = Some(stopped);
+    }
+    let resumed = outcome.unwrap();
+    assert_eq!(losses, expected_losses);
     assert_eq!(resumed.sha256, expected.sha256);
-    let [a, b] = [&expected, &resumed].map(|outcome| Checkpoint::load(&outcome.model).unwrap());
-    assert!(a == b);
-    let losses = |out: &Path| {
-        let curve = fs::read_to_string(out.join("curve.csv")).unwrap();
-        curve.lines().map(|line| line.split(',').take(2).collect::<Vec<_>>().join(",")).collect::<Vec<_>>()
+    assert!(Checkpoint::load(&resumed.model).unwrap() == Checkpoint::load(&expected.model).unwrap());
+    assert_eq!(curve(&parts), curve(&whole));
+}
+
+#[test]
+fn a_run_that_stopped_goes_on_as_if_it_had_not() {
+    stops_change_nothing(&TrainConfig { network: NetworkConfig::TINY, ..six_steps() }, &[3, 6]);
+}
+
+#[test]
+fn a_run_may_stop_after_every_step() {
+    stops_change_nothing(&six_steps(), &[1, 2, 3, 4, 5, 6]);
+}
+
+#[test]
+fn every_part_of_the_recipe_goes_on_exactly() {
+    let config = TrainConfig {
+        optimizer: Optimizer::Lamb,
+        flips: Flips::Relit,
+        false_negatives: FalseNegatives::Mask,
+        max_blank: 0.25,
+        ..six_steps()
     };
-    assert_eq!(losses(&parts), losses(&whole));
+    stops_change_nothing(&config, &[1, 5, 6]);
 }
 
 #[test]
@@ -52,18 +100,67 @@ fn both_devices_begin_with_the_same_loss() {
     let folder = tempfile::tempdir().unwrap();
     let first_loss = |device: DeviceKind| {
         let config = TrainConfig { n_steps: 1, n_pairs: 8, n_warmup: 1, ..TrainConfig::tiny() };
+        let out = folder.path().join(device.to_string());
+        let run = Run { dataset: &dataset, letters: None, out: &out, config: &config, device, resume: false };
         let mut first = f64::NAN;
         let mut note = |event: Event<'_>| {
             if let Event::Step { loss, .. } = event {
                 first = loss;
             }
         };
-        train(&dataset, &folder.path().join(device.to_string()), &config, device, false, &|| false, &mut note).unwrap();
+        train(&run, &|| false, &mut note).unwrap();
         first
     };
     let (flex, ndarray) = (first_loss(DeviceKind::Flex), first_loss(DeviceKind::Ndarray));
     // The backends sum in another order: some 1e-6 of each activation, through a dozen layers.
     assert!((flex - ndarray).abs() < 1e-3 * flex, "{flex} {ndarray}");
+}
+
+#[test]
+fn what_was_set_is_kept_beside_the_model_and_goes_on_without_being_said_again() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let (out, file) = (text(folder.path().join("model")), text(folder.path().join("my.toml")));
+    fs::write(&file, "steps = 4\nbatch = 99\nsave_every = 2\ninput_px = [16, 12]\nwidth = 4\nflips = \"relit\"")
+        .unwrap();
+    let first = ["--data", "maze", "--out", &out, "--config", &file, "--batch", "8"];
+    run("tactile-train", sample.folder(), &first).done();
+    let kept = fs::read_to_string(folder.path().join("model/train.toml")).unwrap();
+    for line in ["batch = 8", "steps = 4", "flips = \"relit\"", "width = 4", "preset = \"tiny\"", "temperature = 0.1"] {
+        assert!(kept.lines().any(|kept| kept == line), "no {line} in {kept}");
+    }
+    run("tactile-train", sample.folder(), &["--data", "maze", "--out", &out, "--resume"]).done();
+    let other = ["--data", "maze", "--out", &out, "--resume", "--temperature", "0.2"];
+    let other = run("tactile-train", sample.folder(), &other);
+    assert!(
+        other.failed().ends_with("the settings it began with, temperature = 0.1, got temperature = 0.2"),
+        "{other:?}"
+    );
+    fs::write(&file, "batchsize = 99").unwrap();
+    let wrong = run("tactile-train", sample.folder(), &first);
+    assert!(wrong.failed().contains("my.toml line 1") && wrong.stderr.contains("batchsize"), "{wrong:?}");
+    let page = fs::read_to_string(folder.path().join("model/curve.html")).unwrap();
+    assert!(page.contains("All 4 steps are made") && page.contains("<svg") && !page.contains("NaN"));
+}
+
+#[test]
+fn letters_are_measured_as_matching_measures_them() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path().join("model"));
+    let small = ["--data", "maze", "--out", &out, "--steps", "2", "--batch", "8", "--json"];
+    let tune = |pegs: &str, holes: &str| {
+        run("tactile-train", sample.folder(), &[&small[..], &["--tune-pegs", pegs, "--tune-holes", holes]].concat())
+    };
+    let wrong = tune("holes", "holes");
+    assert!(wrong.failed().contains("touches of pegs"), "{wrong:?}");
+    let wrong = tune("pegs", "maze");
+    assert!(wrong.failed().contains("tune-holes maze"), "{wrong:?}");
+    let outcome: Value = serde_json::from_str(tune("pegs", "holes").done()).unwrap();
+    let model = text(folder.path().join("model/model.safetensors"));
+    let matched = ["match", "--model", &model, "--pegs", "pegs", "--holes", "holes", "--json"];
+    let matched: Value = serde_json::from_str(run("tactile-infer", sample.folder(), &matched).done()).unwrap();
+    assert_eq!(outcome["validation"]["letters"], matched["moco"]["accuracy"], "{outcome} {matched}");
 }
 
 #[test]
@@ -167,9 +264,85 @@ fn a_full_disk_leaves_the_checkpoint_before_it() {
     assert_eq!(full.code, Some(1), "{full:?}");
     let last = full.stderr.lines().last().unwrap();
     assert!(last.starts_with("error: ") && last.contains("model.safetensors") && last.contains("space"), "{full:?}");
+    assert!(last.contains("step 4 is not saved, model.safetensors of step 2 is kept"), "{full:?}");
     let (checkpoint, _) = Checkpoint::load(&disk.0.join("model/model.safetensors")).unwrap();
     assert_eq!(checkpoint.provenance.steps, 2);
     let mut left: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     left.sort();
-    assert_eq!(left, ["curve.csv", "model.safetensors", "state.safetensors"]);
+    assert_eq!(left, ["curve.csv", "curve.html", "model.safetensors", "state.safetensors", "train.toml"]);
+}
+
+/// The small network on the command line.
+#[cfg(unix)]
+const SMALL_ARGS: [&str; 8] = ["--input-px", "16x12", "--width", "4", "--hidden", "8", "--dim", "6"];
+
+#[cfg(unix)]
+#[test]
+fn a_file_that_may_not_grow_leaves_the_checkpoint_before_it_and_goes_on_later() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| text(folder.path().join(name));
+    let args = |out: &str| {
+        let run = ["--data", "maze", "--out", out, "--steps", "4", "--batch", "8", "--save-every", "2"];
+        [&run[..], &SMALL_ARGS].concat().join(" ")
+    };
+    let program = text(programs::path("tactile-train"));
+    let shell = |line: String| {
+        let output = Command::new("bash").args(["-c", &line]).current_dir(sample.folder()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (whole, limited) = (out("whole"), out("limited"));
+    assert_eq!(shell(format!("{program} {}", args(&whole))).0, Some(0));
+    // Files of 4 KiB at most: settings and curve fit, the model does not. The signal that would end the program
+    // is ignored, so that writing fails as on a full disk.
+    let limit = "trap '' XFSZ; ulimit -f 4;";
+    let (code, stderr) = shell(format!("{limit} {program} {}", args(&limited)));
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("model.safetensors: ") && stderr.contains("no checkpoint was written before"), "{stderr}");
+    // From the state after step 2, it fails at step 4.
+    fs::create_dir_all(&limited).unwrap();
+    let dataset = Dataset::open(&sample.folder().join("maze")).unwrap();
+    let config = TrainConfig { n_steps: 4, n_warmup: 0, save_every: 2, ..six_steps() };
+    train_to(&dataset, Path::new(&limited), &config, 2, false);
+    let before = fs::read(folder.path().join("limited/model.safetensors")).unwrap();
+    let (code, stderr) = shell(format!("{limit} {program} {} --resume", args(&limited)));
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("step 4 is not saved, model.safetensors of step 2 is kept"), "{stderr}");
+    assert!(fs::read(folder.path().join("limited/model.safetensors")).unwrap() == before);
+    assert_eq!(shell(format!("{program} {} --resume", args(&limited))).0, Some(0));
+    let [a, b] = [&whole, &limited].map(|out| Checkpoint::load(&Path::new(out).join("model.safetensors")).unwrap());
+    assert!(a == b);
+    assert_eq!(curve(Path::new(&limited)), curve(Path::new(&whole)));
+}
+
+#[cfg(unix)]
+#[test]
+fn killed_at_any_moment_a_run_ends_in_the_same_bits() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| text(folder.path().join(name));
+    let start = |out: &str, resume: bool| {
+        let mut training = Command::new(programs::path("tactile-train"));
+        training.args(["--data", &sample.at("maze"), "--out", out, "--steps", "150", "--batch", "8"]);
+        training.args(["--save-every", "7"]).args(SMALL_ARGS).args(resume.then_some("--resume"));
+        training.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    let (whole, killed) = (out("whole"), out("killed"));
+    let started = Instant::now();
+    assert!(start(&whole, false).wait().unwrap().success());
+    let usual = started.elapsed();
+    let state = Path::new(&killed).join("state.safetensors");
+    let mut n_killed = 0;
+    // Moments spread over half a run by the golden ratio, each of a run that goes on from the one before.
+    for i in 1..=6 {
+        let mut training = start(&killed, state.exists());
+        std::thread::sleep(usual.mul_f64(0.5 * (f64::from(i) * 0.618_034).fract()));
+        training.kill().unwrap();
+        n_killed += usize::from(!training.wait().unwrap().success());
+    }
+    assert!(n_killed > 2, "{n_killed} of 6 were still running");
+    assert!(start(&killed, state.exists()).wait().unwrap().success());
+    let [a, b] = [&whole, &killed].map(|out| Checkpoint::load(&Path::new(out).join("model.safetensors")).unwrap());
+    assert!(a == b);
+    assert_eq!(curve(Path::new(&killed)), curve(Path::new(&whole)));
 }

@@ -1,4 +1,5 @@
-//! Random crop and flips, applied alike to both images of a pair (paper, Sec. V-A).
+//! Random crop and flips, applied alike to both images of a pair (paper, Sec. V-A). What a flip does to the
+//! light is [`crate::relight`]'s.
 
 use rand::{Rng, RngExt};
 use tactile_data::frame::TactileImage;
@@ -21,10 +22,12 @@ impl Augmentation {
     pub const NONE: Self = Self { flip_x: false, flip_y: false, scale: 1.0, offset: [0.0; 2] };
 
     /// Draws flips with probability one half each and a crop that keeps at least `min_scale` of each side.
-    pub fn draw(rng: &mut impl Rng, min_scale: f32) -> Self {
+    /// Without `flips` the crops are those that come with them.
+    pub fn draw(rng: &mut impl Rng, min_scale: f32, flips: bool) -> Self {
+        let [flip_x, flip_y]: [bool; 2] = [rng.random(), rng.random()];
         Self {
-            flip_x: rng.random(),
-            flip_y: rng.random(),
+            flip_x: flips && flip_x,
+            flip_y: flips && flip_y,
             scale: min_scale + (1.0 - min_scale) * rng.random::<f32>(),
             offset: [rng.random(), rng.random()],
         }

@@ -1,38 +1,15 @@
-//! Pairs from disk to batches: decoded, differenced and augmented ahead of the step that needs them.
+//! Batches: drawn, decoded, differenced and augmented ahead of the step that needs them.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
-use tactile_data::frame::{Background, Preprocessing};
-use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, Touch};
 
 use crate::augment::Augmentation;
+use crate::config::{FalseNegatives, Flips, TrainConfig};
 use crate::error::{Error, Result};
-
-/// The frames of one mating pair in a dataset.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair {
-    /// Index of the hole's frame.
-    pub hole: usize,
-    /// Index of the peg's frame.
-    pub peg: usize,
-}
-
-/// The pairs of a dataset, split by board, and the statistics of its training frames.
-#[derive(Debug)]
-pub struct Pairs<'a> {
-    dataset: &'a Dataset,
-    background: Background,
-    /// Preprocessing for the network: input size, mean and standard deviation of the training frames.
-    pub preprocessing: Preprocessing,
-    /// Pairs of the training boards.
-    pub training: Vec<Pair>,
-    /// Pairs of the held-out boards, board by board.
-    pub held_out: Vec<Vec<Pair>>,
-    neighbours: Vec<Vec<u32>>,
-}
+use crate::info_nce::MASKED;
+use crate::pairs::{ALIKE, Pair, Pairs};
 
 /// One batch in memory: `[n, 3, height, width]` each, row `i` of one mates with row `i` of the other.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +18,8 @@ pub struct Batch {
     pub holes: Vec<f32>,
     /// Values of the peg images.
     pub pegs: Vec<f32>,
+    /// Where the run leaves false negatives out: `[n, n]`, nought or [`MASKED`].
+    pub mask: Option<Vec<f32>>,
 }
 
 impl Batch {
@@ -59,50 +38,56 @@ impl Batch {
         };
         (0..n_shards).map(part).collect()
     }
+
+    /// The mask as a tensor, `[n, n]`.
+    pub fn mask(&self, device: &Device) -> Option<Tensor<2>> {
+        let mask = self.mask.as_ref()?;
+        let n = mask.len().isqrt();
+        Some(Tensor::from_data(TensorData::new(mask.clone(), [n, n]), device))
+    }
 }
 
-impl<'a> Pairs<'a> {
-    /// Finds the pairs: a hole frame and a peg frame of one part at one pose, next to each other in the
-    /// index. Measures mean and variance over (at most 2,000) training frames. Fails on no pairs.
-    pub fn new(dataset: &'a Dataset, input_px: [usize; 2]) -> Result<Self> {
-        let held_out_boards = &dataset.meta().held_out;
-        let mut training = Vec::new();
-        let mut held_out = vec![Vec::new(); held_out_boards.len()];
-        for index in 1..dataset.len() {
-            let (first, second) = (dataset.touch(index - 1), dataset.touch(index));
-            let Some(pair) = mate(index - 1, first, index, second) else { continue };
-            match held_out_boards.iter().position(|board| Some(board) == first.part.as_ref()) {
-                Some(board) => held_out[board].push(pair),
-                None => training.push(pair),
-            }
-        }
-        if training.is_empty() {
-            let name = &dataset.meta().name;
-            return Err(Error::invalid(name, "mating pairs of hole and peg frames to train on", "0 pairs"));
-        }
-        let preprocessing = measure(dataset, &training, input_px)?;
-        // Decoded at twice the input size, so that a crop still has a pixel for each of the input's.
-        let wide = Preprocessing { input_px: input_px.map(|n| 2 * n), ..preprocessing.clone() };
-        let unusable =
-            |e: tactile_data::Error| Error::invalid(&dataset.meta().name, "frames to train on", e.to_string());
-        let background = Background::new(dataset.no_contact(), &wide).map_err(unusable)?;
-        let neighbours = neighbours(dataset, &training);
-        Ok(Self { dataset, background, preprocessing, training, held_out, neighbours })
-    }
-
+impl Pairs<'_> {
     /// The batch of a step: drawn from `(seed, step)` alone, so that a resumed run sees what an
-    /// uninterrupted one does.
+    /// uninterrupted one does. Smaller than the settings say where the dataset has fewer pairs.
     ///
     /// With probability `near_share` the next pair is a neighbour of the one before, on the same board a few
-    /// mm and degrees away: the negatives that the filter has to tell apart. Else it is any.
-    pub fn batch(&self, seed: u64, step: usize, n_pairs: usize, min_scale: f32, near_share: f64) -> Result<Batch> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    /// mm and degrees away: the negatives that the filter has to tell apart. Else it is any. Blank pairs
+    /// beyond `max_blank` are drawn again.
+    pub fn batch(&self, config: &TrainConfig, step: usize) -> Result<Batch> {
+        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         rng.set_stream(step as u64 + 1);
+        let chosen = self.choose(config, &mut rng)?;
+        let flips = config.flips != Flips::None;
+        let drawn: Vec<(Pair, Augmentation)> = chosen
+            .iter()
+            .map(|index| (self.training[*index], Augmentation::draw(&mut rng, config.min_crop, flips)))
+            .collect();
+        let mask = match config.false_negatives {
+            FalseNegatives::Keep => None,
+            FalseNegatives::Mask => {
+                let flipped = drawn.iter().map(|(_, drawn)| [drawn.flip_x, drawn.flip_y]);
+                Some(self.false_negatives(&chosen, &flipped.collect::<Vec<_>>()))
+            }
+        };
+        Ok(Batch { mask, ..self.load(&drawn)? })
+    }
+
+    fn choose(&self, config: &TrainConfig, rng: &mut ChaCha8Rng) -> Result<Vec<usize>> {
+        let max_blank = (config.max_blank * config.n_pairs as f64).round() as usize;
+        let n_blank = self.places.iter().filter(|place| place.blank).count();
+        let n_pairs = config.n_pairs.min(self.training.len() - n_blank + n_blank.min(max_blank));
+        if n_pairs < 2 * config.n_shards {
+            let expected = format!("at least {} pairs a batch, two for each of the shards", 2 * config.n_shards);
+            let got = format!("{} pairs, {n_blank} of them blank", self.training.len());
+            return Err(Error::invalid(&self.dataset.meta().name, expected, got));
+        }
         let mut chosen: Vec<usize> = Vec::with_capacity(n_pairs);
         let mut taken = vec![false; self.training.len()];
-        while chosen.len() < n_pairs.min(self.training.len()) {
+        let mut blank_left = max_blank;
+        while chosen.len() < n_pairs {
             let near = match chosen.last() {
-                Some(&last) if rng.random_bool(near_share) => {
+                Some(&last) if rng.random_bool(config.near_share) => {
                     let close = &self.neighbours[last];
                     (!close.is_empty()).then(|| close[rng.random_range(0..close.len())] as usize)
                 }
@@ -112,14 +97,33 @@ impl<'a> Pairs<'a> {
                 Some(near) if !taken[near] => near,
                 _ => rng.random_range(0..self.training.len()),
             };
-            if !taken[next] {
+            let is_blank = self.places[next].blank;
+            if !taken[next] && (!is_blank || blank_left > 0) {
                 taken[next] = true;
+                blank_left -= usize::from(is_blank);
                 chosen.push(next);
             }
         }
-        let drawn: Vec<(Pair, Augmentation)> =
-            chosen.into_iter().map(|index| (self.training[index], Augmentation::draw(&mut rng, min_scale))).collect();
-        self.load(&drawn)
+        Ok(chosen)
+    }
+
+    /// The mask of a batch: pairs that no picture can tell apart, because both are blank, or because they
+    /// are of one place and mirrored alike.
+    fn false_negatives(&self, chosen: &[usize], flipped: &[[bool; 2]]) -> Vec<f32> {
+        let n = chosen.len();
+        let mut mask = vec![0.0; n * n];
+        for i in 0..n {
+            let a = &self.places[chosen[i]];
+            for j in 0..i {
+                let b = &self.places[chosen[j]];
+                let same_place = flipped[i] == flipped[j] && a.is_within(b, ALIKE.0, ALIKE.1);
+                if same_place || (a.blank && b.blank) {
+                    mask[i * n + j] = MASKED;
+                    mask[j * n + i] = MASKED;
+                }
+            }
+        }
+        mask
     }
 
     /// Pairs without augmentation, for validation.
@@ -134,6 +138,9 @@ impl<'a> Pairs<'a> {
             let image = self.background.tactile_image(&self.dataset.frame(frame))?;
             let mut values = Vec::with_capacity(3 * input_px[0] * input_px[1]);
             augmentation.apply(&image, input_px, &mut values);
+            if let Some(relight) = &self.relight {
+                relight.apply(augmentation.flip_x, augmentation.flip_y, &mut values);
+            }
             Ok(values)
         };
         let loaded = drawn
@@ -141,74 +148,6 @@ impl<'a> Pairs<'a> {
             .map(|(pair, augmentation)| Ok((load(pair.hole, augmentation)?, load(pair.peg, augmentation)?)))
             .collect::<Result<Vec<_>>>()?;
         let (holes, pegs): (Vec<_>, Vec<_>) = loaded.into_iter().unzip();
-        Ok(Batch { holes: holes.concat(), pegs: pegs.concat() })
+        Ok(Batch { holes: holes.concat(), pegs: pegs.concat(), mask: None })
     }
-}
-
-/// The pair that two neighbouring frames make, if they do.
-fn mate(first: usize, a: &Touch, second: usize, b: &Touch) -> Option<Pair> {
-    let same_place = a.part.is_some() && a.part == b.part && a.part_from_sensor == b.part_from_sensor;
-    match (a.side?, b.side?) {
-        (Side::Hole, Side::Peg) if same_place => Some(Pair { hole: first, peg: second }),
-        (Side::Peg, Side::Hole) if same_place => Some(Pair { hole: second, peg: first }),
-        _ => None,
-    }
-}
-
-/// Mean and standard deviation of each channel over training frames, f64 sums.
-fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result<Preprocessing> {
-    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
-    let stride = training.len().div_ceil(1_000);
-    let sums = training
-        .par_iter()
-        .step_by(stride)
-        .flat_map_iter(|pair| [pair.hole, pair.peg])
-        .map(|frame| {
-            let image = background.tactile_image(&dataset.frame(frame))?;
-            let n_pixels = input_px[0] * input_px[1];
-            let mut sums = [[0.0_f64; 2]; 3];
-            for (sum, plane) in sums.iter_mut().zip(image.planes.chunks_exact(n_pixels)) {
-                for &value in plane {
-                    sum[0] += f64::from(value) / n_pixels as f64;
-                    sum[1] += f64::from(value).powi(2) / n_pixels as f64;
-                }
-            }
-            Ok(sums)
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let mean_of =
-        |channel: usize, power: usize| sums.iter().map(|sum| sum[channel][power]).sum::<f64>() / sums.len() as f64;
-    let mean = [0, 1, 2].map(|channel| mean_of(channel, 0));
-    let std = [0, 1, 2].map(|channel| (mean_of(channel, 1) - mean[channel].powi(2)).sqrt());
-    if std.iter().any(|s| s.is_nan() || *s <= 0.1) {
-        let got = format!("standard deviation {std:?} counts");
-        return Err(Error::invalid(&dataset.meta().name, "frames that differ from the sensor at rest", got));
-    }
-    let meta = dataset.meta();
-    let field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
-    Ok(Preprocessing { input_px, field_of_view_mm, mean: mean.map(|m| m as f32), std: std.map(|s| s as f32) })
-}
-
-/// For each training pair, others on the same board 1 to 8 mm away and at most 40 degrees turned.
-fn neighbours(dataset: &Dataset, training: &[Pair]) -> Vec<Vec<u32>> {
-    let places: Vec<_> = training
-        .iter()
-        .map(|pair| {
-            let touch = dataset.touch(pair.peg);
-            (touch.part.as_deref(), touch.part_from_sensor)
-        })
-        .collect();
-    places
-        .par_iter()
-        .map(|(part, pose)| {
-            let Some(pose) = pose else { return Vec::new() };
-            let is_near = |(other_part, other): &(Option<&str>, Option<tactile_data::se2::Se2>)| {
-                let Some(other) = other else { return false };
-                let turned = tactile_data::se2::wrap_angle(other.theta_rad - pose.theta_rad).to_degrees().abs();
-                let apart = pose.distance_mm(other);
-                other_part == part && apart < 8.0 && turned < 40.0 && (apart > 1.0 || turned > 10.0)
-            };
-            places.iter().enumerate().filter(|(_, place)| is_near(place)).map(|(i, _)| i as u32).collect()
-        })
-        .collect()
 }

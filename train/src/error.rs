@@ -19,13 +19,27 @@ pub enum Error {
         /// What came.
         got: String,
     },
-    /// The loss is no longer a number: the last checkpoint was kept.
-    #[error("training diverged at step {step}: loss {loss}; the last checkpoint is kept. Try a lower --learning-rate")]
-    Diverged {
+    /// The run fell ill and was stopped before it could spoil its checkpoint.
+    #[error("stopped at step {step}: {seen}; {}. Try {advice}", kept_text(*kept))]
+    Unwell {
         /// Step at which it happened.
         step: usize,
-        /// What the loss had become.
-        loss: f64,
+        /// What was seen.
+        seen: String,
+        /// What to try.
+        advice: &'static str,
+        /// Step of the checkpoint that is left.
+        kept: Option<usize>,
+    },
+    /// A result could not be written.
+    #[error("{source}; step {step} is not saved, {}; go on with --resume once that is put right", kept_text(*kept))]
+    NotSaved {
+        /// Step that should have been saved.
+        step: usize,
+        /// Step of the checkpoint that is left.
+        kept: Option<usize>,
+        /// What refused.
+        source: Box<Error>,
     },
     /// The operating system refused to read or write.
     #[error("{}: {source}", path.display())]
@@ -53,5 +67,12 @@ impl Error {
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.as_ref().to_path_buf();
         move |source| Self::Io { path, source }
+    }
+}
+
+fn kept_text(kept: Option<usize>) -> String {
+    match kept {
+        Some(step) => format!("model.safetensors of step {step} is kept"),
+        None => "no checkpoint was written before".into(),
     }
 }

@@ -10,7 +10,12 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use tactile_data::store::Dataset;
 use tactile_infer::DeviceKind;
-use tactile_train::run::{Event, Outcome, TrainConfig, train};
+use tactile_train::config::TrainConfig;
+use tactile_train::letters::Letters;
+use tactile_train::pairs::n_training;
+use tactile_train::run::{Event, Outcome, Run, train};
+use tactile_train::settings::Settings;
+use tactile_train::validate::Validation;
 use tactile_train::{Error, Result};
 
 /// Trains the part-mating model on a dataset of hole and peg pairs.
@@ -23,45 +28,29 @@ struct Cli {
     /// Dataset of pairs, made by `tactile-data generate --scene maze` or imported.
     #[arg(long)]
     data: PathBuf,
-    /// Folder for model.safetensors, state.safetensors and curve.csv.
+    /// Folder for model.safetensors, state.safetensors, train.toml, curve.csv and curve.html.
     #[arg(long)]
     out: PathBuf,
-    /// How much to train: `tiny` takes minutes on two cores.
-    #[arg(long, default_value = "tiny", value_parser = ["tiny"])]
-    preset: String,
+    /// Settings in a TOML file, named as the flags with _ for -; flags go over it.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Where to compute: flex (CPU, default) or ndarray (older CPU backend, much slower).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
     /// Go on from the state in --out, with the settings it began with.
     #[arg(long)]
     resume: bool,
-    /// Seed of weights, batches and augmentation.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Steps instead of the preset's.
-    #[arg(long)]
-    steps: Option<usize>,
-    /// Pairs in a batch instead of the preset's.
-    #[arg(long)]
-    batch: Option<usize>,
-    /// Temperature of InfoNCE instead of the preset's.
-    #[arg(long)]
-    temperature: Option<f64>,
-    /// Peak learning rate instead of the preset's.
-    #[arg(long)]
-    learning_rate: Option<f64>,
-    /// Smallest share of each side that a random crop keeps, instead of the preset's.
-    #[arg(long)]
-    min_crop: Option<f32>,
-    /// Share of a batch that are near neighbours, instead of the preset's.
-    #[arg(long)]
-    near_share: Option<f64>,
-    /// Steps between checkpoints instead of the preset's.
-    #[arg(long)]
-    save_every: Option<usize>,
+    /// Pegs of parts that are not trained on: with --tune-holes, their accuracy is measured at each save.
+    #[arg(long, value_name = "DIR", requires = "tune_holes")]
+    tune_pegs: Option<PathBuf>,
+    /// Holes of the parts of --tune-pegs.
+    #[arg(long, value_name = "DIR", requires = "tune_pegs")]
+    tune_holes: Option<PathBuf>,
     /// Print the outcome as JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten, next_help_heading = "Settings, each instead of the preset's")]
+    settings: Settings,
 }
 
 fn main() -> ExitCode {
@@ -81,8 +70,13 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> Result<Outcome> {
     let device: DeviceKind = cli.device.parse()?;
-    let config = settings(cli);
     let dataset = Dataset::open(&cli.data)?;
+    let config = settings(cli, &dataset)?;
+    let tuning = match (&cli.tune_pegs, &cli.tune_holes) {
+        (Some(pegs), Some(holes)) => Some((Dataset::open(pegs)?, Dataset::open(holes)?)),
+        _ => None,
+    };
+    let letters = tuning.as_ref().map(|(pegs, holes)| Letters::new(pegs, holes)).transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&stop);
     ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed))
@@ -90,7 +84,15 @@ fn run(cli: &Cli) -> Result<Outcome> {
 
     let mut show = Show::new(config.n_steps);
     let should_stop = || stop.load(Ordering::Relaxed);
-    let outcome = train(&dataset, &cli.out, &config, device, cli.resume, &should_stop, &mut |event| show.event(event))?;
+    let run = Run {
+        dataset: &dataset,
+        letters: letters.as_ref(),
+        out: &cli.out,
+        config: &config,
+        device,
+        resume: cli.resume,
+    };
+    let outcome = train(&run, &should_stop, &mut |event| show.event(event))?;
     let found = &outcome.validation;
     if cli.json {
         let json = serde_json::json!({
@@ -99,73 +101,81 @@ fn run(cli: &Cli) -> Result<Outcome> {
         });
         println!("{json}");
     } else {
-        println!(
-            "{}: {} steps, retrieval@1 {:.1} % and @5 {:.1} % among {} held-out holes",
-            outcome.model.display(),
-            outcome.step,
-            100.0 * found.retrieval_1,
-            100.0 * found.retrieval_5,
-            found.n_holes
-        );
+        println!("{}: {} steps, {}", outcome.model.display(), outcome.step, measures(found));
     }
     Ok(outcome)
 }
 
-fn settings(cli: &Cli) -> TrainConfig {
-    let preset = TrainConfig::tiny();
-    let n_steps = cli.steps.unwrap_or(preset.n_steps);
-    TrainConfig {
-        n_steps,
-        n_pairs: cli.batch.unwrap_or(preset.n_pairs),
-        temperature: cli.temperature.unwrap_or(preset.temperature),
-        learning_rate: cli.learning_rate.unwrap_or(preset.learning_rate),
-        n_warmup: preset.n_warmup.min(n_steps / 10),
-        min_crop: cli.min_crop.unwrap_or(preset.min_crop),
-        near_share: cli.near_share.unwrap_or(preset.near_share),
-        save_every: cli.save_every.unwrap_or(preset.save_every),
-        seed: cli.seed,
-        ..preset
-    }
+/// Flags over the file over the preset; a run that goes on has its own file.
+fn settings(cli: &Cli, dataset: &Dataset) -> Result<TrainConfig> {
+    let begun_with = Some(cli.out.join("train.toml")).filter(|path| cli.resume && path.exists());
+    let file = cli.config.clone().or(begun_with).map(|path| Settings::load(&path)).transpose()?;
+    cli.settings.clone().over(file.unwrap_or_default()).resolve(n_training(dataset))
+}
+
+/// How good a model is, in a line.
+fn measures(found: &Validation) -> String {
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let near = found.near_1.zip(found.near_chance).map_or(String::new(), |(near, chance)| {
+        format!(", {} among near neighbours (chance {})", percent(near), percent(chance))
+    });
+    let letters = found.letters.map_or(String::new(), |share| format!(", letters {}", percent(share)));
+    let (first, five) = (percent(found.retrieval_1), percent(found.retrieval_5));
+    format!("held-out retrieval@1 {first}, @5 {five} of {}{near}{letters}", found.n_holes)
 }
 
 /// Progress: a bar on a terminal, a line each checkpoint elsewhere.
 struct Show {
     bar: Option<ProgressBar>,
-    last: (f64, f64),
+    last: Option<(f64, f64, f64)>,
 }
 
 impl Show {
     fn new(n_steps: usize) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
-            let style = ProgressStyle::with_template("training {bar:30} {pos}/{len} {msg} {eta} left");
+            let style = ProgressStyle::with_template("training {bar:30} {pos}/{len} {msg}");
             ProgressBar::new(n_steps as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
-        Self { bar, last: (0.0, 0.0) }
+        Self { bar, last: None }
     }
 
     fn event(&mut self, event: Event<'_>) {
         match event {
-            Event::Step { step, loss, pairs_per_second, .. } => {
-                self.last = (loss, pairs_per_second);
+            Event::Step { step, loss, pairs_per_second, seconds_left, .. } => {
+                self.last = Some((loss, pairs_per_second, seconds_left));
                 if let Some(bar) = &self.bar {
                     bar.set_position(step as u64);
-                    bar.set_message(format!("loss {loss:.3}, {pairs_per_second:.0} pairs/s"));
+                    let left = duration(seconds_left);
+                    bar.set_message(format!("loss {loss:.3}, {pairs_per_second:.0} pairs/s, {left} left"));
                 }
             }
             Event::Saved { step, validation } => {
-                let (loss, speed) = self.last;
-                let line = format!(
-                    "step {step}: loss {loss:.3}, held-out retrieval@1 {:.1} %, @5 {:.1} %, cosine gap {:.2}, spread {:.2}, {speed:.0} pairs/s",
-                    100.0 * validation.retrieval_1,
-                    100.0 * validation.retrieval_5,
-                    validation.cosine_gap,
-                    validation.spread
-                );
-                match &self.bar {
-                    Some(bar) => bar.println(line),
-                    None => eprintln!("{line}"),
-                }
+                let (loss, speed, left) = self.last.unwrap_or_default();
+                let Validation { cosine_gap, spread, .. } = validation;
+                self.line(&format!(
+                    "step {step}: loss {loss:.3}, {}, cosine gap {cosine_gap:.2}, spread {spread:.2}, {speed:.0} pairs/s, \
+                     {} left",
+                    measures(validation),
+                    duration(left)
+                ));
             }
+            Event::Warning { step, text } => self.line(&format!("warning at step {step}: {text}")),
         }
+    }
+
+    fn line(&self, line: &str) {
+        match &self.bar {
+            Some(bar) => bar.println(line),
+            None => eprintln!("{line}"),
+        }
+    }
+}
+
+/// Seconds as a person says them.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        ..90.0 => format!("{seconds:.0} s"),
+        ..5_400.0 => format!("{:.0} min", seconds / 60.0),
+        _ => format!("{:.1} h", seconds / 3_600.0),
     }
 }

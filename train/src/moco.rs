@@ -42,11 +42,13 @@ impl Moco {
     /// one mating with row `i` of the other. Each part goes through the encoders on a thread of its own;
     /// the loss joins the parts at their embeddings, so that every pair of the batch is a negative of
     /// every other; and the gradient at the embeddings goes back through each part on its thread
-    /// (gradient caching, Gao et al. 2021). Batch statistics are those of a part.
+    /// (gradient caching, Gao et al. 2021). Batch statistics are those of a part. `mask`, `[n, n]` over the
+    /// whole batch and symmetric, is [`info_nce`]'s.
     pub fn gradients(
         &self,
         shards: Vec<(Tensor<4>, Tensor<4>)>,
         temperature: f64,
+        mask: Option<Tensor<2>>,
         pools: &[ThreadPool],
     ) -> (f64, MultiGradientsParams) {
         let embedded = on_pools(pools, shards, |(holes, pegs)| self.embed(holes, pegs));
@@ -59,7 +61,7 @@ impl Moco {
         };
         let queries = [0, 1].map(|side| join(side, |shard| &shard.queries).detach().require_grad());
         let keys = [0, 1].map(|side| join(side, |shard| &shard.keys));
-        let loss = symmetric_loss(&queries, &keys, temperature);
+        let loss = symmetric_loss(&queries, &keys, temperature, mask);
         let value = f64::from(loss.clone().into_scalar::<f32>());
         let mut at_embeddings = loss.backward();
 
@@ -98,9 +100,14 @@ impl Moco {
 }
 
 /// `l(q_hole, k_peg) + l(q_peg, k_hole)` of `[hole, peg]` rows.
-fn symmetric_loss(queries: &[Tensor<2>; 2], keys: &[Tensor<2>; 2], temperature: f64) -> Tensor<1> {
-    info_nce(queries[0].clone(), keys[1].clone(), temperature)
-        + info_nce(queries[1].clone(), keys[0].clone(), temperature)
+fn symmetric_loss(
+    queries: &[Tensor<2>; 2],
+    keys: &[Tensor<2>; 2],
+    temperature: f64,
+    mask: Option<Tensor<2>>,
+) -> Tensor<1> {
+    info_nce(queries[0].clone(), keys[1].clone(), temperature, mask.clone())
+        + info_nce(queries[1].clone(), keys[0].clone(), temperature, mask)
 }
 
 /// The rows of one shard, holes then pegs.
@@ -243,11 +250,12 @@ mod tests {
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
         let (holes, pegs) = (images(0.13, &device), images(0.29, &device));
         let pools = shard_pools(1).unwrap();
-        let (value, gradients) = moco.gradients(vec![(holes.clone(), pegs.clone())], 0.2, &pools);
+        let (value, gradients) = moco.gradients(vec![(holes.clone(), pegs.clone())], 0.2, None, &pools);
         // The same loss in one graph.
         let shard = moco.embed(holes, pegs);
         let half = |rows: &Tensor<2>, side: usize| rows.clone().narrow(0, side * 4, 4);
-        let loss = symmetric_loss(&[0, 1].map(|s| half(&shard.queries, s)), &[0, 1].map(|s| half(&shard.keys, s)), 0.2);
+        let loss =
+            symmetric_loss(&[0, 1].map(|s| half(&shard.queries, s)), &[0, 1].map(|s| half(&shard.keys, s)), 0.2, None);
         assert!((f64::from(loss.clone().into_scalar::<f32>()) - value).abs() < 1e-6);
         let whole = MultiGradientsParams {
             grads: vec![(GradientsParams::from_grads(loss.backward(), &moco.online), device.clone())],
@@ -262,14 +270,14 @@ mod tests {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
         let shard = |seed| (images(seed, &device), images(seed + 0.1, &device));
-        let (value, _) = moco.gradients(vec![shard(0.13), shard(0.29)], 0.2, &shard_pools(2).unwrap());
+        let (value, _) = moco.gradients(vec![shard(0.13), shard(0.29)], 0.2, None, &shard_pools(2).unwrap());
         let rows: Vec<Embedded> = [0.13, 0.29].map(shard).map(|(h, p)| moco.embed(h, p)).into();
         let side = |s: usize, of: fn(&Embedded) -> &Tensor<2>| {
             Tensor::cat(rows.iter().map(|r| of(r).clone().narrow(0, s * 4, 4)).collect(), 0)
         };
         let queries = [0, 1].map(|s| side(s, |r| &r.queries));
         let keys = [0, 1].map(|s| side(s, |r| &r.keys));
-        let joined = f64::from(symmetric_loss(&queries, &keys, 0.2).into_scalar::<f32>());
+        let joined = f64::from(symmetric_loss(&queries, &keys, 0.2, None).into_scalar::<f32>());
         assert!((joined - value).abs() < 1e-5, "{joined} {value}");
     }
 
@@ -278,7 +286,7 @@ mod tests {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
         let pools = shard_pools(1).unwrap();
-        let (_, gradients) = moco.gradients(vec![(images(0.13, &device), images(0.29, &device))], 0.2, &pools);
+        let (_, gradients) = moco.gradients(vec![(images(0.13, &device), images(0.29, &device))], 0.2, None, &pools);
         let (gradients, _) = &gradients.grads[0];
         let ids = burn::module::list_param_ids(&moco.momentum);
         assert!(ids.iter().all(|id| gradients.get::<4>(*id).is_none()));

@@ -2,14 +2,19 @@
 
 use burn::tensor::Device;
 use serde::Serialize;
+use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::encoder::Network;
 use tactile_infer::similarity::{dot, normalize_rows};
 
-use crate::batch::{Pair, Pairs};
+use crate::batch::Batch;
 use crate::error::{Error, Result};
+use crate::pairs::{Pair, Pairs};
 
 /// At most this many pairs of a held-out board are compared with each other.
 const MAX_PAIRS: usize = 400;
+
+/// Pegs this near, mm and degrees, are the neighbours that the filter has to tell apart.
+const NEAR: (f64, f64) = (6.0, 40.0);
 
 /// What a model does on held-out boards. A loss alone misleads; these do not.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -18,6 +23,18 @@ pub struct Validation {
     pub retrieval_1: f64,
     /// Share of holes whose own peg is among the five most alike, 0..=1.
     pub retrieval_5: f64,
+    /// What retrieval@1 would be by chance, 0..=1.
+    pub chance_1: f64,
+    /// Share of holes whose own peg is the most alike of those within 6 mm and 40 degrees, 0..=1; of holes
+    /// that have such a neighbour. `None` where none has.
+    pub near_1: Option<f64>,
+    /// What that share would be by chance, 0..=1.
+    pub near_chance: Option<f64>,
+    /// Mean rank of the own peg among those neighbours; one is best.
+    pub near_rank: Option<f64>,
+    /// Share of holes of parts never trained on whose nearest peg is of the right part, 0..=1; `None`
+    /// without tuning datasets.
+    pub letters: Option<f64>,
     /// Mean cosine of mating pairs less that of the other pairs of the board.
     pub cosine_gap: f64,
     /// Mean standard deviation of an embedding's values times the root of its length: one where
@@ -27,22 +44,76 @@ pub struct Validation {
     pub n_holes: usize,
 }
 
-/// Embeds the held-out pairs and compares each hole with every peg of its own board.
+impl Validation {
+    /// Names of [`Self::values`], for a table's head.
+    pub const COLUMNS: [&str; 10] = [
+        "retrieval_1",
+        "retrieval_5",
+        "chance_1",
+        "near_1",
+        "near_chance",
+        "near_rank",
+        "letters",
+        "cosine_gap",
+        "spread",
+        "n_holes",
+    ];
+
+    /// The measures in the order of [`Self::COLUMNS`].
+    pub fn values(&self) -> [Option<f64>; Self::COLUMNS.len()] {
+        [
+            Some(self.retrieval_1),
+            Some(self.retrieval_5),
+            Some(self.chance_1),
+            self.near_1,
+            self.near_chance,
+            self.near_rank,
+            self.letters,
+            Some(self.cosine_gap),
+            Some(self.spread),
+            Some(self.n_holes as f64),
+        ]
+    }
+
+    /// The reverse of [`Self::values`]; `None` where a measure that is always there is not.
+    pub fn of_values(values: [Option<f64>; Self::COLUMNS.len()]) -> Option<Self> {
+        let [retrieval_1, retrieval_5, chance_1, near_1, near_chance, near_rank, letters, gap, spread, n_holes] =
+            values;
+        Some(Self {
+            retrieval_1: retrieval_1?,
+            retrieval_5: retrieval_5?,
+            chance_1: chance_1?,
+            near_1,
+            near_chance,
+            near_rank,
+            letters,
+            cosine_gap: gap?,
+            spread: spread?,
+            n_holes: n_holes? as usize,
+        })
+    }
+}
+
+/// Embeds the held-out pairs and compares each hole with every peg of its own board. Does not measure
+/// [`Validation::letters`].
 pub fn validate(network: &Network, pairs: &Pairs<'_>, device: &Device) -> Result<Validation> {
     let device = device.clone().inner();
     let mut totals = Validation::default();
+    let mut near = Near::default();
     let mut n_boards = 0;
-    for board in pairs.held_out.iter().filter(|board| board.len() > 1) {
-        let board = &board[..board.len().min(MAX_PAIRS)];
+    for board in boards(pairs) {
         let (queries, keys, dim) = embed(network, pairs, board, &device)?;
         let n = board.len();
+        let poses: Vec<Option<Se2>> = board.iter().map(|pair| pairs.dataset.touch(pair.peg).part_from_sensor).collect();
         for (i, query) in queries.chunks_exact(dim).enumerate() {
             let cosines: Vec<f32> = keys.chunks_exact(dim).map(|key| dot(query, key)).collect();
-            let better = cosines.iter().filter(|cosine| **cosine > cosines[i]).count();
+            let better = (0..n).filter(|j| is_better(&cosines, *j, i)).count();
             totals.retrieval_1 += f64::from(better == 0);
             totals.retrieval_5 += f64::from(better < 5);
+            totals.chance_1 += 1.0 / n as f64;
             let others = cosines.iter().map(|c| f64::from(*c)).sum::<f64>() - f64::from(cosines[i]);
             totals.cosine_gap += f64::from(cosines[i]) - others / (n - 1) as f64;
+            near.add(i, &cosines, &poses);
         }
         totals.n_holes += n;
         totals.spread += spread(&keys, dim);
@@ -50,18 +121,73 @@ pub fn validate(network: &Network, pairs: &Pairs<'_>, device: &Device) -> Result
     }
     if totals.n_holes > 0 {
         let n = totals.n_holes as f64;
-        totals.retrieval_1 /= n;
-        totals.retrieval_5 /= n;
-        totals.cosine_gap /= n;
+        for total in [&mut totals.retrieval_1, &mut totals.retrieval_5, &mut totals.chance_1, &mut totals.cosine_gap] {
+            *total /= n;
+        }
         totals.spread /= f64::from(n_boards);
     }
+    [totals.near_1, totals.near_chance, totals.near_rank] = near.means();
     Ok(totals)
+}
+
+/// Images that [`validate`] embeds.
+pub fn n_images(pairs: &Pairs<'_>) -> usize {
+    boards(pairs).map(|board| 2 * board.len()).sum()
+}
+
+/// What is compared of each held-out board.
+fn boards<'a>(pairs: &'a Pairs<'_>) -> impl Iterator<Item = &'a [Pair]> {
+    pairs.held_out.iter().filter(|board| board.len() > 1).map(|board| &board[..board.len().min(MAX_PAIRS)])
+}
+
+/// Whether peg `j` is at least as alike as peg `own`: a collapsed embedding, where all are equal, and one
+/// that is not a number retrieve nothing.
+fn is_better(cosines: &[f32], j: usize, own: usize) -> bool {
+    j != own && (cosines[j] >= cosines[own] || cosines[j].is_nan() || cosines[own].is_nan())
+}
+
+/// Sums over holes that have neighbours.
+#[derive(Default)]
+struct Near {
+    n: f64,
+    first: f64,
+    chance: f64,
+    rank: f64,
+}
+
+impl Near {
+    /// Adds hole `i`, by its cosines with the pegs at `poses`.
+    fn add(&mut self, i: usize, cosines: &[f32], poses: &[Option<Se2>]) {
+        let Some(own) = poses[i] else { return };
+        let is_near = |pose: &Option<Se2>| {
+            pose.is_some_and(|pose| {
+                let turned = wrap_angle(pose.theta_rad - own.theta_rad).to_degrees().abs();
+                pose.distance_mm(&own) <= NEAR.0 && turned <= NEAR.1
+            })
+        };
+        let others = || (0..poses.len()).filter(|j| *j != i && is_near(&poses[*j]));
+        let n_others = others().count();
+        if n_others == 0 {
+            return;
+        }
+        let better = others().filter(|j| is_better(cosines, *j, i)).count();
+        self.n += 1.0;
+        self.first += f64::from(better == 0);
+        self.chance += 1.0 / (n_others + 1) as f64;
+        self.rank += (better + 1) as f64;
+    }
+
+    /// Retrieval@1, its chance and the mean rank.
+    fn means(&self) -> [Option<f64>; 3] {
+        [self.first, self.chance, self.rank].map(|sum| (self.n > 0.0).then(|| sum / self.n))
+    }
 }
 
 fn embed(network: &Network, pairs: &Pairs<'_>, board: &[Pair], device: &Device) -> Result<(Vec<f32>, Vec<f32>, usize)> {
     let (mut queries, mut keys) = (Vec::new(), Vec::new());
     for chunk in board.chunks(64) {
-        for (holes, pegs) in pairs.plain(chunk)?.shards(1, pairs.preprocessing.input_px, device) {
+        let batch: Batch = pairs.plain(chunk)?;
+        for (holes, pegs) in batch.shards(1, pairs.preprocessing.input_px, device) {
             for (rows, tensor) in [(&mut queries, network.query(holes)), (&mut keys, network.key(pegs))] {
                 let values = tensor.into_data().try_into_vec::<f32>();
                 rows.extend(values.map_err(|e| Error::invalid("embedding", "f32", format!("{e:?}")))?);
@@ -94,5 +220,18 @@ mod tests {
         assert_eq!(spread(&[0.6, 0.8, 0.6, 0.8], 2), 0.0);
         // The four points (+-1, 0), (0, +-1): variance 1/2 on each axis, sqrt(1/2) * sqrt(2) = 1.
         assert!((spread(&[1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, -1.0], 2) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn near_neighbours_are_those_of_a_few_millimetres_and_degrees() {
+        let pose = |x, deg| Some(Se2::from_degrees(x, 0.0, deg));
+        // Of hole 0 the second and the fifth peg are near, the second the more alike; the others are too far,
+        // too turned, or nobody knows where.
+        let poses = [pose(0.0, 0.0), pose(5.0, 30.0), pose(7.0, 0.0), pose(0.0, 60.0), pose(-5.9, -39.0), None];
+        let mut near = Near::default();
+        near.add(0, &[0.8, 0.9, 1.0, 1.0, 0.7, 1.0], &poses);
+        near.add(5, &[0.0; 6], &poses);
+        assert_eq!(near.means(), [Some(0.0), Some(1.0 / 3.0), Some(2.0)]);
+        assert_eq!(Near::default().means(), [None; 3]);
     }
 }

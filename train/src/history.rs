@@ -1,0 +1,136 @@
+//! What a run has been through: `curve.csv`, a line a step, and the same in memory.
+
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use tactile_infer::safefile::write_whole;
+
+use crate::error::{Error, Result};
+use crate::validate::Validation;
+
+/// The columns before those of a validation.
+const STEP_COLUMNS: &str = "step,loss,learning_rate,momentum,gradient_norm,pairs_per_second";
+
+/// One step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Row {
+    /// Steps made, this one included.
+    pub step: usize,
+    /// The symmetrised loss.
+    pub loss: f64,
+    /// Learning rate of the step.
+    pub learning_rate: f64,
+    /// Momentum of the key encoder.
+    pub momentum: f64,
+    /// Length of the gradient.
+    pub gradient_norm: f64,
+    /// Speed over the last steps.
+    pub pairs_per_second: f64,
+    /// How good the model was, where that was measured.
+    pub validation: Option<Validation>,
+}
+
+/// The rows of a run, each appended to its file as it comes.
+#[derive(Debug)]
+pub struct History {
+    rows: Vec<Row>,
+    file: File,
+    path: PathBuf,
+}
+
+impl History {
+    /// Opens the curve for a run that goes on after `first_step`: later rows, and one torn by a crash, are
+    /// dropped, because those steps will be made again.
+    pub fn open(path: &Path, first_step: usize) -> Result<Self> {
+        let old = if first_step > 0 { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
+        let rows: Vec<Row> = old.lines().skip(1).filter_map(parse).filter(|row| row.step <= first_step).collect();
+        let mut kept = format!("{STEP_COLUMNS},{}\n", Validation::COLUMNS.join(","));
+        rows.iter().for_each(|row| kept.push_str(&line(row)));
+        write_whole(path, kept.as_bytes())?;
+        let file = OpenOptions::new().append(true).open(path).map_err(Error::io(path))?;
+        Ok(Self { rows, file, path: path.to_path_buf() })
+    }
+
+    /// Adds a step.
+    pub fn push(&mut self, row: Row) -> Result<()> {
+        self.file.write_all(line(&row).as_bytes()).map_err(Error::io(&self.path))?;
+        self.rows.push(row);
+        Ok(())
+    }
+
+    /// All steps so far, ascending.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+}
+
+fn line(row: &Row) -> String {
+    // Losses and norms are f32: their shortest form reads back as they were.
+    let (loss, norm) = (row.loss as f32, row.gradient_norm as f32);
+    let Row { step, learning_rate, momentum, pairs_per_second, .. } = row;
+    let values = row.validation.as_ref().map(Validation::values).unwrap_or_default();
+    let values = values.map(|value| value.map_or(String::new(), |value| ((value * 1e5).round() / 1e5).to_string()));
+    format!("{step},{loss},{learning_rate:.6e},{momentum:.8},{norm},{pairs_per_second:.1},{}\n", values.join(","))
+}
+
+/// A row from its line; `None` for a torn one.
+fn parse(line: &str) -> Option<Row> {
+    let fields: Vec<&str> = line.split(',').collect();
+    let (step, rest) = fields.split_first()?;
+    let (numbers, values) = rest.split_at_checked(5)?;
+    let numbers: Vec<f64> = numbers.iter().map(|field| field.parse().ok()).collect::<Option<_>>()?;
+    let single = |value: f64| f64::from(value as f32);
+    let values: [Option<f64>; Validation::COLUMNS.len()] =
+        values.iter().map(|field| field.parse().ok()).collect::<Vec<_>>().try_into().ok()?;
+    Some(Row {
+        step: step.parse().ok()?,
+        loss: single(numbers[0]),
+        learning_rate: numbers[1],
+        momentum: numbers[2],
+        gradient_norm: single(numbers[3]),
+        pairs_per_second: numbers[4],
+        validation: Validation::of_values(values),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(step: usize) -> Row {
+        let validation = Validation {
+            retrieval_1: 0.5,
+            near_rank: Some(2.25),
+            letters: (step == 2).then_some(0.625),
+            n_holes: 900,
+            ..Validation::default()
+        };
+        Row {
+            step,
+            loss: f64::from(2.260_928_4_f32 / step as f32),
+            learning_rate: 2e-3,
+            momentum: 0.98,
+            gradient_norm: f64::from(0.1_f32),
+            pairs_per_second: 150.5,
+            validation: step.is_multiple_of(2).then_some(validation),
+        }
+    }
+
+    #[test]
+    fn a_history_read_again_is_the_same_up_to_the_step() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("curve.csv");
+        let mut history = History::open(&path, 0).unwrap();
+        (1..=6).for_each(|step| history.push(row(step)).unwrap());
+        drop(history);
+        // A crash tears the last line.
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, &text[..text.len() - 9]).unwrap();
+        let again = History::open(&path, 4).unwrap();
+        assert_eq!(again.rows(), (1..=4).map(row).collect::<Vec<_>>());
+        let lines: Vec<_> = text.lines().take(5).collect();
+        assert_eq!(std::fs::read_to_string(&path).unwrap().lines().collect::<Vec<_>>(), lines);
+        assert!(History::open(&path, 0).unwrap().rows().is_empty());
+    }
+}

@@ -1,0 +1,235 @@
+//! The pairs of a dataset, and what is worked out of them once before training.
+
+use rayon::prelude::*;
+use tactile_data::frame::{Background, Preprocessing, TactileImage};
+use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::store::Dataset;
+use tactile_data::touch::{Side, Touch};
+
+use crate::config::{Flips, TrainConfig};
+use crate::error::{Error, Result};
+use crate::relight::Relight;
+
+/// A view with a smaller share of edge pixels is blank; the filter's own default.
+const BLANK_SHARE: f32 = 0.01;
+
+/// Two places nearer than this look alike: mm and degrees. A camera's noise and the robot's repeatability
+/// come to half of it.
+pub const ALIKE: (f64, f64) = (1.0, 5.0);
+
+/// Frames looked at to find the lamps.
+const LAMP_FRAMES: usize = 400;
+
+/// The frames of one mating pair in a dataset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    /// Index of the hole's frame.
+    pub hole: usize,
+    /// Index of the peg's frame.
+    pub peg: usize,
+}
+
+/// Where a pair was touched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// The board, by its number in the order of appearance.
+    pub board: usize,
+    /// Where the sensor stood on it; `None` where nobody knows.
+    pub pose: Option<Se2>,
+    /// Whether neither view shows an edge.
+    pub blank: bool,
+}
+
+impl Place {
+    /// Whether two pairs are of one board, both poses known, nearer than `mm` and `deg`.
+    pub fn is_within(&self, other: &Self, mm: f64, deg: f64) -> bool {
+        let (Some(a), Some(b)) = (self.pose, other.pose) else { return false };
+        let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
+        self.board == other.board && a.distance_mm(&b) < mm && turned < deg
+    }
+}
+
+/// The pairs of a dataset, split by board, and the statistics of its training frames.
+#[derive(Debug)]
+pub struct Pairs<'a> {
+    pub(crate) dataset: &'a Dataset,
+    pub(crate) background: Background,
+    /// Preprocessing for the network: input size, mean and standard deviation of the training frames.
+    pub preprocessing: Preprocessing,
+    /// Pairs of the training boards.
+    pub training: Vec<Pair>,
+    /// Where each pair of the training boards was touched.
+    pub places: Vec<Place>,
+    /// Pairs of the held-out boards, board by board.
+    pub held_out: Vec<Vec<Pair>>,
+    pub(crate) neighbours: Vec<Vec<u32>>,
+    pub(crate) relight: Option<Relight>,
+}
+
+impl<'a> Pairs<'a> {
+    /// Finds the pairs: a hole frame and a peg frame of one part at one pose, next to each other in the
+    /// index. Measures mean and variance over (at most 2,000) training frames, which views are blank, and
+    /// for relit flips the lamps.
+    ///
+    /// # Errors
+    /// No pairs, or pairs that teach nothing: all blank, or all of one place.
+    pub fn new(dataset: &'a Dataset, config: &TrainConfig) -> Result<Self> {
+        let input_px = config.network.input_px;
+        let (training, held_out) = find(dataset);
+        let name = &dataset.meta().name;
+        if training.is_empty() {
+            return Err(Error::invalid(name, "mating pairs of hole and peg frames to train on", "0 pairs"));
+        }
+        let preprocessing = measure(dataset, &training, input_px)?;
+        // Decoded at twice the input size, so that a crop still has a pixel for each of the input's.
+        let wide = Preprocessing { input_px: input_px.map(|n| 2 * n), ..preprocessing.clone() };
+        let unusable = |e: tactile_data::Error| Error::invalid(name, "frames to train on", e.to_string());
+        let background = Background::new(dataset.no_contact(), &wide).map_err(unusable)?;
+        let places = places(dataset, &background, &training)?;
+        check_worth(name, &places)?;
+        let neighbours = neighbours(&places);
+        let relight = match config.flips {
+            Flips::Relit => Some(fit_lamps(dataset, &training, &preprocessing)?),
+            Flips::Plain | Flips::None => None,
+        };
+        Ok(Self { dataset, background, preprocessing, training, places, held_out, neighbours, relight })
+    }
+}
+
+/// Number of pairs of the training boards of a dataset.
+pub fn n_training(dataset: &Dataset) -> usize {
+    find(dataset).0.len()
+}
+
+/// The pairs of the training boards, and those of each held-out board.
+fn find(dataset: &Dataset) -> (Vec<Pair>, Vec<Vec<Pair>>) {
+    let held_out_boards = &dataset.meta().held_out;
+    let mut training = Vec::new();
+    let mut held_out = vec![Vec::new(); held_out_boards.len()];
+    for index in 1..dataset.len() {
+        let (first, second) = (dataset.touch(index - 1), dataset.touch(index));
+        let Some(pair) = mate(index - 1, first, index, second) else { continue };
+        match held_out_boards.iter().position(|board| Some(board) == first.part.as_ref()) {
+            Some(board) => held_out[board].push(pair),
+            None => training.push(pair),
+        }
+    }
+    (training, held_out)
+}
+
+/// The pair that two neighbouring frames make, if they do.
+fn mate(first: usize, a: &Touch, second: usize, b: &Touch) -> Option<Pair> {
+    let same_place = a.part.is_some() && a.part == b.part && a.part_from_sensor == b.part_from_sensor;
+    match (a.side?, b.side?) {
+        (Side::Hole, Side::Peg) if same_place => Some(Pair { hole: first, peg: second }),
+        (Side::Peg, Side::Hole) if same_place => Some(Pair { hole: second, peg: first }),
+        _ => None,
+    }
+}
+
+/// Mean and standard deviation of each channel over training frames, f64 sums.
+fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result<Preprocessing> {
+    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
+    let stride = training.len().div_ceil(1_000);
+    let sums = training
+        .par_iter()
+        .step_by(stride)
+        .flat_map_iter(|pair| [pair.hole, pair.peg])
+        .map(|frame| {
+            let image = background.tactile_image(&dataset.frame(frame))?;
+            let n_pixels = input_px[0] * input_px[1];
+            let mut sums = [[0.0_f64; 2]; 3];
+            for (sum, plane) in sums.iter_mut().zip(image.planes.chunks_exact(n_pixels)) {
+                for &value in plane {
+                    sum[0] += f64::from(value) / n_pixels as f64;
+                    sum[1] += f64::from(value).powi(2) / n_pixels as f64;
+                }
+            }
+            Ok(sums)
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let mean_of =
+        |channel: usize, power: usize| sums.iter().map(|sum| sum[channel][power]).sum::<f64>() / sums.len() as f64;
+    let mean = [0, 1, 2].map(|channel| mean_of(channel, 0));
+    let std = [0, 1, 2].map(|channel| (mean_of(channel, 1) - mean[channel].powi(2)).sqrt());
+    if std.iter().any(|s| s.is_nan() || *s <= 0.1) {
+        let got = format!("standard deviation {std:?} counts");
+        return Err(Error::invalid(&dataset.meta().name, "frames that differ from the sensor at rest", got));
+    }
+    let meta = dataset.meta();
+    let field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+    Ok(Preprocessing { input_px, field_of_view_mm, mean: mean.map(|m| m as f32), std: std.map(|s| s as f32) })
+}
+
+/// Where each pair was touched, and whether it shows anything.
+fn places(dataset: &Dataset, background: &Background, training: &[Pair]) -> Result<Vec<Place>> {
+    let mut boards: Vec<Option<&str>> = Vec::new();
+    let board_of: Vec<usize> = training
+        .iter()
+        .map(|pair| {
+            let part = dataset.touch(pair.peg).part.as_deref();
+            boards.iter().rposition(|board| *board == part).unwrap_or_else(|| {
+                boards.push(part);
+                boards.len() - 1
+            })
+        })
+        .collect();
+    let is_blank = |frame: usize| -> Result<bool> {
+        Ok(background.tactile_image(&dataset.frame(frame))?.edge_share < BLANK_SHARE)
+    };
+    training
+        .par_iter()
+        .zip(board_of)
+        .map(|(pair, board)| {
+            let blank = is_blank(pair.hole)? && is_blank(pair.peg)?;
+            Ok(Place { board, pose: dataset.touch(pair.peg).part_from_sensor, blank })
+        })
+        .collect()
+}
+
+/// Refuses pairs among which there is nothing to tell apart.
+fn check_worth(name: &str, places: &[Place]) -> Result<()> {
+    let n = places.len();
+    if places.iter().all(|place| place.blank) {
+        let got = format!("{n} blank pairs: no frame differs from the sensor at rest by an edge");
+        return Err(Error::invalid(name, "pairs that show an edge", got));
+    }
+    let first = &places[0];
+    if n > 1 && places.iter().all(|place| first.is_within(place, ALIKE.0, ALIKE.1)) {
+        let got = format!("{n} pairs within {} mm and {} degrees of each other", ALIKE.0, ALIKE.1);
+        return Err(Error::invalid(name, "pairs of different places", got));
+    }
+    Ok(())
+}
+
+/// For each training pair, others on the same board 1 to 8 mm away and at most 40 degrees turned.
+fn neighbours(places: &[Place]) -> Vec<Vec<u32>> {
+    let is_near = |a: &Place, b: &Place| a.is_within(b, 8.0, 40.0) && is_apart(a, b);
+    places
+        .par_iter()
+        .map(|place| {
+            places.iter().enumerate().filter(|(_, other)| is_near(place, other)).map(|(i, _)| i as u32).collect()
+        })
+        .collect()
+}
+
+/// More than 1 mm or 10 degrees apart.
+fn is_apart(a: &Place, b: &Place) -> bool {
+    let (Some(a), Some(b)) = (a.pose, b.pose) else { return false };
+    a.distance_mm(&b) > 1.0 || wrap_angle(b.theta_rad - a.theta_rad).to_degrees().abs() > 10.0
+}
+
+/// The lamps, from training frames evenly spread.
+fn fit_lamps(dataset: &Dataset, training: &[Pair], preprocessing: &Preprocessing) -> Result<Relight> {
+    let input_px = preprocessing.input_px;
+    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
+    let stride = training.len().div_ceil(LAMP_FRAMES / 2);
+    let images: Vec<TactileImage> = training
+        .par_iter()
+        .step_by(stride)
+        .flat_map_iter(|pair| [pair.hole, pair.peg])
+        .map(|frame| Ok(background.tactile_image(&dataset.frame(frame))?))
+        .collect::<Result<_>>()?;
+    let mm_per_px = [0, 1].map(|axis| preprocessing.field_of_view_mm[axis] / input_px[axis] as f64);
+    Relight::fit(&images, mm_per_px, preprocessing)
+}
