@@ -10,6 +10,7 @@ use crate::calibration::Calibration;
 use crate::device::DeviceKind;
 use crate::encoder::{NamedTensor, Network, NetworkConfig, tensors_of, with_tensors};
 use crate::error::{Error, Result};
+use crate::precision::Precision;
 use crate::safefile::SafeFile;
 use crate::similarity::normalize_rows;
 
@@ -54,12 +55,21 @@ pub struct Checkpoint {
     pub calibration: Option<Calibration>,
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
+    /// The format of the weights in the file. In memory, and in computing, they are f32 in any case.
+    pub weights: Precision,
 }
 
 impl Checkpoint {
     /// Takes the weights out of a network.
     pub fn of(network: &Network, config: NetworkConfig, preprocessing: Preprocessing, provenance: Provenance) -> Self {
-        Self { config, preprocessing, provenance, calibration: None, tensors: tensors_of(network) }
+        Self {
+            config,
+            preprocessing,
+            provenance,
+            calibration: None,
+            tensors: tensors_of(network),
+            weights: Precision::F32,
+        }
     }
 
     /// Writes one safetensors file, whole or not at all. Returns the model's identity: the checksum of all
@@ -78,13 +88,30 @@ impl Checkpoint {
         if let Some(calibration) = &self.calibration {
             file.text.push((CALIBRATION.into(), to_json(calibration)?));
         }
-        file.save(path, SCHEMA)?;
+        file.save_as(path, SCHEMA, self.weights)?;
         Ok(identity)
+    }
+
+    /// The checkpoint with its weights rounded to another format: another model, whose banks are its own. Scales,
+    /// offsets and running statistics (tensors of one axis) stay f32: they are few, and a small variance would
+    /// vanish. The calibration was measured of the model before and is left out.
+    ///
+    /// # Errors
+    /// A weight beyond the format's range, by the name of its tensor; i8, which weights are not kept in.
+    pub fn with_weights(mut self, precision: Precision) -> Result<Self> {
+        if precision == Precision::I8 {
+            return Err(Error::invalid("weights", Precision::WEIGHTS.join(" or "), precision.to_string()));
+        }
+        for tensor in self.tensors.iter_mut().filter(|tensor| tensor.shape.len() > 1) {
+            precision.round_all(&tensor.name, &mut tensor.values)?;
+        }
+        let calibration = if precision == self.weights { self.calibration } else { None };
+        Ok(Self { weights: precision, calibration, ..self })
     }
 
     /// Reads and checks a checkpoint: schema, checksum, sizes. Returns it with the model's identity.
     pub fn load(path: &Path) -> Result<(Self, String)> {
-        let mut file = SafeFile::load(path, SCHEMA)?;
+        let (mut file, weights) = SafeFile::load_as(path, SCHEMA)?;
         let entry = file.text.iter().position(|(key, _)| key == CALIBRATION).map(|at| file.text.swap_remove(at).1);
         let calibration = entry.map(|text| from_json(path, &text)).transpose()?;
         let config: NetworkConfig = from_json(path, file.text(path, "config")?)?;
@@ -92,7 +119,7 @@ impl Checkpoint {
         let preprocessing = from_json(path, file.text(path, "preprocessing")?)?;
         let provenance = from_json(path, file.text(path, "provenance")?)?;
         let sha256 = file.sha256();
-        Ok((Self { config, preprocessing, provenance, calibration, tensors: file.tensors }, sha256))
+        Ok((Self { config, preprocessing, provenance, calibration, tensors: file.tensors, weights }, sha256))
     }
 }
 
@@ -123,7 +150,7 @@ impl Model {
         if n_asked > n_held {
             return Err(Error::invalid("network", format!("{n_asked} weights or more"), n_held.to_string()));
         }
-        let device = device.tensor_device();
+        let device = device.open()?;
         Ok(Self {
             network: with_tensors(checkpoint.config.init(0, &device), checkpoint.tensors)?,
             device,

@@ -33,9 +33,12 @@ pub mod error;
 #[cfg(test)]
 mod fuzz;
 pub mod matching;
+pub mod precision;
+pub mod rows;
 pub mod safefile;
 pub mod similarity;
 
 pub use checkpoint::{Checkpoint, Model};
 pub use device::DeviceKind;
 pub use error::{Error, Result};
+pub use precision::Precision;

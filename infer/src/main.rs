@@ -54,7 +54,7 @@ struct CalibrateArgs {
     /// Write the calibrated checkpoint here instead.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Where to compute: flex or ndarray.
+    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
     /// Print the calibration as JSON.
@@ -73,7 +73,7 @@ struct BankArgs {
     /// The bank file to write.
     #[arg(long)]
     out: PathBuf,
-    /// Where to compute: flex or ndarray.
+    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
 }
@@ -92,7 +92,7 @@ struct MatchArgs {
     /// Match at most this many holes, evenly spread over the dataset.
     #[arg(long, default_value_t = 500)]
     limit: usize,
-    /// Where to compute: flex or ndarray.
+    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
     /// Print the result as JSON.

@@ -152,7 +152,7 @@ pub fn train(
     on_event: &mut dyn FnMut(Event<'_>),
 ) -> Result<Outcome> {
     config.validate()?;
-    let device = device.tensor_device().autodiff();
+    let device = device.open()?.autodiff();
     let pairs = Pairs::new(dataset, config.network.input_px)?;
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
     let state_path = out.join("state.safetensors");
