@@ -6,3 +6,5 @@ mod filter;
 mod readme;
 mod real;
 mod train;
+#[cfg(feature = "wgpu")]
+mod wgpu;
