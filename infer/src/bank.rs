@@ -258,3 +258,49 @@ pub fn frames_by_row(dataset: &Dataset, grid: &PoseGrid) -> Result<(Vec<String>,
 fn short(sha256: &str) -> &str {
     sha256.get(..12).unwrap_or(sha256)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::checkpoint::{Checkpoint, Provenance};
+    use crate::device::DeviceKind;
+    use crate::encoder::NetworkConfig;
+    use tactile_data::frame::Preprocessing;
+
+    const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+
+    fn bank(edge_shares: Vec<f32>, model_sha256: &str) -> Result<Bank> {
+        let rows = (0..54).map(|i| (i as f32 * 0.7).sin() / 3.0).collect();
+        Bank::from_rows(["A", "B", "C"].map(String::from).into(), GRID, 6, rows, edge_shares, model_sha256.into())
+    }
+
+    #[test]
+    fn a_share_that_is_none_is_refused_with_its_row() {
+        for odd in [-0.1, 1.1, f32::NAN, f32::INFINITY] {
+            let shares = (0..9).map(|row| if row == 7 { odd } else { 0.5 }).collect();
+            let error = bank(shares, "").unwrap_err().to_string();
+            assert_eq!(error, format!("bank row 7: expected an edge share in 0..=1, got {odd}"));
+        }
+        assert!(bank([0.0, 1.0].into_iter().cycle().take(9).collect(), "").is_ok());
+    }
+
+    #[test]
+    fn a_bank_comes_back_in_the_format_it_was_kept_in() {
+        let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let model = Model::new(checkpoint, "mine".into(), DeviceKind::Flex).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bank");
+        for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
+            let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
+            kept.save(&path).unwrap();
+            assert_eq!(Bank::load(&path, &model).unwrap(), kept);
+            let without = kept.without(1).unwrap();
+            assert_eq!((without.parts().join(""), without.row(3)), ("AC".into(), kept.row(6)));
+        }
+        let other = bank(vec![0.2; 9], "another").unwrap();
+        other.save(&path).unwrap();
+        assert!(Bank::load(&path, &model).unwrap_err().to_string().contains("made by another"));
+    }
+}

@@ -274,4 +274,43 @@ mod tests {
         let first = crate::similarity::dot(&rows[..6], &rows[..6]);
         assert!((first - 1.0).abs() < 1e-5);
     }
+
+    #[test]
+    fn weights_of_half_precision_make_a_model_of_its_own_near_the_first() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let planes = (0..3 * 16 * 12).map(|i| (i as f32 * 0.7).sin()).collect();
+        let image = [TactileImage { size_px: [16, 12], planes, edge_share: 0.5 }];
+        let full = checkpoint.save(&path).unwrap();
+        let expected = Model::load(&path, DeviceKind::Flex).unwrap().embed_holes(&image).unwrap();
+        // Ten layers, each with errors of half a unit in the last of 11 or 8 digits, some of which cancel.
+        for (precision, bound) in
+            [(Precision::F16, 10.0 * 2.0_f32.powi(-11)), (Precision::Bf16, 10.0 * 2.0_f32.powi(-8))]
+        {
+            let identity = checkpoint.clone().with_weights(precision).unwrap().save(&path).unwrap();
+            let (loaded, loaded_identity) = Checkpoint::load(&path).unwrap();
+            assert!(loaded.weights == precision && loaded_identity == identity && identity != full);
+            // Saved again, as `calibrate` does, it stays the model it was.
+            assert_eq!(loaded.save(&path).unwrap(), identity);
+            let rows = Model::load(&path, DeviceKind::Flex).unwrap().embed_holes(&image).unwrap();
+            let largest = rows.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(largest > 0.0 && largest < bound, "{precision}: {largest}");
+        }
+    }
+
+    #[test]
+    fn weights_that_f16_cannot_hold_are_refused_by_name() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let mut checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let half = checkpoint.tensors.iter_mut().find(|tensor| tensor.name == "encoder.half.conv.weight").unwrap();
+        half.values[7] = -70_000.0;
+        let error = checkpoint.clone().with_weights(Precision::F16).unwrap_err().to_string();
+        assert_eq!(error, "encoder.half.conv.weight: expected values in the range of f16, got -7e4");
+        assert!(checkpoint.clone().with_weights(Precision::Bf16).is_ok());
+        assert!(checkpoint.with_weights(Precision::I8).is_err());
+    }
 }

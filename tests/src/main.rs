@@ -3,6 +3,7 @@
 mod bad_input;
 mod chain;
 mod filter;
+mod infer;
 mod readme;
 mod real;
 mod train;

@@ -29,7 +29,7 @@ pub fn wgpu(workspace: &Workspace) -> Result<()> {
     let build: Vec<&OsStr> = build.into_iter().map(OsStr::new).collect();
     program::run("cargo build", Path::new(&cargo), &build, &workspace.root)?;
     let test = [&["test", "--release"], &packages[..], &["--package", "tactile-tests", "--features", "wgpu"]].concat();
-    let test = [&test[..], &["wgpu::", "--", "--nocapture", "--test-threads", "1"]].concat();
+    let test = [&test[..], &["--test", "workspace", "wgpu::", "--", "--nocapture", "--test-threads", "1"]].concat();
     let test: Vec<&OsStr> = test.into_iter().map(OsStr::new).collect();
     program::run("the comparison of card and CPU", Path::new(&cargo), &test, &workspace.root).map(|_| ())
 }

@@ -28,7 +28,7 @@ pub struct Cli {
 enum Command {
     /// Embed pictures of touches: one row of numbers an image, of unit length.
     #[command(
-        after_help = "Example:\n  tactile-infer embed touch-1.png touch-2.png --model model/model.safetensors --no-contact rest.png"
+        after_help = "Example:\n  tactile-infer embed touch.png --model model/model.safetensors --no-contact rest.png"
     )]
     Embed(embed::EmbedArgs),
     /// Embed a dataset of peg touches into one bank file, bound to the model.
@@ -48,7 +48,7 @@ enum Command {
     Calibrate(CalibrateArgs),
     /// Store a model's weights in another format: another model, with banks of its own.
     #[command(
-        after_help = "Example:\n  tactile-infer convert --model model/model.safetensors --weights f16 --out half.safetensors"
+        after_help = "Example:\n  tactile-infer convert --model model.safetensors --weights f16 --out half.safetensors"
     )]
     Convert(convert::ConvertArgs),
 }
