@@ -70,7 +70,9 @@ fn bank() -> impl Strategy<Value = Bank> {
         let n_rows = n_parts * grid.len();
         let n_drawn = if alike { 1 } else { n_rows.min(16) };
         let rows = prop::collection::vec(prop::collection::vec(value(), dim), n_drawn);
-        (rows, prop::collection::vec(share(), 1..=8)).prop_map(move |(rows, shares)| {
+        // A bank takes no other shares.
+        let shares = prop::collection::vec(prop_oneof![Just(0.0), Just(1.0), 0.0..=1.0_f32], 1..=8);
+        (rows, shares).prop_map(move |(rows, shares)| {
             let rows: Vec<f32> = (0..n_rows).flat_map(|row| rows[row * 7 % rows.len()].clone()).collect();
             let shares = (0..n_rows).map(|row| shares[row * 5 % shares.len()]).collect();
             let names = (0..n_parts).map(|part| part.to_string()).collect();

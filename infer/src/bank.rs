@@ -1,5 +1,6 @@
 //! The bank: one embedding for each recorded pose of each peg.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -12,6 +13,8 @@ use tactile_data::touch::Side;
 use crate::checkpoint::{Model, from_json, to_json};
 use crate::encoder::NamedTensor;
 use crate::error::{Error, Result};
+use crate::precision::Precision;
+use crate::rows::Rows;
 use crate::safefile::SafeFile;
 
 /// The version of the bank's layout.
@@ -25,14 +28,16 @@ const POSE_TOLERANCE: (f64, f64) = (0.5, 2.0);
 pub struct Bank {
     parts: Vec<String>,
     grid: PoseGrid,
-    dim: usize,
-    rows: Vec<f32>,
+    rows: Rows,
     edge_shares: Vec<f32>,
     model_sha256: String,
 }
 
 impl Bank {
-    /// A bank from its rows, `[parts * grid.len(), dim]`, and the share of each view that shows an edge.
+    /// A bank from its rows, `[parts * grid.len(), dim]` in f32, and the share of each view that shows an edge.
+    ///
+    /// # Errors
+    /// Numbers of rows or shares that do not fit parts and grid, rows that are not finite, shares outside 0..=1.
     pub fn from_rows(
         parts: Vec<String>,
         grid: PoseGrid,
@@ -41,19 +46,33 @@ impl Bank {
         edge_shares: Vec<f32>,
         model_sha256: String,
     ) -> Result<Self> {
+        Self::of(parts, grid, Rows::new(dim, rows)?, edge_shares, model_sha256)
+    }
+
+    fn of(parts: Vec<String>, grid: PoseGrid, rows: Rows, edge_shares: Vec<f32>, model_sha256: String) -> Result<Self> {
         grid.validate()?;
         let n_rows = parts.len() * grid.len();
-        if n_rows == 0 || dim == 0 || rows.len() != n_rows * dim || edge_shares.len() != n_rows {
+        if n_rows == 0 || rows.len() != n_rows || edge_shares.len() != n_rows {
             return Err(Error::invalid(
                 "bank",
-                format!("{} parts x {} poses x {dim} values", parts.len(), grid.len()),
-                format!("{} values and {} edge shares", rows.len(), edge_shares.len()),
+                format!("{} parts x {} poses", parts.len(), grid.len()),
+                format!("{} rows and {} edge shares", rows.len(), edge_shares.len()),
             ));
         }
-        if let Some(at) = rows.iter().position(|value| !value.is_finite()) {
-            return Err(Error::invalid(format!("bank row {}", at / dim), "finite values", "NaN or infinity"));
+        if let Some(row) = edge_shares.iter().position(|share| !(0.0..=1.0).contains(share)) {
+            let got = edge_shares[row].to_string();
+            return Err(Error::invalid(format!("bank row {row}"), "an edge share in 0..=1", got));
         }
-        Ok(Self { parts, grid, dim, rows, edge_shares, model_sha256 })
+        Ok(Self { parts, grid, rows, edge_shares, model_sha256 })
+    }
+
+    /// The same bank with its rows kept in another format: less memory, and cosines a little off
+    /// (ARCHITECTURE.md gives what each costs).
+    ///
+    /// # Errors
+    /// A value beyond the format's range.
+    pub fn with_precision(self, precision: Precision) -> Result<Self> {
+        Ok(Self { rows: self.rows.to_precision(precision)?, ..self })
     }
 
     /// Embeds a dataset of peg touches: each part at each pose of the dataset's reach, once.
@@ -85,23 +104,25 @@ impl Bank {
             return Err(Error::invalid("bank", format!("one of {} parts", self.parts.len()), got));
         }
         let n_cells = self.grid.len();
-        let but = |n_each: usize| move |i: &usize| *i / n_each != part;
-        let parts = (0..self.parts.len()).filter(but(1)).map(|i| self.parts[i].clone()).collect();
-        let edge_shares = (0..self.n_rows()).filter(but(n_cells)).map(|i| self.edge_shares[i]).collect();
-        let rows = [&self.rows[..part * n_cells * self.dim], &self.rows[(part + 1) * n_cells * self.dim..]].concat();
-        Self::from_rows(parts, self.grid, self.dim, rows, edge_shares, self.model_sha256.clone())
+        let cut = part * n_cells..(part + 1) * n_cells;
+        let keep = |i: &usize| *i != part;
+        let parts = (0..self.parts.len()).filter(keep).map(|i| self.parts[i].clone()).collect();
+        let edge_shares = [&self.edge_shares[..cut.start], &self.edge_shares[cut.end..]].concat();
+        Self::of(parts, self.grid, self.rows.without(cut), edge_shares, self.model_sha256.clone())
     }
 
-    /// Saves the bank in one file, bound to its model's checksum.
+    /// Saves the bank in one file, bound to its model's checksum, its rows in the format they are kept in.
     pub fn save(&self, path: &Path) -> Result<()> {
         let n_rows = self.n_rows();
-        let tensor =
-            |name: &str, shape, values: &[f32]| NamedTensor { name: name.into(), shape, values: values.to_vec() };
+        let tensor = |name: &str, shape, values| NamedTensor { name: name.into(), shape, values };
+        let (rows, scales) = self.rows.parts();
+        let mut tensors = vec![
+            tensor("rows", vec![n_rows, self.dim()], rows),
+            tensor("edge_shares", vec![n_rows], self.edge_shares.clone()),
+        ];
+        tensors.extend(scales.map(|scales| tensor("scales", vec![n_rows], scales)));
         let file = SafeFile {
-            tensors: vec![
-                tensor("rows", vec![n_rows, self.dim], &self.rows),
-                tensor("edge_shares", vec![n_rows], &self.edge_shares),
-            ],
+            tensors,
             blobs: Vec::new(),
             text: vec![
                 ("parts".into(), to_json(&self.parts)?),
@@ -109,12 +130,12 @@ impl Bank {
                 ("model_sha256".into(), self.model_sha256.clone()),
             ],
         };
-        file.save(path, SCHEMA)
+        file.save_as(path, SCHEMA, self.rows.precision())
     }
 
-    /// Loads a bank and refuses one made by another model.
+    /// Loads a bank, its rows in the format that the file holds, and refuses one made by another model.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
-        let mut file = SafeFile::load(path, SCHEMA)?;
+        let (mut file, precision) = SafeFile::load_as(path, SCHEMA)?;
         let parts: Vec<String> = from_json(path, file.text(path, "parts")?)?;
         let grid: PoseGrid = from_json(path, file.text(path, "grid")?)?;
         let model_sha256 = file.text(path, "model_sha256")?.to_owned();
@@ -132,8 +153,15 @@ impl Bank {
         };
         let rows = take("rows")?;
         let edge_shares = take("edge_shares")?;
-        let dim = rows.shape.get(1).copied().unwrap_or(0);
-        Self::from_rows(parts, grid, dim, rows.values, edge_shares.values, model_sha256)
+        let rows = match (rows.shape.get(1), precision) {
+            (Some(dim), Precision::I8) => Rows::scaled(*dim, &rows.values, take("scales")?.values)?,
+            (Some(dim), _) => Rows::new(*dim, rows.values)?.to_precision(precision)?,
+            (None, _) => {
+                let expected = "rows of shape [n, dim]";
+                return Err(Error::invalid(path.display().to_string(), expected, format!("{:?}", rows.shape)));
+            }
+        };
+        Self::of(parts, grid, rows, edge_shares.values, model_sha256)
     }
 
     /// Names of the parts, in row order.
@@ -148,7 +176,7 @@ impl Bank {
 
     /// Length of a row.
     pub fn dim(&self) -> usize {
-        self.dim
+        self.rows.dim()
     }
 
     /// Number of rows: parts times poses.
@@ -156,17 +184,17 @@ impl Bank {
         self.edge_shares.len()
     }
 
-    /// All rows, `[n_rows, dim]`.
-    pub fn rows(&self) -> &[f32] {
+    /// All rows, `[n_rows, dim]`, in the format they are kept in.
+    pub fn rows(&self) -> &Rows {
         &self.rows
     }
 
-    /// One row, `[dim]`.
+    /// One row, `[dim]`, in f32.
     ///
     /// # Panics
     /// Where `row` is not below [`Self::n_rows`].
-    pub fn row(&self, row: usize) -> &[f32] {
-        &self.rows[row * self.dim..(row + 1) * self.dim]
+    pub fn row(&self, row: usize) -> Cow<'_, [f32]> {
+        self.rows.row(row)
     }
 
     /// The row recorded of a part at a pose, to within the robot's repeatability; `None` where there is none.
@@ -229,4 +257,50 @@ pub fn frames_by_row(dataset: &Dataset, grid: &PoseGrid) -> Result<(Vec<String>,
 
 fn short(sha256: &str) -> &str {
     sha256.get(..12).unwrap_or(sha256)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::checkpoint::{Checkpoint, Provenance};
+    use crate::device::DeviceKind;
+    use crate::encoder::NetworkConfig;
+    use tactile_data::frame::Preprocessing;
+
+    const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+
+    fn bank(edge_shares: Vec<f32>, model_sha256: &str) -> Result<Bank> {
+        let rows = (0..54).map(|i| (i as f32 * 0.7).sin() / 3.0).collect();
+        Bank::from_rows(["A", "B", "C"].map(String::from).into(), GRID, 6, rows, edge_shares, model_sha256.into())
+    }
+
+    #[test]
+    fn a_share_that_is_none_is_refused_with_its_row() {
+        for odd in [-0.1, 1.1, f32::NAN, f32::INFINITY] {
+            let shares = (0..9).map(|row| if row == 7 { odd } else { 0.5 }).collect();
+            let error = bank(shares, "").unwrap_err().to_string();
+            assert_eq!(error, format!("bank row 7: expected an edge share in 0..=1, got {odd}"));
+        }
+        assert!(bank([0.0, 1.0].into_iter().cycle().take(9).collect(), "").is_ok());
+    }
+
+    #[test]
+    fn a_bank_comes_back_in_the_format_it_was_kept_in() {
+        let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let model = Model::new(checkpoint, "mine".into(), DeviceKind::Flex).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bank");
+        for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
+            let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
+            kept.save(&path).unwrap();
+            assert_eq!(Bank::load(&path, &model).unwrap(), kept);
+            let without = kept.without(1).unwrap();
+            assert_eq!((without.parts().join(""), without.row(3)), ("AC".into(), kept.row(6)));
+        }
+        let other = bank(vec![0.2; 9], "another").unwrap();
+        other.save(&path).unwrap();
+        assert!(Bank::load(&path, &model).unwrap_err().to_string().contains("made by another"));
+    }
 }

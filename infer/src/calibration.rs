@@ -10,7 +10,7 @@ use tactile_data::touch::Side;
 use crate::bank::{Bank, tactile_images};
 use crate::checkpoint::Model;
 use crate::error::{Error, Result};
-use crate::similarity::dot;
+use crate::similarity::part_mating;
 
 /// A view with a smaller share of edge pixels is blank; the filter's own default.
 const BLANK_SHARE: f32 = 0.01;
@@ -89,7 +89,7 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
     let queries = model.embed_holes(&images)?;
     let is_edged = |share: f32| share >= BLANK_SHARE;
     let edged: Vec<usize> = (0..bank.n_rows()).filter(|row| is_edged(bank.edge_shares()[*row])).collect();
-    let (mut n_agree, mut n_placed, mut compared) = (0, 0, Vec::new());
+    let (mut n_agree, mut n_placed, mut compared, mut all) = (0, 0, Vec::new(), Vec::new());
     for (i, frame) in frames.iter().enumerate() {
         let touch = holes.touch(*frame);
         let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
@@ -111,7 +111,8 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
         });
         let near: Vec<usize> = near.collect();
         if !near.is_empty() {
-            let cosines: Vec<f32> = edged.iter().map(|row| dot(query, bank.row(*row)).clamp(-1.0, 1.0)).collect();
+            part_mating(query, bank, &mut all);
+            let cosines: Vec<f32> = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).collect();
             compared.push(Compared::new(&cosines, &near));
         }
     }

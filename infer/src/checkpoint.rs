@@ -11,6 +11,7 @@ use crate::device::DeviceKind;
 use crate::encoder::{NamedTensor, Network, NetworkConfig, tensors_of, with_tensors};
 use crate::error::{Error, Result};
 use crate::folded::Folded;
+use crate::precision::Precision;
 use crate::safefile::SafeFile;
 use crate::similarity::normalize_rows;
 
@@ -55,12 +56,21 @@ pub struct Checkpoint {
     pub calibration: Option<Calibration>,
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
+    /// The format of the weights in the file. In memory, and in computing, they are f32 in any case.
+    pub weights: Precision,
 }
 
 impl Checkpoint {
     /// Takes the weights out of a network.
     pub fn of(network: &Network, config: NetworkConfig, preprocessing: Preprocessing, provenance: Provenance) -> Self {
-        Self { config, preprocessing, provenance, calibration: None, tensors: tensors_of(network) }
+        Self {
+            config,
+            preprocessing,
+            provenance,
+            calibration: None,
+            tensors: tensors_of(network),
+            weights: Precision::F32,
+        }
     }
 
     /// Writes one safetensors file, whole or not at all. Returns the model's identity: the checksum of all
@@ -79,13 +89,29 @@ impl Checkpoint {
         if let Some(calibration) = &self.calibration {
             file.text.push((CALIBRATION.into(), to_json(calibration)?));
         }
-        file.save(path, SCHEMA)?;
+        file.save_as(path, SCHEMA, self.weights)?;
         Ok(identity)
+    }
+
+    /// The checkpoint with its weights rounded to another format: another model, whose banks are its own. Scales,
+    /// offsets and running statistics (tensors of one axis) stay f32: they are few, and a small variance would
+    /// vanish. The calibration stays: rounding moves a cosine by less than a tenth of its temperature.
+    ///
+    /// # Errors
+    /// A weight beyond the format's range, by the name of its tensor; i8, which weights are not kept in.
+    pub fn with_weights(mut self, precision: Precision) -> Result<Self> {
+        if precision == Precision::I8 {
+            return Err(Error::invalid("weights", Precision::WEIGHTS.join(" or "), precision.to_string()));
+        }
+        for tensor in self.tensors.iter_mut().filter(|tensor| tensor.shape.len() > 1) {
+            precision.round_all(&tensor.name, &mut tensor.values)?;
+        }
+        Ok(Self { weights: precision, ..self })
     }
 
     /// Reads and checks a checkpoint: schema, checksum, sizes. Returns it with the model's identity.
     pub fn load(path: &Path) -> Result<(Self, String)> {
-        let mut file = SafeFile::load(path, SCHEMA)?;
+        let (mut file, weights) = SafeFile::load_as(path, SCHEMA)?;
         let entry = file.text.iter().position(|(key, _)| key == CALIBRATION).map(|at| file.text.swap_remove(at).1);
         let calibration = entry.map(|text| from_json(path, &text)).transpose()?;
         let config: NetworkConfig = from_json(path, file.text(path, "config")?)?;
@@ -93,7 +119,7 @@ impl Checkpoint {
         let preprocessing = from_json(path, file.text(path, "preprocessing")?)?;
         let provenance = from_json(path, file.text(path, "provenance")?)?;
         let sha256 = file.sha256();
-        Ok((Self { config, preprocessing, provenance, calibration, tensors: file.tensors }, sha256))
+        Ok((Self { config, preprocessing, provenance, calibration, tensors: file.tensors, weights }, sha256))
     }
 }
 
@@ -130,7 +156,7 @@ impl Model {
             DeviceKind::Flex => Some(Folded::new(&checkpoint.config, &checkpoint.tensors)?),
             _ => None,
         };
-        let device = device.tensor_device();
+        let device = device.open()?;
         Ok(Self {
             folded,
             network: with_tensors(checkpoint.config.init(0, &device), checkpoint.tensors)?,
@@ -266,5 +292,44 @@ mod tests {
         assert_eq!(rows, kept.embed_holes(&images).unwrap());
         let first = crate::similarity::dot(&rows[..6], &rows[..6]);
         assert!((first - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn weights_of_half_precision_make_a_model_of_its_own_near_the_first() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let planes = (0..3 * 16 * 12).map(|i| (i as f32 * 0.7).sin()).collect();
+        let image = [TactileImage { size_px: [16, 12], planes, edge_share: 0.5 }];
+        let full = checkpoint.save(&path).unwrap();
+        let expected = Model::load(&path, DeviceKind::Flex).unwrap().embed_holes(&image).unwrap();
+        // Ten layers, each with errors of half a unit in the last of 11 or 8 digits, some of which cancel.
+        for (precision, bound) in
+            [(Precision::F16, 10.0 * 2.0_f32.powi(-11)), (Precision::Bf16, 10.0 * 2.0_f32.powi(-8))]
+        {
+            let identity = checkpoint.clone().with_weights(precision).unwrap().save(&path).unwrap();
+            let (loaded, loaded_identity) = Checkpoint::load(&path).unwrap();
+            assert!(loaded.weights == precision && loaded_identity == identity && identity != full);
+            // Saved again, as `calibrate` does, it stays the model it was.
+            assert_eq!(loaded.save(&path).unwrap(), identity);
+            let rows = Model::load(&path, DeviceKind::Flex).unwrap().embed_holes(&image).unwrap();
+            let largest = rows.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(largest > 0.0 && largest < bound, "{precision}: {largest}");
+        }
+    }
+
+    #[test]
+    fn weights_that_f16_cannot_hold_are_refused_by_name() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let mut checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let half = checkpoint.tensors.iter_mut().find(|tensor| tensor.name == "encoder.half.conv.weight").unwrap();
+        half.values[7] = -70_000.0;
+        let error = checkpoint.clone().with_weights(Precision::F16).unwrap_err().to_string();
+        assert_eq!(error, "encoder.half.conv.weight: expected values in the range of f16, got -7e4");
+        assert!(checkpoint.clone().with_weights(Precision::Bf16).is_ok());
+        assert!(checkpoint.with_weights(Precision::I8).is_err());
     }
 }

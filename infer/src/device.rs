@@ -15,20 +15,51 @@ pub enum DeviceKind {
     Flex,
     /// The older CPU backend, some thirty times slower in training and deprecated by burn.
     Ndarray,
+    /// The first graphics card that Vulkan, Metal, DirectX or OpenGL offers; `CUBECL_WGPU_DEFAULT_DEVICE` chooses
+    /// another. Needs a build with the feature `wgpu`.
+    Wgpu,
 }
 
 impl DeviceKind {
     /// Every name that `--device` takes.
-    pub const NAMES: [&str; 2] = ["flex", "ndarray"];
+    pub const NAMES: [&str; 3] = ["flex", "ndarray", "wgpu"];
 
-    /// The tensor device of this kind, without autodiff.
-    pub fn tensor_device(self) -> Device {
+    /// The tensor device of this kind, without autodiff. A graphics card is started at the first call and shared
+    /// by the later ones of this process.
+    ///
+    /// # Errors
+    /// For [`Self::Wgpu`] in a build without it, or where no graphics card or driver answers.
+    pub fn open(self) -> Result<Device> {
         match self {
-            Self::Flex => Device::flex(),
+            Self::Flex => Ok(Device::flex()),
             #[allow(deprecated)] // selectable for as long as burn ships it
-            Self::Ndarray => Device::ndarray(),
+            Self::Ndarray => Ok(Device::ndarray()),
+            Self::Wgpu => wgpu(),
         }
     }
+
+    /// [`Self::open`] where it cannot fail, as for the CPU's kinds: tests and examples. Where it does fail, the
+    /// default CPU device.
+    pub fn tensor_device(self) -> Device {
+        self.open().unwrap_or_else(|_| Device::flex())
+    }
+}
+
+#[cfg(feature = "wgpu")]
+fn wgpu() -> Result<Device> {
+    // burn keeps one runtime a process and refuses to start it twice.
+    static STARTED: std::sync::OnceLock<std::result::Result<Device, String>> = std::sync::OnceLock::new();
+    let started = STARTED.get_or_init(|| Device::wgpu_options().init().map_err(|error| error.to_string()));
+    // The driver's reason may run over several lines.
+    let one_line = |reason: &String| reason.split_whitespace().collect::<Vec<_>>().join(" ");
+    let none = |reason| Error::invalid("--device wgpu", "a graphics card and its driver", one_line(reason));
+    started.clone().map_err(|reason| none(&reason))
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn wgpu() -> Result<Device> {
+    let expected = "a program built with `cargo build --release --features wgpu`";
+    Err(Error::invalid("--device wgpu", expected, "one built without that feature"))
 }
 
 impl fmt::Display for DeviceKind {
@@ -44,6 +75,7 @@ impl FromStr for DeviceKind {
         match name {
             "flex" => Ok(Self::Flex),
             "ndarray" => Ok(Self::Ndarray),
+            "wgpu" => Ok(Self::Wgpu),
             _ => Err(Error::invalid("--device", Self::NAMES.join(" or "), name)),
         }
     }
@@ -58,6 +90,13 @@ mod tests {
         for name in DeviceKind::NAMES {
             assert_eq!(name.parse::<DeviceKind>().unwrap().to_string(), name);
         }
-        assert!("cuda".parse::<DeviceKind>().unwrap_err().to_string().contains("flex or ndarray"));
+        assert!("cuda".parse::<DeviceKind>().unwrap_err().to_string().contains("flex or ndarray or wgpu"));
+    }
+
+    #[cfg(not(feature = "wgpu"))]
+    #[test]
+    fn a_build_without_wgpu_says_how_to_get_it() {
+        let error = DeviceKind::Wgpu.open().unwrap_err().to_string();
+        assert!(error.contains("--features wgpu") && !error.contains('\n'), "{error}");
     }
 }

@@ -38,6 +38,15 @@ impl Error {
         Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
     }
 
+    /// The same error with the file that it lies in before what is wrong.
+    pub fn within(self, place: impl std::fmt::Display) -> Self {
+        match self {
+            Self::Invalid { what, expected, got } => Self::Invalid { what: format!("{place}: {what}"), expected, got },
+            Self::Data(error) => Self::Data(error.within(place)),
+            other => other,
+        }
+    }
+
     /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.as_ref().to_path_buf();

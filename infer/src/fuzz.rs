@@ -111,8 +111,9 @@ fn check_model(model: &Model) -> std::result::Result<(), TestCaseError> {
 
 fn check_bank(bank: &Bank) -> std::result::Result<(), TestCaseError> {
     prop_assert_eq!(bank.n_rows(), bank.parts().len() * bank.grid().len());
-    prop_assert_eq!(bank.rows().len(), bank.n_rows() * bank.dim());
-    prop_assert!(bank.rows().iter().all(|value| value.is_finite()));
+    prop_assert_eq!(bank.rows().len(), bank.n_rows());
+    prop_assert!(bank.rows().to_f32().iter().all(|value| value.is_finite()));
+    prop_assert!(bank.edge_shares().iter().all(|share| (0.0..=1.0).contains(share)));
     Ok(())
 }
 

@@ -5,7 +5,7 @@
 //! or robots.
 //!
 //! ```
-//! use tactile_data::frame::{Preprocessing, TactileImage};
+//! use tactile_data::frame::{Frame, Preprocessing};
 //! use tactile_infer::encoder::NetworkConfig;
 //! use tactile_infer::{Checkpoint, DeviceKind, Model};
 //!
@@ -16,8 +16,13 @@
 //! let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Default::default());
 //! let model = Model::new(checkpoint, "none yet".into(), DeviceKind::Flex)?;
 //!
-//! let planes = (0..3 * 16 * 12).map(|i| (i as f32).sin()).collect();
-//! let image = TactileImage { size_px: [16, 12], planes, edge_share: 0.5 };
+//! // From the camera: the sensor at rest once, then each touch (`tactile_data::picture::read` reads them from files).
+//! let camera = |touched: u8| {
+//!     let rgb = (0..32 * 24).flat_map(|i| [100 + if i % 32 > 15 { touched } else { 0 }, 110, 120 + (i % 9) as u8]);
+//!     Frame::new(32, 24, rgb.collect())
+//! };
+//! let background = model.background(&camera(0)?)?;
+//! let image = background.tactile_image(&camera(40)?)?; // what the network sees
 //! let rows = model.embed_holes(&[image])?; // [1, dim], of unit length
 //! assert!((rows.iter().map(|value| value * value).sum::<f32>() - 1.0).abs() < 1e-5);
 //! # Ok(())
@@ -35,9 +40,12 @@ pub mod folded;
 #[cfg(test)]
 mod fuzz;
 pub mod matching;
+pub mod precision;
+pub mod rows;
 pub mod safefile;
 pub mod similarity;
 
 pub use checkpoint::{Checkpoint, Model};
 pub use device::DeviceKind;
 pub use error::{Error, Result};
+pub use precision::Precision;

@@ -10,7 +10,7 @@ use tactile_data::touch::Side;
 use crate::bank::{Bank, frames_by_row, tactile_images};
 use crate::checkpoint::Model;
 use crate::error::{Error, Result};
-use crate::similarity::{dot, part_mating};
+use crate::similarity::{part_mating, peg_similarity};
 
 /// What one touch alone tells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -110,7 +110,7 @@ fn nearest_by_model(
         }
         if let Some(row) = true_row(bank, holes, *frame) {
             for (j, cosine) in cosines.iter().enumerate() {
-                correlation.add(f64::from(dot(bank.row(row), bank.row(j))), f64::from(*cosine));
+                correlation.add(f64::from(peg_similarity(bank, row, j)), f64::from(*cosine));
             }
         }
     }

@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 
 use crate::encoder::NamedTensor;
 use crate::error::{Error, Result};
+use crate::precision::Precision;
 
 const CHECKSUM: &str = "sha256";
 const SCHEMA: &str = "schema";
@@ -16,7 +17,7 @@ const SCHEMA: &str = "schema";
 /// What one file holds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SafeFile {
-    /// f32 tensors.
+    /// Tensors; in memory f32 in any case.
     pub tensors: Vec<NamedTensor>,
     /// Blocks of bytes that another library wrote (an optimiser's record).
     pub blobs: Vec<(String, Vec<u8>)>,
@@ -57,6 +58,15 @@ impl SafeFile {
     /// Writes the file beside its place and renames it there, so that a crash or a full disk leaves
     /// the old file as it was.
     pub fn save(&self, path: &Path, schema: &str) -> Result<()> {
+        self.save_as(path, schema, Precision::F32)
+    }
+
+    /// [`Self::save`] with the tensors of two axes or more in another format; those of one axis stay f32.
+    ///
+    /// # Errors
+    /// A value that the format does not hold exactly ([`Precision::round_all`] comes first), besides what writing
+    /// brings.
+    pub fn save_as(&self, path: &Path, schema: &str, precision: Precision) -> Result<()> {
         let mut names: Vec<&str> = self.tensors.iter().map(|tensor| tensor.name.as_str()).collect();
         names.extend(self.blobs.iter().map(|(name, _)| name.as_str()));
         names.sort_unstable();
@@ -65,10 +75,11 @@ impl SafeFile {
             let got = format!("'{}' twice", twice[0]);
             return Err(Error::invalid(path.display().to_string(), "tensors of different names", got));
         }
+        let format = |tensor: &NamedTensor| if tensor.shape.len() > 1 { precision } else { Precision::F32 };
         let bytes: Vec<Vec<u8>> =
-            self.tensors.iter().map(|t| t.values.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
+            self.tensors.iter().map(|t| format(t).to_bytes(&t.name, &t.values)).collect::<Result<_>>()?;
         let tensors = self.tensors.iter().zip(&bytes).map(|(tensor, bytes)| {
-            let view = TensorView::new(Dtype::F32, tensor.shape.clone(), bytes);
+            let view = TensorView::new(format(tensor).dtype(), tensor.shape.clone(), bytes);
             view.map(|view| (tensor.name.clone(), view))
         });
         let blobs = self
@@ -87,6 +98,14 @@ impl SafeFile {
 
     /// Reads a file and checks its schema and checksum.
     pub fn load(path: &Path, schema: &str) -> Result<Self> {
+        Self::load_as(path, schema).map(|(file, _)| file)
+    }
+
+    /// [`Self::load`] with the format in which the tensors of two axes or more stand in the file.
+    ///
+    /// # Errors
+    /// Such tensors of several formats, besides what reading brings.
+    pub fn load_as(path: &Path, schema: &str) -> Result<(Self, Precision)> {
         let name = path.display().to_string();
         let content = std::fs::read(path).map_err(Error::io(path))?;
         let broken = |e| Error::invalid(&name, "a whole safetensors file", format!("{e}"));
@@ -98,18 +117,22 @@ impl SafeFile {
         }
         let expected = metadata.remove(CHECKSUM).unwrap_or_default();
         let parsed = SafeTensors::deserialize(&content).map_err(broken)?;
-        let (mut tensors, mut blobs) = (Vec::new(), Vec::new());
+        let (mut tensors, mut blobs, mut format) = (Vec::new(), Vec::new(), None);
         for (tensor_name, view) in parsed.tensors() {
-            match view.dtype() {
-                Dtype::F32 => {
-                    let values = view.data().as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
-                    tensors.push(NamedTensor { name: tensor_name, shape: view.shape().to_vec(), values });
-                }
-                Dtype::U8 => blobs.push((tensor_name, view.data().to_vec())),
-                other => {
-                    return Err(Error::invalid(format!("{name}: {tensor_name}"), "f32 or u8", format!("{other:?}")));
-                }
+            let what = || format!("{name}: {tensor_name}");
+            if view.dtype() == Dtype::U8 {
+                blobs.push((tensor_name, view.data().to_vec()));
+                continue;
             }
+            let Some(precision) = Precision::of(view.dtype()) else {
+                let expected = "f32, f16, bf16, i8 or u8";
+                return Err(Error::invalid(what(), expected, format!("{:?}", view.dtype())));
+            };
+            if view.shape().len() > 1 && *format.get_or_insert(precision) != precision {
+                return Err(Error::invalid(what(), "one format for all matrices", precision.to_string()));
+            }
+            let values = precision.from_bytes(view.data());
+            tensors.push(NamedTensor { name: tensor_name, shape: view.shape().to_vec(), values });
         }
         // The library hands them out in the order of a hash map.
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
@@ -121,7 +144,7 @@ impl SafeFile {
         if got != expected {
             return Err(Error::invalid(name, format!("checksum {expected}"), got));
         }
-        Ok(file)
+        Ok((file, format.unwrap_or_default()))
     }
 }
 
@@ -172,6 +195,32 @@ mod tests {
         assert_eq!(back.blobs, file().blobs);
         assert_eq!(back.text(&path, "config").unwrap(), "{}");
         assert!(SafeFile::load(&path, "test/2").unwrap_err().to_string().contains("test/2"));
+    }
+
+    #[test]
+    fn a_file_of_narrow_matrices_holds_the_same_values() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.safetensors");
+        let values: Vec<f32> = (0..60).map(|i| f32::from(i as i8) - 30.0).collect();
+        let matrix = NamedTensor { name: "m".into(), shape: vec![20, 3], values };
+        let mut whole = file();
+        whole.tensors.push(matrix);
+        let mut sizes = Vec::new();
+        for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
+            whole.save_as(&path, "test/1", precision).unwrap();
+            let (back, found) = SafeFile::load_as(&path, "test/1").unwrap();
+            // Identity is that of the values, so that it does not depend on the format they stand in.
+            assert_eq!((found, back.sha256()), (precision, whole.sha256()));
+            let content = std::fs::read(&path).unwrap();
+            let tensors = SafeTensors::deserialize(&content).unwrap();
+            assert_eq!(tensors.tensor("m").unwrap().dtype(), precision.dtype());
+            assert_eq!(tensors.tensor("b").unwrap().dtype(), Dtype::F32);
+            sizes.push(tensors.tensor("m").unwrap().data().len());
+        }
+        assert_eq!(sizes, [240, 120, 120, 60]);
+        whole.tensors[2].values[4] = 1.0 / 3.0;
+        let error = whole.save_as(&path, "test/1", Precision::F16).unwrap_err().to_string();
+        assert!(error.starts_with("m: expected values that f16 holds"), "{error}");
     }
 
     #[test]

@@ -9,13 +9,12 @@ use crate::bank::Bank;
 ///
 /// `query`: `[dim]`, of unit length. `out` is cleared and filled with `[n_rows]` values in -1..=1.
 pub fn part_mating(query: &[f32], bank: &Bank, out: &mut Vec<f32>) {
-    out.clear();
-    out.extend(bank.rows().chunks_exact(bank.dim()).map(|row| dot(query, row)));
+    bank.rows().similarities(query, out);
 }
 
 /// f_PP (paper, Eq. 6): the cosine of two rows of the bank, -1..=1.
 pub fn peg_similarity(bank: &Bank, row_a: usize, row_b: usize) -> f32 {
-    dot(bank.row(row_a), bank.row(row_b))
+    bank.rows().cosine(row_a, row_b)
 }
 
 /// The inner product, summed in sixteen lanes so that it vectorises; the shorter length counts.

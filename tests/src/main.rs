@@ -3,7 +3,10 @@
 mod bad_input;
 mod chain;
 mod filter;
+mod infer;
 mod readme;
 mod real;
 mod sick;
 mod train;
+#[cfg(feature = "wgpu")]
+mod wgpu;

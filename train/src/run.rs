@@ -101,7 +101,7 @@ pub fn train(run: &Run<'_>, should_stop: &dyn Fn() -> bool, on_event: &mut dyn F
     if let Some(letters) = run.letters {
         letters.check_unseen(dataset)?;
     }
-    let device = run.device.tensor_device().autodiff();
+    let device = run.device.open()?.autodiff();
     let pairs = Pairs::new(dataset, config)?;
     std::fs::create_dir_all(run.out).map_err(Error::io(run.out))?;
     let state_path = run.out.join("state.safetensors");

@@ -4,8 +4,10 @@ mod bench;
 mod demo;
 mod error;
 mod program;
+mod python;
 mod tidy;
 mod validate;
+mod wgpu;
 mod workspace;
 
 use std::process::ExitCode;
@@ -37,6 +39,12 @@ enum Chore {
     /// Hold the simulated sensor against real images, and write a report.
     #[command(after_help = "Example:\n  cargo xtask validate --real ../shared/real-gelsight --out validation")]
     Validate(validate::ValidateArgs),
+    /// Hold the forward pass in numpy against tactile-infer's, from the weights' file alone.
+    #[command(after_help = "Example:\n  cargo xtask python")]
+    Python(python::PythonArgs),
+    /// Hold the graphics card (or Mesa's llvmpipe) against the CPU: embeddings and first training steps.
+    #[command(after_help = "Example:\n  cargo xtask wgpu")]
+    Wgpu,
     /// Check the rules that no compiler checks.
     #[command(after_help = "Example:\n  cargo xtask tidy")]
     Tidy,
@@ -59,6 +67,8 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Ci => ci(&workspace),
         Chore::Bench(bench) => bench::bench(&workspace, bench),
         Chore::Validate(args) => validate::validate(&workspace, args),
+        Chore::Python(args) => python::python(&workspace, args),
+        Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Tidy => tidy::tidy(&workspace, &chores()),
     }
 }
@@ -81,6 +91,6 @@ mod tests {
     #[test]
     fn the_command_line_is_well_formed() {
         Cli::command().debug_assert();
-        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "tidy"]);
+        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "python", "wgpu", "tidy"]);
     }
 }

@@ -1,0 +1,127 @@
+//! `tactile-infer embed`: pictures in, embeddings out; the least that a program of one's own has to do.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use tactile_data::frame::TactileImage;
+use tactile_data::{npy, picture};
+use tactile_infer::similarity::dot;
+use tactile_infer::{DeviceKind, Error, Model, Result};
+
+use super::print_json;
+
+#[derive(Args)]
+pub struct EmbedArgs {
+    /// Pictures of touches, PNG or JPEG, all of the size of the no-contact frame.
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
+    /// Checkpoint written by tactile-train.
+    #[arg(long)]
+    model: PathBuf,
+    /// The sensor at rest, from the same camera: what a touch changed is told from it.
+    #[arg(long)]
+    no_contact: Option<PathBuf>,
+    /// Embed as touches of holes (queries) or as views of pegs (keys).
+    #[arg(long, value_enum, default_value_t = Tower::Hole)]
+    side: Tower,
+    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
+    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
+    device: String,
+    /// Also write what the network sees, f4 of [n, 3, height, width], for a check by another program.
+    #[arg(long, value_name = "FILE.npy")]
+    dump_input: Option<PathBuf>,
+    /// Print the embeddings as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which of the network's two outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Tower {
+    /// `predictor(encoder(image))`: a query.
+    Hole,
+    /// `encoder(image)`: a key.
+    Peg,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Embedded<'a> {
+    model_sha256: &'a str,
+    side: Tower,
+    dim: usize,
+    images: Vec<Row<'a>>,
+}
+
+/// One image.
+#[derive(Serialize)]
+struct Row<'a> {
+    file: String,
+    /// Share of the view that shows an edge, 0..=1.
+    edge_share: f32,
+    /// `[dim]`, of unit length.
+    embedding: &'a [f32],
+}
+
+impl EmbedArgs {
+    /// Embeds and prints.
+    pub fn run(&self) -> Result<()> {
+        let model = Model::load(&self.model, self.device.parse()?)?;
+        let images = self.tactile_images(&model)?;
+        if let Some(path) = &self.dump_input {
+            let [width, height] = model.config().input_px;
+            let planes: Vec<f32> = images.iter().flat_map(|image| image.planes.iter().copied()).collect();
+            npy::write(path, &[images.len(), 3, height, width], &planes)?;
+        }
+        let rows = match self.side {
+            Tower::Hole => model.embed_holes(&images)?,
+            Tower::Peg => model.embed_pegs(&images)?,
+        };
+        let named = self.images.iter().zip(&images).zip(rows.chunks_exact(model.dim()));
+        let images = named.map(|((path, image), embedding)| {
+            let file = path.display().to_string();
+            Row { file, edge_share: image.edge_share, embedding }
+        });
+        let (model_sha256, dim) = (model.sha256(), model.dim());
+        let embedded = Embedded { model_sha256, side: self.side, dim, images: images.collect() };
+        if self.json {
+            return print_json(&embedded);
+        }
+        print_rows(&embedded.images);
+        Ok(())
+    }
+
+    /// What the network sees of each picture.
+    fn tactile_images(&self, model: &Model) -> Result<Vec<TactileImage>> {
+        let rest = self.no_contact.as_ref().ok_or_else(|| {
+            let expected = "a picture of the sensor at rest, which a touch is told from";
+            Error::invalid("--no-contact", expected, "none")
+        })?;
+        let background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
+        let seen = |path: &PathBuf| {
+            let image = background.tactile_image(&picture::read(path)?);
+            Ok(image.map_err(|error| error.within(path.display()))?)
+        };
+        self.images.iter().map(seen).collect()
+    }
+}
+
+/// A line an image: its name and its embedding; behind them the cosines of the images with each other.
+fn print_rows(rows: &[Row<'_>]) {
+    let width = rows.iter().map(|row| row.file.chars().count()).max().unwrap_or(0);
+    for Row { file, embedding, .. } in rows {
+        let values: Vec<String> = embedding.iter().map(|value| format!("{value:8.5}")).collect();
+        println!("{file:width$} {}", values.join(" "));
+    }
+    if rows.len() < 2 {
+        return;
+    }
+    println!("\ncosine of each image with each:");
+    for Row { file, embedding, .. } in rows {
+        let cosines: Vec<String> =
+            rows.iter().map(|other| format!("{:6.3}", dot(embedding, other.embedding))).collect();
+        println!("{file:width$} {}", cosines.join(" "));
+    }
+}
