@@ -2,6 +2,7 @@
 
 use crate::config::TrainConfig;
 use crate::history::Row;
+use crate::validate::Validation;
 
 /// Steps over which a loss or a gradient is judged.
 const WINDOW: usize = 100;
@@ -76,6 +77,14 @@ pub fn of_steps(rows: &[Row], config: &TrainConfig) -> Option<Sickness> {
     None
 }
 
+/// A model that gives held-out views embeddings that are no numbers, though its weights are: no good to anybody.
+pub fn of_embeddings(validation: &Validation) -> Option<Sickness> {
+    (!(validation.cosine_gap.is_finite() && validation.spread.is_finite())).then(|| Sickness {
+        seen: "embeddings of held-out views are no numbers: the weights have grown too large".into(),
+        advice: LOWER_RATE,
+    })
+}
+
 /// What two validations in a row show, after the warm-up.
 pub fn of_validations(rows: &[Row], config: &TrainConfig) -> Option<Sickness> {
     let mut latest =
@@ -119,7 +128,6 @@ pub fn concern(rows: &[Row], config: &TrainConfig) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::validate::Validation;
 
     fn rows(n: usize, loss: impl Fn(usize) -> f64, norm: impl Fn(usize) -> f64) -> Vec<Row> {
         (1..=n).map(|step| Row { step, loss: loss(step), gradient_norm: norm(step), ..Row::default() }).collect()
@@ -148,6 +156,13 @@ mod tests {
         let wild = |from: usize| rows(200, |_| 1.0, move |step| if step > from { 1e5 } else { 0.5 });
         assert!(of_steps(&wild(180), &config).unwrap().seen.contains("exploded"));
         assert_eq!(of_steps(&wild(181), &config), None);
+    }
+
+    #[test]
+    fn embeddings_that_are_no_numbers_are_named() {
+        assert_eq!(of_embeddings(&Validation::default()), None);
+        let broken = Validation { spread: f64::NAN, ..Validation::default() };
+        assert!(of_embeddings(&broken).unwrap().seen.contains("no numbers"));
     }
 
     #[test]

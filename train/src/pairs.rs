@@ -80,6 +80,12 @@ impl<'a> Pairs<'a> {
         if training.is_empty() {
             return Err(Error::invalid(name, "mating pairs of hole and peg frames to train on", "0 pairs"));
         }
+        let frame_px = dataset.meta().frame_px;
+        if (0..2).any(|axis| frame_px[axis] < 2 * input_px[axis]) {
+            let [width, height] = frame_px;
+            let expected = format!("at most half of the {width}x{height} pixels of {name}'s frames (see --frame-px)");
+            return Err(Error::invalid("input_px", expected, format!("{}x{}", input_px[0], input_px[1])));
+        }
         let preprocessing = measure(dataset, &training, input_px)?;
         // Decoded at twice the input size, so that a crop still has a pixel for each of the input's.
         let wide = Preprocessing { input_px: input_px.map(|n| 2 * n), ..preprocessing.clone() };

@@ -74,6 +74,12 @@ impl Relight {
         self.lamps
     }
 
+    /// For red, green and blue the line along which the lamp lights a slope, degrees from x towards y, 0..180: from
+    /// which of its ends the frames do not tell, and a flip does not ask.
+    pub fn lines_deg(&self) -> [f64; 3] {
+        self.lamps.map(|[x, y]| y.atan2(x).to_degrees().rem_euclid(180.0))
+    }
+
     /// Relights a picture that was mirrored: `[3, height, width]` normalised values, in place.
     pub fn apply(&self, flip_x: bool, flip_y: bool, planes: &mut [f32]) {
         let affine = match (flip_x, flip_y) {
@@ -217,6 +223,10 @@ mod tests {
         let preprocessing =
             Preprocessing { mean: [1.0, -2.0, 0.5], std: [4.0, 2.0, 3.0], ..Preprocessing::counts(SIZE) };
         let relight = Relight::fit(&images, [1.0, 1.0], &preprocessing).unwrap();
+        // atan2(1.9, 0.2), and the ends that point to positive y of (-1, -0.1) and (-0.3, -1.2).
+        for (found, deg) in relight.lines_deg().into_iter().zip([84.0, 5.7, 76.0]) {
+            assert!((found - deg).abs() < 3.0, "{:?}", relight.lines_deg());
+        }
         let factor = relight.lamps()[1][0] / lamps[1][0];
         for (found, lamp) in relight.lamps().iter().zip(lamps) {
             for (found, lamp) in found.iter().zip(lamp) {

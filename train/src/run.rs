@@ -244,14 +244,14 @@ impl Results<'_> {
     }
 
     /// Writes the model, then the state: a stop between the two costs at most the steps between them. A network
-    /// that holds a value that is no number is never written.
+    /// that holds or makes a value that is no number is never written.
     fn save(&mut self, state: &State, validation: &Validation) -> Result<String> {
         let Run { dataset, config, out, .. } = *self.run;
         let sickness = state.unsound().map(|tensor| Sickness {
             seen: format!("'{tensor}' holds values that are no numbers"),
             advice: "a lower --learning-rate",
         });
-        self.check(state.step, sickness)?;
+        self.check(state.step, sickness.or_else(|| health::of_embeddings(validation)))?;
         let provenance = Provenance {
             name: config.preset.to_string(),
             steps: state.step,

@@ -186,7 +186,10 @@ fn settings(run: &Run<'_>, pairs: &Pairs<'_>) -> String {
     let data = format!("{} pairs, {n_blank} of them blank, and {held_out} held out", pairs.training.len());
     let toml = toml::to_string(&Settings::from(run.config)).unwrap_or_default();
     let lines = toml.lines().filter_map(|line| line.split_once(" = "));
-    let entries = [("dataset", data.as_str())].into_iter().chain(lines);
+    let lamps =
+        pairs.relight.as_ref().map(|relight| relight.lines_deg().map(|deg| format!("{deg:.0}\u{b0}")).join(", "));
+    let found = lamps.as_deref().map(|lamps| ("lamps found, red, green, blue along", lamps));
+    let entries = [("dataset", data.as_str())].into_iter().chain(found).chain(lines);
     entries
         .map(|(name, value)| format!("<dt>{}</dt><dd>{}</dd>", escape(name), escape(value.trim_matches('"'))))
         .collect()
