@@ -54,7 +54,7 @@ fn a_picture_is_embedded_as_its_recorded_frame_was() {
     let lines = ["embed", &images[0], &images[1], "--model", "model/model.safetensors"];
     let human = run("tactile-infer", sample.folder(), &[&lines[..], &["--no-contact", "pegs/no_contact.png"]].concat());
     let lines: Vec<_> = human.done().lines().map(|line| line.split_whitespace().collect::<Vec<_>>()).collect();
-    assert_eq!(lines.iter().map(Vec::len).collect::<Vec<_>>(), [129, 129, 0, 7, 3, 3]);
+    assert_eq!(lines.iter().map(Vec::len).collect::<Vec<_>>(), [129, 129, 0, 6, 3, 3]);
     assert_eq!((lines[4][1], lines[5][2], lines[4][2]), ("1.000", "1.000", lines[5][1]));
 }
 

@@ -32,7 +32,7 @@ pub fn python(workspace: &Workspace, args: &PythonArgs) -> Result<()> {
     let out = workspace.target.join("python");
     let touches = out.join("touches");
     fs::create_dir_all(&touches).map_err(Error::io(&touches))?;
-    let python = environment(&out)?;
+    let python = environment(&out, &REQUIREMENTS)?;
     workspace.build_package("tactile-data")?;
     workspace.build_package("tactile-infer")?;
     let [data, infer] = ["tactile-data", "tactile-infer"].map(|name| workspace.program(name));
@@ -72,8 +72,8 @@ fn word(path: &Path) -> Result<String> {
     text.ok_or_else(|| Error::invalid(path.display().to_string(), "a path in Unicode", "another"))
 }
 
-/// A virtual environment with what the script imports; made once. Returns its Python.
-fn environment(out: &Path) -> Result<PathBuf> {
+/// A virtual environment in `out` with what a script imports; made once. Returns its Python.
+pub fn environment(out: &Path, requirements: &[&str]) -> Result<PathBuf> {
     let venv = out.join("venv");
     let python = if cfg!(windows) { venv.join("Scripts/python.exe") } else { venv.join("bin/python") };
     let made = venv.join("made");
@@ -83,8 +83,8 @@ fn environment(out: &Path) -> Result<PathBuf> {
     let system = Path::new(if cfg!(windows) { "python" } else { "python3" });
     program::run("python3 -m venv", system, &["-m".as_ref(), "venv".as_ref(), venv.as_os_str()], out)?;
     let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
-    let install: Vec<&OsStr> = install.iter().chain(&REQUIREMENTS).map(OsStr::new).collect();
+    let install: Vec<&OsStr> = install.iter().chain(requirements).map(OsStr::new).collect();
     program::run("pip install", &python, &install, out)?;
-    fs::write(&made, REQUIREMENTS.join("\n")).map_err(Error::io(&made))?;
+    fs::write(&made, requirements.join("\n")).map_err(Error::io(&made))?;
     Ok(python)
 }

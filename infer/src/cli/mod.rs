@@ -2,6 +2,7 @@
 
 mod convert;
 mod embed;
+mod speed;
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -51,6 +52,9 @@ enum Command {
         after_help = "Example:\n  tactile-infer convert --model model.safetensors --weights f16 --out half.safetensors"
     )]
     Convert(convert::ConvertArgs),
+    /// How long the encoder takes: one image, and a batch of them.
+    #[command(after_help = "Example:\n  tactile-infer speed --model infer/models/maze-tiny.safetensors")]
+    Speed(speed::SpeedArgs),
 }
 
 #[derive(Args)]
@@ -128,6 +132,7 @@ impl Cli {
             Command::Match(args) => matches(args),
             Command::Calibrate(args) => calibrate_model(args),
             Command::Convert(args) => args.run(),
+            Command::Speed(args) => args.run(),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Mutex;
 
+use pulp::Arch;
 use rayon::prelude::*;
 
 use super::Conv;
@@ -48,6 +49,11 @@ pub fn forward_with_statistics(conv: &Conv, images: &[f32], weights: &[f32]) -> 
 
 /// Mean of each channel, and the sum of squares about it.
 fn moments(image: &[f32], n_channels: usize) -> Vec<[f32; 2]> {
+    Arch::new().dispatch(|| moments_of_lines(image, n_channels))
+}
+
+#[inline(always)]
+fn moments_of_lines(image: &[f32], n_channels: usize) -> Vec<[f32; 2]> {
     let mut mean = vec![0.0_f32; n_channels];
     for pixel in image.chunks_exact(n_channels) {
         mean.iter_mut().zip(pixel).for_each(|(mean, value)| *mean += value);
@@ -104,19 +110,25 @@ impl Norm {
             let start = at * chunk;
             let before = &before[start..start + out.len()];
             let skip = skip.map(|skip| &skip[start..start + out.len()]);
-            for (pixel, (out, before)) in out.chunks_exact_mut(n).zip(before.chunks_exact(n)).enumerate() {
-                let affine = before.iter().zip(&self.scale).zip(&self.shift);
-                let affine = affine.map(|((value, scale), shift)| value * scale + shift);
-                match skip {
-                    Some(skip) => {
-                        let skip = &skip[pixel * n..(pixel + 1) * n];
-                        out.iter_mut().zip(affine).zip(skip).for_each(|((o, v), s)| *o = (v + s).max(0.0));
-                    }
-                    None => out.iter_mut().zip(affine).for_each(|(o, v)| *o = v.max(0.0)),
-                }
-            }
+            Arch::new().dispatch(|| self.apply_to(before, skip, out));
         });
         out
+    }
+
+    #[inline(always)]
+    fn apply_to(&self, before: &[f32], skip: Option<&[f32]>, out: &mut [f32]) {
+        let n = self.scale.len();
+        for (pixel, (out, before)) in out.chunks_exact_mut(n).zip(before.chunks_exact(n)).enumerate() {
+            let affine = before.iter().zip(&self.scale).zip(&self.shift);
+            let affine = affine.map(|((value, scale), shift)| value * scale + shift);
+            match skip {
+                Some(skip) => {
+                    let skip = &skip[pixel * n..(pixel + 1) * n];
+                    out.iter_mut().zip(affine).zip(skip).for_each(|((o, v), s)| *o = (v + s).max(0.0));
+                }
+                None => out.iter_mut().zip(affine).for_each(|(o, v)| *o = v.max(0.0)),
+            }
+        }
     }
 
     /// Gradients from that of the layer's output. `before` and `out` are what the forward pass made.
@@ -126,50 +138,60 @@ impl Norm {
         let chunks = || before.par_chunks(chunk).zip(out.par_chunks(chunk)).zip(out_gradient.par_chunks(chunk));
         // Sums of the gradient, and of the gradient times the normalised value, for each channel.
         let parts: Vec<[Vec<f32>; 2]> = chunks()
-            .map(|((before, out), gradient)| {
-                let mut sums = [vec![0.0_f32; n], vec![0.0_f32; n]];
-                let [plain, weighted] = &mut sums;
-                let pixels = before.chunks_exact(n).zip(out.chunks_exact(n)).zip(gradient.chunks_exact(n));
-                for ((before, out), gradient) in pixels {
-                    for c in 0..n {
-                        let passed = if out[c] > 0.0 { gradient[c] } else { 0.0 };
-                        plain[c] += passed;
-                        weighted[c] += passed * (before[c] - self.mean[c]);
-                    }
-                }
-                sums
-            })
+            .map(|((before, out), gradient)| Arch::new().dispatch(|| self.sums(before, out, gradient)))
             .collect();
         let total = |which: usize, c: usize| parts.iter().map(|part| f64::from(part[which][c])).sum::<f64>();
         let beta: Vec<f32> = (0..n).map(|c| total(0, c) as f32).collect();
         let gamma: Vec<f32> = (0..n).map(|c| total(1, c) as f32 * self.inverse[c]).collect();
         let n_values = (before.len() / n).max(1) as f32;
         // d before = scale * (passed - mean(passed) - normalised * mean(passed * normalised))
-        let constant: Vec<[f32; 2]> = (0..n)
-            .map(|c| {
-                let slope = gamma[c] / n_values * self.inverse[c];
-                [slope, beta[c] / n_values - slope * self.mean[c]]
-            })
-            .collect();
+        let slope: Vec<f32> = (0..n).map(|c| gamma[c] / n_values * self.inverse[c]).collect();
+        let offset: Vec<f32> = (0..n).map(|c| beta[c] / n_values - slope[c] * self.mean[c]).collect();
         let mut back = vec![0.0; before.len()];
         back.par_chunks_mut(chunk).zip(chunks()).for_each(|(back, ((before, out), gradient))| {
-            let pixels = before.chunks_exact(n).zip(out.chunks_exact(n)).zip(gradient.chunks_exact(n));
-            for (back, ((before, out), gradient)) in back.chunks_exact_mut(n).zip(pixels) {
-                for c in 0..n {
-                    let passed = if out[c] > 0.0 { gradient[c] } else { 0.0 };
-                    back[c] = self.scale[c] * (passed - constant[c][1] - constant[c][0] * before[c]);
-                }
-            }
+            Arch::new().dispatch(|| self.back(&slope, &offset, [before, out, gradient], back));
         });
         NormGradient { before: back, gamma, beta }
     }
 
-    /// Adds the gradient that passes the rectifier: what the skip carries back to the input.
-    pub fn add_rectified(&self, out: &[f32], out_gradient: &[f32], sum: &mut [f32]) {
-        for ((sum, out), gradient) in sum.iter_mut().zip(out).zip(out_gradient) {
-            if *out > 0.0 {
-                *sum += gradient;
+    /// For each channel the sum of what passes the rectifier, and of that times the distance from the mean.
+    #[inline(always)]
+    fn sums(&self, before: &[f32], out: &[f32], gradient: &[f32]) -> [Vec<f32>; 2] {
+        let n = self.scale.len();
+        let (mut plain, mut weighted) = (vec![0.0_f32; n], vec![0.0_f32; n]);
+        for ((before, out), gradient) in before.chunks_exact(n).zip(out.chunks_exact(n)).zip(gradient.chunks_exact(n)) {
+            let values = before.iter().zip(out).zip(gradient).zip(&self.mean);
+            for ((plain, weighted), (((before, out), gradient), mean)) in
+                plain.iter_mut().zip(&mut weighted).zip(values)
+            {
+                let passed = if *out > 0.0 { *gradient } else { 0.0 };
+                *plain += passed;
+                *weighted += passed * (before - mean);
             }
         }
+        [plain, weighted]
+    }
+
+    #[inline(always)]
+    fn back(&self, slope: &[f32], offset: &[f32], [before, out, gradient]: [&[f32]; 3], back: &mut [f32]) {
+        let n = self.scale.len();
+        let pixels = before.chunks_exact(n).zip(out.chunks_exact(n)).zip(gradient.chunks_exact(n));
+        for (back, ((before, out), gradient)) in back.chunks_exact_mut(n).zip(pixels) {
+            let constants = self.scale.iter().zip(slope).zip(offset);
+            let values = before.iter().zip(out).zip(gradient).zip(constants);
+            for (back, (((before, out), gradient), ((scale, slope), offset))) in back.iter_mut().zip(values) {
+                let passed = if *out > 0.0 { *gradient } else { 0.0 };
+                *back = scale * (passed - offset - slope * before);
+            }
+        }
+    }
+
+    /// Adds the gradient that passes the rectifier: what the skip carries back to the input.
+    pub fn add_rectified(&self, out: &[f32], out_gradient: &[f32], sum: &mut [f32]) {
+        Arch::new().dispatch(|| {
+            for ((sum, out), gradient) in sum.iter_mut().zip(out).zip(out_gradient) {
+                *sum += if *out > 0.0 { *gradient } else { 0.0 };
+            }
+        });
     }
 }

@@ -7,8 +7,9 @@ use pulp::{Arch, Simd, WithSimd};
 use super::Conv;
 use super::tile::{Sums, columns, gather, outer, rows};
 
-/// Pixels of the gradient that are taken together, so that they and their images stay in the cache.
-const PIXELS_AT_ONCE: usize = 512;
+/// Pixels of the gradient that are taken together: their panel and the image's lines they meet fill half a
+/// first-level cache of 48 KiB.
+const PIXELS_AT_ONCE: usize = 128;
 
 /// Which pixels of a padded image each output reads: runs of memory, the same for each output but for
 /// where they begin.
@@ -241,14 +242,14 @@ fn correlate_tile<S: Simd, const ROWS: usize>(
     let sums: Sums<S, ROWS> = gather(simd, image, bases, &plan.starts, plan.run(), panel);
     for (sums, target) in sums.iter().zip(&plan.targets[pixels]) {
         let line = &mut out[target * n_out..][channels.clone()];
-        let values: &[f32] = bytemuck_cast::<S>(sums);
+        let values: &[f32] = lanes::<S>(sums);
         line.copy_from_slice(&values[..line.len()]);
     }
 }
 
 /// The lanes of some vectors as numbers.
 #[inline(always)]
-fn bytemuck_cast<S: Simd>(vectors: &[S::f32s]) -> &[f32] {
+fn lanes<S: Simd>(vectors: &[S::f32s]) -> &[f32] {
     pulp::bytemuck::cast_slice(vectors)
 }
 
@@ -269,46 +270,29 @@ impl WithSimd for Outer<'_> {
         let (n_pixels, run) = (plan.bases.len(), plan.run());
         let in_length: usize = plan.source.iter().product();
         let mut sums = vec![0.0; plan.starts.len() * run * n_padded]; // [ky, kx, n_in, n_padded]
-        let n_together = PIXELS_AT_ONCE.div_ceil(n_pixels);
-        let padded_length = plan.padded_length();
-        let mut padded = vec![0.0; n_together * padded_length];
-        let mut widened = vec![0.0; if n_padded == n_out { 0 } else { n_together * n_pixels * n_padded }];
-        let bases: Vec<usize> =
-            (0..n_together).flat_map(|image| plan.bases.iter().map(move |base| image * padded_length + base)).collect();
-        let groups = self.images.chunks(n_together * in_length);
-        for (images, gradient) in groups.zip(self.gradient.chunks(n_together * n_pixels * n_out)) {
-            for (image, padded) in images.chunks_exact(in_length).zip(padded.chunks_exact_mut(padded_length)) {
-                plan.fill(image, padded);
-            }
-            let gradient = if n_padded == n_out {
-                gradient
-            } else {
-                for (line, wide) in gradient.chunks_exact(n_out).zip(widened.chunks_exact_mut(n_padded)) {
-                    wide[..n_out].copy_from_slice(line);
-                }
-                &widened[..gradient.len() / n_out * n_padded]
-            };
-            let (gradient, _) = S::as_simd_f32s(gradient);
-            let bases = &bases[..images.len() / in_length * n_pixels];
-            for (tap, start) in plan.starts.iter().enumerate() {
-                let sums = &mut sums[tap * run * n_padded..][..run * n_padded];
-                // Eight rows of two vectors hide the latency of a multiply-add; more would spill under AVX2.
-                let height = if S::F32_LANES >= 16 { 10 } else { 5 };
-                for row in (0..run).step_by(height) {
-                    let n_rows = height.min(run - row);
-                    for first in (0..n_padded).step_by(columns::<S>()) {
-                        with_rows!(
-                            n_rows,
-                            outer_tile::<S>(
-                                simd,
-                                &padded,
-                                bases,
-                                start + row,
-                                gradient,
-                                [first, n_padded],
-                                &mut sums[row * n_padded..]
-                            )
-                        );
+        let mut padded = vec![0.0; plan.padded_length()];
+        let mut panel = vec![0.0; PIXELS_AT_ONCE * columns::<S>()];
+        let images = self.images.chunks_exact(in_length).zip(self.gradient.chunks_exact(n_pixels * n_out));
+        for (image, gradient) in images {
+            plan.fill(image, &mut padded);
+            let pixels = plan.bases.chunks(PIXELS_AT_ONCE).zip(gradient.chunks(PIXELS_AT_ONCE * n_out));
+            for (bases, gradient) in pixels {
+                for first in (0..n_padded).step_by(columns::<S>()) {
+                    let channels = first..n_out.min(first + columns::<S>());
+                    for (line, pixel) in panel.chunks_exact_mut(columns::<S>()).zip(gradient.chunks_exact(n_out)) {
+                        line[..channels.len()].copy_from_slice(&pixel[channels.clone()]);
+                    }
+                    let (panel, _) = S::as_simd_f32s(&panel);
+                    for (tap, start) in plan.starts.iter().enumerate() {
+                        let sums = &mut sums[tap * run * n_padded..][..run * n_padded];
+                        for row in (0..run).step_by(rows::<S>()) {
+                            let n_rows = rows::<S>().min(run - row);
+                            let sums = &mut sums[row * n_padded..];
+                            with_rows!(
+                                n_rows,
+                                outer_tile::<S>(simd, &padded, bases, start + row, panel, [first, n_padded], sums)
+                            );
+                        }
                     }
                 }
             }
@@ -326,16 +310,14 @@ fn outer_tile<S: Simd, const ROWS: usize>(
     image: &[f32],
     bases: &[usize],
     start: usize,
-    gradient: &[S::f32s],
+    panel: &[S::f32s],
     [first, n_padded]: [usize; 2],
     sums: &mut [f32],
 ) {
-    let zero = simd.splat_f32s(0.0);
-    let width = [first / S::F32_LANES, n_padded / S::F32_LANES];
-    let added: Sums<S, ROWS> = outer(simd, image, bases, start, gradient, width, [[zero; 2]; ROWS]);
+    let added: Sums<S, ROWS> = outer(simd, image, bases, start, panel);
     for (added, line) in added.iter().zip(sums.chunks_mut(n_padded)) {
         let line = &mut line[first..first + columns::<S>()];
-        for (sum, value) in line.iter_mut().zip(bytemuck_cast::<S>(added)) {
+        for (sum, value) in line.iter_mut().zip(lanes::<S>(added)) {
             *sum += value;
         }
     }

@@ -47,22 +47,19 @@ pub fn gather<S: Simd, const ROWS: usize>(
     sums
 }
 
-/// Adds to `sums[i][j]` the sum over pixels p of `image[bases[p] + start + i] * gradient[p, first + j]`.
-///
-/// `gradient` has `width` vectors a pixel.
+/// `sums[i][j] = sum over pixels p of image[bases[p] + start + i] * panel[p, j]`.
 #[inline(always)]
 pub fn outer<S: Simd, const ROWS: usize>(
     simd: S,
     image: &[f32],
     bases: &[usize],
     start: usize,
-    gradient: &[S::f32s],
-    [first, width]: [usize; 2],
-    mut sums: Sums<S, ROWS>,
+    panel: &[S::f32s], // [pixels, VECTORS]
 ) -> Sums<S, ROWS> {
-    for (base, gradient) in bases.iter().zip(gradient.chunks_exact(width)) {
+    let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
+    for (base, gradient) in bases.iter().zip(panel.chunks_exact(VECTORS)) {
         let values: &[f32] = &image[base + start..][..ROWS];
-        let gradient = &gradient[first..][..VECTORS];
+        let gradient = [gradient[0], gradient[1]];
         for i in 0..ROWS {
             let value = simd.splat_f32s(values[i]);
             sums[i][0] = simd.mul_add_f32s(value, gradient[0], sums[i][0]);

@@ -2,6 +2,7 @@
 
 mod extremes;
 mod sensor;
+mod training;
 
 use std::path::PathBuf;
 
@@ -16,6 +17,9 @@ pub enum Bench {
     /// The simulated sensor: images a second of each tier, and what training on each tier gives.
     #[command(after_help = "Examples:\n  cargo xtask bench sensor\n  cargo xtask bench sensor --train-steps 200")]
     Sensor(sensor::SensorArgs),
+    /// Our training step and encoder beside PyTorch's: same network, same batch, in turns. Needs Python 3 and PyPI.
+    #[command(after_help = "Example:\n  cargo xtask bench training --turns 5")]
+    Training(training::TrainingArgs),
     /// The filter's numbers at the extremes: the posterior against an f64 reference, as a table and a page.
     #[command(after_help = "Example:\n  cargo xtask bench extremes --out extremes")]
     Extremes {
@@ -36,6 +40,7 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
     workspace.build()?;
     match bench {
         Bench::Sensor(args) => sensor::sensor(workspace, args),
+        Bench::Training(args) => training::training(workspace, args),
         Bench::Extremes { out, quick, seed } => extremes::extremes(workspace, out, *quick, *seed),
     }
 }
