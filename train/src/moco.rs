@@ -11,10 +11,9 @@ use std::collections::HashMap;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{GradientsParams, MultiGradientsParams};
 use burn::tensor::{Device, Tensor};
-use rayon::{ThreadPool, ThreadPoolBuilder};
 use tactile_infer::encoder::{Encoder, Network, NetworkConfig, tensors_of, with_tensors};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::info_nce::info_nce;
 
 /// The trained network and its slowly following copy.
@@ -39,19 +38,18 @@ impl Moco {
     /// Loss and gradients of a batch: symmetrised InfoNCE, `l(q_hole, k_peg) + l(q_peg, k_hole)`.
     ///
     /// `shards` hold the batch in parts, each `(holes, pegs)` of `[n_s, 3, height, width]`, row `i` of
-    /// one mating with row `i` of the other. Each part goes through the encoders on a thread of its own;
-    /// the loss joins the parts at their embeddings, so that every pair of the batch is a negative of
-    /// every other; and the gradient at the embeddings goes back through each part on its thread
-    /// (gradient caching, Gao et al. 2021). Batch statistics are those of a part. `mask`, `[n, n]` over the
+    /// one mating with row `i` of the other. Each part goes through the encoders by itself; the
+    /// loss joins the parts at their embeddings, so that every pair of the batch is a negative of every
+    /// other; and the gradient at the embeddings goes back through each part (gradient caching, Gao et al.
+    /// 2021). The threads share the work inside a layer: burn's backward passes wait for each other. Batch statistics are those of a part. `mask`, `[n, n]` over the
     /// whole batch and symmetric, is [`info_nce`]'s.
     pub fn gradients(
         &self,
         shards: Vec<(Tensor<4>, Tensor<4>)>,
         temperature: f64,
         mask: Option<Tensor<2>>,
-        pools: &[ThreadPool],
     ) -> (f64, MultiGradientsParams) {
-        let embedded = on_pools(pools, shards, |(holes, pegs)| self.embed(holes, pegs));
+        let embedded: Vec<Embedded> = shards.into_iter().map(|(holes, pegs)| self.embed(holes, pegs)).collect();
         let join = |side: usize, rows: fn(&Embedded) -> &Tensor<2>| {
             let halves = embedded.iter().map(|shard| {
                 let n = rows(shard).dims()[0] / 2;
@@ -75,11 +73,11 @@ impl Moco {
             (shard.queries, Tensor::cat(gradient, 0))
         });
         let device = self.online.devices().into_iter().next().unwrap_or_default();
-        let grads = on_pools(pools, parts.collect(), |(queries, gradient)| {
+        let grads = parts.map(|(queries, gradient)| {
             let back = (queries * Tensor::from_inner(gradient)).sum().backward();
             (GradientsParams::from_grads(back, &self.online), device.clone())
         });
-        (value, MultiGradientsParams { grads })
+        (value, MultiGradientsParams { grads: grads.collect() })
     }
 
     /// Holes and pegs through both encoders in one pass each. `[n, 3, h, w]` twice -> `[2n, dim]` twice.
@@ -114,28 +112,6 @@ fn symmetric_loss(
 struct Embedded {
     queries: Tensor<2>, // [2n, dim]
     keys: Tensor<2>,    // [2n, dim], detached
-}
-
-/// One pool of one thread for each shard of a batch: burn's kernels inside stay on that thread, which
-/// two cores run 1.3 times faster than one batch whose kernels are split.
-pub fn shard_pools(n_shards: usize) -> Result<Vec<ThreadPool>> {
-    let pool = |_| {
-        let built = ThreadPoolBuilder::new().num_threads(1).build();
-        built.map_err(|e| Error::invalid("threads", "one thread for each shard", e.to_string()))
-    };
-    (0..n_shards.max(1)).map(pool).collect()
-}
-
-/// Runs `work` on each item, item `i` on pool `i`; results in order.
-fn on_pools<T: Send, U: Send>(pools: &[ThreadPool], items: Vec<T>, work: impl Fn(T) -> U + Sync) -> Vec<U> {
-    let mut results: Vec<Option<U>> = items.iter().map(|_| None).collect();
-    std::thread::scope(|scope| {
-        for ((item, result), pool) in items.into_iter().zip(&mut results).zip(pools.iter().cycle()) {
-            let work = &work;
-            scope.spawn(move || *result = Some(pool.install(|| work(item))));
-        }
-    });
-    results.into_iter().flatten().collect()
 }
 
 /// The float tensors of a module by their paths, of any rank.
@@ -249,8 +225,7 @@ mod tests {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
         let (holes, pegs) = (images(0.13, &device), images(0.29, &device));
-        let pools = shard_pools(1).unwrap();
-        let (value, gradients) = moco.gradients(vec![(holes.clone(), pegs.clone())], 0.2, None, &pools);
+        let (value, gradients) = moco.gradients(vec![(holes.clone(), pegs.clone())], 0.2, None);
         // The same loss in one graph.
         let shard = moco.embed(holes, pegs);
         let half = |rows: &Tensor<2>, side: usize| rows.clone().narrow(0, side * 4, 4);
@@ -270,7 +245,7 @@ mod tests {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
         let shard = |seed| (images(seed, &device), images(seed + 0.1, &device));
-        let (value, _) = moco.gradients(vec![shard(0.13), shard(0.29)], 0.2, None, &shard_pools(2).unwrap());
+        let (value, _) = moco.gradients(vec![shard(0.13), shard(0.29)], 0.2, None);
         let rows: Vec<Embedded> = [0.13, 0.29].map(shard).map(|(h, p)| moco.embed(h, p)).into();
         let side = |s: usize, of: fn(&Embedded) -> &Tensor<2>| {
             Tensor::cat(rows.iter().map(|r| of(r).clone().narrow(0, s * 4, 4)).collect(), 0)
@@ -285,8 +260,7 @@ mod tests {
     fn no_gradient_reaches_the_copy() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
-        let pools = shard_pools(1).unwrap();
-        let (_, gradients) = moco.gradients(vec![(images(0.13, &device), images(0.29, &device))], 0.2, None, &pools);
+        let (_, gradients) = moco.gradients(vec![(images(0.13, &device), images(0.29, &device))], 0.2, None);
         let (gradients, _) = &gradients.grads[0];
         let ids = burn::module::list_param_ids(&moco.momentum);
         assert!(ids.iter().all(|id| gradients.get::<4>(*id).is_none()));

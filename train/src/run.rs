@@ -16,7 +16,6 @@ use crate::gradient;
 use crate::health::{self, Sickness};
 use crate::history::{History, Row};
 use crate::letters::Letters;
-use crate::moco::shard_pools;
 use crate::pace::Pace;
 use crate::page::{self, End};
 use crate::pairs::Pairs;
@@ -154,7 +153,6 @@ fn steps(
 ) -> Result<State> {
     let (config, pairs) = (results.run.config, results.pairs);
     let device = results.run.device.tensor_device().autodiff();
-    let pools = shard_pools(config.n_shards)?;
     let first_step = state.step;
     std::thread::scope(|scope| {
         // One batch is made ahead while the step before it runs.
@@ -171,7 +169,7 @@ fn steps(
             let Ok(batch) = batches.recv() else { break };
             let batch = batch?;
             let shards = batch.shards(config.n_shards, config.network.input_px, &device);
-            let (loss, gradients) = state.moco.gradients(shards, config.temperature, batch.mask(&device), &pools);
+            let (loss, gradients) = state.moco.gradients(shards, config.temperature, batch.mask(&device));
             let gradient_norm = gradient::norm(&state.moco.online, &gradients);
             results.check(state.step + 1, health::of_gradient(loss, gradient_norm))?;
             let rate = learning_rate(state.step, config.n_warmup, config.n_steps, config.learning_rate);

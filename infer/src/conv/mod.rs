@@ -16,7 +16,7 @@ pub use plan::Packed;
 
 /// Images that share one partial sum of the weights' gradient. A constant, so that the sum does not
 /// depend on the number of threads.
-const IMAGES_A_PART: usize = 64;
+const IMAGES_A_PART: usize = 32;
 
 /// A square convolution without bias, padded by half its kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
