@@ -34,7 +34,7 @@ struct Cli {
     /// Settings in a TOML file, named as the flags with _ for -; flags go over it.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Where to compute: flex (CPU, default) or ndarray (older CPU backend, much slower).
+    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
     /// Go on from the state in --out, with the settings it began with.
