@@ -6,6 +6,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Model;
 use tactile_infer::bank::Bank;
+use tactile_infer::symmetry::Symmetry;
 
 use crate::action::{Action, Situation, choose};
 use crate::belief::{Belief, Hypothesis};
@@ -96,6 +97,9 @@ pub struct Estimate {
     /// Pose of the sensor at its first touch: the mean around that state, or its recorded pose where
     /// [`EpisodeConfig::between_poses`] is off.
     pub part_from_first: Se2,
+    /// The turns after which that part feels the same. Touch cannot tell the poses of
+    /// `symmetry.twins(&part_from_sensor)` apart; insert at any of them.
+    pub symmetry: Symmetry,
     /// Covariance of that pose: (x mm, y mm, theta rad); noughts for a recorded pose.
     pub covariance: [[f64; 3]; 3],
     /// How well that part explains what was felt: the mean log-likelihood of an edged touch's look, 0 for
@@ -258,10 +262,11 @@ impl<'a> Episode<'a> {
             probability: probability.min(1.0),
             part_from_sensor: placed.refined.part_from_first * self.belief.first_from_sensor(),
             part_from_first: placed.refined.part_from_first,
+            symmetry: self.bank.symmetry(part),
             covariance: placed.refined.covariance,
             fit: placed.fit,
             class_posterior: self.belief.class_posterior(),
-            modes: modes(&self.belief),
+            modes: modes(&self.belief, &|part| self.bank.symmetry(part)),
             entropy_nats: self.belief.entropy_nats(),
             log_evidence: self.belief.log_evidence(),
             n_touches: self.belief.touches().len(),

@@ -62,39 +62,44 @@ pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Optio
 pub struct Stencil {
     /// The nearest cell of the grid.
     pub cell: usize,
+    /// 1 within the recorded area, falling with the distance from it.
+    pub trust: f64,
     /// For each axis (x, y, theta), how far its four places lie from the start of a part's cells.
     offsets: [[usize; 4]; 3],
     weights: [[f32; 4]; 3],
 }
 
-/// How far beyond the last recorded pose its view still stands for what is there, in steps.
-const BEYOND: f64 = 0.1;
+/// How far outside the recorded area a view still resembles the one at its border, in steps: the trust is
+/// `exp(-(d / FADE)^2 / 2)`. Were it unknown at once, a touch just outside would speak for states that
+/// see it just inside, and the pose would be drawn inwards.
+const FADE: f64 = 0.5;
 
 impl Stencil {
-    /// The poses around a pose; `None` outside the recorded area.
+    /// The poses around a pose, or around the border's nearest to it; `None` more than two [`FADE`]s outside
+    /// the recorded area.
     pub fn new(grid: &PoseGrid, part_from_sensor: &Se2) -> Option<Self> {
-        let cell = grid.nearest(part_from_sensor)?;
         let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
-        let theta_deg = {
-            let recorded = grid.pose(cell);
-            recorded.theta_deg() + wrap_angle(part_from_sensor.theta_rad - recorded.theta_rad).to_degrees()
-        };
+        let turn = wrap_angle(part_from_sensor.theta_rad).to_degrees();
         let axis = |value: f64, half: f64, step: f64, n: usize, stride: usize| {
             let place = (value + half) / step;
-            if !(-BEYOND..=(n - 1) as f64 + BEYOND).contains(&place) {
-                return None;
-            }
-            let place = place.clamp(0.0, (n - 1) as f64);
-            let low = (place as usize).min(n.saturating_sub(2));
+            let inside = place.clamp(0.0, (n - 1) as f64);
+            let low = (inside as usize).min(n.saturating_sub(2));
             let offsets = [-1, 0, 1, 2].map(|k: isize| low.saturating_add_signed(k).min(n - 1) * stride);
-            let weights = catmull_rom((place - low as f64) as f32);
-            Some((offsets, at_border(weights, low == 0, low + 2 >= n, n)))
+            let weights = at_border(catmull_rom((inside - low as f64) as f32), low == 0, low + 2 >= n, n);
+            (offsets, weights, inside.round() as usize * stride, place - inside)
         };
         let (half, step) = (grid.xy_half_mm, grid.xy_step_mm);
-        let (x, x_weights) = axis(part_from_sensor.x_mm, half, step, n_xy, n_xy * n_theta)?;
-        let (y, y_weights) = axis(part_from_sensor.y_mm, half, step, n_xy, n_theta)?;
-        let (theta, theta_weights) = axis(theta_deg, grid.theta_half_deg, grid.theta_step_deg, n_theta, 1)?;
-        Some(Self { cell, offsets: [x, y, theta], weights: [x_weights, y_weights, theta_weights] })
+        let x = axis(part_from_sensor.x_mm, half, step, n_xy, n_xy * n_theta);
+        let y = axis(part_from_sensor.y_mm, half, step, n_xy, n_theta);
+        let theta = axis(turn, grid.theta_half_deg, grid.theta_step_deg, n_theta, 1);
+        let steps_outside = (x.3 * x.3 + y.3 * y.3 + theta.3 * theta.3).sqrt() / FADE;
+        let trust = if steps_outside > 1e-6 { (-0.5 * steps_outside * steps_outside).exp() } else { 1.0 };
+        (steps_outside <= 2.0).then_some(Self {
+            cell: x.2 + y.2 + theta.2,
+            trust,
+            offsets: [x.0, y.0, theta.0],
+            weights: [x.1, y.1, theta.1],
+        })
     }
 
     /// The interpolated value of one part's `cells`, `[grid.len()]`.

@@ -2,6 +2,7 @@
 
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
+use tactile_infer::symmetry::Symmetry;
 
 use crate::belief::{Belief, Hypothesis};
 
@@ -10,7 +11,7 @@ use crate::belief::{Belief, Hypothesis};
 pub struct Mode {
     /// Index of the part in the bank.
     pub part: usize,
-    /// Probability of the mode's states, 0..=1.
+    /// Probability of the mode's states, 0..=1; of its twins' too, where the part is symmetric.
     pub mass: f64,
     /// Mean pose of the sensor at its latest touch; the angle is the circular mean.
     pub part_from_sensor: Se2,
@@ -26,8 +27,9 @@ const MAX_STATES: usize = 10_000;
 
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
 /// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and
-/// so is what lies beyond the heaviest ten thousand states.
-pub fn modes(belief: &Belief) -> Vec<Mode> {
+/// so is what lies beyond the heaviest ten thousand states. Modes that a part's `symmetry` turns into each
+/// other are one: the pose is that of the heaviest.
+pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
     let mut states = belief.states();
     if states.len() > MAX_STATES {
         states.select_nth_unstable_by(MAX_STATES, |a, b| b.1.total_cmp(&a.1));
@@ -56,7 +58,27 @@ pub fn modes(belief: &Belief) -> Vec<Mode> {
         .map(|(part, members)| summarise(part, &members.into_iter().map(pose).collect::<Vec<_>>()))
         .collect();
     modes.sort_by(|a, b| b.mass.total_cmp(&a.mass));
-    modes
+    merge_twins(modes, belief.grid(), symmetry)
+}
+
+/// The same modes, each with the mass of those that its part's symmetry turns into it. `modes`: the heaviest first.
+fn merge_twins(modes: Vec<Mode>, grid: &PoseGrid, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
+    let are_twins = |a: &Mode, b: &Mode| {
+        let near = |twin: &Se2| {
+            let turned = wrap_angle(twin.theta_rad - b.part_from_sensor.theta_rad).to_degrees().abs();
+            twin.distance_mm(&b.part_from_sensor) <= 2.0 * grid.xy_step_mm && turned <= 2.0 * grid.theta_step_deg
+        };
+        a.part == b.part && symmetry(a.part).twins(&a.part_from_sensor)[1..].iter().any(near)
+    };
+    let mut merged: Vec<Mode> = Vec::new();
+    for mode in modes {
+        match merged.iter_mut().find(|heavier| are_twins(heavier, &mode)) {
+            Some(heavier) => heavier.mass += mode.mass,
+            None => merged.push(mode),
+        }
+    }
+    merged.sort_by(|a, b| b.mass.total_cmp(&a.mass));
+    merged
 }
 
 /// For each state, the likeliest among it and its up to 26 neighbours; of equals the lowest, so that a
@@ -113,6 +135,27 @@ fn summarise(part: usize, poses: &[(Se2, f64)]) -> Mode {
 mod tests {
     use super::*;
     use std::f64::consts::PI;
+
+    #[test]
+    fn twins_are_one_mode_and_strangers_are_not() {
+        let mode = |part, mass, degrees| Mode {
+            part,
+            mass,
+            part_from_sensor: Se2::from_degrees(1.0, 2.0, degrees),
+            covariance: [[0.0; 3]; 3],
+        };
+        let turned = |mode: Mode| Mode { part_from_sensor: Se2::new(0.0, 0.0, PI) * mode.part_from_sensor, ..mode };
+        let modes =
+            || vec![mode(0, 0.4, 80.0), mode(1, 0.25, 80.0), turned(mode(0, 0.2, 82.0)), turned(mode(1, 0.15, 0.0))];
+        let half_turn = |part| if part == 0 { Symmetry { order: 2, centre_mm: [0.0; 2] } } else { Symmetry::NONE };
+        let merged = merge_twins(modes(), &PoseGrid::SMALL, &half_turn);
+        assert_eq!(
+            merged.iter().map(|mode| (mode.part, mode.mass)).collect::<Vec<_>>(),
+            [(0, 0.4 + 0.2), (1, 0.25), (1, 0.15)]
+        );
+        assert_eq!(merged[0].part_from_sensor, modes()[0].part_from_sensor);
+        assert_eq!(merge_twins(modes(), &PoseGrid::SMALL, &|_| Symmetry::NONE), modes());
+    }
 
     #[test]
     fn angles_round_half_a_turn_average_to_half_a_turn() {

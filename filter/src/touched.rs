@@ -93,6 +93,7 @@ impl Touched {
         let (cell, similarity) = match self.view(grid, part_from_first) {
             View::Unknown => return None,
             View::Nearest(seen) => (seen.cell, self.likelihood.similarities[start + seen.cell]),
+            View::Between(stencil) if stencil.trust < 1.0 => return None,
             View::Between(stencil) => {
                 (stencil.cell, stencil.value(&self.likelihood.similarities[start..start + grid.len()]))
             }
@@ -113,17 +114,15 @@ impl Touched {
     /// trusted only in part.
     fn log_view(&self, n_cells: usize, part: usize, view: View) -> f64 {
         let (unknown, start) = (self.likelihood.log_unknown, part * n_cells);
-        let log = match view {
-            View::Unknown => unknown,
-            View::Nearest(Seen { cell, trust }) => {
-                let log = self.likelihood.log_row(start + cell);
-                if trust == 1.0 { log } else { unknown + (trust * (log - unknown).exp() + 1.0 - trust).ln() }
-            }
+        let (log, trust) = match view {
+            View::Unknown => (unknown, 1.0),
+            View::Nearest(Seen { cell, trust }) => (self.likelihood.log_row(start + cell), trust),
             View::Between(stencil) => {
                 let similarity = stencil.value(&self.likelihood.similarities[start..start + n_cells]);
-                self.likelihood.log_between(similarity, start + stencil.cell)
+                (self.likelihood.log_between(similarity, start + stencil.cell), stencil.trust)
             }
         };
+        let log = if trust == 1.0 { log } else { unknown + (trust * (log - unknown).exp() + 1.0 - trust).ln() };
         // What does not count says nothing, as an unknown view does.
         unknown + self.weight * (log - unknown)
     }

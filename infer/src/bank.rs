@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::precision::Precision;
 use crate::rows::Rows;
 use crate::safefile::SafeFile;
+use crate::symmetry::{Symmetries, Symmetry, symmetry};
 
 /// The version of the bank's layout.
 pub const SCHEMA: &str = "tactile-filter/bank/1";
@@ -31,6 +32,7 @@ pub struct Bank {
     rows: Rows,
     edge_shares: Vec<f32>,
     model_sha256: String,
+    symmetries: Symmetries,
 }
 
 impl Bank {
@@ -63,7 +65,8 @@ impl Bank {
             let got = edge_shares[row].to_string();
             return Err(Error::invalid(format!("bank row {row}"), "an edge share in 0..=1", got));
         }
-        Ok(Self { parts, grid, rows, edge_shares, model_sha256 })
+        let symmetries = Symmetries::new(parts.len());
+        Ok(Self { parts, grid, rows, edge_shares, model_sha256, symmetries })
     }
 
     /// The same bank with its rows kept in another format: less memory, and cosines a little off
@@ -72,7 +75,8 @@ impl Bank {
     /// # Errors
     /// A value beyond the format's range.
     pub fn with_precision(self, precision: Precision) -> Result<Self> {
-        Ok(Self { rows: self.rows.to_precision(precision)?, ..self })
+        let symmetries = Symmetries::new(self.parts.len());
+        Ok(Self { rows: self.rows.to_precision(precision)?, symmetries, ..self })
     }
 
     /// Embeds a dataset of peg touches: each part at each pose of the dataset's reach, once.
@@ -207,6 +211,14 @@ impl Bank {
     /// For each row, the share of the view that shows an edge, 0..=1; nought for a blank view.
     pub fn edge_shares(&self) -> &[f32] {
         &self.edge_shares
+    }
+
+    /// The turns under which a part stays the same ([`symmetry`]); worked out when first asked for.
+    ///
+    /// # Panics
+    /// Where `part` is not below the number of parts.
+    pub fn symmetry(&self, part: usize) -> Symmetry {
+        self.symmetries.of(part, || symmetry(self, part))
     }
 
     /// Checksum of the model that made the rows.

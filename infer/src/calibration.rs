@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::similarity::part_mating;
 
 /// A view with a smaller share of edge pixels is blank; the filter's own default.
-const BLANK_SHARE: f32 = 0.01;
+pub(crate) const BLANK_SHARE: f32 = 0.01;
 
 /// Fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;

@@ -44,6 +44,7 @@ pub mod precision;
 pub mod rows;
 pub mod safefile;
 pub mod similarity;
+pub mod symmetry;
 
 pub use checkpoint::{Checkpoint, Model};
 pub use device::DeviceKind;

@@ -158,6 +158,7 @@ impl Evaluate {
             stops,
             comparisons,
             reliability: summary::reliability(&told),
+            parts: if self.absent { Vec::new() } else { summary::parts(bank.parts(), &told) },
             command: Some(command_line()),
         };
         let (_, config) = &runs[0];
@@ -269,6 +270,12 @@ fn print_table(evaluation: &Evaluation, flipped: Option<&Row>, out: &Path) {
             100.0 * bin.right,
             bin.n
         );
+    }
+    for of in &evaluation.parts {
+        let mistaken = of.mistaken_for.as_ref().map_or_else(String::new, |(part, n)| format!(", {n} taken for {part}"));
+        let (n, right, part) = (of.n, of.n_right, &of.part);
+        let (xy, theta) = (of.xy_mm_mean, of.theta_deg_mean);
+        println!("  {part:28} {right} of {n} right{mistaken}; {xy:.2} mm, {theta:.2} degrees");
     }
     let ms = &evaluation.latency_ms;
     println!(

@@ -104,8 +104,10 @@ impl Replay {
         }
         let [x, y, theta] = replayed.part_from_sensor;
         let truth = replayed.truth.as_ref().map_or(String::new(), |part| format!(", truth {part}"));
+        let order = replayed.symmetry_order;
+        let twins = if order > 1 { format!(" or turned by {} deg", 360 / order) } else { String::new() };
         println!(
-            "episode {number}: {} touches, {} with {:.1} %, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{truth}",
+            "episode {number}: {} touches, {} with {:.1} %, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
             replayed.frames.len(),
             replayed.part,
             100.0 * replayed.probability

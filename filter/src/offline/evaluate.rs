@@ -128,6 +128,8 @@ impl<'a> Hole<'a> {
 pub struct Scored {
     /// Whether the most probable part is the right one.
     pub right: bool,
+    /// The part named, an index into the bank's parts.
+    pub named: usize,
     /// Whether the first touch's pose was found to the cell as well.
     pub exact_cell: bool,
     /// Distance of the first touch's pose, mm.
@@ -156,6 +158,8 @@ pub struct StageTimes {
 /// One episode, touch by touch.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
+    /// The hole's own part, an index into the scene's parts.
+    pub part: usize,
     /// After touch 1, 2, ...
     pub scored: Vec<Scored>,
     /// Stage times of touch 1, 2, ...
@@ -222,7 +226,7 @@ pub fn run_one(
         ..*config
     };
     let mut frame = hole.touch()?;
-    let mut outcome = Outcome::default();
+    let mut outcome = Outcome { part: hole.part_index(), ..Outcome::default() };
     let (observation, encode) = timed(|| eye.observe(&frame));
     let observation = observation?;
     let (episode, update) = timed(|| Episode::begin_with(&config, bank, &observation));
@@ -266,6 +270,7 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
         probability: estimate.probability,
         fit: estimate.fit,
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
+        named: bank.parts().iter().position(|part| *part == estimate.part).unwrap_or(0),
         ..score_pose(&estimate.part, estimate.part_from_first, bank.grid(), hole)
     }
 }

@@ -30,6 +30,8 @@ pub struct Replayed {
     pub probability: f64,
     /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
     pub part_from_sensor: [f64; 3],
+    /// Turns of the part, none among them, that feel the same: 1 for a part without symmetry.
+    pub symmetry_order: usize,
     /// The part that was touched, where the recording says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<String>,
@@ -116,6 +118,7 @@ pub fn play(
         part: estimate.part,
         probability: estimate.probability,
         part_from_sensor: [pose.x_mm, pose.y_mm, pose.theta_deg()],
+        symmetry_order: estimate.symmetry.order,
         frames,
     })
 }

@@ -42,6 +42,9 @@ pub struct Evaluation {
     /// Whether what the filter is sure of is right: the first way of inferring, over all touches.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub reliability: Vec<ReliabilityBin>,
+    /// How each part fares: the first way of inferring, after its last touch.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<PartFigures>,
     /// The command line that makes this evaluation again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<String>,
@@ -203,6 +206,24 @@ pub struct ReliabilityBin {
     pub right_ci95: [f64; 2],
     /// Touches counted, over all episodes.
     pub n: usize,
+}
+
+/// The holes of one part after their last touch. Errors are those of holes whose part was named rightly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PartFigures {
+    /// Name of the part.
+    pub part: String,
+    /// Holes of it.
+    pub n: usize,
+    /// Those named rightly.
+    pub n_right: usize,
+    /// The part most often named instead, and how often; `None` where none was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mistaken_for: Option<(String, usize)>,
+    /// Mean distance to the true place, mm.
+    pub xy_mm_mean: f64,
+    /// Mean angle to the true angle, degrees, modulo the part's symmetry.
+    pub theta_deg_mean: f64,
 }
 
 /// How long each stage of one touch took, milliseconds.

@@ -3,7 +3,7 @@
 use crate::episode::{EpisodeConfig, StopReason};
 use crate::offline::evaluate::{Outcome, Scored, StageTimes};
 use crate::offline::result::{
-    Choice, Comparison, Inference, Latency, Method, Poses, Quantiles, ReliabilityBin, Row, Stops,
+    Choice, Comparison, Inference, Latency, Method, PartFigures, Poses, Quantiles, ReliabilityBin, Row, Stops,
 };
 
 /// What a row is about.
@@ -124,6 +124,28 @@ pub fn reliability(outcomes: &[Outcome]) -> Vec<ReliabilityBin> {
     RELIABILITY.windows(2).filter_map(bin).collect()
 }
 
+/// How the holes of each part fared after their last touch; parts without a hole are left out.
+pub fn parts(names: &[String], outcomes: &[Outcome]) -> Vec<PartFigures> {
+    let of_part = |(part, name): (usize, &String)| {
+        let of = outcomes.iter().filter(|outcome| outcome.part == part);
+        let last: Vec<&Scored> = of.filter_map(|outcome| outcome.scored.last()).collect();
+        let (right, wrong): (Vec<&Scored>, Vec<&Scored>) = last.iter().partition(|s| s.right);
+        let mean = |of: fn(&Scored) -> f64| right.iter().map(|s| of(s)).sum::<f64>() / right.len().max(1) as f64;
+        let times = |named: usize| wrong.iter().filter(|s| s.named == named).count();
+        // The first of equals.
+        let most = (0..names.len()).rev().max_by_key(|named| times(*named)).filter(|named| times(*named) > 0);
+        (!last.is_empty()).then(|| PartFigures {
+            part: name.clone(),
+            n: last.len(),
+            n_right: right.len(),
+            mistaken_for: most.map(|named| (names[named].clone(), times(named))),
+            xy_mm_mean: mean(|s| s.xy_mm),
+            theta_deg_mean: mean(|s| s.theta_deg),
+        })
+    };
+    names.iter().enumerate().filter_map(of_part).collect()
+}
+
 /// Median and 99th percentile of each stage.
 pub fn latency(outcomes: &[Outcome]) -> Latency {
     let times = || outcomes.iter().flat_map(|outcome| &outcome.times);
@@ -168,7 +190,7 @@ mod tests {
     #[test]
     fn an_episode_stops_when_it_is_sure_and_is_counted_wrong_if_it_is() {
         let scored = |probability, right| Scored { probability, right, ..Scored::default() };
-        let outcome = |scored| Outcome { scored, times: Vec::new() };
+        let outcome = |scored| Outcome { scored, ..Outcome::default() };
         let outcomes = [
             outcome(vec![scored(0.5, true), scored(0.97, true), scored(0.99, false)]),
             outcome(vec![scored(0.99, false), scored(0.2, true), scored(0.2, true)]),
@@ -188,7 +210,7 @@ mod tests {
     fn a_comparison_is_of_the_same_holes() {
         let outcomes = |rights: [bool; 4]| {
             let scored = |right| vec![Scored { right, ..Scored::default() }];
-            rights.map(|right| Outcome { scored: scored(right), times: Vec::new() })
+            rights.map(|right| Outcome { scored: scored(right), ..Outcome::default() })
         };
         let (one, other) = (outcomes([true, true, true, false]), outcomes([true, false, false, false]));
         let [comparison] = compare((LABEL, &one), (LABEL, &other))[..] else { panic!() };
@@ -200,10 +222,24 @@ mod tests {
     #[test]
     fn reliability_counts_every_touch_once() {
         let scored = |probability, right| Scored { probability, right, ..Scored::default() };
-        let outcome =
-            Outcome { scored: vec![scored(0.3, false), scored(0.96, true), scored(1.0, true)], times: vec![] };
+        let scored = vec![scored(0.3, false), scored(0.96, true), scored(1.0, true)];
+        let outcome = Outcome { scored, ..Outcome::default() };
         let bins = reliability(&[outcome]);
         assert_eq!(bins.iter().map(|bin| (bin.n, bin.right)).collect::<Vec<_>>(), [(1, 0.0), (1, 1.0), (1, 1.0)]);
+    }
+
+    #[test]
+    fn a_part_is_told_with_what_it_is_mistaken_for() {
+        let names = ["A", "B", "C"].map(String::from);
+        let outcome = |part, named: usize, xy_mm| {
+            let last = Scored { named, right: part == named, xy_mm, ..Scored::default() };
+            Outcome { part, scored: vec![Scored::default(), last], times: Vec::new() }
+        };
+        let outcomes = [outcome(0, 0, 1.0), outcome(0, 2, 9.0), outcome(0, 0, 2.0), outcome(2, 2, 4.0)];
+        let [a, c] = &parts(&names, &outcomes)[..] else { panic!() };
+        assert_eq!((a.part.as_str(), a.n, a.n_right, a.xy_mm_mean), ("A", 3, 2, 1.5));
+        assert_eq!(a.mistaken_for, Some(("C".into(), 1)));
+        assert_eq!((c.n, c.n_right, c.mistaken_for.is_none(), c.xy_mm_mean), (1, 1, true, 4.0));
     }
 
     #[test]

@@ -157,6 +157,14 @@ fn bank(args: &BankArgs) -> Result<()> {
         bank.rows().precision(),
         bank.rows().n_bytes() as f64 / 1e6
     );
+    let symmetric = |part: usize| {
+        let order = bank.symmetry(part).order;
+        (order > 1).then(|| format!("{} after {} degrees", bank.parts()[part], 360 / order))
+    };
+    let symmetric: Vec<_> = (0..n_parts).filter_map(symmetric).collect();
+    if !symmetric.is_empty() {
+        println!("feels the same turned: {}", symmetric.join(", "));
+    }
     Ok(())
 }
 

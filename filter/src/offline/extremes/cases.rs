@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::bank::Bank;
+use tactile_infer::symmetry::Symmetry;
 
 use super::case::{Case, Group};
 use super::reference::{Pose, Touch, log_posterior};
@@ -279,7 +280,9 @@ pub fn wrap(seed: u64) -> Result<Vec<Case>> {
         let case = Case::measured(Group::Wrap, "a turn of the sensor", expected, error, bound);
         cases.push(case.at(degrees).right_part(names_truth(&belief)));
         let truth = motions.iter().fold(Pose::from_degrees(0.0, 0.0, 180.0), |pose, moved| pose.then(&Pose::of(moved)));
-        let mean = modes(&belief).first().map_or(f64::NAN, |mode| truth.turned_deg(&Pose::of(&mode.part_from_sensor)));
+        let mean = modes(&belief, &|_| Symmetry::NONE)
+            .first()
+            .map_or(f64::NAN, |mode| truth.turned_deg(&Pose::of(&mode.part_from_sensor)));
         // A linear mean of angles on both sides of half a turn would be off by some 180 degrees.
         let case = Case::measured(Group::Wrap, "angle of the first mode, degrees", "the true angle", mean, 1.0);
         cases.push(case.at(degrees));

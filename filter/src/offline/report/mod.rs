@@ -4,6 +4,7 @@ mod comparison;
 pub(super) mod curves;
 mod page;
 mod paper;
+mod parts;
 mod picture;
 mod reliability;
 mod series;

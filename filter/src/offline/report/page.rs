@@ -8,7 +8,7 @@ use super::series::{Series, leading_filter, series, way};
 use super::style::CSS;
 use super::table::{SCRIPT, sortable};
 use super::{Board, EpisodeStory, PaperNumbers, PaperRow};
-use super::{comparison, escape, number, reliability, stopping, story};
+use super::{comparison, escape, number, parts, reliability, stopping, story};
 
 /// The columns of the first table: the numbers of touches that the paper reports.
 const TOUCHES: [usize; 4] = [1, 3, 5, 10];
@@ -27,12 +27,14 @@ pub fn html(
         sections.push(stopping::section(evaluation));
     } else {
         let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter);
+        let lead = lead.map_or(String::new(), |row| way(row.inference, row.action));
         sections.extend([
             beside_paper(evaluation, paper),
             curves(evaluation, paper),
             comparison::section(evaluation),
-            reliability::section(evaluation, &lead.map_or(String::new(), |row| way(row.inference, row.action))),
+            reliability::section(evaluation, &lead),
             stopping::section(evaluation),
+            parts::section(evaluation, &lead),
         ]);
     }
     sections.extend([stopping::speed(evaluation), stories(board, episodes)?, how_made(evaluation)]);
