@@ -6,13 +6,16 @@
 //! relative to its mean over the edged views: 1 says nothing. The floor bounds what one bad match can
 //! cost. The look of a blank view means nothing, so there the second factor is 1.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 use tactile_infer::Model;
 use tactile_infer::bank::Bank;
+use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::{dot, part_mating};
 
 use crate::error::{Error, Result};
-use crate::lookup::LookUp;
+use crate::lookup::{LookUp, Stencil};
 use crate::resample::log_sum_exp;
 use crate::touched::Overlap;
 
@@ -149,6 +152,8 @@ pub struct TouchLikelihood {
     pub blank: bool,
     /// Whether each row of the bank shows an edge, `[n_rows]`.
     edged: Vec<bool>,
+    /// How alike the bank's views beside each other are, `[n_rows]`; `None` where none are interpolated.
+    neighbours: Option<Arc<[Neighbours]>>,
     /// Log of the mean of `exp((s - best) / tau) + eps` over the edged rows.
     log_mean: f64,
     config: LikelihoodConfig,
@@ -171,7 +176,8 @@ impl TouchLikelihood {
         let log_mean = if looks.is_empty() { 0.0 } else { log_sum_exp(&looks) - n_edged.ln() };
         let unknown = if blank { UNKNOWN_IS_BLANK } else { 1.0 - UNKNOWN_IS_BLANK };
         let log_unknown = unknown.ln();
-        Ok(Self { similarities, log_unknown, best_similarity, blank, edged, log_mean, config: *config })
+        let neighbours = config.look_up.is_cubic(bank.grid()).then(|| bank.neighbours());
+        Ok(Self { similarities, log_unknown, best_similarity, blank, edged, neighbours, log_mean, config: *config })
     }
 
     /// The log-likelihood at one row of the bank; finite.
@@ -187,6 +193,15 @@ impl TouchLikelihood {
         }
         let look = if self.blank { 0.0 } else { self.log_look(similarity) - self.log_mean };
         self.config.blank_agreement.ln() + look
+    }
+
+    /// The cosine at a pose between the views of one part, whose rows start at `start`.
+    pub(crate) fn between(&self, stencil: &Stencil, start: usize, n_cells: usize) -> f32 {
+        let rows = start..start + n_cells;
+        match &self.neighbours {
+            Some(neighbours) => stencil.cosine(&self.similarities[rows.clone()], &neighbours[rows]),
+            None => stencil.value(&self.similarities[rows]),
+        }
     }
 
     /// How well a view of a given cosine explains the touch's look: 0 for the best recorded view, and

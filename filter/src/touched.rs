@@ -94,9 +94,7 @@ impl Touched {
             View::Unknown => return None,
             View::Nearest(seen) => (seen.cell, self.likelihood.similarities[start + seen.cell]),
             View::Between(stencil) if stencil.trust < 1.0 => return None,
-            View::Between(stencil) => {
-                (stencil.cell, stencil.value(&self.likelihood.similarities[start..start + grid.len()]))
-            }
+            View::Between(stencil) => (stencil.cell, self.likelihood.between(&stencil, start, grid.len())),
         };
         Some(if self.likelihood.is_edged(start + cell) { self.likelihood.log_look(similarity) } else { MISMATCH })
     }
@@ -118,7 +116,7 @@ impl Touched {
             View::Unknown => (unknown, 1.0),
             View::Nearest(Seen { cell, trust }) => (self.likelihood.log_row(start + cell), trust),
             View::Between(stencil) => {
-                let similarity = stencil.value(&self.likelihood.similarities[start..start + n_cells]);
+                let similarity = self.likelihood.between(&stencil, start, n_cells);
                 (self.likelihood.log_between(similarity, start + stencil.cell), stencil.trust)
             }
         };

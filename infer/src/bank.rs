@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::path::Path;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 use tactile_data::frame::{Background, TactileImage};
@@ -13,10 +14,11 @@ use tactile_data::touch::Side;
 use crate::checkpoint::{Model, from_json, to_json};
 use crate::encoder::NamedTensor;
 use crate::error::{Error, Result};
+use crate::neighbours::{Neighbours, Once, neighbours};
 use crate::precision::Precision;
 use crate::rows::Rows;
 use crate::safefile::SafeFile;
-use crate::symmetry::{Symmetries, Symmetry, symmetry};
+use crate::symmetry::{Symmetry, symmetry};
 
 /// The version of the bank's layout.
 pub const SCHEMA: &str = "tactile-filter/bank/1";
@@ -32,7 +34,8 @@ pub struct Bank {
     rows: Rows,
     edge_shares: Vec<f32>,
     model_sha256: String,
-    symmetries: Symmetries,
+    symmetries: Vec<Once<Symmetry>>,
+    neighbours: Once<Arc<[Neighbours]>>,
 }
 
 impl Bank {
@@ -65,8 +68,8 @@ impl Bank {
             let got = edge_shares[row].to_string();
             return Err(Error::invalid(format!("bank row {row}"), "an edge share in 0..=1", got));
         }
-        let symmetries = Symmetries::new(parts.len());
-        Ok(Self { parts, grid, rows, edge_shares, model_sha256, symmetries })
+        let symmetries = vec![Once::new(); parts.len()];
+        Ok(Self { parts, grid, rows, edge_shares, model_sha256, symmetries, neighbours: Once::new() })
     }
 
     /// The same bank with its rows kept in another format: less memory, and cosines a little off
@@ -75,8 +78,7 @@ impl Bank {
     /// # Errors
     /// A value beyond the format's range.
     pub fn with_precision(self, precision: Precision) -> Result<Self> {
-        let symmetries = Symmetries::new(self.parts.len());
-        Ok(Self { rows: self.rows.to_precision(precision)?, symmetries, ..self })
+        Self::of(self.parts, self.grid, self.rows.to_precision(precision)?, self.edge_shares, self.model_sha256)
     }
 
     /// Embeds a dataset of peg touches: each part at each pose of the dataset's reach, once.
@@ -218,7 +220,12 @@ impl Bank {
     /// # Panics
     /// Where `part` is not below the number of parts.
     pub fn symmetry(&self, part: usize) -> Symmetry {
-        self.symmetries.of(part, || symmetry(self, part))
+        *self.symmetries[part].get(|| symmetry(self, part))
+    }
+
+    /// How alike the views beside each other are, `[n_rows]`; worked out when first asked for.
+    pub fn neighbours(&self) -> Arc<[Neighbours]> {
+        self.neighbours.get(|| neighbours(self)).clone()
     }
 
     /// Checksum of the model that made the rows.

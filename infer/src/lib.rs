@@ -40,6 +40,7 @@ pub mod folded;
 #[cfg(test)]
 mod fuzz;
 pub mod matching;
+pub mod neighbours;
 pub mod precision;
 pub mod rows;
 pub mod safefile;

@@ -1,7 +1,6 @@
 //! Which turns of a part change nothing that can be felt.
 
 use std::f64::consts::TAU;
-use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
@@ -98,29 +97,6 @@ fn likeness(bank: &Bank, part: usize, symmetry: &Symmetry, n_pairs: usize) -> Op
     // An order whose smallest turn no recorded angle shows is not known.
     let first = of_turn(1)?;
     Some((2..symmetry.order).filter_map(of_turn).fold(first, f64::min))
-}
-
-/// The symmetries of a bank's parts, each worked out when it is first asked for.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Symmetries(Vec<OnceLock<Symmetry>>);
-
-impl Symmetries {
-    /// Of so many parts.
-    pub fn new(n_parts: usize) -> Self {
-        Self(vec![OnceLock::new(); n_parts])
-    }
-
-    /// That of a part, found by `find` the first time.
-    pub fn of(&self, part: usize, find: impl FnOnce() -> Symmetry) -> Symmetry {
-        *self.0[part].get_or_init(find)
-    }
-}
-
-/// They follow from the rows.
-impl PartialEq for Symmetries {
-    fn eq(&self, _: &Self) -> bool {
-        true
-    }
 }
 
 #[cfg(test)]
