@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use crate::conv::{Conv, Packed};
+use crate::conv::{Conv, Packed, Panels};
 use crate::encoder::{NamedTensor, NetworkConfig};
 use crate::error::{Error, Result};
 
@@ -40,7 +40,7 @@ struct Layer {
 #[derive(Clone, Debug)]
 struct Dense {
     n_in: usize,
-    packed: Packed,
+    panels: Panels,
     shift: Vec<f32>,
     is_rectified: bool,
 }
@@ -152,8 +152,8 @@ impl Dense {
             .flat_map(|(out, scale)| (0..n_in).map(move |at| (at, out, *scale)))
             .map(|(at, out, scale)| weights[row(at) * n_out + out] * scale)
             .collect();
-        let packed = Conv { n_in, n_out, kernel: 1, stride: 1, size: [1, 1] }.pack(&scaled);
-        Ok(Self { n_in, packed, shift, is_rectified: false })
+        let panels = Conv { n_in, n_out, kernel: 1, stride: 1, size: [1, 1] }.panels(&scaled);
+        Ok(Self { n_in, panels, shift, is_rectified: false })
     }
 
     fn rectified(self) -> Self {
@@ -165,7 +165,7 @@ impl Dense {
         let mut out = vec![0.0; rows.len() / self.n_in * n_out];
         let parts = out.par_chunks_mut(ROWS_AT_ONCE * n_out).zip(rows.par_chunks(ROWS_AT_ONCE * self.n_in));
         parts.for_each(|(out, rows)| {
-            self.packed.multiply(rows, self.n_in, &mut Vec::new(), out);
+            self.panels.multiply(rows, self.n_in, &mut Vec::new(), out);
             let least = if self.is_rectified { 0.0 } else { f32::NEG_INFINITY };
             for row in out.chunks_exact_mut(n_out) {
                 row.iter_mut().zip(&self.shift).for_each(|(value, shift)| *value = (*value + shift).max(least));

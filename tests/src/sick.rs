@@ -194,6 +194,10 @@ fn frames_that_show_no_lamps_cannot_be_relit() {
     let config = TrainConfig { flips: Flips::Relit, ..twelve_steps() };
     let error = train_soundly(&dataset, &folder.path().join("model"), &config).unwrap_err().to_string();
     assert!(error.contains("flips relit") && error.contains("--flips plain"), "{error}");
+    let config = TrainConfig { flips: Flips::Auto, ..config };
+    let warning = Pairs::new(&dataset, &config).unwrap().warning.unwrap();
+    assert!(warning.starts_with("mirrored pictures are not relit"), "{warning}");
+    assert!(train_soundly(&dataset, &folder.path().join("plain"), &config).unwrap().finished);
 }
 
 #[test]

@@ -48,11 +48,13 @@ pub enum Optimizer {
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Flips {
-    /// Mirrored pictures as they come, which show lamps where none are (the paper's).
+    /// Relit where the frames show the lamps, else plain with a warning.
     #[default]
-    Plain,
+    Auto,
     /// Mirrored shapes under the lamps where they are: see [`crate::relight`].
     Relit,
+    /// Mirrored pictures as they come, which show lamps where none are (the paper's).
+    Plain,
     /// Nothing is mirrored.
     None,
 }
@@ -127,7 +129,7 @@ impl TrainConfig {
             n_warmup: 40,
             weight_decay: 0.05,
             momentum: 0.98,
-            flips: Flips::Plain,
+            flips: Flips::Auto,
             min_crop: 0.9,
             near_share: 0.5,
             max_blank: 1.0,

@@ -64,6 +64,8 @@ pub struct Pairs<'a> {
     pub held_out: Vec<Vec<Pair>>,
     pub(crate) neighbours: Vec<Vec<u32>>,
     pub(crate) relight: Option<Relight>,
+    /// What somebody should know of these pairs before training on them.
+    pub warning: Option<String>,
 }
 
 impl<'a> Pairs<'a> {
@@ -94,11 +96,16 @@ impl<'a> Pairs<'a> {
         let places = places(dataset, &background, &training)?;
         check_worth(name, &places)?;
         let neighbours = neighbours(&places);
-        let relight = match config.flips {
-            Flips::Relit => Some(fit_lamps(dataset, &training, &preprocessing)?),
-            Flips::Plain | Flips::None => None,
+        let lamps = || fit_lamps(dataset, &training, &preprocessing);
+        let (relight, warning) = match config.flips {
+            Flips::Relit => (Some(lamps()?), None),
+            Flips::Plain | Flips::None => (None, None),
+            Flips::Auto => match lamps() {
+                Ok(relight) => (Some(relight), None),
+                Err(why) => (None, Some(format!("mirrored pictures are not relit, {why}"))),
+            },
         };
-        Ok(Self { dataset, background, preprocessing, training, places, held_out, neighbours, relight })
+        Ok(Self { dataset, background, preprocessing, training, places, held_out, neighbours, relight, warning })
     }
 }
 

@@ -113,6 +113,9 @@ pub fn train(run: &Run<'_>, should_stop: &dyn Fn() -> bool, on_event: &mut dyn F
         (false, false) => State::new(config, &device)?,
     };
     Settings::save(config, &run.out.join("train.toml"))?;
+    if let Some(text) = &pairs.warning {
+        on_event(Event::Warning { step: state.step, text });
+    }
     let images_a_save = n_images(&pairs) + run.letters.map_or(0, Letters::n_images);
     let mut results = Results {
         run,

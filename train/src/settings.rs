@@ -59,7 +59,7 @@ pub struct Settings {
     /// Momentum of the key encoder at the start; it ends at one.
     #[cfg_attr(feature = "cli", arg(long))]
     pub momentum: Option<f64>,
-    /// Whether pairs are mirrored: as they come, under the lamps where they are, or not at all.
+    /// Whether pairs are mirrored: under the lamps where they are, as they come, or not at all.
     #[cfg_attr(feature = "cli", arg(long))]
     pub flips: Option<Flips>,
     /// Smallest share of each side that a random crop keeps.

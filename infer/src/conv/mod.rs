@@ -8,15 +8,47 @@ mod norm;
 pub mod op;
 mod plan;
 mod tile;
+mod winograd;
 
 use rayon::prelude::*;
 
 use plan::Gather;
-pub use plan::Packed;
+pub use plan::Panels;
+use winograd::{Scratch, Windows};
 
 /// Images that share one partial sum of the weights' gradient. A constant, so that the sum does not
 /// depend on the number of threads.
 const IMAGES_A_PART: usize = 32;
+
+/// `weight([ky, kx], input channel, output channel)` gives each weight.
+type Weight<'a> = dyn Fn([usize; 2], usize, usize) -> f32 + 'a;
+
+/// Weights laid out for one of the two ways to compute a convolution.
+#[derive(Clone, Debug)]
+pub enum Packed {
+    /// As it is defined.
+    Direct(Panels),
+    /// With fewer products.
+    Winograd(winograd::Packed),
+}
+
+impl Packed {
+    /// Images that one thread takes together.
+    fn images_at_once(&self) -> usize {
+        match self {
+            Self::Direct(_) => 1,
+            Self::Winograd(packed) => packed.windows().images_at_once(),
+        }
+    }
+
+    /// Some images, `[n, height, width, channels]`, at most [`Self::images_at_once`] of them, into `out`.
+    fn correlate(&self, images: &[f32], scratch: &mut Scratch, out: &mut [f32]) {
+        match self {
+            Self::Direct(panels) => panels.correlate(images, &mut scratch.padded, out),
+            Self::Winograd(packed) => packed.correlate(images, scratch, out),
+        }
+    }
+}
 
 /// A square convolution without bias, padded by half its kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,8 +81,16 @@ impl Conv {
 
     /// Weights laid out for the forward pass. `weights`: `[n_out, n_in, kernel, kernel]`, as PyTorch has them.
     pub fn pack(&self, weights: &[f32]) -> Packed {
-        let gather = Gather::forward(self);
-        Packed::new(vec![gather], self.n_out, |_, [ky, kx], c, out| {
+        let at = |[ky, kx]: [usize; 2], c, out| ((out * self.n_in + c) * self.kernel + ky) * self.kernel + kx;
+        match Windows::of(self) {
+            Some(windows) => Packed::Winograd(winograd::Packed::new(windows, &|tap, c, out| weights[at(tap, c, out)])),
+            None => Packed::Direct(self.panels(weights)),
+        }
+    }
+
+    /// The weights as [`Packed::Direct`] reads them.
+    pub fn panels(&self, weights: &[f32]) -> Panels {
+        Panels::new(vec![Gather::forward(self)], self.n_out, |_, [ky, kx], c, out| {
             weights[((out * self.n_in + c) * self.kernel + ky) * self.kernel + kx]
         })
     }
@@ -58,50 +98,79 @@ impl Conv {
     /// `[n, height, width, n_in]` -> `[n, out height, out width, n_out]`; `finish` sees each image of the
     /// result while it is in the cache, with its index.
     pub fn forward(&self, images: &[f32], packed: &Packed, finish: impl Fn(usize, &mut [f32]) + Sync) -> Vec<f32> {
-        let mut out = vec![0.0; images.len() / self.in_length() * self.out_length()];
-        out.par_chunks_mut(self.out_length()).zip(images.par_chunks(self.in_length())).enumerate().for_each_init(
-            Vec::new,
-            |padded, (at, (out, image))| {
-                packed.correlate(image, padded, out);
-                finish(at, out);
-            },
-        );
-        out
+        correlate(images, packed, [self.in_length(), self.out_length()], finish)
     }
 
     /// Gradient of the input from that of the output, both NHWC.
     pub fn input_gradient(&self, gradient: &[f32], weights: &[f32]) -> Vec<f32> {
-        let packed = Packed::new(Gather::backward(self), self.n_in, |_, [ky, kx], c, out| {
-            weights[((c * self.n_in + out) * self.kernel + ky) * self.kernel + kx]
-        });
-        let mut out = vec![0.0; gradient.len() / self.out_length() * self.in_length()];
-        let images = gradient.par_chunks(self.out_length());
-        out.par_chunks_mut(self.in_length())
-            .zip(images)
-            .for_each_init(Vec::new, |padded, (out, image)| packed.correlate(image, padded, out));
-        out
+        let at = |[ky, kx]: [usize; 2], c, out| ((c * self.n_in + out) * self.kernel + ky) * self.kernel + kx;
+        // At stride 1 it is the convolution with the weights turned round, inputs and outputs exchanged.
+        let packed = match Windows::of(&Self { n_in: self.n_out, n_out: self.n_in, ..*self }) {
+            Some(windows) => {
+                let turned = |[ky, kx]: [usize; 2], c, out| weights[at([2 - ky, 2 - kx], c, out)];
+                Packed::Winograd(winograd::Packed::new(windows, &turned))
+            }
+            None => {
+                let weight = |_, tap, c, out| weights[at(tap, c, out)];
+                Packed::Direct(Panels::new(Gather::backward(self), self.n_in, weight))
+            }
+        };
+        correlate(gradient, &packed, [self.out_length(), self.in_length()], |_, _| ())
     }
 
     /// Gradient of the weights, `[n_out, n_in, kernel, kernel]`.
     pub fn weight_gradient(&self, images: &[f32], gradient: &[f32]) -> Vec<f32> {
-        let gather = Gather::forward(self);
-        let parts: Vec<Vec<f32>> = images
+        let parts = images
             .par_chunks(IMAGES_A_PART * self.in_length())
-            .zip(gradient.par_chunks(IMAGES_A_PART * self.out_length()))
-            .map(|(images, gradient)| gather.outer(images, gradient, self.n_out))
-            .collect();
+            .zip(gradient.par_chunks(IMAGES_A_PART * self.out_length()));
+        if let Some(windows) = Windows::of(self) {
+            let of_part = |(images, gradient): (&[f32], &[f32])| winograd::outer_windows(&windows, images, gradient);
+            return winograd::weights_of_windows(&windows, &sum(parts.map(of_part).collect()));
+        }
+        let gather = Gather::forward(self);
+        let parts = parts.map(|(images, gradient)| gather.outer(images, gradient, self.n_out)).collect();
         let rows = self.kernel * self.kernel * self.n_in; // [ky, kx, n_in]
-        let sum = |at: usize| parts.iter().map(|part| part[at]).sum::<f32>();
+        let sums = sum(parts);
         let mut weights = vec![0.0; self.n_out * rows];
         for row in 0..rows {
             let (tap, c) = (row / self.n_in, row % self.n_in);
             for out in 0..self.n_out {
                 let at = (out * self.n_in + c) * self.kernel * self.kernel + tap;
-                weights[at] = sum(row * self.n_out + out);
+                weights[at] = sums[row * self.n_out + out];
             }
         }
         weights
     }
+}
+
+/// Images of `lengths[0]` values through a convolution to images of `lengths[1]`.
+fn correlate(
+    images: &[f32],
+    packed: &Packed,
+    lengths: [usize; 2],
+    finish: impl Fn(usize, &mut [f32]) + Sync,
+) -> Vec<f32> {
+    let n = packed.images_at_once();
+    let mut out = vec![0.0; images.len() / lengths[0] * lengths[1]];
+    let lots = out.par_chunks_mut(n * lengths[1]).zip(images.par_chunks(n * lengths[0])).enumerate();
+    lots.for_each_init(Scratch::default, |scratch, (at, (out, images))| {
+        packed.correlate(images, scratch, out);
+        out.chunks_exact_mut(lengths[1]).enumerate().for_each(|(i, out)| finish(n * at + i, out));
+    });
+    out
+}
+
+/// The parts' sum, value by value, in their order.
+fn sum(parts: Vec<Vec<f32>>) -> Vec<f32> {
+    /// Values that one thread takes at a time.
+    const CHUNK: usize = 1 << 12;
+    let mut sums = vec![0.0; parts.first().map_or(0, Vec::len)];
+    sums.par_chunks_mut(CHUNK).enumerate().for_each(|(at, sums)| {
+        for part in &parts {
+            sums.iter_mut().zip(&part[at * CHUNK..]).for_each(|(sum, value)| *sum += value);
+        }
+    });
+    sums
 }
 
 #[cfg(test)]
@@ -146,6 +215,9 @@ mod tests {
             conv(2, 3, 3, 2, [1, 7]),
             conv(5, 4, 5, 2, [9, 3]),
             conv(3, 2, 3, 3, [8, 7]),
+            conv(32, 16, 3, 1, [4, 5]),
+            conv(16, 48, 3, 1, [5, 2]),
+            conv(16, 16, 3, 1, [1, 4]),
         ]
     }
 

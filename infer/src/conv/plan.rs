@@ -5,7 +5,7 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::Conv;
-use super::tile::{Sums, columns, gather, outer, rows};
+use super::tile::{Sums, columns, gather, lanes, outer, rows};
 
 /// Pixels of the gradient that are taken together: their panel and the image's lines they meet fill half a
 /// first-level cache of 48 KiB.
@@ -117,12 +117,12 @@ impl Gather {
 /// Weights in panels: for each block of output channels, each run and each place in it, the block's
 /// weights side by side, noughts beyond the last channel.
 #[derive(Clone, Debug)]
-pub struct Packed {
+pub struct Panels {
     plans: Vec<(Gather, Vec<f32>)>,
     n_out: usize,
 }
 
-impl Packed {
+impl Panels {
     /// `weight(plan, [ky, kx], input channel, output channel)` gives each weight.
     pub fn new(plans: Vec<Gather>, n_out: usize, weight: impl Fn(usize, [usize; 2], usize, usize) -> f32) -> Self {
         let width = Arch::new().dispatch(Columns);
@@ -187,6 +187,8 @@ macro_rules! with_rows {
     };
 }
 
+pub(super) use with_rows;
+
 struct Correlate<'a> {
     plans: Vec<(&'a Gather, &'a [f32])>,
     n_out: usize,
@@ -245,12 +247,6 @@ fn correlate_tile<S: Simd, const ROWS: usize>(
         let values: &[f32] = lanes::<S>(sums);
         line.copy_from_slice(&values[..line.len()]);
     }
-}
-
-/// The lanes of some vectors as numbers.
-#[inline(always)]
-fn lanes<S: Simd>(vectors: &[S::f32s]) -> &[f32] {
-    pulp::bytemuck::cast_slice(vectors)
 }
 
 struct Outer<'a> {

@@ -19,6 +19,12 @@ pub const fn columns<S: Simd>() -> usize {
     VECTORS * S::F32_LANES
 }
 
+/// The lanes of some vectors as numbers.
+#[inline(always)]
+pub fn lanes<S: Simd>(vectors: &[S::f32s]) -> &[f32] {
+    pulp::bytemuck::cast_slice(vectors)
+}
+
 /// Sums of products of one tile.
 pub type Sums<S, const ROWS: usize> = [[<S as Simd>::f32s; VECTORS]; ROWS];
 

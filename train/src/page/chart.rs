@@ -66,6 +66,7 @@ pub fn chart(title: &str, lines: &[Line<'_>], level: Option<&Level<'_>>, n_steps
         add(&mut svg, format_args!(r#"<path class="reference" d="M{LEFT} {at:.1}H{RIGHT}"/>"#));
         add(&mut svg, format_args!(r#"<text class="end" x="{RIGHT}" y="{:.1}">{label}</text>"#, at - 5.0));
     }
+    let mut labelled: Vec<f64> = Vec::new();
     for (line, points) in &lines {
         let places: Vec<String> = points.iter().map(|(step, v)| format!("{:.1} {:.1}", x(*step), y(*v))).collect();
         add(&mut svg, format_args!(r#"<g class="{}"><path class="line" d="M{}"/>"#, line.class, places.join("L")));
@@ -75,12 +76,23 @@ pub fn chart(title: &str, lines: &[Line<'_>], level: Option<&Level<'_>>, n_steps
         if lines.len() > 1 {
             // On the side of the last point where there is room.
             let (anchor, at) = if cx > middle { ("label end", cx - 8.0) } else { ("label", cx + 8.0) };
-            let (label, up) = (escape(line.label), if cy > TOP + 16.0 { cy - 7.0 } else { cy + 17.0 });
+            let label = escape(line.label);
+            let up = free_height(cy, &labelled);
+            labelled.push(up);
             add(&mut svg, format_args!(r#"<text class="{anchor}" x="{at:.1}" y="{up:.1}">{label}</text>"#));
         }
         svg.push_str("</g>");
     }
     Some(svg + "</svg>")
+}
+
+/// The height nearest above or below a line's end at which its label covers no other label.
+fn free_height(end: f64, labelled: &[f64]) -> f64 {
+    const SPACING: f64 = 15.0;
+    let places = (0..8).flat_map(|k| [end - 7.0 - SPACING * f64::from(k), end + 17.0 + SPACING * f64::from(k)]);
+    let is_free =
+        |up: &f64| (TOP + 9.0..BOTTOM).contains(up) && labelled.iter().all(|other| (other - up).abs() >= SPACING - 1.0);
+    places.into_iter().find(is_free).unwrap_or(end)
 }
 
 /// At most [`MAX_POINTS`] means of neighbouring points; what is no number is left out.
@@ -128,6 +140,17 @@ mod tests {
         let svg = chart("t", &[line], None, 100).unwrap();
         let (x, y) = ((LEFT + RIGHT) / 2.0, (TOP + BOTTOM) / 2.0);
         assert!(svg.contains(&format!("M{LEFT:.1} {BOTTOM:.1}L{x:.1} {y:.1}L{RIGHT:.1} {TOP:.1}")), "{svg}");
+    }
+
+    #[test]
+    fn labels_of_lines_that_end_together_stand_apart() {
+        let mut labelled = Vec::new();
+        for end in [TOP, TOP + 1.0, TOP + 1.0, BOTTOM - 1.0, BOTTOM] {
+            labelled.push(free_height(end, &labelled));
+        }
+        let apart = |i: usize, j: usize| (labelled[i] - labelled[j]).abs() >= 14.0;
+        assert!((0..5).all(|i| (0..i).all(|j| apart(i, j))), "{labelled:?}");
+        assert!(labelled.iter().all(|up| (TOP..BOTTOM).contains(up)), "{labelled:?}");
     }
 
     #[test]
