@@ -13,7 +13,7 @@ use tactile_infer::similarity::peg_similarity;
 
 use crate::belief::{Belief, Hypothesis};
 use crate::likelihood::LikelihoodConfig;
-use crate::lookup::{Seen, look_up};
+use crate::lookup::{Nearest, look_up};
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -239,7 +239,7 @@ impl<'a> Judge<'a> {
     fn score(&self, candidate: &Se2) -> Option<f64> {
         let Situation { config, bank, only_recorded, .. } = *self.situation;
         let grid = bank.grid();
-        let seen: Vec<Option<Seen>> =
+        let seen: Vec<Option<Nearest>> =
             self.part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), self.tolerance)).collect();
         let view = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
         let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);

@@ -191,7 +191,7 @@ impl TouchLikelihood {
         if self.edged[row] == self.blank {
             return (1.0 - self.config.blank_agreement).ln();
         }
-        let look = if self.blank { 0.0 } else { self.log_look(similarity) - self.log_mean };
+        let look = if self.blank { 0.0 } else { self.log_below(similarity - self.best_similarity) - self.log_mean };
         self.config.blank_agreement.ln() + look
     }
 
@@ -204,11 +204,9 @@ impl TouchLikelihood {
         }
     }
 
-    /// How well a view of a given cosine explains the touch's look: 0 for the best recorded view, and
-    /// no less than the log of the outlier floor.
-    pub fn log_look(&self, similarity: f32) -> f64 {
-        // Between recorded views a cosine may rise above the best of them, by little: e^2 bounds it.
-        log_look(f64::from(similarity - self.best_similarity).min(2.0 * self.config.temperature), &self.config)
+    /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
+    pub(crate) fn log_below(&self, above_best: f32) -> f64 {
+        log_look(f64::from(above_best), &self.config)
     }
 
     /// The settings it was made with.

@@ -35,7 +35,7 @@ impl LookUp {
 
 /// The recorded view that stands for a pose, and how far it is trusted to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct Nearest {
     /// The nearest cell of the grid.
     pub cell: usize,
     /// 1 within the tolerance, falling towards 0 with the distance to the cell's pose.
@@ -46,7 +46,7 @@ pub struct Seen {
 ///
 /// With the distance `d` from the recorded pose, in grid steps (the larger of shift and turn), the trust is
 /// 1 up to `tolerance` and `exp(-((d - tolerance) / tolerance)^2 / 2)` beyond it.
-pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Option<Seen> {
+pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Option<Nearest> {
     let cell = grid.nearest(part_from_sensor)?;
     let recorded = grid.pose(cell);
     let shift = recorded.distance_mm(part_from_sensor) / grid.xy_step_mm;
@@ -54,7 +54,7 @@ pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Optio
     let excess = (shift.max(turn) - tolerance) / tolerance;
     // A millionth of a step is rounding of the composed pose, not distance.
     let trust = if excess <= 1e-6 { 1.0 } else { (-0.5 * excess * excess).exp() };
-    Some(Seen { cell, trust })
+    Some(Nearest { cell, trust })
 }
 
 /// The up to 4 x 4 x 4 recorded poses around a pose, with the weights of cubic (Catmull-Rom)

@@ -4,7 +4,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 
 use crate::likelihood::TouchLikelihood;
-use crate::lookup::{Seen, Stencil, look_up};
+use crate::lookup::{Nearest, Stencil, look_up};
 
 /// How little is left of a touch's evidence where it repeats an earlier one: views that overlap share
 /// what they show and most of their error.
@@ -38,6 +38,8 @@ pub struct Touched {
     pub likelihood: TouchLikelihood,
     /// Share of its evidence that counts, 0..=1: less than 1 where it overlaps an earlier touch.
     pub weight: f64,
+    /// The largest cosine with the view from any state that shows an edge, and with any such recorded view.
+    best_similarity: f32,
     cubic: bool,
     tolerance: f64,
     /// log p(touch | state) for each state, part-major, `[n_parts * n_cells]`.
@@ -56,7 +58,9 @@ impl Touched {
     ) -> Self {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.look_up.is_cubic(grid), config.lookup_tolerance);
-        let mut touched = Self { first_from_sensor, likelihood, weight, cubic, tolerance, log_states: Vec::new() };
+        let best_similarity = likelihood.best_similarity;
+        let log_states = Vec::new();
+        let mut touched = Self { first_from_sensor, likelihood, weight, best_similarity, cubic, tolerance, log_states };
         let n_parts = touched.likelihood.similarities.len() / grid.len();
         let n_cells = states.len();
         let mut log_states = vec![0.0; n_parts * n_cells];
@@ -64,7 +68,13 @@ impl Touched {
             // The look-up is the same for every part.
             let view = touched.view(grid, &states.pose(cell));
             for part in 0..n_parts {
-                log_states[part * n_cells + cell] = touched.log_view(grid.len(), part, view);
+                let seen = touched.seen(grid.len(), part, view);
+                if let Some(Seen { row, similarity, trust: 1.0 }) = seen
+                    && touched.likelihood.is_edged(row)
+                {
+                    touched.best_similarity = touched.best_similarity.max(similarity);
+                }
+                log_states[part * n_cells + cell] = touched.log_seen(seen);
             }
         }
         touched.log_states = log_states;
@@ -78,25 +88,22 @@ impl Touched {
 
     /// log p(touch | part and pose of the first touch), any pose.
     pub fn log_pose(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
-        self.log_view(grid.len(), part, self.view(grid, part_from_first))
+        self.log_seen(self.seen(grid.len(), part, self.view(grid, part_from_first)))
     }
 
-    /// How well the view at a pose explains the look of an edged touch ([`TouchLikelihood::log_look`]);
-    /// `None` where the touch is blank or the view unknown.
+    /// How well the view at a pose explains the look of an edged touch: the log of its likelihood relative to the
+    /// best view of any part at any pose, at most 0 and no less than the log of the outlier floor. `None` where the
+    /// touch is blank or the view unknown.
     pub fn log_look(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<f64> {
         /// A blank view where an edge was felt: as bad as a wrong part's views are on average.
         const MISMATCH: f64 = -2.0;
         if self.likelihood.blank {
             return None;
         }
-        let start = part * grid.len();
-        let (cell, similarity) = match self.view(grid, part_from_first) {
-            View::Unknown => return None,
-            View::Nearest(seen) => (seen.cell, self.likelihood.similarities[start + seen.cell]),
-            View::Between(stencil) if stencil.trust < 1.0 => return None,
-            View::Between(stencil) => (stencil.cell, self.likelihood.between(&stencil, start, grid.len())),
-        };
-        Some(if self.likelihood.is_edged(start + cell) { self.likelihood.log_look(similarity) } else { MISMATCH })
+        let seen = self.seen(grid.len(), part, self.view(grid, part_from_first))?;
+        let is_known = !self.cubic || seen.trust == 1.0;
+        let look = || self.likelihood.log_below(seen.similarity - self.best_similarity).min(0.0);
+        is_known.then(|| if self.likelihood.is_edged(seen.row) { look() } else { MISMATCH })
     }
 
     fn view(&self, grid: &PoseGrid, part_from_first: &Se2) -> View {
@@ -108,18 +115,26 @@ impl Touched {
         }
     }
 
-    /// That of the view there, or of an unknown view, or of a mix of both where the nearest view is
-    /// trusted only in part.
-    fn log_view(&self, n_cells: usize, part: usize, view: View) -> f64 {
-        let (unknown, start) = (self.likelihood.log_unknown, part * n_cells);
-        let (log, trust) = match view {
-            View::Unknown => (unknown, 1.0),
-            View::Nearest(Seen { cell, trust }) => (self.likelihood.log_row(start + cell), trust),
+    /// The view of one part; `None` where it is unknown.
+    fn seen(&self, n_cells: usize, part: usize, view: View) -> Option<Seen> {
+        let start = part * n_cells;
+        Some(match view {
+            View::Unknown => return None,
+            View::Nearest(Nearest { cell, trust }) => {
+                Seen { row: start + cell, similarity: self.likelihood.similarities[start + cell], trust }
+            }
             View::Between(stencil) => {
                 let similarity = self.likelihood.between(&stencil, start, n_cells);
-                (self.likelihood.log_between(similarity, start + stencil.cell), stencil.trust)
+                Seen { row: start + stencil.cell, similarity, trust: stencil.trust }
             }
-        };
+        })
+    }
+
+    /// The log-likelihood of a view, or of an unknown one, or of a mix of both where it is trusted only in part.
+    fn log_seen(&self, seen: Option<Seen>) -> f64 {
+        let unknown = self.likelihood.log_unknown;
+        let Some(Seen { row, similarity, trust }) = seen else { return unknown };
+        let log = self.likelihood.log_between(similarity, row);
         let log = if trust == 1.0 { log } else { unknown + (trust * (log - unknown).exp() + 1.0 - trust).ln() };
         // What does not count says nothing, as an unknown view does.
         unknown + self.weight * (log - unknown)
@@ -130,8 +145,19 @@ impl Touched {
 #[derive(Clone, Copy)]
 enum View {
     Unknown,
-    Nearest(Seen),
+    Nearest(Nearest),
     Between(Stencil),
+}
+
+/// The view of one part at a pose.
+#[derive(Clone, Copy)]
+struct Seen {
+    /// The bank's row nearest to it.
+    row: usize,
+    /// Cosine of the touch with it.
+    similarity: f32,
+    /// How far it is known, 0..=1.
+    trust: f64,
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ use winograd::{Scratch, Windows};
 const IMAGES_A_PART: usize = 32;
 
 /// `weight([ky, kx], input channel, output channel)` gives each weight.
-type Weight<'a> = dyn Fn([usize; 2], usize, usize) -> f32 + 'a;
+type Weight<'a> = dyn Fn([usize; 2], usize, usize) -> f32 + Sync + 'a;
 
 /// Weights laid out for one of the two ways to compute a convolution.
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Conv;
@@ -49,24 +49,41 @@ pub fn forward_with_statistics(conv: &Conv, images: &[f32], weights: &[f32]) -> 
 
 /// Mean of each channel, and the sum of squares about it.
 fn moments(image: &[f32], n_channels: usize) -> Vec<[f32; 2]> {
-    Arch::new().dispatch(|| moments_of_lines(image, n_channels))
+    let n = (image.len() / n_channels) as f32;
+    let sums = Arch::new().dispatch(Sums { image, about: &vec![0.0; n_channels], squares: false });
+    let mean: Vec<f32> = sums.into_iter().map(|sum| sum / n).collect();
+    let squares = Arch::new().dispatch(Sums { image, about: &mean, squares: true });
+    mean.into_iter().zip(squares).map(|(mean, squares)| [mean, squares]).collect()
 }
 
-#[inline(always)]
-fn moments_of_lines(image: &[f32], n_channels: usize) -> Vec<[f32; 2]> {
-    let mut mean = vec![0.0_f32; n_channels];
-    for pixel in image.chunks_exact(n_channels) {
-        mean.iter_mut().zip(pixel).for_each(|(mean, value)| *mean += value);
-    }
-    let n = (image.len() / n_channels) as f32;
-    mean.iter_mut().for_each(|mean| *mean /= n);
-    let mut squares = vec![0.0_f32; n_channels];
-    for pixel in image.chunks_exact(n_channels) {
-        for ((sum, value), mean) in squares.iter_mut().zip(pixel).zip(&mean) {
-            *sum += (value - mean) * (value - mean);
+/// The distances of a channel's values from `about`, summed, or their squares.
+struct Sums<'a> {
+    image: &'a [f32],
+    about: &'a [f32],
+    squares: bool,
+}
+
+impl WithSimd for Sums<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> Vec<f32> {
+        let n = self.about.len();
+        let mut sums = vec![0.0_f32; n];
+        for pixel in self.image.chunks_exact(n) {
+            let (sums, pixel, about) = (&mut sums[..n], &pixel[..n], &self.about[..n]);
+            if self.squares {
+                for c in 0..n {
+                    sums[c] += (pixel[c] - about[c]) * (pixel[c] - about[c]);
+                }
+            } else {
+                for c in 0..n {
+                    sums[c] += pixel[c] - about[c];
+                }
+            }
         }
+        sums
     }
-    mean.into_iter().zip(squares).map(|(mean, squares)| [mean, squares]).collect()
 }
 
 /// `scale * value + shift` of each channel, with what its gradient needs.
@@ -110,25 +127,9 @@ impl Norm {
             let start = at * chunk;
             let before = &before[start..start + out.len()];
             let skip = skip.map(|skip| &skip[start..start + out.len()]);
-            Arch::new().dispatch(|| self.apply_to(before, skip, out));
+            Arch::new().dispatch(Apply { norm: self, before, skip, out });
         });
         out
-    }
-
-    #[inline(always)]
-    fn apply_to(&self, before: &[f32], skip: Option<&[f32]>, out: &mut [f32]) {
-        let n = self.scale.len();
-        for (pixel, (out, before)) in out.chunks_exact_mut(n).zip(before.chunks_exact(n)).enumerate() {
-            let affine = before.iter().zip(&self.scale).zip(&self.shift);
-            let affine = affine.map(|((value, scale), shift)| value * scale + shift);
-            match skip {
-                Some(skip) => {
-                    let skip = &skip[pixel * n..(pixel + 1) * n];
-                    out.iter_mut().zip(affine).zip(skip).for_each(|((o, v), s)| *o = (v + s).max(0.0));
-                }
-                None => out.iter_mut().zip(affine).for_each(|(o, v)| *o = v.max(0.0)),
-            }
-        }
     }
 
     /// Gradients from that of the layer's output. `before` and `out` are what the forward pass made.
@@ -138,7 +139,7 @@ impl Norm {
         let chunks = || before.par_chunks(chunk).zip(out.par_chunks(chunk)).zip(out_gradient.par_chunks(chunk));
         // Sums of the gradient, and of the gradient times the normalised value, for each channel.
         let parts: Vec<[Vec<f32>; 2]> = chunks()
-            .map(|((before, out), gradient)| Arch::new().dispatch(|| self.sums(before, out, gradient)))
+            .map(|((before, out), gradient)| Arch::new().dispatch(GradientSums { norm: self, before, out, gradient }))
             .collect();
         let total = |which: usize, c: usize| parts.iter().map(|part| f64::from(part[which][c])).sum::<f64>();
         let beta: Vec<f32> = (0..n).map(|c| total(0, c) as f32).collect();
@@ -149,49 +150,133 @@ impl Norm {
         let offset: Vec<f32> = (0..n).map(|c| beta[c] / n_values - slope[c] * self.mean[c]).collect();
         let mut back = vec![0.0; before.len()];
         back.par_chunks_mut(chunk).zip(chunks()).for_each(|(back, ((before, out), gradient))| {
-            Arch::new().dispatch(|| self.back(&slope, &offset, [before, out, gradient], back));
+            Arch::new().dispatch(Back { norm: self, slope: &slope, offset: &offset, before, out, gradient, back });
         });
         NormGradient { before: back, gamma, beta }
     }
 
-    /// For each channel the sum of what passes the rectifier, and of that times the distance from the mean.
+    /// Adds the gradient that passes the rectifier: what the skip carries back to the input.
+    pub fn add_rectified(&self, out: &[f32], out_gradient: &[f32], sum: &mut [f32]) {
+        let chunks = sum.par_chunks_mut(CHUNK).zip(out.par_chunks(CHUNK)).zip(out_gradient.par_chunks(CHUNK));
+        chunks.for_each(|((sum, out), gradient)| Arch::new().dispatch(AddRectified { out, gradient, sum }));
+    }
+}
+
+// The loops below are plain, over slices of one length: so the compiler makes wide vectors of them. They are no
+// closures, because those are not compiled for the vectors of `dispatch`.
+
+/// `gradient` where `out` is above nought, else nought.
+#[inline(always)]
+fn passed(out: f32, gradient: f32) -> f32 {
+    if out > 0.0 { gradient } else { 0.0 }
+}
+
+struct Apply<'a> {
+    norm: &'a Norm,
+    before: &'a [f32],
+    skip: Option<&'a [f32]>,
+    out: &'a mut [f32],
+}
+
+impl WithSimd for Apply<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn sums(&self, before: &[f32], out: &[f32], gradient: &[f32]) -> [Vec<f32>; 2] {
-        let n = self.scale.len();
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let n = self.norm.scale.len();
+        let (scale, shift) = (&self.norm.scale[..n], &self.norm.shift[..n]);
+        for (pixel, (out, before)) in self.out.chunks_exact_mut(n).zip(self.before.chunks_exact(n)).enumerate() {
+            let (out, before) = (&mut out[..n], &before[..n]);
+            match self.skip {
+                Some(skip) => {
+                    let skip = &skip[pixel * n..][..n];
+                    for c in 0..n {
+                        out[c] = (before[c] * scale[c] + shift[c] + skip[c]).max(0.0);
+                    }
+                }
+                None => {
+                    for c in 0..n {
+                        out[c] = (before[c] * scale[c] + shift[c]).max(0.0);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// For each channel the sum of what passes the rectifier, and of that times the distance from the mean.
+struct GradientSums<'a> {
+    norm: &'a Norm,
+    before: &'a [f32],
+    out: &'a [f32],
+    gradient: &'a [f32],
+}
+
+impl WithSimd for GradientSums<'_> {
+    type Output = [Vec<f32>; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> [Vec<f32>; 2] {
+        let n = self.norm.mean.len();
+        let mean = &self.norm.mean[..n];
         let (mut plain, mut weighted) = (vec![0.0_f32; n], vec![0.0_f32; n]);
-        for ((before, out), gradient) in before.chunks_exact(n).zip(out.chunks_exact(n)).zip(gradient.chunks_exact(n)) {
-            let values = before.iter().zip(out).zip(gradient).zip(&self.mean);
-            for ((plain, weighted), (((before, out), gradient), mean)) in
-                plain.iter_mut().zip(&mut weighted).zip(values)
-            {
-                let passed = if *out > 0.0 { *gradient } else { 0.0 };
-                *plain += passed;
-                *weighted += passed * (before - mean);
+        let pixels = self.before.chunks_exact(n).zip(self.out.chunks_exact(n)).zip(self.gradient.chunks_exact(n));
+        for ((before, out), gradient) in pixels {
+            let (before, out, gradient) = (&before[..n], &out[..n], &gradient[..n]);
+            let (plain, weighted) = (&mut plain[..n], &mut weighted[..n]);
+            for c in 0..n {
+                let passed = passed(out[c], gradient[c]);
+                plain[c] += passed;
+                weighted[c] += passed * (before[c] - mean[c]);
             }
         }
         [plain, weighted]
     }
+}
+
+/// `scale * (passed - offset - slope * before)` of each channel.
+struct Back<'a> {
+    norm: &'a Norm,
+    slope: &'a [f32],
+    offset: &'a [f32],
+    before: &'a [f32],
+    out: &'a [f32],
+    gradient: &'a [f32],
+    back: &'a mut [f32],
+}
+
+impl WithSimd for Back<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn back(&self, slope: &[f32], offset: &[f32], [before, out, gradient]: [&[f32]; 3], back: &mut [f32]) {
-        let n = self.scale.len();
-        let pixels = before.chunks_exact(n).zip(out.chunks_exact(n)).zip(gradient.chunks_exact(n));
-        for (back, ((before, out), gradient)) in back.chunks_exact_mut(n).zip(pixels) {
-            let constants = self.scale.iter().zip(slope).zip(offset);
-            let values = before.iter().zip(out).zip(gradient).zip(constants);
-            for (back, (((before, out), gradient), ((scale, slope), offset))) in back.iter_mut().zip(values) {
-                let passed = if *out > 0.0 { *gradient } else { 0.0 };
-                *back = scale * (passed - offset - slope * before);
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let n = self.norm.scale.len();
+        let (scale, slope, offset) = (&self.norm.scale[..n], &self.slope[..n], &self.offset[..n]);
+        let pixels = self.before.chunks_exact(n).zip(self.out.chunks_exact(n)).zip(self.gradient.chunks_exact(n));
+        for (back, ((before, out), gradient)) in self.back.chunks_exact_mut(n).zip(pixels) {
+            let (back, before, out, gradient) = (&mut back[..n], &before[..n], &out[..n], &gradient[..n]);
+            for c in 0..n {
+                back[c] = scale[c] * (passed(out[c], gradient[c]) - offset[c] - slope[c] * before[c]);
             }
         }
     }
+}
 
-    /// Adds the gradient that passes the rectifier: what the skip carries back to the input.
-    pub fn add_rectified(&self, out: &[f32], out_gradient: &[f32], sum: &mut [f32]) {
-        Arch::new().dispatch(|| {
-            for ((sum, out), gradient) in sum.iter_mut().zip(out).zip(out_gradient) {
-                *sum += if *out > 0.0 { *gradient } else { 0.0 };
-            }
-        });
+struct AddRectified<'a> {
+    out: &'a [f32],
+    gradient: &'a [f32],
+    sum: &'a mut [f32],
+}
+
+impl WithSimd for AddRectified<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let n = self.sum.len();
+        let (sum, out, gradient) = (self.sum, &self.out[..n], &self.gradient[..n]);
+        for i in 0..n {
+            sum[i] += passed(out[i], gradient[i]);
+        }
     }
 }

@@ -158,7 +158,8 @@ impl Panels {
     }
 }
 
-struct Columns;
+/// Channels in a tile of the machine at hand.
+pub(super) struct Columns;
 
 impl WithSimd for Columns {
     type Output = usize;

@@ -5,8 +5,9 @@
 //! the definition.
 
 use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
 
-use super::plan::with_rows;
+use super::plan::{Columns, with_rows};
 use super::tile::{Sums, columns, gather, lanes, outer, rows};
 use super::{Conv, Weight};
 
@@ -133,6 +134,7 @@ impl Windows {
 #[derive(Clone, Debug)]
 pub struct Packed {
     windows: Windows,
+    /// `[blocks, 16, n_in, columns]`, a block being a tile's columns of output channels.
     panels: Vec<f32>,
 }
 
@@ -164,22 +166,22 @@ impl WithSimd for Pack<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> Vec<f32> {
         let Windows { n_in, n_out, .. } = self.windows;
-        let (width, n_blocks) = (columns::<S>(), n_out.div_ceil(columns::<S>()));
-        let length = n_blocks * n_in * width;
-        let mut panels = vec![0.0; N * length];
-        for out in 0..n_out {
-            for c in 0..n_in {
-                // G g G^T
-                let kernel: [[f32; 3]; 3] =
-                    std::array::from_fn(|ky| std::array::from_fn(|kx| (self.weight)([ky, kx], c, out)));
-                let lines = kernel.map(widen);
-                let made: [[f32; 4]; 4] = std::array::from_fn(|x| widen([lines[0][x], lines[1][x], lines[2][x]]));
-                let at = (out / width * n_in + c) * width + out % width;
-                for k in 0..N {
-                    panels[k * length + at] = made[k % 4][k / 4];
+        let width = columns::<S>();
+        let mut panels = vec![0.0; N * n_out.div_ceil(width) * n_in * width];
+        panels.par_chunks_mut(N * n_in * width).enumerate().for_each(|(block, panels)| {
+            for (column, out) in (block * width..n_out.min((block + 1) * width)).enumerate() {
+                for c in 0..n_in {
+                    // G g G^T
+                    let kernel: [[f32; 3]; 3] =
+                        std::array::from_fn(|ky| std::array::from_fn(|kx| (self.weight)([ky, kx], c, out)));
+                    let lines = kernel.map(widen);
+                    let made: [[f32; 4]; 4] = std::array::from_fn(|x| widen([lines[0][x], lines[1][x], lines[2][x]]));
+                    for k in 0..N {
+                        panels[(k * n_in + c) * width + column] = made[k % 4][k / 4];
+                    }
                 }
             }
-        }
+        });
         panels
     }
 }
@@ -240,16 +242,16 @@ impl WithSimd for Correlate<'_> {
         windows.transform(simd, self.images, padded, matrices);
         let n_rows = matrices.len() / N / n_in;
         sums.resize(N * n_rows * n_out, 0.0);
-        let length = panels.len() / N;
         for (k, sums) in sums.chunks_exact_mut(n_rows * n_out).enumerate() {
-            let (matrix, panels) = (&matrices[k * n_rows * n_in..][..n_rows * n_in], &panels[k * length..][..length]);
-            for (block, panel) in panels.chunks_exact(n_in * columns::<S>()).enumerate() {
+            let matrix = &matrices[k * n_rows * n_in..][..n_rows * n_in];
+            for first in (0..n_out).step_by(columns::<S>()) {
+                let panel = &panels[(first * N + k * columns::<S>()) * n_in..][..n_in * columns::<S>()];
                 let (panel, _) = S::as_simd_f32s(panel);
-                let first = block * columns::<S>();
                 for at in (0..n_rows).step_by(rows::<S>()) {
                     let n = rows::<S>().min(n_rows - at);
                     let sums = &mut sums[at * n_out + first..];
-                    with_rows!(n, multiply_tile::<S>(simd, &matrix[at * n_in..], n_in, panel, [first, n_out], sums));
+                    let matrix = &matrix[at * n_in..];
+                    with_rows!(n, multiply_tile::<S>(simd, matrix, n_in, panel, [first, n_out], sums));
                 }
             }
         }
@@ -295,7 +297,8 @@ fn multiply_tile<S: Simd, const ROWS: usize>(
     }
 }
 
-/// Gradient of the weights of some images, as it is before `G^T u G`: `[16, n_in, n_out]`.
+/// Gradient of the weights of some images, as it is before `G^T u G`: `[16, blocks, n_in, columns]`, a block being a
+/// tile's columns of output channels.
 pub fn outer_windows(windows: &Windows, images: &[f32], gradient: &[f32]) -> Vec<f32> {
     Arch::new().dispatch(Outer { windows, images, gradient })
 }
@@ -303,17 +306,20 @@ pub fn outer_windows(windows: &Windows, images: &[f32], gradient: &[f32]) -> Vec
 /// The gradient of each weight, `[n_out, n_in, 3, 3]`, from the sum of [`outer_windows`].
 pub fn weights_of_windows(windows: &Windows, sums: &[f32]) -> Vec<f32> {
     let Windows { n_in, n_out, .. } = *windows;
+    let width = Arch::new().dispatch(Columns);
+    let n_blocks = n_out.div_ceil(width);
     let mut weights = vec![0.0; n_out * n_in * 9];
-    for (at, kernel) in weights.chunks_exact_mut(9).enumerate() {
+    weights.par_chunks_mut(9).with_min_len(1 << 12).enumerate().for_each(|(at, kernel)| {
         let (out, c) = (at / n_in, at % n_in);
+        let first = (out / width * n_in + c) * width + out % width;
         let square: [[f32; 4]; 4] =
-            std::array::from_fn(|y| std::array::from_fn(|x| sums[((4 * y + x) * n_in + c) * n_out + out]));
+            std::array::from_fn(|y| std::array::from_fn(|x| sums[(4 * y + x) * n_blocks * n_in * width + first]));
         let lines = square.map(narrow);
         let columns: [[f32; 3]; 3] = std::array::from_fn(|x| narrow(lines.map(|line| line[x])));
         for (tap, value) in kernel.iter_mut().enumerate() {
             *value = columns[tap % 3][tap / 3];
         }
-    }
+    });
     weights
 }
 
@@ -377,10 +383,7 @@ impl WithSimd for Outer<'_> {
                 }
             }
         }
-        let at = |k: usize, c: usize, out: usize| {
-            ((k * n_blocks + out / n_columns) * n_in + c) * n_columns + out % n_columns
-        };
-        (0..N * n_in * n_out).map(|i| sums[at(i / n_out / n_in, i / n_out % n_in, i % n_out)]).collect()
+        sums
     }
 }
 
