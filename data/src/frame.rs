@@ -141,9 +141,10 @@ impl Background {
         let mut ratios = Vec::with_capacity(n_pixels);
         for (plane, rest) in planes.chunks_mut(n_pixels).zip(self.planes.chunks(n_pixels)) {
             ratios.clear();
-            ratios.extend(plane.iter().zip(rest).map(|(p, r)| p / r.max(1.0)));
-            let (_, gain, _) = ratios.select_nth_unstable_by(n_pixels / 2, f32::total_cmp);
-            let gain = gain.clamp(0.5, 2.0);
+            // The bits of numbers that are not negative lie in the numbers' order, and are found faster.
+            ratios.extend(plane.iter().zip(rest).map(|(p, r)| (p / r.max(1.0)).to_bits()));
+            let (_, gain, _) = ratios.select_nth_unstable(n_pixels / 2);
+            let gain = f32::from_bits(*gain).clamp(0.5, 2.0);
             for (p, r) in plane.iter_mut().zip(rest) {
                 *p = *p / gain - r;
             }

@@ -24,7 +24,7 @@ fn recording(name: &str) -> Option<PathBuf> {
 
 /// The shipped checkpoint; `None`, with a line that says so, where it is missing.
 fn shipped_model() -> Option<PathBuf> {
-    present(workspace().join("infer/models/maze-tiny.safetensors"))
+    present(workspace().join("infer/models/maze-small.safetensors"))
 }
 
 fn present(path: PathBuf) -> Option<PathBuf> {

@@ -29,7 +29,7 @@ fn touches(model: &Model) -> Vec<TactileImage> {
 
 #[test]
 fn the_shipped_model_embeds_alike_on_cpu_and_card() {
-    let path = workspace().join("infer/models/maze-tiny.safetensors");
+    let path = workspace().join("infer/models/maze-small.safetensors");
     let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| Model::load(&path, device).unwrap());
     let images = touches(&cpu);
     for (side, a, b) in [

@@ -15,7 +15,7 @@ pub enum Preset {
     /// Minutes on two cores.
     #[default]
     Tiny,
-    /// Under an hour on two cores: the network of `tiny`, five times the pairs.
+    /// A quarter of an hour on two cores: the network of `tiny`, five times the pairs.
     Small,
     /// 500 epochs at 160x120 px in batches of 1,024: for a GPU.
     Paper,
@@ -139,7 +139,7 @@ impl TrainConfig {
         }
     }
 
-    /// Under an hour on two cores: 512,000 pairs, 35 minutes at the 244 pairs a second that `tiny` makes there.
+    /// A quarter of an hour on two cores: 512,000 pairs.
     pub fn small() -> Self {
         Self {
             preset: Preset::Small,

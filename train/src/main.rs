@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -12,7 +13,7 @@ use tactile_data::store::Dataset;
 use tactile_infer::DeviceKind;
 use tactile_train::config::TrainConfig;
 use tactile_train::letters::Letters;
-use tactile_train::pairs::n_training;
+use tactile_train::pairs::{Pairs, n_training};
 use tactile_train::run::{Event, Outcome, Run, train};
 use tactile_train::settings::Settings;
 use tactile_train::validate::Validation;
@@ -46,6 +47,9 @@ struct Cli {
     /// Holes of the parts of --tune-pegs.
     #[arg(long, value_name = "DIR", requires = "tune_pegs")]
     tune_holes: Option<PathBuf>,
+    /// Only make so many batches and say how fast: whether the processor, not the disk, sets the pace.
+    #[arg(long, value_name = "BATCHES")]
+    time_batches: Option<usize>,
     /// Print the outcome as JSON.
     #[arg(long)]
     json: bool,
@@ -55,6 +59,18 @@ struct Cli {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
+    if let Some(n_batches) = cli.time_batches {
+        return match time_batches(&cli, n_batches) {
+            Ok(pairs_per_second) => {
+                println!("{pairs_per_second:.0} pairs/s decoded, augmented and batched");
+                ExitCode::SUCCESS
+            }
+            Err(error) => {
+                eprintln!("error: {error}");
+                ExitCode::FAILURE
+            }
+        };
+    }
     match run(&cli) {
         Ok(outcome) if outcome.finished => ExitCode::SUCCESS,
         Ok(outcome) => {
@@ -104,6 +120,17 @@ fn run(cli: &Cli) -> Result<Outcome> {
         println!("{}: {} steps, {}", outcome.model.display(), outcome.step, measures(found));
     }
     Ok(outcome)
+}
+
+/// Pairs a second that batches are made with, nothing else going on.
+fn time_batches(cli: &Cli, n_batches: usize) -> Result<f64> {
+    let dataset = Dataset::open(&cli.data)?;
+    let config = settings(cli, &dataset)?;
+    config.validate()?;
+    let pairs = Pairs::new(&dataset, &config)?;
+    let started = Instant::now();
+    (0..n_batches).try_for_each(|step| pairs.batch(&config, step).map(|_| ()))?;
+    Ok((n_batches * config.n_pairs) as f64 / started.elapsed().as_secs_f64())
 }
 
 /// Flags over the file over the preset; a run that goes on has its own file.

@@ -48,7 +48,7 @@ pub fn python(workspace: &Workspace, args: &PythonArgs) -> Result<()> {
         run(&data, &[&["render", shape, &pose, "--as-hole", "--frame-px", "160x120"], &files[..]].concat())?;
         images.push(image);
     }
-    let model = args.model.clone().unwrap_or_else(|| workspace.root.join("infer/models/maze-tiny.safetensors"));
+    let model = args.model.clone().unwrap_or_else(|| workspace.root.join("infer/models/maze-small.safetensors"));
     let model = word(&model.canonicalize().map_err(Error::io(&model))?)?;
     let script = word(&workspace.root.join("xtask/python/forward.py"))?;
     run(&infer, &["convert", "--model", &model, "--weights", "f16", "--out", "f16.safetensors"])?;

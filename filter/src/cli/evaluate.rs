@@ -27,7 +27,7 @@ use super::tuning::{Tuning, rule};
 /// Run episodes against simulated holes; write evaluation.json and report.html.
 #[derive(Args)]
 #[command(
-    after_help = "Example:\n  tactile-filter evaluate --model infer/models/maze-tiny.safetensors --bank pegs.bank --scene alphabet-small --out evaluation"
+    after_help = "Example:\n  tactile-filter evaluate --model infer/models/maze-small.safetensors --bank pegs.bank --scene alphabet-small --out evaluation"
 )]
 pub struct Evaluate {
     /// Checkpoint written by tactile-train.

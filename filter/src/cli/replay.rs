@@ -16,7 +16,7 @@ use super::tuning::Tuning;
 /// Play a recorded dataset of hole touches back through the filter.
 #[derive(Args)]
 #[command(
-    after_help = "Example:\n  tactile-data import presses --out recorded\n  tactile-filter replay --model infer/models/maze-tiny.safetensors --bank pegs.bank --data recorded"
+    after_help = "Example:\n  tactile-data import presses --out recorded\n  tactile-filter replay --model infer/models/maze-small.safetensors --bank pegs.bank --data recorded"
 )]
 pub struct Replay {
     /// Checkpoint written by tactile-train.

@@ -53,7 +53,7 @@ enum Command {
     )]
     Convert(convert::ConvertArgs),
     /// How long the encoder takes: one image, and a batch of them.
-    #[command(after_help = "Example:\n  tactile-infer speed --model infer/models/maze-tiny.safetensors")]
+    #[command(after_help = "Example:\n  tactile-infer speed --model infer/models/maze-small.safetensors")]
     Speed(speed::SpeedArgs),
 }
 

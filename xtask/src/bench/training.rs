@@ -49,7 +49,7 @@ pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
     if !pairs.exists() {
         program::output(&data, &["generate", "--scene", "maze", "--pairs", "2000", "--out", "pairs"], &out)?;
     }
-    let model = workspace.root.join("infer/models/maze-tiny.safetensors");
+    let model = workspace.root.join("infer/models/maze-small.safetensors");
     let script = workspace.root.join("xtask/python/pytorch.py");
     let (batch, seconds) = (args.batch.to_string(), args.seconds.to_string());
     let text = |path: &Path| path.to_string_lossy().into_owned();
@@ -74,6 +74,8 @@ pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
             }
         }
     }
+    let batches = ["--data", "pairs", "--out", "model", "--batch", &batch, "--time-batches", "40"];
+    println!("{}, nothing else going on", program::output(&train, &batches, &out)?.trim());
     println!("{:34} {:>9} {:>9} {:>14}", "median of turns", "ours", "PyTorch", "ours / PyTorch");
     for ((_, name), [ours, theirs]) in FIGURES.iter().zip(&mut figures) {
         let (ours, theirs) = (median(ours), median(theirs));

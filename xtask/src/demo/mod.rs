@@ -66,7 +66,7 @@ pub fn demo(workspace: &Workspace, args: &DemoArgs) -> Result<()> {
 /// The programs in order. They run in the output folder, so their paths are short and the same for
 /// every folder.
 fn steps(workspace: &Workspace, args: &DemoArgs) -> Result<Vec<Step>> {
-    let shipped = workspace.root.join("infer").join("models").join("maze-tiny.safetensors");
+    let shipped = workspace.root.join("infer").join("models").join("maze-small.safetensors");
     if args.quick && !shipped.is_file() {
         return Err(Error::invalid(
             shipped.display().to_string(),
