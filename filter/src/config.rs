@@ -54,9 +54,9 @@ impl Default for EpisodeConfig {
             max_touches: 10,
             between_poses: true,
             subdivisions: 2,
-            none_fit: -1.1,
-            fit_margin: 2.0,
-            none_touches: 5,
+            none_fit: -0.9,
+            fit_margin: 2.5,
+            none_touches: 4,
             low_similarity: 0.8,
             seed: 1,
         }

@@ -386,7 +386,7 @@ mod tests {
     }
 
     fn never_confident(max_touches: usize) -> EpisodeConfig {
-        EpisodeConfig { stop_probability: 1.0, max_touches, ..EpisodeConfig::default() }
+        EpisodeConfig { stop_probability: 1.0, none_fit: f64::MIN, max_touches, ..EpisodeConfig::default() }
     }
 
     #[test]

@@ -135,10 +135,16 @@ impl Touched {
         let unknown = self.likelihood.log_unknown;
         let Some(Seen { row, similarity, trust }) = seen else { return unknown };
         let log = self.likelihood.log_between(similarity, row);
-        let log = if trust == 1.0 { log } else { unknown + (trust * (log - unknown).exp() + 1.0 - trust).ln() };
+        let log = if trust == 1.0 { log } else { log_mix(trust, log, unknown) };
         // What does not count says nothing, as an unknown view does.
         unknown + self.weight * (log - unknown)
     }
+}
+
+/// log(trust e^a + (1 - trust) e^b), however far apart they are.
+fn log_mix(trust: f64, a: f64, b: f64) -> f64 {
+    let most = a.max(b);
+    most + (trust * (a - most).exp() + (1.0 - trust) * (b - most).exp()).ln()
 }
 
 /// What the bank knows of the view at a pose.
@@ -163,6 +169,13 @@ struct Seen {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mix_is_finite_however_cold() {
+        assert!((log_mix(0.25, 1.0, -0.5) - (0.25 * 1.0_f64.exp() + 0.75 * (-0.5_f64).exp()).ln()).abs() < 1e-12);
+        assert!((log_mix(0.25, 2e4, -0.5) - (2e4 + 0.25_f64.ln())).abs() < 1e-9);
+        assert!((log_mix(0.25, -2e4, -0.5) - (0.75_f64.ln() - 0.5)).abs() < 1e-9);
+    }
 
     #[test]
     fn what_is_new_of_a_touch_grows_with_its_distance() {

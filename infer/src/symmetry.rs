@@ -40,7 +40,7 @@ const ORDERS: [usize; 6] = [12, 8, 6, 4, 3, 2];
 
 /// Views that show the same have at least this cosine on average. On the tuning letters a half turn reaches 0.97 to
 /// 0.99 for N, O and X, about the best centre at most 0.93 for letters without that symmetry.
-const SAME: f64 = 0.97;
+const SAME: f64 = 0.95;
 
 /// Pairs of views that a turn has to bring together at least, and at most in a first look and in a second one.
 const N_PAIRS: [usize; 3] = [4, 64, 1_024];

@@ -90,7 +90,8 @@ fn a_robot_is_led_from_touch_to_touch_until_the_limit() {
     let sample = Sample::shared();
     let bench = Bench::new(&sample);
     let eye = bench.eye();
-    let mut config = EpisodeConfig { stop_probability: 1.0, max_touches: 4, ..EpisodeConfig::default() };
+    let mut config =
+        EpisodeConfig { stop_probability: 1.0, none_fit: f64::MIN, max_touches: 4, ..EpisodeConfig::default() };
     // The sample's reach is smaller than the distance kept by default.
     config.action.min_separation_mm = 3.0;
     let first = bench.bank.grid().pose(13);

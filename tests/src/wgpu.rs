@@ -13,7 +13,8 @@ use tactile_data::touch::Side;
 use tactile_infer::encoder::NetworkConfig;
 use tactile_infer::{DeviceKind, Model};
 use tactile_tests::programs::workspace;
-use tactile_train::run::{Event, TrainConfig, train};
+use tactile_train::config::TrainConfig;
+use tactile_train::run::{Event, Run, train};
 
 /// Twelve touches of letters, as the shipped model sees them: more than one kernel's tile, less than its batch.
 fn touches(model: &Model) -> Vec<TactileImage> {
@@ -53,7 +54,9 @@ fn losses(dataset: &Dataset, out: &Path, device: DeviceKind) -> Vec<f64> {
             losses.push(loss);
         }
     };
-    train(dataset, &out.join(device.to_string()), &config, device, false, &|| false, &mut note).unwrap();
+    let out = out.join(device.to_string());
+    let run = Run { dataset, letters: None, out: &out, config: &config, device, resume: false };
+    train(&run, &|| false, &mut note).unwrap();
     losses
 }
 
