@@ -118,8 +118,7 @@ impl Stencil {
     /// nearest recorded pose.
     fn length(&self, neighbours: &[Neighbours]) -> f32 {
         let mut square = 1.0;
-        for axis in 0..3 {
-            let (places, w) = (&self.offsets[axis], &self.weights[axis]);
+        for (axis, (places, w)) in self.offsets.iter().zip(&self.weights).enumerate() {
             let line = self.cell - self.nearest[axis];
             let along = |i: usize| &neighbours[line + places[i]][axis];
             let [first, second, third] = [along(0), along(1), along(2)];

@@ -4,6 +4,7 @@
 //! (ARCHITECTURE.md has the figures). Plain slices, no tensors: [`op`] makes burn operations of them, and
 //! [`crate::folded`] an encoder without burn.
 
+mod maps;
 mod norm;
 pub mod op;
 mod plan;

@@ -7,6 +7,7 @@
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
+use super::maps::{back_into_window, both_ways, into_window, narrow, out_of_window, widen};
 use super::plan::{Columns, with_rows};
 use super::tile::{Sums, columns, gather, lanes, outer, rows};
 use super::{Conv, Weight};
@@ -20,30 +21,6 @@ const WINDOWS: usize = 48;
 /// Windows of a part of the weights' gradient that are taken together, about: more, because sums are read and written
 /// once for each lot.
 const WINDOWS_BACK: usize = 96;
-
-/// A linear map of `$m` vectors to `$k` on the lines and then the columns of a square. Loops, because closures and
-/// the array's own `map` are not compiled for the wide vectors of their caller.
-macro_rules! both_ways {
-    ($simd:ident: $s:ty, $map:ident, $square:ident, $m:literal -> $k:literal) => {{
-        let nought = $simd.splat_f32s(0.0);
-        let mut lines = [[nought; $k]; $m];
-        for y in 0..$m {
-            lines[y] = $map::<$s>($simd, $square[y]);
-        }
-        let mut made = [[nought; $k]; $k];
-        for x in 0..$k {
-            let mut column = [nought; $m];
-            for y in 0..$m {
-                column[y] = lines[y][x];
-            }
-            let mapped = $map::<$s>($simd, column);
-            for y in 0..$k {
-                made[y][x] = mapped[y];
-            }
-        }
-        made
-    }};
-}
 
 /// Where the windows of a convolution lie.
 #[derive(Clone, Copy, Debug)]
@@ -186,34 +163,6 @@ impl WithSimd for Pack<'_> {
     }
 }
 
-/// `G g`: three weights as the four of a window.
-fn widen([a, b, c]: [f32; 3]) -> [f32; 4] {
-    [a, 0.5 * (a + b + c), 0.5 * (a - b + c), c]
-}
-
-/// `G^T u`: the adjoint of [`widen`].
-fn narrow([a, b, c, d]: [f32; 4]) -> [f32; 3] {
-    [a + 0.5 * (b + c), 0.5 * (b - c), 0.5 * (b + c) + d]
-}
-
-/// `B^T d`: four inputs as the four of a window.
-#[inline(always)]
-fn into_window<S: Simd>(simd: S, [a, b, c, d]: [S::f32s; 4]) -> [S::f32s; 4] {
-    [simd.sub_f32s(a, c), simd.add_f32s(b, c), simd.sub_f32s(c, b), simd.sub_f32s(b, d)]
-}
-
-/// `A^T m`: four sums as two outputs.
-#[inline(always)]
-fn out_of_window<S: Simd>(simd: S, [a, b, c, d]: [S::f32s; 4]) -> [S::f32s; 2] {
-    [simd.add_f32s(simd.add_f32s(a, b), c), simd.sub_f32s(simd.sub_f32s(b, c), d)]
-}
-
-/// `A y`: the adjoint of [`out_of_window`].
-#[inline(always)]
-fn back_into_window<S: Simd>(simd: S, [a, b]: [S::f32s; 2]) -> [S::f32s; 4] {
-    [a, simd.add_f32s(a, b), simd.sub_f32s(a, b), simd.sub_f32s(simd.splat_f32s(0.0), b)]
-}
-
 #[inline(always)]
 fn load<S: Simd>(values: &[f32]) -> S::f32s {
     S::as_simd_f32s(&values[..S::F32_LANES]).0[0]
@@ -265,12 +214,11 @@ impl WithSimd for Correlate<'_> {
                     read[k / 4][k % 4] = load::<S>(&sums[(k * n_rows + row) * n_out + channel..]);
                 }
                 let made = both_ways!(simd: S, out_of_window, read, 4 -> 2);
-                for y in 0..2 {
-                    for x in 0..2 {
-                        if top + y < height && left + x < width {
-                            let at = ((image * height + top + y) * width + left + x) * n_out + channel;
-                            store::<S>(made[y][x], &mut self.out[at..]);
-                        }
+                for k in 0..4 {
+                    let [y, x] = [top + k / 2, left + k % 2];
+                    if y < height && x < width {
+                        let at = ((image * height + y) * width + x) * n_out + channel;
+                        store::<S>(made[k / 2][k % 2], &mut self.out[at..]);
                     }
                 }
             }
@@ -352,12 +300,11 @@ impl WithSimd for Outer<'_> {
                 let [top, left] = [window / per_line * 2, window % per_line * 2];
                 for channel in (0..n_out).step_by(S::F32_LANES) {
                     let mut read = [[simd.splat_f32s(0.0); 2]; 2];
-                    for y in 0..2 {
-                        for x in 0..2 {
-                            if top + y < height && left + x < width {
-                                let at = ((image * height + top + y) * width + left + x) * n_out + channel;
-                                read[y][x] = load::<S>(&gradient[at..]);
-                            }
+                    for k in 0..4 {
+                        let [y, x] = [top + k / 2, left + k % 2];
+                        if y < height && x < width {
+                            let at = ((image * height + y) * width + x) * n_out + channel;
+                            read[k / 2][k % 2] = load::<S>(&gradient[at..]);
                         }
                     }
                     let made = both_ways!(simd: S, back_into_window, read, 2 -> 4);
