@@ -80,7 +80,7 @@ const SHORTEST: f32 = 0.3;
 const FADE: f64 = 0.5;
 
 impl Stencil {
-    /// The poses around a pose, or around the border's nearest to it; `None` more than two [`FADE`]s outside
+    /// The poses around a pose, or around the border's nearest to it; `None` more than one step outside
     /// the recorded area.
     pub fn new(grid: &PoseGrid, part_from_sensor: &Se2) -> Option<Self> {
         let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
