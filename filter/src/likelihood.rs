@@ -222,10 +222,10 @@ impl TouchLikelihood {
 
 /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
 fn log_look(above_best: f64, config: &LikelihoodConfig) -> f64 {
-    /// Beyond it the floor is lost in rounding, and further on the power overflows.
-    const HIGH: f64 = 500.0;
-    let log = above_best / config.temperature;
-    if config.outlier_floor > 0.0 && log < HIGH { (log.exp() + config.outlier_floor).ln() } else { log }
+    /// Between recorded views a cosine may rise above the best of them, but by no more than this says anything.
+    const HIGHEST: f64 = 30.0;
+    let log = (above_best / config.temperature).min(HIGHEST);
+    if config.outlier_floor > 0.0 { (log.exp() + config.outlier_floor).ln() } else { log }
 }
 
 fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {

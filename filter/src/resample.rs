@@ -15,14 +15,17 @@ pub fn log_sum_exp(logs: &[f64]) -> f64 {
 /// `None` where no weight is finite and above -inf, or one is +inf: nothing can be normalised, and the
 /// weights stay as they are.
 pub fn log_normalize(log_weights: &mut [f64]) -> Option<f64> {
-    let log_sum = log_sum_exp(log_weights);
-    if !log_sum.is_finite() {
+    let largest = log_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
         return None;
     }
-    for log in log_weights {
-        *log = if log.is_nan() { f64::NEG_INFINITY } else { *log - log_sum };
+    // Beside weights of e^-1e300 the log of their number would be lost: the largest goes first.
+    for log in log_weights.iter_mut() {
+        *log = if log.is_nan() { f64::NEG_INFINITY } else { *log - largest };
     }
-    Some(log_sum)
+    let log_sum = log_sum_exp(log_weights);
+    log_weights.iter_mut().for_each(|log| *log -= log_sum);
+    Some(largest + log_sum)
 }
 
 /// 1 / sum(w^2) of normalised log weights, 1..=n: how many equal weights would be as good.
@@ -60,6 +63,13 @@ pub fn systematic(weights: &[f64], n: usize, offset: f64) -> Vec<usize> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn tiny_weights_keep_their_number() {
+        let mut logs = [-1e300; 4];
+        assert_eq!(log_normalize(&mut logs), Some(-1e300));
+        assert!(logs.iter().all(|log| (log.exp() - 0.25).abs() < 1e-15), "{logs:?}");
+    }
 
     #[test]
     fn dead_weights_cannot_be_normalised_and_stay() {
