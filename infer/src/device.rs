@@ -52,7 +52,7 @@ fn wgpu() -> Result<Device> {
     let started = STARTED.get_or_init(|| Device::wgpu_options().init().map_err(|error| error.to_string()));
     // The driver's reason may run over several lines.
     let one_line = |reason: &String| reason.split_whitespace().collect::<Vec<_>>().join(" ");
-    let none = |reason| Error::invalid("--device wgpu", "a graphics card and its driver", one_line(reason));
+    let none = |reason: &str| Error::invalid("--device wgpu", "a graphics card and its driver", one_line(reason));
     started.clone().map_err(|reason| none(&reason))
 }
 

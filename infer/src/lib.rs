@@ -32,6 +32,8 @@
 pub mod bank;
 pub mod calibration;
 pub mod checkpoint;
+// Gradients are for training alone.
+#[cfg_attr(not(feature = "autodiff"), allow(dead_code))]
 mod conv;
 pub mod device;
 pub mod encoder;
