@@ -51,7 +51,7 @@ fn wgpu() -> Result<Device> {
     static STARTED: std::sync::OnceLock<std::result::Result<Device, String>> = std::sync::OnceLock::new();
     let started = STARTED.get_or_init(|| Device::wgpu_options().init().map_err(|error| error.to_string()));
     // The driver's reason may run over several lines.
-    let one_line = |reason: &String| reason.split_whitespace().collect::<Vec<_>>().join(" ");
+    let one_line = |reason: &str| reason.split_whitespace().collect::<Vec<_>>().join(" ");
     let none = |reason: &str| Error::invalid("--device wgpu", "a graphics card and its driver", one_line(reason));
     started.clone().map_err(|reason| none(&reason))
 }
