@@ -40,7 +40,7 @@ fn the_shipped_model_embeds_alike_on_cpu_and_card() {
         let largest = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         println!("embeddings of {side}: largest difference {largest:.1e} of a row of length 1");
         // f32 sums of up to 2,560 products in another order, through ten layers.
-        assert!(a.len() == 12 * cpu.dim() && largest < 1e-4, "{side}: {largest}");
+        assert!(a.len() == 12 * cpu.dim() && largest < 1e-5, "{side}: {largest}");
     }
 }
 
@@ -76,7 +76,7 @@ fn training_begins_alike_on_cpu_and_card() {
         println!("step {}: loss {a:.6} on the CPU, {b:.6} on the card", step + 1);
         // The first step differs by the order of sums alone; AdamW divides gradients by their own size, so that each
         // step may enlarge a difference.
-        let bound = if step == 0 { 1e-5 } else { 1e-2 };
+        let bound = if step == 0 { 1e-5 } else { 1e-3 };
         assert!((a - b).abs() < bound * a, "step {}: {a} {b}", step + 1);
     }
 }
