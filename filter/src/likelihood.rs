@@ -11,6 +11,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use tactile_infer::Model;
 use tactile_infer::bank::Bank;
+use tactile_infer::calibration::BLANK_SHARE;
 use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::{dot, part_mating};
 
@@ -51,7 +52,7 @@ impl Default for LikelihoodConfig {
         Self {
             temperature: 0.03,
             outlier_floor: 3e-4,
-            blank_share: 0.01,
+            blank_share: BLANK_SHARE,
             blank_agreement: 0.96,
             lookup_tolerance: 0.25,
             look_up: LookUp::Auto,

@@ -12,8 +12,8 @@ use crate::checkpoint::Model;
 use crate::error::{Error, Result};
 use crate::similarity::part_mating;
 
-/// A view with a smaller share of edge pixels is blank; the filter's own default.
-pub(crate) const BLANK_SHARE: f32 = 0.01;
+/// A view with a smaller share of edge pixels is blank.
+pub const BLANK_SHARE: f32 = 0.01;
 
 /// Fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;

@@ -5,13 +5,11 @@ use tactile_data::frame::{Background, Preprocessing, TactileImage};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
 use tactile_data::touch::{Side, Touch};
+use tactile_infer::calibration::BLANK_SHARE;
 
 use crate::config::{Flips, TrainConfig};
 use crate::error::{Error, Result};
 use crate::relight::Relight;
-
-/// A view with a smaller share of edge pixels is blank; the filter's own default.
-const BLANK_SHARE: f32 = 0.01;
 
 /// Two places nearer than this look alike: mm and degrees. A camera's noise and the robot's repeatability
 /// come to half of it.

@@ -139,14 +139,7 @@ impl Cli {
 
 fn bank(args: &BankArgs) -> Result<()> {
     let model = load(&args.model, &args.device)?;
-    let dataset = Dataset::open(&args.data)?;
-    let bar = progress("embedding");
-    let bank = Bank::build(&model, &dataset, &|done, total| {
-        bar.set_length(total as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    let bank = bank.with_precision(args.rows.parse()?)?;
+    let bank = build("embedding", &model, &Dataset::open(&args.data)?, &args.rows)?;
     bank.save(&args.out)?;
     let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
     println!(
@@ -168,16 +161,21 @@ fn bank(args: &BankArgs) -> Result<()> {
     Ok(())
 }
 
-fn matches(args: &MatchArgs) -> Result<()> {
-    let model = load(&args.model, &args.device)?;
-    let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
-    let bar = progress("matching");
-    let bank = Bank::build(&model, &pegs, &|done, total| {
+/// A bank of a dataset's pegs, its rows in the format named; a bar shows how far it is.
+fn build(what: &'static str, model: &Model, pegs: &Dataset, rows: &str) -> Result<Bank> {
+    let bar = progress(what);
+    let bank = Bank::build(model, pegs, &|done, total| {
         bar.set_length(total as u64);
         bar.set_position(done as u64);
     })?;
     bar.finish_and_clear();
-    let bank = bank.with_precision(args.rows.parse()?)?;
+    bank.with_precision(rows.parse()?)
+}
+
+fn matches(args: &MatchArgs) -> Result<()> {
+    let model = load(&args.model, &args.device)?;
+    let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
+    let bank = build("matching", &model, &pegs, &args.rows)?;
     let found = match_single_touches(&model, &bank, &pegs, &holes, args.limit)?;
     if args.json {
         return print_json(&found);

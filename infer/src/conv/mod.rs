@@ -82,18 +82,22 @@ impl Conv {
 
     /// Weights laid out for the forward pass. `weights`: `[n_out, n_in, kernel, kernel]`, as PyTorch has them.
     pub fn pack(&self, weights: &[f32]) -> Packed {
-        let at = |[ky, kx]: [usize; 2], c, out| ((out * self.n_in + c) * self.kernel + ky) * self.kernel + kx;
+        let weight = |tap, c, out| weights[self.place(tap, c, out)];
         match Windows::of(self) {
-            Some(windows) => Packed::Winograd(winograd::Packed::new(windows, &|tap, c, out| weights[at(tap, c, out)])),
+            Some(windows) => Packed::Winograd(winograd::Packed::new(windows, &weight)),
             None => Packed::Direct(self.panels(weights)),
         }
     }
 
     /// The weights as [`Packed::Direct`] reads them.
     pub fn panels(&self, weights: &[f32]) -> Panels {
-        Panels::new(vec![Gather::forward(self)], self.n_out, |_, [ky, kx], c, out| {
-            weights[((out * self.n_in + c) * self.kernel + ky) * self.kernel + kx]
-        })
+        let weight = |_, tap, c, out| weights[self.place(tap, c, out)];
+        Panels::new(vec![Gather::forward(self)], self.n_out, weight)
+    }
+
+    /// Where a weight lies in `[n_out, n_in, kernel, kernel]`.
+    fn place(&self, [ky, kx]: [usize; 2], c: usize, out: usize) -> usize {
+        ((out * self.n_in + c) * self.kernel + ky) * self.kernel + kx
     }
 
     /// `[n, height, width, n_in]` -> `[n, out height, out width, n_out]`; `finish` sees each image of the
@@ -104,15 +108,14 @@ impl Conv {
 
     /// Gradient of the input from that of the output, both NHWC.
     pub fn input_gradient(&self, gradient: &[f32], weights: &[f32]) -> Vec<f32> {
-        let at = |[ky, kx]: [usize; 2], c, out| ((c * self.n_in + out) * self.kernel + ky) * self.kernel + kx;
         // At stride 1 it is the convolution with the weights turned round, inputs and outputs exchanged.
         let packed = match Windows::of(&Self { n_in: self.n_out, n_out: self.n_in, ..*self }) {
             Some(windows) => {
-                let turned = |[ky, kx]: [usize; 2], c, out| weights[at([2 - ky, 2 - kx], c, out)];
+                let turned = |[ky, kx]: [usize; 2], c, out| weights[self.place([2 - ky, 2 - kx], out, c)];
                 Packed::Winograd(winograd::Packed::new(windows, &turned))
             }
             None => {
-                let weight = |_, tap, c, out| weights[at(tap, c, out)];
+                let weight = |_, tap, c, out| weights[self.place(tap, out, c)];
                 Packed::Direct(Panels::new(Gather::backward(self), self.n_in, weight))
             }
         };
@@ -136,8 +139,7 @@ impl Conv {
         for row in 0..rows {
             let (tap, c) = (row / self.n_in, row % self.n_in);
             for out in 0..self.n_out {
-                let at = (out * self.n_in + c) * self.kernel * self.kernel + tap;
-                weights[at] = sums[row * self.n_out + out];
+                weights[self.place([tap / self.kernel, tap % self.kernel], c, out)] = sums[row * self.n_out + out];
             }
         }
         weights
