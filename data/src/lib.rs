@@ -39,6 +39,7 @@ pub mod scene;
 pub mod se2;
 pub mod sensor;
 pub mod shape;
+pub mod shard;
 pub mod simulator;
 pub mod store;
 pub mod touch;
