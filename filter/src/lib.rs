@@ -32,6 +32,7 @@
 
 pub mod action;
 pub mod belief;
+pub mod budget;
 pub mod config;
 pub mod episode;
 pub mod error;

@@ -47,6 +47,7 @@ pub mod precision;
 pub mod rows;
 pub mod safefile;
 pub mod similarity;
+pub mod simulated;
 pub mod symmetry;
 
 pub use checkpoint::{Checkpoint, Model};

@@ -9,3 +9,4 @@ pub mod report;
 pub mod result;
 pub mod story;
 pub mod summary;
+pub mod sweep;

@@ -1,0 +1,241 @@
+//! What trades speed, memory and touches for accuracy: the settings that a trade-off measures and a budget chooses.
+
+use serde::{Deserialize, Serialize};
+use tactile_data::grid::PoseGrid;
+use tactile_infer::Model;
+use tactile_infer::bank::Bank;
+use tactile_infer::precision::Precision;
+
+use crate::action::ActionRule;
+use crate::belief::EngineConfig;
+use crate::episode::EpisodeConfig;
+use crate::error::{Error, Result};
+
+/// A way to run an episode, with what it needs of a model and a bank.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// Name of the model, for people.
+    pub model: String,
+    /// Its checksum.
+    pub model_sha256: String,
+    /// Step of the bank's places, mm.
+    pub xy_step_mm: f64,
+    /// Step of the bank's angles, degrees.
+    pub theta_step_deg: f64,
+    /// Format of the bank's rows in memory.
+    #[serde(with = "by_name")]
+    pub rows: Precision,
+    /// Which inference runs.
+    pub engine: EngineConfig,
+    /// States between two recorded poses, on each axis.
+    pub subdivisions: usize,
+    /// How the next touch is chosen.
+    pub rule: ActionRule,
+    /// States drawn to judge a candidate by.
+    pub n_draws: usize,
+    /// States supposed true in turn.
+    pub n_suppositions: usize,
+    /// Candidates judged by all draws.
+    pub n_finalists: usize,
+}
+
+/// A knob of [`Settings`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Knob {
+    /// The trained model.
+    Model,
+    /// The bank's steps.
+    BankStep,
+    /// The format of its rows.
+    Rows,
+    /// Exact inference or particles.
+    Engine,
+    /// States between recorded poses.
+    Subdivisions,
+    /// The rule of choice.
+    Rule,
+    /// Draws, suppositions and finalists: the effort of a choice.
+    Effort,
+}
+
+impl Settings {
+    /// The defaults of the filter with a model and a bank.
+    pub fn of(model: &Model, bank_grid: &PoseGrid) -> Self {
+        let config = EpisodeConfig::of(model);
+        Self {
+            model: model.provenance().name.clone(),
+            model_sha256: model.sha256().to_owned(),
+            xy_step_mm: bank_grid.xy_step_mm,
+            theta_step_deg: bank_grid.theta_step_deg,
+            rows: Precision::F32,
+            engine: config.engine,
+            subdivisions: config.subdivisions,
+            rule: config.action.rule,
+            n_draws: config.action.n_draws,
+            n_suppositions: config.action.n_suppositions,
+            n_finalists: config.action.n_finalists,
+        }
+    }
+
+    /// These settings in a configuration that keeps the rest of `base`.
+    pub fn applied_to(&self, base: &EpisodeConfig) -> EpisodeConfig {
+        let mut config = *base;
+        config.engine = self.engine;
+        config.subdivisions = self.subdivisions;
+        config.action.rule = self.rule;
+        config.action.n_draws = self.n_draws;
+        config.action.n_suppositions = self.n_suppositions;
+        config.action.n_finalists = self.n_finalists;
+        config
+    }
+
+    /// Whether they were measured with a bank of these steps.
+    pub fn is_of_grid(&self, grid: &PoseGrid) -> bool {
+        (self.xy_step_mm - grid.xy_step_mm).abs() < 1e-6 && (self.theta_step_deg - grid.theta_step_deg).abs() < 1e-6
+    }
+
+    /// The knobs that stand otherwise in `other`.
+    pub fn turned(&self, other: &Self) -> Vec<Knob> {
+        let effort = |of: &Self| (of.n_draws, of.n_suppositions, of.n_finalists);
+        let knobs = [
+            (Knob::Model, self.model_sha256 != other.model_sha256),
+            (Knob::BankStep, (self.xy_step_mm, self.theta_step_deg) != (other.xy_step_mm, other.theta_step_deg)),
+            (Knob::Rows, self.rows != other.rows),
+            (Knob::Engine, self.engine != other.engine),
+            (Knob::Subdivisions, self.subdivisions != other.subdivisions),
+            (Knob::Rule, self.rule != other.rule),
+            (Knob::Effort, effort(self) != effort(other)),
+        ];
+        knobs.into_iter().filter(|(_, turned)| *turned).map(|(knob, _)| knob).collect()
+    }
+
+    /// How a knob stands, in words.
+    pub fn tell(&self, knob: Knob) -> String {
+        match knob {
+            Knob::Model => self.model.clone(),
+            Knob::BankStep => format!("bank of {} mm, {}°", self.xy_step_mm, self.theta_step_deg),
+            Knob::Rows => format!("{} rows", self.rows),
+            Knob::Engine => match self.engine {
+                EngineConfig::Exact => "exact".into(),
+                EngineConfig::Particle(config) if config.adaptive => format!("up to {} particles", config.n_particles),
+                EngineConfig::Particle(config) => format!("{} particles", config.n_particles),
+            },
+            Knob::Subdivisions => format!("{} states a step", self.subdivisions),
+            Knob::Rule => match self.rule {
+                ActionRule::Paper => "the paper’s rule".into(),
+                ActionRule::Information => "most informative touch".into(),
+                ActionRule::Random => "random touch".into(),
+            },
+            Knob::Effort if self.rule == ActionRule::Random => "no candidate judged".into(),
+            Knob::Effort if self.n_finalists == usize::MAX => {
+                format!("all candidates by {} draws x {}", self.n_draws, self.n_suppositions)
+            }
+            Knob::Effort => format!("{} finalists by {} draws x {}", self.n_finalists, self.n_draws, self.n_suppositions),
+        }
+    }
+
+    /// Megabytes (10^6 bytes) that an episode of `n_touches` holds: weights, bank, tables of each touch and belief.
+    pub fn memory_mb(&self, n_parameters: usize, bank: &Bank, n_touches: usize) -> Result<f64> {
+        let grid = bank.grid();
+        let finer = PoseGrid {
+            xy_step_mm: grid.xy_step_mm / self.subdivisions as f64,
+            theta_step_deg: grid.theta_step_deg / self.subdivisions as f64,
+            ..*grid
+        };
+        finer.validate().map_err(|e| Error::invalid("subdivisions", "a grid of states", e.to_string()))?;
+        let n_states = bank.parts().len() * finer.len();
+        let of_row = bytes_of_row(self.rows, bank.dim());
+        // Rows, edge shares and nine cosines of neighbours; a cosine for each row and a number for each state of each
+        // touch; log-weight and probability of each state.
+        let bank_bytes = bank.n_rows() * (of_row + 4 + 36);
+        let touch_bytes = n_touches * (bank.n_rows() * 4 + n_states * 8);
+        let belief_bytes = match self.engine {
+            EngineConfig::Exact => n_states * 8,
+            EngineConfig::Particle(config) => config.n_particles * 16,
+        };
+        Ok((4 * n_parameters + bank_bytes + touch_bytes + belief_bytes) as f64 / 1e6)
+    }
+}
+
+fn bytes_of_row(precision: Precision, dim: usize) -> usize {
+    match precision {
+        Precision::F32 => 4 * dim,
+        Precision::F16 | Precision::Bf16 => 2 * dim,
+        // And a scale.
+        Precision::I8 => dim + 4,
+    }
+}
+
+/// A precision as its name.
+mod by_name {
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+    use tactile_infer::precision::Precision;
+
+    pub fn serialize<S: Serializer>(precision: &Precision, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(precision)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Precision, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(D::Error::custom)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::particle::ParticleConfig;
+
+    pub(crate) fn settings() -> Settings {
+        Settings {
+            model: "small".into(),
+            model_sha256: "ab".into(),
+            xy_step_mm: 2.0,
+            theta_step_deg: 15.0,
+            rows: Precision::F32,
+            engine: EngineConfig::Exact,
+            subdivisions: 2,
+            rule: ActionRule::Information,
+            n_draws: 160,
+            n_suppositions: 24,
+            n_finalists: 24,
+        }
+    }
+
+    #[test]
+    fn settings_come_back_from_json_and_are_taken_over() {
+        let some = Settings {
+            rows: Precision::I8,
+            engine: EngineConfig::Particle(ParticleConfig::paper()),
+            n_finalists: 7,
+            ..settings()
+        };
+        let text = serde_json::to_string(&some).unwrap();
+        assert!(text.contains(r#""rows":"i8""#), "{text}");
+        assert_eq!(serde_json::from_str::<Settings>(&text).unwrap(), some);
+        let config = some.applied_to(&EpisodeConfig { max_touches: 4, ..EpisodeConfig::default() });
+        assert_eq!((config.max_touches, config.action.n_finalists, config.engine), (4, 7, some.engine));
+    }
+
+    #[test]
+    fn a_turned_knob_is_named_once() {
+        let other = Settings { n_draws: 8, n_finalists: 4, xy_step_mm: 4.0, ..settings() };
+        assert_eq!(settings().turned(&other), [Knob::BankStep, Knob::Effort]);
+        assert!(settings().turned(&settings()).is_empty());
+    }
+
+    /// By hand: 2 parts x 9 poses of 6 numbers; 2 states a step make 25 a part.
+    #[test]
+    fn memory_is_the_sum_of_what_is_held() {
+        let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 0.0, theta_step_deg: 15.0 };
+        let rows = (0..2 * 9 * 6).map(|i| (i as f32).sin()).collect();
+        let bank = Bank::from_rows(["A", "B"].map(String::from).into(), grid, 6, rows, vec![0.5; 18], "ab".into()).unwrap();
+        let bytes = |settings: &Settings| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
+        let exact = 400 + 18 * (24 + 40) + 3 * (18 * 4 + 50 * 8) + 50 * 8;
+        assert_eq!(bytes(&settings()), exact);
+        assert_eq!(exact - bytes(&Settings { rows: Precision::I8, ..settings() }), 18 * (24 - 10));
+        let few = EngineConfig::Particle(ParticleConfig::paper());
+        assert_eq!(bytes(&Settings { engine: few, ..settings() }), exact - 400 + 1_600);
+    }
+}

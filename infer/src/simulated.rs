@@ -1,0 +1,81 @@
+//! A bank without a dataset: the pegs of a scene touched and embedded as they come, nothing kept on disk.
+
+use rayon::prelude::*;
+use tactile_data::frame::TactileImage;
+use tactile_data::generate::{Places, plan, prepare};
+use tactile_data::scene::Scene;
+use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
+
+use crate::bank::Bank;
+use crate::checkpoint::Model;
+use crate::error::{Error, Result};
+
+/// Touches embedded at a time.
+const CHUNK: usize = 256;
+
+/// The bank of a scene's pegs at the poses of its reach: to the bit the one that a dataset of them, generated with
+/// this seed, gives.
+///
+/// # Errors
+/// A scene without a reach, or that cannot be touched, or whose frames the model cannot take.
+pub fn bank_of_scene(
+    model: &Model,
+    scene: &Scene,
+    seed: u64,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Bank> {
+    let simulator = Simulator::new(scene.clone(), seed)?;
+    let Some(reach) = scene.reach else {
+        return Err(Error::invalid(&scene.name, "a reach: the poses at which each peg is touched", "none"));
+    };
+    let planned = plan(scene, &[Side::Peg], Places::EachPose, seed)?;
+    let background = model.background(&simulator.no_contact(seed))?;
+    let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
+    for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
+        progress(chunk * CHUNK, planned.len());
+        prepare(&simulator, touches)?;
+        let see = |(i, touch): (usize, &tactile_data::generate::Planned)| -> Result<TactileImage> {
+            // The streams of `tactile_data::generate`.
+            let mut rng = frame_rng(seed, 1_000 + (chunk * CHUNK + i) as u64);
+            let frame = simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)?;
+            Ok(background.tactile_image(&frame)?)
+        };
+        let images = touches.par_iter().enumerate().map(see).collect::<Result<Vec<_>>>()?;
+        rows.extend(model.embed_pegs(&images)?);
+        edge_shares.extend(images.iter().map(|image| image.edge_share));
+    }
+    progress(planned.len(), planned.len());
+    let parts = simulator.parts().to_vec();
+    Bank::from_rows(parts, reach, model.dim(), rows, edge_shares, model.sha256().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::checkpoint::{Checkpoint, Provenance};
+    use crate::encoder::NetworkConfig;
+    use crate::device::DeviceKind;
+    use tactile_data::frame::Preprocessing;
+    use tactile_data::generate::generate;
+    use tactile_data::grid::PoseGrid;
+    use tactile_data::scene::{Kit, Parts};
+    use tactile_data::store::Dataset;
+
+    #[test]
+    fn a_bank_without_a_dataset_is_the_one_of_a_dataset() {
+        let mut scene = Scene::preset("alphabet-small").unwrap();
+        scene.parts = Parts::Kit(Kit::of_letters("KL", 12.0, 16.0));
+        scene.reach = Some(PoseGrid { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 45.0, theta_step_deg: 45.0 });
+        scene.sensor.frame_px = [40, 30];
+        let config = NetworkConfig { input_px: [16, 12], width: 8, hidden: 16, dim: 8 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let model = Model::new(checkpoint, "ab".into(), DeviceKind::Flex).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("pegs");
+        generate(&scene, &[Side::Peg], Places::EachPose, 5, &out, &|_, _| ()).unwrap();
+        let recorded = Bank::build(&model, &Dataset::open(&out).unwrap(), &|_, _| ()).unwrap();
+        assert_eq!(bank_of_scene(&model, &scene, 5, &|_, _| ()).unwrap(), recorded);
+    }
+}
