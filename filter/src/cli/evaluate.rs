@@ -69,7 +69,7 @@ pub struct Evaluate {
     /// How the next touch is chosen; the first is the one that stopping and latency are told for.
     #[arg(long, value_delimiter = ',', default_value = "information,paper,random", value_parser = ["paper", "information", "random"])]
     actions: Vec<String>,
-    /// Episodes told touch by touch in the report.
+    /// Episodes told touch by touch in the report: half of them the first, half the wrong and the longest.
     #[arg(long, default_value_t = 6)]
     stories: usize,
     /// Where the network is computed: flex or ndarray.
@@ -164,7 +164,8 @@ impl Evaluate {
         let (_, config) = &runs[0];
         // An episode without its part has no truth to show.
         let n_stories = if self.absent { 0 } else { self.stories };
-        let stories = story::tell(&simulator, &eye, &bank, config, &protocol, n_stories)?;
+        let picks = story::pick(&told, config, n_stories);
+        let stories = story::tell(&simulator, &eye, &bank, config, &protocol, &picks)?;
         self.write(&evaluation, &story::board(&simulator, &bank)?, &stories)?;
         if self.json {
             println!("{}", to_json(&evaluation)?);

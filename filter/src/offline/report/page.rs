@@ -8,7 +8,7 @@ use super::series::{Series, leading_filter, series, way};
 use super::shell::{Section, shell};
 use super::table::{SCRIPT, sortable};
 use super::{Board, EpisodeStory, PaperNumbers, PaperRow};
-use super::{comparison, escape, number, parts, reliability, stopping, story};
+use super::{comparison, escape, number, parts, reliability, stopping, viewer};
 
 /// The columns of the first table: the numbers of touches that the paper reports.
 const TOUCHES: [usize; 4] = [1, 3, 5, 10];
@@ -34,10 +34,11 @@ pub fn html(
         sections.extend(parts::section(evaluation, &lead));
     }
     sections.push(stopping::speed(evaluation));
-    sections.extend(stories(board, episodes)?);
+    sections.extend(viewer::section(board, episodes)?);
     sections.push(how_made(evaluation));
     let title = format!("Tactile-Filter: {}", evaluation.scene);
-    Ok(shell(&title, "", &head(evaluation, paper), &sections, &[SCRIPT]))
+    let scripts = if episodes.is_empty() { vec![SCRIPT] } else { vec![SCRIPT, viewer::SCRIPT] };
+    Ok(shell(&title, viewer::CSS, &head(evaluation, paper), &sections, &scripts))
 }
 
 fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
@@ -50,7 +51,10 @@ fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     format!(
         r#"<h1>Which peg fits this hole? {}</h1>
 <p>A simulated tactile sensor touches the hole of one of {} parts, whose pegs it has touched before. {what}
-{} simulated episodes, {}.</p>
+{} episodes, {}.</p>
+<p class="caution"><b>All of it is simulated:</b> the boards, the robot, each touch. What was held against reality is the sensor’s optics and
+gel, by real images of a ball, grooves, a cuboid and a digit (<code>cargo xtask validate</code>). No real hole, peg or letter was
+touched: how these figures carry over to a real board is not known.</p>
 <div class="tiles">{}</div>
 "#,
         escape(&evaluation.scene),
@@ -248,25 +252,6 @@ episodes that name the right part: a mean far above its median is made by few ep
         legend.concat(),
         charts[3..].concat(),
     )
-}
-
-fn stories(board: &Board, episodes: &[EpisodeStory]) -> io::Result<Option<Section>> {
-    if episodes.is_empty() {
-        return Ok(None);
-    }
-    let sections = episodes.iter().map(|episode| story::section(episode, board)).collect::<io::Result<String>>()?;
-    let body = format!(
-        r#"{}<p class="note">A row is a touch. <b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
-filled, with its upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey
-is no change. <b>Where the first touch was:</b> a map for each part; the stronger the blue, the more probable the place, on one scale
-for the row. The bar and the number are the part’s whole probability. The red ring is the truth: watch the blue gather in it. Above the maps,
-the likeliest part and its <b>fit:</b> how well it explains what was felt, higher is better, 0 is as well as the best recorded view of
-any part. To be confident the filter must be sure of a part that fits; a part that is likely because the others fit even
-worse is none of these parts.</p>
-{sections}"#,
-        story::outlines(board)
-    );
-    Ok(Some(Section::new("Episodes", "Episodes, touch by touch", body)))
 }
 
 fn how_made(evaluation: &Evaluation) -> Section {

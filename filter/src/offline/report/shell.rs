@@ -19,15 +19,15 @@ impl Section {
 
     /// The section as HTML: heading and body.
     pub fn html(&self) -> String {
-        let Self { title, body, .. } = self;
-        format!("<section id=\"{}\"><h2>{}</h2>\n{body}</section>\n", self.anchor(), escape(title))
+        let Self { short, title, body } = self;
+        format!("<section id=\"{}\"><h2>{}</h2>\n{body}</section>\n", anchor(short), escape(title))
     }
+}
 
-    /// Letters and digits of `short`, words joined by hyphens.
-    fn anchor(&self) -> String {
-        let words = self.short.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
-        words.map(str::to_lowercase).collect::<Vec<_>>().join("-")
-    }
+/// The name of a place in the page that is called `text`: its letters and digits, words joined by hyphens.
+pub fn anchor(text: &str) -> String {
+    let words = text.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
+    words.map(str::to_lowercase).collect::<Vec<_>>().join("-")
 }
 
 /// A page that needs nothing else: no network, light and dark, a screen of any width or a printer.
@@ -35,7 +35,8 @@ impl Section {
 /// `title` is text, for the window. `style` is CSS after the common one. `top` is HTML before the contents, with the
 /// page's `<h1>`. `scripts` are HTML elements, such as [`super::table::SCRIPT`]; the page must read well without them.
 pub fn shell(title: &str, style: &str, top: &str, sections: &[Section], scripts: &[&str]) -> String {
-    let entry = |section: &Section| format!(r##"<a href="#{}">{}</a>"##, section.anchor(), escape(&section.short));
+    let entry =
+        |section: &Section| format!(r##"<a href="#{}">{}</a>"##, anchor(&section.short), escape(&section.short));
     let entries: String = sections.iter().map(entry).collect();
     let bodies: String = sections.iter().map(Section::html).collect();
     format!(
