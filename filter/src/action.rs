@@ -4,16 +4,17 @@
 //! from the belief, not taken from its top: after one touch the mass lies on thousands of states. Touches
 //! are kept apart, because two overlapping views share most of what they show and most of their error.
 
+mod judge;
+
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::bank::Bank;
-use tactile_infer::similarity::peg_similarity;
 
-use crate::belief::{Belief, Hypothesis};
+use crate::belief::Belief;
 use crate::likelihood::LikelihoodConfig;
-use crate::lookup::{Nearest, look_up};
+use judge::Judge;
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -108,6 +109,45 @@ pub struct Situation<'a> {
     pub only_recorded: bool,
 }
 
+/// A candidate as the rule saw it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// The motion, one of those offered.
+    pub sensor_from_next: Se2,
+    /// The more, the better. [`ActionRule::Information`]: the expected gain of the true state's log-probability,
+    /// nats, less the price of the way. [`ActionRule::Paper`]: the sum of 1 / f_PP, times exp(-1 / temperature).
+    /// `None` where contact is expected from no supposed state; such a candidate is not chosen.
+    pub score: Option<f64>,
+    /// Whether all draws judged it; else a sixth of them did, at the first look.
+    pub by_all_draws: bool,
+}
+
+/// What a touch is expected to tell, nats: how much the true state's log-probability is expected to grow.
+/// Estimated from the same draws as the choice, so on the high side for the candidate chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected {
+    /// In all: which part it is and where on it.
+    pub nats: f64,
+    /// The share of `nats` that tells which part it is; the rest tells where on it.
+    pub part_nats: f64,
+    /// The two likeliest parts of the bank and the share of `part_nats` that tells which of the two it is; `None`
+    /// where the bank has one part.
+    pub pair: Option<([usize; 2], f64)>,
+}
+
+/// A choice with its reasons.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judgement {
+    /// What [`choose`] chooses.
+    pub action: Action,
+    /// The candidates judged, in the order offered: those far enough from earlier touches. None for
+    /// [`ActionRule::Random`].
+    pub judged: Vec<Judged>,
+    /// What `action` is expected to tell; `None` for other rules than expected information, and where no candidate
+    /// is expected to show contact.
+    pub expected: Option<Expected>,
+}
+
 /// Chooses the next touch. Same input, same choice: the earliest of equals.
 ///
 /// Every candidate is judged by a few draws, the best `n_finalists` by all. `keep_going` is asked before
@@ -116,33 +156,70 @@ pub struct Situation<'a> {
 /// Where every candidate lies too close to an earlier touch, the separation is halved until one does not.
 /// `None` where no candidate is left even so: none offered, none finite, or all where a touch was made.
 pub fn choose(situation: &Situation, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Action> {
+    pick(situation, seed, keep_going).map(|picked| picked.action)
+}
+
+/// Like [`choose`], which it asks, with what was thought of each candidate.
+pub fn judge(situation: &Situation, seed: u64) -> Option<Judgement> {
+    let Picked { action, judged, judge } = pick(situation, seed, &mut || true)?;
+    let likelihoods = situation.belief.class_posterior();
+    let mut parts: Vec<usize> = (0..likelihoods.len()).collect();
+    parts.sort_by(|a, b| likelihoods[*b].total_cmp(&likelihoods[*a]));
+    let pair = parts.first_chunk().copied();
+    let expected = judge.and_then(|judge| judge.expected(&action.sensor_from_next, pair));
+    Some(Judgement { action, judged, expected })
+}
+
+/// An action with what it was picked from and by whom; nobody for [`ActionRule::Random`].
+struct Picked<'a> {
+    action: Action,
+    judged: Vec<Judged>,
+    judge: Option<Judge<'a>>,
+}
+
+fn pick<'a>(situation: &'a Situation<'a>, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Picked<'a>> {
     let Situation { config, belief, .. } = situation;
     let far = far_candidates(config, belief, situation.candidates);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let chance = *far.get(rng.random_range(0..far.len().max(1)))?;
     if config.rule == ActionRule::Random {
-        return Some(Action { sensor_from_next: chance });
+        return Some(Picked { action: Action { sensor_from_next: chance }, judged: Vec::new(), judge: None });
     }
     let judge = Judge::new(situation, config.n_draws.max(1), config.n_suppositions.max(1), &mut rng);
-    let judged = |judge: &Judge, candidates: &[Se2], keep_going: &mut dyn FnMut() -> bool| {
-        let asked = candidates.iter().map_while(|candidate| keep_going().then(|| (judge.score(candidate), *candidate)));
-        asked.filter_map(|(score, candidate)| Some((score?, candidate))).collect::<Vec<_>>()
+    let n_finalists = config.n_finalists.max(1);
+    let has_finals = far.len() > n_finalists;
+    let first_look = has_finals.then(|| judge.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6)));
+    let look = |candidate: &Se2| {
+        let score = first_look.as_ref().unwrap_or(&judge).score(candidate);
+        Judged { sensor_from_next: *candidate, score, by_all_draws: !has_finals }
     };
-    let finals = if far.len() > config.n_finalists.max(1) {
-        let first_look = judge.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6));
-        let mut ranked = judged(&first_look, &far, keep_going);
+    let asked = far.iter().map_while(|candidate| keep_going().then(|| look(candidate)));
+    let mut judged: Vec<Judged> = asked.collect();
+    let mut ranked: Vec<usize> = (0..judged.len()).filter(|index| judged[*index].score.is_some()).collect();
+    if has_finals {
+        let score = |index: usize| judged[index].score.unwrap_or(f64::NEG_INFINITY);
         // Stable: the earliest of equals stays first.
-        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-        ranked.truncate(config.n_finalists.max(1));
-        let finalists: Vec<Se2> = ranked.iter().map(|(_, candidate)| *candidate).collect();
-        let judged_by_all = judged(&judge, &finalists, keep_going);
-        if judged_by_all.is_empty() { ranked } else { judged_by_all }
-    } else {
-        judged(&judge, &far, keep_going)
-    };
-    let best = finals.into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
+        ranked.sort_by(|a, b| score(*b).total_cmp(&score(*a)));
+        ranked.truncate(n_finalists);
+        let asked = ranked.iter().take_while(|_| keep_going());
+        let judged_by_all: Vec<usize> =
+            asked.filter(|index| judge_again(&judge, &mut judged[**index])).copied().collect();
+        ranked = if judged_by_all.is_empty() { ranked } else { judged_by_all };
+    }
+    let judged_best = ranked.iter().map(|index| judged[*index]);
+    let best = judged_best.reduce(|best, next| if next.score > best.score { next } else { best });
     // No view with contact is expected anywhere: any touch may tell more than the bank does.
-    Some(Action { sensor_from_next: best.map_or(chance, |(_, candidate)| candidate) })
+    let sensor_from_next = best.map_or(chance, |best| best.sensor_from_next);
+    Some(Picked { action: Action { sensor_from_next }, judged, judge: Some(judge) })
+}
+
+/// Takes a second look at a candidate, by all draws; whether that gives it a score.
+fn judge_again(judge: &Judge, candidate: &mut Judged) -> bool {
+    let score = judge.score(&candidate.sensor_from_next);
+    if score.is_some() {
+        *candidate = Judged { score, by_all_draws: true, ..*candidate };
+    }
+    score.is_some()
 }
 
 /// The candidates apart from every earlier touch, by the smallest halving of the separation that leaves any.
@@ -164,171 +241,6 @@ fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) ->
         .unwrap_or_default()
 }
 
-/// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
-#[derive(Clone, Copy)]
-struct Draw {
-    hypothesis: Hypothesis,
-    pose: usize,
-    count: f64,
-}
-
-/// Judges candidates against states drawn from the belief.
-struct Judge<'a> {
-    situation: &'a Situation<'a>,
-    pairing: Pairing<'a>,
-    /// Where the sensor would be by each distinct pose of the draws.
-    part_from_sensor: Vec<Se2>,
-    draws: Vec<Draw>,
-    supposed: Vec<Draw>,
-    tolerance: f64,
-}
-
-impl<'a> Judge<'a> {
-    fn new(situation: &'a Situation<'a>, n_draws: usize, n_suppositions: usize, rng: &mut ChaCha8Rng) -> Self {
-        let Situation { config, likelihood, belief, bank, .. } = *situation;
-        let drawn = belief.draw(n_draws, rng);
-        let mut supposed: Vec<Hypothesis> =
-            (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
-        if let (ActionRule::Paper, Some(best)) = (config.rule, belief.best(None)) {
-            supposed[0] = best;
-        }
-        let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();
-        let pairing = Pairing::new(config.rule, likelihood, bank, rng);
-        let supposed = supposed.into_iter().map(|hypothesis| (hypothesis, 1.0)).collect();
-        Self::of(situation, pairing, draws, supposed)
-    }
-
-    fn of(
-        situation: &'a Situation<'a>,
-        pairing: Pairing<'a>,
-        draws: Vec<(Hypothesis, f64)>,
-        supposed: Vec<(Hypothesis, f64)>,
-    ) -> Self {
-        let Situation { likelihood, belief, bank, .. } = *situation;
-        let mut cells: Vec<usize> = draws.iter().chain(&supposed).map(|(hypothesis, _)| hypothesis.cell).collect();
-        cells.sort_unstable();
-        cells.dedup();
-        let first_from_sensor = belief.first_from_sensor();
-        let placed = |states: Vec<(Hypothesis, f64)>| -> Vec<Draw> {
-            let pose_of = |hypothesis: &Hypothesis| cells.partition_point(|cell| *cell < hypothesis.cell);
-            let draw = |(hypothesis, count)| Draw { hypothesis, pose: pose_of(&hypothesis), count };
-            states.into_iter().map(draw).collect()
-        };
-        // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
-        let tolerance = if likelihood.look_up.is_cubic(bank.grid()) { 1.0 } else { likelihood.lookup_tolerance };
-        Self {
-            situation,
-            pairing,
-            draws: placed(draws),
-            supposed: placed(supposed),
-            part_from_sensor: cells.iter().map(|cell| belief.grid().pose(*cell) * first_from_sensor).collect(),
-            tolerance,
-        }
-    }
-
-    /// A judge by about `n_draws` of the draws, evenly taken, and the first `n_suppositions`.
-    fn thinned(&self, n_draws: usize, n_suppositions: usize) -> Self {
-        let every = self.draws.len().div_ceil(n_draws.max(1)).max(1);
-        let state = |draw: &Draw| (draw.hypothesis, draw.count);
-        let draws = self.draws.iter().step_by(every).map(state).collect();
-        let supposed = self.supposed.iter().take(n_suppositions.max(1)).map(state).collect();
-        Self::of(self.situation, self.pairing, draws, supposed)
-    }
-
-    /// The score of a candidate; `None` where it would show contact from no supposed state.
-    fn score(&self, candidate: &Se2) -> Option<f64> {
-        let Situation { config, bank, only_recorded, .. } = *self.situation;
-        let grid = bank.grid();
-        let seen: Vec<Option<Nearest>> =
-            self.part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), self.tolerance)).collect();
-        let view = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
-        let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
-        for truth in &self.supposed {
-            let Some((row, trust)) = view(truth) else {
-                // What is not recorded tells nothing.
-                n_supposed += if only_recorded { 0.0 } else { 1.0 };
-                continue;
-            };
-            n_supposed += 1.0;
-            if bank.edge_shares()[row] <= config.contact_threshold {
-                continue;
-            }
-            n_contacts += 1;
-            let (mut sum, mut n_states) = (0.0, 0.0);
-            for draw in &self.draws {
-                if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
-                    continue; // S without s*
-                }
-                sum += draw.count * self.pairing.value(view(draw), row);
-                n_states += draw.count;
-            }
-            total += match config.rule {
-                ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
-                _ => sum,
-            };
-        }
-        let travel = match config.rule {
-            ActionRule::Information => config.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm),
-            _ => 0.0,
-        };
-        (n_contacts > 0).then_some(total / n_supposed - travel)
-    }
-}
-
-/// How a recorded view counts against the view that would be touched.
-#[derive(Clone, Copy)]
-struct Pairing<'a> {
-    rule: ActionRule,
-    likelihood: &'a LikelihoodConfig,
-    bank: &'a Bank,
-    /// Mean of [`Self::look`] over two edged views at random.
-    average: f64,
-}
-
-impl<'a> Pairing<'a> {
-    /// Pairs sampled for the average: its relative error, some 6 %, moves no score by more.
-    const N_SAMPLED: usize = 256;
-
-    fn new(rule: ActionRule, likelihood: &'a LikelihoodConfig, bank: &'a Bank, rng: &mut ChaCha8Rng) -> Self {
-        let shares = bank.edge_shares();
-        let edged: Vec<usize> = (0..shares.len()).filter(|row| !likelihood.is_blank(shares[*row])).collect();
-        let mut pairing = Self { rule, likelihood, bank, average: 1.0 };
-        if !edged.is_empty() {
-            let mut any = || edged[rng.random_range(0..edged.len())];
-            let looks = (0..Self::N_SAMPLED).map(|_| pairing.look(any(), any()));
-            pairing.average = looks.sum::<f64>() / Self::N_SAMPLED as f64;
-        }
-        pairing
-    }
-
-    /// For the paper's rule 1 / f_PP, scaled so that it cannot overflow; else the filter's likelihood of
-    /// seeing one view where the other is recorded, without its blank part.
-    fn look(&self, row_a: usize, row_b: usize) -> f64 {
-        let cosine = f64::from(peg_similarity(self.bank, row_a, row_b)).clamp(-1.0, 1.0);
-        match self.rule {
-            ActionRule::Paper => (-(cosine + 1.0) / self.likelihood.temperature).exp(),
-            _ => ((cosine - 1.0) / self.likelihood.temperature).exp() + self.likelihood.outlier_floor,
-        }
-    }
-
-    /// What a state whose recorded view (row, trust) is `view` adds, where row `touched` would be seen. An
-    /// unknown view adds the average.
-    fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
-        let Some((row, trust)) = view else { return if self.rule == ActionRule::Paper { self.average } else { 1.0 } };
-        if self.rule == ActionRule::Paper {
-            return self.look(row, touched);
-        }
-        let is_blank = |row: usize| self.likelihood.is_blank(self.bank.edge_shares()[row]);
-        let agreement = self.likelihood.blank_agreement;
-        let ratio = match (is_blank(row), is_blank(touched)) {
-            (false, false) => agreement * self.look(row, touched) / self.average,
-            (true, true) => agreement,
-            _ => 1.0 - agreement,
-        };
-        trust * ratio + 1.0 - trust
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -337,10 +249,11 @@ mod tests {
     use tactile_data::grid::PoseGrid;
 
     /// Three angles at one place.
-    const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+    pub(super) const GRID: PoseGrid =
+        PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 
     /// Two parts alike at -30 and 0 degrees and unlike at +30.
-    fn bank(share_at_30: f32) -> Bank {
+    pub(super) fn bank(share_at_30: f32) -> Bank {
         let rows =
             [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
         let shares = vec![0.2, 0.2, share_at_30, 0.2, 0.2, share_at_30];
@@ -396,18 +309,6 @@ mod tests {
     fn an_action_without_contact_is_not_chosen() {
         // The printed indicator selects what shows no contact; the prose says "exceeds".
         assert_eq!(chosen(ANY_PLACE, &bank(0.0), &[turn(60.0), turn(30.0)], 1), Some(turn(30.0)));
-    }
-
-    #[test]
-    fn the_papers_score_agrees_with_hand_arithmetic() {
-        let bank = bank(0.2);
-        let likelihood = LikelihoodConfig { temperature: 0.5, ..LikelihoodConfig::default() };
-        let pairing = Pairing::new(ActionRule::Paper, &likelihood, &bank, &mut ChaCha8Rng::seed_from_u64(1));
-        // 1 / exp(cos / tau), scaled by exp(-1 / tau): cosines -1, 0 and 1.
-        for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
-            assert!((pairing.value(Some((row, 1.0)), 2) - (-(cosine + 1.0) / 0.5).exp()).abs() < 1e-6);
-        }
-        assert_eq!(pairing.value(None, 2), pairing.average);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use tactile_infer::Model;
 use tactile_infer::bank::Bank;
 use tactile_infer::symmetry::Symmetry;
 
-use crate::action::{Action, Situation, choose};
+use crate::action::{Action, Judgement, Situation, choose, judge};
 use crate::belief::{Belief, Hypothesis};
 pub use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
@@ -229,18 +229,32 @@ impl<'a> Episode<'a> {
         if let Some(reason) = self.stop_reason() {
             return done(reason);
         }
-        let n_touches = self.belief.touches().len();
-        // A stream of draws of its own for each touch.
-        let seed = self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches as u64);
-        let situation = Situation {
+        let chosen = choose(&self.situation(candidates), self.choice_seed(), keep_going);
+        chosen.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
+    }
+
+    /// Why [`Self::decide`] chooses as it does: each of `candidates` as the rule judges it now, the one chosen and what
+    /// it is expected to tell; for reports. Asks neither whether to stop nor for the time. `None` where nothing
+    /// is left to touch.
+    pub fn judged(&self, candidates: &[Se2]) -> Option<Judgement> {
+        judge(&self.situation(candidates), self.choice_seed())
+    }
+
+    fn situation<'s>(&'s self, candidates: &'s [Se2]) -> Situation<'s> {
+        Situation {
             config: &self.config.action,
             likelihood: &self.config.likelihood,
             belief: &self.belief,
             bank: self.bank,
             candidates,
             only_recorded: !self.config.between_poses,
-        };
-        choose(&situation, seed, keep_going).map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
+        }
+    }
+
+    /// A stream of draws of its own for each touch.
+    fn choice_seed(&self) -> u64 {
+        let n_touches = self.belief.touches().len() as u64;
+        self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches)
     }
 
     /// Why to stop now, whatever could still be touched; `None` to go on.
@@ -446,6 +460,40 @@ mod tests {
             assert_eq!(restored.decide(&reach), episode.decide(&reach));
             let other = World::new(3, GRID, 0.5, 0.1, 2);
             assert!(Episode::restore(&record, None, &other.bank).unwrap_err().to_string().contains("record"));
+        }
+    }
+
+    #[test]
+    fn what_was_judged_is_what_is_decided() {
+        let world = World::new(5, GRID, 0.3, 0.05, 5);
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        for (rule, n_finalists) in [
+            (ActionRule::Information, 8),
+            (ActionRule::Information, 500),
+            (ActionRule::Paper, 8),
+            (ActionRule::Random, 8),
+        ] {
+            let action = ActionConfig { rule, n_finalists, ..ActionConfig::default() };
+            let config = EpisodeConfig { action, ..never_confident(4) };
+            let mut episode =
+                Episode::begin_with(&config, &world.bank, &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
+            let mut pose = Se2::IDENTITY;
+            while let Decision::Touch(action) = episode.decide(&world.reach(&pose)) {
+                let judgement = episode.judged(&world.reach(&pose)).unwrap();
+                assert_eq!(judgement.action, action, "{rule:?}");
+                assert_eq!(judgement.judged.is_empty(), rule == ActionRule::Random);
+                // Of those that all draws judged none is better; every other one had a first look.
+                let closely: Vec<_> = judgement.judged.iter().filter(|judged| judged.by_all_draws).collect();
+                assert!(closely.len() <= n_finalists && judgement.judged.len() <= GRID.len());
+                let best = closely.iter().find(|judged| judged.sensor_from_next == action.sensor_from_next);
+                assert!(closely.iter().all(|judged| judged.score <= best.unwrap().score));
+                let told = judgement.expected.map(|expected| expected.nats);
+                let score = best.filter(|_| rule == ActionRule::Information).and_then(|best| best.score);
+                assert!(told.zip(score).is_none_or(|(told, score)| (told - score).abs() < 1e-12));
+                assert_eq!(told.is_some(), score.is_some());
+                pose = pose * action.sensor_from_next;
+                episode.observe_with(action.sensor_from_next, &world.touch(1, &pose, &mut rng)).unwrap();
+            }
         }
     }
 

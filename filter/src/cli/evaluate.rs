@@ -78,7 +78,7 @@ pub struct Evaluate {
     /// How the next touch is chosen; the first is the one that stopping and latency are told for.
     #[arg(long, value_delimiter = ',', default_value = "information,paper,random", value_parser = ["paper", "information", "random"])]
     actions: Vec<String>,
-    /// Episodes told touch by touch in the report.
+    /// Episodes told touch by touch in the report: half of them the first, half the wrong and the longest.
     #[arg(long, default_value_t = 6)]
     stories: usize,
     /// Where the network is computed: flex or ndarray.
@@ -107,7 +107,9 @@ impl Evaluate {
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
         let eye = Eye::new(&model, &self.no_contact(&simulator))?;
-        let stories = story::tell(&simulator, &eye, &bank, &gathered.runs[0].config, &protocol, n_stories)?;
+        let told = &gathered.runs[0];
+        let picks = story::pick(&told.outcomes, &told.config, n_stories);
+        let stories = story::tell(&simulator, &eye, &bank, &told.config, &protocol, &picks)?;
         write(&self.out, &evaluation, &story::board(&simulator, &bank)?, &stories)?;
         if self.json {
             println!("{}", to_json(&evaluation)?);

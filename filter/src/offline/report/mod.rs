@@ -1,17 +1,21 @@
-//! The evaluation as one HTML file: no network, one small script that sorts tables, for a screen or a printer.
+//! The evaluation as one HTML file: no network, two small scripts that sort tables and leaf through episodes, for a
+//! screen or a printer. Without scripts every touch is shown.
 
 mod comparison;
-pub(super) mod curves;
+pub(crate) mod curves;
+mod next;
 mod page;
 mod paper;
 mod parts;
 mod picture;
 mod reliability;
 mod series;
+pub(crate) mod shell;
 mod stopping;
 mod story;
-pub(super) mod style;
-mod table;
+mod style;
+pub(crate) mod table;
+mod viewer;
 
 use std::fs;
 use std::io;
@@ -22,6 +26,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 
 use super::result::Evaluation;
+use crate::action::{ActionRule, Judgement};
 pub use paper::{PaperNumbers, PaperRow};
 
 /// What all episodes of an evaluation share.
@@ -47,8 +52,10 @@ pub struct PartPicture {
 /// One episode, told touch by touch.
 #[derive(Clone, Debug)]
 pub struct EpisodeStory {
-    /// What to call it: its number and seed.
+    /// What to call it: its number; no two of a report are called the same.
     pub name: String,
+    /// Why it is told, in a few words.
+    pub why: String,
     /// The true part, an index into [`Board::parts`].
     pub truth: usize,
     /// Why it ended, in a few words.
@@ -72,6 +79,8 @@ pub struct TouchStory {
     pub guess: usize,
     /// Probability of `guess`, 0..=1.
     pub probability: f64,
+    /// Believed pose of the sensor on `guess`.
+    pub guess_from_sensor: Se2,
     /// How well `guess` explains the touches so far, nats: [`crate::episode::Estimate::fit`]; `None` where no
     /// edge was felt.
     pub fit: Option<f64>,
@@ -81,6 +90,19 @@ pub struct TouchStory {
     ///
     /// `[part, x, y]`, y fastest: the order of [`PoseGrid::pose`] without its angle.
     pub belief: Vec<f64>,
+    /// How the next touch was chosen; `None` after the last.
+    pub next: Option<NextTouch>,
+}
+
+/// The choice of a next touch.
+#[derive(Clone, Debug)]
+pub struct NextTouch {
+    /// The rule that chose.
+    pub rule: ActionRule,
+    /// Motions that the reach allowed.
+    pub n_candidates: usize,
+    /// What was chosen, and why.
+    pub judgement: Judgement,
 }
 
 /// Writes the report of an evaluation with the stories of some of its episodes, beside the paper's numbers.
@@ -108,7 +130,9 @@ fn check(episode: &EpisodeStory, board: &Board) -> io::Result<()> {
     if episode.touches.is_empty() {
         return Err(wrong("expected at least one touch, got none".into()));
     }
-    let named = episode.touches.iter().map(|touch| touch.guess).chain([episode.truth]);
+    let pairs = episode.touches.iter().filter_map(|touch| touch.next.as_ref()?.judgement.expected?.pair);
+    let judged_parts = pairs.flat_map(|(pair, _)| pair);
+    let named = episode.touches.iter().map(|touch| touch.guess).chain([episode.truth]).chain(judged_parts);
     if let Some(part) = named.into_iter().find(|part| *part >= n_parts) {
         return Err(wrong(format!("expected one of {n_parts} parts, got part {part}")));
     }
@@ -124,17 +148,17 @@ fn check(episode: &EpisodeStory, board: &Board) -> io::Result<()> {
 }
 
 /// Text that HTML shows as it is.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A number with so many decimals; a dash where there is none.
-fn number(value: f64, decimals: usize) -> String {
+pub(crate) fn number(value: f64, decimals: usize) -> String {
     if value.is_finite() { format!("{value:.decimals$}").replace('-', "−") } else { "–".into() }
 }
 
 /// A difference: like [`number`], with its sign.
-fn signed(value: f64, decimals: usize) -> String {
+pub(crate) fn signed(value: f64, decimals: usize) -> String {
     let number = number(value, decimals);
     let is_nought = number.trim_start_matches('−').chars().all(|c| matches!(c, '0' | '.'));
     match (is_nought, value > 0.0 && value.is_finite()) {
@@ -148,12 +172,22 @@ fn signed(value: f64, decimals: usize) -> String {
 mod tests {
     use super::super::result::{self, Choice, Comparison, Inference, ReliabilityBin, Stops};
     use super::*;
+    use crate::action::{Action, Expected, Judged};
     use tactile_data::frame::{Background, Preprocessing};
 
     fn board() -> Board {
         let square = vec![[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
         let part = |name: &str| PartPicture { name: name.into(), outline_mm: vec![square.clone()] };
         Board { parts: vec![part("A<B"), part("C")], grid: PoseGrid::SMALL, field_of_view_mm: [17.0, 13.0] }
+    }
+
+    fn next() -> NextTouch {
+        let judged = |x, score| Judged { sensor_from_next: Se2::from_degrees(x, 0.0, 0.0), score, by_all_draws: true };
+        let judged = vec![judged(4.0, Some(0.75)), judged(-4.0, None)];
+        let action = Action { sensor_from_next: judged[0].sensor_from_next };
+        let expected = Some(Expected { nats: 0.75, part_nats: 0.5, pair: Some(([1, 0], 0.5)) });
+        let judgement = Judgement { action, judged, expected };
+        NextTouch { rule: ActionRule::Information, n_candidates: 3, judgement }
     }
 
     fn episode() -> EpisodeStory {
@@ -166,11 +200,20 @@ mod tests {
             guess: 1,
             probability: 0.5,
             fit: Some(-0.75),
+            guess_from_sensor: Se2::from_degrees(0.0, 4.0, 0.0),
             fit_needed: Some(-0.25),
             belief: vec![1.0 / 50.0; 50],
+            next: Some(next()),
         };
-        let touches = vec![touch.clone(), TouchStory { fit: None, ..touch }];
-        EpisodeStory { name: "episode 3".into(), truth: 0, stop: "limit".into(), refused: false, touches }
+        let touches = vec![touch.clone(), TouchStory { fit: None, next: None, ..touch }];
+        EpisodeStory {
+            name: "episode 3".into(),
+            why: "as one of the first".into(),
+            truth: 0,
+            stop: "limit".into(),
+            refused: false,
+            touches,
+        }
     }
 
     fn published() -> Evaluation {
@@ -226,7 +269,8 @@ mod tests {
         for outside in ["http:", "https:", "<script ", "<link", "@import", "import(", "fetch(", "src=\"/"] {
             assert!(!html.replace("http://www.w3.org/2000/svg", "").contains(outside), "{outside}");
         }
-        assert_eq!(html.matches("<script>").count(), 1, "the one that sorts tables");
+        assert_eq!(html.matches("<script>").count(), 2, "the one that sorts tables and the viewer");
+        assert_eq!(write(&board(), &[]).unwrap().matches("<script>").count(), 1);
         assert!(html.contains("A&lt;B") && !html.contains("A<B"));
     }
 
@@ -234,7 +278,8 @@ mod tests {
     fn each_tag_that_opens_closes() {
         let html = write(&board(), &[episode()]).unwrap();
         let tags = ["table", "tr", "td", "th", "svg", "g", "figure", "figcaption", "section", "div", "p", "text"];
-        for tag in tags.into_iter().chain(["ul", "li", "h2", "button", "script", "b", "small"]) {
+        for tag in tags.into_iter().chain(["ul", "ol", "li", "h2", "h3", "a", "nav", "button", "script", "b", "small"])
+        {
             let open = html.matches(&format!("<{tag} ")).count() + html.matches(&format!("<{tag}>")).count();
             assert_eq!(open, html.matches(&format!("</{tag}>")).count(), "{tag}");
         }
@@ -289,6 +334,37 @@ mod tests {
         assert!(html.contains("✗ wrong part"));
         let refused = EpisodeStory { refused: true, ..episode() };
         assert!(write(&board(), &[refused]).unwrap().contains("✗ none of these"));
+    }
+
+    #[test]
+    fn an_episode_tells_why_it_went_on_where_it_did() {
+        let html = write(&board(), &[episode()]).unwrap();
+        let line = "chosen of 2 candidates: it is expected to tell <b>0.75 nats</b>, most of it (0.50) between <b>C</b> and <b>A&lt;B</b>.";
+        assert!(html.contains(line));
+        // Believed at (0, 4) on part 1, the chosen candidate leads 4 mm along x; the other would show no edge.
+        assert_eq!(html.matches(r#"<circle class="chosen" cx="4.00" cy="4.00""#).count(), 1);
+        assert_eq!(html.matches(r#"<circle class="blank" cx="-4.0" cy="4.0""#).count(), 1);
+        assert!(html.contains("It stopped: limit."));
+    }
+
+    #[test]
+    fn each_episode_can_be_picked_by_what_it_is_about() {
+        let other = EpisodeStory { name: "episode 8".into(), truth: 1, ..episode() };
+        let html = write(&board(), &[episode(), other]).unwrap();
+        for (name, truth, verdict) in [("episode-3", "A&lt;B", "✗ wrong part"), ("episode-8", "C", "✓ right part")]
+        {
+            assert_eq!(html.matches(&format!("<section class=\"episode\" id=\"{name}\">")).count(), 1);
+            let entry = html.split(&format!("<li><a href=\"#{name}\">")).nth(1).unwrap();
+            let entry = &entry[..entry.find("</a>").unwrap()];
+            assert!(entry.contains(&format!("<b>{truth}</b>")) && entry.contains(verdict), "{entry}");
+        }
+    }
+
+    #[test]
+    fn the_first_screen_says_that_boards_are_simulated() {
+        let html = write(&board(), &[]).unwrap();
+        let top = &html[..html.find(r#"<nav class="contents""#).unwrap()];
+        assert!(top.contains("All of it is simulated") && top.contains("No real hole, peg or letter"));
     }
 
     #[test]

@@ -5,7 +5,8 @@ use std::io;
 
 use tactile_data::se2::Se2;
 
-use super::{Board, EpisodeStory, PartPicture, TouchStory, escape, number, picture};
+use super::shell::anchor;
+use super::{Board, EpisodeStory, PartPicture, TouchStory, escape, next, number, picture};
 
 /// Belief maps in a row of the page; with more parts, those that were ever the most probable.
 const MOST_MAPS: usize = 12;
@@ -26,46 +27,79 @@ pub fn outlines(board: &Board) -> String {
 
 /// One episode as a section of the page.
 pub fn section(episode: &EpisodeStory, board: &Board) -> io::Result<String> {
-    let EpisodeStory { name, truth, stop, refused, touches } = episode;
+    let EpisodeStory { name, why, truth, stop, touches, .. } = episode;
     let Some(TouchStory { guess, probability, .. }) = touches.last() else {
         return Ok(String::new());
     };
-    let (class, verdict) = match (refused, truth == guess) {
-        (true, _) => ("wrong", "✗ none of these"),
-        (false, true) => ("right", "✓ right part"),
-        (false, false) => ("wrong", "✗ wrong part"),
-    };
+    let (class, verdict) = verdict(episode);
     let full_scale = picture::full_scale(touches.iter().map(|touch| &touch.difference));
     let shown = shown_parts(episode, board);
     let half_mm = half_view_mm(episode, board);
+    let half_next_mm = next::half_view_mm(touches, board);
     let rows = (0..touches.len())
         .map(|last| {
             let touch = &touches[last];
             Ok(format!(
-                r#"<div class="touch"><div class="count">{}</div>{}<img alt="Camera frame" src="{}"><img alt="Difference from rest" src="{}"><div class="belief">{}<div class="maps">{}</div></div></div>"#,
+                r#"<div class="touch"><div class="count">{}</div>{}{}{}{}<div class="belief">{}<p class="said">{}</p><div class="maps">{}</div></div></div>
+"#,
                 last + 1,
-                where_touched(&touches[..=last], *truth, half_mm, board),
-                picture::frame(&touch.frame)?,
-                picture::difference(&touch.difference, full_scale)?,
+                pane(HEADS[0], &where_touched(&touches[..=last], *truth, half_mm, board)),
+                pane(HEADS[1], &format!(r#"<img alt="Camera frame" src="{}">"#, picture::frame(&touch.frame)?)),
+                pane(
+                    HEADS[2],
+                    &format!(
+                        r#"<img alt="Difference from rest" src="{}">"#,
+                        picture::difference(&touch.difference, full_scale)?
+                    )
+                ),
+                match &touch.next {
+                    Some(next) => pane(HEADS[3], &next::picture(touch, next, half_next_mm, board)),
+                    None => pane("The end", r#"<div class="end-note">No further touch</div>"#),
+                },
                 said(touch, board),
+                match &touch.next {
+                    Some(next) => next::words(next, board),
+                    None => format!("It stopped: {}.", escape(stop)),
+                },
                 maps(touch, *truth, &touches[0].part_from_sensor, &shown, board)?,
             ))
         })
         .collect::<io::Result<String>>()?;
     let part = |part: usize| escape(&board.parts[part].name);
     Ok(format!(
-        r#"<section class="episode"><h3>{}<span class="verdict {class}">{verdict}</span></h3>
-<p>The hole was <b>{}</b>. After {} the likeliest part was <b>{}</b> with {} %. It stopped: {}.</p>
-<div class="heads"><div></div><div>Where it touched</div><div>What the camera saw</div><div>What changed</div><div>Where the first touch was, part by part</div></div>
+        r#"<section class="episode" id="{}"><h3>{}<span class="verdict {class}">{verdict}</span></h3>
+<p>The hole was <b>{}</b>. After {} the likeliest part was <b>{}</b> with {} %. It stopped: {}. Told {}.</p>
+<div class="heads"><div></div>{}<div>Where the first touch was, part by part</div></div>
 {rows}</section>
 "#,
+        anchor(name),
         escape(name),
         part(*truth),
         if touches.len() == 1 { "1 touch".into() } else { format!("{} touches", touches.len()) },
         part(*guess),
         number(100.0 * probability, 1),
         escape(stop),
+        escape(why),
+        HEADS.map(|head| format!("<div>{head}</div>")).concat(),
     ))
+}
+
+/// What the pictures of a touch show.
+const HEADS: [&str; 4] = ["Where it touched", "What the camera saw", "What changed", "Where next, and why"];
+
+/// A picture with its head, which is shown where there is no row of heads.
+fn pane(head: &str, picture: &str) -> String {
+    format!(r#"<div class="pane"><div class="head">{head}</div>{picture}</div>"#)
+}
+
+/// How an episode came out: a class of the style and words that begin with a mark.
+pub fn verdict(episode: &EpisodeStory) -> (&'static str, &'static str) {
+    let guess = episode.touches.last().map(|touch| touch.guess);
+    match (episode.refused, guess == Some(episode.truth)) {
+        (true, _) => ("wrong", "✗ none of these"),
+        (false, true) => ("right", "✓ right part"),
+        (false, false) => ("wrong", "✗ wrong part"),
+    }
 }
 
 /// What the filter said after a touch: the likeliest part, and how well it explains the touches.

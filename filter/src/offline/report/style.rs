@@ -20,9 +20,14 @@ p { max-width: 46rem; margin: 6px 0; }
 figure { margin: 0; }
 figcaption, .note { color: var(--soft); font-size: .88rem; max-width: 46rem; }
 figcaption { margin: 8px 0 14px; }
+.contents { position: sticky; top: 0; z-index: 2; display: flex; gap: 0 20px; overflow-x: auto; margin: 22px -20px 0; padding: 9px 20px;
+  background: var(--page); border-bottom: 1px solid var(--faint); font-size: .88rem; white-space: nowrap; scrollbar-width: none; }
+.contents a { color: var(--soft); text-decoration: none; } .contents a:hover { color: var(--ink); text-decoration: underline; }
+section { scroll-margin-top: 44px; } section > h2 { margin-top: 36px; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 20px 0; }
 .tile { flex: 1 1 140px; background: var(--panel); border-radius: 8px; padding: 12px 14px; font-size: .88rem; line-height: 1.35; color: var(--soft); }
 .tile b { display: block; font-size: 1.4rem; line-height: 1.4; color: var(--ink); white-space: nowrap; }
+.caution { border-left: 3px solid var(--paper-rule); padding: 2px 0 2px 12px; margin: 12px 0; font-size: .92rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
 th, td { text-align: right; padding: 4px 12px; white-space: nowrap; vertical-align: top; }
@@ -58,34 +63,7 @@ svg .mark { fill: currentColor; stroke: currentColor; stroke-width: 1.5; }
 .particle .line { stroke-dasharray: 5 3; } .particle .mark, .reference .mark { fill: var(--page); }
 .information { color: var(--information); } .paper-rule { color: var(--paper-rule); } .random { color: var(--random); }
 .moco { color: var(--moco); } .pixel { color: var(--pixel); } .reference { color: var(--ink); }
-.episode { border-top: 1px solid var(--faint); margin-top: 24px; }
-.episode h3 { margin-top: 14px; }
-.verdict { font-size: .85rem; font-weight: 600; border: 1px solid currentColor; border-radius: 99px; padding: 1px 9px; margin-left: 8px; }
 .right { color: var(--random); } .wrong { color: var(--print); }
-.heads, .touch { display: grid; grid-template-columns: 1.5rem 1fr 1fr 1fr 3.1fr; gap: 12px; align-items: start; }
-.heads { color: var(--soft); font-size: .8rem; margin: 10px 0 2px; }
-.touch { padding: 8px 0; break-inside: avoid; }
-.touch + .touch { border-top: 1px dotted var(--faint); }
-.count { font-weight: 600; font-size: 1.05rem; }
-.touch img, .where { display: block; width: 100%; height: auto; border-radius: 4px; }
-.where { background: var(--panel); }
-.part { fill: var(--soft); opacity: .32; }
-.print { fill: none; stroke: var(--print); vector-effect: non-scaling-stroke; stroke-width: 1; opacity: .65; }
-.print.now { fill: var(--print); fill-opacity: .15; stroke-width: 2; opacity: 1; }
-.print.top { stroke-width: 4; opacity: 1; }
-.trail { fill: none; stroke: var(--print); vector-effect: non-scaling-stroke; stroke-width: 1; stroke-dasharray: 2 2; opacity: .8; }
-.belief { min-width: 0; } .said { font-size: .8rem; line-height: 1.3; margin: 0 0 6px; color: var(--soft); } .said b { color: var(--ink); }
-.maps { display: grid; grid-template-columns: repeat(6, 1fr); gap: 6px 8px; }
-.map { font-size: .76rem; line-height: 1.3; font-variant-numeric: tabular-nums; }
-.map svg { display: block; overflow: visible; width: 100%; height: auto; background: var(--panel); border-radius: 3px; }
-.map image { image-rendering: pixelated; }
-.map .part { fill: none; stroke: var(--ink); stroke-width: 1; vector-effect: non-scaling-stroke; opacity: .5; }
-.map .name { display: flex; justify-content: space-between; color: var(--soft); }
-.map.true .name { color: var(--print); font-weight: 700; }
-.ring { fill: none; stroke: var(--print); stroke-width: 2; vector-effect: non-scaling-stroke; }
-.share { height: 4px; border-radius: 2px; background: var(--faint); }
-.share i { display: block; height: 4px; border-radius: 2px; background: var(--bar); }
-.defs { position: absolute; width: 0; height: 0; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 4px 18px; font-size: .92rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 code { font-size: .88em; }
@@ -93,15 +71,12 @@ summary { cursor: pointer; margin-top: 24px; }
 @media (max-width: 640px) {
   body { padding: 18px 14px 40px; font-size: 15px; }
   h1 { font-size: 1.45rem; }
+  .contents { margin: 16px -14px 0; padding: 9px 14px; }
   .tiles { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px; }
   .tile b { font-size: 1.2rem; white-space: normal; }
   th, td { padding: 4px; } td small { font-size: .68rem; letter-spacing: -.02em; }
   .sortable { font-size: .78rem; } .sortable th, .sortable td { padding: 4px 3px; } .sortable td:first-child { white-space: normal; }
   .charts, .charts.two, .charts.and-table { grid-template-columns: minmax(0, 1fr); } .charts .legend { order: -1; margin: 8px 0 0; padding: 0; }
-  .heads { display: none; }
-  .touch { grid-template-columns: 1fr 1fr 1fr; gap: 8px; align-items: center; }
-  .count, .belief { grid-column: 1 / -1; }
-  .count::before { content: "Touch "; }
   dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: 8px; }
 }
 @media print {
@@ -112,7 +87,7 @@ summary { cursor: pointer; margin-top: 24px; }
   body { max-width: none; padding: 0; font-size: 10.5pt; }
   .tiles { display: grid; grid-template-columns: repeat(6, minmax(0, 1fr)); gap: 8px; } .tile { padding: 8px; } .tile b { font-size: 1rem; }
   svg text { font-size: 16px; }
-  h2, h3, h4, .heads { break-after: avoid; } figure, table, .tiles { break-inside: avoid; }
-  details { display: none; }
+  h2, h3, h4 { break-after: avoid; } figure, table, .tiles { break-inside: avoid; }
+  details, .contents { display: none; }
 }
 "#;

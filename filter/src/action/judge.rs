@@ -1,0 +1,332 @@
+//! Judges candidates: how much the views from the states that are believed differ, where a candidate leads.
+
+use rand::RngExt;
+use rand::rngs::ChaCha8Rng;
+use tactile_data::se2::Se2;
+use tactile_infer::bank::Bank;
+use tactile_infer::similarity::peg_similarity;
+
+use super::{ActionRule, Expected, Situation};
+use crate::belief::Hypothesis;
+use crate::likelihood::LikelihoodConfig;
+use crate::lookup::{Nearest, look_up};
+
+/// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
+#[derive(Clone, Copy)]
+struct Draw {
+    hypothesis: Hypothesis,
+    pose: usize,
+    count: f64,
+}
+
+/// Judges candidates against states drawn from the belief.
+pub(super) struct Judge<'a> {
+    situation: &'a Situation<'a>,
+    pairing: Pairing<'a>,
+    /// Where the sensor would be by each distinct pose of the draws.
+    part_from_sensor: Vec<Se2>,
+    draws: Vec<Draw>,
+    supposed: Vec<Draw>,
+    tolerance: f64,
+}
+
+impl<'a> Judge<'a> {
+    /// A judge by `n_draws` states drawn from the belief, `n_suppositions` of which are supposed true in turn.
+    pub(super) fn new(
+        situation: &'a Situation<'a>,
+        n_draws: usize,
+        n_suppositions: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
+        let Situation { config, likelihood, belief, bank, .. } = *situation;
+        let drawn = belief.draw(n_draws, rng);
+        let mut supposed: Vec<Hypothesis> =
+            (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
+        if let (ActionRule::Paper, Some(best)) = (config.rule, belief.best(None)) {
+            supposed[0] = best;
+        }
+        let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();
+        let pairing = Pairing::new(config.rule, likelihood, bank, rng);
+        let supposed = supposed.into_iter().map(|hypothesis| (hypothesis, 1.0)).collect();
+        Self::of(situation, pairing, draws, supposed)
+    }
+
+    fn of(
+        situation: &'a Situation<'a>,
+        pairing: Pairing<'a>,
+        draws: Vec<(Hypothesis, f64)>,
+        supposed: Vec<(Hypothesis, f64)>,
+    ) -> Self {
+        let Situation { likelihood, belief, bank, .. } = *situation;
+        let mut cells: Vec<usize> = draws.iter().chain(&supposed).map(|(hypothesis, _)| hypothesis.cell).collect();
+        cells.sort_unstable();
+        cells.dedup();
+        let first_from_sensor = belief.first_from_sensor();
+        let placed = |states: Vec<(Hypothesis, f64)>| -> Vec<Draw> {
+            let pose_of = |hypothesis: &Hypothesis| cells.partition_point(|cell| *cell < hypothesis.cell);
+            let draw = |(hypothesis, count)| Draw { hypothesis, pose: pose_of(&hypothesis), count };
+            states.into_iter().map(draw).collect()
+        };
+        // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
+        let tolerance = if likelihood.look_up.is_cubic(bank.grid()) { 1.0 } else { likelihood.lookup_tolerance };
+        Self {
+            situation,
+            pairing,
+            draws: placed(draws),
+            supposed: placed(supposed),
+            part_from_sensor: cells.iter().map(|cell| belief.grid().pose(*cell) * first_from_sensor).collect(),
+            tolerance,
+        }
+    }
+
+    /// A judge by about `n_draws` of the draws, evenly taken, and the first `n_suppositions`.
+    pub(super) fn thinned(&self, n_draws: usize, n_suppositions: usize) -> Self {
+        let every = self.draws.len().div_ceil(n_draws.max(1)).max(1);
+        let state = |draw: &Draw| (draw.hypothesis, draw.count);
+        let draws = self.draws.iter().step_by(every).map(state).collect();
+        let supposed = self.supposed.iter().take(n_suppositions.max(1)).map(state).collect();
+        Self::of(self.situation, self.pairing, draws, supposed)
+    }
+
+    /// The score of a candidate; `None` where it would show contact from no supposed state.
+    pub(super) fn score(&self, candidate: &Se2) -> Option<f64> {
+        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, |_, _, _| ());
+        (n_contacts > 0).then(|| total / n_supposed - self.travel_nats(candidate))
+    }
+
+    /// What a candidate is expected to tell, by the sums of [`Self::score`] told apart: which part it is, and of
+    /// that, which of `pair`. By Bayes' rule a true state's log-probability grows by log(own / mean of all), the sum
+    /// of log(mean of its part / mean of all), which tells the part, and log(own / mean of its part), which tells
+    /// where; which of two parts it is grows likewise by log(mean of its part / mean of both).
+    ///
+    /// `None` for other rules than expected information, and where no contact is expected.
+    pub(super) fn expected(&self, candidate: &Se2, pair: Option<[usize; 2]>) -> Option<Expected> {
+        if self.situation.config.rule != ActionRule::Information {
+            return None;
+        }
+        let n_parts = self.situation.bank.parts().len();
+        let mut counts = vec![0.0; n_parts];
+        self.draws.iter().for_each(|draw| counts[draw.hypothesis.part] += draw.count);
+        let mut sums = vec![0.0; self.supposed.len() * n_parts];
+        let told = |truth: usize, draw: &Draw, value: f64| sums[truth * n_parts + draw.hypothesis.part] += value;
+        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, told);
+        let (mut part_nats, mut pair_nats) = (0.0, 0.0);
+        for (truth, sums) in self.supposed.iter().zip(sums.chunks_exact(n_parts)) {
+            let own = truth.hypothesis.part;
+            let mean = |parts: &[usize]| {
+                let sum = |of: &[f64]| parts.iter().map(|part| of[*part]).sum::<f64>();
+                sum(sums) / sum(&counts)
+            };
+            let all: Vec<usize> = (0..n_parts).collect();
+            // A supposed state without contact was not weighed: it tells nothing.
+            if mean(&[own]) > 0.0 {
+                part_nats += (mean(&[own]) / mean(&all)).ln();
+                let both = pair.filter(|pair| pair.contains(&own));
+                pair_nats += both.map_or(0.0, |both| (mean(&[own]) / mean(&both)).ln());
+            }
+        }
+        (n_contacts > 0).then(|| Expected {
+            nats: total / n_supposed,
+            part_nats: part_nats / n_supposed,
+            pair: pair.map(|pair| (pair, pair_nats / n_supposed)),
+        })
+    }
+
+    /// What the way to a candidate costs, nats.
+    fn travel_nats(&self, candidate: &Se2) -> f64 {
+        match self.situation.config.rule {
+            ActionRule::Information => self.situation.config.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm),
+            _ => 0.0,
+        }
+    }
+
+    /// Weighs the views from the draws against the view from each supposed state. `told` hears of each pair:
+    /// which supposed state, which draw, and how much it counts.
+    fn weigh(&self, candidate: &Se2, mut told: impl FnMut(usize, &Draw, f64)) -> Weighed {
+        let Situation { config, bank, only_recorded, .. } = *self.situation;
+        let grid = bank.grid();
+        let seen: Vec<Option<Nearest>> =
+            self.part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), self.tolerance)).collect();
+        let view = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
+        let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
+        for (index, truth) in self.supposed.iter().enumerate() {
+            let Some((row, trust)) = view(truth) else {
+                // What is not recorded tells nothing.
+                n_supposed += if only_recorded { 0.0 } else { 1.0 };
+                continue;
+            };
+            n_supposed += 1.0;
+            if bank.edge_shares()[row] <= config.contact_threshold {
+                continue;
+            }
+            n_contacts += 1;
+            let (mut sum, mut n_states) = (0.0, 0.0);
+            for draw in &self.draws {
+                if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
+                    continue; // S without s*
+                }
+                let value = draw.count * self.pairing.value(view(draw), row);
+                told(index, draw, value);
+                sum += value;
+                n_states += draw.count;
+            }
+            total += match config.rule {
+                ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
+                _ => sum,
+            };
+        }
+        Weighed { total, n_supposed, n_contacts }
+    }
+}
+
+/// A candidate weighed: the sum over the supposed states, how many they are, and from how many it shows contact.
+struct Weighed {
+    total: f64,
+    n_supposed: f64,
+    n_contacts: usize,
+}
+
+/// How a recorded view counts against the view that would be touched.
+#[derive(Clone, Copy)]
+struct Pairing<'a> {
+    rule: ActionRule,
+    likelihood: &'a LikelihoodConfig,
+    bank: &'a Bank,
+    /// Mean of [`Self::look`] over two edged views at random.
+    average: f64,
+}
+
+impl<'a> Pairing<'a> {
+    /// Pairs sampled for the average: its relative error, some 6 %, moves no score by more.
+    const N_SAMPLED: usize = 256;
+
+    fn new(rule: ActionRule, likelihood: &'a LikelihoodConfig, bank: &'a Bank, rng: &mut ChaCha8Rng) -> Self {
+        let shares = bank.edge_shares();
+        let edged: Vec<usize> = (0..shares.len()).filter(|row| !likelihood.is_blank(shares[*row])).collect();
+        let mut pairing = Self { rule, likelihood, bank, average: 1.0 };
+        if !edged.is_empty() {
+            let mut any = || edged[rng.random_range(0..edged.len())];
+            let looks = (0..Self::N_SAMPLED).map(|_| pairing.look(any(), any()));
+            pairing.average = looks.sum::<f64>() / Self::N_SAMPLED as f64;
+        }
+        pairing
+    }
+
+    /// For the paper's rule 1 / f_PP, scaled so that it cannot overflow; else the filter's likelihood of
+    /// seeing one view where the other is recorded, without its blank part.
+    fn look(&self, row_a: usize, row_b: usize) -> f64 {
+        let cosine = f64::from(peg_similarity(self.bank, row_a, row_b)).clamp(-1.0, 1.0);
+        match self.rule {
+            ActionRule::Paper => (-(cosine + 1.0) / self.likelihood.temperature).exp(),
+            _ => ((cosine - 1.0) / self.likelihood.temperature).exp() + self.likelihood.outlier_floor,
+        }
+    }
+
+    /// What a state whose recorded view (row, trust) is `view` adds, where row `touched` would be seen. An
+    /// unknown view adds the average.
+    fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
+        let Some((row, trust)) = view else { return if self.rule == ActionRule::Paper { self.average } else { 1.0 } };
+        if self.rule == ActionRule::Paper {
+            return self.look(row, touched);
+        }
+        let is_blank = |row: usize| self.likelihood.is_blank(self.bank.edge_shares()[row]);
+        let agreement = self.likelihood.blank_agreement;
+        let ratio = match (is_blank(row), is_blank(touched)) {
+            (false, false) => agreement * self.look(row, touched) / self.average,
+            (true, true) => agreement,
+            _ => 1.0 - agreement,
+        };
+        trust * ratio + 1.0 - trust
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{GRID, bank};
+    use super::super::{ActionConfig, judge};
+    use super::*;
+    use crate::belief::{Belief, EngineConfig};
+    use crate::likelihood::{Observation, TouchLikelihood};
+    use rand::SeedableRng;
+
+    #[test]
+    fn the_papers_score_agrees_with_hand_arithmetic() {
+        let bank = bank(0.2);
+        let likelihood = LikelihoodConfig { temperature: 0.5, ..LikelihoodConfig::default() };
+        let pairing = Pairing::new(ActionRule::Paper, &likelihood, &bank, &mut ChaCha8Rng::seed_from_u64(1));
+        // 1 / exp(cos / tau), scaled by exp(-1 / tau): cosines -1, 0 and 1.
+        for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
+            assert!((pairing.value(Some((row, 1.0)), 2) - (-(cosine + 1.0) / 0.5).exp()).abs() < 1e-6);
+        }
+        assert_eq!(pairing.value(None, 2), pairing.average);
+    }
+
+    const X: [f32; 3] = [1.0, 0.0, 0.0];
+    const Y: [f32; 3] = [0.0, 1.0, 0.0];
+    const UP: [f32; 3] = [0.0, 0.0, 1.0];
+    const DOWN: [f32; 3] = [0.0, 0.0, -1.0];
+
+    /// What a turn is expected to tell after a first touch that looks like X; the rows of each part are its views at
+    /// -30, 0 and 30 degrees.
+    fn expected_of_turning(degrees: f64, parts: &[[[f32; 3]; 3]]) -> Expected {
+        let names: Vec<String> = (0..parts.len()).map(|part| part.to_string()).collect();
+        let shares = vec![0.2; 3 * parts.len()];
+        let rows = parts.concat().concat();
+        let bank = Bank::from_rows(names, GRID, 3, rows, shares, String::new()).unwrap();
+        let likelihood = LikelihoodConfig { outlier_floor: 0.0, ..LikelihoodConfig::default() };
+        let touch = Observation { query: X.to_vec(), edge_share: 0.2 };
+        let belief =
+            Belief::new(&bank, EngineConfig::Exact, 1, 1, TouchLikelihood::new(&touch, &bank, &likelihood).unwrap());
+        // Enough draws that rounding a third of them matters little.
+        let config = ActionConfig { n_draws: 3000, n_suppositions: 3000, ..ActionConfig::default() };
+        let candidates = [Se2::from_degrees(0.0, 0.0, degrees)];
+        let situation = Situation {
+            config: &config,
+            likelihood: &likelihood,
+            belief: &belief,
+            bank: &bank,
+            candidates: &candidates,
+            only_recorded: true,
+        };
+        judge(&situation, 1).unwrap().expected.unwrap()
+    }
+
+    /// 3000 suppositions: a share of them is off by about 1 %.
+    fn assert_near(got: f64, nats: f64) {
+        assert!((got - nats).abs() < 0.03, "{got} nats, expected {nats}");
+    }
+
+    #[test]
+    fn two_parts_told_apart_are_a_bit_all_of_it_between_them() {
+        let expected = expected_of_turning(60.0, &[[X, Y, UP], [X, Y, DOWN]]);
+        let bit = std::f64::consts::LN_2;
+        let Some(([0, 1], between)) = expected.pair else { panic!("{expected:?}") };
+        [expected.nats, expected.part_nats, between].into_iter().for_each(|nats| assert_near(nats, bit));
+    }
+
+    #[test]
+    fn a_third_part_told_from_two_says_nothing_between_the_two() {
+        let expected = expected_of_turning(60.0, &[[X, Y, UP], [X, Y, UP], [X, Y, DOWN]]);
+        // Three equal parts, then two left in two of three cases: ln 3 - 2/3 ln 2.
+        let nats = 3.0_f64.ln() - 2.0 / 3.0 * 2.0_f64.ln();
+        [expected.nats, expected.part_nats].into_iter().for_each(|got| assert_near(got, nats));
+        let (pair, between) = expected.pair.unwrap();
+        assert_eq!(pair, [0, 1]);
+        assert_near(between, 0.0);
+    }
+
+    #[test]
+    fn parts_alike_tell_nothing() {
+        let expected = expected_of_turning(60.0, &[[X, Y, UP], [X, Y, UP]]);
+        [expected.nats, expected.part_nats].into_iter().for_each(|nats| assert_near(nats, 0.0));
+    }
+
+    #[test]
+    fn where_on_the_one_part_is_no_news_of_the_part() {
+        // At -30 or 0 degrees; 30 degrees on, the one shows X and the other UP.
+        let expected = expected_of_turning(30.0, &[[X, X, UP]]);
+        assert_near(expected.nats, std::f64::consts::LN_2);
+        assert_near(expected.part_nats, 0.0);
+        assert_eq!(expected.pair, None);
+    }
+}
