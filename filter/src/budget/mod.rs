@@ -11,3 +11,6 @@ mod tradeoff;
 pub use pace::Pace;
 pub use settings::{Knob, Settings};
 pub use tradeoff::{Budget, Choice, Point, SCHEMA, Tradeoff};
+
+#[cfg(test)]
+pub(crate) use settings::tests::settings as settings_for_tests;

@@ -241,7 +241,7 @@ pub fn write(out: &Path, evaluation: &Evaluation, board: &Board, stories: &[Epis
 }
 
 /// The command line as it was typed, without the folder of the program.
-fn command_line() -> String {
+pub fn command_line() -> String {
     let words = std::env::args().skip(1);
     std::iter::once("tactile-filter".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }

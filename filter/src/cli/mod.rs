@@ -5,6 +5,7 @@ mod extremes;
 mod merge;
 mod replay;
 mod table;
+mod tradeoff;
 mod tuning;
 
 use clap::{Parser, Subcommand};
@@ -26,6 +27,7 @@ enum Command {
     Extremes(extremes::ExtremesArgs),
     Merge(merge::Merge),
     Replay(replay::Replay),
+    Tradeoff(tradeoff::TradeoffArgs),
 }
 
 impl Cli {
@@ -36,6 +38,7 @@ impl Cli {
             Command::Extremes(extremes) => extremes.run(),
             Command::Merge(merge) => merge.run(),
             Command::Replay(replay) => replay.run(),
+            Command::Tradeoff(tradeoff) => tradeoff.run(),
         }
     }
 }

@@ -9,12 +9,14 @@ mod paper;
 mod parts;
 mod picture;
 mod reliability;
+mod scatter;
 mod series;
 pub(crate) mod shell;
 mod stopping;
 mod story;
 mod style;
 pub(crate) mod table;
+pub mod tradeoff;
 mod viewer;
 
 use std::fs;
