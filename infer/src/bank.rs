@@ -119,6 +119,15 @@ impl Bank {
 
     /// Saves the bank in one file, bound to its model's checksum, its rows in the format they are kept in.
     pub fn save(&self, path: &Path) -> Result<()> {
+        self.file()?.save_as(path, SCHEMA, self.rows.precision())
+    }
+
+    /// SHA-256 of its parts, poses, rows and model, as 64 hex digits.
+    pub fn sha256(&self) -> Result<String> {
+        Ok(self.file()?.sha256())
+    }
+
+    fn file(&self) -> Result<SafeFile> {
         let n_rows = self.n_rows();
         let tensor = |name: &str, shape, values| NamedTensor { name: name.into(), shape, values };
         let (rows, scales) = self.rows.parts();
@@ -127,16 +136,12 @@ impl Bank {
             tensor("edge_shares", vec![n_rows], self.edge_shares.clone()),
         ];
         tensors.extend(scales.map(|scales| tensor("scales", vec![n_rows], scales)));
-        let file = SafeFile {
-            tensors,
-            blobs: Vec::new(),
-            text: vec![
-                ("parts".into(), to_json(&self.parts)?),
-                ("grid".into(), to_json(&self.grid)?),
-                ("model_sha256".into(), self.model_sha256.clone()),
-            ],
-        };
-        file.save_as(path, SCHEMA, self.rows.precision())
+        let text = vec![
+            ("parts".into(), to_json(&self.parts)?),
+            ("grid".into(), to_json(&self.grid)?),
+            ("model_sha256".into(), self.model_sha256.clone()),
+        ];
+        Ok(SafeFile { tensors, blobs: Vec::new(), text })
     }
 
     /// Loads a bank, its rows in the format that the file holds, and refuses one made by another model.

@@ -43,6 +43,16 @@ pub enum Optimizer {
     Lamb,
 }
 
+impl Optimizer {
+    /// The peak learning rate that was best on letters for tuning, for batches of some two hundred pairs.
+    pub fn learning_rate(self) -> f64 {
+        match self {
+            Self::Adamw => 2e-3,
+            Self::Lamb => 5e-3,
+        }
+    }
+}
+
 /// Whether pairs are mirrored, and what becomes of the light then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
@@ -124,8 +134,8 @@ impl TrainConfig {
             n_pairs: 192,
             n_shards: 2,
             temperature: 0.1,
-            optimizer: Optimizer::Adamw,
-            learning_rate: 2e-3,
+            optimizer: Optimizer::Lamb,
+            learning_rate: Optimizer::Lamb.learning_rate(),
             n_warmup: 40,
             weight_decay: 0.05,
             momentum: 0.98,
@@ -163,6 +173,7 @@ impl TrainConfig {
             n_steps,
             n_pairs,
             n_shards: 8,
+            optimizer: Optimizer::Adamw,
             learning_rate: 6e-4,
             n_warmup: n_steps / 12,
             weight_decay: 0.1,

@@ -153,6 +153,10 @@ impl Settings {
         network.width = self.width.unwrap_or(network.width);
         network.hidden = self.hidden.unwrap_or(network.hidden);
         network.dim = self.dim.unwrap_or(network.dim);
+        let optimizer = self.optimizer.unwrap_or(preset.optimizer);
+        // A preset's rate is that of its own optimiser.
+        let is_own = optimizer == preset.optimizer;
+        let learning_rate = if is_own { preset.learning_rate } else { optimizer.learning_rate() };
         let config = TrainConfig {
             preset: preset.preset,
             network,
@@ -160,8 +164,8 @@ impl Settings {
             n_pairs,
             n_shards: self.shards.unwrap_or(preset.n_shards),
             temperature: self.temperature.unwrap_or(preset.temperature),
-            optimizer: self.optimizer.unwrap_or(preset.optimizer),
-            learning_rate: self.learning_rate.unwrap_or(preset.learning_rate),
+            optimizer,
+            learning_rate: self.learning_rate.unwrap_or(learning_rate),
             n_warmup: self.warmup.unwrap_or(preset.n_warmup.min(n_steps / 10)),
             weight_decay: self.weight_decay.unwrap_or(preset.weight_decay),
             momentum: self.momentum.unwrap_or(preset.momentum),

@@ -5,23 +5,25 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use tactile_data::frame::Frame;
 use tactile_data::scene::Scene;
+use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::episode::{EpisodeConfig, Eye};
-use tactile_filter::offline::evaluate::{Outcome, Protocol, Scored, run};
+use tactile_filter::offline::evaluate::{Protocol, run};
+use tactile_filter::offline::gathered::{GATHERED_SCHEMA, Gathered, Run, Setup, Single};
 use tactile_filter::offline::report::{Board, EpisodeStory, PaperNumbers, write_report};
-use tactile_filter::offline::result::{
-    Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping,
-};
+use tactile_filter::offline::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses};
 use tactile_filter::offline::{baselines, story, summary};
 use tactile_filter::{Error, Result};
 use tactile_infer::bank::Bank;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{DeviceKind, Model};
 
+use super::table;
 use super::tuning::{Tuning, rule};
 
 /// Run episodes against simulated holes; write evaluation.json and report.html.
@@ -60,6 +62,13 @@ pub struct Evaluate {
     /// Take each hole's own part out of the bank: how often is it recognised as none of these?
     #[arg(long)]
     absent: bool,
+    /// Tell each hole from K parts only: its own and others drawn at random [default: all of the bank]
+    #[arg(long, value_name = "K")]
+    classes: Option<usize>,
+    /// Run one part of the episodes into a file of its own: I/N with I from 1, or env, which reads the array
+    /// index of Slurm or Kubernetes; tactile-filter merge makes one evaluation of all N.
+    #[arg(long, value_name = "I/N|env")]
+    shard: Option<Shard>,
     /// Milliseconds for each choice of a touch: the best found by then is taken [default: no limit]
     #[arg(long)]
     choose_ms: Option<f64>,
@@ -88,90 +97,119 @@ impl Evaluate {
         let model = Model::load(&self.model, self.device.parse()?)?;
         let bank = Bank::load(&self.bank, &model)?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        // The no-contact frame of the robot's own session, not the bank's.
-        let no_contact = simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374);
-        let eye = Eye::new(&model, &no_contact)?;
-        let poses = if self.poses == "on-grid" { Poses::OnGrid } else { Poses::OffGrid };
-        let (n_episodes, seeds, n_touches) = (self.episodes, self.seeds.clone(), self.touches);
-        let protocol = Protocol { n_episodes, seeds, poses, absent: self.absent, choose_ms: self.choose_ms, n_touches };
-
-        let mut rows = Vec::new();
-        let single = |method, scored: &[Scored]| {
-            summary::row(summary::Label { method, inference: Inference::None, action: Choice::None, poses }, 1, scored)
-        };
-        let mut flipped = None;
-        if let Some(path) = &self.pegs {
-            let pegs = Dataset::open(path)?;
-            let scored = baselines::pixel(&simulator, &model, &bank, &pegs, &no_contact, &protocol)?;
-            let [plain, inside_out] = scored.map(|scored| single(Method::Pixel, &scored));
-            rows.push(plain);
-            flipped = Some(inside_out);
+        let protocol = self.protocol();
+        protocol.validate(&simulator, &bank)?;
+        if let Some(shard) = self.shard {
+            return self.run_shard(shard, &simulator, &model, &bank, &protocol);
         }
-        rows.push(single(Method::Moco, &baselines::moco(&simulator, &eye, &bank, &protocol)?));
+        let gathered = self.gather(&simulator, &model, &bank, &protocol)?;
+        let evaluation = gathered.evaluation()?;
+        // An episode without its part has no truth to show, and one of a few parts no map of all.
+        let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
+        let eye = Eye::new(&model, &self.no_contact(&simulator))?;
+        let stories = story::tell(&simulator, &eye, &bank, &gathered.runs[0].config, &protocol, n_stories)?;
+        write(&self.out, &evaluation, &story::board(&simulator, &bank)?, &stories)?;
+        if self.json {
+            println!("{}", to_json(&evaluation)?);
+        } else {
+            table::print(&evaluation, &gathered.single_rows(true));
+            println!("  {}", self.out.join("report.html").display());
+        }
+        Ok(())
+    }
 
-        let runs = self.configs(&model)?;
-        let mut stops = Vec::new();
-        let mut first: Option<(summary::Label, Vec<Outcome>)> = None;
-        let mut comparisons = Vec::new();
-        for (name, config) in &runs {
-            let bar = progress(name);
-            let outcomes = run(&simulator, &eye, &bank, config, &protocol, &|done, total| {
+    /// Runs the episodes of a shard, unless its file is there already.
+    fn run_shard(
+        &self,
+        shard: Shard,
+        simulator: &Simulator,
+        model: &Model,
+        bank: &Bank,
+        protocol: &Protocol,
+    ) -> Result<()> {
+        let path = self.out.join(format!("shard-{}-of-{}.json", shard.index() + 1, shard.count()));
+        let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
+        if path.exists() {
+            let there = Gathered::load(&path)?;
+            if there.episodes == protocol.episodes && there.is_of(&self.gather(simulator, model, bank, &nothing)?) {
+                println!("{} is there already", path.display());
+                return Ok(());
+            }
+            let expected = "no file, or this shard of this evaluation";
+            return Err(Error::invalid(path.display().to_string(), expected, "one of another evaluation"));
+        }
+        std::fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
+        self.gather(simulator, model, bank, protocol)?.save(&path)?;
+        println!("episodes {:?} in {}", protocol.episodes, path.display());
+        Ok(())
+    }
+
+    fn protocol(&self) -> Protocol {
+        Protocol {
+            n_episodes: self.episodes,
+            episodes: self.shard.map_or(0..self.episodes, |shard| shard.range(self.episodes)),
+            seeds: self.seeds.clone(),
+            poses: if self.poses == "on-grid" { Poses::OnGrid } else { Poses::OffGrid },
+            absent: self.absent,
+            n_classes: self.classes,
+            choose_ms: self.choose_ms,
+            n_touches: self.touches,
+        }
+    }
+
+    /// The no-contact frame of the robot's own session, not the bank's.
+    fn no_contact(&self, simulator: &Simulator) -> Frame {
+        simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374)
+    }
+
+    /// Runs every way of inferring on the protocol's episodes.
+    fn gather(&self, simulator: &Simulator, model: &Model, bank: &Bank, protocol: &Protocol) -> Result<Gathered> {
+        let no_contact = self.no_contact(simulator);
+        let eye = Eye::new(model, &no_contact)?;
+        let mut singles = Vec::new();
+        if let Some(path) = &self.pegs {
+            let scored = baselines::pixel(simulator, model, bank, &Dataset::open(path)?, &no_contact, protocol)?;
+            let single = |(scored, inside_out)| Single { method: Method::Pixel, inside_out, scored };
+            singles.extend(scored.into_iter().zip([false, true]).map(single));
+        }
+        let scored = baselines::moco(simulator, &eye, bank, protocol)?;
+        singles.push(Single { method: Method::Moco, inside_out: false, scored });
+        let run_one = |(name, config): (String, EpisodeConfig)| {
+            let bar = progress(&name);
+            let outcomes = run(simulator, &eye, bank, &config, protocol, &|done, total| {
                 bar.set_length(total as u64);
                 bar.set_position(done as u64);
             })?;
             bar.finish_and_clear();
-            let label = label(config, poses);
-            rows.extend(summary::rows(label, &outcomes));
-            stops.push(summary::stops(label, &outcomes, config));
-            match &first {
-                None => first = Some((label, outcomes)),
-                Some((of, told)) if of.inference == label.inference && of.action != label.action => {
-                    comparisons.extend(summary::compare((*of, told), (label, &outcomes)));
-                }
-                Some(_) => {}
-            }
-        }
-        let Some((_, told)) = first else {
-            return Err(Error::invalid("--engines and --actions", "at least one of each", "none"));
+            Ok(Run { label: label(&config, protocol.poses), config, outcomes })
         };
-        let evaluation = Evaluation {
-            schema: SCHEMA.into(),
-            scene: simulator.scene().name.clone(),
-            n_classes: bank.parts().len(),
-            n_episodes: self.episodes,
-            seeds: self.seeds.clone(),
-            absent: self.absent,
-            model: ModelRecord {
-                name: model.provenance().name.clone(),
-                sha256: model.sha256().into(),
-                parameters: model.n_parameters(),
-                input_px: model.config().input_px,
+        Ok(Gathered {
+            schema: GATHERED_SCHEMA.into(),
+            setup: Setup {
+                scene: simulator.scene().name.clone(),
+                parts: simulator.parts().to_vec(),
+                n_classes: self.classes.unwrap_or(bank.parts().len()),
+                n_episodes: protocol.n_episodes,
+                seeds: protocol.seeds.clone(),
+                n_touches: protocol.n_touches,
+                poses: protocol.poses,
+                absent: protocol.absent,
+                choose_ms: protocol.choose_ms,
+                model: ModelRecord {
+                    name: model.provenance().name.clone(),
+                    sha256: model.sha256().into(),
+                    parameters: model.n_parameters(),
+                    input_px: model.config().input_px,
+                },
+                bank_sha256: bank.sha256()?,
+                device: self.device.clone(),
             },
-            device: self.device.clone(),
+            episodes: protocol.episodes.clone(),
             n_threads: std::thread::available_parallelism().map_or(1, usize::from),
-            rows,
-            stopping: Stopping {
-                mean_touches: stops[0].mean_touches,
-                confident_and_wrong: stops[0].confident_and_wrong,
-            },
-            latency_ms: summary::latency(&told),
-            stops,
-            comparisons,
-            reliability: summary::reliability(&told),
-            parts: if self.absent { Vec::new() } else { summary::parts(bank.parts(), &told) },
-            command: Some(command_line()),
-        };
-        let (_, config) = &runs[0];
-        // An episode without its part has no truth to show.
-        let n_stories = if self.absent { 0 } else { self.stories };
-        let stories = story::tell(&simulator, &eye, &bank, config, &protocol, n_stories)?;
-        self.write(&evaluation, &story::board(&simulator, &bank)?, &stories)?;
-        if self.json {
-            println!("{}", to_json(&evaluation)?);
-        } else {
-            print_table(&evaluation, flipped.as_ref(), &self.out);
-        }
-        Ok(())
+            command: command_line(),
+            singles,
+            runs: self.configs(model)?.into_iter().map(run_one).collect::<Result<_>>()?,
+        })
     }
 
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
@@ -188,15 +226,16 @@ impl Evaluate {
         }
         Ok(configs)
     }
+}
 
-    fn write(&self, evaluation: &Evaluation, board: &Board, stories: &[EpisodeStory]) -> Result<()> {
-        std::fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
-        let report = self.out.join("report.html");
-        let paper = PaperNumbers::of_scene(&evaluation.scene);
-        write_report(&report, evaluation, board, stories, &paper).map_err(Error::io(&report))?;
-        // Last: whoever finds the figures finds the report too.
-        Ok(write_whole(&self.out.join("evaluation.json"), to_json(evaluation)?.as_bytes())?)
-    }
+/// Writes the report and the figures into a folder.
+pub fn write(out: &Path, evaluation: &Evaluation, board: &Board, stories: &[EpisodeStory]) -> Result<()> {
+    std::fs::create_dir_all(out).map_err(Error::io(out))?;
+    let report = out.join("report.html");
+    let paper = PaperNumbers::of_scene(&evaluation.scene);
+    write_report(&report, evaluation, board, stories, &paper).map_err(Error::io(&report))?;
+    // Last: whoever finds the figures finds the report too.
+    Ok(write_whole(&out.join("evaluation.json"), to_json(evaluation)?.as_bytes())?)
 }
 
 /// The command line as it was typed, without the folder of the program.
@@ -218,71 +257,8 @@ fn label(config: &EpisodeConfig, poses: Poses) -> summary::Label {
     summary::Label { method: Method::Filter, inference, action, poses }
 }
 
-fn to_json(evaluation: &Evaluation) -> Result<String> {
+pub fn to_json(evaluation: &Evaluation) -> Result<String> {
     serde_json::to_string_pretty(evaluation).map_err(|e| Error::invalid("evaluation", "JSON", e.to_string()))
-}
-
-fn print_table(evaluation: &Evaluation, flipped: Option<&Row>, out: &Path) {
-    println!("{}: {} episodes, {} parts", evaluation.scene, evaluation.n_episodes, evaluation.n_classes);
-    println!(
-        "  {:28} {:>2} {:>8} {:>15} {:>8} {:>7} {:>7}",
-        "method", "n", "right %", "95 % interval", "cell %", "xy mm", "deg"
-    );
-    let print = |name: &str, row: &Row| {
-        println!(
-            "  {name:28} {:2} {:8.1} {:7.1}-{:<7.1} {:8.1} {:7.2} {:7.2}",
-            row.n_touches,
-            100.0 * row.accuracy,
-            100.0 * row.accuracy_ci95[0],
-            100.0 * row.accuracy_ci95[1],
-            100.0 * row.exact_cell,
-            row.xy_mm_mean,
-            row.theta_deg_mean
-        );
-    };
-    for row in evaluation.rows.iter().filter(|row| [1, 2, 3, 5, 10].contains(&row.n_touches)) {
-        print(&format!("{:?}, {:?}, {:?}", row.method, row.inference, row.action).to_lowercase(), row);
-    }
-    if let Some(row) = flipped {
-        print("pixel, sign-flipped", row);
-    }
-    for stops in &evaluation.stops {
-        println!(
-            "  {:28} stops after {:.2} touches; confident {:.1} %, of these wrong {:.1} %; none of these {:.1} %; 95 % sure after {:.2}",
-            format!("{:?}, {:?}", stops.inference, stops.action).to_lowercase(),
-            stops.mean_touches,
-            100.0 * stops.confident,
-            100.0 * stops.confident_and_wrong,
-            100.0 * stops.none_of_these,
-            stops.touches_to_95,
-        );
-    }
-    for c in evaluation.comparisons.iter().filter(|c| [1, 2, 3, 5, 10].contains(&c.n_touches)) {
-        let name = format!("{:?}, {:?} less {:?}", c.inference, c.action, c.against).to_lowercase();
-        let [low, high] = c.ci95.map(|bound| 100.0 * bound);
-        println!("  {name:38} n = {:2}: {:+.1} points ({low:+.1} to {high:+.1})", c.n_touches, 100.0 * c.difference);
-    }
-    for bin in &evaluation.reliability {
-        let [low, high] = bin.right_ci95.map(|bound| 100.0 * bound);
-        println!(
-            "  {:5.1} % sure: {:5.1} % right ({low:.1}-{high:.1}), {} touches",
-            100.0 * bin.mean_probability,
-            100.0 * bin.right,
-            bin.n
-        );
-    }
-    for of in &evaluation.parts {
-        let mistaken = of.mistaken_for.as_ref().map_or_else(String::new, |(part, n)| format!(", {n} taken for {part}"));
-        let (n, right, part) = (of.n, of.n_right, &of.part);
-        let (xy, theta) = (of.xy_mm_mean, of.theta_deg_mean);
-        println!("  {part:28} {right} of {n} right{mistaken}; {xy:.2} mm, {theta:.2} degrees");
-    }
-    let ms = &evaluation.latency_ms;
-    println!(
-        "  ms p50/p99: encode {:.1}/{:.1}, update {:.2}/{:.2}, choose {:.1}/{:.1}",
-        ms.encode.p50, ms.encode.p99, ms.update.p50, ms.update.p99, ms.select.p50, ms.select.p99
-    );
-    println!("  {}", out.join("report.html").display());
 }
 
 /// A bar on a terminal, one plain line elsewhere.

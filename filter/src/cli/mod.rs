@@ -2,7 +2,9 @@
 
 mod evaluate;
 mod extremes;
+mod merge;
 mod replay;
+mod table;
 mod tuning;
 
 use clap::{Parser, Subcommand};
@@ -22,6 +24,7 @@ pub struct Cli {
 enum Command {
     Evaluate(evaluate::Evaluate),
     Extremes(extremes::ExtremesArgs),
+    Merge(merge::Merge),
     Replay(replay::Replay),
 }
 
@@ -31,6 +34,7 @@ impl Cli {
         match self.command {
             Command::Evaluate(evaluate) => evaluate.run(),
             Command::Extremes(extremes) => extremes.run(),
+            Command::Merge(merge) => merge.run(),
             Command::Replay(replay) => replay.run(),
         }
     }

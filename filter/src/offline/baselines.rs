@@ -11,20 +11,21 @@ use tactile_infer::similarity::part_mating;
 
 use crate::episode::Eye;
 use crate::error::Result;
-use crate::offline::evaluate::{Hole, Protocol, Scored, score_row};
+use crate::offline::evaluate::{Banks, Hole, Protocol, Scored, score_row};
 
 /// The nearest recorded embedding to the first touch of each episode.
 pub fn moco(simulator: &Simulator, eye: &Eye<'_>, bank: &Bank, protocol: &Protocol) -> Result<Vec<Scored>> {
+    let banks = Banks::new(bank, protocol)?;
     first_touches(simulator, bank, protocol, |hole, frame| {
-        let observation = eye.observe(&frame)?;
+        let (bank, observation) = (banks.of(hole)?, eye.observe(&frame)?);
         let mut cosines = Vec::new();
-        part_mating(&observation.query, bank, &mut cosines);
-        Ok(score_row(best(cosines.into_iter()), bank, hole))
+        part_mating(&observation.query, &bank, &mut cosines);
+        Ok(score_row(best(cosines.into_iter()), &bank, hole))
     })
 }
 
 /// The nearest recorded frame to the first touch of each episode, by L1 distance of the difference
-/// images: to the frames as they are, and to the frames turned inside out.
+/// images: to the frames as they are, and to the frames turned inside out. All parts of the bank compete.
 pub fn pixel(
     simulator: &Simulator,
     model: &Model,
@@ -51,7 +52,8 @@ fn first_touches<T: Send>(
     protocol: &Protocol,
     judge: impl Fn(&Hole<'_>, Frame) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
-    (0..protocol.n_episodes)
+    let episodes = protocol.episodes.clone();
+    episodes
         .into_par_iter()
         .map(|index| {
             let seed = protocol.seeds[index % protocol.seeds.len()];

@@ -3,10 +3,13 @@
 //! The estimator is shown frames and the motions actually made; true poses stay in [`Hole`], on this
 //! side of the episode's API.
 
+use std::borrow::Cow;
+use std::ops::Range;
 use std::time::Instant;
 
 use rand::RngExt;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
@@ -24,6 +27,8 @@ use crate::offline::result::Poses;
 pub struct Protocol {
     /// Episodes in all, shared out over the seeds.
     pub n_episodes: usize,
+    /// Which of them are run here: all, or a shard.
+    pub episodes: Range<usize>,
     /// Seeds of holes, poses and frames.
     pub seeds: Vec<u64>,
     /// On the grid, as the paper has it: the first touch is at a recorded pose and the motions offered lead
@@ -32,10 +37,73 @@ pub struct Protocol {
     pub poses: Poses,
     /// Whether the hole's own part is taken out of the bank: what is felt is then none of these.
     pub absent: bool,
+    /// Parts that each hole may be of: its own and others drawn with the episode; `None`: all of the bank.
+    pub n_classes: Option<usize>,
     /// Milliseconds for each choice of a touch; `None`: as many as it takes, the same on every machine.
     pub choose_ms: Option<f64>,
     /// Touches of each episode; the stopping rule is noted and not obeyed, so that every curve is whole.
     pub n_touches: usize,
+}
+
+impl Protocol {
+    /// Refuses what cannot be run on a scene with a bank.
+    pub fn validate(&self, simulator: &Simulator, bank: &Bank) -> Result<()> {
+        if self.seeds.is_empty() || self.n_episodes == 0 || self.n_touches == 0 {
+            let got = format!("{} episodes of {} seeds", self.n_episodes, self.seeds.len());
+            return Err(Error::invalid("evaluation", "episodes, touches and seeds", got));
+        }
+        if self.episodes.end > self.n_episodes {
+            let got = format!("{:?}", self.episodes);
+            return Err(Error::invalid("evaluation", format!("some of {} episodes", self.n_episodes), got));
+        }
+        if simulator.parts() != bank.parts() {
+            let got = bank.parts().join(" ");
+            return Err(Error::invalid("bank", format!("the scene's parts {}", simulator.parts().join(" ")), got));
+        }
+        let n_parts = bank.parts().len();
+        match self.n_classes {
+            Some(_) if self.absent => Err(Error::invalid("evaluation", "classes or an absent part", "both")),
+            Some(n) if !(1..=n_parts).contains(&n) => {
+                Err(Error::invalid("classes", format!("1 to the bank's {n_parts}"), n.to_string()))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The bank that each hole is held against.
+#[derive(Debug)]
+pub struct Banks<'a> {
+    whole: &'a Bank,
+    without: Vec<Bank>,
+    n_classes: Option<usize>,
+}
+
+impl<'a> Banks<'a> {
+    /// Prepares what a protocol asks for.
+    pub fn new(whole: &'a Bank, protocol: &Protocol) -> Result<Self> {
+        let n_absent = if protocol.absent { whole.parts().len() } else { 0 };
+        let without = (0..n_absent).map(|part| whole.without(part)).collect::<std::result::Result<_, _>>()?;
+        Ok(Self { whole, without, n_classes: protocol.n_classes })
+    }
+
+    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode.
+    pub fn of(&self, hole: &Hole<'_>) -> Result<Cow<'_, Bank>> {
+        if let Some(without) = self.without.get(hole.part) {
+            return Ok(Cow::Borrowed(without));
+        }
+        let Some(n_classes) = self.n_classes else { return Ok(Cow::Borrowed(self.whole)) };
+        // Frames are drawn from other seeds, so that the touches are those of the whole bank.
+        let mut rng = frame_rng(hole.seed ^ 0x636c_6173, hole.stream >> 20);
+        let mut others: Vec<usize> = (0..self.whole.parts().len()).filter(|part| *part != hole.part).collect();
+        let mut bank = Cow::Borrowed(self.whole);
+        while bank.parts().len() > n_classes {
+            let part = self.whole.parts()[others.swap_remove(rng.random_range(0..others.len()))].as_str();
+            let at = bank.parts().iter().position(|name| name == part).unwrap_or(0);
+            bank = Cow::Owned(bank.without(at)?);
+        }
+        Ok(bank)
+    }
 }
 
 /// One simulated hole under the sensor: the robot's side of an episode.
@@ -77,6 +145,11 @@ impl<'a> Hole<'a> {
     /// Name of the part whose hole this is.
     pub fn part(&self) -> &str {
         &self.simulator.parts()[self.part]
+    }
+
+    /// Index in the scene of the part of a name.
+    fn index_of(&self, part: &str) -> usize {
+        self.simulator.parts().iter().position(|name| name == part).unwrap_or(0)
     }
 
     /// Index of the part in the scene.
@@ -124,11 +197,11 @@ impl<'a> Hole<'a> {
 }
 
 /// What an episode knew after one of its touches, against the truth.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scored {
     /// Whether the most probable part is the right one.
     pub right: bool,
-    /// The part named, an index into the bank's parts.
+    /// The part named, an index into the scene's parts.
     pub named: usize,
     /// Whether the first touch's pose was found to the cell as well.
     pub exact_cell: bool,
@@ -145,7 +218,7 @@ pub struct Scored {
 }
 
 /// Milliseconds of each stage of one touch.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageTimes {
     /// Frame to query.
     pub encode: f64,
@@ -156,7 +229,7 @@ pub struct StageTimes {
 }
 
 /// One episode, touch by touch.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// The hole's own part, an index into the scene's parts.
     pub part: usize,
@@ -178,44 +251,33 @@ pub fn run(
     protocol: &Protocol,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Vec<Outcome>> {
-    if protocol.seeds.is_empty() || protocol.n_episodes == 0 || protocol.n_touches == 0 {
-        let got = format!("{} episodes of {} seeds", protocol.n_episodes, protocol.seeds.len());
-        return Err(Error::invalid("evaluation", "episodes, touches and seeds", got));
-    }
-    if simulator.parts() != bank.parts() {
-        let got = bank.parts().join(" ");
-        return Err(Error::invalid("bank", format!("the scene's parts {}", simulator.parts().join(" ")), got));
-    }
-    let without: Vec<Bank> = if protocol.absent {
-        (0..bank.parts().len()).map(|part| bank.without(part)).collect::<std::result::Result<_, _>>()?
-    } else {
-        Vec::new()
-    };
+    protocol.validate(simulator, bank)?;
+    let banks = Banks::new(bank, protocol)?;
     let done = std::sync::atomic::AtomicUsize::new(0);
-    (0..protocol.n_episodes)
+    let episodes = protocol.episodes.clone();
+    episodes
         .into_par_iter()
         .map(|index| {
-            let outcome = run_one(simulator, eye, (bank, &without), config, protocol, index, &mut |_, _, _, _| ());
-            progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, protocol.n_episodes);
+            let outcome = run_one(simulator, eye, &banks, config, protocol, index, &mut |_, _, _, _| ());
+            progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, protocol.episodes.len());
             outcome
         })
         .collect()
 }
 
-/// Runs one episode of a protocol. The same index gives the same hole, poses and frames. `banks` are the
-/// whole one and, where the protocol asks for it, those without each part.
+/// Runs one episode of a protocol. The same index gives the same hole, poses and frames, whichever others run.
 pub fn run_one(
     simulator: &Simulator,
     eye: &Eye<'_>,
-    (bank, without): (&Bank, &[Bank]),
+    banks: &Banks<'_>,
     config: &EpisodeConfig,
     protocol: &Protocol,
     index: usize,
     watch: Watch<'_>,
 ) -> Result<Outcome> {
     let seed = protocol.seeds[index % protocol.seeds.len()];
-    let mut hole = Hole::new(simulator, bank.grid(), protocol.poses, seed, index);
-    let bank = without.get(hole.part_index()).unwrap_or(bank);
+    let mut hole = Hole::new(simulator, banks.whole.grid(), protocol.poses, seed, index);
+    let bank = &*banks.of(&hole)?;
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = EpisodeConfig {
         stop_probability: 1.0,
@@ -270,7 +332,7 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
         probability: estimate.probability,
         fit: estimate.fit,
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
-        named: bank.parts().iter().position(|part| *part == estimate.part).unwrap_or(0),
+        named: hole.index_of(&estimate.part),
         ..score_pose(&estimate.part, estimate.part_from_first, bank.grid(), hole)
     }
 }
@@ -279,7 +341,8 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
 pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Scored {
     let (part, cell) = (row / bank.grid().len(), row % bank.grid().len());
     let scored = score_pose(&bank.parts()[part], bank.grid().pose(cell), bank.grid(), hole);
-    Scored { probability: 1.0, brier: if scored.right { 0.0 } else { 2.0 }, ..scored }
+    let named = hole.index_of(&bank.parts()[part]);
+    Scored { named, probability: 1.0, brier: if scored.right { 0.0 } else { 2.0 }, ..scored }
 }
 
 fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>) -> Scored {

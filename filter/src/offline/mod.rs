@@ -3,6 +3,7 @@
 pub mod baselines;
 pub mod evaluate;
 pub mod extremes;
+pub mod gathered;
 pub mod replay;
 pub mod report;
 pub mod result;

@@ -48,6 +48,9 @@ pub struct Evaluation {
     /// The command line that makes this evaluation again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<String>,
+    /// Checksum of what each episode came to, without the times: the same however the work was shared out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checksum: Option<String>,
 }
 
 /// Which model it was.

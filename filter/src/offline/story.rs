@@ -8,7 +8,7 @@ use tactile_infer::bank::Bank;
 use crate::belief::Belief;
 use crate::episode::{EpisodeConfig, Eye, StopReason};
 use crate::error::Result;
-use crate::offline::evaluate::{Protocol, run_one};
+use crate::offline::evaluate::{Banks, Protocol, run_one};
 use crate::offline::report::{Board, EpisodeStory, PartPicture, TouchStory};
 
 /// What all episodes of a scene share.
@@ -36,6 +36,7 @@ pub fn tell(
 ) -> Result<Vec<EpisodeStory>> {
     let no_contact = simulator.no_contact(0);
     let rest = Background::new(&no_contact, &Preprocessing::counts([80, 60]))?;
+    let banks = Banks::new(bank, protocol)?;
     let tell_one = |index: usize| {
         let mut story = EpisodeStory {
             name: format!("Episode {}", index + 1),
@@ -46,7 +47,7 @@ pub fn tell(
         };
         let mut failed = Ok(());
         let mut over = false;
-        run_one(simulator, eye, (bank, &[]), config, protocol, index, &mut |hole, frame, episode, estimate| {
+        run_one(simulator, eye, &banks, config, protocol, index, &mut |hole, frame, episode, estimate| {
             if over || failed.is_err() {
                 return;
             }

@@ -1,5 +1,7 @@
 //! Episodes to figures: accuracy with its interval, errors, stopping, latency.
 
+use serde::{Deserialize, Serialize};
+
 use crate::episode::{EpisodeConfig, StopReason};
 use crate::offline::evaluate::{Outcome, Scored, StageTimes};
 use crate::offline::result::{
@@ -7,7 +9,7 @@ use crate::offline::result::{
 };
 
 /// What a row is about.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Label {
     /// How the part was named.
     pub method: Method,
