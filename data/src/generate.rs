@@ -1,19 +1,23 @@
 //! Datasets from scenes: pairs of touches all over MAZE boards, or each part at each pose of its reach.
 
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::path::Path;
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use rayon::prelude::*;
+use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
+use crate::fragment::Fragment;
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::scene::{MazeBoards, Parts, Scene};
 use crate::se2::Se2;
+use crate::shard::Shard;
 use crate::simulator::{Simulator, frame_rng};
-use crate::store::{DatasetWriter, Meta};
+use crate::store::{Dataset, DatasetWriter, Meta};
 use crate::touch::{Side, Touch};
 
 /// Frames rendered between two writes: enough for all threads, little in memory.
@@ -87,56 +91,139 @@ pub fn generate(
     out: &Path,
     progress: &dyn Fn(usize, usize),
 ) -> Result<usize> {
-    let simulator = Simulator::new(scene.clone(), seed)?;
-    let planned = plan(scene, sides, places, seed)?;
-    let held_out = match &scene.parts {
-        Parts::Maze(boards) => scene.part_names().split_off(boards.n_boards - boards.n_held_out),
-        _ => Vec::new(),
-    };
-    let description = serde_json::to_value(scene).map_err(|e| Error::invalid("scene", "JSON", e.to_string()))?;
-    let meta = Meta {
-        name: scene.name.clone(),
-        frame_px: scene.sensor.frame_px,
-        mm_per_px: scene.sensor.mm_per_px(),
-        reach: scene.reach,
-        held_out,
-        scene: Some(description),
-        seed: Some(seed),
-        source: "simulated".into(),
-    };
-    let mut writer = DatasetWriter::create(out, meta, &simulator.no_contact(seed))?.expecting(planned.len());
-    let render = |chunk: usize, touches: &[Planned]| {
-        prepare(&simulator, touches)?;
+    let job = Job::new(scene, sides, places, seed)?;
+    job.write(0..job.planned.len(), None, out, progress)
+}
+
+/// What [`generate_shard`] did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Made {
+    /// It rendered this many frames.
+    Written(usize),
+    /// The shard was there already, whole and of this very job, with this many frames.
+    Found(usize),
+}
+
+/// Renders the part of [`generate`]'s dataset that is one shard's, as a dataset of its own that states which part it
+/// is; [`fragment::merge`](crate::fragment::merge) joins all of them. A frame has the bytes that it has in the whole.
+/// A shard that lies at `out` already, whole, is left as it is; anything else there is an error.
+pub fn generate_shard(
+    scene: &Scene,
+    sides: &[Side],
+    places: Places,
+    seed: u64,
+    shard: Shard,
+    out: &Path,
+    progress: &dyn Fn(usize, usize),
+) -> Result<Made> {
+    let job = Job::new(scene, sides, places, seed)?;
+    let n_planned = job.planned.len();
+    if shard.count() > n_planned {
+        let expected = format!("at most {n_planned} shards, one for each touch");
+        return Err(Error::invalid("shard", expected, shard.to_string()));
+    }
+    let fragment = Fragment { shard, n_planned, plan_sha256: fingerprint(&job.planned) };
+    if std::fs::symlink_metadata(out).is_ok() {
+        let found = Dataset::open(out)?;
+        if found.meta() == &job.meta && found.fragment() == Some(&fragment) {
+            return Ok(Made::Found(found.len()));
+        }
+        let expected = format!("shard {shard} of this scene, plan and seed, or a name not in use");
+        return Err(Error::invalid(out.display().to_string(), expected, "another dataset"));
+    }
+    job.write(shard.range(n_planned), Some(fragment), out, progress).map(Made::Written)
+}
+
+/// All that is to be rendered, of which a run writes a range.
+struct Job {
+    simulator: Simulator,
+    planned: Vec<Planned>,
+    seed: u64,
+    meta: Meta,
+}
+
+impl Job {
+    fn new(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<Self> {
+        let simulator = Simulator::new(scene.clone(), seed)?;
+        let planned = plan(scene, sides, places, seed)?;
+        let held_out = match &scene.parts {
+            Parts::Maze(boards) => scene.part_names().split_off(boards.n_boards - boards.n_held_out),
+            _ => Vec::new(),
+        };
+        let description = serde_json::to_value(scene).map_err(|e| Error::invalid("scene", "JSON", e.to_string()))?;
+        let meta = Meta {
+            name: scene.name.clone(),
+            frame_px: scene.sensor.frame_px,
+            mm_per_px: scene.sensor.mm_per_px(),
+            reach: scene.reach,
+            held_out,
+            scene: Some(description),
+            seed: Some(seed),
+            source: "simulated".into(),
+        };
+        Ok(Self { simulator, planned, seed, meta })
+    }
+
+    /// Writes a range of the touches and returns how many they are.
+    fn write(
+        &self,
+        range: Range<usize>,
+        fragment: Option<Fragment>,
+        out: &Path,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<usize> {
+        let n_frames = range.len();
+        let writer = DatasetWriter::create(out, self.meta.clone(), &self.simulator.no_contact(self.seed))?;
+        let mut writer = writer.fragment(fragment).expecting(n_frames);
+        // A chunk is written while the next one is rendered.
+        let (mut rendered, mut previous): (Vec<Frame>, &[Planned]) = (Vec::new(), &[]);
+        for (chunk, touches) in self.planned[range.clone()].chunks(CHUNK).enumerate() {
+            progress(chunk * CHUNK, n_frames);
+            let first = range.start + chunk * CHUNK;
+            let (frames, written) =
+                rayon::join(|| self.render(first, touches), || self.push(&mut writer, &rendered, previous));
+            written?;
+            (rendered, previous) = (frames?, touches);
+        }
+        self.push(&mut writer, &rendered, previous)?;
+        progress(n_frames, n_frames);
+        writer.finish()?;
+        Ok(n_frames)
+    }
+
+    /// The frames of some touches, of which the first is number `first` of the plan.
+    fn render(&self, first: usize, touches: &[Planned]) -> Result<Vec<Frame>> {
+        prepare(&self.simulator, touches)?;
         let frame = |(i, touch): (usize, &Planned)| {
             // Streams from 1 000 on: the first ones belong to the sensor at rest.
-            let mut rng = frame_rng(seed, 1_000 + (chunk * CHUNK + i) as u64);
-            simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)
+            let mut rng = frame_rng(self.seed, 1_000 + (first + i) as u64);
+            self.simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)
         };
-        touches.par_iter().enumerate().map(frame).collect::<Result<Vec<_>>>()
-    };
-    let mut write = |frames: &[Frame], touches: &[Planned]| {
+        touches.par_iter().enumerate().map(frame).collect()
+    }
+
+    fn push(&self, writer: &mut DatasetWriter, frames: &[Frame], touches: &[Planned]) -> Result<()> {
         frames.iter().zip(touches).try_for_each(|(frame, touch)| {
             let touch = Touch {
-                part: Some(simulator.parts()[touch.part].clone()),
+                part: Some(self.simulator.parts()[touch.part].clone()),
                 side: Some(touch.side),
                 part_from_sensor: Some(touch.part_from_sensor),
                 moved: None,
             };
             writer.push(frame, &touch)
         })
-    };
-    // A chunk is written while the next one is rendered.
-    let (mut rendered, mut previous): (Vec<Frame>, &[Planned]) = (Vec::new(), &[]);
-    for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
-        progress(chunk * CHUNK, planned.len());
-        let (frames, written) = rayon::join(|| render(chunk, touches), || write(&rendered, previous));
-        written?;
-        (rendered, previous) = (frames?, touches);
     }
-    write(&rendered, previous)?;
-    progress(planned.len(), planned.len());
-    writer.finish()?;
-    Ok(planned.len())
+}
+
+/// SHA-256 of a plan, 64 hex digits: what is touched, where, in which order.
+fn fingerprint(planned: &[Planned]) -> String {
+    let mut hash = Sha256::new();
+    for Planned { part, side, part_from_sensor: Se2 { x_mm, y_mm, theta_rad } } in planned {
+        hash.update((*part as u64).to_le_bytes());
+        hash.update([u8::from(*side == Side::Peg)]);
+        [x_mm, y_mm, theta_rad].into_iter().for_each(|number| hash.update(number.to_le_bytes()));
+    }
+    format!("{:x}", hash.finalize())
 }
 
 /// Works out the sides that some touches need, one a thread: touches that need one and the same would wait
@@ -166,7 +253,6 @@ fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> Vec<Planned> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::Dataset;
 
     fn small_maze() -> Scene {
         let mut scene = Scene::preset("maze").unwrap();

@@ -28,6 +28,7 @@ pub mod compare;
 pub mod contact;
 pub mod contact_sheet;
 pub mod error;
+pub mod fragment;
 pub mod frame;
 pub mod generate;
 pub mod grid;

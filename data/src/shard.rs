@@ -4,6 +4,8 @@ use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::{Error, Result};
 
 /// Shard `number` of `count`, `number` from 1, written `2/5`.
@@ -19,7 +21,8 @@ use crate::error::{Error, Result};
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct Shard {
     index: usize,
     count: usize,
@@ -112,12 +115,24 @@ impl FromStr for Shard {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        if text == "env" {
-            return Self::from_env();
-        }
+        if text == "env" { Self::from_env() } else { Self::try_from(text.to_owned()) }
+    }
+}
+
+/// `2/5` only, as it stands in a file.
+impl TryFrom<String> for Shard {
+    type Error = Error;
+
+    fn try_from(text: String) -> Result<Self> {
         let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         let shard = numbers.and_then(|(number, count)| Self::new(number, count).ok());
         shard.ok_or_else(|| Error::invalid("shard", FORM, text))
+    }
+}
+
+impl From<Shard> for String {
+    fn from(shard: Shard) -> Self {
+        shard.to_string()
     }
 }
 
@@ -158,7 +173,14 @@ mod tests {
         fn a_shard_is_read_as_it_is_written(count in 1_usize..1000, at in 0_usize..1000) {
             let shard = Shard::new(1 + at % count, count).unwrap();
             prop_assert_eq!(shard.to_string().parse::<Shard>().unwrap(), shard);
+            prop_assert_eq!(serde_json::to_value(shard).unwrap(), shard.to_string());
         }
+    }
+
+    #[test]
+    fn a_file_states_a_number_and_a_count() {
+        assert_eq!(serde_json::from_str::<Shard>("\"2/5\"").unwrap(), Shard::new(2, 5).unwrap());
+        assert!(serde_json::from_str::<Shard>("\"env\"").is_err());
     }
 
     #[test]

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
+use crate::fragment::Fragment;
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::picture;
@@ -54,13 +55,15 @@ pub struct Meta {
 
 /// `meta.json` as it lies on disk.
 #[derive(Serialize, Deserialize)]
-struct MetaFile {
+pub(crate) struct MetaFile {
     schema: String,
-    n_frames: usize,
+    pub(crate) n_frames: usize,
     frames_sha256: String,
     index_sha256: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) fragment: Option<Fragment>,
     #[serde(flatten)]
-    meta: Meta,
+    pub(crate) meta: Meta,
 }
 
 /// Writes a dataset frame by frame.
@@ -72,6 +75,7 @@ pub struct DatasetWriter {
     out: PathBuf,
     partial: PathBuf,
     meta: Meta,
+    fragment: Option<Fragment>,
     frames: BufWriter<File>,
     index: BufWriter<File>,
     n_frames: usize,
@@ -94,7 +98,13 @@ impl DatasetWriter {
         let mut frames = create_file(&partial.join(FRAMES))?;
         frames.write_all(&npy_header(0, &meta)).map_err(Error::io(partial.join(FRAMES)))?;
         let index = create_file(&partial.join(INDEX))?;
-        Ok(Self { out: out.to_path_buf(), partial, meta, frames, index, n_frames: 0, hash: None })
+        Ok(Self { out: out.to_path_buf(), partial, meta, fragment: None, frames, index, n_frames: 0, hash: None })
+    }
+
+    /// The same writer of one shard of a dataset; `None` for a whole one.
+    pub fn fragment(mut self, fragment: Option<Fragment>) -> Self {
+        self.fragment = fragment;
+        self
     }
 
     /// The same writer, told before the first frame how many there will be: it then works out the checksum as
@@ -138,6 +148,7 @@ impl DatasetWriter {
             n_frames: self.n_frames,
             frames_sha256,
             index_sha256: sha256(&index)?,
+            fragment: self.fragment,
             meta: self.meta,
         };
         let json = serde_json::to_vec_pretty(&content).map_err(json_error(&meta, "meta data"))?;
@@ -152,6 +163,7 @@ impl DatasetWriter {
 #[derive(Debug)]
 pub struct Dataset {
     meta: Meta,
+    fragment: Option<Fragment>,
     frames_sha256: String,
     frames: Mmap,
     touches: Vec<Touch>,
@@ -161,7 +173,7 @@ pub struct Dataset {
 impl Dataset {
     /// Opens a dataset, checking its schema, sizes and checksums: it is read through once.
     pub fn open(path: &Path) -> Result<Self> {
-        let content = read_meta(&path.join(META))?;
+        let (content, no_contact) = read_head(path)?;
         let frames = map_frames(&path.join(FRAMES), &content)?;
         check_sha256(&path.join(INDEX), &content.index_sha256)?;
         let touches = read_index(&path.join(INDEX))?;
@@ -169,14 +181,18 @@ impl Dataset {
             let got = format!("{} lines", touches.len());
             return Err(Error::invalid(name(&path.join(INDEX)), format!("{} lines", content.n_frames), got));
         }
-        let no_contact = picture::read(&path.join(NO_CONTACT))?;
-        check_size(&no_contact, &content.meta, &name(&path.join(NO_CONTACT)))?;
-        Ok(Self { meta: content.meta, frames_sha256: content.frames_sha256, frames, touches, no_contact })
+        let MetaFile { meta, fragment, frames_sha256, .. } = content;
+        Ok(Self { meta, fragment, frames_sha256, frames, touches, no_contact })
     }
 
     /// What holds for the whole dataset.
     pub fn meta(&self) -> &Meta {
         &self.meta
+    }
+
+    /// Which shard it is of which dataset; `None` for a whole one.
+    pub fn fragment(&self) -> Option<&Fragment> {
+        self.fragment.as_ref()
     }
 
     /// SHA-256 of the frames, 64 hex digits: the identity of the dataset.
@@ -222,7 +238,9 @@ impl Dataset {
     }
 }
 
-fn read_meta(path: &Path) -> Result<MetaFile> {
+/// What a dataset says of itself, and the sensor at rest, without a look at its frames.
+pub(crate) fn read_head(dataset: &Path) -> Result<(MetaFile, Frame)> {
+    let (path, no_contact) = (&dataset.join(META), dataset.join(NO_CONTACT));
     let text = fs::read_to_string(path).map_err(Error::io(path))?;
     let json: serde_json::Value = serde_json::from_str(&text).map_err(json_error(path, "JSON"))?;
     // The schema comes first: another version may well have other fields.
@@ -232,7 +250,9 @@ fn read_meta(path: &Path) -> Result<MetaFile> {
     }
     let content: MetaFile = serde_json::from_value(json).map_err(json_error(path, "a dataset's meta data"))?;
     check_meta(&content.meta, path)?;
-    Ok(content)
+    let at_rest = picture::read(&no_contact)?;
+    check_size(&at_rest, &content.meta, &name(&no_contact))?;
+    Ok((content, at_rest))
 }
 
 fn map_frames(path: &Path, content: &MetaFile) -> Result<Mmap> {

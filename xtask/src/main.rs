@@ -5,6 +5,7 @@ mod demo;
 mod error;
 mod program;
 mod python;
+mod slurm;
 mod tidy;
 mod validate;
 mod wgpu;
@@ -45,6 +46,9 @@ enum Chore {
     /// Hold the graphics card (or Mesa's llvmpipe) against the CPU: embeddings and first training steps.
     #[command(after_help = "Example:\n  cargo xtask wgpu")]
     Wgpu,
+    /// Walk through real Slurm on loopback: shards as a job array, a task killed, a merge, against a single run.
+    #[command(after_help = "Example:\n  cargo xtask slurm")]
+    Slurm,
     /// Check the rules that no compiler checks.
     #[command(after_help = "Example:\n  cargo xtask tidy")]
     Tidy,
@@ -69,6 +73,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Validate(args) => validate::validate(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
         Chore::Wgpu => wgpu::wgpu(&workspace),
+        Chore::Slurm => slurm::slurm(&workspace),
         Chore::Tidy => tidy::tidy(&workspace, &chores()),
     }
 }
@@ -91,6 +96,6 @@ mod tests {
     #[test]
     fn the_command_line_is_well_formed() {
         Cli::command().debug_assert();
-        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "python", "wgpu", "tidy"]);
+        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "python", "wgpu", "slurm", "tidy"]);
     }
 }

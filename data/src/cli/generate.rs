@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use tactile_data::generate::{Places, generate};
+use tactile_data::generate::{Made, Places, generate, generate_shard};
 use tactile_data::scene::{Parts, Scene};
 use tactile_data::sensor::Fidelity;
+use tactile_data::shard::Shard;
 use tactile_data::touch::Side;
 use tactile_data::{Error, Result};
 
@@ -15,7 +16,9 @@ use super::progress;
 #[derive(Args)]
 #[command(after_help = "Examples:\n  tactile-data generate --scene maze --pairs 2000 --out maze\n  \
                         tactile-data generate --scene alphabet-small --sides peg --out pegs\n  \
-                        tactile-data generate --scene alphabet-small --sides peg --xy-step-mm 2 --theta-step-deg 15 --out fine-pegs")]
+                        tactile-data generate --scene alphabet-small --sides peg --xy-step-mm 2 \
+                        --theta-step-deg 15 --out fine-pegs\n  \
+                        tactile-data generate --scene maze --shard 2/4 --out maze-2")]
 pub struct Generate {
     /// maze, alphabet-small, alphabet-large, either of these with -dev, connectors, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
@@ -50,6 +53,10 @@ pub struct Generate {
     /// geometry, gel, optics, camera or shadow [default: the scene's]
     #[arg(long, value_name = "TIER")]
     fidelity: Option<Fidelity>,
+    /// Only part i of n, for `tactile-data merge`; one that is there whole already is left as it is. `env` takes i and
+    /// n from a Slurm job array, or from JOB_COMPLETION_INDEX (from 0) and JOB_COMPLETION_COUNT
+    #[arg(long, value_name = "i/n|env")]
+    shard: Option<Shard>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -69,8 +76,16 @@ impl Generate {
             Sides::Both => &[Side::Hole, Side::Peg],
         };
         let places = self.anywhere.map_or(Places::EachPose, Places::Anywhere);
-        let n_frames = generate(&scene, sides, places, self.seed, &self.out, &progress::reporter("frames"))?;
-        println!("{n_frames} frames in {}", self.out.display());
+        let (out, progress) = (self.out.display(), progress::reporter("frames"));
+        let Some(shard) = self.shard else {
+            let n_frames = generate(&scene, sides, places, self.seed, &self.out, &progress)?;
+            println!("{n_frames} frames in {out}");
+            return Ok(());
+        };
+        match generate_shard(&scene, sides, places, self.seed, shard, &self.out, &progress)? {
+            Made::Written(n_frames) => println!("shard {shard}: {n_frames} frames in {out}"),
+            Made::Found(n_frames) => println!("shard {shard}: {n_frames} frames are in {out} already"),
+        }
         Ok(())
     }
 

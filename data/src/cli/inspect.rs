@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 use tactile_data::contact::{self, FrameContact};
+use tactile_data::fragment::Fragment;
 use tactile_data::grid::PoseGrid;
 use tactile_data::store::{Dataset, Meta};
 use tactile_data::touch::Side;
@@ -56,6 +57,8 @@ struct Summary {
     name: String,
     source: String,
     seed: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fragment: Option<Fragment>,
     n_frames: usize,
     frame_px: [usize; 2],
     mm_per_px: [f64; 2],
@@ -96,6 +99,7 @@ impl Summary {
             name,
             source,
             seed,
+            fragment: dataset.fragment().cloned(),
             n_frames: dataset.len(),
             frame_px,
             mm_per_px,
@@ -159,6 +163,9 @@ impl Summary {
             self.n_frames,
             if self.n_contact == 0 { String::new() } else { runs },
         );
+        if let Some(Fragment { shard, n_planned, .. }) = &self.fragment {
+            text += &format!("shard        {shard} of {n_planned} touches\n");
+        }
         for Unusable { frame, reason } in &self.unusable {
             text += &format!("unusable     frame {frame}: {reason}\n");
         }

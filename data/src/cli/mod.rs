@@ -5,6 +5,7 @@ mod compare;
 mod generate;
 mod import;
 mod inspect;
+mod merge;
 mod progress;
 mod render;
 mod ring;
@@ -27,6 +28,7 @@ pub struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Generate(generate::Generate),
+    Merge(merge::Merge),
     Calibrate(calibrate::Calibrate),
     Render(render::Render),
     Compare(compare::Compare),
@@ -42,6 +44,7 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Generate(generate) => generate.run(),
+            Command::Merge(merge) => merge.run(),
             Command::Calibrate(calibrate) => calibrate.run(),
             Command::Render(render) => render.run(),
             Command::Compare(compare) => compare.run(),
