@@ -1,7 +1,7 @@
 //! The cases as one HTML page: no network, no script.
 
 use super::super::report::escape;
-use super::super::report::style::CSS;
+use super::super::report::shell::{Section, shell};
 use super::Extremes;
 use super::case::{Case, Group};
 use super::plot::plot;
@@ -21,25 +21,25 @@ pub fn html(extremes: &Extremes) -> String {
     ];
     let plots: String =
         [Group::Temperature, Group::Particles, Group::Classes].map(|group| plot(&extremes.cases, group)).concat();
-    let tables: String = Group::ALL.iter().map(|group| table(&extremes.cases, *group)).collect();
+    let tables = Group::ALL.iter().map(|group| table(&extremes.cases, *group));
     let smaller = if extremes.quick { " The largest cases were made smaller (--quick)." } else { "" };
-    format!(
-        r#"<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Tactile-Filter: numbers at their extremes</title><style>{CSS}{STYLE}</style></head><body>
-<h1>Numbers at their extremes</h1>
+    let top = format!(
+        r#"<h1>Numbers at their extremes</h1>
 <p>Each case drives the filter to an extreme and compares what it believes with a reference: the posterior from its
 definition, in f64, by other code. The error is the largest relative error of any state’s probability unless a unit is
 given; the bound is what rounding or chance can explain. Random banks of rows that are alike, seed {}.{smaller}</p>
 <div class="tiles">{}</div>
-<figure><div class="plots">{plots}</div><figcaption>Marks: measured errors. Dashed: bounds. Banks kept in f16 are
-compared with the f64 reference of their unrounded rows.</figcaption></figure>
-{tables}
-</body></html>
 "#,
         extremes.seed,
         figures.concat()
-    )
+    );
+    let plots = format!(
+        r#"<figure><div class="plots">{plots}</div><figcaption>Marks: measured errors. Dashed: bounds. Banks kept in f16 are
+compared with the f64 reference of their unrounded rows.</figcaption></figure>"#
+    );
+    let sections: Vec<_> =
+        std::iter::once(Section::new("Errors", "Errors and their bounds", plots)).chain(tables).collect();
+    shell("Tactile-Filter: numbers at their extremes", STYLE, &top, &sections, &[])
 }
 
 fn tile(timing: &Timing) -> String {
@@ -54,15 +54,15 @@ fn tile(timing: &Timing) -> String {
     )
 }
 
-fn table(cases: &[Case], group: Group) -> String {
+fn table(cases: &[Case], group: Group) -> Section {
     let rows: String = cases.iter().filter(|case| case.group == group).map(row).collect();
-    format!(
-        r#"<h2>{}</h2><div class="scroll"><table><thead><tr><th>Case</th><th class="n">{}</th><th>Expected</th>
+    let body = format!(
+        r#"<div class="scroll"><table><thead><tr><th>Case</th><th class="n">{}</th><th>Expected</th>
 <th class="n">Error</th><th class="n">Bound</th><th>Right part</th><th>Verdict</th></tr></thead><tbody>{rows}</tbody></table></div>
 "#,
-        group.title(),
         group.axis()
-    )
+    );
+    Section::new(group.title(), group.title(), body)
 }
 
 fn row(case: &Case) -> String {

@@ -3,16 +3,17 @@
 use super::super::result::{Choice, Comparison, Evaluation, Inference};
 use super::curves::{Line, Point, chart, legend_mark};
 use super::series::{choice, choice_class_and_marker};
+use super::shell::Section;
 use super::signed;
 use super::table::sortable;
 
 /// The comparisons of an evaluation as a plot and a table. Nothing where nothing was compared.
-pub fn section(evaluation: &Evaluation) -> String {
+pub fn section(evaluation: &Evaluation) -> Option<Section> {
     let mut all: Vec<&Comparison> = evaluation.comparisons.iter().collect();
     all.sort_by_key(|c| (c.inference, c.action, c.against, c.n_touches));
     let pairs: Vec<&[&Comparison]> = all.chunk_by(|a, b| pair(a) == pair(b)).collect();
     if pairs.is_empty() {
-        return String::new();
+        return None;
     }
     let lines: Vec<Line> = pairs.iter().map(|pair| line(pair)).collect();
     let legend: String = lines
@@ -20,9 +21,8 @@ pub fn section(evaluation: &Evaluation) -> String {
         .map(|line| format!("<li>{}{}</li>", legend_mark(&line.class, line.marker, true), line.label))
         .collect();
     let verdicts: String = pairs.iter().map(|pair| format!("<p>{}</p>\n", verdict(pair))).collect();
-    format!(
-        r#"<h2>Does choosing the touch pay?</h2>
-{verdicts}<figure><ul class="legend">{legend}</ul><div class="charts two"><div><p>Difference of right parts, points</p>{}</div>
+    let body = format!(
+        r#"{verdicts}<figure><ul class="legend">{legend}</ul><div class="charts two"><div><p>Difference of right parts, points</p>{}</div>
 {}</div>
 <figcaption>Both rules touch the same holes, from the same first touch; after each number of touches, the accuracy of the one less that of the
 other, with the 95 % interval of the paired difference. Above nought the first rule is better; where the interval holds
@@ -30,7 +30,8 @@ nought, these episodes cannot tell.</figcaption></figure>
 "#,
         chart("Paired difference", &lines, Some(range(&all))),
         table(&pairs),
-    )
+    );
+    Some(Section::new("Choosing", "Does choosing the touch pay?", body))
 }
 
 /// What distinguishes one curve from another.
@@ -129,10 +130,10 @@ mod tests {
     #[test]
     fn each_pair_of_rules_has_its_curve_and_its_column() {
         let mut evaluation: Evaluation = serde_json::from_value(published()).unwrap();
-        assert_eq!(section(&evaluation), "");
+        assert!(section(&evaluation).is_none());
         let of = |against| (1..=3).map(move |n| comparison(against, n, -0.125, 0.25));
         evaluation.comparisons = of(Choice::Random).chain(of(Choice::Paper)).collect();
-        let html = section(&evaluation);
+        let html = section(&evaluation).unwrap().html();
         assert_eq!(html.matches("<path class=\"band\"").count(), 2);
         assert_eq!(html.matches("−12.5<small>−37.5 to +12.5</small>").count(), 2 * 3);
     }

@@ -1,17 +1,18 @@
 //! The evaluation as one HTML file: no network, one small script that sorts tables, for a screen or a printer.
 
 mod comparison;
-pub(super) mod curves;
+pub(crate) mod curves;
 mod page;
 mod paper;
 mod parts;
 mod picture;
 mod reliability;
 mod series;
+pub(crate) mod shell;
 mod stopping;
 mod story;
-pub(super) mod style;
-mod table;
+mod style;
+pub(crate) mod table;
 
 use std::fs;
 use std::io;
@@ -124,17 +125,17 @@ fn check(episode: &EpisodeStory, board: &Board) -> io::Result<()> {
 }
 
 /// Text that HTML shows as it is.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A number with so many decimals; a dash where there is none.
-fn number(value: f64, decimals: usize) -> String {
+pub(crate) fn number(value: f64, decimals: usize) -> String {
     if value.is_finite() { format!("{value:.decimals$}").replace('-', "−") } else { "–".into() }
 }
 
 /// A difference: like [`number`], with its sign.
-fn signed(value: f64, decimals: usize) -> String {
+pub(crate) fn signed(value: f64, decimals: usize) -> String {
     let number = number(value, decimals);
     let is_nought = number.trim_start_matches('−').chars().all(|c| matches!(c, '0' | '.'));
     match (is_nought, value > 0.0 && value.is_finite()) {

@@ -5,7 +5,7 @@ use std::io;
 use super::super::result::{Evaluation, Method, Poses, Row, Stops};
 use super::curves::{Line, Marker, Point, chart, legend_mark};
 use super::series::{Series, leading_filter, series, way};
-use super::style::CSS;
+use super::shell::{Section, shell};
 use super::table::{SCRIPT, sortable};
 use super::{Board, EpisodeStory, PaperNumbers, PaperRow};
 use super::{comparison, escape, number, parts, reliability, stopping, story};
@@ -20,35 +20,24 @@ pub fn html(
     episodes: &[EpisodeStory],
     paper: &PaperNumbers,
 ) -> io::Result<String> {
-    let scene = escape(&evaluation.scene);
-    let mut sections = vec![head(evaluation, paper)];
+    let mut sections = Vec::new();
     // Without their parts in the bank, nothing is right and no pose is true.
     if evaluation.absent {
         sections.push(stopping::section(evaluation));
     } else {
         let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter);
         let lead = lead.map_or(String::new(), |row| way(row.inference, row.action));
-        sections.extend([
-            beside_paper(evaluation, paper),
-            curves(evaluation, paper),
-            comparison::section(evaluation),
-            reliability::section(evaluation, &lead),
-            stopping::section(evaluation),
-            parts::section(evaluation, &lead),
-        ]);
+        sections.extend([beside_paper(evaluation, paper), curves(evaluation, paper)]);
+        sections.extend(comparison::section(evaluation));
+        sections.extend(reliability::section(evaluation, &lead));
+        sections.push(stopping::section(evaluation));
+        sections.extend(parts::section(evaluation, &lead));
     }
-    sections.extend([stopping::speed(evaluation), stories(board, episodes)?, how_made(evaluation)]);
-    if !evaluation.absent {
-        sections.push(all_rows(evaluation));
-    }
-    Ok(format!(
-        r#"<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Tactile-Filter: {scene}</title><style>{CSS}</style></head><body>
-{}{SCRIPT}</body></html>
-"#,
-        sections.concat()
-    ))
+    sections.push(stopping::speed(evaluation));
+    sections.extend(stories(board, episodes)?);
+    sections.push(how_made(evaluation));
+    let title = format!("Tactile-Filter: {}", evaluation.scene);
+    Ok(shell(&title, "", &head(evaluation, paper), &sections, &[SCRIPT]))
 }
 
 fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
@@ -131,7 +120,7 @@ fn tile(figure: &str, what: &str) -> String {
 }
 
 /// The filter and the baselines beside the paper at the paper's numbers of touches.
-fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
+fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> Section {
     let on_grid = series(evaluation, Poses::OnGrid);
     let ours = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, "off grid")]
         .map(|(poses, suffix)| leading_filter(evaluation, poses).map(|series| (series, suffix)));
@@ -181,12 +170,13 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
     } else {
         "The paper’s numbers are from a real robot and printed boards, these are simulated: a yardstick, not a race."
     };
-    format!(
+    let body = format!(
         r#"<figure><div class="scroll"><table><thead><tr><th>Touches</th>{heads}</tr></thead><tbody>{}</tbody></table></div>
 <figcaption>Read along a row how touches add up. {best}{caution}</figcaption></figure>
 "#,
         body.concat()
-    )
+    );
+    Section::new("Beside the paper", "Touch by touch, beside the paper", body)
 }
 
 fn group(title: &str) -> String {
@@ -198,7 +188,7 @@ fn table_row(class: &str, label: &str, cell: impl Fn(usize) -> Option<String>) -
     format!(r#"<tr class="{class}"><td>{label}</td>{cells}</tr>"#)
 }
 
-fn curves(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
+fn curves(evaluation: &Evaluation, paper: &PaperNumbers) -> Section {
     let kinds = [
         (Poses::OnGrid, "Poses on the recorded grid, as in the paper", paper.rows.as_slice()),
         (Poses::OffGrid, "Poses anywhere in the recorded range, at any angle", &[]),
@@ -209,7 +199,7 @@ fn curves(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
         .filter(|(series, ..)| !series.is_empty())
         .map(|(series, title, paper)| figure(&series, title, paper))
         .collect();
-    format!("<h2>Accuracy and error against touches</h2>{figures}\n")
+    Section::new("Accuracy", "Accuracy and error against touches", figures + &all_rows(evaluation))
 }
 
 fn figure(series: &[Series], title: &str, paper: &[PaperRow]) -> String {
@@ -260,14 +250,13 @@ episodes that name the right part: a mean far above its median is made by few ep
     )
 }
 
-fn stories(board: &Board, episodes: &[EpisodeStory]) -> io::Result<String> {
+fn stories(board: &Board, episodes: &[EpisodeStory]) -> io::Result<Option<Section>> {
     if episodes.is_empty() {
-        return Ok(String::new());
+        return Ok(None);
     }
     let sections = episodes.iter().map(|episode| story::section(episode, board)).collect::<io::Result<String>>()?;
-    Ok(format!(
-        r#"<h2>Episodes, touch by touch</h2>
-{}<p class="note">A row is a touch. <b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
+    let body = format!(
+        r#"{}<p class="note">A row is a touch. <b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
 filled, with its upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey
 is no change. <b>Where the first touch was:</b> a map for each part; the stronger the blue, the more probable the place, on one scale
 for the row. The bar and the number are the part’s whole probability. The red ring is the truth: watch the blue gather in it. Above the maps,
@@ -276,16 +265,17 @@ any part. To be confident the filter must be sure of a part that fits; a part th
 worse is none of these parts.</p>
 {sections}"#,
         story::outlines(board)
-    ))
+    );
+    Ok(Some(Section::new("Episodes", "Episodes, touch by touch", body)))
 }
 
-fn how_made(evaluation: &Evaluation) -> String {
+fn how_made(evaluation: &Evaluation) -> Section {
     let model = &evaluation.model;
     let [width, height] = model.input_px;
     let command = evaluation.command.as_ref();
     let command = command.map(|command| format!("<dt>Command</dt><dd><code>{}</code></dd>", escape(command)));
-    format!(
-        r#"<h2>How it was made</h2><dl>{}<dt>Model</dt><dd>{}, {} parameters, input {width} × {height} pixels</dd>
+    let body = format!(
+        r#"<dl>{}<dt>Model</dt><dd>{}, {} parameters, input {width} × {height} pixels</dd>
 <dt>SHA-256 of the model</dt><dd><code>{}</code></dd><dt>Episodes</dt><dd>{} of {}, {}</dd></dl>
 "#,
         command.unwrap_or_default(),
@@ -295,7 +285,8 @@ fn how_made(evaluation: &Evaluation) -> String {
         evaluation.n_episodes,
         escape(&evaluation.scene),
         seeds(evaluation),
-    )
+    );
+    Section::new("How it was made", "How it was made", body)
 }
 
 fn all_rows(evaluation: &Evaluation) -> String {

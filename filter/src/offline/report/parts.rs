@@ -1,13 +1,14 @@
 //! How each part fares: what it is mistaken for, and how well it is placed.
 
 use super::super::result::{Evaluation, PartFigures};
+use super::shell::Section;
 use super::table::sortable;
 use super::{escape, number};
 
 /// A row for each part, in the order of the bank; nothing where no part has figures.
-pub fn section(evaluation: &Evaluation, way: &str) -> String {
+pub fn section(evaluation: &Evaluation, way: &str) -> Option<Section> {
     if evaluation.parts.is_empty() {
-        return String::new();
+        return None;
     }
     let row = |of: &PartFigures| {
         let mistaken = of.mistaken_for.as_ref();
@@ -22,14 +23,14 @@ pub fn section(evaluation: &Evaluation, way: &str) -> String {
     };
     let rows: Vec<_> = evaluation.parts.iter().map(row).collect();
     let heads = ["Part", "holes", "right, %", "mistaken for (times)", "place, mm", "angle, degrees"];
-    format!(
-        r#"<h2>Part by part</h2>
-<figure>{}
+    let body = format!(
+        r#"<figure>{}
 <figcaption>After the last touch, {way}. Place and angle are mean errors of the holes named rightly, the angle modulo the
 part’s own symmetry. Look here for parts that are hard to tell apart, and for those that are named but not well placed.</figcaption></figure>
 "#,
         sortable(&heads, &rows)
-    )
+    );
+    Some(Section::new("Parts", "Part by part", body))
 }
 
 #[cfg(test)]
@@ -40,7 +41,7 @@ mod tests {
     #[test]
     fn a_part_has_a_row_and_none_has_none() {
         let mut evaluation: Evaluation = serde_json::from_value(published()).unwrap();
-        assert_eq!(section(&evaluation, "exact"), "");
+        assert!(section(&evaluation, "exact").is_none());
         evaluation.parts = vec![PartFigures {
             part: "A<".into(),
             n: 40,
@@ -49,7 +50,7 @@ mod tests {
             xy_mm_mean: 0.25,
             theta_deg_mean: 1.5,
         }];
-        let html = section(&evaluation, "exact");
+        let html = section(&evaluation, "exact").unwrap().html();
         for expected in ["A&lt;", "97.5", "B (1)", "0.25", "1.50"] {
             assert!(html.contains(expected), "{expected}");
         }

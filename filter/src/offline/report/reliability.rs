@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::super::result::{Evaluation, ReliabilityBin};
 use super::curves::{Marker, legend_mark};
 use super::number;
+use super::shell::Section;
 use super::table::sortable;
 
 const SIDE: f64 = 330.0;
@@ -17,10 +18,10 @@ const BOTTOM: f64 = 288.0;
 const SURE: f64 = 0.95;
 
 /// The diagram whole and near certainty, and its numbers. Nothing where nothing was counted.
-pub fn section(evaluation: &Evaluation, way: &str) -> String {
+pub fn section(evaluation: &Evaluation, way: &str) -> Option<Section> {
     let bins = &evaluation.reliability;
     if bins.is_empty() {
-        return String::new();
+        return None;
     }
     let row = |bin: &ReliabilityBin| {
         let [low, high] = bin.probability.map(|bound| number(100.0 * bound, 0));
@@ -33,9 +34,8 @@ pub fn section(evaluation: &Evaluation, way: &str) -> String {
         ]
     };
     let rows: Vec<_> = bins.iter().map(row).collect();
-    format!(
-        r#"<h2>Is it right as often as it says?</h2>
-<p>{}</p>
+    let body = format!(
+        r#"<p>{}</p>
 <figure><ul class="legend"><li>{}Touches with about that probability, 95 % interval; the more touches, the larger</li><li>{}As right as it says</li></ul>
 <div class="charts and-table"><div><p>Right, % against what it says, %</p>{}</div><div><p>The same, near certainty</p>{}</div>
 {}</div>
@@ -49,7 +49,8 @@ Touches of one episode resemble each other, so the true intervals are somewhat w
         diagram("Reliability", bins, 0.0),
         diagram("Reliability near certainty", bins, 80.0),
         sortable(&["It says,&nbsp;%", "mean", "right, %", "touches"], &rows),
-    )
+    );
+    Some(Section::new("Sureness", "Is it right as often as it says?", body))
 }
 
 /// How often it is right where it says that it is sure.

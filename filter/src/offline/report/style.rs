@@ -20,6 +20,10 @@ p { max-width: 46rem; margin: 6px 0; }
 figure { margin: 0; }
 figcaption, .note { color: var(--soft); font-size: .88rem; max-width: 46rem; }
 figcaption { margin: 8px 0 14px; }
+.contents { position: sticky; top: 0; z-index: 2; display: flex; gap: 0 20px; overflow-x: auto; margin: 22px -20px 0; padding: 9px 20px;
+  background: var(--page); border-bottom: 1px solid var(--faint); font-size: .88rem; white-space: nowrap; scrollbar-width: none; }
+.contents a { color: var(--soft); text-decoration: none; } .contents a:hover { color: var(--ink); text-decoration: underline; }
+section { scroll-margin-top: 44px; } section > h2 { margin-top: 36px; }
 .tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 20px 0; }
 .tile { flex: 1 1 140px; background: var(--panel); border-radius: 8px; padding: 12px 14px; font-size: .88rem; line-height: 1.35; color: var(--soft); }
 .tile b { display: block; font-size: 1.4rem; line-height: 1.4; color: var(--ink); white-space: nowrap; }
@@ -93,6 +97,7 @@ summary { cursor: pointer; margin-top: 24px; }
 @media (max-width: 640px) {
   body { padding: 18px 14px 40px; font-size: 15px; }
   h1 { font-size: 1.45rem; }
+  .contents { margin: 16px -14px 0; padding: 9px 14px; }
   .tiles { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px; }
   .tile b { font-size: 1.2rem; white-space: normal; }
   th, td { padding: 4px; } td small { font-size: .68rem; letter-spacing: -.02em; }
@@ -113,6 +118,6 @@ summary { cursor: pointer; margin-top: 24px; }
   .tiles { display: grid; grid-template-columns: repeat(6, minmax(0, 1fr)); gap: 8px; } .tile { padding: 8px; } .tile b { font-size: 1rem; }
   svg text { font-size: 16px; }
   h2, h3, h4, .heads { break-after: avoid; } figure, table, .tiles { break-inside: avoid; }
-  details { display: none; }
+  details, .contents { display: none; }
 }
 "#;
