@@ -10,7 +10,7 @@ mod reliability;
 mod series;
 pub(crate) mod shell;
 mod stopping;
-mod story;
+pub(crate) mod story;
 mod style;
 pub(crate) mod table;
 
