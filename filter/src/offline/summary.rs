@@ -168,7 +168,7 @@ pub fn wilson_95(n_right: usize, n: usize) -> [f64; 2] {
 }
 
 /// The value below which a share of the values lies: the nearest rank. Nought for no values.
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let rank = (share * values.len() as f64).ceil() as usize;
     values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
