@@ -200,7 +200,7 @@ impl Evaluate {
 }
 
 /// The command line as it was typed, without the folder of the program.
-fn command_line() -> String {
+pub(super) fn command_line() -> String {
     let words = std::env::args().skip(1);
     std::iter::once("tactile-filter".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
@@ -286,7 +286,7 @@ fn print_table(evaluation: &Evaluation, flipped: Option<&Row>, out: &Path) {
 }
 
 /// A bar on a terminal, one plain line elsewhere.
-fn progress(what: &str) -> ProgressBar {
+pub(super) fn progress(what: &str) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         eprintln!("episodes: {what}");
         return ProgressBar::hidden();

@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod assemble;
 mod evaluate;
 mod extremes;
 mod replay;
@@ -20,6 +21,7 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Assemble(assemble::Assemble),
     Evaluate(evaluate::Evaluate),
     Extremes(extremes::ExtremesArgs),
     Replay(replay::Replay),
@@ -29,6 +31,7 @@ impl Cli {
     /// Runs the command that was asked for.
     pub fn run(self) -> Result<()> {
         match self.command {
+            Command::Assemble(assemble) => assemble.run(),
             Command::Evaluate(evaluate) => evaluate.run(),
             Command::Extremes(extremes) => extremes.run(),
             Command::Replay(replay) => replay.run(),
