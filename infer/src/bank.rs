@@ -100,7 +100,8 @@ impl Bank {
         Self::from_rows(parts, grid, model.dim(), rows, edge_shares, model.sha256().to_owned())
     }
 
-    /// The bank without one part, by its index.
+    /// The bank without one part, by its index. What was worked out of the others is kept: bank after bank can
+    /// be made so.
     ///
     /// # Errors
     /// A part that the bank does not hold, or the only one that it holds.
@@ -114,7 +115,11 @@ impl Bank {
         let keep = |i: &usize| *i != part;
         let parts = (0..self.parts.len()).filter(keep).map(|i| self.parts[i].clone()).collect();
         let edge_shares = [&self.edge_shares[..cut.start], &self.edge_shares[cut.end..]].concat();
-        Self::of(parts, self.grid, self.rows.without(cut), edge_shares, self.model_sha256.clone())
+        let rest = Self::of(parts, self.grid, self.rows.without(cut.clone()), edge_shares, self.model_sha256.clone())?;
+        let symmetries = (0..self.parts.len()).filter(keep).map(|i| self.symmetries[i].clone()).collect();
+        let known = self.neighbours.known();
+        let neighbours = known.map(|of| Once::with([&of[..cut.start], &of[cut.end..]].concat().into()));
+        Ok(Self { symmetries, neighbours: neighbours.unwrap_or_else(Once::new), ..rest })
     }
 
     /// Saves the bank in one file, bound to its model's checksum, its rows in the format they are kept in.
@@ -326,5 +331,32 @@ mod tests {
         let other = bank(vec![0.2; 9], "another").unwrap();
         other.save(&path).unwrap();
         assert!(Bank::load(&path, &model).unwrap_err().to_string().contains("made by another"));
+    }
+    #[test]
+    fn bank_after_bank_keeps_what_the_rows_say() {
+        let whole = bank(vec![0.2; 9], "mine").unwrap();
+        let afresh = |names: &[&str], from: usize| {
+            let rows = (from..from + names.len() * 3).flat_map(|row| whole.row(row).into_owned()).collect();
+            let names: Vec<String> = names.iter().map(|name| (*name).into()).collect();
+            let shares = vec![0.2; 3 * names.len()];
+            Bank::from_rows(names, GRID, 6, rows, shares, "mine".into()).unwrap()
+        };
+        // Asked before and after the parts are taken out.
+        for ask_first in [true, false] {
+            let whole = bank(vec![0.2; 9], "mine").unwrap();
+            if ask_first {
+                assert_eq!(whole.neighbours().len(), 9);
+                let _: Vec<_> = (0..3).map(|part| whole.symmetry(part)).collect();
+            }
+            let two = whole.without(0).unwrap();
+            let one = two.without(1).unwrap();
+            for (kept, fresh) in [(two, afresh(&["B", "C"], 3)), (one, afresh(&["B"], 3))] {
+                assert_eq!(kept, fresh);
+                assert_eq!(kept.neighbours(), fresh.neighbours());
+                for part in 0..kept.parts().len() {
+                    assert_eq!(kept.symmetry(part), fresh.symmetry(part));
+                }
+            }
+        }
     }
 }

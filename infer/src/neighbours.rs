@@ -42,6 +42,16 @@ impl<T> Once<T> {
         Self(OnceLock::new())
     }
 
+    /// Known already.
+    pub fn with(value: T) -> Self {
+        Self(value.into())
+    }
+
+    /// The value where it was asked for.
+    pub fn known(&self) -> Option<&T> {
+        self.0.get()
+    }
+
     /// The value, found by `find` the first time.
     pub fn get(&self, find: impl FnOnce() -> T) -> &T {
         self.0.get_or_init(find)

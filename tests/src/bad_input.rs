@@ -249,6 +249,7 @@ fn a_file_that_is_not_there_is_named() {
         "tactile-infer bank --model model/model.safetensors --data nowhere --out never",
         "tactile-infer match --model model/model.safetensors --pegs pegs --holes nowhere",
         "tactile-filter evaluate --model model/model.safetensors --bank nowhere --scene two.toml --out never",
+        "tactile-filter assemble --model model/model.safetensors --bank pegs.bank --scene nowhere.toml --out never",
         "tactile-filter replay --model model/model.safetensors --bank pegs.bank --data nowhere",
     ] {
         names(&shell(&sample, line), &["nowhere"]);

@@ -1,5 +1,6 @@
 //! The crates together: each module is a part of what a user does, each test a claim about it.
 
+mod assembly;
 mod bad_input;
 mod chain;
 mod filter;

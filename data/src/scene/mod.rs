@@ -128,6 +128,22 @@ impl Scene {
         }
     }
 
+    /// The opening that a part's peg goes into, in the part's frame, and by how much it is widened on every side,
+    /// mm; for [`Shape::fits_in`].
+    ///
+    /// # Errors
+    /// A part that is none of the scene's, or whose peg goes into no opening: a MAZE board, a connector.
+    pub fn opening(&self, part: usize) -> Result<(Shape, f64)> {
+        let none = |got: String| Error::invalid("parts", "parts whose pegs go into a hole: letters or files", got);
+        match &self.parts {
+            Parts::Maze(_) => Err(none("maze boards".into())),
+            Parts::Kit(kit) => {
+                let opening = kit.part(part, self.clearance_mm)?.opening();
+                opening.ok_or_else(|| none(format!("the connector {}", kit.names()[part])))
+            }
+        }
+    }
+
     /// What the sensor meets on one side round a part, in the part's own frame: the part first, then what else
     /// of the board is within reach. Pegs stand together: the highest is touched. Holes are plates, each with
     /// its opening, and what one leaves open is open: the lowest counts. Connectors stand on their board on

@@ -227,6 +227,11 @@ impl Part {
         }
     }
 
+    /// What a peg goes into, and by how much it is widened on every side, mm; `None` where the hole's side stands.
+    pub fn opening(self) -> Option<(Shape, f64)> {
+        (!self.stands).then_some((self.taken, self.clearance_mm))
+    }
+
     /// What peg and hole take of a board, before the clearance.
     pub fn footprint(&self) -> Shape {
         Shape { regions: self.outline.regions.iter().chain(&self.taken.regions).cloned().collect() }

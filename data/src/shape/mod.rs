@@ -4,6 +4,7 @@ pub mod connector;
 pub mod crossing;
 mod curve;
 pub mod file;
+mod fit;
 pub mod glyph;
 pub mod height_map;
 pub mod heights;

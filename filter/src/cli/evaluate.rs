@@ -23,6 +23,7 @@ use tactile_infer::bank::Bank;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{DeviceKind, Model};
 
+use super::budget::{BudgetArgs, Task};
 use super::table;
 use super::tuning::{Tuning, rule};
 
@@ -88,6 +89,8 @@ pub struct Evaluate {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    budget: BudgetArgs,
+    #[command(flatten)]
     tuning: Tuning,
 }
 
@@ -95,14 +98,25 @@ impl Evaluate {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         let model = Model::load(&self.model, self.device.parse()?)?;
-        let bank = Bank::load(&self.bank, &model)?;
+        let mut bank = Bank::load(&self.bank, &model)?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
         let protocol = self.protocol();
         protocol.validate(&simulator, &bank)?;
-        if let Some(shard) = self.shard {
-            return self.run_shard(shard, &simulator, &model, &bank, &protocol);
+        let mut configs = self.configs(&model)?;
+        if self.budget.is_asked() {
+            let between_poses = protocol.poses == Poses::OffGrid;
+            let reach = simulator.scene().reach.filter(|_| between_poses).unwrap_or(*bank.grid());
+            let no_contact = self.no_contact(&simulator);
+            let (model_path, model, no_contact) = (self.model.as_path(), &model, &no_contact);
+            let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
+            let base = self.tuning.config("exact", ActionRule::Information, model)?;
+            let (kept, config) = self.budget.choose(&task, &base)?;
+            (bank, configs) = (kept, vec![("chosen for the budget".into(), config)]);
         }
-        let gathered = self.gather(&simulator, &model, &bank, &protocol)?;
+        if let Some(shard) = self.shard {
+            return self.run_shard(shard, &simulator, &model, &bank, (&protocol, &configs));
+        }
+        let gathered = self.gather(&simulator, &model, &bank, (&protocol, &configs))?;
         let evaluation = gathered.evaluation()?;
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
@@ -127,13 +141,13 @@ impl Evaluate {
         simulator: &Simulator,
         model: &Model,
         bank: &Bank,
-        protocol: &Protocol,
+        (protocol, configs): (&Protocol, &[(String, EpisodeConfig)]),
     ) -> Result<()> {
         let path = self.out.join(format!("shard-{}-of-{}.json", shard.index() + 1, shard.count()));
         let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
         if path.exists() {
             let there = Gathered::load(&path)?;
-            if there.episodes == protocol.episodes && there.is_of(&self.gather(simulator, model, bank, &nothing)?) {
+            if there.episodes == protocol.episodes && there.is_of(&self.gather(simulator, model, bank, (&nothing, configs))?) {
                 println!("{} is there already", path.display());
                 return Ok(());
             }
@@ -141,7 +155,7 @@ impl Evaluate {
             return Err(Error::invalid(path.display().to_string(), expected, "one of another evaluation"));
         }
         std::fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
-        self.gather(simulator, model, bank, protocol)?.save(&path)?;
+        self.gather(simulator, model, bank, (protocol, configs))?.save(&path)?;
         println!("episodes {:?} in {}", protocol.episodes, path.display());
         Ok(())
     }
@@ -165,7 +179,13 @@ impl Evaluate {
     }
 
     /// Runs every way of inferring on the protocol's episodes.
-    fn gather(&self, simulator: &Simulator, model: &Model, bank: &Bank, protocol: &Protocol) -> Result<Gathered> {
+    fn gather(
+        &self,
+        simulator: &Simulator,
+        model: &Model,
+        bank: &Bank,
+        (protocol, configs): (&Protocol, &[(String, EpisodeConfig)]),
+    ) -> Result<Gathered> {
         let no_contact = self.no_contact(simulator);
         let eye = Eye::new(model, &no_contact)?;
         let mut singles = Vec::new();
@@ -176,14 +196,14 @@ impl Evaluate {
         }
         let scored = baselines::moco(simulator, &eye, bank, protocol)?;
         singles.push(Single { method: Method::Moco, inside_out: false, scored });
-        let run_one = |(name, config): (String, EpisodeConfig)| {
-            let bar = progress(&name);
-            let outcomes = run(simulator, &eye, bank, &config, protocol, &|done, total| {
+        let run_one = |(name, config): &(String, EpisodeConfig)| {
+            let bar = progress(name);
+            let outcomes = run(simulator, &eye, bank, config, protocol, &|done, total| {
                 bar.set_length(total as u64);
                 bar.set_position(done as u64);
             })?;
             bar.finish_and_clear();
-            Ok(Run { label: label(&config, protocol.poses), config, outcomes })
+            Ok(Run { label: label(config, protocol.poses), config: *config, outcomes })
         };
         Ok(Gathered {
             schema: GATHERED_SCHEMA.into(),
@@ -210,8 +230,16 @@ impl Evaluate {
             n_threads: std::thread::available_parallelism().map_or(1, usize::from),
             command: command_line(),
             singles,
-            runs: self.configs(model)?.into_iter().map(run_one).collect::<Result<_>>()?,
+            runs: configs.iter().map(run_one).collect::<Result<_>>()?,
         })
+    }
+
+    fn config(&self, engine: &str, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
+        let config = self.tuning.config(engine, rule, model)?;
+        let max_touches = self.budget.max_touches.unwrap_or(config.max_touches);
+        let config = EpisodeConfig { max_touches, ..config };
+        config.validate()?;
+        Ok(config)
     }
 
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
@@ -219,11 +247,11 @@ impl Evaluate {
         let mut configs = Vec::new();
         for engine in &self.engines {
             if engine == "paper" {
-                configs.push(("Alg. 1 as printed".into(), self.tuning.config(engine, ActionRule::Paper, model)?));
+                configs.push(("Alg. 1 as printed".into(), self.config(engine, ActionRule::Paper, model)?));
                 continue;
             }
             for action in &self.actions {
-                configs.push((format!("{engine}, {action}"), self.tuning.config(engine, rule(action)?, model)?));
+                configs.push((format!("{engine}, {action}"), self.config(engine, rule(action)?, model)?));
             }
         }
         Ok(configs)
@@ -264,7 +292,7 @@ pub fn to_json(evaluation: &Evaluation) -> Result<String> {
 }
 
 /// A bar on a terminal, one plain line elsewhere.
-fn progress(what: &str) -> ProgressBar {
+pub(super) fn progress(what: &str) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         eprintln!("episodes: {what}");
         return ProgressBar::hidden();

@@ -1,5 +1,7 @@
 //! The command line: one file a command.
 
+mod assemble;
+mod budget;
 mod evaluate;
 mod extremes;
 mod merge;
@@ -23,6 +25,7 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Assemble(assemble::Assemble),
     Evaluate(evaluate::Evaluate),
     Extremes(extremes::ExtremesArgs),
     Merge(merge::Merge),
@@ -34,6 +37,7 @@ impl Cli {
     /// Runs the command that was asked for.
     pub fn run(self) -> Result<()> {
         match self.command {
+            Command::Assemble(assemble) => assemble.run(),
             Command::Evaluate(evaluate) => evaluate.run(),
             Command::Extremes(extremes) => extremes.run(),
             Command::Merge(merge) => merge.run(),

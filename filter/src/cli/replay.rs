@@ -11,6 +11,7 @@ use tactile_filter::{Error, Result};
 use tactile_infer::bank::Bank;
 use tactile_infer::{DeviceKind, Model};
 
+use super::budget::{BudgetArgs, Task};
 use super::tuning::Tuning;
 
 /// Play a recorded dataset of hole touches back through the filter.
@@ -28,9 +29,6 @@ pub struct Replay {
     /// Recorded dataset: imported, or generated with its holes.
     #[arg(long)]
     data: PathBuf,
-    /// Stop an episode after this many touches.
-    #[arg(long, default_value_t = 10)]
-    max_touches: usize,
     /// Play at most this many episodes.
     #[arg(long)]
     limit: Option<usize>,
@@ -44,6 +42,8 @@ pub struct Replay {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    budget: BudgetArgs,
+    #[command(flatten)]
     tuning: Tuning,
 }
 
@@ -54,13 +54,19 @@ impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         let model = Model::load(&self.model, self.device.parse()?)?;
-        let bank = Bank::load(&self.bank, &model)?;
+        let mut bank = Bank::load(&self.bank, &model)?;
         let dataset = Dataset::open(&self.data)?;
         self.warn_of_scale(&model, &dataset);
         let eye = Eye::new(&model, dataset.no_contact())?;
         let mut config = self.tuning.config(&self.engine, ActionRule::Paper, &model)?;
-        config.max_touches = self.max_touches;
+        config.max_touches = self.budget.max_touches.unwrap_or(config.max_touches);
         config.validate()?;
+        if self.budget.is_asked() {
+            let (model_path, model, no_contact) = (self.model.as_path(), &model, dataset.no_contact());
+            let (reach, between_poses) = (*bank.grid(), config.between_poses);
+            let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
+            (bank, config) = self.budget.choose(&task, &config)?;
+        }
         let recorded = episodes(&dataset)?;
         let limit = self.limit.unwrap_or(recorded.len());
         let mut n_right = [0, 0];

@@ -14,6 +14,7 @@ use tactile_data::simulator::Simulator;
 use tactile_filter::budget::{Point, SCHEMA, Settings, Tradeoff};
 use tactile_filter::offline::evaluate::Protocol;
 use tactile_filter::offline::report::tradeoff as page;
+pub use tactile_filter::offline::report::tradeoff::told;
 use tactile_filter::offline::result::Poses;
 use tactile_filter::offline::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_filter::{Error, Result};
@@ -174,14 +175,14 @@ impl TradeoffArgs {
             protocol.validate(&simulator, &bank)?;
             for index in same_bank {
                 let settings = &planned[*index].settings;
-                bar.set_message(page::told(settings));
+                bar.set_message(told(settings));
                 let bench =
                     Bench { simulator: &simulator, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
                 let measured = self.measured(&planned[*index], simulator.scene(), measure(&bench, settings)?);
                 write_whole(&Self::path(folder, *index), json(&measured)?.as_bytes())?;
                 bar.inc(1);
                 if bar.is_hidden() {
-                    eprintln!("{}", page::told(settings));
+                    eprintln!("{}", told(settings));
                 }
             }
         }
@@ -246,7 +247,7 @@ impl TradeoffArgs {
                     point.decision_ms_p50,
                     point.decision_ms_p99,
                     point.memory_mb,
-                    page::told(&point.settings)
+                    told(&point.settings)
                 );
             };
             println!(

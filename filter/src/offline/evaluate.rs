@@ -142,6 +142,12 @@ impl<'a> Hole<'a> {
         }
     }
 
+    /// The hole of one part; the pose follows from the seed and the episode's number.
+    pub fn of_part(simulator: &'a Simulator, part: usize, grid: &PoseGrid, seed: u64, episode: usize) -> Self {
+        let symmetric = simulator.is_half_turn_symmetric(part);
+        Self { part, symmetric, ..Self::new(simulator, grid, Poses::OffGrid, seed, episode) }
+    }
+
     /// Name of the part whose hole this is.
     pub fn part(&self) -> &str {
         &self.simulator.parts()[self.part]

@@ -1,5 +1,6 @@
 //! Offline use: whole evaluations over simulated holes, and recordings played back.
 
+pub mod assembly;
 pub mod baselines;
 pub mod evaluate;
 pub mod extremes;

@@ -145,12 +145,12 @@ pub fn tell(
 }
 
 /// The fit that [`EpisodeConfig::stop`] asks for to be confident, where it asks at all.
-fn fit_needed(config: &EpisodeConfig, n_touches: usize) -> Option<f64> {
+pub(super) fn fit_needed(config: &EpisodeConfig, n_touches: usize) -> Option<f64> {
     (config.none_fit > f64::MIN).then(|| config.none_fit + config.fit_margin / n_touches as f64)
 }
 
 /// Probability of each recorded place of the first touch, `[part, x, y]`, summed over the angle.
-fn places(belief: &Belief, grid: &PoseGrid, n_parts: usize) -> Vec<f64> {
+pub(super) fn places(belief: &Belief, grid: &PoseGrid, n_parts: usize) -> Vec<f64> {
     let n_places = grid.n_xy().pow(2);
     let mut places = vec![0.0; n_places * n_parts];
     for (hypothesis, mass) in belief.states() {

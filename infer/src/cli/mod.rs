@@ -10,11 +10,13 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use tactile_data::scene::Scene;
 use tactile_data::store::Dataset;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibration::{Calibration, calibrate};
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::matching::match_single_touches;
+use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
 /// The part-mating model at work: peg banks and single-touch matches.
@@ -85,8 +87,20 @@ struct BankArgs {
     #[arg(long)]
     model: PathBuf,
     /// Dataset with each peg touched at each pose of its reach.
-    #[arg(long)]
-    data: PathBuf,
+    #[arg(long, required_unless_present = "scene", conflicts_with = "scene")]
+    data: Option<PathBuf>,
+    /// Simulate the touches of a scene (preset or TOML file) instead, and keep no dataset of them.
+    #[arg(long, value_name = "PRESET|FILE.toml")]
+    scene: Option<String>,
+    /// With --scene: step of the recorded places in x and y, mm [default: the scene's]
+    #[arg(long, value_name = "MM", requires = "scene")]
+    xy_step_mm: Option<f64>,
+    /// With --scene: step of the recorded angles, degrees [default: the scene's]
+    #[arg(long, value_name = "DEG", requires = "scene")]
+    theta_step_deg: Option<f64>,
+    /// With --scene: draws jitter and noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
     /// The bank file to write.
     #[arg(long)]
     out: PathBuf,
@@ -139,7 +153,10 @@ impl Cli {
 
 fn bank(args: &BankArgs) -> Result<()> {
     let model = load(&args.model, &args.device)?;
-    let bank = build("embedding", &model, &Dataset::open(&args.data)?, &args.rows)?;
+    let bank = match (&args.data, &args.scene) {
+        (Some(data), _) => build("embedding", &model, &Dataset::open(data)?, &args.rows)?,
+        (_, scene) => simulate(args, &model, scene.as_deref().unwrap_or_default())?,
+    };
     bank.save(&args.out)?;
     let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
     println!(
@@ -159,6 +176,23 @@ fn bank(args: &BankArgs) -> Result<()> {
         println!("feels the same turned: {}", symmetric.join(", "));
     }
     Ok(())
+}
+
+/// A bank of the pegs of a scene, touched as they are embedded.
+fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
+    let mut scene = Scene::load(scene)?;
+    if let Some(reach) = &mut scene.reach {
+        reach.xy_step_mm = args.xy_step_mm.unwrap_or(reach.xy_step_mm);
+        reach.theta_step_deg = args.theta_step_deg.unwrap_or(reach.theta_step_deg);
+    }
+    scene.validate()?;
+    let bar = progress("touching");
+    let bank = bank_of_scene(model, &scene, args.seed, &|done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    bank.with_precision(args.rows.parse()?)
 }
 
 /// A bank of a dataset's pegs, its rows in the format named; a bar shows how far it is.

@@ -13,7 +13,7 @@ mod scatter;
 mod series;
 pub(crate) mod shell;
 mod stopping;
-mod story;
+pub(crate) mod story;
 mod style;
 pub(crate) mod table;
 pub mod tradeoff;

@@ -1,0 +1,157 @@
+//! `tactile-filter assemble`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use tactile_data::scene::Scene;
+use tactile_data::simulator::Simulator;
+use tactile_filter::action::ActionRule;
+use tactile_filter::episode::Eye;
+use tactile_filter::offline::assembly::{Assembly, Group, Run, Task, Workcell, html, tell};
+use tactile_filter::offline::result::ModelRecord;
+use tactile_filter::offline::story;
+use tactile_filter::{Error, Result};
+use tactile_infer::bank::Bank;
+use tactile_infer::safefile::write_whole;
+use tactile_infer::{DeviceKind, Model};
+
+use super::evaluate::{command_line, progress};
+use super::tuning::Tuning;
+
+/// Name, find and fill every hole of a scene in simulation; write assembly.json and report.html.
+#[derive(Args)]
+#[command(
+    after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors --bank four.bank --scene data/scenes/four-letters.toml --out assembly"
+)]
+pub struct Assemble {
+    /// Checkpoint written by tactile-train.
+    #[arg(long)]
+    model: PathBuf,
+    /// Bank of the scene's pegs, made by tactile-infer bank with the same model.
+    #[arg(long)]
+    bank: PathBuf,
+    /// Scene preset or TOML file whose holes are filled; its clearance_mm is the play of a peg.
+    #[arg(long)]
+    scene: String,
+    /// Folder for assembly.json and report.html.
+    #[arg(long)]
+    out: PathBuf,
+    /// Trials in all, shared out over the seeds; in each all holes are tried in turn.
+    #[arg(long, default_value_t = 200)]
+    trials: usize,
+    /// Seeds of the holes' order, of first touches, frames and grasps.
+    #[arg(long, value_delimiter = ',', default_value = "1,2,3")]
+    seeds: Vec<u64>,
+    /// A held peg is off by up to this in x and in y, mm.
+    #[arg(long, default_value_t = 0.5)]
+    grasp_error_mm: f64,
+    /// A held peg is turned by up to this, degrees.
+    #[arg(long, default_value_t = 1.0)]
+    grasp_error_deg: f64,
+    /// Where the network is computed: flex or ndarray.
+    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
+    device: String,
+    /// Print assembly.json instead of a table.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    tuning: Tuning,
+}
+
+impl Assemble {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let model = Model::load(&self.model, self.device.parse()?)?;
+        let bank = Bank::load(&self.bank, &model)?;
+        let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
+        // The no-contact frame of the robot's own session, not the bank's.
+        let no_contact = simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374);
+        let eye = Eye::new(&model, &no_contact)?;
+        let config = self.tuning.config("exact", ActionRule::Information, &model)?;
+        let (n_trials, seeds) = (self.trials, self.seeds.clone());
+        let (grasp_error_mm, grasp_error_deg) = (self.grasp_error_mm, self.grasp_error_deg);
+        let task = Task { n_trials, seeds, grasp_error_mm, grasp_error_deg };
+        let workcell = Workcell::new(&simulator, &eye, &bank, &config, &task)?;
+
+        let bar = progress("assembly");
+        let trials = workcell.run(&|done, total| {
+            bar.set_length(total as u64);
+            bar.set_position(done as u64);
+        })?;
+        bar.finish_and_clear();
+        let run = Run {
+            scene: simulator.scene().name.clone(),
+            clearance_mm: simulator.scene().clearance_mm,
+            model: ModelRecord {
+                name: model.provenance().name.clone(),
+                sha256: model.sha256().into(),
+                parameters: model.n_parameters(),
+                input_px: model.config().input_px,
+            },
+            device: self.device.clone(),
+            recorded: *bank.grid(),
+            command: Some(command_line()),
+        };
+        let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
+        let page = self.out.join("report.html");
+        let told =
+            html(&assembly, &story::board(&simulator, &bank)?, &tell(&workcell, 0)?).map_err(Error::io(&page))?;
+        write_whole(&page, told.as_bytes())?;
+        let json =
+            serde_json::to_string_pretty(&assembly).map_err(|e| Error::invalid("assembly", "JSON", e.to_string()))?;
+        // Last: whoever finds the figures finds the report too.
+        write_whole(&self.out.join("assembly.json"), json.as_bytes())?;
+        if self.json {
+            println!("{json}");
+        } else {
+            print_table(&assembly);
+            println!("  {}", page.display());
+        }
+        Ok(())
+    }
+}
+
+fn print_table(assembly: &Assembly) {
+    let Assembly { run, all_inserted, holes, .. } = assembly;
+    println!(
+        "{}: {} trials of {} holes; a hole is {} mm wider on every side, a held peg up to {} mm and {} degrees off",
+        run.scene,
+        assembly.n_trials,
+        assembly.parts.len(),
+        run.clearance_mm,
+        assembly.grasp_error_mm,
+        assembly.grasp_error_deg
+    );
+    let [low, high] = all_inserted.ci95.map(|bound| 100.0 * bound);
+    let (n, of, share) = (all_inserted.n, all_inserted.of, 100.0 * all_inserted.share);
+    println!("  every peg in its hole: {n} of {of} trials, {share:.1} % ({low:.1} to {high:.1})");
+    println!(
+        "  {:16} {:>5} {:>8} {:>15} {:>7} {:>6} {:>7} {:>7} {:>11} {:>10}",
+        "holes", "n", "own in %", "95 % interval", "touches", "median", "mm", "degrees", "wrong place", "wrong peg"
+    );
+    let print = |what: &str, group: &Group| {
+        let [low, high] = group.inserted.ci95.map(|bound| 100.0 * bound);
+        println!(
+            "  {:16} {:5} {:8.1} {low:7.1}-{high:<7.1} {:7.2} {:6} {:7.2} {:7.2} {:11} {:10}",
+            format!("{what}{}", group.name),
+            group.inserted.of,
+            100.0 * group.inserted.share,
+            group.touches_mean,
+            group.touches_median,
+            group.xy_mm_mean,
+            group.theta_deg_mean,
+            group.wrong_pose,
+            group.wrong_part
+        );
+    };
+    print("", holes);
+    assembly.parts.iter().for_each(|group| print("", group));
+    assembly.stops.iter().for_each(|group| print("", group));
+    assembly.pegs_left.iter().for_each(|group| print("pegs left: ", group));
+    let went_in = holes.wrong_part_went_in;
+    println!(
+        "  wrong pegs that went in: {went_in}; median error {:.2} mm, {:.2} degrees",
+        holes.xy_mm_median, holes.theta_deg_median
+    );
+    println!("  ms from frame to decision, p50/p99: {:.1}/{:.1}", assembly.decision_ms.p50, assembly.decision_ms.p99);
+}

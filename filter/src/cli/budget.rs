@@ -1,0 +1,109 @@
+//! Flags of a budget, as they are shared by the commands.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
+use tactile_filter::budget::{Budget, Choice, Pace, Settings, Tradeoff};
+use tactile_filter::episode::{EpisodeConfig, Eye};
+use tactile_filter::{Error, Result};
+use tactile_infer::Model;
+use tactile_infer::bank::Bank;
+
+use super::tradeoff::told;
+
+/// Seconds to find how fast this machine is.
+const CALIBRATION_S: f64 = 10.0;
+
+/// What there is to spend.
+#[derive(Args)]
+pub struct BudgetArgs {
+    /// Choose the settings: the most accurate whose decisions take at most this (median, one core), ms. Ten seconds go
+    /// into finding how fast this machine is.
+    #[arg(long)]
+    budget_ms: Option<f64>,
+    /// Choose the settings: the most accurate that hold at most this, 10^6 bytes.
+    #[arg(long)]
+    budget_mb: Option<f64>,
+    /// Stop after this many touches.
+    #[arg(long)]
+    pub max_touches: Option<usize>,
+    /// What tactile-filter tradeoff measured [default: beside the model, MODEL.frontier.json]
+    #[arg(long, value_name = "FILE")]
+    frontier: Option<PathBuf>,
+}
+
+/// What the settings were chosen for.
+pub struct Task<'a> {
+    /// File of the model.
+    pub model_path: &'a Path,
+    /// The model.
+    pub model: &'a Model,
+    /// The bank, as it was loaded.
+    pub bank: &'a Bank,
+    /// A frame of the sensor at rest.
+    pub no_contact: &'a Frame,
+    /// The motions that will be offered.
+    pub reach: PoseGrid,
+    /// Whether poses lie between recorded ones.
+    pub between_poses: bool,
+}
+
+impl BudgetArgs {
+    /// Whether settings are to be chosen.
+    pub fn is_asked(&self) -> bool {
+        self.budget_ms.is_some() || self.budget_mb.is_some()
+    }
+
+    /// Chooses settings; returns the bank in the format that they take, and what they are.
+    pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Bank, EpisodeConfig)> {
+        let beside = || task.model_path.with_extension("frontier.json");
+        let path = self.frontier.clone().unwrap_or_else(beside);
+        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
+        let paces = self.paces(&tradeoff, task, base)?;
+        let budget =
+            Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
+        let choice = tradeoff.choose(&budget, &mut |settings, n_touches| {
+            let Some((_, pace)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
+            Ok(Some((*pace, settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?)))
+        })?;
+        tell(&choice, &tradeoff);
+        let settings = &choice.point.settings;
+        let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
+        config.validate()?;
+        Ok((task.bank.clone().with_precision(settings.rows)?, config))
+    }
+
+    /// How long a made-up decision takes here, for each setting that can be had.
+    fn paces(&self, tradeoff: &Tradeoff, task: &Task<'_>, base: &EpisodeConfig) -> Result<Vec<(Settings, f64)>> {
+        let settings = tradeoff.settings_of(task.model.sha256(), task.bank.grid());
+        let eye = Eye::new(task.model, task.no_contact)?;
+        let begun = Instant::now();
+        let share_s = CALIBRATION_S / settings.len().max(1) as f64;
+        let of = |settings: &Settings| {
+            let bank = task.bank.clone().with_precision(settings.rows)?;
+            let config = EpisodeConfig { between_poses: task.between_poses, ..settings.applied_to(base) };
+            let pace = Pace { eye: &eye, frame: task.no_contact, bank: &bank, reach: &task.reach };
+            let pace_ms = pace.decision_ms(&config, share_s, &mut || begun.elapsed().as_secs_f64())?;
+            Ok((settings.clone(), pace_ms))
+        };
+        settings.into_iter().map(of).collect()
+    }
+}
+
+fn tell(choice: &Choice, tradeoff: &Tradeoff) {
+    let point = &choice.point;
+    eprintln!(
+        "budget: {:.2} ms a decision and {:.1} MB here, {} touches; {:.1} % right on {}, {}: {}",
+        choice.decision_ms,
+        choice.memory_mb,
+        point.n_touches,
+        100.0 * point.accuracy,
+        tradeoff.scene,
+        tradeoff.poses,
+        told(&point.settings)
+    );
+}
