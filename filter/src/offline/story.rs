@@ -34,9 +34,9 @@ pub struct Pick {
     pub why: &'static str,
 }
 
-/// `n` episodes to tell, by their numbers: half of them, rounded up, are the first, which were not chosen; the others are the
-/// most instructive by the stopping rule of `config`: first those that stopped sure of a wrong part, then those that
-/// refused their part, those that ended unsure of a wrong one, and those that took most touches.
+/// `n` episodes to tell, by their numbers: half of them, rounded up, are the first, which nobody chose; the others
+/// are the most instructive by the stopping rule of `config`: those that stopped sure of a wrong part, then those
+/// that refused their part, those that ended unsure of a wrong one, and those that took most touches.
 pub fn pick(outcomes: &[Outcome], config: &EpisodeConfig, n: usize) -> Vec<Pick> {
     let n_first = n.div_ceil(2).min(outcomes.len());
     let mut others: Vec<_> = outcomes.iter().enumerate().skip(n_first).map(|(i, o)| (lesson(o, config), i)).collect();

@@ -52,9 +52,9 @@ fn head(evaluation: &Evaluation, paper: &PaperNumbers) -> String {
         r#"<h1>Which peg fits this hole? {}</h1>
 <p>A simulated tactile sensor touches the hole of one of {} parts, whose pegs it has touched before. {what}
 {} episodes, {}.</p>
-<p class="caution"><b>All of it is simulated:</b> the boards, the robot, each touch. What was held against reality is the sensor’s optics and
-gel, by real images of a ball, grooves, a cuboid and a digit (<code>cargo xtask validate</code>). No real hole, peg or letter was
-touched: how these figures carry over to a real board is not known.</p>
+<p class="caution"><b>All of it is simulated:</b> the boards, the robot, each touch. What was held against reality is
+the sensor’s optics and gel, by real images of a ball, grooves, a cuboid and a digit (<code>cargo xtask
+validate</code>). No real hole, peg or letter was touched: how these figures carry over to a real board is not known.</p>
 <div class="tiles">{}</div>
 "#,
         escape(&evaluation.scene),

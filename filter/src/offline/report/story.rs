@@ -19,7 +19,7 @@ pub fn outlines(board: &Board) -> String {
             format!("M{}Z", places.join("L"))
         };
         let d: String = outline_mm.iter().map(contour).collect();
-        format!(r#"<path id="part-{part}" d="{d}"/>"#)
+        format!(r#"<path id="part-{part}" d="{d}" vector-effect="non-scaling-stroke"/>"#)
     };
     let paths: String = board.parts.iter().enumerate().map(path).collect();
     format!(r#"<svg class="defs" aria-hidden="true"><defs>{paths}</defs></svg>"#)

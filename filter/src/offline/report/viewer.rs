@@ -76,7 +76,7 @@ for (const stories of document.querySelectorAll(".stories")) {
     event.preventDefault();
     showTouch(at + step);
   });
-  find(".controls").hidden = false;
+  for (const control of [".how", ".controls"]) find(control).hidden = false;
   setLive(true);
   if (!fromAddress()) showEpisode(episodes[0], 0);
 }
@@ -125,13 +125,13 @@ pub const CSS: &str = r#"
 .ring { fill: none; stroke: var(--print); stroke-width: 2; vector-effect: non-scaling-stroke; }
 .share { height: 4px; border-radius: 2px; background: var(--faint); }
 .share i { display: block; height: 4px; border-radius: 2px; background: var(--bar); }
-.defs { position: absolute; width: 0; height: 0; } .defs path { vector-effect: non-scaling-stroke; }
+.defs { position: absolute; width: 0; height: 0; }
 @media screen {
   .live .episode:not(.now), .live .touch:not(.now), .live .heads, .live .count, .live .map .share { display: none; }
   .live .stage { display: grid; grid-template-columns: 180px minmax(0, 1fr); gap: 0 28px; align-items: start; margin-top: 14px; }
   .live .episode { border: 0; margin: 0; } .live .episode h3 { margin-top: 0; }
   .live .touch { grid-template-columns: repeat(4, 1fr); gap: 14px; border: 0; }
-  .live .pane .head { display: block; } .live .belief { grid-column: 1 / -1; } .live .said { font-size: .92rem; max-width: none; }
+  .live .maps { grid-template-columns: repeat(auto-fill, minmax(96px, 1fr)); } .live .pane .head { display: block; } .live .belief { grid-column: 1 / -1; } .live .said { font-size: .92rem; max-width: none; }
   .live .touch img, .live .where { aspect-ratio: 1; object-fit: contain; background: var(--panel); }
   .live .bars { display: block; font-size: .85rem; font-variant-numeric: tabular-nums; } .live .bars p { color: var(--soft); font-size: .78rem; margin: 0 0 6px; }
   .class { display: grid; grid-template-columns: minmax(1.6em, max-content) 1fr 3em; gap: 8px; align-items: center; line-height: 1.55; }
@@ -147,12 +147,12 @@ pub const CSS: &str = r#"
   .count::before { content: "Touch "; }
   .live .stage { grid-template-columns: minmax(0, 1fr); gap: 12px; }
   .live .bars { display: grid; grid-template-columns: 1fr 1fr; gap: 0 18px; } .live .bars p { grid-column: 1 / -1; }
-  .maps { grid-template-columns: repeat(4, 1fr); }
+  .maps, .live .maps { grid-template-columns: repeat(4, 1fr); }
   .picker { display: grid; grid-template-columns: 1fr 1fr; font-size: .8rem; } .picker a { height: 100%; padding: 3px 8px; }
   .controls { gap: 8px; } .controls button { padding: 5px 10px; } .which { min-width: 0; order: -1; flex-basis: 100%; }
   .controls .slider { order: 5; flex-basis: 100%; max-width: none; }
 }
-@media print { .picker, .controls { display: none; } .heads { break-after: avoid; } }
+@media print { .picker, .controls, .how { display: none; } .heads { break-after: avoid; } }
 "#;
 
 /// The episodes of a report; nothing where none is told.
@@ -163,23 +163,24 @@ pub fn section(board: &Board, episodes: &[EpisodeStory]) -> io::Result<Option<Se
     let told = episodes.iter().map(|episode| story::section(episode, board)).collect::<io::Result<String>>()?;
     let links: String = episodes.iter().map(|episode| link(episode, board)).collect();
     let body = format!(
-        r#"{}<p>Pick an episode and go through its touches with the buttons, the slider or the arrow keys ← and →: where it touched, what it
-felt, what it then believed, and why it went on where it did.</p>
-<div class="stories"><ol class="picker">{links}</ol>
+        r#"{}<div class="stories"><p class="how" hidden>
+Pick an episode and go through its touches with the buttons, the slider or the arrow keys ← and →: where it touched,
+what it felt, what it then believed, and why it went on where it did.</p>
+<ol class="picker">{links}</ol>
 <div class="controls" hidden><button type="button" class="back">← Previous</button><input type="range" class="slider" min="1" value="1" aria-label="Touch"><button type="button" class="on">Next →</button><output class="which"></output><button type="button" class="all"></button></div>
 <div class="stage"><div class="bars"><p>Probability of each part; red is the truth</p></div><div>{told}</div></div></div>
-<figure><figcaption><b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest
-filled, with its upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey
-is no change. <b>Where next, and why:</b> the likeliest part, and on it, red, where the filter thinks the sensor stands. A dot is a place
-to touch next, the larger and stronger the more its best angle is expected to tell, on a scale of each touch’s own; a small hollow one is
-expected to show no edge. Blue: the place chosen and what
-the sensor would cover there. A <b>nat</b> measures what is told: 0.69 nats are one yes or no. These are the filter’s own expectations,
-estimated from states drawn from its belief; dots beside the best few are rougher estimates from fewer draws.
-<b>Where the first touch was:</b> a map for each part; the stronger the blue, the more probable the place, on one scale
-for the touch. The number is the part’s whole probability. The red ring is the truth: watch the blue gather in it. Above the maps,
-the likeliest part and its <b>fit:</b> how well it explains what was felt, higher is better, 0 is as well as the best recorded view of
-any part. To be confident the filter must be sure of a part that fits; a part that is likely because the others fit even
-worse is none of these parts.</figcaption></figure>
+<figure><figcaption><b>Where it touched:</b> the true part in grey; red, what the sensor covered, the newest filled, with its
+upper edge thick. <b>What the camera saw,</b> and <b>what changed</b> from the sensor at rest, strengthened: grey is
+no change. <b>Where next, and why:</b> the likeliest part, and on it, red, where the filter thinks the sensor stands.
+A dot is a place to touch next, the larger and stronger the more its best angle is expected to tell, on a scale of
+each touch’s own; a small hollow one is expected to show no edge. Blue: the place chosen and what the sensor would
+cover there. A <b>nat</b> measures what is told: 0.69 nats are one yes or no. These are the filter’s own expectations,
+estimated from states drawn from its belief; dots beside the best few are rougher estimates from fewer draws. <b>Where
+the first touch was:</b> a map for each part; the stronger the blue, the more probable the place, on one scale for the
+touch. The number is the part’s whole probability. The red ring is the truth: watch the blue gather in it. Above the
+maps, the likeliest part and its <b>fit:</b> how well it explains what was felt, higher is better, 0 is as well as the
+best recorded view of any part. To be confident the filter must be sure of a part that fits; a part that is likely
+because the others fit even worse is none of these parts.</figcaption></figure>
 "#,
         story::outlines(board)
     );
