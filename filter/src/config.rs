@@ -20,7 +20,7 @@ pub struct EpisodeConfig {
     pub action: ActionConfig,
     /// How similarities become probabilities.
     pub likelihood: LikelihoodConfig,
-    /// delta_prob: stop when a part is more probable than this, 0..=1. One: never for this reason.
+    /// delta_prob: stop when a part is more probable than this, 0..=1, and an edge was felt. One: never for this reason.
     pub stop_probability: f64,
     /// N_max: stop after this many touches, the first included; at least 1.
     pub max_touches: usize,
@@ -88,13 +88,12 @@ impl EpisodeConfig {
 
     /// Why to stop after `n_touches` when the likeliest part has this probability and fit; `None` to go on.
     pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
-        // No edge felt yet speaks against no part.
-        let fit = fit.unwrap_or(0.0);
-        if n_touches >= self.none_touches && fit < self.none_fit {
+        // No edge felt yet speaks against no part, and for none: the only one left is as unknown in its pose.
+        let asks_fit = self.none_fit > f64::MIN;
+        let needed = self.none_fit + self.fit_margin / n_touches as f64;
+        if n_touches >= self.none_touches && fit.is_some_and(|fit| fit < self.none_fit) {
             Some(StopReason::NoneOfThese)
-        } else if probability.min(1.0) > self.stop_probability
-            && fit >= self.none_fit + self.fit_margin / n_touches as f64
-        {
+        } else if probability.min(1.0) > self.stop_probability && fit.map_or(!asks_fit, |fit| fit >= needed) {
             Some(StopReason::Confident)
         } else if n_touches >= self.max_touches {
             Some(StopReason::TouchLimit)

@@ -39,12 +39,20 @@ pub struct Scene {
     /// By how much a hole's outline is wider than its peg's on every side, mm.
     #[serde(default = "default_clearance")]
     pub clearance_mm: f64,
+    /// By how much the pegs are recorded wider than they are on every side, mm: what is touched as a peg is a gauge
+    /// that fills its hole more closely. Flat faces only.
+    #[serde(default, skip_serializing_if = "is_nought")]
+    pub gauge_mm: f64,
     /// How much of the sensor is computed.
     #[serde(default = "default_fidelity")]
     pub fidelity: Fidelity,
     /// The sensor. In a file it may also have a `preset` and `mm_per_px`, see `data/scenes/`.
     #[serde(default, deserialize_with = "sensor_table::deserialize")]
     pub sensor: SensorSpec,
+}
+
+fn is_nought(value: &f64) -> bool {
+    *value == 0.0
 }
 
 fn default_clearance() -> f64 {
@@ -96,7 +104,14 @@ impl Scene {
         if !(0.0..=5.0).contains(&self.clearance_mm) {
             return Err(Error::invalid("clearance_mm", "0 to 5 mm", self.clearance_mm.to_string()));
         }
+        if !(0.0..=self.clearance_mm).contains(&self.gauge_mm) {
+            let expected = format!("0 to clearance_mm, {} mm", self.clearance_mm);
+            return Err(Error::invalid("gauge_mm", expected, self.gauge_mm.to_string()));
+        }
         match (&self.parts, &self.board) {
+            (Parts::Maze(_), _) if self.gauge_mm > 0.0 => {
+                Err(Error::invalid("gauge_mm", "none for MAZE boards", self.gauge_mm.to_string()))
+            }
             (Parts::Kit(kit), board) => {
                 let reach =
                     self.reach.ok_or_else(|| Error::invalid("reach", "a grid of poses for each part", "none"))?;
@@ -161,14 +176,15 @@ impl Scene {
         };
         let own = kit.part(part, self.clearance_mm)?;
         let stands = own.stands;
-        let mut reliefs = vec![own.side(side)];
+        let grow_mm = if side == Side::Peg { self.gauge_mm } else { 0.0 };
+        let mut reliefs = vec![own.side(side).grown(grow_mm)];
         let Some(board) = &self.board else { return Ok(reliefs) };
         let places = board.places_mm(kit.names().len())?;
         for (other, place) in places.iter().enumerate().filter(|(other, _)| *other != part) {
             let offset = [0, 1].map(|axis| place[axis] - places[part][axis]);
             let neighbour = kit.part(other, self.clearance_mm)?;
             if is_within(neighbour.bounds(), offset, self.half_extent_mm()) {
-                reliefs.push(neighbour.side(side).shifted(offset));
+                reliefs.push(neighbour.side(side).grown(grow_mm).shifted(offset));
             }
         }
         match side {

@@ -46,6 +46,7 @@ impl Scene {
             board: None,
             reach,
             clearance_mm: default_clearance(),
+            gauge_mm: 0.0,
             fidelity: default_fidelity(),
             sensor: SensorSpec::default(),
         })

@@ -52,6 +52,16 @@ impl Relief {
         Self { layers: vec![Layer::Heights(map), Layer::Face(edge)] }
     }
 
+    /// The same relief with the outlines of its faces wider by `grow_mm` on every side.
+    pub fn grown(mut self, grow_mm: f64) -> Self {
+        for layer in &mut self.layers {
+            if let Layer::Face(face) = layer {
+                face.grow_mm += if face.outside { -grow_mm } else { grow_mm };
+            }
+        }
+        self
+    }
+
     /// The same relief moved by `offset_mm`.
     pub fn shifted(self, [dx, dy]: [f64; 2]) -> Self {
         let moved = |layer| match layer {

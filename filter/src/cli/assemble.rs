@@ -48,6 +48,9 @@ pub struct Assemble {
     /// A held peg is turned by up to this, degrees.
     #[arg(long, default_value_t = 1.0)]
     grasp_error_deg: f64,
+    /// Let the robot give up a hole as none of the pegs on the table, though each has its peg there.
+    #[arg(long)]
+    strangers: bool,
     /// Where the network is computed: flex or ndarray.
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
@@ -67,7 +70,11 @@ impl Assemble {
         // The no-contact frame of the robot's own session, not the bank's.
         let no_contact = simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374);
         let eye = Eye::new(&model, &no_contact)?;
-        let config = self.tuning.config("exact", ActionRule::Information, &model)?;
+        let mut config = self.tuning.config("exact", ActionRule::Information, &model)?;
+        if !self.strangers {
+            // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
+            config.none_touches = config.max_touches + 1;
+        }
         let (n_trials, seeds) = (self.trials, self.seeds.clone());
         let (grasp_error_mm, grasp_error_deg) = (self.grasp_error_mm, self.grasp_error_deg);
         let task = Task { n_trials, seeds, grasp_error_mm, grasp_error_deg };
