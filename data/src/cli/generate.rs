@@ -17,7 +17,7 @@ use super::progress;
                         tactile-data generate --scene alphabet-small --sides peg --out pegs\n  \
                         tactile-data generate --scene alphabet-small --sides peg --xy-step-mm 2 --theta-step-deg 15 --out fine-pegs")]
 pub struct Generate {
-    /// maze, alphabet-small, alphabet-large, either of these with -dev, connectors, or a TOML file
+    /// maze, connectors, alphabet-small or alphabet-large (either with -dev, -hard or -hard-dev), or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
     /// The dataset to write; must not exist
