@@ -102,3 +102,51 @@ fn rough_for_large() -> SensorSpec {
 fn rough() -> SensorSpec {
     SensorSpec { depth_mm: 0.5, depth_jitter_mm: 0.25, texture_mm: [0.0, 0.06], ..SensorSpec::default() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Frame;
+    use crate::se2::Se2;
+    use crate::simulator::{Simulator, frame_rng};
+    use crate::touch::Side;
+
+    #[test]
+    fn a_hard_alphabet_is_its_plain_one_under_a_sensor_that_varies_more() {
+        for board in ["alphabet-small", "alphabet-large"] {
+            let scene = |name: String| Scene::preset(&name).unwrap();
+            for dev in ["", "-dev"] {
+                let (plain, hard) = (scene(format!("{board}{dev}")), scene(format!("{board}-hard{dev}")));
+                assert_eq!(Scene { name: plain.name.clone(), sensor: plain.sensor.clone(), ..hard.clone() }, plain);
+                let (rough, fine) = (&hard.sensor, &plain.sensor);
+                assert!(rough.place_jitter_mm > fine.place_jitter_mm && rough.noise_counts > fine.noise_counts);
+                // One sensor records the bank and touches the holes, of both sets of letters: gel, lamps and camera stay.
+                assert_eq!(rough, &scene(format!("{board}-hard")).sensor);
+                assert_eq!((rough.gel_length_mm, &rough.light), (fine.gel_length_mm, &fine.light));
+                assert_eq!((rough.frame_px, rough.field_of_view_mm), (fine.frame_px, fine.field_of_view_mm));
+            }
+        }
+    }
+
+    /// Mean difference of two frames' bytes, counts.
+    fn difference(one: &Frame, other: &Frame) -> f64 {
+        let sum: u32 = one.rgb().iter().zip(other.rgb()).map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
+        f64::from(sum) / one.rgb().len() as f64
+    }
+
+    #[test]
+    fn touches_of_one_hole_differ_as_much_as_of_two_only_when_hard() {
+        // How much two touches of one hole differ, as a share of how much touches of two holes do.
+        let share = |name: &str| {
+            let simulator = Simulator::new(Scene::preset(name).unwrap(), 1).unwrap();
+            let touch = |part, seed| {
+                simulator.touch(part, Side::Hole, &Se2::IDENTITY, &mut frame_rng(seed, part as u64)).unwrap()
+            };
+            let sum =
+                |other: usize| (0..12).map(|seed| difference(&touch(0, seed), &touch(other, 100 + seed))).sum::<f64>();
+            sum(0) / sum(1)
+        };
+        let (plain, hard) = (share("alphabet-small-dev"), share("alphabet-small-hard-dev"));
+        assert!(plain < 0.6 && hard > 0.8, "{plain}, {hard}");
+    }
+}
