@@ -54,8 +54,8 @@ pub fn bank_of_scene(
 mod tests {
     use super::*;
     use crate::checkpoint::{Checkpoint, Provenance};
-    use crate::device::DeviceKind;
     use crate::encoder::NetworkConfig;
+    use crate::device::DeviceKind;
     use tactile_data::frame::Preprocessing;
     use tactile_data::generate::generate;
     use tactile_data::grid::PoseGrid;

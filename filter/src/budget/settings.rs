@@ -132,9 +132,7 @@ impl Settings {
             Knob::Effort if self.n_finalists == usize::MAX => {
                 format!("all candidates by {} draws x {}", self.n_draws, self.n_suppositions)
             }
-            Knob::Effort => {
-                format!("{} finalists by {} draws x {}", self.n_finalists, self.n_draws, self.n_suppositions)
-            }
+            Knob::Effort => format!("{} finalists by {} draws x {}", self.n_finalists, self.n_draws, self.n_suppositions),
         }
     }
 
@@ -232,8 +230,7 @@ pub(crate) mod tests {
     fn memory_is_the_sum_of_what_is_held() {
         let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 0.0, theta_step_deg: 15.0 };
         let rows = (0..2 * 9 * 6).map(|i| (i as f32).sin()).collect();
-        let bank =
-            Bank::from_rows(["A", "B"].map(String::from).into(), grid, 6, rows, vec![0.5; 18], "ab".into()).unwrap();
+        let bank = Bank::from_rows(["A", "B"].map(String::from).into(), grid, 6, rows, vec![0.5; 18], "ab".into()).unwrap();
         let bytes = |settings: &Settings| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
         let exact = 400 + 18 * (24 + 40) + 3 * (18 * 4 + 50 * 8) + 50 * 8;
         assert_eq!(bytes(&settings()), exact);

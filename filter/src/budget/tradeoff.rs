@@ -256,10 +256,7 @@ mod tests {
         assert_eq!(choose(Some(3.9), None).unwrap(), (1, 3));
         assert_eq!(choose(Some(100.0), Some(2)).unwrap(), (1, 1));
         let error = choose(Some(0.5), None).unwrap_err().to_string();
-        assert_eq!(
-            error,
-            "budget: expected at least 1.00 ms, 10.0 MB and one touch, all within one setting, got 0.5 ms"
-        );
+        assert_eq!(error, "budget: expected at least 1.00 ms, 10.0 MB and one touch, all within one setting, got 0.5 ms");
     }
 
     #[test]
@@ -304,9 +301,6 @@ mod tests {
         let foreign = text.replace(SCHEMA, "other/1");
         assert!(Tradeoff::from_json("f", &foreign).unwrap_err().to_string().starts_with("f: schema: expected"));
         let broken = text.replace("\"pace_ms\":0.5", "\"pace_ms\":0.0");
-        assert_eq!(
-            Tradeoff::from_json("f", &broken).unwrap_err().to_string(),
-            "f: point 0: expected numbers above nought, got another"
-        );
+        assert_eq!(Tradeoff::from_json("f", &broken).unwrap_err().to_string(), "f: point 0: expected numbers above nought, got another");
     }
 }

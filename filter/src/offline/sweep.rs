@@ -92,9 +92,7 @@ pub fn plan(models: &[Model]) -> Result<Vec<Planned>> {
             add(0, with_effort(base, effort));
         }
     }
-    for engine in
-        [particles(100), particles(1_000), particles(10_000), EngineConfig::Particle(ParticleConfig::default())]
-    {
+    for engine in [particles(100), particles(1_000), particles(10_000), EngineConfig::Particle(ParticleConfig::default())] {
         add(0, Settings { engine, ..default.clone() });
     }
     // The least of everything: what can be had at once.
