@@ -56,6 +56,85 @@ fn evaluation_letters_are_not_tuning_letters() {
 }
 
 #[test]
+fn a_robustness_scene_is_the_small_alphabet_but_for_what_it_is_named_after() {
+    let plain = Scene::preset("alphabet-small").unwrap();
+    let spec = &plain.sensor;
+    let light = crate::sensor::light::LightRig::named("cmu").unwrap();
+    let noise_counts = spec.noise_counts.map(|counts| 3.0 * counts);
+    let expected = [
+        ("cmu-light", SensorSpec { light, ..spec.clone() }),
+        ("soft-gel", SensorSpec { gel_length_mm: 2.0, ..spec.clone() }),
+        ("noisy-camera", SensorSpec { noise_counts, jpeg_quality: [25, 45], ..spec.clone() }),
+        ("shallow-press", SensorSpec { depth_mm: 0.2, ..spec.clone() }),
+        ("crowded-board", spec.clone()),
+        ("attachment", spec.clone()),
+    ];
+    for (name, sensor) in expected {
+        let mut scene = robust(name);
+        for axis in 0..3 {
+            assert!((scene.sensor.noise_counts[axis] - sensor.noise_counts[axis]).abs() < 1e-9, "{name}");
+        }
+        scene.sensor.noise_counts = sensor.noise_counts;
+        assert_eq!(
+            (&scene.sensor, scene.reach, scene.clearance_mm),
+            (&sensor, plain.reach, plain.clearance_mm),
+            "{name}"
+        );
+        assert_eq!(
+            (scene.part_names(), scene.board.is_some()),
+            (plain.part_names(), name == "crowded-board"),
+            "{name}"
+        );
+    }
+}
+
+/// A scene of the robustness rows.
+fn robust(name: &str) -> Scene {
+    let file = format!("{}/scenes/robust/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    Scene::load(&file).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn on_the_crowded_board_most_views_show_a_neighbour() {
+    let geometry = |scene: Scene| {
+        let sensor = SensorSpec { frame_px: [40, 30], place_jitter_mm: 0.0, ..scene.sensor };
+        Simulator::new(Scene { sensor, fidelity: Fidelity::Geometry, ..scene }, 1).unwrap()
+    };
+    let (alone, crowded) = (geometry(Scene::preset("alphabet-small").unwrap()), geometry(robust("crowded-board")));
+    let reach = alone.scene().reach.unwrap();
+    let views = || (0..alone.parts().len()).flat_map(|part| (0..reach.len()).step_by(9).map(move |cell| (part, cell)));
+    let shows = |&(part, cell): &(usize, usize)| {
+        let touch = |of: &Simulator| of.touch(part, Side::Peg, &reach.pose(cell), &mut frame_rng(1, 0)).unwrap();
+        touch(&alone) != touch(&crowded)
+    };
+    let share = views().filter(shows).count() as f64 / views().count() as f64;
+    // 0.71 by the letters' boxes in the frame, worked out apart.
+    assert!((0.55..0.75).contains(&share), "{share}");
+}
+
+#[test]
+fn a_dowel_is_felt_beside_a_peg_and_not_beside_its_hole() {
+    let plain = Scene::preset("alphabet-small").unwrap();
+    let geometry = |scene: Scene| {
+        let sensor = SensorSpec { place_jitter_mm: 0.0, ..scene.sensor };
+        Simulator::new(Scene { sensor, fidelity: Fidelity::Geometry, ..scene }, 1).unwrap()
+    };
+    let (plain, with_dowels) = (geometry(plain), geometry(robust("attachment")));
+    for part in 0..plain.parts().len() {
+        let touched = |simulator: &Simulator, side| {
+            let frame = simulator.touch(part, side, &Se2::IDENTITY, &mut frame_rng(1, 0)).unwrap();
+            frame.rgb().iter().filter(|value| **value > 120).count() as f64 / frame.rgb().len() as f64
+        };
+        let more = |side| touched(&with_dowels, side) - touched(&plain, side);
+        // Two discs of 2.5 mm in a view of 18.6 x 14.3 mm, less what a wide letter pushes over its side.
+        let dowels = 2.0 * std::f64::consts::PI * 1.25 * 1.25 / (18.6 * 14.3);
+        let letter = &plain.parts()[part];
+        assert!((0.4 * dowels..1.1 * dowels).contains(&more(Side::Peg)), "{letter}: {}", more(Side::Peg));
+        assert!(more(Side::Hole).abs() < 0.005, "{letter}: {}", more(Side::Hole));
+    }
+}
+
+#[test]
 fn parts_of_a_stored_scene_are_read() {
     let letters = r#"{"letters": {"letters": "AB", "height_mm": 12.0, "max_width_mm": 16.0}}"#;
     let parts: Parts = serde_json::from_str(letters).unwrap();
@@ -268,7 +347,8 @@ fn a_wrong_file_of_a_part_is_named_with_its_field() {
 fn every_example_scene_loads_and_can_be_touched() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let mut n_scenes = 0;
-    for entry in std::fs::read_dir(folder).unwrap() {
+    let files = [&folder, &folder.join("robust")].map(|folder| std::fs::read_dir(folder).unwrap());
+    for entry in files.into_iter().flatten() {
         let path = entry.unwrap().path();
         if path.extension().is_none_or(|extension| extension != "toml") {
             continue;
@@ -282,7 +362,7 @@ fn every_example_scene_loads_and_can_be_touched() {
         }
         n_scenes += 1;
     }
-    assert!(n_scenes >= 5);
+    assert!(n_scenes >= 11);
 }
 
 /// By the width of the contact over a bar's middle: an I of width w and a gauge of w + 2 x 0.5 mm.
