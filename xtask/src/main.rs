@@ -5,7 +5,9 @@ mod demo;
 mod error;
 mod program;
 mod python;
+mod reproduce;
 mod slurm;
+mod step;
 mod tidy;
 mod validate;
 mod wgpu;
@@ -40,6 +42,11 @@ enum Chore {
     /// Hold the simulated sensor against real images, and write a report.
     #[command(after_help = "Example:\n  cargo xtask validate --real ../shared/real-gelsight --out validation")]
     Validate(validate::ValidateArgs),
+    /// Every table and figure of the paper and the trade of speed for accuracy, on one page.
+    #[command(
+        after_help = "Example:\n  cargo xtask reproduce --smoke\n  cargo xtask reproduce --part tables --part hard"
+    )]
+    Reproduce(reproduce::ReproduceArgs),
     /// Hold the forward pass in numpy against tactile-infer's, from the weights' file alone.
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
@@ -71,6 +78,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Ci => ci(&workspace),
         Chore::Bench(bench) => bench::bench(&workspace, bench),
         Chore::Validate(args) => validate::validate(&workspace, args),
+        Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
         Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Slurm => slurm::slurm(&workspace),
@@ -96,6 +104,6 @@ mod tests {
     #[test]
     fn the_command_line_is_well_formed() {
         Cli::command().debug_assert();
-        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "python", "wgpu", "slurm", "tidy"]);
+        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "reproduce", "python", "wgpu", "slurm", "tidy"]);
     }
 }

@@ -147,7 +147,9 @@ impl Evaluate {
         let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
         if path.exists() {
             let there = Gathered::load(&path)?;
-            if there.episodes == protocol.episodes && there.is_of(&self.gather(simulator, model, bank, (&nothing, configs))?) {
+            if there.episodes == protocol.episodes
+                && there.is_of(&self.gather(simulator, model, bank, (&nothing, configs))?)
+            {
                 println!("{} is there already", path.display());
                 return Ok(());
             }

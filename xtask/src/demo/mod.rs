@@ -1,6 +1,5 @@
 //! The whole of it in order: simulate, train, touch the pegs, build the bank, identify holes, report.
 
-mod step;
 mod summary;
 
 use std::ffi::OsStr;
@@ -11,8 +10,8 @@ use std::time::Instant;
 use clap::Args;
 
 use crate::error::{Error, Result};
+use crate::step::{Notes, Step, read_json};
 use crate::workspace::Workspace;
-use step::{Notes, Step};
 
 /// Pairs of MAZE touches to train on: with more, training on two cores takes longer than a person waits.
 const PAIRS: &str = "12000";
@@ -43,7 +42,7 @@ pub fn demo(workspace: &Workspace, args: &DemoArgs) -> Result<()> {
     let out = args.out.clone().unwrap_or_else(|| workspace.root.join("demo"));
     let out = std::path::absolute(&out).map_err(Error::io(&out))?;
     fs::create_dir_all(&out).map_err(Error::io(&out))?;
-    let mut notes = Notes::open(&out)?;
+    let mut notes = Notes::open(&out, "demo")?;
     let steps = steps(workspace, args)?;
     workspace.build()?;
 
@@ -77,8 +76,8 @@ fn steps(workspace: &Workspace, args: &DemoArgs) -> Result<Vec<Step>> {
     let model = if args.quick { shipped } else { Path::new("model").join("model.safetensors") };
     let seed = args.seed.to_string();
 
-    let step = |name, program, words: &[&dyn AsRef<OsStr>]| Step {
-        name,
+    let step = |name: &str, program, words: &[&dyn AsRef<OsStr>]| Step {
+        name: name.into(),
         program: workspace.program(program),
         args: words.iter().map(|word| word.as_ref().to_os_string()).collect(),
         inputs: Vec::new(),
@@ -145,9 +144,4 @@ fn steps(workspace: &Workspace, args: &DemoArgs) -> Result<Vec<Step>> {
         .makes("evaluation", "evaluation/evaluation.json"),
     ];
     Ok(training.into_iter().filter(|_| !args.quick).chain(evaluation).collect())
-}
-
-fn read_json(path: &Path) -> Result<serde_json::Value> {
-    let text = fs::read_to_string(path).map_err(Error::io(path))?;
-    serde_json::from_str(&text).map_err(|error| Error::invalid(path.display().to_string(), "JSON", error.to_string()))
 }

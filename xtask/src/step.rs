@@ -1,4 +1,4 @@
-//! One program of the demo, run only where its product is missing, older than what it was made from, or
+//! One program of a longer job, run only where its product is missing, older than what it was made from, or
 //! made by another command line.
 
 use std::ffi::{OsStr, OsString};
@@ -8,14 +8,13 @@ use std::time::SystemTime;
 
 use serde_json::{Map, Value, json};
 
-use super::read_json;
 use crate::error::{Error, Result};
 use crate::program;
 
 /// One program to run in the output folder; every path is relative to it or absolute.
 pub struct Step {
     /// Name for people, and in the notes.
-    pub name: &'static str,
+    pub name: String,
     /// The program.
     pub program: PathBuf,
     /// Its arguments.
@@ -97,10 +96,10 @@ pub struct Notes {
 }
 
 impl Notes {
-    /// Reads the notes of an earlier run. A folder that holds something else is refused, because steps
-    /// remove what they make anew.
-    pub fn open(out: &Path) -> Result<Self> {
-        let path = out.join("demo.json");
+    /// Reads the notes of an earlier run of `chore`, kept in `chore.json`. A folder that holds something else is
+    /// refused, because steps remove what they make anew.
+    pub fn open(out: &Path, chore: &str) -> Result<Self> {
+        let path = out.join(chore).with_extension("json");
         if path.exists() {
             let steps = read_json(&path)?.as_object().cloned();
             let steps =
@@ -111,7 +110,8 @@ impl Notes {
         match entries.next() {
             None => Ok(Self { path, steps: Map::new() }),
             Some(_) => {
-                Err(Error::invalid(out.display().to_string(), "an empty folder or one that demo made", "another"))
+                let expected = format!("an empty folder or one that {chore} made");
+                Err(Error::invalid(out.display().to_string(), expected, "another"))
             }
         }
     }
@@ -119,10 +119,11 @@ impl Notes {
     /// The wall time and peak memory of each step, in one line.
     pub fn times(&self, steps: &[Step]) -> String {
         let time = |step: &Step| {
-            self.steps.get(step.name).map(|note| format!("{} {:.0} s", step.name, number(&note["seconds"])))
+            self.steps.get(&step.name).map(|note| format!("{} {:.0} s", step.name, number(&note["seconds"])))
         };
         let times: Vec<_> = steps.iter().filter_map(time).collect();
-        let peaks = steps.iter().filter_map(|step| Some((self.steps.get(step.name)?["peak_mib"].as_f64()?, step.name)));
+        let peaks =
+            steps.iter().filter_map(|step| Some((self.steps.get(&step.name)?["peak_mib"].as_f64()?, &step.name)));
         let peak = peaks.max_by(|a, b| a.0.total_cmp(&b.0));
         let peak = peak.map_or(String::new(), |(mib, name)| format!("; most memory {mib:.0} MiB, in {name}"));
         format!("times: {}{peak}", times.join(", "))
@@ -130,7 +131,7 @@ impl Notes {
 
     /// Whether a run with the step's command line came to its end; `None` where there was none.
     fn finished(&self, step: &Step) -> Option<bool> {
-        let note = self.steps.get(step.name).filter(|note| note["command"] == step.command_line())?;
+        let note = self.steps.get(&step.name).filter(|note| note["command"] == step.command_line())?;
         Some(note["finished"] == true)
     }
 
@@ -140,7 +141,7 @@ impl Notes {
 
     /// A step that went on from an earlier one adds to its time.
     fn finish(&mut self, step: &Step, usage: program::Usage) -> Result<()> {
-        let earlier = self.steps.get(step.name).map_or(0.0, |note| number(&note["seconds"]));
+        let earlier = self.steps.get(&step.name).map_or(0.0, |note| number(&note["seconds"]));
         self.note(
             step,
             json!({
@@ -151,12 +152,18 @@ impl Notes {
     }
 
     fn note(&mut self, step: &Step, note: Value) -> Result<()> {
-        self.steps.insert(step.name.into(), note);
+        self.steps.insert(step.name.clone(), note);
         let text = format!("{:#}\n", Value::Object(self.steps.clone()));
         let beside = self.path.with_extension("json.tmp");
         fs::write(&beside, text).map_err(Error::io(&beside))?;
         fs::rename(&beside, &self.path).map_err(Error::io(&self.path))
     }
+}
+
+/// Reads a JSON file.
+pub fn read_json(path: &Path) -> Result<Value> {
+    let text = fs::read_to_string(path).map_err(Error::io(path))?;
+    serde_json::from_str(&text).map_err(|error| Error::invalid(path.display().to_string(), "JSON", error.to_string()))
 }
 
 fn number(value: &Value) -> f64 {
@@ -200,7 +207,7 @@ mod tests {
 
     fn step(arg: &str) -> Step {
         let step = Step {
-            name: "a step",
+            name: "a step".into(),
             program: "program".into(),
             args: vec![arg.into()],
             inputs: Vec::new(),
@@ -219,13 +226,13 @@ mod tests {
     #[test]
     fn a_step_runs_again_only_where_something_changed() {
         let folder = Folder::new("again");
-        let mut notes = Notes::open(&folder.0).unwrap();
+        let mut notes = Notes::open(&folder.0, "demo").unwrap();
         write(folder.0.join("in"), 30);
         write(folder.0.join("out"), 20);
         assert_eq!(step("a").need(&folder.0, &notes), Need::All, "nobody noted how it was made");
         notes.begin(&step("a")).unwrap();
         notes.finish(&step("a"), program::Usage::default()).unwrap();
-        let mut notes = Notes::open(&folder.0).unwrap();
+        let mut notes = Notes::open(&folder.0, "demo").unwrap();
         assert_eq!(step("a").need(&folder.0, &notes), Need::Nothing);
         assert_eq!(step("b").need(&folder.0, &notes), Need::All, "another command line");
         write(folder.0.join("in"), 10);
@@ -243,13 +250,13 @@ mod tests {
     fn a_folder_of_somebody_elses_is_left_alone() {
         let folder = Folder::new("other");
         write(folder.0.join("thesis.tex"), 0);
-        assert!(Notes::open(&folder.0).is_err());
+        assert!(Notes::open(&folder.0, "demo").is_err());
     }
 
     #[test]
     fn a_run_gone_on_with_adds_its_time() {
         let folder = Folder::new("time");
-        let mut notes = Notes::open(&folder.0).unwrap();
+        let mut notes = Notes::open(&folder.0, "demo").unwrap();
         let usage = program::Usage { seconds: 2.0, peak_mib: Some(64.0) };
         notes.begin(&step("a")).unwrap();
         notes.finish(&step("a"), usage).unwrap();
