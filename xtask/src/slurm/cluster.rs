@@ -53,7 +53,7 @@ impl Cluster {
         let mut munge: Vec<_> = names.iter().map(|(option, end)| file(option, &format!("munge.{end}"))).collect();
         munge.extend([file("seed-file", "munge.seed"), "--foreground".into()]);
         cluster.daemon("munged", &munge, || Ok(socket.exists()))?;
-        let conf = folder.join("slurm.conf").display().to_string();
+        let conf = cluster.conf();
         let controller = ["-D", "-f", &conf].map(String::from);
         cluster.daemon("slurmctld", &controller, || Ok(quiet(&conf, "scontrol", &["ping"])?.contains(" is UP")))?;
         let node = ["-D", "-N", "localhost", "-f", &conf].map(String::from);
@@ -79,10 +79,14 @@ impl Cluster {
         })
     }
 
+    fn conf(&self) -> String {
+        self.folder.join("slurm.conf").display().to_string()
+    }
+
     /// Runs one of Slurm's programs in a folder and returns what it printed.
     pub fn ask(&self, program: &str, args: &[&str], folder: &Path) -> Result<String> {
         let mut command = Command::new(program);
-        command.args(args).current_dir(folder).env("SLURM_CONF", self.folder.join("slurm.conf"));
+        command.args(args).current_dir(folder).env("SLURM_CONF", self.conf());
         let output = command.stdin(Stdio::null()).output().map_err(Error::io(program))?;
         if !output.status.success() {
             let got = String::from_utf8_lossy(&output.stderr).trim().replace('\n', "; ");
@@ -111,7 +115,8 @@ impl Cluster {
                 return Err(Error::invalid(format!("job {id}"), "to be killed while it runs", job.state.clone()));
             }
             let Some(job) = jobs.first().filter(|job| job.state == "RUNNING") else { return Ok(None) };
-            let listing = self.ask("scontrol", &["listpids", &job.id], &self.folder)?;
+            // A job that has only just started is not known to its node yet.
+            let listing = quiet(&self.conf(), "scontrol", &["listpids", &job.id])?;
             Ok(job::processes(&listing, &job.id).into_iter().find(own))
         })?;
         self.ask("kill", &["-KILL", &pid.to_string()], &self.folder).map(|_| ())
@@ -121,7 +126,7 @@ impl Cluster {
 impl Drop for Cluster {
     /// Ends the jobs, then the daemons from the last to the first: politely, and after a while by force.
     fn drop(&mut self) {
-        let conf = self.folder.join("slurm.conf").display().to_string();
+        let conf = self.conf();
         if self.daemons.len() == 3 && quiet(&conf, "scancel", &["--partition=walk"]).is_ok() {
             let empty = || Ok(quiet(&conf, "squeue", &["--noheader"])?.trim().is_empty().then_some(()));
             report(wait_for("the last jobs", PATIENCE, empty));
@@ -164,6 +169,11 @@ fn report(result: Result<()>) {
     if let Err(error) = result {
         eprintln!("error: {error}");
     }
+}
+
+/// Whether a program is on the search path or among the system's daemons.
+pub fn is_installed(program: &str) -> bool {
+    std::env::split_paths(&path_with_sbin()).any(|folder| folder.join(program).is_file())
 }
 
 /// The search path with the folder of the system's daemons.

@@ -14,10 +14,13 @@ use serde_json::Value;
 use crate::error::{Error, Result};
 use crate::program;
 use crate::workspace::Workspace;
-use cluster::{Cluster, wait_for};
+use cluster::{Cluster, is_installed, wait_for};
 
 /// Debian's packages of Slurm and of what vouches for its users.
 const PACKAGES: [&str; 2] = ["slurm-wlm", "munge"];
+
+/// What the walk runs of them, and of util-linux.
+const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setpriv"];
 
 /// Tasks of each array; twice as many as run at once, so that some wait.
 const N_TASKS: usize = 4;
@@ -28,7 +31,7 @@ const N_CPUS: usize = 2;
 /// The task that is killed: one of those that run first.
 const KILLED: &str = "2";
 
-/// How long an array may take, s: ten times what it took on two slow cores.
+/// How long an array may take, s: twenty times what it took on two slow cores.
 const PATIENCE: u64 = 600;
 
 /// A command that is run in shards and whole.
@@ -57,7 +60,15 @@ pub fn slurm(workspace: &Workspace) -> Result<()> {
     if !cfg!(target_os = "linux") {
         return Err(Error::invalid("cargo xtask slurm", "Linux", std::env::consts::OS));
     }
-    if !Path::new("/usr/sbin/slurmctld").exists() || !Path::new("/usr/sbin/munged").exists() {
+    let missing = PROGRAMS.into_iter().find(|program| !is_installed(program));
+    if let (Some(program), false) = (missing, is_installed("apt-get")) {
+        return Err(Error::invalid(
+            "cargo xtask slurm",
+            "Slurm and munge, or apt-get to install them",
+            format!("no {program}"),
+        ));
+    }
+    if missing.is_some() {
         let install = ["install", "--yes", "--no-install-recommends"];
         let args: Vec<&OsStr> = install.iter().chain(&PACKAGES).map(OsStr::new).collect();
         program::run("apt-get install (as root)", Path::new("apt-get"), &args, &workspace.root)?;
@@ -171,7 +182,7 @@ impl Walk<'_> {
         let (scene, sides) = (["--scene", "alphabet-small"], ["--sides", "peg"]);
         self.run("tactile-data", &[&["generate", "--out", "pegs"][..], &scene, &sides].concat())?;
         self.run("tactile-infer", &["bank", "--model", &model, "--data", "pegs", "--out", "pegs.bank"])?;
-        let board = ["--model", &model, "--bank", "pegs.bank", "--episodes", "240", "--engines", "exact"];
+        let board = ["--model", &model, "--bank", "pegs.bank", "--episodes", "600", "--engines", "exact"];
         let args = [&["evaluate"], &board[..], &["--actions", "information"], &scene].concat();
         Ok(Case {
             name: "evaluate",
@@ -236,10 +247,9 @@ fn same_results(what: &str, mut merged: Value, mut single: Value) -> Result<Stri
     if merged["checksum"] != checksum {
         return Err(Error::invalid(what, format!("checksum {checksum}"), merged["checksum"].to_string()));
     }
-    if let (Some(got), Some(expected)) = (merged.as_object(), single.as_object()) {
-        if let Some((key, value)) = expected.iter().find(|(key, value)| got.get(*key) != Some(value)) {
-            return Err(Error::invalid(format!("{what}: {key}"), value.to_string(), merged[key].to_string()));
-        }
+    let mut fields = single.as_object().into_iter().flatten();
+    if let Some((key, value)) = fields.find(|(key, value)| merged.get(key) != Some(value)) {
+        return Err(Error::invalid(format!("{what}: {key}"), value.to_string(), merged[key].to_string()));
     }
     Ok(format!("{checksum}  evaluation.json"))
 }
