@@ -34,6 +34,9 @@ const KILLED: &str = "2";
 /// How long an array may take, s: twenty times what it took on two slow cores.
 const PATIENCE: u64 = 600;
 
+/// What an evaluation tells of the run, not of what was found: how long it took, on what, by which command.
+const OF_THE_RUN: [&str; 3] = ["latency_ms", "n_threads", "command"];
+
 /// A command that is run in shards and whole.
 struct Case {
     name: &'static str,
@@ -225,7 +228,7 @@ fn same_dataset(merged: &Path, single: &Path) -> Result<String> {
     Ok(got.trim_end().to_owned())
 }
 
-/// The checksum of two evaluations, which must agree in all but the time it took.
+/// The checksum of two evaluations, which must agree in all but [`OF_THE_RUN`].
 fn same_evaluation(merged: &Path, single: &Path) -> Result<String> {
     let read = |folder: &Path| {
         let path = folder.join("evaluation.json");
@@ -238,8 +241,9 @@ fn same_evaluation(merged: &Path, single: &Path) -> Result<String> {
 
 fn same_results(what: &str, mut merged: Value, mut single: Value) -> Result<String> {
     for evaluation in [&mut merged, &mut single] {
-        // The only thing that differs from run to run.
-        evaluation.as_object_mut().map(|fields| fields.remove("latency_ms"));
+        if let Some(fields) = evaluation.as_object_mut() {
+            OF_THE_RUN.iter().for_each(|key| drop(fields.remove(*key)));
+        }
     }
     let Some(checksum) = single["checksum"].as_str() else {
         return Err(Error::invalid("the single run's evaluation.json", "a checksum", "none"));
@@ -273,14 +277,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn evaluations_may_differ_in_their_time_only() {
-        let single = json!({ "checksum": "ab", "rows": [1, 2], "latency_ms": { "encode": 1.0 } });
+    fn evaluations_may_differ_in_time_and_command_only() {
+        let single = json!({ "checksum": "ab", "rows": [1, 2], "command": "x", "latency_ms": { "encode": 1.0 } });
         let with = |key: &str, value: Value| {
             let mut other = single.clone();
             other[key] = value;
             same_results("out", other, single.clone()).map_err(|error| error.to_string())
         };
         assert_eq!(with("latency_ms", json!({ "encode": 2.0 })).unwrap(), "ab  evaluation.json");
+        assert_eq!(with("command", json!("x --shard env")).unwrap(), "ab  evaluation.json");
         assert_eq!(with("checksum", json!("cd")).unwrap_err(), "out: expected checksum ab, got \"cd\"");
         assert_eq!(with("rows", json!([1, 3])).unwrap_err(), "out: rows: expected [1,2], got [1,3]");
         assert!(same_results("out", json!({}), json!({})).is_err());
