@@ -20,7 +20,7 @@ use cluster::{Cluster, is_installed, wait_for};
 const PACKAGES: [&str; 2] = ["slurm-wlm", "munge"];
 
 /// What the walk runs of them, and of util-linux.
-const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setpriv"];
+const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setsid"];
 
 /// Tasks of each array; twice as many as run at once, so that some wait.
 const N_TASKS: usize = 4;
