@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
+use std::io::Write;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -22,9 +23,21 @@ const PATIENCE: u64 = 30;
 /// Longest path of a Unix socket on Linux, bytes, its last zero left out.
 const MAX_SOCKET: usize = 107;
 
-/// A cluster of one node; its jobs and daemons end when it is dropped, and when this program is killed.
+/// What outlives this program: reads the daemons' numbers, and when the pipe is closed, by whatever end this program
+/// comes to, ends the jobs and then the daemons.
+const KEEPER: &str = "
+while read -r pid; do pids=\"$pid $pids\"; done
+if [ \"$(echo $pids | wc -w)\" = 3 ]; then
+    scancel --partition=walk
+    for _ in $(seq 100); do [ -z \"$(squeue --noheader)\" ] && break; sleep 0.2; done
+fi
+kill -TERM $pids
+";
+
+/// A cluster of one node; its jobs and daemons end when it is dropped, and also when this program is killed.
 pub struct Cluster {
     folder: PathBuf,
+    keeper: Child,
     /// In the order of their start.
     daemons: Vec<(&'static str, Child)>,
 }
@@ -47,13 +60,17 @@ impl Cluster {
         program::output(OsStr::new("chmod"), &["755", "."], folder)?;
         program::output(OsStr::new("mungekey"), &["--create", "--keyfile", "munge.key"], folder)?;
 
-        let mut cluster = Self { folder: folder.to_path_buf(), daemons: Vec::new() };
+        let mut keeper = Command::new("setsid");
+        keeper.args(["sh", "-c", KEEPER]).env("SLURM_CONF", folder.join("slurm.conf"));
+        keeper.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        let keeper = keeper.spawn().map_err(Error::io("setsid"))?;
+        let mut cluster = Self { folder: folder.to_path_buf(), keeper, daemons: Vec::new() };
         let file = |option: &str, name: &str| format!("--{option}={}", folder.join(name).display());
         let names = [("key-file", "key"), ("socket", "socket"), ("pid-file", "pid"), ("log-file", "log")];
         let mut munge: Vec<_> = names.iter().map(|(option, end)| file(option, &format!("munge.{end}"))).collect();
         munge.extend([file("seed-file", "munge.seed"), "--foreground".into()]);
         cluster.daemon("munged", &munge, || Ok(socket.exists()))?;
-        let conf = folder.join("slurm.conf").display().to_string();
+        let conf = cluster.conf();
         let controller = ["-D", "-f", &conf].map(String::from);
         cluster.daemon("slurmctld", &controller, || Ok(quiet(&conf, "scontrol", &["ping"])?.contains(" is UP")))?;
         let node = ["-D", "-N", "localhost", "-f", &conf].map(String::from);
@@ -62,15 +79,19 @@ impl Cluster {
         Ok(cluster)
     }
 
-    /// Starts a daemon that ends with this program, and waits until it is ready.
+    /// Starts a daemon, tells the keeper, and waits until it is ready. It has a session of its own, so that ctrl-C
+    /// leaves its end to the keeper.
     fn daemon(&mut self, name: &'static str, args: &[String], ready: impl Fn() -> Result<bool>) -> Result<()> {
         let log = self.folder.join(format!("{name}.out"));
         let out = File::create(&log).map_err(Error::io(&log))?;
         let err = out.try_clone().map_err(Error::io(&log))?;
-        let mut command = Command::new("setpriv");
-        command.args(["--pdeathsig", "TERM", "--", name]).args(args).env("PATH", path_with_sbin());
+        let mut command = Command::new("setsid");
+        command.arg(name).args(args).env("PATH", path_with_sbin());
         command.stdin(Stdio::null()).stdout(out).stderr(err);
-        self.daemons.push((name, command.spawn().map_err(Error::io("setpriv"))?));
+        let child = command.spawn().map_err(Error::io("setsid"))?;
+        let pid = child.id();
+        self.daemons.push((name, child));
+        self.keeper.stdin.as_ref().map_or(Ok(()), |mut pipe| writeln!(pipe, "{pid}")).map_err(Error::io("keeper"))?;
         let place = format!("{name} (see {})", log.display());
         let Some((_, child)) = self.daemons.last_mut() else { return Ok(()) };
         wait_for(&place, PATIENCE, || match child.try_wait().map_err(Error::io(name))? {
@@ -79,10 +100,14 @@ impl Cluster {
         })
     }
 
+    fn conf(&self) -> String {
+        self.folder.join("slurm.conf").display().to_string()
+    }
+
     /// Runs one of Slurm's programs in a folder and returns what it printed.
     pub fn ask(&self, program: &str, args: &[&str], folder: &Path) -> Result<String> {
         let mut command = Command::new(program);
-        command.args(args).current_dir(folder).env("SLURM_CONF", self.folder.join("slurm.conf"));
+        command.args(args).current_dir(folder).env("SLURM_CONF", self.conf());
         let output = command.stdin(Stdio::null()).output().map_err(Error::io(program))?;
         if !output.status.success() {
             let got = String::from_utf8_lossy(&output.stderr).trim().replace('\n', "; ");
@@ -111,7 +136,8 @@ impl Cluster {
                 return Err(Error::invalid(format!("job {id}"), "to be killed while it runs", job.state.clone()));
             }
             let Some(job) = jobs.first().filter(|job| job.state == "RUNNING") else { return Ok(None) };
-            let listing = self.ask("scontrol", &["listpids", &job.id], &self.folder)?;
+            // A job that has only just started is not known to its node yet.
+            let listing = quiet(&self.conf(), "scontrol", &["listpids", &job.id])?;
             Ok(job::processes(&listing, &job.id).into_iter().find(own))
         })?;
         self.ask("kill", &["-KILL", &pid.to_string()], &self.folder).map(|_| ())
@@ -119,19 +145,13 @@ impl Cluster {
 }
 
 impl Drop for Cluster {
-    /// Ends the jobs, then the daemons from the last to the first: politely, and after a while by force.
+    /// Lets the keeper end all, and sees to it that it has.
     fn drop(&mut self) {
-        let conf = self.folder.join("slurm.conf").display().to_string();
-        if self.daemons.len() == 3 && quiet(&conf, "scancel", &["--partition=walk"]).is_ok() {
-            let empty = || Ok(quiet(&conf, "squeue", &["--noheader"])?.trim().is_empty().then_some(()));
-            report(wait_for("the last jobs", PATIENCE, empty));
-        }
-        for (name, child) in self.daemons.iter_mut().rev() {
-            let pid = child.id().to_string();
-            report(quiet(&conf, "kill", &["-TERM", &pid]).map(|_| ()));
-            let ended = wait_for(name, PATIENCE, || child.try_wait().map_err(Error::io(*name)));
-            if ended.is_err() {
-                report(child.kill().and_then(|()| child.wait()).map(|_| ()).map_err(Error::io(*name)));
+        drop(self.keeper.stdin.take());
+        let daemons = self.daemons.iter_mut().map(|(name, child)| (*name, child));
+        for (name, child) in std::iter::once(("the keeper", &mut self.keeper)).chain(daemons) {
+            if wait_for(name, PATIENCE, || child.try_wait().map_err(Error::io(name))).is_err() {
+                report(child.kill().and_then(|()| child.wait()).map(|_| ()).map_err(Error::io(name)));
             }
         }
     }
@@ -164,6 +184,11 @@ fn report(result: Result<()>) {
     if let Err(error) = result {
         eprintln!("error: {error}");
     }
+}
+
+/// Whether a program is on the search path or among the system's daemons.
+pub fn is_installed(program: &str) -> bool {
+    std::env::split_paths(&path_with_sbin()).any(|folder| folder.join(program).is_file())
 }
 
 /// The search path with the folder of the system's daemons.

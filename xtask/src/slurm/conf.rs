@@ -64,7 +64,7 @@ mod tests {
         let conf = Conf { folder: Path::new("/x/run"), user: "ann", ports: [5001, 5002], n_cpus: 2 };
         let text = text(&conf);
         let paths = text.split_whitespace().filter_map(|pair| pair.split_once("=/")).map(|(_, path)| path);
-        assert_eq!(paths.clone().count(), 6);
+        assert_eq!(paths.clone().count(), 7);
         assert!(paths.clone().all(|path| path.starts_with("x/run/")));
         assert_eq!(values(&text, "AuthInfo"), ["socket=/x/run/munge.socket"]);
         assert_eq!(values(&text, "SlurmctldHost"), ["localhost(127.0.0.1)"]);

@@ -13,7 +13,7 @@ pub struct Job {
     pub state: String,
     /// Times it went back into the queue.
     pub restarts: usize,
-    /// Processes of the exit code and the signal, `0:0`.
+    /// Exit code and signal, `0:0`.
     pub exit: String,
 }
 

@@ -14,10 +14,13 @@ use serde_json::Value;
 use crate::error::{Error, Result};
 use crate::program;
 use crate::workspace::Workspace;
-use cluster::{Cluster, wait_for};
+use cluster::{Cluster, is_installed, wait_for};
 
 /// Debian's packages of Slurm and of what vouches for its users.
 const PACKAGES: [&str; 2] = ["slurm-wlm", "munge"];
+
+/// What the walk runs of them, and of util-linux.
+const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setsid"];
 
 /// Tasks of each array; twice as many as run at once, so that some wait.
 const N_TASKS: usize = 4;
@@ -28,8 +31,11 @@ const N_CPUS: usize = 2;
 /// The task that is killed: one of those that run first.
 const KILLED: &str = "2";
 
-/// How long an array may take, s: ten times what it took on two slow cores.
+/// How long an array may take, s: twenty times what it took on two slow cores.
 const PATIENCE: u64 = 600;
+
+/// What an evaluation tells of the run, not of what was found: how long it took, on what, by which command.
+const OF_THE_RUN: [&str; 3] = ["latency_ms", "n_threads", "command"];
 
 /// A command that is run in shards and whole.
 struct Case {
@@ -57,7 +63,15 @@ pub fn slurm(workspace: &Workspace) -> Result<()> {
     if !cfg!(target_os = "linux") {
         return Err(Error::invalid("cargo xtask slurm", "Linux", std::env::consts::OS));
     }
-    if !Path::new("/usr/sbin/slurmctld").exists() || !Path::new("/usr/sbin/munged").exists() {
+    let missing = PROGRAMS.into_iter().find(|program| !is_installed(program));
+    if let (Some(program), false) = (missing, is_installed("apt-get")) {
+        return Err(Error::invalid(
+            "cargo xtask slurm",
+            "Slurm and munge, or apt-get to install them",
+            format!("no {program}"),
+        ));
+    }
+    if missing.is_some() {
         let install = ["install", "--yes", "--no-install-recommends"];
         let args: Vec<&OsStr> = install.iter().chain(&PACKAGES).map(OsStr::new).collect();
         program::run("apt-get install (as root)", Path::new("apt-get"), &args, &workspace.root)?;
@@ -171,7 +185,7 @@ impl Walk<'_> {
         let (scene, sides) = (["--scene", "alphabet-small"], ["--sides", "peg"]);
         self.run("tactile-data", &[&["generate", "--out", "pegs"][..], &scene, &sides].concat())?;
         self.run("tactile-infer", &["bank", "--model", &model, "--data", "pegs", "--out", "pegs.bank"])?;
-        let board = ["--model", &model, "--bank", "pegs.bank", "--episodes", "240", "--engines", "exact"];
+        let board = ["--model", &model, "--bank", "pegs.bank", "--episodes", "600", "--engines", "exact"];
         let args = [&["evaluate"], &board[..], &["--actions", "information"], &scene].concat();
         Ok(Case {
             name: "evaluate",
@@ -214,7 +228,7 @@ fn same_dataset(merged: &Path, single: &Path) -> Result<String> {
     Ok(got.trim_end().to_owned())
 }
 
-/// The checksum of two evaluations, which must agree in all but the time it took.
+/// The checksum of two evaluations, which must agree in all but [`OF_THE_RUN`].
 fn same_evaluation(merged: &Path, single: &Path) -> Result<String> {
     let read = |folder: &Path| {
         let path = folder.join("evaluation.json");
@@ -227,8 +241,9 @@ fn same_evaluation(merged: &Path, single: &Path) -> Result<String> {
 
 fn same_results(what: &str, mut merged: Value, mut single: Value) -> Result<String> {
     for evaluation in [&mut merged, &mut single] {
-        // The only thing that differs from run to run.
-        evaluation.as_object_mut().map(|fields| fields.remove("latency_ms"));
+        if let Some(fields) = evaluation.as_object_mut() {
+            OF_THE_RUN.iter().for_each(|key| drop(fields.remove(*key)));
+        }
     }
     let Some(checksum) = single["checksum"].as_str() else {
         return Err(Error::invalid("the single run's evaluation.json", "a checksum", "none"));
@@ -236,10 +251,9 @@ fn same_results(what: &str, mut merged: Value, mut single: Value) -> Result<Stri
     if merged["checksum"] != checksum {
         return Err(Error::invalid(what, format!("checksum {checksum}"), merged["checksum"].to_string()));
     }
-    if let (Some(got), Some(expected)) = (merged.as_object(), single.as_object()) {
-        if let Some((key, value)) = expected.iter().find(|(key, value)| got.get(*key) != Some(value)) {
-            return Err(Error::invalid(format!("{what}: {key}"), value.to_string(), merged[key].to_string()));
-        }
+    let mut fields = single.as_object().into_iter().flatten();
+    if let Some((key, value)) = fields.find(|(key, value)| merged.get(key) != Some(value)) {
+        return Err(Error::invalid(format!("{what}: {key}"), value.to_string(), merged[key].to_string()));
     }
     Ok(format!("{checksum}  evaluation.json"))
 }
@@ -263,14 +277,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn evaluations_may_differ_in_their_time_only() {
-        let single = json!({ "checksum": "ab", "rows": [1, 2], "latency_ms": { "encode": 1.0 } });
+    fn evaluations_may_differ_in_time_and_command_only() {
+        let single = json!({ "checksum": "ab", "rows": [1, 2], "command": "x", "latency_ms": { "encode": 1.0 } });
         let with = |key: &str, value: Value| {
             let mut other = single.clone();
             other[key] = value;
             same_results("out", other, single.clone()).map_err(|error| error.to_string())
         };
         assert_eq!(with("latency_ms", json!({ "encode": 2.0 })).unwrap(), "ab  evaluation.json");
+        assert_eq!(with("command", json!("x --shard env")).unwrap(), "ab  evaluation.json");
         assert_eq!(with("checksum", json!("cd")).unwrap_err(), "out: expected checksum ab, got \"cd\"");
         assert_eq!(with("rows", json!([1, 3])).unwrap_err(), "out: rows: expected [1,2], got [1,3]");
         assert!(same_results("out", json!({}), json!({})).is_err());
