@@ -43,7 +43,17 @@ pub fn run(step: &str, program: &Path, args: &[&OsStr], folder: &Path) -> Result
 
 /// Runs a program quietly and returns what it printed.
 pub fn output(program: &OsStr, args: &[&str], folder: &Path) -> Result<String> {
+    printed(Command::new(program), program, args, folder)
+}
+
+/// Like [`output`], with one thread for what the program shares out.
+pub fn output_on_one_core(program: &OsStr, args: &[&str], folder: &Path) -> Result<String> {
     let mut command = Command::new(program);
+    command.env("RAYON_NUM_THREADS", "1");
+    printed(command, program, args, folder)
+}
+
+fn printed(mut command: Command, program: &OsStr, args: &[&str], folder: &Path) -> Result<String> {
     command.args(args).current_dir(folder).stdin(Stdio::null()).stderr(Stdio::inherit());
     let output = command.output().map_err(Error::io(program))?;
     let line = || format!("{} {}", program.to_string_lossy(), args.join(" "));

@@ -10,7 +10,7 @@ mod tradeoff;
 
 pub use pace::Pace;
 pub use settings::{Knob, Settings};
-pub use tradeoff::{Budget, Choice, Point, SCHEMA, Tradeoff};
+pub use tradeoff::{Budget, Choice, Cost, Point, SCHEMA, Tradeoff};
 
 #[cfg(test)]
 pub(crate) use settings::tests::settings as settings_for_tests;

@@ -70,6 +70,15 @@ pub struct Budget {
     pub max_touches: Option<usize>,
 }
 
+/// What a setting costs on this machine with this bank.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cost {
+    /// Time of a made-up decision ([`super::Pace`]), ms.
+    pub pace_ms: f64,
+    /// Memory of an episode, 10^6 bytes.
+    pub memory_mb: f64,
+}
+
 /// A setting chosen, with what it promises here.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
@@ -110,19 +119,18 @@ impl Tradeoff {
 
     /// The most accurate point within a budget; of equals the fastest, then the one of fewest touches.
     ///
-    /// `here` gives, for a setting and a number of touches, the time of a made-up decision ([`super::Pace`]) in ms and the
-    /// memory in 10^6 bytes on this machine with this bank; `None` for a setting that cannot be had here.
+    /// `here` gives the cost of a setting and a number of touches; `None` for a setting that cannot be had here.
     ///
     /// # Errors
     /// No setting that can be had, or none within the budget: the error says what the least would be.
     pub fn choose(
         &self,
         budget: &Budget,
-        here: &mut dyn FnMut(&Settings, usize) -> Result<Option<(f64, f64)>>,
+        here: &mut dyn FnMut(&Settings, usize) -> Result<Option<Cost>>,
     ) -> Result<Choice> {
         let mut choices = Vec::new();
         for point in &self.points {
-            if let Some((pace_ms, memory_mb)) = here(&point.settings, point.n_touches)? {
+            if let Some(Cost { pace_ms, memory_mb }) = here(&point.settings, point.n_touches)? {
                 let decision_ms = point.decision_ms_p50 * pace_ms / point.pace_ms;
                 choices.push(Choice { point: point.clone(), decision_ms, memory_mb });
             }
@@ -218,11 +226,11 @@ mod tests {
     }
 
     /// A machine that takes the same times as the one of the measurements, and as much memory.
-    fn same(points: &[Point]) -> impl FnMut(&Settings, usize) -> Result<Option<(f64, f64)>> {
+    fn same(points: &[Point]) -> impl FnMut(&Settings, usize) -> Result<Option<Cost>> {
         let points = points.to_vec();
         move |settings, n_touches| {
             let found = points.iter().find(|p| p.settings == *settings && p.n_touches == n_touches);
-            Ok(found.map(|p| (p.pace_ms, p.memory_mb)))
+            Ok(found.map(|p| Cost { pace_ms: p.pace_ms, memory_mb: p.memory_mb }))
         }
     }
 
@@ -265,7 +273,7 @@ mod tests {
     #[test]
     fn a_slower_machine_is_promised_longer_times() {
         let budget = Budget { decision_ms: Some(4.0), ..Budget::default() };
-        let mut slow = |_: &Settings, _: usize| Ok(Some((4.5, 11.0)));
+        let mut slow = |_: &Settings, _: usize| Ok(Some(Cost { pace_ms: 4.5, memory_mb: 11.0 }));
         // Paces of 4.5 ms where 0.5, 2 and 4.5 were measured: 9, 9 and 9 ms.
         assert!(tradeoff(points()).choose(&budget, &mut slow).unwrap_err().to_string().contains("at least 9.00 ms"));
         let mut other_bank = |_: &Settings, _: usize| Ok(None);

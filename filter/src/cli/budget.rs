@@ -6,8 +6,9 @@ use std::time::Instant;
 use clap::Args;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
-use tactile_filter::budget::{Budget, Choice, Pace, Settings, Tradeoff};
+use tactile_filter::budget::{Budget, Choice, Cost, Pace, Settings, Tradeoff};
 use tactile_filter::episode::{EpisodeConfig, Eye};
+use tactile_filter::offline::result::Promise;
 use tactile_filter::{Error, Result};
 use tactile_infer::Model;
 use tactile_infer::bank::Bank;
@@ -57,8 +58,8 @@ impl BudgetArgs {
         self.budget_ms.is_some() || self.budget_mb.is_some()
     }
 
-    /// Chooses settings; returns the bank in the format that they take, and what they are.
-    pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Bank, EpisodeConfig)> {
+    /// Chooses settings; returns the bank in the format that they take, what they are, and what they promise.
+    pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Bank, EpisodeConfig, Promise)> {
         let beside = || task.model_path.with_extension("frontier.json");
         let path = self.frontier.clone().unwrap_or_else(beside);
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
@@ -66,14 +67,21 @@ impl BudgetArgs {
         let paces = self.paces(&tradeoff, task, base)?;
         let budget = Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
         let choice = tradeoff.choose(&budget, &mut |settings, n_touches| {
-            let Some((_, pace)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
-            Ok(Some((*pace, settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?)))
+            let Some((_, pace_ms)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
+            let memory_mb = settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?;
+            Ok(Some(Cost { pace_ms: *pace_ms, memory_mb }))
         })?;
         tell(&choice, &tradeoff);
         let settings = &choice.point.settings;
         let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
         config.validate()?;
-        Ok((task.bank.clone().with_precision(settings.rows)?, config))
+        let promise = Promise {
+            settings: told(settings),
+            decision_ms: choice.decision_ms,
+            memory_mb: choice.memory_mb,
+            n_touches: config.max_touches,
+        };
+        Ok((task.bank.clone().with_precision(settings.rows)?, config, promise))
     }
 
     /// How long a made-up decision takes here, for each setting that can be had.

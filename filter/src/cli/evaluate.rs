@@ -102,7 +102,7 @@ impl Evaluate {
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
         let protocol = self.protocol();
         protocol.validate(&simulator, &bank)?;
-        let mut configs = self.configs(&model)?;
+        let (mut configs, mut promise) = (self.configs(&model)?, None);
         if self.budget.is_asked() {
             let between_poses = protocol.poses == Poses::OffGrid;
             let reach = simulator.scene().reach.filter(|_| between_poses).unwrap_or(*bank.grid());
@@ -110,14 +110,14 @@ impl Evaluate {
             let (model_path, model, no_contact) = (self.model.as_path(), &model, &no_contact);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             let base = self.tuning.config("exact", ActionRule::Information, model)?;
-            let (kept, config) = self.budget.choose(&task, &base)?;
-            (bank, configs) = (kept, vec![("chosen for the budget".into(), config)]);
+            let (kept, config, promised) = self.budget.choose(&task, &base)?;
+            (bank, configs, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
         if let Some(shard) = self.shard {
             return self.run_shard(shard, &simulator, &model, &bank, (&protocol, &configs));
         }
         let gathered = self.gather(&simulator, &model, &bank, (&protocol, &configs))?;
-        let evaluation = gathered.evaluation()?;
+        let evaluation = Evaluation { promise, ..gathered.evaluation()? };
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
         let eye = Eye::new(&model, &self.no_contact(&simulator))?;

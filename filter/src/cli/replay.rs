@@ -65,7 +65,7 @@ impl Replay {
             let (model_path, model, no_contact) = (self.model.as_path(), &model, dataset.no_contact());
             let (reach, between_poses) = (*bank.grid(), config.between_poses);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
-            (bank, config) = self.budget.choose(&task, &config)?;
+            (bank, config, _) = self.budget.choose(&task, &config)?;
         }
         let recorded = episodes(&dataset)?;
         let limit = self.limit.unwrap_or(recorded.len());

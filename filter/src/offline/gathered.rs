@@ -209,6 +209,7 @@ impl Gathered {
             reliability: summary::reliability(&told.outcomes),
             parts: if setup.absent { Vec::new() } else { summary::parts(&setup.parts, &told.outcomes) },
             command: Some(self.command.clone()),
+            promise: None,
             checksum: Some(self.checksum()?),
         })
     }

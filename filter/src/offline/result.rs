@@ -48,9 +48,25 @@ pub struct Evaluation {
     /// The command line that makes this evaluation again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<String>,
+    /// What the settings promised, where they were chosen for a budget.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub promise: Option<Promise>,
     /// Checksum of what each episode came to, without the times: the same however the work was shared out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksum: Option<String>,
+}
+
+/// Settings chosen for a budget, and what they should cost on this machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Promise {
+    /// The settings, in words.
+    pub settings: String,
+    /// Median time of a decision on one core, ms.
+    pub decision_ms: f64,
+    /// What an episode holds, 10^6 bytes.
+    pub memory_mb: f64,
+    /// Touches of it.
+    pub n_touches: usize,
 }
 
 /// Which model it was.
@@ -238,6 +254,9 @@ pub struct Latency {
     pub update: Quantiles,
     /// Belief to the next touch.
     pub select: Quantiles,
+    /// All three, where a next touch was chosen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decision: Option<Quantiles>,
 }
 
 /// Two quantiles of a duration, milliseconds.

@@ -148,14 +148,21 @@ pub fn parts(names: &[String], outcomes: &[Outcome]) -> Vec<PartFigures> {
     names.iter().enumerate().filter_map(of_part).collect()
 }
 
-/// Median and 99th percentile of each stage.
+/// Median and 99th percentile of each stage and of whole decisions.
 pub fn latency(outcomes: &[Outcome]) -> Latency {
     let times = || outcomes.iter().flat_map(|outcome| &outcome.times);
     let stage = |of: fn(&StageTimes) -> f64| {
         let values: Vec<f64> = times().map(of).filter(|ms| *ms > 0.0).collect();
         Quantiles { p50: quantile(values.clone(), 0.5), p99: quantile(values, 0.99) }
     };
-    Latency { encode: stage(|t| t.encode), update: stage(|t| t.update), select: stage(|t| t.select) }
+    let chosen = times().filter(|t| t.select > 0.0);
+    let whole: Vec<f64> = chosen.map(|t| t.encode + t.update + t.select).collect();
+    Latency {
+        encode: stage(|t| t.encode),
+        update: stage(|t| t.update),
+        select: stage(|t| t.select),
+        decision: Some(Quantiles { p50: quantile(whole.clone(), 0.5), p99: quantile(whole, 0.99) }),
+    }
 }
 
 /// Wilson's 95 % interval of a share (Wilson 1927): right at shares near nought and one.

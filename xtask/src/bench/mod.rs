@@ -1,5 +1,6 @@
 //! How fast and how sound the programs are, measured from outside.
 
+mod decision;
 mod extremes;
 mod sensor;
 mod training;
@@ -20,6 +21,9 @@ pub enum Bench {
     /// Our training step and encoder beside PyTorch's: same network, same batch, in turns. Needs Python 3 and PyPI.
     #[command(after_help = "Example:\n  cargo xtask bench training --turns 5")]
     Training(training::TrainingArgs),
+    /// Whole decisions on one core: what they take, and whether a budget's promise is kept.
+    #[command(after_help = "Example:\n  cargo xtask bench decision")]
+    Decision(decision::DecisionArgs),
     /// The filter's numbers at the extremes: the posterior against an f64 reference, as a table and a page.
     #[command(after_help = "Example:\n  cargo xtask bench extremes --out extremes")]
     Extremes {
@@ -41,6 +45,7 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
     match bench {
         Bench::Sensor(args) => sensor::sensor(workspace, args),
         Bench::Training(args) => training::training(workspace, args),
+        Bench::Decision(args) => decision::decision(workspace, args),
         Bench::Extremes { out, quick, seed } => extremes::extremes(workspace, out, *quick, *seed),
     }
 }
