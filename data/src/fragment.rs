@@ -59,7 +59,8 @@ struct Head<'a> {
 
 impl<'a> Head<'a> {
     fn read(path: &'a Path) -> Result<Self> {
-        let (content, no_contact) = store::read_head(path)?;
+        let content = store::read_meta(path)?;
+        let no_contact = store::read_no_contact(path, &content.meta)?;
         let what = path.display().to_string();
         let Some(fragment) = content.fragment else {
             return Err(Error::invalid(what, "a shard of a dataset", "a whole dataset"));

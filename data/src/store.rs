@@ -173,7 +173,7 @@ pub struct Dataset {
 impl Dataset {
     /// Opens a dataset, checking its schema, sizes and checksums: it is read through once.
     pub fn open(path: &Path) -> Result<Self> {
-        let (content, no_contact) = read_head(path)?;
+        let content = read_meta(path)?;
         let frames = map_frames(&path.join(FRAMES), &content)?;
         check_sha256(&path.join(INDEX), &content.index_sha256)?;
         let touches = read_index(&path.join(INDEX))?;
@@ -181,6 +181,7 @@ impl Dataset {
             let got = format!("{} lines", touches.len());
             return Err(Error::invalid(name(&path.join(INDEX)), format!("{} lines", content.n_frames), got));
         }
+        let no_contact = read_no_contact(path, &content.meta)?;
         let MetaFile { meta, fragment, frames_sha256, .. } = content;
         Ok(Self { meta, fragment, frames_sha256, frames, touches, no_contact })
     }
@@ -238,9 +239,9 @@ impl Dataset {
     }
 }
 
-/// What a dataset says of itself, and the sensor at rest, without a look at its frames.
-pub(crate) fn read_head(dataset: &Path) -> Result<(MetaFile, Frame)> {
-    let (path, no_contact) = (&dataset.join(META), dataset.join(NO_CONTACT));
+/// What a dataset says of itself, without a look at its frames.
+pub(crate) fn read_meta(dataset: &Path) -> Result<MetaFile> {
+    let path = &dataset.join(META);
     let text = fs::read_to_string(path).map_err(Error::io(path))?;
     let json: serde_json::Value = serde_json::from_str(&text).map_err(json_error(path, "JSON"))?;
     // The schema comes first: another version may well have other fields.
@@ -250,9 +251,14 @@ pub(crate) fn read_head(dataset: &Path) -> Result<(MetaFile, Frame)> {
     }
     let content: MetaFile = serde_json::from_value(json).map_err(json_error(path, "a dataset's meta data"))?;
     check_meta(&content.meta, path)?;
-    let at_rest = picture::read(&no_contact)?;
-    check_size(&at_rest, &content.meta, &name(&no_contact))?;
-    Ok((content, at_rest))
+    Ok(content)
+}
+
+/// The sensor at rest of a dataset.
+pub(crate) fn read_no_contact(dataset: &Path, meta: &Meta) -> Result<Frame> {
+    let path = dataset.join(NO_CONTACT);
+    let frame = picture::read(&path)?;
+    check_size(&frame, meta, &name(&path)).map(|()| frame)
 }
 
 fn map_frames(path: &Path, content: &MetaFile) -> Result<Mmap> {
@@ -328,15 +334,7 @@ fn check_sha256(path: &Path, expected: &str) -> Result<()> {
 fn sha256(path: &Path) -> Result<String> {
     let mut file = BufReader::with_capacity(1 << 20, File::open(path).map_err(Error::io(path))?);
     let mut hash = Sha256::new();
-    loop {
-        let piece = file.fill_buf().map_err(Error::io(path))?;
-        if piece.is_empty() {
-            break;
-        }
-        hash.update(piece);
-        let n_bytes = piece.len();
-        file.consume(n_bytes);
-    }
+    std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
     Ok(format!("{:x}", hash.finalize()))
 }
 
