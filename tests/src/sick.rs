@@ -123,7 +123,9 @@ fn a_run_that_bursts_stops_and_keeps_the_checkpoint_before() {
     let (_sample, dataset) = maze();
     let folder = tempfile::tempdir().unwrap();
     // Each step multiplies the weights by up to thirty: f32 ends after some fifteen.
-    let config = TrainConfig { learning_rate: 0.03, weight_decay: 1e3, n_warmup: 10, n_steps: 60, ..twelve_steps() };
+    let (optimizer, learning_rate) = (Optimizer::Adamw, 0.03);
+    let config =
+        TrainConfig { optimizer, learning_rate, weight_decay: 1e3, n_warmup: 10, n_steps: 60, ..twelve_steps() };
     let error = train_soundly(&dataset, folder.path(), &config).unwrap_err();
     let Error::Unwell { step, kept: Some(kept), .. } = error else { panic!("{error}") };
     assert!(kept < step);

@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn an_episode_stops_when_it_is_sure_and_is_counted_wrong_if_it_is() {
-        let scored = |probability, right| Scored { probability, right, ..Scored::default() };
+        let scored = |probability, right| Scored { probability, right, fit: Some(0.0), ..Scored::default() };
         let outcome = |scored| Outcome { scored, ..Outcome::default() };
         let outcomes = [
             outcome(vec![scored(0.5, true), scored(0.97, true), scored(0.99, false)]),
