@@ -1,10 +1,12 @@
 //! MAZE boards as a scene declares them.
 
+use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::sensor::SensorSpec;
 use crate::shape::maze::MazeSpec;
+use crate::simulator::frame_rng;
 
 /// A set of MAZE boards.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,12 +21,31 @@ pub struct MazeBoards {
     /// Shortest and longest decay length of the gel, mm; one is drawn for each board, since another
     /// gel is what a trained model meets.
     pub gel_length_mm: [f64; 2],
+    /// Share of the boards whose holes are rims and whose pegs are shells, as sockets and plugs are, 0..=1.
+    #[serde(default)]
+    pub band_share: f64,
+    /// Narrowest and widest rim or shell, mm; both are drawn for each such board.
+    #[serde(default = "default_band")]
+    pub band_mm: [f64; 2],
     /// How boards are drawn.
     #[serde(default)]
     pub spec: MazeSpec,
 }
 
+fn default_band() -> [f64; 2] {
+    [0.3, 2.0]
+}
+
 impl MazeBoards {
+    /// Width of a board's rims and of its shells, mm; `None` for plates and solid pegs. `seed` draws the boards.
+    pub fn bands_mm(&self, board: usize, seed: u64) -> Option<[f64; 2]> {
+        let mut rng = frame_rng(seed ^ 0x62_61_6e_64, board as u64);
+        let [narrow, wide] = self.band_mm;
+        let is_banded = rng.random::<f64>() < self.band_share;
+        let drawn = [0, 1].map(|_| narrow + (wide - narrow) * rng.random::<f64>());
+        is_banded.then_some(drawn)
+    }
+
     /// Refuses boards that cannot be drawn or touched, naming the field.
     pub(super) fn validate(&self, sensor: &SensorSpec) -> Result<()> {
         if self.n_boards == 0 || self.n_held_out >= self.n_boards {
@@ -51,6 +72,8 @@ impl MazeBoards {
             };
             fits.then_some(()).ok_or_else(error)
         };
+        ordered("band_share", [0.0, self.band_share], 0.0, 1.0)?;
+        ordered("band_mm", self.band_mm, 0.1, 20.0)?;
         ordered("gel_length_mm", self.gel_length_mm, 0.1, 10.0)?;
         ordered("spec.pitch_mm", spec.pitch_mm, 1.0, spec.side_mm)?;
         ordered("spec.wall_share", spec.wall_share, 0.05, 0.9)?;

@@ -166,11 +166,15 @@ impl Scene {
     pub fn reliefs(&self, part: usize, side: Side, seed: u64) -> Result<Vec<Relief>> {
         let kit = match &self.parts {
             Parts::Kit(kit) => kit,
-            Parts::Maze(_) => {
+            Parts::Maze(boards) => {
                 let walls = self.shape(part, seed)?;
-                return Ok(vec![match side {
+                let whole = match side {
                     Side::Peg => Relief::peg(walls),
                     Side::Hole => Relief::hole(walls, self.clearance_mm),
+                };
+                return Ok(vec![match boards.bands_mm(part, seed) {
+                    Some([rim, shell]) => whole.banded(if side == Side::Peg { shell } else { rim }),
+                    None => whole,
                 }]);
             }
         };

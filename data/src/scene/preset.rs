@@ -35,6 +35,8 @@ impl Scene {
                     n_held_out: 6,
                     n_pairs: 12_000,
                     gel_length_mm: [0.9, 1.6],
+                    band_share: 0.0,
+                    band_mm: [0.3, 2.0],
                     spec: MazeSpec::default(),
                 };
                 (Parts::Maze(boards), None)

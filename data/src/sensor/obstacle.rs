@@ -45,11 +45,13 @@ fn raise(highest: &mut Raster, layer: &Layer, half_mm: f64, gel_length_mm: Optio
             if depth <= 0.0 {
                 return;
             }
-            let limit_mm = face.grow_mm.abs() + 2.0 * cell_mm;
+            let limit_mm = face.grow_mm.abs() + face.band_mm.unwrap_or(0.0) + 2.0 * cell_mm;
             let distances = Raster::distance(&face.outline, half_mm, cell_mm, limit_mm);
             let sign = if face.outside { -1.0 } else { 1.0 };
             for (value, distance) in highest.values.iter_mut().zip(distances.values) {
-                let share = match sign * (distance - face.grow_mm as f32) {
+                let beside = sign * (distance - face.grow_mm as f32);
+                // Beside a band is what lies beyond either of its edges.
+                let share = match face.band_mm.map_or(beside, |band| beside.max(-beside - band as f32)) {
                     ..=0.0 => 1.0,
                     beside if beside < cell_mm as f32 => gel_length_mm.map_or(0.0, |l| (-beside / l as f32).exp()),
                     _ => continue,
@@ -89,6 +91,14 @@ mod tests {
     }
 
     #[test]
+    fn a_band_ends_at_both_its_edges() {
+        let shell = obstacle(&[Relief::peg(square(2.0)).banded(0.5)], Side::Peg, 5.0, 0.1, None, 0.5);
+        assert_eq!([1.0, 1.45, 1.55, 1.95, 2.05].map(|x| at(&shell, x, 0.0)), [0.0, 0.0, 0.5, 0.5, 0.0]);
+        let rim = obstacle(&[Relief::hole(square(2.0), 0.2).banded(0.5)], Side::Hole, 5.0, 0.1, None, 0.5);
+        assert_eq!([1.0, 2.15, 2.25, 2.65, 2.75, 4.0].map(|x| at(&rim, x, 0.0)), [0.0, 0.0, 0.5, 0.5, 0.0, 0.0]);
+    }
+
+    #[test]
     fn pegs_stand_together_and_openings_open_the_board() {
         let pegs = [Relief::peg(square(1.0)), Relief::peg(square(1.0)).shifted([3.0, 0.0])];
         let board = obstacle(&pegs, Side::Peg, 5.0, 0.1, None, 0.5);
@@ -101,7 +111,9 @@ mod tests {
 
     #[test]
     fn lower_faces_and_heights_are_met_when_pressed_past_their_drop() {
-        let face = |half, drop_mm| Layer::Face(Face { outline: square(half), grow_mm: 0.0, outside: false, drop_mm });
+        let face = |half, drop_mm| {
+            Layer::Face(Face { outline: square(half), grow_mm: 0.0, outside: false, drop_mm, band_mm: None })
+        };
         let steps = [Relief { layers: vec![face(1.0, 0.0), face(2.0, 0.25)] }];
         let board = obstacle(&steps, Side::Peg, 5.0, 0.1, None, 1.0);
         assert_eq!([at(&board, 0.0, 0.0), at(&board, 1.5, 0.0), at(&board, 2.5, 0.0)], [1.0, 0.75, 0.0]);

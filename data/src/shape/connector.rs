@@ -211,7 +211,7 @@ const JACK_BORE_MM: f64 = 3.5;
 const JACK_BARREL_MM: f64 = 6.0;
 
 fn face(outline: Shape, drop_mm: f64) -> Face {
-    Face { outline, grow_mm: 0.0, outside: false, drop_mm }
+    Face { outline, grow_mm: 0.0, outside: false, drop_mm, band_mm: None }
 }
 
 fn one(contour: Contour) -> Shape {

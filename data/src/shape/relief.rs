@@ -33,22 +33,32 @@ pub struct Face {
     pub outside: bool,
     /// How far the face lies below the highest point of the side, mm.
     pub drop_mm: f64,
+    /// The face is a band of this width along the outline instead of all on its side of it, mm: a shell, a rim.
+    pub band_mm: Option<f64>,
 }
 
 impl Relief {
     /// A peg: the outline's inside stands up.
     pub fn peg(outline: Shape) -> Self {
-        Self { layers: vec![Layer::Face(Face { outline, grow_mm: 0.0, outside: false, drop_mm: 0.0 })] }
+        Self { layers: vec![Layer::Face(Face { outline, grow_mm: 0.0, outside: false, drop_mm: 0.0, band_mm: None })] }
     }
 
     /// A hole: a plate with an opening, wider than the outline by `clearance_mm` on every side.
     pub fn hole(outline: Shape, clearance_mm: f64) -> Self {
-        Self { layers: vec![Layer::Face(Face { outline, grow_mm: clearance_mm, outside: true, drop_mm: 0.0 })] }
+        Self {
+            layers: vec![Layer::Face(Face {
+                outline,
+                grow_mm: clearance_mm,
+                outside: true,
+                drop_mm: 0.0,
+                band_mm: None,
+            })],
+        }
     }
 
     /// A measured plate with its openings: off the map the plate goes on at the height of the map's top.
     pub fn plate(map: HeightMap) -> Self {
-        let edge = Face { outline: rectangle(map.bounds()), grow_mm: 0.0, outside: true, drop_mm: 0.0 };
+        let edge = Face { outline: rectangle(map.bounds()), grow_mm: 0.0, outside: true, drop_mm: 0.0, band_mm: None };
         Self { layers: vec![Layer::Heights(map), Layer::Face(edge)] }
     }
 
@@ -57,6 +67,16 @@ impl Relief {
         for layer in &mut self.layers {
             if let Layer::Face(face) = layer {
                 face.grow_mm += if face.outside { -grow_mm } else { grow_mm };
+            }
+        }
+        self
+    }
+
+    /// The same relief with its faces as bands of this width along their outlines: shells of pegs, rims of holes.
+    pub fn banded(mut self, band_mm: f64) -> Self {
+        for layer in &mut self.layers {
+            if let Layer::Face(face) = layer {
+                face.band_mm = Some(band_mm);
             }
         }
         self
@@ -141,7 +161,7 @@ mod tests {
         let square = rectangle([-3.0, -3.0, 3.0, 3.0]);
         let upper = rectangle([-3.0, -3.0, 3.0, 0.0]);
         let layer = |outline: &Shape, drop_mm| {
-            Layer::Face(Face { outline: outline.clone(), grow_mm: 0.0, outside: false, drop_mm })
+            Layer::Face(Face { outline: outline.clone(), grow_mm: 0.0, outside: false, drop_mm, band_mm: None })
         };
         let stepped = |drop_mm| Relief { layers: vec![layer(&upper, 0.0), layer(&square, drop_mm)] };
         assert!(stepped(0.0).is_half_turn_symmetric() && !stepped(0.5).is_half_turn_symmetric());
