@@ -64,8 +64,7 @@ impl BudgetArgs {
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
         let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
         let paces = self.paces(&tradeoff, task, base)?;
-        let budget =
-            Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
+        let budget = Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
         let choice = tradeoff.choose(&budget, &mut |settings, n_touches| {
             let Some((_, pace)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
             Ok(Some((*pace, settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?)))

@@ -147,7 +147,9 @@ impl Evaluate {
         let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
         if path.exists() {
             let there = Gathered::load(&path)?;
-            if there.episodes == protocol.episodes && there.is_of(&self.gather(simulator, model, bank, (&nothing, configs))?) {
+            if there.episodes == protocol.episodes
+                && there.is_of(&self.gather(simulator, model, bank, (&nothing, configs))?)
+            {
                 println!("{} is there already", path.display());
                 return Ok(());
             }
@@ -262,7 +264,7 @@ impl Evaluate {
 pub fn write(out: &Path, evaluation: &Evaluation, board: &Board, stories: &[EpisodeStory]) -> Result<()> {
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
     let report = out.join("report.html");
-    let paper = PaperNumbers::of_scene(&evaluation.scene);
+    let paper = PaperNumbers::of(evaluation);
     write_report(&report, evaluation, board, stories, &paper).map_err(Error::io(&report))?;
     // Last: whoever finds the figures finds the report too.
     Ok(write_whole(&out.join("evaluation.json"), to_json(evaluation)?.as_bytes())?)

@@ -54,7 +54,7 @@ fn line(pair: &[&Comparison]) -> Line {
 }
 
 /// Holds all intervals and nought, points.
-fn range(all: &[&Comparison]) -> [f64; 2] {
+pub(crate) fn range(all: &[&Comparison]) -> [f64; 2] {
     let bounds = all.iter().flat_map(|c| c.ci95).filter(|bound| bound.is_finite());
     // At least a few points either way, so that small differences look small.
     bounds.fold([-5.0, 5.0], |[low, high], bound| [low.min(100.0 * bound), high.max(100.0 * bound)])
@@ -79,7 +79,7 @@ fn table(pairs: &[&[&Comparison]]) -> String {
 }
 
 /// After how many touches the one is better or worse than chance can explain.
-fn verdict(pair: &[&Comparison]) -> String {
+pub(crate) fn verdict(pair: &[&Comparison]) -> String {
     let after = |word: &str, holds: fn(&Comparison) -> bool| {
         let found: Vec<_> = pair.iter().filter(|c| holds(c)).map(|c| c.n_touches).collect();
         match found.as_slice() {
