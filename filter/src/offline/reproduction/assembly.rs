@@ -3,8 +3,8 @@
 use super::super::assembly::{Assembly, Group, Share};
 use super::super::report::table::sortable;
 use super::super::report::{escape, number};
-use super::Told;
 use super::folder::Reproduction;
+use super::{Told, page};
 
 /// Its entry in the contents.
 const SHORT: &str = "Assembly";
@@ -21,12 +21,13 @@ pub fn tell(found: &Reproduction) -> Told {
     let groups: Vec<&Group> = assembly.parts.iter().chain([&assembly.holes]).collect();
     let seeds: Vec<_> = assembly.seeds.iter().map(u64::to_string).collect();
     let body = format!(
-        r#"<p>{line}.</p><figure>{}
+        r#"<p>{}.</p><figure>{}
 <figcaption>In each trial a robot touches one hole after the other until the filter stops by its own rule, then brings the peg that was named to
 where the hole is believed. A peg is in where it goes into the hole of its own part, wider than the peg by {} mm on every side, held up to
-{} mm and {}° off. Place and angle: where a right peg was brought, the grasp’s error included. The paper shows one such
-assembly on a real robot, without a rate of success. {} trials, seeds {}. <b>Belief maps</b>, hole by hole and touch by touch, in which the belief
+{} mm and {}° off. Place and angle: where a right peg was brought, the grasp’s error included. It is the paper’s last
+experiment, there on a real robot. {} trials, seeds {}. <b>Belief maps</b>, hole by hole and touch by touch, in which the belief
 should gather in one place of one letter: {}.</figcaption></figure>"#,
+        page::capital(&line),
         sortable(
             &["Part", "holes", "own peg in, %", "touches", "place, mm", "angle, degrees", "wrong place", "wrong peg"],
             &groups.iter().map(|group| row(group)).collect::<Vec<_>>()
@@ -36,7 +37,7 @@ should gather in one place of one letter: {}.</figcaption></figure>"#,
         assembly.grasp_error_deg,
         assembly.n_trials,
         seeds.join(", "),
-        found.link("assembly/report.html#belief-maps", "the assembly’s own page"),
+        found.link("assembly/report.html", "belief-maps", "the assembly’s own page"),
     );
     Told::new(SHORT, title, body, format!("{SHORT}: {line}"))
 }

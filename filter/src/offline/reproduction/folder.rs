@@ -102,19 +102,18 @@ impl Reproduction {
         self.evaluations.iter().find(|(of, _)| of == name).map(|(_, evaluation)| evaluation)
     }
 
-    /// `text` as HTML, a link to a page of the folder where it is there.
-    pub(super) fn link(&self, page: &str, text: &str) -> String {
-        let (file, place) = page.split_once('#').unwrap_or((page, ""));
-        if !self.pages.contains(file) {
+    /// `text` as HTML, a link to a page of the folder where it is there; `place` is a place in it, or nothing.
+    pub(super) fn link(&self, page: &str, place: &str, text: &str) -> String {
+        if !self.pages.contains(page) {
             return escape(text);
         }
         let place = if place.is_empty() { String::new() } else { format!("#{place}") };
-        format!(r#"<a href="{}{}{place}">{}</a>"#, self.way, encode(file), escape(text))
+        format!(r#"<a href="{}{}{place}">{}</a>"#, self.way, encode(page), escape(text))
     }
 
     /// A link to the report of an evaluation.
     pub(super) fn report(&self, name: &str, text: &str) -> String {
-        self.link(&format!("{name}/report.html"), text)
+        self.link(&format!("{name}/report.html"), "", text)
     }
 
     fn note_page(&mut self, folder: &Path, page: &str) {

@@ -29,7 +29,7 @@ pub fn tell(found: &Reproduction) -> Told {
     let groups: Vec<(&str, Vec<Line>)> = lines.into_iter().map(|(told, lines)| (told, lines.into())).collect();
     let made: String = there
         .iter()
-        .map(|(name, told, evaluation)| format!(" {told}: {} {}.", page::made_of(evaluation), found.report(name, name)))
+        .map(|(name, _, evaluation)| format!(" {}: {}", found.report(name, name), page::made_of(evaluation)))
         .collect();
     let line = verdicts.join("; ");
     let body = format!(
@@ -48,7 +48,10 @@ fn lines(evaluation: &Evaluation) -> [Line; 2] {
     let paper = PaperNumbers::of(evaluation);
     let [_, ours @ ..] = columns(evaluation, Poses::OnGrid);
     let [_, theirs @ ..] = papers(&paper).map(|row| row.map(|row| row.accuracy_percent));
-    let accuracy = ours.iter().zip(theirs).map(|(ours, theirs)| Cell::accuracy(*ours, theirs)).collect();
+    let accuracy = ours.iter().zip(theirs).map(|(ours, theirs)| Cell::accuracy(*ours, theirs));
+    // The first touch was made as poor as the paper's: no contest.
+    let judge = |(at, cell): (usize, Cell)| if at == 0 { cell.unjudged() } else { cell };
+    let accuracy = accuracy.enumerate().map(judge).collect();
     let gain = |(ours, theirs): (&Option<&Row>, Option<f64>), first: (Option<&Row>, Option<f64>)| {
         let paper = theirs.zip(first.1).map(|(later, first)| later - first);
         Cell::gain(ours.zip(first.0).map(|(later, first)| difference(later, first)), paper)

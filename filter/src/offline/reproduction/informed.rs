@@ -1,6 +1,6 @@
 //! Informed touches against random ones, on the same holes.
 
-use super::super::report::comparison::{range, verdict};
+use super::super::report::comparison::{clearly, range};
 use super::super::report::curves::{Line, Marker, Point, chart, legend_mark};
 use super::super::report::table::sortable;
 use super::super::report::{escape, signed};
@@ -47,13 +47,13 @@ pub fn tell(found: &Reproduction) -> Told {
         .map(|line| format!("<li>{}{}</li>", legend_mark(&line.class, line.marker, true), escape(&line.label)))
         .collect();
     let verdicts: String =
-        all.iter().map(|(of, comparisons)| format!("<li>{}: {}</li>", escape(of.1), verdict(comparisons))).collect();
+        all.iter().map(|(of, comparisons)| format!("<li>{}: {}.</li>", escape(of.1), clearly(comparisons))).collect();
     let every: Vec<&Comparison> = all.iter().flat_map(|(_, comparisons)| comparisons.iter().copied()).collect();
     let body = format!(
-        r#"<ul>{verdicts}</ul><figure><div class="charts two"><div><p>Informed less random, points</p>{}<ul class="legend">{legend}</ul></div>{}</div>
+        r#"<p>Informed touches are, against random ones:</p><ul>{verdicts}</ul><figure><div class="charts two"><div><p>Informed less random, points</p>{}<ul class="legend">{legend}</ul></div>{}</div>
 <figcaption>The same holes from the same first touch, by the most informative touch and by any; the accuracy of the one less that of the
 other, with the 95&nbsp;% interval of the paired difference. Above nought informed touches are better; where the band holds nought, these
-episodes cannot tell. The paper shows this as a figure, without numbers.</figcaption></figure>{missing}"#,
+episodes cannot tell. No number of the paper stands beside this.</figcaption></figure>{missing}"#,
         chart("Informed less random", &lines, Some(range(&every))),
         numbers(&all),
     );

@@ -40,7 +40,7 @@ pub fn tell(found: &Reproduction) -> Told {
     let body = format!(
         r#"<figure>{}<figcaption>The small board, touched at recorded poses, with one thing changed for the pegs and the holes, or for the holes alone where its
 report says so. Marked in red: after as many touches clearly below the plain board (the intervals do not meet). Place and angle: mean errors after the
-last touch. Sure and wrong: of the stops for confidence. The paper has no such rows.</figcaption></figure>"#,
+last touch. Sure and wrong: of the stops for confidence. No number of the paper stands beside these.</figcaption></figure>"#,
         sortable(&heads, &rows)
     );
     Told::new(SHORT, title, body, format!("{SHORT}: {line}"))

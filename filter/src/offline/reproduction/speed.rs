@@ -34,7 +34,7 @@ pub fn tell(found: &Reproduction) -> Told {
         tiles(&verdict),
         aims(&verdict),
         planes(tradeoff),
-        found.link("tradeoff/tradeoff.html", "the trade-off’s own page"),
+        found.link("tradeoff/tradeoff.html", "", "the trade-off’s own page"),
         tradeoff.n_episodes,
         super::super::report::escape(&tradeoff.scene),
         super::super::report::escape(&tradeoff.machine),

@@ -51,7 +51,7 @@ pub fn tell(found: &Reproduction) -> Told {
     let body = format!(
         r#"<figure>{table}<figcaption>Each hole’s own peg was taken out of the bank: the right answer is “none of these parts”, and to be sure of a part is wrong
 each time. What is left of 100&nbsp;% stopped undecided. Known called unknown: the same answer where the parts are all there, the price
-of it. The paper has no such case.</figcaption></figure>{missing}"#
+of it. The paper does not treat it.</figcaption></figure>{missing}"#
     );
     let told: Vec<String> = there
         .iter()

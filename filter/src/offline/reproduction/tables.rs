@@ -62,20 +62,18 @@ pub fn tell(found: &Reproduction, board: &Board) -> Told {
         ("Mean error of the place, mm", lines.iter().map(Way::place).collect()),
         ("Mean error of the angle, degrees", lines.iter().map(Way::angle).collect()),
     ];
-    let links: Vec<String> = [Some(board.on_grid), board.anywhere]
+    let reports: String = [Some(board.on_grid), board.anywhere]
         .into_iter()
         .flatten()
-        .filter(|name| found.evaluation(name).is_some())
-        .map(|name| found.report(name, name))
+        .filter_map(|name| Some((name, found.evaluation(name)?)))
+        .map(|(name, evaluation)| format!(" {}: {}", found.report(name, name), page::made_of(evaluation)))
         .collect();
     let n = if board.has_filter { "3, 5 and 10 touches" } else { "one touch" };
     let line = verdict(&accuracy, &errors);
     let body = format!(
-        "<p>After {n}: {line}.</p><figure>{}<figcaption>{} {} Reports: {}.</figcaption></figure>{}",
+        "<p>After {n}: {line}.</p><figure>{}<figcaption>{}{reports}</figcaption></figure>{}",
         table(&HEADS, &groups),
         caption(board),
-        page::made_of(evaluation),
-        links.join(", "),
         missing.unwrap_or_default()
     );
     Told::new(board.name, board.title, body, format!("{}: {line}", board.name))
