@@ -264,7 +264,7 @@ impl Evaluate {
 pub fn write(out: &Path, evaluation: &Evaluation, board: &Board, stories: &[EpisodeStory]) -> Result<()> {
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
     let report = out.join("report.html");
-    let paper = PaperNumbers::of_scene(&evaluation.scene);
+    let paper = PaperNumbers::of(evaluation);
     write_report(&report, evaluation, board, stories, &paper).map_err(Error::io(&report))?;
     // Last: whoever finds the figures finds the report too.
     Ok(write_whole(&out.join("evaluation.json"), to_json(evaluation)?.as_bytes())?)

@@ -6,6 +6,7 @@ mod evaluate;
 mod extremes;
 mod merge;
 mod replay;
+mod reproduction;
 mod table;
 mod tradeoff;
 mod tuning;
@@ -30,6 +31,7 @@ enum Command {
     Extremes(extremes::ExtremesArgs),
     Merge(merge::Merge),
     Replay(replay::Replay),
+    Reproduction(reproduction::Reproduction),
     Tradeoff(tradeoff::TradeoffArgs),
 }
 
@@ -42,6 +44,7 @@ impl Cli {
             Command::Extremes(extremes) => extremes.run(),
             Command::Merge(merge) => merge.run(),
             Command::Replay(replay) => replay.run(),
+            Command::Reproduction(reproduction) => reproduction.run(),
             Command::Tradeoff(tradeoff) => tradeoff.run(),
         }
     }

@@ -7,6 +7,7 @@ pub mod extremes;
 pub mod gathered;
 pub mod replay;
 pub mod report;
+pub mod reproduction;
 pub mod result;
 pub mod story;
 pub mod summary;

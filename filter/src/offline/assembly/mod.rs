@@ -29,6 +29,8 @@ use crate::episode::{Decision, Episode, EpisodeConfig, Estimate, Eye, StopReason
 use crate::error::{Error, Result};
 
 pub use page::html;
+#[cfg(test)]
+pub(crate) use result::tests::made as tests_made;
 pub use result::{Assembly, Failure, Group, Run, SCHEMA, Share};
 pub use tale::tell;
 

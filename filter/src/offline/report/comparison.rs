@@ -54,7 +54,7 @@ fn line(pair: &[&Comparison]) -> Line {
 }
 
 /// Holds all intervals and nought, points.
-fn range(all: &[&Comparison]) -> [f64; 2] {
+pub(crate) fn range(all: &[&Comparison]) -> [f64; 2] {
     let bounds = all.iter().flat_map(|c| c.ci95).filter(|bound| bound.is_finite());
     // At least a few points either way, so that small differences look small.
     bounds.fold([-5.0, 5.0], |[low, high], bound| [low.min(100.0 * bound), high.max(100.0 * bound)])
@@ -78,8 +78,14 @@ fn table(pairs: &[&[&Comparison]]) -> String {
     sortable(&heads, &n_touches.iter().map(row).collect::<Vec<_>>())
 }
 
-/// After how many touches the one is better or worse than chance can explain.
+/// After how many touches the one is better or worse than chance can explain, with the names of both.
 fn verdict(pair: &[&Comparison]) -> String {
+    let (one, other) = (capital(choice(pair[0].action)), choice(pair[0].against));
+    format!("<b>{one} against {other}:</b> {}.", clearly(pair))
+}
+
+/// After how many touches the one is better or worse than chance can explain.
+pub(crate) fn clearly(pair: &[&Comparison]) -> String {
     let after = |word: &str, holds: fn(&Comparison) -> bool| {
         let found: Vec<_> = pair.iter().filter(|c| holds(c)).map(|c| c.n_touches).collect();
         match found.as_slice() {
@@ -88,8 +94,7 @@ fn verdict(pair: &[&Comparison]) -> String {
             found => format!("clearly {word} after {} touches", runs(found)),
         }
     };
-    let (better, worse) = (after("better", |c| c.ci95[0] > 0.0), after("worse", |c| c.ci95[1] < 0.0));
-    format!("<b>{} against {}:</b> {better}, {worse}.", capital(choice(pair[0].action)), choice(pair[0].against))
+    format!("{}, {}", after("better", |c| c.ci95[0] > 0.0), after("worse", |c| c.ci95[1] < 0.0))
 }
 
 fn capital(text: &str) -> String {

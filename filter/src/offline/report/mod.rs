@@ -1,7 +1,7 @@
 //! The evaluation as one HTML file: no network, two small scripts that sort tables and leaf through episodes, for a
 //! screen or a printer. Without scripts every touch is shown.
 
-mod comparison;
+pub(crate) mod comparison;
 pub(crate) mod curves;
 mod next;
 mod page;
@@ -10,7 +10,7 @@ mod parts;
 mod picture;
 mod reliability;
 mod scatter;
-mod series;
+pub(crate) mod series;
 pub(crate) mod shell;
 mod stopping;
 pub(crate) mod story;

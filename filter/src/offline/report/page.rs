@@ -157,13 +157,13 @@ fn beside_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> Section {
         filters(&accuracy_cell),
         papers("The paper (one touch: its MoCo)", &|n| paper.at(n).map(|row| row.accuracy_percent)),
         baselines,
-        papers("The paper’s Pixel", &|n| paper.pixel_percent.filter(|_| n == 1)),
+        papers("The paper’s Pixel", &|n| paper.pixel.filter(|_| n == 1).map(|row| row.accuracy_percent)),
         group("Mean error of the place, mm"),
         filters(&|row| error_cell(row.xy_mm_mean, row.xy_mm_median, 2)),
-        papers("The paper", &|n| paper.at(n).map(|row| row.xy_mm)),
+        papers("The paper", &|n| paper.at(n)?.xy_mm),
         group("Mean error of the angle, degrees"),
         filters(&|row| error_cell(row.theta_deg_mean, row.theta_deg_median, 1)),
-        papers("The paper", &|n| paper.at(n).map(|row| row.theta_deg)),
+        papers("The paper", &|n| paper.at(n)?.theta_deg),
     ];
     let best: Vec<_> = ours.iter().flatten().map(|(series, suffix)| format!("{suffix}, {}", series.way())).collect();
     let best =
@@ -224,8 +224,8 @@ fn figure(series: &[Series], title: &str, paper: &[PaperRow]) -> String {
         ("Place: mean error, mm", errors(|row| row.xy_mm_mean), None),
         ("Angle: mean error, degrees", errors(|row| row.theta_deg_mean), None),
     ];
-    charts[1].1.push(papers(|row| row.xy_mm));
-    charts[2].1.push(papers(|row| row.theta_deg));
+    charts[1].1.push(papers(|row| row.xy_mm.unwrap_or(f64::NAN)));
+    charts[2].1.push(papers(|row| row.theta_deg.unwrap_or(f64::NAN)));
     if series.iter().flat_map(|series| &series.rows).any(|row| row.xy_mm_median.is_some()) {
         charts.push(("Place: median error, mm", errors(|row| row.xy_mm_median.unwrap_or(f64::NAN)), None));
         charts.push(("Angle: median error, degrees", errors(|row| row.theta_deg_median.unwrap_or(f64::NAN)), None));

@@ -7,7 +7,7 @@ use super::{escape, number};
 use crate::budget::{Knob, Point, Settings, Tradeoff};
 
 /// What is this page's own.
-const STYLE: &str = ".planes { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 8px 28px; }
+pub(crate) const STYLE: &str = ".planes { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 8px 28px; }
 .planes p { font-weight: 600; font-size: .9rem; margin: 10px 0 0; } .planes svg { display: block; width: 100%; height: auto; }
 .dominated { color: var(--soft); } svg .dot.dominated { fill-opacity: .25; stroke: none; } .kept { color: var(--information); }
 svg .line.frontier { stroke: var(--information); opacity: .5; } td.left, th.left { text-align: left; }
@@ -125,7 +125,8 @@ what is chosen here says nothing in advance about the letters of the evaluation.
     shell(&format!("Tactile-Filter: speed against accuracy, {}", tradeoff.scene), STYLE, &top, &sections, &[SCRIPT])
 }
 
-fn tiles(verdict: &Verdict<'_>) -> String {
+/// The verdict as tiles.
+pub(crate) fn tiles(verdict: &Verdict<'_>) -> String {
     let Verdict { best, fast, n_settings, n_frontier, span } = verdict;
     let tile = |figure: String, what: String| format!(r#"<div class="tile"><b>{figure}</b>{what}</div>"#);
     let ms = |point: &Point| milliseconds(point.decision_ms_p50);
@@ -150,7 +151,7 @@ fn tiles(verdict: &Verdict<'_>) -> String {
 }
 
 /// Accuracy against time, touches and memory.
-fn planes(tradeoff: &Tradeoff) -> String {
+pub(crate) fn planes(tradeoff: &Tradeoff) -> String {
     let plane = |title: &str, x_axis: &str, log_x: bool, x: fn(&Point) -> f64| {
         let dot = |point: &Point| Dot {
             x: x(point),
