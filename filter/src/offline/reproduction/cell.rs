@@ -10,8 +10,8 @@ pub const TOUCHES: [usize; 3] = [3, 5, 10];
 /// CSS of these tables.
 pub const STYLE: &str = ".beside td { min-width: 94px; } .beside td:first-child { min-width: 132px; }
 .beside td b { font-weight: 650; } .beside .theirs { color: var(--soft); margin-left: 7px; }
-@media (max-width: 640px) { .beside td { min-width: 76px; } .beside td:first-child { min-width: 84px; }
-.beside .theirs { margin-left: 4px; } }";
+@media (max-width: 640px) { .beside { font-size: .8rem; } .beside th, .beside td { padding: 4px 2px; white-space: normal; }
+.beside td, .beside td:first-child { min-width: 0; } .beside .theirs { display: block; margin: 0; } }";
 
 /// Ours against the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -38,7 +38,7 @@ made so noisy that one touch names about as few as in the paper, chosen on lette
 over one touch (MoCo, the paper’s and ours alike): ours in bold, the paper’s in grey, our 95&nbsp;% interval below (Newcombe’s, of
 two shares, as if of different holes: rather too wide). A scene that starts lower has more to gain: read both rows.{made}</figcaption></figure>{missing}"#,
         page::capital(&line),
-        table(&["MoCo, 1&nbsp;touch", "3&nbsp;touches", "5", "10"], &groups),
+        table(&["MoCo, 1 touch", "3 touches", "5", "10"], &groups),
     );
     Told::new(SHORT, title, body, format!("{SHORT}: {line}"))
 }

@@ -28,7 +28,7 @@ pub fn tell(found: &Reproduction) -> Told {
     };
     let model = found.evaluations.first().map(|(_, evaluation)| evaluation.model.sha256.as_str());
     let default = default_setting(tradeoff, model)
-        .map_or_else(|| "The default setting is not among those measured.".into(), |point| of_default(point));
+        .map_or_else(|| "The default setting is not among those measured.".into(), of_default);
     let body = format!(
         r#"<div class="tiles">{}</div><p>{}</p><p>{default}</p>{}<p>Which knob buys most, and every point: {}. {} episodes of {}, timed on {}.</p>"#,
         tiles(&verdict),

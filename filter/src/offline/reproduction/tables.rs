@@ -46,7 +46,7 @@ pub const CONNECTORS: Board = Board {
 };
 
 /// The heads of the columns.
-const HEADS: [&str; 5] = ["Pixel", "MoCo, 1&nbsp;touch", "3&nbsp;touches", "5", "10"];
+const HEADS: [&str; 5] = ["Pixel", "MoCo, 1 touch", "3 touches", "5", "10"];
 
 /// The section of a table.
 pub fn tell(found: &Reproduction, board: &Board) -> Told {
@@ -92,7 +92,7 @@ fn caption(board: &Board) -> &'static str {
     if board.has_filter {
         "Ours in bold, the paper’s in grey beside it. Right parts: our 95 % interval below; better or worse where the paper’s number is \
          outside it, equal where it is not. Errors: means of the episodes that name the right part, judged at the paper’s one decimal. \
-         Particles and the paper’s rule: its Alg. 1 as printed, K = 100. Touched anywhere: off the recorded poses, at any angle, which the paper did not do."
+         Particles, the paper’s rule: its Alg. 1 as printed, K = 100. Touched anywhere: off the recorded poses, at any angle, which the paper did not do."
     } else {
         "Ours in bold, the paper’s in grey beside it, our 95 % interval below; better or worse where the paper’s number is outside it. The \
          paper touches once; what more touches bring stands after it, without a number of the paper."
@@ -125,7 +125,7 @@ fn lines<'a>(on_grid: &'a Evaluation, anywhere: Option<&'a Evaluation>) -> Vec<W
     filter_only.rows.retain(|row| row.n_touches > 1);
     let ours = Way { label: "Ours", ours: columns(on_grid, Poses::OnGrid), paper };
     let particles = particle_columns(on_grid, Poses::OnGrid);
-    let particles = particles.map(|ours| Way { label: "Particles and the paper’s rule", ours, paper: filter_only });
+    let particles = particles.map(|ours| Way { label: "Particles, the paper’s rule", ours, paper: filter_only });
     let anywhere = anywhere.map(|evaluation| columns(evaluation, Poses::OffGrid));
     let anywhere = anywhere.map(|ours| Way { label: "Ours, touched anywhere", ours, paper: beyond });
     [Some(ours), particles, anywhere].into_iter().flatten().collect()
