@@ -3,6 +3,32 @@
 //! A [`Tradeoff`] holds points that were measured on one machine with one bank. [`Pace`] measures how fast this
 //! machine and this bank are with the same settings; [`Tradeoff::choose`] takes the most accurate point that a
 //! [`Budget`] allows.
+//!
+//! ```no_run
+//! # use tactile_data::{frame::Frame, grid::PoseGrid};
+//! # use tactile_filter::budget::{Budget, Cost, Pace, Tradeoff};
+//! # use tactile_filter::episode::{EpisodeConfig, Eye};
+//! # use tactile_infer::{Model, bank::Bank};
+//! # fn choose(
+//! #     measured: &str, model: &Model, bank: &Bank, eye: &Eye, rest: &Frame, reach: &PoseGrid,
+//! # ) -> tactile_filter::Result<EpisodeConfig> {
+//! let tradeoff = Tradeoff::from_json("maze-small.frontier.json", measured)?;
+//! let pace = Pace { eye, frame: rest, bank, reach };
+//! let (begun, base) = (std::time::Instant::now(), EpisodeConfig::of(model));
+//! let mut here = |settings: &_, n_touches| {
+//!     if !tradeoff.settings_of(model.sha256(), bank.grid()).contains(&settings) {
+//!         return Ok(None);
+//!     }
+//!     let pace_ms = pace.decision_ms(&settings.applied_to(&base), 0.1, &mut || begun.elapsed().as_secs_f64())?;
+//!     Ok(Some(Cost { pace_ms, memory_mb: settings.memory_mb(model.n_parameters(), bank, n_touches)? }))
+//! };
+//! let budget = Budget { decision_ms: Some(4.0), max_touches: Some(4), ..Budget::default() };
+//! let choice = tradeoff.choose(&budget, &mut here)?;
+//! // The bank's rows belong in the format `choice.point.settings.rows`: `Bank::with_precision`.
+//! let config = choice.point.settings.applied_to(&base);
+//! # Ok(config)
+//! # }
+//! ```
 
 mod pace;
 mod settings;

@@ -132,8 +132,10 @@ pub(super) fn not_run(name: &str) -> String {
 fn robust_folders(folder: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
-        let name = entry.map_err(Error::io(folder))?.file_name();
-        names.extend(name.to_str().filter(|name| name.starts_with(ROBUST)).map(String::from));
+        let entry = entry.map_err(Error::io(folder))?;
+        let name = entry.file_name();
+        let name = name.to_str().filter(|name| name.starts_with(ROBUST) && entry.path().is_dir());
+        names.extend(name.map(String::from));
     }
     names.sort_unstable();
     Ok(names)
@@ -201,6 +203,7 @@ pub(super) mod tests {
             put(folder.path(), &format!("{name}/evaluation.json"), &published());
         }
         put(folder.path(), "robust-a #1/report.html", &json!(""));
+        put(folder.path(), "robust-a #1.bank", &json!("no folder"));
         let step = json!({"s": {"command": "c", "finished": true, "seconds": 2.5}});
         put(folder.path(), "reproduce.json", &step);
         let found = Reproduction::load(folder.path(), &folder.path().join("page.html")).unwrap();
