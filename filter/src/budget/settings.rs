@@ -122,6 +122,7 @@ impl Settings {
                 EngineConfig::Particle(config) if config.adaptive => format!("up to {} particles", config.n_particles),
                 EngineConfig::Particle(config) => format!("{} particles", config.n_particles),
             },
+            Knob::Subdivisions if self.subdivisions == 1 => "1 state a step".into(),
             Knob::Subdivisions => format!("{} states a step", self.subdivisions),
             Knob::Rule => match self.rule {
                 ActionRule::Paper => "the paper’s rule".into(),

@@ -31,7 +31,7 @@ pub struct Scatter<'a> {
     pub x_axis: &'a str,
     /// Whether x is logarithmic.
     pub log_x: bool,
-    /// Lowest and highest y.
+    /// Lowest and highest y, multiples of 20: per cent.
     pub y_range: [f64; 2],
     /// The marks, the later over the earlier.
     pub dots: &'a [Dot],
@@ -55,8 +55,9 @@ impl Scatter<'_> {
             escape(self.title)
         );
         let mut add = |text: std::fmt::Arguments<'_>| svg.write_fmt(text).unwrap_or(());
-        for tick in 0..=5 {
-            let value = bottom + (top - bottom) * f64::from(tick) / 5.0;
+        let step = if top - bottom > 40.0 { 20.0 } else { 10.0 };
+        for tick in 0..=((top - bottom) / step) as usize {
+            let value = bottom + step * tick as f64;
             add(format_args!(r#"<path class="grid" d="M{LEFT} {:.1}H{RIGHT}"/>"#, y(value)));
             let (at, text) = (LEFT - 6.0, number(value, 0));
             add(format_args!(r#"<text class="end" x="{at}" y="{:.1}">{text}</text>"#, y(value) + 4.0));

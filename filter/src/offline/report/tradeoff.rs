@@ -170,7 +170,7 @@ pub(crate) fn planes(tradeoff: &Tradeoff) -> String {
         let dots: Vec<Dot> = under.into_iter().chain(over).map(dot).collect();
         let steps = staircase(tradeoff.points.iter().map(|p| [x(p), 100.0 * p.accuracy]).collect());
         let lowest = tradeoff.points.iter().map(|p| 100.0 * p.accuracy).fold(100.0, f64::min);
-        let y_range = [(lowest / 20.0).floor() * 20.0, 100.0];
+        let y_range = [(lowest / 20.0).floor().min(4.0) * 20.0, 100.0];
         let svg = Scatter { title, x_axis, log_x, y_range, dots: &dots, steps: &steps }.svg();
         format!("<div><p>{title}</p>{svg}</div>")
     };
