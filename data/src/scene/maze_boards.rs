@@ -39,7 +39,7 @@ fn default_band() -> [f64; 2] {
 impl MazeBoards {
     /// Width of a board's rims and of its shells, mm; `None` for plates and solid pegs. `seed` draws the boards.
     pub fn bands_mm(&self, board: usize, seed: u64) -> Option<[f64; 2]> {
-        let mut rng = frame_rng(seed ^ 0x62_61_6e_64, board as u64);
+        let mut rng = frame_rng(seed ^ 0x6261_6e64, board as u64);
         let [narrow, wide] = self.band_mm;
         let is_banded = rng.random::<f64>() < self.band_share;
         let drawn = [0, 1].map(|_| narrow + (wide - narrow) * rng.random::<f64>());
