@@ -76,7 +76,7 @@ impl Turn<'_> {
 }
 
 /// From each of the three settings that most others differ from in one knob only, the fastest first: every such turn,
-/// after [`COMPARED`] touches.
+/// after three touches.
 pub fn turns(tradeoff: &Tradeoff) -> Vec<Vec<Turn<'_>>> {
     let compared: Vec<&Point> = tradeoff.points.iter().filter(|p| p.n_touches == COMPARED).collect();
     let turn = |base: &'_ Point, other: &'_ Point| match base.settings.turned(&other.settings)[..] {
