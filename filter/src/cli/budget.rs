@@ -62,6 +62,10 @@ impl BudgetArgs {
     pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Bank, EpisodeConfig, Promise)> {
         let beside = || task.model_path.with_extension("frontier.json");
         let path = self.frontier.clone().unwrap_or_else(beside);
+        if !path.exists() {
+            let expected = "a frontier of this model, as tactile-filter tradeoff measures it";
+            return Err(Error::invalid(path.display().to_string(), expected, "no such file"));
+        }
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
         let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
         let paces = self.paces(&tradeoff, task, base)?;
