@@ -52,6 +52,12 @@ impl PoseGrid {
         Ok(())
     }
 
+    /// The same ranges with steps that are this many times as fine; fit to use where [`Self::validate`] says so.
+    pub fn subdivided(&self, times: usize) -> Self {
+        let times = times as f64;
+        Self { xy_step_mm: self.xy_step_mm / times, theta_step_deg: self.theta_step_deg / times, ..*self }
+    }
+
     /// Number of distinct x (and of y) values.
     pub fn n_xy(&self) -> usize {
         2 * (self.xy_half_mm / self.xy_step_mm).round() as usize + 1

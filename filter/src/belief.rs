@@ -63,9 +63,7 @@ impl Belief {
     /// views are interpolated between the bank's poses: a state may then lie between them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
         let (views, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
-        let share = subdivisions.max(1) as f64;
-        let grid =
-            PoseGrid { xy_step_mm: views.xy_step_mm / share, theta_step_deg: views.theta_step_deg / share, ..views };
+        let grid = views.subdivided(subdivisions.max(1));
         let touched = Touched::new(&views, &grid, Se2::IDENTITY, 1.0, first);
         let mut exact = Exact::uniform(n_parts * grid.len());
         let log_evidence = exact.update(|state| touched.log_state(state));

@@ -39,6 +39,11 @@ impl Precision {
         }
     }
 
+    /// Memory of a bank's row of `dim` values, bytes, its scale included where it has one.
+    pub fn n_bytes_of_row(self, dim: usize) -> usize {
+        dim * self.dtype().bitsize() / 8 + if self == Self::I8 { 4 } else { 0 }
+    }
+
     /// The format of this name in a safetensors file; `None` for one that these files do not hold.
     pub fn of(dtype: Dtype) -> Option<Self> {
         [Self::F32, Self::F16, Self::Bf16, Self::I8].into_iter().find(|precision| precision.dtype() == dtype)

@@ -144,8 +144,7 @@ impl Rows {
 
     /// Memory that the rows take, bytes.
     pub fn n_bytes(&self) -> usize {
-        self.n_values() * self.precision().dtype().bitsize() / 8
-            + if let Values::I8 { scales, .. } = &self.values { 4 * scales.len() } else { 0 }
+        self.len() * self.precision().n_bytes_of_row(self.dim())
     }
 
     /// All values, `[n, dim]`, in f32.

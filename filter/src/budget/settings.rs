@@ -141,33 +141,18 @@ impl Settings {
 
     /// Megabytes (10^6 bytes) that an episode of `n_touches` holds: weights, bank, tables of each touch and belief.
     pub fn memory_mb(&self, n_parameters: usize, bank: &Bank, n_touches: usize) -> Result<f64> {
-        let grid = bank.grid();
-        let finer = PoseGrid {
-            xy_step_mm: grid.xy_step_mm / self.subdivisions as f64,
-            theta_step_deg: grid.theta_step_deg / self.subdivisions as f64,
-            ..*grid
-        };
+        let finer = bank.grid().subdivided(self.subdivisions);
         finer.validate().map_err(|e| Error::invalid("subdivisions", "a grid of states", e.to_string()))?;
         let n_states = bank.parts().len() * finer.len();
-        let of_row = bytes_of_row(self.rows, bank.dim());
         // Rows, edge shares and nine cosines of neighbours; a cosine for each row and a number for each state of each
         // touch; log-weight and probability of each state.
-        let bank_bytes = bank.n_rows() * (of_row + 4 + 36);
+        let bank_bytes = bank.n_rows() * (self.rows.n_bytes_of_row(bank.dim()) + 4 + 36);
         let touch_bytes = n_touches * (bank.n_rows() * 4 + n_states * 8);
         let belief_bytes = match self.engine {
             EngineConfig::Exact => n_states * 8,
             EngineConfig::Particle(config) => config.n_particles * 16,
         };
         Ok((4 * n_parameters + bank_bytes + touch_bytes + belief_bytes) as f64 / 1e6)
-    }
-}
-
-fn bytes_of_row(precision: Precision, dim: usize) -> usize {
-    match precision {
-        Precision::F32 => 4 * dim,
-        Precision::F16 | Precision::Bf16 => 2 * dim,
-        // And a scale.
-        Precision::I8 => dim + 4,
     }
 }
 

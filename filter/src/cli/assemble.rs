@@ -8,6 +8,7 @@ use tactile_data::simulator::Simulator;
 use tactile_filter::action::ActionRule;
 use tactile_filter::episode::Eye;
 use tactile_filter::offline::assembly::{Assembly, Group, Run, Task, Workcell, html, tell};
+use tactile_filter::offline::evaluate::at_rest;
 use tactile_filter::offline::result::ModelRecord;
 use tactile_filter::offline::story;
 use tactile_filter::{Error, Result};
@@ -67,8 +68,7 @@ impl Assemble {
         let model = Model::load(&self.model, self.device.parse()?)?;
         let bank = Bank::load(&self.bank, &model)?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        // The no-contact frame of the robot's own session, not the bank's.
-        let no_contact = simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374);
+        let no_contact = at_rest(&simulator, &self.seeds);
         let eye = Eye::new(&model, &no_contact)?;
         let mut config = self.tuning.config("exact", ActionRule::Information, &model)?;
         if !self.strangers {
@@ -89,12 +89,7 @@ impl Assemble {
         let run = Run {
             scene: simulator.scene().name.clone(),
             clearance_mm: simulator.scene().clearance_mm,
-            model: ModelRecord {
-                name: model.provenance().name.clone(),
-                sha256: model.sha256().into(),
-                parameters: model.n_parameters(),
-                input_px: model.config().input_px,
-            },
+            model: ModelRecord::of(&model),
             device: self.device.clone(),
             recorded: *bank.grid(),
             command: Some(command_line()),

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use tactile_data::frame::Frame;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
@@ -13,7 +12,7 @@ use tactile_data::store::Dataset;
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::episode::{EpisodeConfig, Eye};
-use tactile_filter::offline::evaluate::{Protocol, run};
+use tactile_filter::offline::evaluate::{Protocol, at_rest, run};
 use tactile_filter::offline::gathered::{GATHERED_SCHEMA, Gathered, Run, Setup, Single};
 use tactile_filter::offline::report::{Board, EpisodeStory, PaperNumbers, write_report};
 use tactile_filter::offline::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses};
@@ -106,7 +105,7 @@ impl Evaluate {
         if self.budget.is_asked() {
             let between_poses = protocol.poses == Poses::OffGrid;
             let reach = simulator.scene().reach.filter(|_| between_poses).unwrap_or(*bank.grid());
-            let no_contact = self.no_contact(&simulator);
+            let no_contact = at_rest(&simulator, &self.seeds);
             let (model_path, model, no_contact) = (self.model.as_path(), &model, &no_contact);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             let base = self.tuning.config("exact", ActionRule::Information, model)?;
@@ -120,7 +119,7 @@ impl Evaluate {
         let evaluation = Evaluation { promise, ..gathered.evaluation()? };
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
-        let eye = Eye::new(&model, &self.no_contact(&simulator))?;
+        let eye = Eye::new(&model, &at_rest(&simulator, &self.seeds))?;
         let told = &gathered.runs[0];
         let picks = story::pick(&told.outcomes, &told.config, n_stories);
         let stories = story::tell(&simulator, &eye, &bank, &told.config, &protocol, &picks)?;
@@ -175,11 +174,6 @@ impl Evaluate {
         }
     }
 
-    /// The no-contact frame of the robot's own session, not the bank's.
-    fn no_contact(&self, simulator: &Simulator) -> Frame {
-        simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374)
-    }
-
     /// Runs every way of inferring on the protocol's episodes.
     fn gather(
         &self,
@@ -188,7 +182,7 @@ impl Evaluate {
         bank: &Bank,
         (protocol, configs): (&Protocol, &[(String, EpisodeConfig)]),
     ) -> Result<Gathered> {
-        let no_contact = self.no_contact(simulator);
+        let no_contact = at_rest(simulator, &self.seeds);
         let eye = Eye::new(model, &no_contact)?;
         let mut singles = Vec::new();
         if let Some(path) = &self.pegs {
@@ -219,12 +213,7 @@ impl Evaluate {
                 poses: protocol.poses,
                 absent: protocol.absent,
                 choose_ms: protocol.choose_ms,
-                model: ModelRecord {
-                    name: model.provenance().name.clone(),
-                    sha256: model.sha256().into(),
-                    parameters: model.n_parameters(),
-                    input_px: model.config().input_px,
-                },
+                model: ModelRecord::of(model),
                 bank_sha256: bank.sha256()?,
                 device: self.device.clone(),
             },

@@ -12,7 +12,7 @@ use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_filter::budget::{Point, SCHEMA, Settings, Tradeoff};
-use tactile_filter::offline::evaluate::Protocol;
+use tactile_filter::offline::evaluate::{Protocol, at_rest};
 use tactile_filter::offline::report::tradeoff as page;
 pub use tactile_filter::offline::report::tradeoff::told;
 use tactile_filter::offline::result::Poses;
@@ -157,7 +157,7 @@ impl TradeoffArgs {
         let mut todo = todo.to_vec();
         todo.sort_by_key(|index| bank_of(*index));
         let simulator = Simulator::new(scene.clone(), 1)?;
-        let no_contact = simulator.no_contact(self.seeds.first().copied().unwrap_or(0) ^ 0x7265_7374);
+        let no_contact = at_rest(&simulator, &self.seeds);
         let protocol = self.protocol(0..self.episodes);
         let bar = bar(todo.len());
         for same_bank in todo.chunk_by(|a, b| bank_of(*a) == bank_of(*b)) {

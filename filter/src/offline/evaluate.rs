@@ -106,6 +106,11 @@ impl<'a> Banks<'a> {
     }
 }
 
+/// The no-contact frame of the robot's own session, not the bank's.
+pub fn at_rest(simulator: &Simulator, seeds: &[u64]) -> Frame {
+    simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374)
+}
+
 /// One simulated hole under the sensor: the robot's side of an episode.
 pub struct Hole<'a> {
     simulator: &'a Simulator,

@@ -1,6 +1,7 @@
 //! What an evaluation found, as other programs read it: `evaluation.json`.
 
 use serde::{Deserialize, Serialize};
+use tactile_infer::Model;
 
 /// The value of [`Evaluation::schema`].
 pub const SCHEMA: &str = "tactile-filter/evaluation/1";
@@ -80,6 +81,18 @@ pub struct ModelRecord {
     pub parameters: usize,
     /// Width and height of its input, pixels.
     pub input_px: [usize; 2],
+}
+
+impl ModelRecord {
+    /// What is recorded of a model.
+    pub fn of(model: &Model) -> Self {
+        Self {
+            name: model.provenance().name.clone(),
+            sha256: model.sha256().into(),
+            parameters: model.n_parameters(),
+            input_px: model.config().input_px,
+        }
+    }
 }
 
 /// How a part was named.
