@@ -180,8 +180,10 @@ impl Job {
         for (chunk, touches) in self.planned[range.clone()].chunks(CHUNK).enumerate() {
             progress(chunk * CHUNK, n_frames);
             let first = range.start + chunk * CHUNK;
-            let (frames, written) =
-                rayon::join(|| self.render(first, touches), || self.push(&mut writer, &rendered, previous));
+            let (frames, written) = rayon::join(
+                || render(&self.simulator, self.seed, first, touches),
+                || self.push(&mut writer, &rendered, previous),
+            );
             written?;
             (rendered, previous) = (frames?, touches);
         }
@@ -189,17 +191,6 @@ impl Job {
         progress(n_frames, n_frames);
         writer.finish()?;
         Ok(n_frames)
-    }
-
-    /// The frames of some touches, of which the first is number `first` of the plan.
-    fn render(&self, first: usize, touches: &[Planned]) -> Result<Vec<Frame>> {
-        prepare(&self.simulator, touches)?;
-        let frame = |(i, touch): (usize, &Planned)| {
-            // Streams from 1 000 on: the first ones belong to the sensor at rest.
-            let mut rng = frame_rng(self.seed, 1_000 + (first + i) as u64);
-            self.simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)
-        };
-        touches.par_iter().enumerate().map(frame).collect()
     }
 
     fn push(&self, writer: &mut DatasetWriter, frames: &[Frame], touches: &[Planned]) -> Result<()> {
@@ -224,6 +215,18 @@ fn fingerprint(planned: &[Planned]) -> String {
         [x_mm, y_mm, theta_rad].into_iter().for_each(|number| hash.update(number.to_le_bytes()));
     }
     format!("{:x}", hash.finalize())
+}
+
+/// The frames of some touches of a plan, of which the first is number `first`, in parallel. A frame draws from the
+/// stream of its number, so that it has the same bytes whichever others are rendered with it.
+pub fn render(simulator: &Simulator, seed: u64, first: usize, touches: &[Planned]) -> Result<Vec<Frame>> {
+    prepare(simulator, touches)?;
+    let frame = |(i, touch): (usize, &Planned)| {
+        // Streams from 1 000 on: the first ones belong to the sensor at rest.
+        let mut rng = frame_rng(seed, 1_000 + (first + i) as u64);
+        simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)
+    };
+    touches.par_iter().enumerate().map(frame).collect()
 }
 
 /// Works out the sides that some touches need, one a thread: touches that need one and the same would wait

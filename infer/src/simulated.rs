@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 use tactile_data::frame::TactileImage;
-use tactile_data::generate::{Places, plan, prepare};
+use tactile_data::generate::{Places, plan, render};
 use tactile_data::scene::Scene;
-use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
 
 use crate::bank::Bank;
@@ -34,14 +34,9 @@ pub fn bank_of_scene(
     let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
     for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
         progress(chunk * CHUNK, planned.len());
-        prepare(&simulator, touches)?;
-        let see = |(i, touch): (usize, &tactile_data::generate::Planned)| -> Result<TactileImage> {
-            // The streams of `tactile_data::generate`.
-            let mut rng = frame_rng(seed, 1_000 + (chunk * CHUNK + i) as u64);
-            let frame = simulator.touch(touch.part, touch.side, &touch.part_from_sensor, &mut rng)?;
-            Ok(background.tactile_image(&frame)?)
-        };
-        let images = touches.par_iter().enumerate().map(see).collect::<Result<Vec<_>>>()?;
+        let frames = render(&simulator, seed, chunk * CHUNK, touches)?;
+        let see = |frame| -> Result<TactileImage> { Ok(background.tactile_image(frame)?) };
+        let images = frames.par_iter().map(see).collect::<Result<Vec<_>>>()?;
         rows.extend(model.embed_pegs(&images)?);
         edge_shares.extend(images.iter().map(|image| image.edge_share));
     }

@@ -41,6 +41,13 @@ pub fn run(step: &str, program: &Path, args: &[&OsStr], folder: &Path) -> Result
     Ok(Usage { seconds: start.elapsed().as_secs_f64(), peak_mib })
 }
 
+/// Installs Debian packages, as root.
+pub fn install(packages: &[&str], folder: &Path) -> Result<()> {
+    let words = ["install", "--yes", "--no-install-recommends"];
+    let args: Vec<&OsStr> = words.iter().chain(packages).map(OsStr::new).collect();
+    run("apt-get install (as root)", Path::new("apt-get"), &args, folder).map(|_| ())
+}
+
 /// Runs a program quietly and returns what it printed.
 pub fn output(program: &OsStr, args: &[&str], folder: &Path) -> Result<String> {
     printed(Command::new(program), program, args, folder)

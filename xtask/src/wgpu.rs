@@ -16,11 +16,8 @@ const PACKAGES: [&str; 2] = ["mesa-vulkan-drivers", "libvulkan1"];
 /// Installs a driver where there is none and apt is at hand, builds the programs for graphics cards, and runs the
 /// tests that compare card and CPU, their figures shown. The first build takes half an hour on two cores.
 pub fn wgpu(workspace: &Workspace) -> Result<()> {
-    let apt = Path::new("/usr/bin/apt-get");
-    if cfg!(target_os = "linux") && !has_driver() && apt.exists() {
-        let install = ["install", "--yes", "--no-install-recommends"];
-        let args: Vec<&OsStr> = install.iter().chain(&PACKAGES).map(OsStr::new).collect();
-        program::run("apt-get install (as root)", apt, &args, &workspace.root)?;
+    if cfg!(target_os = "linux") && !has_driver() && Path::new("/usr/bin/apt-get").exists() {
+        program::install(&PACKAGES, &workspace.root)?;
     }
     let cargo = cargo();
     let packages = ["--package", "tactile-infer", "--package", "tactile-train", "--package", "tactile-filter"];

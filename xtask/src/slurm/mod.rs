@@ -72,9 +72,7 @@ pub fn slurm(workspace: &Workspace) -> Result<()> {
         ));
     }
     if missing.is_some() {
-        let install = ["install", "--yes", "--no-install-recommends"];
-        let args: Vec<&OsStr> = install.iter().chain(&PACKAGES).map(OsStr::new).collect();
-        program::run("apt-get install (as root)", Path::new("apt-get"), &args, &workspace.root)?;
+        program::install(&PACKAGES, &workspace.root)?;
     }
     workspace.build()?;
     let folder = workspace.target.join("slurm");
