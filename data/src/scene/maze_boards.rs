@@ -6,7 +6,9 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::sensor::SensorSpec;
 use crate::shape::maze::MazeSpec;
+use crate::shape::{Face, Layer, Relief, Shape};
 use crate::simulator::frame_rng;
+use crate::touch::Side;
 
 /// A set of MAZE boards.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,29 +23,51 @@ pub struct MazeBoards {
     /// Shortest and longest decay length of the gel, mm; one is drawn for each board, since another
     /// gel is what a trained model meets.
     pub gel_length_mm: [f64; 2],
-    /// Share of the boards whose holes are rims and whose pegs are shells, as sockets and plugs are, 0..=1.
+    /// Share of the boards whose holes are rims instead of openings in a plate and, drawn apart, of those whose
+    /// pegs are shells instead of solid, as sockets and plugs are, 0..=1.
     #[serde(default)]
     pub band_share: f64,
-    /// Narrowest and widest rim or shell, mm; both are drawn for each such board.
+    /// Narrowest and widest rim or shell, mm; drawn for each.
     #[serde(default = "default_band")]
     pub band_mm: [f64; 2],
+    /// Share of the rims and of the shells with a core inside: a socket's tongue, a plug's insulator, 0..=1.
+    #[serde(default)]
+    pub core_share: f64,
     /// How boards are drawn.
     #[serde(default)]
     pub spec: MazeSpec,
 }
+
+/// Least and greatest distance between a rim or shell and its core, mm.
+const CORE_INSET_MM: [f64; 2] = [0.2, 1.0];
+
+/// Least and greatest depth of a core below its rim or shell, mm.
+const CORE_DROP_MM: [f64; 2] = [0.0, 0.8];
 
 fn default_band() -> [f64; 2] {
     [0.3, 2.0]
 }
 
 impl MazeBoards {
-    /// Width of a board's rims and of its shells, mm; `None` for plates and solid pegs. `seed` draws the boards.
-    pub fn bands_mm(&self, board: usize, seed: u64) -> Option<[f64; 2]> {
-        let mut rng = frame_rng(seed ^ 0x6261_6e64, board as u64);
-        let [narrow, wide] = self.band_mm;
-        let is_banded = rng.random::<f64>() < self.band_share;
-        let drawn = [0, 1].map(|_| narrow + (wide - narrow) * rng.random::<f64>());
-        is_banded.then_some(drawn)
+    /// One side of a board whose pegs have the outline `walls`; `seed` draws the boards.
+    pub fn side(&self, walls: Shape, board: usize, side: Side, clearance_mm: f64, seed: u64) -> Relief {
+        let whole = match side {
+            Side::Peg => Relief::peg(walls.clone()),
+            Side::Hole => Relief::hole(walls.clone(), clearance_mm),
+        };
+        let mut rng = frame_rng(seed ^ 0x6261_6e64, 2 * board as u64 + u64::from(side == Side::Peg));
+        if rng.random::<f64>() >= self.band_share {
+            return whole;
+        }
+        let mut between = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
+        let (band_mm, inset_mm, drop_mm) = (between(self.band_mm), between(CORE_INSET_MM), between(CORE_DROP_MM));
+        let mut relief = whole.banded(band_mm);
+        if between([0.0, 1.0]) < self.core_share {
+            // A shell's core begins where the shell ends.
+            let grow_mm = -inset_mm - if side == Side::Peg { band_mm } else { 0.0 };
+            relief.layers.push(Layer::Face(Face { outline: walls, grow_mm, outside: false, drop_mm, band_mm: None }));
+        }
+        relief
     }
 
     /// Refuses boards that cannot be drawn or touched, naming the field.
@@ -73,10 +97,12 @@ impl MazeBoards {
             fits.then_some(()).ok_or_else(error)
         };
         ordered("band_share", [0.0, self.band_share], 0.0, 1.0)?;
+        ordered("core_share", [0.0, self.core_share], 0.0, 1.0)?;
         ordered("band_mm", self.band_mm, 0.1, 20.0)?;
         ordered("gel_length_mm", self.gel_length_mm, 0.1, 10.0)?;
         ordered("spec.pitch_mm", spec.pitch_mm, 1.0, spec.side_mm)?;
         ordered("spec.wall_share", spec.wall_share, 0.05, 0.9)?;
+        ordered("spec.kept_share", spec.kept_share, 0.0, 1.0)?;
         ordered("spec.node_jitter", [spec.node_jitter, 0.5], 0.0, 0.5)?;
         ordered("spec.bent_share", [spec.bent_share, 1.0], 0.0, 1.0)
     }

@@ -167,15 +167,7 @@ impl Scene {
         let kit = match &self.parts {
             Parts::Kit(kit) => kit,
             Parts::Maze(boards) => {
-                let walls = self.shape(part, seed)?;
-                let whole = match side {
-                    Side::Peg => Relief::peg(walls),
-                    Side::Hole => Relief::hole(walls, self.clearance_mm),
-                };
-                return Ok(vec![match boards.bands_mm(part, seed) {
-                    Some([rim, shell]) => whole.banded(if side == Side::Peg { shell } else { rim }),
-                    None => whole,
-                }]);
+                return Ok(vec![boards.side(self.shape(part, seed)?, part, side, self.clearance_mm, seed)]);
             }
         };
         let own = kit.part(part, self.clearance_mm)?;

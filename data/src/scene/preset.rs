@@ -10,7 +10,7 @@ impl Scene {
     /// Names that [`Scene::load`] knows without a file. Those on `-dev` are for tuning; the others are
     /// never trained or tuned on. Those with `-hard` have the same parts and reach under a rough sensor, so that
     /// one touch tells about as much as on the paper's robot.
-    pub const PRESETS: [&str; 10] = [
+    pub const PRESETS: [&str; 11] = [
         "maze",
         "alphabet-small",
         "alphabet-large",
@@ -21,6 +21,7 @@ impl Scene {
         "alphabet-small-hard-dev",
         "alphabet-large-hard-dev",
         "connectors",
+        "connectors-dev",
     ];
 
     /// A preset by its name.
@@ -37,6 +38,7 @@ impl Scene {
                     gel_length_mm: [0.9, 1.6],
                     band_share: 0.0,
                     band_mm: [0.3, 2.0],
+                    core_share: 0.0,
                     spec: MazeSpec::default(),
                 };
                 (Parts::Maze(boards), None)
@@ -45,10 +47,10 @@ impl Scene {
             "alphabet-large" | "alphabet-large-hard" => letters("ABCDEFGHIJKL", 32.0, 40.0, PoseGrid::LARGE),
             "alphabet-small-dev" | "alphabet-small-hard-dev" => letters("MNOPQRSTUVWX", 12.0, 16.0, PoseGrid::SMALL),
             "alphabet-large-dev" | "alphabet-large-hard-dev" => letters("MNOPQRSTUVWX", 32.0, 40.0, PoseGrid::LARGE),
-            "connectors" => {
+            "connectors" | "connectors-dev" => {
                 // The paper tells neither its six connectors nor their poses; these are as small as its letters.
-                let names = Connector::ALL.into_iter().filter(|connector| *connector != Connector::Jack);
-                let connectors = Some(Connectors { names: names.collect() });
+                let names = if name == "connectors" { Connector::EVALUATION } else { Connector::TUNING };
+                let connectors = Some(Connectors { names: names.to_vec() });
                 (Parts::Kit(Kit { connectors, ..Kit::default() }), Some(PoseGrid::SMALL))
             }
             _ => return None,

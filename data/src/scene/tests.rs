@@ -308,7 +308,7 @@ fn connectors_on_a_board_stand_together_on_both_sides() {
     // Two shells and two tongues.
     assert_eq!((receptacles.len(), receptacles[0].layers.len()), (1, 4));
     written.refused(&text(&format!("{LETTERS}\n")), &["board", "either connectors"]);
-    written.refused("[parts.connectors]\nnames = [\"usb-b\"]", &["usb-b", "usb-a"]);
+    written.refused("[parts.connectors]\nnames = [\"usb-d\"]", &["usb-d", "usb-a"]);
     written.refused("[parts.connectors]\nnames = [\"usb-a\", \"usb-a\"]", &["parts", "'usb-a' twice"]);
 }
 

@@ -16,6 +16,9 @@ pub struct MazeSpec {
     pub pitch_mm: [f64; 2],
     /// Narrowest and widest wall as a share of the pitch, drawn for each board and jittered for each wall.
     pub wall_share: [f64; 2],
+    /// Least and greatest share of the maze's walls that stand, drawn for each board: what is left of a sparse
+    /// one are strokes that stand alone.
+    pub kept_share: [f64; 2],
     /// How far a node is moved, as a share of the pitch.
     pub node_jitter: f64,
     /// Share of walls that are bent into an arc.
@@ -25,7 +28,7 @@ pub struct MazeSpec {
 impl Default for MazeSpec {
     fn default() -> Self {
         // Strokes of 12 mm letters are 2 to 3 mm wide, those of 32 mm letters 6 to 8.
-        Self { side_mm: 64.0, pitch_mm: [5.0, 18.0], wall_share: [0.25, 0.5], node_jitter: 0.25, bent_share: 0.3 }
+        Self { side_mm: 64.0, pitch_mm: [5.0, 18.0], wall_share: [0.25, 0.5], kept_share: [0.85, 0.85], node_jitter: 0.25, bent_share: 0.3 }
     }
 }
 
@@ -45,7 +48,8 @@ pub fn maze(spec: &MazeSpec, seed: u64) -> Shape {
             })
         })
         .collect();
-    let regions = tree(n, &mut rng)
+    let kept = draw(&mut rng, spec.kept_share);
+    let regions = tree(n, kept, &mut rng)
         .into_iter()
         .map(|(a, b)| {
             let half_widths = [0, 1].map(|_| 0.5 * width * draw(&mut rng, [0.7, 1.3]));
@@ -63,7 +67,7 @@ fn draw(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
 
 /// Edges of a random spanning tree of an `n` x `n` grid, by a random walk that backtracks, and a few
 /// more that close loops.
-fn tree(n: usize, rng: &mut ChaCha8Rng) -> Vec<(usize, usize)> {
+fn tree(n: usize, kept: f64, rng: &mut ChaCha8Rng) -> Vec<(usize, usize)> {
     let neighbours = |i: usize| {
         let (x, y) = (i % n, i / n);
         let candidates =
@@ -86,7 +90,7 @@ fn tree(n: usize, rng: &mut ChaCha8Rng) -> Vec<(usize, usize)> {
         stack.push(next);
     }
     // A maze without a few walls has ends, corners and gaps; a tenth as many loops give T and X joints.
-    edges.retain(|_| rng.random_bool(0.85));
+    edges.retain(|_| rng.random_bool(kept));
     for _ in 0..n * n / 10 {
         let at = rng.random_range(0..n * n);
         if let Some(next) = neighbours(at).nth(rng.random_range(0..2)) {
