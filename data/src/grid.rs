@@ -60,12 +60,12 @@ impl PoseGrid {
 
     /// Number of distinct x (and of y) values.
     pub fn n_xy(&self) -> usize {
-        2 * (self.xy_half_mm / self.xy_step_mm).round() as usize + 1
+        2 * rounded(self.xy_half_mm / self.xy_step_mm) + 1
     }
 
     /// Number of distinct angles.
     pub fn n_theta(&self) -> usize {
-        2 * (self.theta_half_deg / self.theta_step_deg).round() as usize + 1
+        2 * rounded(self.theta_half_deg / self.theta_step_deg) + 1
     }
 
     /// Number of poses.
@@ -92,13 +92,7 @@ impl PoseGrid {
     /// The cell nearest to a pose, or `None` where the pose lies more than half a step outside the
     /// recorded area: what is there is unknown.
     pub fn nearest(&self, pose: &Se2) -> Option<usize> {
-        let ix = nearest_index(pose.x_mm, self.xy_half_mm, self.xy_step_mm)?;
-        let iy = nearest_index(pose.y_mm, self.xy_half_mm, self.xy_step_mm)?;
-        let it = nearest_index(pose.theta_deg(), self.theta_half_deg, self.theta_step_deg)
-            // +180 and -180 degrees are one angle.
-            .or_else(|| nearest_index(pose.theta_deg() - 360.0, self.theta_half_deg, self.theta_step_deg))
-            .or_else(|| nearest_index(pose.theta_deg() + 360.0, self.theta_half_deg, self.theta_step_deg))?;
-        Some((ix * self.n_xy() + iy) * self.n_theta() + it)
+        NearestCell::on(self).of(pose)
     }
 
     /// The cell that a pose coincides with to within `tolerance_mm` and `tolerance_deg`.
@@ -110,10 +104,52 @@ impl PoseGrid {
     }
 }
 
-fn nearest_index(value: f64, half: f64, step: f64) -> Option<usize> {
-    let index = ((value + half) / step).round();
-    let last = (2.0 * half / step).round();
-    (index >= 0.0 && index <= last).then_some(index as usize)
+/// [`PoseGrid::nearest`] for many poses: a choice of the next touch asks for a hundred thousand.
+#[derive(Clone, Copy, Debug)]
+pub struct NearestCell {
+    xy: Axis,
+    theta: Axis,
+    /// Whether -180 and +180 degrees, which are one angle, are both within half a step of the recorded ones.
+    goes_round: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    half: f64,
+    per_step: f64,
+    n: usize,
+}
+
+impl NearestCell {
+    /// Of a grid.
+    pub fn on(grid: &PoseGrid) -> Self {
+        Self {
+            xy: Axis { half: grid.xy_half_mm, per_step: grid.xy_step_mm.recip(), n: grid.n_xy() },
+            theta: Axis { half: grid.theta_half_deg, per_step: grid.theta_step_deg.recip(), n: grid.n_theta() },
+            goes_round: grid.theta_half_deg + 0.5 * grid.theta_step_deg >= 180.0,
+        }
+    }
+
+    /// The cell nearest to a pose; `None` outside the recorded area.
+    pub fn of(&self, pose: &Se2) -> Option<usize> {
+        let (x, y) = (self.xy.nearest(pose.x_mm)?, self.xy.nearest(pose.y_mm)?);
+        let turn = pose.theta_deg();
+        let round = || [-360.0, 360.0].into_iter().find_map(|whole| self.theta.nearest(turn + whole));
+        let theta = self.theta.nearest(turn).or_else(|| if self.goes_round { round() } else { None })?;
+        Some((x * self.xy.n + y) * self.theta.n + theta)
+    }
+}
+
+impl Axis {
+    fn nearest(&self, value: f64) -> Option<usize> {
+        let place = (value + self.half) * self.per_step;
+        (place > -0.5 && place < self.n as f64 - 0.5).then(|| rounded(place))
+    }
+}
+
+/// The nearest whole number to one that is not below -1/2; `f64::round` is a call on the oldest processors we run on.
+fn rounded(value: f64) -> usize {
+    (value + 0.5) as usize
 }
 
 #[cfg(test)]

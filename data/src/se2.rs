@@ -74,6 +74,9 @@ impl Mul for Se2 {
 
 /// The same angle in (-pi, pi].
 pub fn wrap_angle(theta_rad: f64) -> f64 {
+    if -PI < theta_rad && theta_rad <= PI {
+        return theta_rad;
+    }
     let wrapped = theta_rad - TAU * (theta_rad / TAU).round();
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }

@@ -4,6 +4,8 @@
 //! controller reports, `part_from_sensor = part_from_first * first_from_sensor` (paper, Sec. IV-D). The
 //! likelihood of each touch is kept, so that any state can be re-scored over all touches by look-ups.
 
+use std::borrow::Cow;
+
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -41,7 +43,11 @@ pub enum EngineConfig {
 #[derive(Clone, Debug)]
 enum Engine {
     Exact(Exact),
-    Particle(Particle),
+    Particle {
+        particle: Particle,
+        /// log p(touch | state) of each touch, to score states that particles move to.
+        log_likelihoods: Vec<Vec<f64>>,
+    },
 }
 
 /// S: the probability of each hypothesis given all touches so far, of which there is at least one.
@@ -64,12 +70,15 @@ impl Belief {
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
         let (views, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
         let grid = views.subdivided(subdivisions.max(1));
-        let touched = Touched::new(&views, &grid, Se2::IDENTITY, 1.0, first);
+        let (touched, log_states) = Touched::new(&views, &grid, Se2::IDENTITY, 1.0, first);
         let mut exact = Exact::uniform(n_parts * grid.len());
-        let log_evidence = exact.update(|state| touched.log_state(state));
+        let log_evidence = exact.update(|state| log_states[state]);
         let engine = match engine {
             EngineConfig::Exact => Engine::Exact(exact),
-            EngineConfig::Particle(config) => Engine::Particle(Particle::draw(config, exact.log_posterior(), seed)),
+            EngineConfig::Particle(config) => {
+                let particle = Particle::draw(config, exact.log_posterior(), seed);
+                Engine::Particle { particle, log_likelihoods: vec![log_states] }
+            }
         };
         Self { views, grid, n_parts, overlap, touches: vec![touched], engine, log_evidence }
     }
@@ -80,26 +89,26 @@ impl Belief {
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
         let new_share = |earlier: &Touched| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
         let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
-        let touched = Touched::new(&self.views, &self.grid, first_from_sensor, weight, likelihood);
-        let n_cells = self.grid.len();
-        let newest = |state| touched.log_state(state);
-        let log_evidence = match &mut self.engine {
-            Engine::Exact(exact) => exact.update(newest),
-            Engine::Particle(particle) => particle.update(newest),
-        };
+        let (touched, log_states) = Touched::new(&self.views, &self.grid, first_from_sensor, weight, likelihood);
         self.touches.push(touched);
+        let (grid, n_cells) = (&self.grid, self.grid.len());
+        let log_evidence = match &mut self.engine {
+            Engine::Exact(exact) => exact.update(|state| log_states[state]),
+            Engine::Particle { particle, log_likelihoods } => {
+                let log_evidence = particle.update(|state| log_states[state]);
+                log_likelihoods.push(log_states);
+                particle.rejuvenate(
+                    |state, direction| {
+                        let cell = neighbour(grid, state % n_cells, direction)?;
+                        Some(state - state % n_cells + cell)
+                    },
+                    |state| log_score(log_likelihoods, state),
+                    |state| log_score(&log_likelihoods[1..], state),
+                );
+                log_evidence
+            }
+        };
         self.log_evidence += log_evidence;
-        if let Engine::Particle(particle) = &mut self.engine {
-            let (grid, touches) = (&self.grid, &self.touches);
-            particle.rejuvenate(
-                |state, direction| {
-                    let cell = neighbour(grid, state % n_cells, direction)?;
-                    Some(state - state % n_cells + cell)
-                },
-                |state| log_score(touches, state),
-                |state| log_score(&touches[1..], state),
-            );
-        }
         log_evidence
     }
 
@@ -126,8 +135,9 @@ impl Belief {
 
     /// The distinct states of positive probability in ascending order, with their probabilities, which sum to 1.
     pub fn states(&self) -> Vec<(Hypothesis, f64)> {
-        let masses = self.masses().into_iter().enumerate().filter(|(_, mass)| *mass > 0.0);
-        masses.map(|(state, mass)| (hypothesis(state, self.grid.len()), mass)).collect()
+        let masses = self.masses();
+        let held = masses.iter().enumerate().filter(|(_, mass)| **mass > 0.0);
+        held.map(|(state, mass)| (hypothesis(state, self.grid.len()), *mass)).collect()
     }
 
     /// The probability of each part, `[n_parts]`, which sum to 1 (paper, Eq. 7).
@@ -145,18 +155,17 @@ impl Belief {
     ///
     /// `None` only where no state of `part` is held.
     pub fn best(&self, part: Option<usize>) -> Option<Hypothesis> {
-        let score = |hypothesis: Hypothesis| {
-            let state = hypothesis.part * self.grid.len() + hypothesis.cell;
-            match &self.engine {
-                Engine::Exact(exact) => exact.log_posterior()[state],
-                Engine::Particle(_) => log_score(&self.touches, state),
-            }
+        let n_cells = self.grid.len();
+        let score = |state: usize| match &self.engine {
+            Engine::Exact(exact) => exact.log_posterior()[state],
+            Engine::Particle { log_likelihoods, .. } => log_score(log_likelihoods, state),
         };
-        let held = self.states().into_iter().map(|(hypothesis, _)| hypothesis);
-        held.filter(|hypothesis| part.is_none_or(|part| part == hypothesis.part))
-            .map(|hypothesis| (score(hypothesis), hypothesis))
+        let masses = self.masses();
+        let asked = part.map_or(0..masses.len(), |part| part * n_cells..(part + 1) * n_cells);
+        let held = asked.filter(|state| masses[*state] > 0.0);
+        held.map(|state| (score(state), state))
             .reduce(|best, next| if next.0 > best.0 { next } else { best })
-            .map(|(_, hypothesis)| hypothesis)
+            .map(|(_, state)| hypothesis(state, n_cells))
     }
 
     /// The pose of the first touch around a state, to below the grid's step.
@@ -180,13 +189,13 @@ impl Belief {
     }
 
     /// The probability of each state, `[n_parts * n_cells]`.
-    fn masses(&self) -> Vec<f64> {
+    fn masses(&self) -> Cow<'_, [f64]> {
         match &self.engine {
-            Engine::Exact(exact) => exact.log_posterior().iter().map(|log| log.exp()).collect(),
-            Engine::Particle(particle) => {
+            Engine::Exact(exact) => Cow::Borrowed(exact.posterior()),
+            Engine::Particle { particle, .. } => {
                 let mut masses = vec![0.0; self.n_parts * self.grid.len()];
                 particle.weighted().for_each(|(state, weight)| masses[state] += weight);
-                masses
+                Cow::Owned(masses)
             }
         }
     }
@@ -196,8 +205,8 @@ fn hypothesis(state: usize, n_cells: usize) -> Hypothesis {
     Hypothesis { part: state / n_cells, cell: state % n_cells }
 }
 
-fn log_score(touches: &[Touched], state: usize) -> f64 {
-    touches.iter().map(|touched| touched.log_state(state)).sum()
+fn log_score(log_likelihoods: &[Vec<f64>], state: usize) -> f64 {
+    log_likelihoods.iter().map(|log_states| log_states[state]).sum()
 }
 
 /// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5); `None` off the grid.
@@ -253,6 +262,12 @@ mod tests {
                 (moved, Observation { query, edge_share })
             })
             .collect()
+    }
+
+    /// log p(touch | state) of a touch, judged again.
+    fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
+        let Touched { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
+        Touched::new(&belief.views, &belief.grid, *first_from_sensor, *weight, likelihood.clone()).1
     }
 
     /// Touches that share no evidence, wherever they are.
@@ -388,8 +403,8 @@ mod tests {
             touches[2].0 = there.inverse();
             touches[2].1 = touches[0].1.clone();
             let belief = run(&bank, EngineConfig::Exact, &touches, &independent());
-            let log = |touch: usize, state| belief.touches()[touch].log_state(state);
-            let apart = (0..N_CELLS).map(|state| (log(2, state) - log(0, state)).abs()).fold(0.0, f64::max);
+            let logs = [2, 0].map(|touch| log_states(&belief, touch));
+            let apart = logs[0].iter().zip(&logs[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             prop_assert!(apart < 1e-9);
         }
     }
@@ -423,9 +438,9 @@ mod tests {
             let belief = run(&bank, engine, &touches, &LikelihoodConfig::default());
             assert!((belief.class_posterior()[0] - 1.0).abs() < 1e-12);
             // Half a turn leads out of a reach of 30 degrees: unknown, never no contact.
-            let touches = belief.touches();
-            assert!((0..N_CELLS).all(|state| touches[1].log_state(state) == touches[1].likelihood.log_unknown));
-            assert!((0..N_CELLS).any(|state| touches[0].log_state(state) != touches[0].likelihood.log_unknown));
+            let unknown = |touch: usize| belief.touches()[touch].likelihood.log_unknown;
+            assert!(log_states(&belief, 1).iter().all(|log| *log == unknown(1)));
+            assert!(log_states(&belief, 0).iter().any(|log| *log != unknown(0)));
         }
     }
 
@@ -451,10 +466,10 @@ mod tests {
         let belief = |n| Belief::new(&bank, EngineConfig::Exact, n, 3, likelihood(&touches[0].1));
         let (coarse, fine) = (belief(1), belief(2));
         assert_eq!(fine.grid().len(), 5 * 5 * 5);
-        let log = |belief: &Belief, state| belief.touches()[0].log_state(state);
+        let logs = [&coarse, &fine].map(|belief| log_states(belief, 0));
         for cell in 0..N_CELLS {
             let same = fine.grid().nearest(&GRID.pose(cell)).unwrap();
-            assert!((log(&coarse, cell) - log(&fine, same)).abs() < 1e-4);
+            assert!((logs[0][cell] - logs[1][same]).abs() < 1e-4);
         }
         assert!((fine.class_posterior().iter().sum::<f64>() - 1.0).abs() < 1e-9);
     }

@@ -1,17 +1,19 @@
 //! Exact Bayes over all states: the default engine.
 
-use crate::resample::log_normalize;
+use crate::resample::normalize;
 
-/// The log-posterior of every state, `[n_states]`, normalised.
+/// The posterior of every state, `[n_states]`, normalised.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Exact {
     log_posterior: Vec<f64>,
+    posterior: Vec<f64>,
 }
 
 impl Exact {
     /// Every state equally likely, before any touch.
     pub fn uniform(n_states: usize) -> Self {
-        Self { log_posterior: vec![-(n_states as f64).ln(); n_states] }
+        let n = n_states as f64;
+        Self { log_posterior: vec![-n.ln(); n_states], posterior: vec![1.0 / n; n_states] }
     }
 
     /// Bayes' rule (paper, Eq. 4): adds each state's log-likelihood, normalises once, and returns the
@@ -20,15 +22,18 @@ impl Exact {
     /// A touch that no state explains (-inf everywhere) says nothing: the posterior stays, and the
     /// log-evidence is -inf.
     pub fn update(&mut self, log_likelihood: impl Fn(usize) -> f64) -> f64 {
-        let mut updated: Vec<f64> =
-            self.log_posterior.iter().enumerate().map(|(state, log)| log + log_likelihood(state)).collect();
-        match log_normalize(&mut updated) {
-            Some(log_evidence) => {
-                self.log_posterior = updated;
-                log_evidence
-            }
-            None => f64::NEG_INFINITY,
+        let updated = |(state, log): (usize, &f64)| log + log_likelihood(state);
+        let largest = self.log_posterior.iter().enumerate().map(updated).fold(f64::NEG_INFINITY, f64::max);
+        if !largest.is_finite() {
+            return f64::NEG_INFINITY;
         }
+        self.log_posterior.iter_mut().enumerate().for_each(|(state, log)| *log += log_likelihood(state));
+        normalize(&mut self.log_posterior, &mut self.posterior).unwrap_or(f64::NEG_INFINITY)
+    }
+
+    /// The posterior of each state, which sums to 1.
+    pub fn posterior(&self) -> &[f64] {
+        &self.posterior
     }
 
     /// The log-posterior of each state; exp of it sums to 1.
@@ -53,8 +58,9 @@ mod tests {
             }
             let product = |state: usize| touches.iter().map(|touch| touch[state]).product::<f64>();
             let sum: f64 = (0..6).map(product).sum();
-            for (state, log) in exact.log_posterior().iter().enumerate() {
+            for (state, (log, mass)) in exact.log_posterior().iter().zip(exact.posterior()).enumerate() {
                 prop_assert!((log.exp() - product(state) / sum).abs() < 1e-12);
+                prop_assert!((mass - product(state) / sum).abs() < 1e-12);
             }
         }
 

@@ -49,6 +49,7 @@ pub mod offline;
 pub mod particle;
 pub mod refine;
 pub mod resample;
+mod softplus;
 #[cfg(test)]
 mod synthetic;
 pub mod touched;

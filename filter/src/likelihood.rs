@@ -16,8 +16,8 @@ use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::{dot, part_mating};
 
 use crate::error::{Error, Result};
-use crate::lookup::{LookUp, Stencil};
-use crate::resample::log_sum_exp;
+use crate::lookup::{LookUp, Sheet, Stencil};
+use crate::softplus::softplus;
 use crate::touched::Overlap;
 
 /// How similarities become probabilities.
@@ -157,6 +157,10 @@ pub struct TouchLikelihood {
     neighbours: Option<Arc<[Neighbours]>>,
     /// Log of the mean of `exp((s - best) / tau) + eps` over the edged rows.
     log_mean: f64,
+    /// Logs of the probabilities that blank and edged agree and that they do not.
+    log_agrees: f64,
+    log_disagrees: f64,
+    look: Look,
     config: LikelihoodConfig,
 }
 
@@ -172,13 +176,25 @@ impl TouchLikelihood {
         let blank = config.is_blank(observation.edge_share);
         let of_edged = || similarities.iter().zip(&edged).filter(|(_, edged)| **edged).map(|(s, _)| *s);
         let best_similarity = of_edged().fold(-1.0, f32::max);
-        let n_edged = of_edged().count() as f64;
-        let looks: Vec<f64> = of_edged().map(|s| log_look(f64::from(s - best_similarity), config)).collect();
-        let log_mean = if looks.is_empty() { 0.0 } else { log_sum_exp(&looks) - n_edged.ln() };
+        let look = Look::new(config);
+        let log_mean = look.log_mean(of_edged().map(|s| f64::from(s - best_similarity)));
         let unknown = if blank { UNKNOWN_IS_BLANK } else { 1.0 - UNKNOWN_IS_BLANK };
         let log_unknown = unknown.ln();
         let neighbours = config.look_up.is_cubic(bank.grid()).then(|| bank.neighbours());
-        Ok(Self { similarities, log_unknown, best_similarity, blank, edged, neighbours, log_mean, config: *config })
+        let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
+        Ok(Self {
+            similarities,
+            log_unknown,
+            best_similarity,
+            blank,
+            edged,
+            neighbours,
+            log_mean,
+            log_agrees,
+            log_disagrees,
+            look,
+            config: *config,
+        })
     }
 
     /// The log-likelihood at one row of the bank; finite.
@@ -190,10 +206,10 @@ impl TouchLikelihood {
     /// blank; about 0 where the touch says nothing.
     pub fn log_between(&self, similarity: f32, row: usize) -> f64 {
         if self.edged[row] == self.blank {
-            return (1.0 - self.config.blank_agreement).ln();
+            return self.log_disagrees;
         }
         let look = if self.blank { 0.0 } else { self.log_below(similarity - self.best_similarity) - self.log_mean };
-        self.config.blank_agreement.ln() + look
+        self.log_agrees + look
     }
 
     /// The cosine at a pose between the views of one part, whose rows start at `start`.
@@ -205,9 +221,16 @@ impl TouchLikelihood {
         }
     }
 
+    /// The cosines at the states of a sheet, as [`Self::between`] would find each.
+    pub(crate) fn on_sheet(&self, sheet: &Sheet, start: usize, n_cells: usize) -> Vec<f32> {
+        let rows = start..start + n_cells;
+        let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[rows.clone()]);
+        sheet.cosines(&self.similarities[rows], neighbours)
+    }
+
     /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
     pub(crate) fn log_below(&self, above_best: f32) -> f64 {
-        log_look(f64::from(above_best), &self.config)
+        self.look.log(f64::from(above_best))
     }
 
     /// The settings it was made with.
@@ -222,11 +245,31 @@ impl TouchLikelihood {
 }
 
 /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
-fn log_look(above_best: f64, config: &LikelihoodConfig) -> f64 {
-    /// Between recorded views a cosine may rise above the best of them, but by no more than this says anything.
-    const HIGHEST: f64 = 30.0;
-    let log = (above_best / config.temperature).min(HIGHEST);
-    if config.outlier_floor > 0.0 { (log.exp() + config.outlier_floor).ln() } else { log }
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Look {
+    per_cosine: f64,
+    /// Log of eps; -inf where no match costs all.
+    log_floor: f64,
+}
+
+impl Look {
+    fn new(config: &LikelihoodConfig) -> Self {
+        Self { per_cosine: config.temperature.recip(), log_floor: config.outlier_floor.ln() }
+    }
+
+    /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the best and one is the best; 0
+    /// without any.
+    fn log_mean(self, above_best: impl Iterator<Item = f64>) -> f64 {
+        let (sum, n) = above_best.fold((0.0, 0.0), |(sum, n), d| (sum + (d * self.per_cosine).exp(), n + 1.0));
+        if n > 0.0 { (sum / n + self.log_floor.exp()).ln() } else { 0.0 }
+    }
+
+    fn log(self, above_best: f64) -> f64 {
+        /// Between recorded views a cosine may rise above the best of them, but by no more than this says anything.
+        const HIGHEST: f64 = 30.0;
+        let log = (above_best * self.per_cosine).min(HIGHEST);
+        if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log }
+    }
 }
 
 fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {

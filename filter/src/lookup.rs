@@ -1,7 +1,7 @@
 //! What the bank knows of a pose that it did not record: the nearest view, or the views around it.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
+use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::neighbours::Neighbours;
 
@@ -47,7 +47,21 @@ pub struct Nearest {
 /// With the distance `d` from the recorded pose, in grid steps (the larger of shift and turn), the trust is
 /// 1 up to `tolerance` and `exp(-((d - tolerance) / tolerance)^2 / 2)` beyond it.
 pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Option<Nearest> {
-    let cell = grid.nearest(part_from_sensor)?;
+    trusted(grid, &NearestCell::on(grid), part_from_sensor, tolerance)
+}
+
+/// [`look_up`] for many poses; `cells` are the grid's.
+pub(crate) fn trusted(
+    grid: &PoseGrid,
+    cells: &NearestCell,
+    part_from_sensor: &Se2,
+    tolerance: f64,
+) -> Option<Nearest> {
+    let cell = cells.of(part_from_sensor)?;
+    // No pose is farther than half a step along each axis from the nearest recorded one.
+    if tolerance > std::f64::consts::FRAC_1_SQRT_2 {
+        return Some(Nearest { cell, trust: 1.0 });
+    }
     let recorded = grid.pose(cell);
     let shift = recorded.distance_mm(part_from_sensor) / grid.xy_step_mm;
     let turn = wrap_angle(recorded.theta_rad - part_from_sensor.theta_rad).to_degrees().abs() / grid.theta_step_deg;
@@ -57,92 +71,211 @@ pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Optio
     Some(Nearest { cell, trust })
 }
 
-/// The up to 4 x 4 x 4 recorded poses around a pose, with the weights of cubic (Catmull-Rom)
-/// interpolation: exact at recorded poses; at the border a parabola goes on through the last three.
+/// The four recorded places around a place on one axis, with the weights of cubic (Catmull-Rom) interpolation:
+/// exact at recorded places; at the border a parabola goes on through the last three.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stencil {
-    /// The nearest cell of the grid.
-    pub cell: usize,
-    /// 1 within the recorded area, falling with the distance from it.
-    pub trust: f64,
-    /// For each axis (x, y, theta), how far its four places lie from the start of a part's cells, and the nearest.
-    offsets: [[usize; 4]; 3],
-    nearest: [usize; 3],
-    weights: [[f32; 4]; 3],
+struct Around {
+    /// Indices of the four, and the nearest one; times the distance between cells where [`Self::strided`].
+    indices: [usize; 4],
+    nearest: usize,
+    weights: [f32; 4],
+    /// How far outside the recorded area the place is, steps.
+    outside: f64,
+}
+
+impl Around {
+    /// A place on an axis of `n` recorded ones from `-half` on.
+    fn new(value: f64, half: f64, step: f64, n: usize) -> Self {
+        let place = (value + half) / step;
+        let inside = place.clamp(0.0, (n - 1) as f64);
+        let low = (inside as usize).min(n.saturating_sub(2));
+        Self {
+            indices: [-1, 0, 1, 2].map(|k: isize| low.saturating_add_signed(k).min(n - 1)),
+            nearest: (inside + 0.5) as usize,
+            weights: at_border(catmull_rom((inside - low as f64) as f32), low == 0, low + 2 >= n, n),
+            outside: place - inside,
+        }
+    }
+
+    fn x_or_y(grid: &PoseGrid, mm: f64) -> Self {
+        Self::new(mm, grid.xy_half_mm, grid.xy_step_mm, grid.n_xy())
+    }
+
+    fn theta(grid: &PoseGrid, theta_rad: f64) -> Self {
+        let turn = wrap_angle(theta_rad).to_degrees();
+        Self::new(turn, grid.theta_half_deg, grid.theta_step_deg, grid.n_theta())
+    }
+
+    /// The same with how far cells lie from the first instead of their indices.
+    fn strided(self, stride: usize) -> Self {
+        Self { indices: self.indices.map(|index| index * stride), nearest: self.nearest * stride, ..self }
+    }
+
+    /// The interpolated value of what lies at each index.
+    fn value(&self, at: impl Fn(usize) -> f32) -> f32 {
+        let ([a, b, c, d], w) = (self.indices, &self.weights);
+        w[0] * at(a) + w[1] * at(b) + w[2] * at(c) + w[3] * at(d)
+    }
+
+    /// The squared length of the embedding interpolated along this axis, from the [`Neighbours`] along it at each index.
+    fn square<'a>(&self, along: impl Fn(usize) -> &'a [f32; 3]) -> f32 {
+        let (w, [first, second, third, _]) = (&self.weights, self.indices);
+        let [first, second, third] = [along(first), along(second), along(third)];
+        let squares = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3];
+        let one_apart = w[0] * w[1] * first[0] + w[1] * w[2] * second[0] + w[2] * w[3] * third[0];
+        let further = w[0] * w[2] * first[1] + w[1] * w[3] * second[1] + w[0] * w[3] * first[2];
+        squares + 2.0 * (one_apart + further)
+    }
 }
 
 /// Views that have nothing in common could interpolate to nothing at all.
 const SHORTEST: f32 = 0.3;
+
+/// The cosine with an interpolated embedding, which is shorter than 1 between views that differ and counts by its
+/// direction: from the interpolated cosine and the embedding's squared length along each axis.
+fn directed(cosine: f32, squares: [f32; 3]) -> f32 {
+    let square = squares[0] * squares[1] * squares[2];
+    (cosine / square.max(SHORTEST * SHORTEST).sqrt()).clamp(-1.0, 1.0)
+}
 
 /// How far outside the recorded area a view still resembles the one at its border, in steps: the trust is
 /// `exp(-(d / FADE)^2 / 2)`. Were it unknown at once, a touch just outside would speak for states that
 /// see it just inside, and the pose would be drawn inwards.
 const FADE: f64 = 0.5;
 
+/// How far a view is trusted that lies this far outside along each axis, steps; `None` more than one step outside.
+fn trust(outside: [f64; 3]) -> Option<f64> {
+    let square: f64 = outside.iter().map(|steps| steps * steps).sum();
+    match square.sqrt() / FADE {
+        ..=1e-6 => Some(1.0),
+        steps if steps <= 2.0 => Some((-0.5 * steps * steps).exp()),
+        _ => None,
+    }
+}
+
+/// The up to 4 x 4 x 4 recorded poses around a pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stencil {
+    /// The nearest cell of the grid.
+    pub cell: usize,
+    /// 1 within the recorded area, falling with the distance from it.
+    pub trust: f64,
+    /// Along x, y and theta.
+    axes: [Around; 3],
+}
+
 impl Stencil {
     /// The poses around a pose, or around the border's nearest to it; `None` more than one step outside
     /// the recorded area.
     pub fn new(grid: &PoseGrid, part_from_sensor: &Se2) -> Option<Self> {
+        let Se2 { x_mm, y_mm, theta_rad } = *part_from_sensor;
+        let (x, y) = (Around::x_or_y(grid, x_mm), Around::x_or_y(grid, y_mm));
         let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
-        let turn = wrap_angle(part_from_sensor.theta_rad).to_degrees();
-        let axis = |value: f64, half: f64, step: f64, n: usize, stride: usize| {
-            let place = (value + half) / step;
-            let inside = place.clamp(0.0, (n - 1) as f64);
-            let low = (inside as usize).min(n.saturating_sub(2));
-            let offsets = [-1, 0, 1, 2].map(|k: isize| low.saturating_add_signed(k).min(n - 1) * stride);
-            let weights = at_border(catmull_rom((inside - low as f64) as f32), low == 0, low + 2 >= n, n);
-            (offsets, weights, inside.round() as usize * stride, place - inside)
-        };
-        let (half, step) = (grid.xy_half_mm, grid.xy_step_mm);
-        let x = axis(part_from_sensor.x_mm, half, step, n_xy, n_xy * n_theta);
-        let y = axis(part_from_sensor.y_mm, half, step, n_xy, n_theta);
-        let theta = axis(turn, grid.theta_half_deg, grid.theta_step_deg, n_theta, 1);
-        let steps_outside = (x.3 * x.3 + y.3 * y.3 + theta.3 * theta.3).sqrt() / FADE;
-        let trust = if steps_outside > 1e-6 { (-0.5 * steps_outside * steps_outside).exp() } else { 1.0 };
-        (steps_outside <= 2.0).then_some(Self {
-            cell: x.2 + y.2 + theta.2,
-            trust,
-            nearest: [x.2, y.2, theta.2],
-            offsets: [x.0, y.0, theta.0],
-            weights: [x.1, y.1, theta.1],
-        })
+        let axes = [x.strided(n_xy * n_theta), y.strided(n_theta), Around::theta(grid, theta_rad)];
+        let trust = trust(axes.map(|axis| axis.outside))?;
+        Some(Self { cell: axes.iter().map(|axis| axis.nearest).sum(), trust, axes })
     }
 
     /// The cosine with the view there, from the cosines with one part's recorded views, `[grid.len()]`: that with
-    /// their interpolated embedding, which is shorter than 1 between views that differ and counts by its direction.
-    pub fn cosine(&self, cosines: &[f32], neighbours: &[Neighbours]) -> f32 {
-        (self.value(cosines) / self.length(neighbours)).clamp(-1.0, 1.0)
-    }
-
-    /// About the length of the interpolated embedding: the product of its lengths along each axis, through the
+    /// their interpolated embedding, whose length is about the product of its lengths along each axis, through the
     /// nearest recorded pose.
-    fn length(&self, neighbours: &[Neighbours]) -> f32 {
-        let mut square = 1.0;
-        for (axis, (places, w)) in self.offsets.iter().zip(&self.weights).enumerate() {
-            let line = self.cell - self.nearest[axis];
-            let along = |i: usize| &neighbours[line + places[i]][axis];
-            let [first, second, third] = [along(0), along(1), along(2)];
-            let squares = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3];
-            let one_apart = w[0] * w[1] * first[0] + w[1] * w[2] * second[0] + w[2] * w[3] * third[0];
-            let further = w[0] * w[2] * first[1] + w[1] * w[3] * second[1] + w[0] * w[3] * first[2];
-            square *= squares + 2.0 * (one_apart + further);
-        }
-        square.max(SHORTEST * SHORTEST).sqrt()
+    pub fn cosine(&self, cosines: &[f32], neighbours: &[Neighbours]) -> f32 {
+        let square = |axis: usize| {
+            let around = &self.axes[axis];
+            around.square(|offset| &neighbours[self.cell - around.nearest + offset][axis])
+        };
+        directed(self.value(cosines), [0, 1, 2].map(square))
     }
 
     /// The interpolated value of one part's `cells`, `[grid.len()]`.
     pub fn value(&self, cells: &[f32]) -> f32 {
-        let [xs, ys, thetas] = &self.offsets;
-        let [x_weights, y_weights, theta_weights] = &self.weights;
-        let mut value = 0.0;
-        for (x, x_weight) in xs.iter().zip(x_weights) {
-            for (y, y_weight) in ys.iter().zip(y_weights) {
-                let line = &cells[x + y..];
-                let along: f32 = thetas.iter().zip(theta_weights).map(|(theta, weight)| weight * line[*theta]).sum();
-                value += x_weight * y_weight * along;
+        let [x, y, theta] = &self.axes;
+        x.value(|x| y.value(|y| theta.value(|theta| cells[x + y + theta])))
+    }
+}
+
+/// The stencils of all states of one angle. One motion takes them to poses of one angle whose places are as regular
+/// as the states', so that all that is interpolated is, in turn, along theta, y and x.
+#[derive(Debug)]
+pub struct Sheet {
+    n_xy: usize,
+    n_theta: usize,
+    theta: Around,
+    ys: Vec<Around>,
+    xs: Vec<Around>,
+}
+
+impl Sheet {
+    /// The stencils on the grid `views` for the states at angle `angle` of the grid `states`, after the motion
+    /// `first_from_sensor`.
+    pub fn new(views: &PoseGrid, states: &PoseGrid, angle: usize, first_from_sensor: &Se2) -> Self {
+        let n = states.n_xy();
+        let at = |index: usize| states.pose(index * (n + 1) * states.n_theta() + angle) * *first_from_sensor;
+        let diagonal: Vec<Se2> = (0..n).map(at).collect();
+        Self {
+            n_xy: views.n_xy(),
+            n_theta: views.n_theta(),
+            theta: Around::theta(views, diagonal[0].theta_rad),
+            ys: diagonal.iter().map(|pose| Around::x_or_y(views, pose.y_mm)).collect(),
+            xs: diagonal.iter().map(|pose| Around::x_or_y(views, pose.x_mm)).collect(),
+        }
+    }
+
+    /// The nearest cell to each state and how far its view is trusted, x slowest; `None` where it is unknown.
+    pub fn nearest(&self) -> Vec<Option<Nearest>> {
+        let mut nearest = Vec::with_capacity(self.xs.len() * self.ys.len());
+        for x in &self.xs {
+            nearest.extend(self.ys.iter().map(|y| {
+                let trust = trust([x.outside, y.outside, self.theta.outside])?;
+                let cell = (x.nearest * self.n_xy + y.nearest) * self.n_theta + self.theta.nearest;
+                Some(Nearest { cell, trust })
+            }));
+        }
+        nearest
+    }
+
+    /// [`Stencil::cosine`] at each state, x slowest, from the cosines with one part's recorded views; without
+    /// neighbours [`Stencil::value`].
+    pub fn cosines(&self, cosines: &[f32], neighbours: Option<&[Neighbours]>) -> Vec<f32> {
+        let (n, n_theta, n_states) = (self.n_xy, self.n_theta, self.ys.len());
+        let lines = cosines.chunks_exact(n_theta);
+        let of_angle: Vec<f32> = lines.map(|line| self.theta.value(|theta| line[theta])).collect(); // [n, n]
+        let mut of_ys = Vec::with_capacity(n * n_states); // [n, n_states]
+        for line in of_angle.chunks_exact(n) {
+            of_ys.extend(self.ys.iter().map(|y| y.value(|y| line[y])));
+        }
+        let mut values = Vec::with_capacity(n_states * n_states);
+        for x in &self.xs {
+            let ([a, b, c, d], w) = (x.indices.map(|x| &of_ys[x * n_states..][..n_states]), &x.weights);
+            values.extend((0..n_states).map(|y| w[0] * a[y] + w[1] * b[y] + w[2] * c[y] + w[3] * d[y]));
+        }
+        if let Some(neighbours) = neighbours {
+            self.direct(&mut values, neighbours);
+        }
+        values
+    }
+
+    /// Makes interpolated cosines those with the interpolated embeddings' directions, as [`Stencil::cosine`] does.
+    fn direct(&self, cosines: &mut [f32], neighbours: &[Neighbours]) {
+        let (n, n_theta, n_states, angle) = (self.n_xy, self.n_theta, self.ys.len(), self.theta.nearest);
+        let at = |x: usize, y: usize| (x * n + y) * n_theta;
+        // Squared lengths: along theta for each place of the views, along x and y for a state on that axis and a view on the other.
+        let of_place = |place: usize| self.theta.square(|theta| &neighbours[place * n_theta + theta][2]);
+        let along_theta: Vec<f32> = (0..n * n).map(of_place).collect();
+        let mut along_y = Vec::with_capacity(n * n_states);
+        for x in 0..n {
+            along_y.extend(self.ys.iter().map(|y| y.square(|y| &neighbours[at(x, y) + angle][1])));
+        }
+        let mut along_x = vec![0.0; n];
+        for (x, cosines) in self.xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
+            for (y, along_x) in along_x.iter_mut().enumerate() {
+                *along_x = x.square(|x| &neighbours[at(x, y) + angle][0]);
+            }
+            let (along_y, along_theta) = (&along_y[x.nearest * n_states..], &along_theta[x.nearest * n..]);
+            for ((cosine, y), along_y) in cosines.iter_mut().zip(&self.ys).zip(along_y) {
+                *cosine = directed(*cosine, [along_x[y.nearest], *along_y, along_theta[y.nearest]]);
             }
         }
-        value
     }
 }
 
@@ -238,6 +371,34 @@ mod tests {
     }
 
     proptest! {
+        /// All states of one angle at once, as one by one.
+        #[test]
+        fn a_sheet_is_its_stencils(
+            x in -12.0..12.0_f64, y in -12.0..12.0_f64, theta in -100.0..100.0_f64, times in 1..3_usize, seed in 0..99_usize,
+        ) {
+            let moved = Se2::from_degrees(x, y, theta);
+            let noise = |i: usize| ((i * 7919 + seed * 104_729) % 1009) as f32 / 1009.0;
+            let cells: Vec<f32> = (0..FINE.len()).map(|cell| 2.0 * noise(cell) - 1.0).collect();
+            let neighbours: Vec<Neighbours> =
+                (0..FINE.len()).map(|cell| [0, 1, 2].map(|axis| [0, 1, 2].map(|k| noise(9 * cell + 3 * axis + k)))).collect();
+            let states = FINE.subdivided(times);
+            for angle in [0, states.n_theta() / 3, states.n_theta() - 1] {
+                let sheet = Sheet::new(&FINE, &states, angle, &moved);
+                let (seen, plain) = (sheet.cosines(&cells, Some(&neighbours)), sheet.cosines(&cells, None));
+                for (place, nearest) in sheet.nearest().into_iter().enumerate() {
+                    let stencil = Stencil::new(&FINE, &(states.pose(place * states.n_theta() + angle) * moved));
+                    prop_assert_eq!(nearest.is_some(), stencil.is_some());
+                    let (Some(nearest), Some(stencil)) = (nearest, stencil) else { continue };
+                    // A place half-way between two cells may be nearest to either; the length then is another's.
+                    prop_assert!((nearest.trust - stencil.trust).abs() < 1e-9);
+                    prop_assert!((plain[place] - stencil.value(&cells)).abs() < 1e-4);
+                    if nearest.cell == stencil.cell {
+                        prop_assert!((seen[place] - stencil.cosine(&cells, &neighbours)).abs() < 1e-4);
+                    }
+                }
+            }
+        }
+
         /// Catmull-Rom reproduces what is quadratic, up to the border.
         #[test]
         fn what_is_quadratic_is_exact(x in -8.0..8.0_f64, y in -8.0..8.0_f64, theta in -90.0..90.0_f64) {

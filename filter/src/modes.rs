@@ -1,6 +1,6 @@
 //! The belief in a few numbers: its modes, each with a mean pose and a covariance.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::symmetry::Symmetry;
 
@@ -22,15 +22,20 @@ pub struct Mode {
 /// Modes below this probability are not worth naming to a person.
 const MIN_MASS: f64 = 0.01;
 
+/// States that together hold less than this are left out: most of a belief that is nearly sure.
+const NEGLIGIBLE: f64 = 1e-4;
+
 /// The heaviest states, among which modes are looked for: half a million would take a second.
 const MAX_STATES: usize = 10_000;
 
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
 /// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and
-/// so is what lies beyond the heaviest ten thousand states. Modes that a part's `symmetry` turns into each
+/// so are a ten-thousandth of the belief in its lightest states and what lies beyond the heaviest ten thousand. Modes that a part's `symmetry` turns into each
 /// other are one: the pose is that of the heaviest.
 pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
     let mut states = belief.states();
+    let least = NEGLIGIBLE / states.len() as f64;
+    states.retain(|(_, mass)| *mass >= least);
     if states.len() > MAX_STATES {
         states.select_nth_unstable_by(MAX_STATES, |a, b| b.1.total_cmp(&a.1));
         states.truncate(MAX_STATES);
@@ -86,31 +91,29 @@ fn merge_twins(modes: Vec<Mode>, grid: &PoseGrid, symmetry: &dyn Fn(usize) -> Sy
 fn likeliest_neighbours(grid: &PoseGrid, states: &[(Hypothesis, f64)]) -> Vec<usize> {
     let n_cells = grid.len();
     let n_parts = states.last().map_or(0, |(hypothesis, _)| hypothesis.part + 1);
-    let mut index_of: Vec<Option<usize>> = vec![None; n_parts * n_cells];
-    for (index, (hypothesis, _)) in states.iter().enumerate() {
+    let mut index_of: Vec<Option<u32>> = vec![None; n_parts * n_cells];
+    for (index, (hypothesis, _)) in (0..).zip(states) {
         index_of[hypothesis.part * n_cells + hypothesis.cell] = Some(index);
     }
+    let nearest = NearestCell::on(grid);
     let uphill = |(at, (hypothesis, _)): (usize, &(Hypothesis, f64))| {
-        let beside = cells_beside(grid, hypothesis.cell);
-        let held = beside.into_iter().filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
+        let beside = poses_beside(grid, hypothesis.cell).filter_map(|pose| nearest.of(&pose));
+        let held = beside.filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
         let higher = |a: usize, b: usize| states[b].1 > states[a].1 || (states[b].1 == states[a].1 && b < a);
-        held.fold(at, |best, next| if higher(best, next) { next } else { best })
+        held.map(|index| index as usize).fold(at, |best, next| if higher(best, next) { next } else { best })
     };
     states.iter().enumerate().map(uphill).collect()
 }
 
-/// The cells within one step in x, y and theta, `cell` among them.
-fn cells_beside(grid: &PoseGrid, cell: usize) -> Vec<usize> {
+/// The poses within one step of a cell's in x, y and theta, its own among them.
+fn poses_beside(grid: &PoseGrid, cell: usize) -> impl Iterator<Item = Se2> {
     let centre = grid.pose(cell);
-    let beside = |step: i32| {
+    let (xy_step_mm, theta_step_rad) = (grid.xy_step_mm, grid.theta_step_deg.to_radians());
+    (0..27).map(move |step| {
         let [dx, dy, dt] = [step / 9 - 1, step / 3 % 3 - 1, step % 3 - 1].map(f64::from);
-        grid.nearest(&Se2::new(
-            centre.x_mm + dx * grid.xy_step_mm,
-            centre.y_mm + dy * grid.xy_step_mm,
-            centre.theta_rad + dt * grid.theta_step_deg.to_radians(),
-        ))
-    };
-    (0..27).filter_map(beside).collect()
+        let (x_mm, y_mm) = (centre.x_mm + dx * xy_step_mm, centre.y_mm + dy * xy_step_mm);
+        Se2::new(x_mm, y_mm, centre.theta_rad + dt * theta_step_rad)
+    })
 }
 
 /// Mean and covariance of poses with probabilities.

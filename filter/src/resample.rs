@@ -15,6 +15,11 @@ pub fn log_sum_exp(logs: &[f64]) -> f64 {
 /// `None` where no weight is finite and above -inf, or one is +inf: nothing can be normalised, and the
 /// weights stay as they are.
 pub fn log_normalize(log_weights: &mut [f64]) -> Option<f64> {
+    normalize(log_weights, &mut Vec::new())
+}
+
+/// Like [`log_normalize`]; `weights` becomes what the log weights are the logs of, `[n]`.
+pub fn normalize(log_weights: &mut [f64], weights: &mut Vec<f64>) -> Option<f64> {
     let largest = log_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !largest.is_finite() {
         return None;
@@ -23,8 +28,12 @@ pub fn log_normalize(log_weights: &mut [f64]) -> Option<f64> {
     for log in log_weights.iter_mut() {
         *log = if log.is_nan() { f64::NEG_INFINITY } else { *log - largest };
     }
-    let log_sum = log_sum_exp(log_weights);
+    weights.clear();
+    weights.extend(log_weights.iter().map(|log| log.exp()));
+    let sum: f64 = weights.iter().sum();
+    let log_sum = sum.ln();
     log_weights.iter_mut().for_each(|log| *log -= log_sum);
+    weights.iter_mut().for_each(|weight| *weight /= sum);
     Some(largest + log_sum)
 }
 

@@ -4,7 +4,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 
 use crate::likelihood::TouchLikelihood;
-use crate::lookup::{Nearest, Stencil, look_up};
+use crate::lookup::{Nearest, Sheet, Stencil, look_up};
 
 /// How little is left of a touch's evidence where it repeats an earlier one: views that overlap share
 /// what they show and most of their error.
@@ -42,53 +42,68 @@ pub struct Touched {
     best_similarity: f32,
     cubic: bool,
     tolerance: f64,
-    /// log p(touch | state) for each state, part-major, `[n_parts * n_cells]`.
-    log_states: Vec<f64>,
 }
 
 impl Touched {
     /// Judges a touch from every state: each part at each pose of `states`, with the views of a bank whose
-    /// grid is `grid`.
+    /// grid is `grid`. Beside it stands log p(touch | state), part-major, `[n_parts * n_cells]`.
     pub fn new(
         grid: &PoseGrid,
         states: &PoseGrid,
         first_from_sensor: Se2,
         weight: f64,
         likelihood: TouchLikelihood,
-    ) -> Self {
+    ) -> (Self, Vec<f64>) {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.look_up.is_cubic(grid), config.lookup_tolerance);
         let best_similarity = likelihood.best_similarity;
-        let log_states = Vec::new();
-        let mut touched = Self { first_from_sensor, likelihood, weight, best_similarity, cubic, tolerance, log_states };
+        let mut touched = Self { first_from_sensor, likelihood, weight, best_similarity, cubic, tolerance };
         let n_parts = touched.likelihood.similarities.len() / grid.len();
-        let n_cells = states.len();
-        let mut log_states = vec![0.0; n_parts * n_cells];
-        for cell in 0..n_cells {
-            // The look-up is the same for every part.
-            let view = touched.view(grid, &states.pose(cell));
-            for part in 0..n_parts {
-                let seen = touched.seen(grid.len(), part, view);
-                if let Some(Seen { row, similarity, trust: 1.0 }) = seen
-                    && touched.likelihood.is_edged(row)
-                {
-                    touched.best_similarity = touched.best_similarity.max(similarity);
-                }
-                log_states[part * n_cells + cell] = touched.log_seen(seen);
+        let mut log_states = vec![touched.likelihood.log_unknown; n_parts * states.len()];
+        let mut best = best_similarity;
+        touched.for_each_known(grid, states, &mut |state, seen| {
+            if seen.trust == 1.0 && touched.likelihood.is_edged(seen.row) {
+                best = best.max(seen.similarity);
             }
-        }
-        touched.log_states = log_states;
-        touched
+            log_states[state] = touched.log_seen(seen);
+        });
+        touched.best_similarity = best;
+        (touched, log_states)
     }
 
-    /// log p(touch | state), a state being `part * n_cells + cell` of the first touch.
-    pub fn log_state(&self, state: usize) -> f64 {
-        self.log_states[state]
+    /// Calls `take` with each state whose view is known; the look-up is the same for every part.
+    fn for_each_known(&self, grid: &PoseGrid, states: &PoseGrid, take: &mut impl FnMut(usize, Seen)) {
+        let (n_views, n_cells, n_angles) = (grid.len(), states.len(), states.n_theta());
+        let n_parts = self.likelihood.similarities.len() / n_views;
+        if !self.cubic {
+            for cell in 0..n_cells {
+                (0..n_parts).for_each(|part| {
+                    self.seen(grid, part, &states.pose(cell)).into_iter().for_each(|seen| take(part * n_cells + cell, seen));
+                });
+            }
+            return;
+        }
+        for angle in 0..n_angles {
+            let sheet = Sheet::new(grid, states, angle, &self.first_from_sensor);
+            let nearest = sheet.nearest();
+            if nearest.iter().all(Option::is_none) {
+                continue;
+            }
+            for part in 0..n_parts {
+                let similarities = self.likelihood.on_sheet(&sheet, part * n_views, n_views);
+                for (place, (nearest, similarity)) in nearest.iter().zip(similarities).enumerate() {
+                    if let Some(Nearest { cell, trust }) = *nearest {
+                        let seen = Seen { row: part * n_views + cell, similarity, trust };
+                        take(part * n_cells + place * n_angles + angle, seen);
+                    }
+                }
+            }
+        }
     }
 
     /// log p(touch | part and pose of the first touch), any pose.
     pub fn log_pose(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
-        self.log_seen(self.seen(grid.len(), part, self.view(grid, part_from_first)))
+        self.seen(grid, part, part_from_first).map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen))
     }
 
     /// How well the view at a pose explains the look of an edged touch: the log of its likelihood relative to the
@@ -100,40 +115,30 @@ impl Touched {
         if self.likelihood.blank {
             return None;
         }
-        let seen = self.seen(grid.len(), part, self.view(grid, part_from_first))?;
+        let seen = self.seen(grid, part, part_from_first)?;
         let is_known = !self.cubic || seen.trust == 1.0;
         let look = || self.likelihood.log_below(seen.similarity - self.best_similarity).min(0.0);
         is_known.then(|| if self.likelihood.is_edged(seen.row) { look() } else { MISMATCH })
     }
 
-    fn view(&self, grid: &PoseGrid, part_from_first: &Se2) -> View {
+    /// The view of a part from the pose of the first touch; `None` where it is unknown.
+    fn seen(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<Seen> {
         let part_from_sensor = *part_from_first * self.first_from_sensor;
+        let start = part * grid.len();
         if self.cubic {
-            Stencil::new(grid, &part_from_sensor).map_or(View::Unknown, View::Between)
+            let stencil = Stencil::new(grid, &part_from_sensor)?;
+            let similarity = self.likelihood.between(&stencil, start, grid.len());
+            Some(Seen { row: start + stencil.cell, similarity, trust: stencil.trust })
         } else {
-            look_up(grid, &part_from_sensor, self.tolerance).map_or(View::Unknown, View::Nearest)
+            let Nearest { cell, trust } = look_up(grid, &part_from_sensor, self.tolerance)?;
+            let row = start + cell;
+            Some(Seen { row, similarity: self.likelihood.similarities[row], trust })
         }
     }
 
-    /// The view of one part; `None` where it is unknown.
-    fn seen(&self, n_cells: usize, part: usize, view: View) -> Option<Seen> {
-        let start = part * n_cells;
-        Some(match view {
-            View::Unknown => return None,
-            View::Nearest(Nearest { cell, trust }) => {
-                Seen { row: start + cell, similarity: self.likelihood.similarities[start + cell], trust }
-            }
-            View::Between(stencil) => {
-                let similarity = self.likelihood.between(&stencil, start, n_cells);
-                Seen { row: start + stencil.cell, similarity, trust: stencil.trust }
-            }
-        })
-    }
-
-    /// The log-likelihood of a view, or of an unknown one, or of a mix of both where it is trusted only in part.
-    fn log_seen(&self, seen: Option<Seen>) -> f64 {
+    /// The log-likelihood of a view, or of a mix of it and an unknown one where it is trusted only in part.
+    fn log_seen(&self, Seen { row, similarity, trust }: Seen) -> f64 {
         let unknown = self.likelihood.log_unknown;
-        let Some(Seen { row, similarity, trust }) = seen else { return unknown };
         let log = self.likelihood.log_between(similarity, row);
         let log = if trust == 1.0 { log } else { log_mix(trust, log, unknown) };
         // What does not count says nothing, as an unknown view does.
@@ -145,14 +150,6 @@ impl Touched {
 fn log_mix(trust: f64, a: f64, b: f64) -> f64 {
     let most = a.max(b);
     most + (trust * (a - most).exp() + (1.0 - trust) * (b - most).exp()).ln()
-}
-
-/// What the bank knows of the view at a pose.
-#[derive(Clone, Copy)]
-enum View {
-    Unknown,
-    Nearest(Nearest),
-    Between(Stencil),
 }
 
 /// The view of one part at a pose.

@@ -27,7 +27,7 @@ pub struct MazeBoards {
     /// pegs are shells instead of solid, as sockets and plugs are, 0..=1.
     #[serde(default)]
     pub band_share: f64,
-    /// Narrowest and widest rim or shell, mm; drawn for each.
+    /// Narrowest and widest rim or shell, mm; drawn for each, narrow ones as often as wide ones in each octave.
     #[serde(default = "default_band")]
     pub band_mm: [f64; 2],
     /// Share of the rims and of the shells with a core inside: a socket's tongue, a plug's insulator, 0..=1.
@@ -45,7 +45,7 @@ const CORE_INSET_MM: [f64; 2] = [0.2, 1.0];
 const CORE_DROP_MM: [f64; 2] = [0.0, 0.8];
 
 fn default_band() -> [f64; 2] {
-    [0.3, 2.0]
+    [0.25, 2.5]
 }
 
 impl MazeBoards {
@@ -60,7 +60,9 @@ impl MazeBoards {
             return whole;
         }
         let mut between = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
-        let (band_mm, inset_mm, drop_mm) = (between(self.band_mm), between(CORE_INSET_MM), between(CORE_DROP_MM));
+        // Log-uniform: sheet metal is as common as a block's wall.
+        let band_mm = between(self.band_mm.map(f64::ln)).exp();
+        let (inset_mm, drop_mm) = (between(CORE_INSET_MM), between(CORE_DROP_MM));
         let mut relief = whole.banded(band_mm);
         if between([0.0, 1.0]) < self.core_share {
             // A shell's core begins where the shell ends.
@@ -104,6 +106,69 @@ impl MazeBoards {
         ordered("spec.wall_share", spec.wall_share, 0.05, 0.9)?;
         ordered("spec.kept_share", spec.kept_share, 0.0, 1.0)?;
         ordered("spec.node_jitter", [spec.node_jitter, 0.5], 0.0, 0.5)?;
+        ordered("spec.island_share", [0.0, spec.island_share], 0.0, 1.0)?;
         ordered("spec.bent_share", [spec.bent_share, 1.0], 0.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Parts, Scene};
+    use crate::sensor::obstacle::obstacle;
+    use crate::shape::relief::rectangle;
+
+    fn boards(band_share: f64, core_share: f64) -> MazeBoards {
+        let Parts::Maze(maze) = Scene::preset("maze").unwrap().parts else { panic!("maze boards") };
+        MazeBoards { band_share, core_share, ..maze }
+    }
+
+    fn wall() -> Shape {
+        rectangle([-30.0, -3.0, 30.0, 3.0])
+    }
+
+    #[test]
+    fn rims_and_shells_are_drawn_apart_each_as_often_as_asked() {
+        let boards = boards(0.3, 0.5);
+        let built = |side| (0..400).map(move |board| boards.side(wall(), board, side, 0.15, 7).layers);
+        let [pegs, holes]: [Vec<_>; 2] = [Side::Peg, Side::Hole].map(|side| built.clone()(side).collect());
+        let is_band = |layers: &Vec<Layer>| matches!(&layers[0], Layer::Face(face) if face.band_mm.is_some());
+        for side in [&pegs, &holes] {
+            let (bands, cores): (Vec<_>, Vec<_>) = (
+                side.iter().filter(|layers| is_band(layers)).collect(),
+                side.iter().filter(|layers| layers.len() == 2).collect(),
+            );
+            // Four standard errors of a share of 400, and of 120.
+            assert!((bands.len() as f64 / 400.0 - 0.3).abs() < 0.092, "{}", bands.len());
+            assert!((cores.len() as f64 / bands.len() as f64 - 0.5).abs() < 0.183, "{}", cores.len());
+        }
+        let both = pegs.iter().zip(&holes).filter(|(peg, hole)| is_band(peg) && is_band(hole)).count();
+        assert!((both as f64 / 400.0 - 0.09).abs() < 0.058, "{both}");
+    }
+
+    #[test]
+    fn a_socket_and_a_plug_meet_the_gel_where_they_stand() {
+        let boards = MazeBoards { band_mm: [0.5, 0.5], ..boards(1.0, 1.0) };
+        let (half_mm, cell_mm) = (6.0, 0.05);
+        for board in 0..10 {
+            let felt = |side: Side| obstacle(&[boards.side(wall(), board, side, 0.2, 3)], side, half_mm, cell_mm, None, 1.0);
+            let at = |raster: &crate::shape::Raster, y: f64| {
+                let cell = |mm: f64| ((mm + half_mm) / cell_mm) as usize;
+                raster.values[cell(y) * raster.n + cell(0.0)]
+            };
+            let (peg, hole) = (felt(Side::Peg), felt(Side::Hole));
+            // A shell from 2.5 to 3 mm, a rim from 3.2 to 3.7, open beyond; a core in the middle, open beside the bands.
+            assert_eq!([2.8, 3.1, 5.0].map(|y| at(&peg, y)), [1.0, 0.0, 0.0]);
+            assert_eq!([3.1, 3.4, 4.0].map(|y| at(&hole, y)), [0.0, 1.0, 0.0]);
+            assert!(at(&peg, 2.4) == 0.0 && at(&hole, 2.9) == 0.0);
+            assert!([&peg, &hole].iter().all(|side| (0.2..=1.0).contains(&at(side, 0.0))));
+        }
+    }
+
+    #[test]
+    fn plain_boards_are_plates_and_solid_pegs() {
+        let boards = boards(0.0, 1.0);
+        assert_eq!(boards.side(wall(), 3, Side::Peg, 0.2, 1), Relief::peg(wall()));
+        assert_eq!(boards.side(wall(), 3, Side::Hole, 0.2, 1), Relief::hole(wall(), 0.2));
     }
 }

@@ -37,7 +37,7 @@ impl Scene {
                     n_pairs: 12_000,
                     gel_length_mm: [0.9, 1.6],
                     band_share: 0.0,
-                    band_mm: [0.3, 2.0],
+                    band_mm: [0.25, 2.5],
                     core_share: 0.0,
                     spec: MazeSpec::default(),
                 };

@@ -4,6 +4,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
+use super::island::islands;
 use super::{Contour, Shape};
 
 /// How MAZE boards are drawn.
@@ -23,12 +24,14 @@ pub struct MazeSpec {
     pub node_jitter: f64,
     /// Share of walls that are bent into an arc.
     pub bent_share: f64,
+    /// Share of the boards with islands instead of walls: closed outlines that stand alone, as plugs do.
+    pub island_share: f64,
 }
 
 impl Default for MazeSpec {
     fn default() -> Self {
         // Strokes of 12 mm letters are 2 to 3 mm wide, those of 32 mm letters 6 to 8.
-        Self { side_mm: 64.0, pitch_mm: [5.0, 18.0], wall_share: [0.25, 0.5], kept_share: [0.85, 0.85], node_jitter: 0.25, bent_share: 0.3 }
+        Self { side_mm: 64.0, pitch_mm: [5.0, 18.0], wall_share: [0.25, 0.5], kept_share: [0.85, 0.85], node_jitter: 0.25, bent_share: 0.3, island_share: 0.0 }
     }
 }
 
@@ -48,6 +51,9 @@ pub fn maze(spec: &MazeSpec, seed: u64) -> Shape {
             })
         })
         .collect();
+    if rng.random_bool(spec.island_share) {
+        return islands(&nodes, pitch, &mut rng);
+    }
     let kept = draw(&mut rng, spec.kept_share);
     let regions = tree(n, kept, &mut rng)
         .into_iter()
@@ -61,7 +67,7 @@ pub fn maze(spec: &MazeSpec, seed: u64) -> Shape {
     Shape { regions }
 }
 
-fn draw(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
+pub(super) fn draw(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * rng.random::<f64>()
 }
 
@@ -160,6 +166,16 @@ mod tests {
             let share = raster.values.iter().sum::<f32>() / raster.values.len() as f32;
             assert!((0.1..0.8).contains(&share), "board {seed} is covered to {share}");
         }
+    }
+
+    #[test]
+    fn sparse_boards_have_less_wall() {
+        let covered = |kept: f64| -> f32 {
+            let spec = MazeSpec { kept_share: [kept, kept], ..MazeSpec::default() };
+            (0..6).map(|seed| Raster::coverage(&maze(&spec, seed), 32.0, 0.5).values.iter().sum::<f32>()).sum()
+        };
+        let [none, few, all] = [0.0, 0.3, 1.0].map(covered);
+        assert!(none < few && few < 0.7 * all, "{none}, {few}, {all}");
     }
 
     #[test]

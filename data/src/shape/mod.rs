@@ -9,6 +9,7 @@ pub mod glyph;
 pub mod height_map;
 pub mod heights;
 pub mod level_line;
+mod island;
 pub mod maze;
 pub mod raster;
 pub mod relief;

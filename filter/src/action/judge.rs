@@ -2,6 +2,7 @@
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
+use tactile_data::grid::NearestCell;
 use tactile_data::se2::Se2;
 use tactile_infer::bank::Bank;
 use tactile_infer::similarity::peg_similarity;
@@ -9,7 +10,7 @@ use tactile_infer::similarity::peg_similarity;
 use super::{ActionRule, Expected, Situation};
 use crate::belief::Hypothesis;
 use crate::likelihood::LikelihoodConfig;
-use crate::lookup::{Nearest, look_up};
+use crate::lookup::{Nearest, trusted};
 
 /// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
 #[derive(Clone, Copy)]
@@ -23,8 +24,8 @@ struct Draw {
 pub(super) struct Judge<'a> {
     situation: &'a Situation<'a>,
     pairing: Pairing<'a>,
-    /// Where the sensor would be by each distinct pose of the draws.
-    part_from_sensor: Vec<Se2>,
+    /// Where the sensor would be by each distinct pose of the draws, with the sine and cosine of its angle.
+    part_from_sensor: Vec<(Se2, [f64; 2])>,
     draws: Vec<Draw>,
     supposed: Vec<Draw>,
     tolerance: f64,
@@ -69,12 +70,16 @@ impl<'a> Judge<'a> {
         };
         // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
         let tolerance = if likelihood.look_up.is_cubic(bank.grid()) { 1.0 } else { likelihood.lookup_tolerance };
+        let stood = |cell: &usize| {
+            let pose = belief.grid().pose(*cell) * first_from_sensor;
+            (pose, pose.theta_rad.sin_cos().into())
+        };
         Self {
             situation,
             pairing,
             draws: placed(draws),
             supposed: placed(supposed),
-            part_from_sensor: cells.iter().map(|cell| belief.grid().pose(*cell) * first_from_sensor).collect(),
+            part_from_sensor: cells.iter().map(stood).collect(),
             tolerance,
         }
     }
@@ -145,8 +150,14 @@ impl<'a> Judge<'a> {
     fn weigh(&self, candidate: &Se2, mut told: impl FnMut(usize, &Draw, f64)) -> Weighed {
         let Situation { config, bank, only_recorded, .. } = *self.situation;
         let grid = bank.grid();
+        let cells = NearestCell::on(grid);
+        // The product of both motions, its sine and cosine at hand.
+        let moved = |(pose, [sin, cos]): &(Se2, [f64; 2])| {
+            let Se2 { x_mm: x, y_mm: y, theta_rad } = *candidate;
+            Se2::new(pose.x_mm + cos * x - sin * y, pose.y_mm + sin * x + cos * y, pose.theta_rad + theta_rad)
+        };
         let seen: Vec<Option<Nearest>> =
-            self.part_from_sensor.iter().map(|pose| look_up(grid, &(*pose * *candidate), self.tolerance)).collect();
+            self.part_from_sensor.iter().map(|from| trusted(grid, &cells, &moved(from), self.tolerance)).collect();
         let view = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
         let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
         for (index, truth) in self.supposed.iter().enumerate() {

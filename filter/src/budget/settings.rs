@@ -144,13 +144,13 @@ impl Settings {
         let finer = bank.grid().subdivided(self.subdivisions);
         finer.validate().map_err(|e| Error::invalid("subdivisions", "a grid of states", e.to_string()))?;
         let n_states = bank.parts().len() * finer.len();
-        // Rows, edge shares and nine cosines of neighbours; a cosine for each row and a number for each state of each
-        // touch; log-weight and probability of each state.
+        // Rows, edge shares and nine cosines of neighbours; a cosine for each row of each touch; log-weight and
+        // probability of each state, or of each particle with what each touch says of each state.
         let bank_bytes = bank.n_rows() * (self.rows.n_bytes_of_row(bank.dim()) + 4 + 36);
-        let touch_bytes = n_touches * (bank.n_rows() * 4 + n_states * 8);
+        let touch_bytes = n_touches * bank.n_rows() * 4;
         let belief_bytes = match self.engine {
-            EngineConfig::Exact => n_states * 8,
-            EngineConfig::Particle(config) => config.n_particles * 16,
+            EngineConfig::Exact => n_states * 16,
+            EngineConfig::Particle(config) => config.n_particles * 16 + n_touches * n_states * 8,
         };
         Ok((4 * n_parameters + bank_bytes + touch_bytes + belief_bytes) as f64 / 1e6)
     }
@@ -221,10 +221,10 @@ pub(crate) mod tests {
         let bank =
             Bank::from_rows(["A", "B"].map(String::from).into(), grid, 6, rows, vec![0.5; 18], "ab".into()).unwrap();
         let bytes = |settings: &Settings| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
-        let exact = 400 + 18 * (24 + 40) + 3 * (18 * 4 + 50 * 8) + 50 * 8;
+        let exact = 400 + 18 * (24 + 40) + 3 * 18 * 4 + 50 * 16;
         assert_eq!(bytes(&settings()), exact);
         assert_eq!(exact - bytes(&Settings { rows: Precision::I8, ..settings() }), 18 * (24 - 10));
         let few = EngineConfig::Particle(ParticleConfig::paper());
-        assert_eq!(bytes(&Settings { engine: few, ..settings() }), exact - 400 + 1_600);
+        assert_eq!(bytes(&Settings { engine: few, ..settings() }), exact - 800 + 1_600 + 3 * 50 * 8);
     }
 }

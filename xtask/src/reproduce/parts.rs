@@ -61,15 +61,19 @@ impl Maker<'_> {
         match part {
             Part::Tables => {
                 for board in ["small", "large"] {
-                    let pegs = self.recorded_bank(board);
+                    let scene = format!("alphabet-{board}");
+                    let pegs = self.recorded_bank(board, &scene);
                     let more = [&ALL_WAYS[..], &["--pegs", &pegs]].concat();
-                    self.evaluate(board, &format!("{board}.bank"), &format!("alphabet-{board}"), episodes, &more);
+                    self.evaluate(board, &format!("{board}.bank"), &scene, episodes, &more);
                 }
             }
             Part::Connectors => {
-                let pegs = self.recorded_bank("connectors");
-                let more = [&DEFAULT[..], &["--pegs", &pegs]].concat();
-                self.evaluate("connectors", "connectors.bank", "connectors", episodes, &more);
+                let centred = self.scene_file("connectors-centred.toml");
+                for (name, scene, touches) in [("connectors", "connectors", "10"), ("connectors-centred", &centred, "1")] {
+                    let pegs = self.recorded_bank(name, scene);
+                    let more = [&DEFAULT[..], &["--pegs", &pegs, "--touches", touches]].concat();
+                    self.evaluate(name, &format!("{name}.bank"), scene, episodes, &more);
+                }
             }
             Part::Anywhere => {
                 for board in ["small", "large"] {
@@ -80,7 +84,7 @@ impl Maker<'_> {
                 }
             }
             Part::Classes => {
-                self.recorded_bank("large");
+                self.recorded_bank("large", "alphabet-large");
                 for classes in ["4", "8"] {
                     let more = [&DEFAULT[..], &["--classes", classes]].concat();
                     self.evaluate(&format!("large-{classes}"), "large.bank", "alphabet-large", episodes, &more);
@@ -88,10 +92,11 @@ impl Maker<'_> {
             }
             Part::Absent => {
                 for board in ["small", "large"] {
-                    self.recorded_bank(board);
+                    let scene = format!("alphabet-{board}");
+                    self.recorded_bank(board, &scene);
                     let more = [&DEFAULT[..], &["--absent"]].concat();
                     let (name, bank) = (format!("{board}-absent"), format!("{board}.bank"));
-                    self.evaluate(&name, &bank, &format!("alphabet-{board}"), episodes, &more);
+                    self.evaluate(&name, &bank, &scene, episodes, &more);
                 }
                 let bank = self.bank("small-fine", "alphabet-small", true);
                 let more = [&DEFAULT[..], &["--absent", "--poses", "off-grid"]].concat();
@@ -118,7 +123,7 @@ impl Maker<'_> {
                     let (name, scene) = (format!("robust-{name}"), self.scene_file(file));
                     let bank = match bank {
                         Some(bank) => {
-                            self.recorded_bank("small");
+                            self.recorded_bank("small", "alphabet-small");
                             bank.to_owned()
                         }
                         None => self.bank(&name, &scene, false),
@@ -130,11 +135,10 @@ impl Maker<'_> {
         }
     }
 
-    /// The bank of a board at the paper's poses, with the dataset of its pegs, whose name is returned.
-    fn recorded_bank(&mut self, board: &str) -> String {
-        let scene = if board == "connectors" { board.to_owned() } else { format!("alphabet-{board}") };
+    /// The bank of a board at its scene's poses, with the dataset of its pegs, whose name is returned.
+    fn recorded_bank(&mut self, board: &str, scene: &str) -> String {
         let (pegs, bank, model) = (format!("{board}-pegs"), format!("{board}.bank"), self.model_word());
-        let words = ["generate", "--scene", &scene, "--sides", "peg", "--out", &pegs];
+        let words = ["generate", "--scene", scene, "--sides", "peg", "--out", &pegs];
         let proof = format!("{pegs}/meta.json");
         let touches = self.step(&pegs, "tactile-data", &words).makes(&pegs, &proof);
         self.add(touches);

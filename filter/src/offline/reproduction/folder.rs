@@ -15,10 +15,11 @@ use crate::budget::Tradeoff;
 use crate::error::{Error, Result};
 
 /// The folders of evaluations, in the order of the page; those of robustness follow by name.
-const EVALUATIONS: [&str; 12] = [
+const EVALUATIONS: [&str; 13] = [
     "small",
     "large",
     "connectors",
+    "connectors-centred",
     "small-anywhere",
     "large-anywhere",
     "large-4",
