@@ -24,6 +24,8 @@
 //! ```
 
 pub mod calibrate;
+#[cfg(feature = "cli")]
+pub mod closed_output;
 pub mod compare;
 pub mod contact;
 pub mod contact_sheet;

@@ -452,7 +452,7 @@ mod tests {
         touches[1] = (Se2::IDENTITY, touches[0].1.clone());
         let once = run(&bank, EngineConfig::Exact, &touches[..1], &LikelihoodConfig::default());
         let twice = run(&bank, EngineConfig::Exact, &touches, &LikelihoodConfig::default());
-        assert!(once.masses().iter().zip(twice.masses()).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert!(once.masses().iter().zip(twice.masses().iter()).all(|(a, b)| (a - b).abs() < 1e-12));
         let counted_twice = run(&bank, EngineConfig::Exact, &touches, &independent());
         assert!(counted_twice.entropy_nats() < once.entropy_nats() - 0.1);
     }
@@ -485,7 +485,7 @@ mod tests {
             run(&bank, EngineConfig::Exact, &touches[..1], &config),
             run(&bank, EngineConfig::Exact, &touches, &config),
         );
-        for (a, b) in before.masses().iter().zip(after.masses()) {
+        for (a, b) in before.masses().iter().zip(after.masses().iter()) {
             assert!((a - b).abs() < 1e-12);
         }
     }

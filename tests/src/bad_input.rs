@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
-use tactile_tests::programs::{Ran, run};
+use tactile_tests::programs::{Ran, path, run};
 use tactile_tests::samples::{FRAME_PX, SCENE, Sample, text};
 
 /// Runs a program in the sample's folder with a command line of plain words.
@@ -278,4 +278,21 @@ fn misuse_exits_2_and_names_the_word() {
         assert!(shell(&sample, &format!("{program} --help")).done().contains("Usage"));
     }
     assert!(!sample.folder().join("never").exists());
+}
+
+#[test]
+fn a_reader_that_goes_away_is_named() {
+    let sample = Sample::shared();
+    for line in [
+        "tactile-data inspect maze",
+        "tactile-infer match --model model/model.safetensors --pegs pegs --holes holes --limit 2",
+    ] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let [program, words @ ..] = &line.split_whitespace().collect::<Vec<_>>()[..] else { panic!("{line}") };
+        let mut command = std::process::Command::new(path(program));
+        let output = command.args(words).current_dir(sample.folder()).stdout(writer).output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), &*stderr), (Some(1), "error: standard output: Broken pipe (os error 32)\n"));
+    }
 }

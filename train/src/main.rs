@@ -58,6 +58,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
+    tactile_data::closed_output::fail_in_one_line();
     let cli = Cli::parse();
     if let Some(n_batches) = cli.time_batches {
         return match time_batches(&cli, n_batches) {

@@ -36,9 +36,9 @@ impl Scene {
                     n_held_out: 6,
                     n_pairs: 12_000,
                     gel_length_mm: [0.9, 1.6],
-                    band_share: 0.0,
+                    band_share: 0.45,
                     band_mm: [0.25, 2.5],
-                    core_share: 0.0,
+                    core_share: 0.4,
                     spec: MazeSpec::default(),
                 };
                 (Parts::Maze(boards), None)
