@@ -22,6 +22,9 @@ pub struct EpisodeConfig {
     pub likelihood: LikelihoodConfig,
     /// delta_prob: stop when a part is more probable than this, 0..=1, and an edge was felt. One: never for this reason.
     pub stop_probability: f64,
+    /// To be confident the place must be known as well, to this standard deviation along x and along y, mm; positive.
+    /// `None`: sure of the part is sure enough.
+    pub stop_place_mm: Option<f64>,
     /// N_max: stop after this many touches, the first included; at least 1.
     pub max_touches: usize,
     /// Whether the pose may lie between recorded ones; else it is one of them, as in the paper's protocol.
@@ -51,6 +54,7 @@ impl Default for EpisodeConfig {
             action: ActionConfig::default(),
             likelihood: LikelihoodConfig::default(),
             stop_probability: 0.95,
+            stop_place_mm: None,
             max_touches: 10,
             between_poses: true,
             subdivisions: 2,
@@ -86,7 +90,8 @@ impl EpisodeConfig {
         }
     }
 
-    /// Why to stop after `n_touches` when the likeliest part has this probability and fit; `None` to go on.
+    /// Why to stop after `n_touches` when the likeliest part has this probability and fit, its place known well
+    /// enough; `None` to go on.
     pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
         // No edge felt yet speaks against no part, and for none: the only one left is as unknown in its pose.
         let asks_fit = self.none_fit > f64::MIN;
@@ -111,6 +116,9 @@ impl EpisodeConfig {
         check("stop_probability", "0..=1", stop, (0.0..=1.0).contains(&stop))?;
         check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
         check("none_fit", "a number, at most 0", self.none_fit, self.none_fit.is_finite() && self.none_fit <= 0.0)?;
+        if let Some(mm) = self.stop_place_mm {
+            check("stop_place_mm", "a positive number", mm, mm.is_finite() && mm > 0.0)?;
+        }
         let margin = self.fit_margin;
         check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
         check("subdivisions", "1 to 8", self.subdivisions as f64, (1..=8).contains(&self.subdivisions))?;

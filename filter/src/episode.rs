@@ -263,8 +263,18 @@ impl<'a> Episode<'a> {
         let n_touches = self.belief.touches().len();
         // The fit costs a hundred look-ups a touch: worked out only where it can matter.
         let matters = n_touches >= self.config.none_touches || probability > self.config.stop_probability;
-        let fit = if matters { self.place(part).fit } else { None };
-        self.config.stop(probability, fit, n_touches)
+        let placed = if matters { Some(self.place(part)) } else { None };
+        let reason = self.config.stop(probability, placed.as_ref().and_then(|placed| placed.fit), n_touches);
+        let is_placed = |placed: &Placed, mm: f64| {
+            let [[x, ..], [_, y, _], _] = placed.refined.covariance;
+            x.max(y) <= mm * mm
+        };
+        match (reason, self.config.stop_place_mm, placed) {
+            (Some(StopReason::Confident), Some(mm), Some(placed)) if !is_placed(&placed, mm) => {
+                (n_touches >= self.config.max_touches).then_some(StopReason::TouchLimit)
+            }
+            _ => reason,
+        }
     }
 
     /// What is known now.
@@ -511,6 +521,11 @@ mod tests {
         let reach = world.reach(&Se2::IDENTITY);
         let eager = EpisodeConfig { stop_probability: 0.0, fit_margin: 0.0, ..never_confident(2) };
         assert_eq!(reason(eager, &reach), Some(StopReason::Confident));
+        // Sure of the part, but not of the place to a micrometre; to a metre it is.
+        let placed = |mm, max_touches| EpisodeConfig { stop_place_mm: Some(mm), max_touches, ..eager };
+        assert_eq!(reason(placed(1e-3, 2), &reach), None);
+        assert_eq!(reason(placed(1e-3, 1), &reach), Some(StopReason::TouchLimit));
+        assert_eq!(reason(placed(1e3, 2), &reach), Some(StopReason::Confident));
         assert_eq!(reason(never_confident(1), &reach), Some(StopReason::TouchLimit));
         assert_eq!(reason(never_confident(2), &[]), Some(StopReason::NothingToLearn));
         assert_eq!(reason(never_confident(2), &reach), None);

@@ -49,6 +49,10 @@ pub struct Assemble {
     /// A held peg is turned by up to this, degrees.
     #[arg(long, default_value_t = 1.0)]
     grasp_error_deg: f64,
+    /// How well the place must be known before a peg is tried, mm: the standard deviation along x and along y
+    /// [default: half the scene's clearance_mm].
+    #[arg(long)]
+    place_mm: Option<f64>,
     /// Let the robot give up a hole as none of the pegs on the table, though each has its peg there.
     #[arg(long)]
     strangers: bool,
@@ -75,6 +79,7 @@ impl Assemble {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             config.none_touches = config.max_touches + 1;
         }
+        config.stop_place_mm = Some(self.place_mm.unwrap_or(0.5 * simulator.scene().clearance_mm));
         let (n_trials, seeds) = (self.trials, self.seeds.clone());
         let (grasp_error_mm, grasp_error_deg) = (self.grasp_error_mm, self.grasp_error_deg);
         let task = Task { n_trials, seeds, grasp_error_mm, grasp_error_deg };

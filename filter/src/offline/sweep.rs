@@ -97,6 +97,7 @@ pub fn plan(models: &[Model]) -> Result<Vec<Planned>> {
         rich.clone(),
         Settings { xy_step_mm: 2.0, theta_step_deg: 15.0, ..rich.clone() },
         Settings { subdivisions: 1, ..rich.clone() },
+        Settings { subdivisions: 3, ..rich.clone() },
         with_effort(&rich, [160, 24, 24]),
     ] {
         add(0, rich);
