@@ -20,7 +20,7 @@ use super::progress;
                         --theta-step-deg 15 --out fine-pegs\n  \
                         tactile-data generate --scene maze --shard 2/4 --out maze-2")]
 pub struct Generate {
-    /// maze, connectors, alphabet-small or alphabet-large (either with -dev, -hard or -hard-dev), or a TOML file
+    /// maze, connectors or connectors-dev, alphabet-small or alphabet-large (either with -dev, -hard or -hard-dev), or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
     /// The dataset to write; must not exist

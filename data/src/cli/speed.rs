@@ -23,7 +23,7 @@ const N_PARTS: usize = 4;
 #[command(after_help = "Examples:\n  tactile-data speed --scene alphabet-large --frame-px 320x240\n  \
                         tactile-data speed --scene maze --fidelity camera --json")]
 pub struct Speed {
-    /// maze, connectors, alphabet-small or alphabet-large (either with -dev, -hard or -hard-dev), or a TOML file
+    /// maze, connectors or connectors-dev, alphabet-small or alphabet-large (either with -dev, -hard or -hard-dev), or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
     /// geometry, gel, optics, camera or shadow [default: one after another]
