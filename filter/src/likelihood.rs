@@ -247,27 +247,27 @@ impl TouchLikelihood {
 /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Look {
-    per_cosine: f64,
+    temperature: f64,
     /// Log of eps; -inf where no match costs all.
     log_floor: f64,
 }
 
 impl Look {
     fn new(config: &LikelihoodConfig) -> Self {
-        Self { per_cosine: config.temperature.recip(), log_floor: config.outlier_floor.ln() }
+        Self { temperature: config.temperature, log_floor: config.outlier_floor.ln() }
     }
 
     /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the best and one is the best; 0
     /// without any.
     fn log_mean(self, above_best: impl Iterator<Item = f64>) -> f64 {
-        let (sum, n) = above_best.fold((0.0, 0.0), |(sum, n), d| (sum + (d * self.per_cosine).exp(), n + 1.0));
+        let (sum, n) = above_best.fold((0.0, 0.0), |(sum, n), d| (sum + (d / self.temperature).exp(), n + 1.0));
         if n > 0.0 { (sum / n + self.log_floor.exp()).ln() } else { 0.0 }
     }
 
     fn log(self, above_best: f64) -> f64 {
         /// Between recorded views a cosine may rise above the best of them, but by no more than this says anything.
         const HIGHEST: f64 = 30.0;
-        let log = (above_best * self.per_cosine).min(HIGHEST);
+        let log = (above_best / self.temperature).min(HIGHEST);
         if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log }
     }
 }

@@ -51,12 +51,7 @@ pub fn look_up(grid: &PoseGrid, part_from_sensor: &Se2, tolerance: f64) -> Optio
 }
 
 /// [`look_up`] for many poses; `cells` are the grid's.
-pub(crate) fn trusted(
-    grid: &PoseGrid,
-    cells: &NearestCell,
-    part_from_sensor: &Se2,
-    tolerance: f64,
-) -> Option<Nearest> {
+pub(crate) fn trusted(grid: &PoseGrid, cells: &NearestCell, part_from_sensor: &Se2, tolerance: f64) -> Option<Nearest> {
     let cell = cells.of(part_from_sensor)?;
     // No pose is farther than half a step along each axis from the nearest recorded one.
     if tolerance > std::f64::consts::FRAC_1_SQRT_2 {

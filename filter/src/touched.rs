@@ -78,7 +78,9 @@ impl Touched {
         if !self.cubic {
             for cell in 0..n_cells {
                 (0..n_parts).for_each(|part| {
-                    self.seen(grid, part, &states.pose(cell)).into_iter().for_each(|seen| take(part * n_cells + cell, seen));
+                    self.seen(grid, part, &states.pose(cell))
+                        .into_iter()
+                        .for_each(|seen| take(part * n_cells + cell, seen));
                 });
             }
             return;

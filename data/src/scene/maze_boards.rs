@@ -151,7 +151,8 @@ mod tests {
         let boards = MazeBoards { band_mm: [0.5, 0.5], ..boards(1.0, 1.0) };
         let (half_mm, cell_mm) = (6.0, 0.05);
         for board in 0..10 {
-            let felt = |side: Side| obstacle(&[boards.side(wall(), board, side, 0.2, 3)], side, half_mm, cell_mm, None, 1.0);
+            let felt =
+                |side: Side| obstacle(&[boards.side(wall(), board, side, 0.2, 3)], side, half_mm, cell_mm, None, 1.0);
             let at = |raster: &crate::shape::Raster, y: f64| {
                 let cell = |mm: f64| ((mm + half_mm) / cell_mm) as usize;
                 raster.values[cell(y) * raster.n + cell(0.0)]

@@ -129,9 +129,7 @@ impl Connector {
                 Relief { layers: faces.map(|outline| Layer::Face(face(outline, 0.0))).collect() }
             }
             Inside::Solid => Relief::peg(one(plug)),
-            Inside::Ball { diameter_mm } => {
-                Relief { layers: vec![Layer::Heights(rounded_tip(0.5 * diameter_mm)?)] }
-            }
+            Inside::Ball { diameter_mm } => Relief { layers: vec![Layer::Heights(rounded_tip(0.5 * diameter_mm)?)] },
         })
     }
 
@@ -210,7 +208,8 @@ mod tests {
                 let beyond: f32 = cells.map(|(inner, outer)| (inner - outer).max(0.0)).sum();
                 assert!(beyond * (CELL_MM * CELL_MM) as f32 <= 1e-3, "{connector:?}");
             }
-            let Drawing { plug, inside: Inside::Shell { cavity, insulator, tongue }, .. } = Drawing::of(connector) else {
+            let Drawing { plug, inside: Inside::Shell { cavity, insulator, tongue }, .. } = Drawing::of(connector)
+            else {
                 continue;
             };
             let (solid, tongue) = (Shape { regions: vec![vec![plug, cavity]] }, one(tongue));

@@ -110,7 +110,8 @@ mod tests {
 
     #[test]
     fn islands_stand_apart() {
-        let nodes: Vec<[f64; 2]> = (0..9).map(|i| [20.0 * f64::from(i % 3) - 20.0, 20.0 * f64::from(i / 3) - 20.0]).collect();
+        let nodes: Vec<[f64; 2]> =
+            (0..9).map(|i| [20.0 * f64::from(i % 3) - 20.0, 20.0 * f64::from(i / 3) - 20.0]).collect();
         let shape = islands(&nodes, 14.0, &mut ChaCha8Rng::seed_from_u64(2));
         let raster = Raster::coverage(&shape, 30.0, 0.25);
         let column = |x: f64| ((x + 30.0) / 0.25) as usize;

@@ -31,7 +31,15 @@ pub struct MazeSpec {
 impl Default for MazeSpec {
     fn default() -> Self {
         // Strokes of 12 mm letters are 2 to 3 mm wide, those of 32 mm letters 6 to 8.
-        Self { side_mm: 64.0, pitch_mm: [5.0, 18.0], wall_share: [0.25, 0.5], kept_share: [0.3, 0.9], node_jitter: 0.25, bent_share: 0.3, island_share: 0.2 }
+        Self {
+            side_mm: 64.0,
+            pitch_mm: [5.0, 18.0],
+            wall_share: [0.25, 0.5],
+            kept_share: [0.3, 0.9],
+            node_jitter: 0.25,
+            bent_share: 0.3,
+            island_share: 0.2,
+        }
     }
 }
 

@@ -69,7 +69,9 @@ impl Maker<'_> {
             }
             Part::Connectors => {
                 let centred = self.scene_file("connectors-centred.toml");
-                for (name, scene, touches) in [("connectors", "connectors", "10"), ("connectors-centred", &centred, "1")] {
+                for (name, scene, touches) in
+                    [("connectors", "connectors", "10"), ("connectors-centred", &centred, "1")]
+                {
                     let pegs = self.recorded_bank(name, scene);
                     let more = [&DEFAULT[..], &["--pegs", &pegs, "--touches", touches]].concat();
                     self.evaluate(name, &format!("{name}.bank"), scene, episodes, &more);

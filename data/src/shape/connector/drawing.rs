@@ -36,12 +36,13 @@ pub(super) enum Inside {
 impl Drawing {
     /// The drawing of a connector.
     pub fn of(connector: Connector) -> Self {
-        let shelled = |outline: &dyn Fn(f64) -> Contour, plug_wall, opening: &dyn Fn(f64) -> Contour, wall: f64, tongue| Self {
-            plug: outline(0.0),
-            opening: opening(0.0),
-            body: opening(-wall),
-            inside: Inside::Shell { cavity: outline(plug_wall), insulator: None, tongue },
-        };
+        let shelled =
+            |outline: &dyn Fn(f64) -> Contour, plug_wall, opening: &dyn Fn(f64) -> Contour, wall: f64, tongue| Self {
+                plug: outline(0.0),
+                opening: opening(0.0),
+                body: opening(-wall),
+                inside: Inside::Shell { cavity: outline(plug_wall), insulator: None, tongue },
+            };
         match connector {
             // USB 2.0, Series A plug 12.0 x 4.5 mm of 0.3 mm sheet; receptacle 12.6 x 5.08 in 13.25 x 6.5 mm. The insulator fills
             // one half, 1.95 mm thick (assumed), the tongue the other: 1.84 mm of 1.95, 11.1 of 11.4 (assumed).
