@@ -98,16 +98,24 @@ impl MazeBoards {
             };
             fits.then_some(()).ok_or_else(error)
         };
-        ordered("band_share", [0.0, self.band_share], 0.0, 1.0)?;
-        ordered("core_share", [0.0, self.core_share], 0.0, 1.0)?;
         ordered("band_mm", self.band_mm, 0.1, 20.0)?;
         ordered("gel_length_mm", self.gel_length_mm, 0.1, 10.0)?;
         ordered("spec.pitch_mm", spec.pitch_mm, 1.0, spec.side_mm)?;
         ordered("spec.wall_share", spec.wall_share, 0.05, 0.9)?;
         ordered("spec.kept_share", spec.kept_share, 0.0, 1.0)?;
-        ordered("spec.node_jitter", [spec.node_jitter, 0.5], 0.0, 0.5)?;
-        ordered("spec.island_share", [0.0, spec.island_share], 0.0, 1.0)?;
-        ordered("spec.bent_share", [spec.bent_share, 1.0], 0.0, 1.0)
+        let shares = [
+            ("band_share", self.band_share, 1.0),
+            ("core_share", self.core_share, 1.0),
+            ("spec.node_jitter", spec.node_jitter, 0.5),
+            ("spec.bent_share", spec.bent_share, 1.0),
+            ("spec.island_share", spec.island_share, 1.0),
+        ];
+        match shares.into_iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
+            Some((field, value, most)) => {
+                Err(Error::invalid(format!("parts.maze.{field}"), format!("0 to {most}"), value.to_string()))
+            }
+            None => Ok(()),
+        }
     }
 }
 
