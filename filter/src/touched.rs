@@ -77,11 +77,14 @@ impl Touched {
         let n_parts = self.likelihood.similarities.len() / n_views;
         if !self.cubic {
             for cell in 0..n_cells {
-                (0..n_parts).for_each(|part| {
-                    self.seen(grid, part, &states.pose(cell))
-                        .into_iter()
-                        .for_each(|seen| take(part * n_cells + cell, seen));
-                });
+                let part_from_sensor = states.pose(cell) * self.first_from_sensor;
+                let Some(Nearest { cell: view, trust }) = look_up(grid, &part_from_sensor, self.tolerance) else {
+                    continue;
+                };
+                for part in 0..n_parts {
+                    let row = part * n_views + view;
+                    take(part * n_cells + cell, Seen { row, similarity: self.likelihood.similarities[row], trust });
+                }
             }
             return;
         }
