@@ -16,6 +16,7 @@ use crate::sensor::light::LightRig;
 use crate::sensor::optics::Optics;
 use crate::sensor::rounding::to_byte;
 use crate::sensor::{Fidelity, SensorSpec, shadow};
+use crate::shape::maze::draw;
 use crate::touch::Side;
 
 /// Exposures averaged into the no-contact frame, as one would take it on a bench.
@@ -180,8 +181,7 @@ impl Simulator {
         let SensorSpec { gel_length_mm, light, .. } = &self.scene.sensor;
         let Parts::Maze(boards) = &self.scene.parts else { return (*gel_length_mm, light.clone()) };
         let mut rng = frame_rng(self.board_seed, u64::MAX - part as u64);
-        let [shortest, longest] = boards.gel_length_mm;
-        let gel_length_mm = shortest + (longest - shortest) * rng.random::<f64>();
+        let gel_length_mm = draw(&mut rng, boards.gel_length_mm);
         let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
         // Two Minis' fitted lamps differ by some 4 to 17 degrees and 10 % of brightness.
         let (strength, turn_deg) = ([0; 3].map(|_| 1.0 + around(0.15)), [0; 3].map(|_| around(10.0)));

@@ -29,9 +29,9 @@ const NEGLIGIBLE: f64 = 1e-4;
 const MAX_STATES: usize = 10_000;
 
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
-/// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and
-/// so are a ten-thousandth of the belief in its lightest states and what lies beyond the heaviest ten thousand. Modes that a part's `symmetry` turns into each
-/// other are one: the pose is that of the heaviest.
+/// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and so are
+/// a ten-thousandth of the belief in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
+/// part's `symmetry` turns into each other are one: the pose is that of the heaviest.
 pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
     let mut states = belief.states();
     let least = NEGLIGIBLE / states.len() as f64;

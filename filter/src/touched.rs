@@ -1,10 +1,10 @@
 //! One touch of an episode: where it was relative to the first, and how likely it is from each state.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 
 use crate::likelihood::TouchLikelihood;
-use crate::lookup::{Nearest, Sheet, Stencil, look_up};
+use crate::lookup::{Nearest, Sheet, Stencil, look_up, trusted};
 
 /// How little is left of a touch's evidence where it repeats an earlier one: views that overlap share
 /// what they show and most of their error.
@@ -76,11 +76,11 @@ impl Touched {
         let (n_views, n_cells, n_angles) = (grid.len(), states.len(), states.n_theta());
         let n_parts = self.likelihood.similarities.len() / n_views;
         if !self.cubic {
+            let views = NearestCell::on(grid);
             for cell in 0..n_cells {
                 let part_from_sensor = states.pose(cell) * self.first_from_sensor;
-                let Some(Nearest { cell: view, trust }) = look_up(grid, &part_from_sensor, self.tolerance) else {
-                    continue;
-                };
+                let nearest = trusted(grid, &views, &part_from_sensor, self.tolerance);
+                let Some(Nearest { cell: view, trust }) = nearest else { continue };
                 for part in 0..n_parts {
                     let row = part * n_views + view;
                     take(part * n_cells + cell, Seen { row, similarity: self.likelihood.similarities[row], trust });

@@ -1,6 +1,5 @@
 //! `tactile-data calibrate`.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -70,7 +69,8 @@ impl Calibrate {
         } else {
             format!("{text}{} written", self.out.display())
         };
-        writeln!(std::io::stdout(), "{text}").map_err(Error::io("standard output"))
+        println!("{text}");
+        Ok(())
     }
 
     fn fit_presses(&self, folder: &Path, mm_per_px: [f64; 2]) -> Result<Outcome> {

@@ -1,6 +1,5 @@
 //! `tactile-data compare`.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -98,7 +97,8 @@ impl Compare {
                 figures.psnr_db,
             )
         };
-        writeln!(std::io::stdout(), "{text}").map_err(Error::io("standard output"))
+        println!("{text}");
+        Ok(())
     }
 }
 

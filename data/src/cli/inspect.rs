@@ -1,7 +1,6 @@
 //! `tactile-data inspect`.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -47,7 +46,8 @@ impl Inspect {
         } else {
             summary.text()
         };
-        writeln!(std::io::stdout(), "{}", text.trim_end()).map_err(Error::io("standard output"))
+        println!("{}", text.trim_end());
+        Ok(())
     }
 }
 

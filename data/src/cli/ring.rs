@@ -1,6 +1,5 @@
 //! `tactile-data ring`.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -53,6 +52,7 @@ impl FindRing {
                 moved_px[0], moved_px[1]
             )
         };
-        writeln!(std::io::stdout(), "{text}").map_err(Error::io("standard output"))
+        println!("{text}");
+        Ok(())
     }
 }

@@ -1,6 +1,5 @@
 //! `tactile-data walls`.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -88,7 +87,8 @@ impl Walls {
             let walls: Vec<_> = walls.collect();
             text = super::pretty(&json!({ "schema": "tactile-filter/walls/1", "walls": walls, "pictures": pictures }))?;
         }
-        writeln!(std::io::stdout(), "{}", text.trim_end()).map_err(Error::io("standard output"))
+        println!("{}", text.trim_end());
+        Ok(())
     }
 }
 

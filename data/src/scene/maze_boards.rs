@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::sensor::SensorSpec;
-use crate::shape::maze::MazeSpec;
+use crate::shape::maze::{MazeSpec, draw};
 use crate::shape::{Face, Layer, Relief, Shape};
 use crate::simulator::frame_rng;
 use crate::touch::Side;
@@ -59,12 +59,11 @@ impl MazeBoards {
         if rng.random::<f64>() >= self.band_share {
             return whole;
         }
-        let mut between = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
         // Log-uniform: sheet metal is as common as a block's wall.
-        let band_mm = between(self.band_mm.map(f64::ln)).exp();
-        let (inset_mm, drop_mm) = (between(CORE_INSET_MM), between(CORE_DROP_MM));
+        let band_mm = draw(&mut rng, self.band_mm.map(f64::ln)).exp();
+        let (inset_mm, drop_mm) = (draw(&mut rng, CORE_INSET_MM), draw(&mut rng, CORE_DROP_MM));
         let mut relief = whole.banded(band_mm);
-        if between([0.0, 1.0]) < self.core_share {
+        if rng.random::<f64>() < self.core_share {
             // A shell's core begins where the shell ends.
             let grow_mm = -inset_mm - if side == Side::Peg { band_mm } else { 0.0 };
             relief.layers.push(Layer::Face(Face { outline: walls, grow_mm, outside: false, drop_mm, band_mm: None }));

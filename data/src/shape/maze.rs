@@ -75,7 +75,8 @@ pub fn maze(spec: &MazeSpec, seed: u64) -> Shape {
     Shape { regions }
 }
 
-pub(super) fn draw(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
+/// A number between two, each as likely.
+pub(crate) fn draw(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
     low + (high - low) * rng.random::<f64>()
 }
 

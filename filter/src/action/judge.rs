@@ -28,6 +28,7 @@ pub(super) struct Judge<'a> {
     part_from_sensor: Vec<(Se2, [f64; 2])>,
     draws: Vec<Draw>,
     supposed: Vec<Draw>,
+    cells: NearestCell,
     tolerance: f64,
 }
 
@@ -80,6 +81,7 @@ impl<'a> Judge<'a> {
             draws: placed(draws),
             supposed: placed(supposed),
             part_from_sensor: cells.iter().map(stood).collect(),
+            cells: NearestCell::on(bank.grid()),
             tolerance,
         }
     }
@@ -150,14 +152,13 @@ impl<'a> Judge<'a> {
     fn weigh(&self, candidate: &Se2, mut told: impl FnMut(usize, &Draw, f64)) -> Weighed {
         let Situation { config, bank, only_recorded, .. } = *self.situation;
         let grid = bank.grid();
-        let cells = NearestCell::on(grid);
         // The product of both motions, its sine and cosine at hand.
         let moved = |(pose, [sin, cos]): &(Se2, [f64; 2])| {
             let Se2 { x_mm: x, y_mm: y, theta_rad } = *candidate;
             Se2::new(pose.x_mm + cos * x - sin * y, pose.y_mm + sin * x + cos * y, pose.theta_rad + theta_rad)
         };
         let seen: Vec<Option<Nearest>> =
-            self.part_from_sensor.iter().map(|from| trusted(grid, &cells, &moved(from), self.tolerance)).collect();
+            self.part_from_sensor.iter().map(|from| trusted(grid, &self.cells, &moved(from), self.tolerance)).collect();
         let view = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
         let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
         for (index, truth) in self.supposed.iter().enumerate() {
