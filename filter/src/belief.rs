@@ -14,6 +14,7 @@ use tactile_data::se2::Se2;
 use tactile_infer::bank::Bank;
 
 use crate::exact::Exact;
+use crate::lanes;
 use crate::likelihood::TouchLikelihood;
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
@@ -59,6 +60,7 @@ pub struct Belief {
     overlap: Overlap,
     touches: Vec<Touched>,
     engine: Engine,
+    class_posterior: Vec<f64>,
     log_evidence: f64,
 }
 
@@ -70,9 +72,15 @@ impl Belief {
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
         let (views, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
         let grid = views.subdivided(subdivisions.max(1));
-        let (touched, log_states) = Touched::new(&views, &grid, Se2::IDENTITY, 1.0, first);
         let mut exact = Exact::uniform(n_parts * grid.len());
-        let log_evidence = exact.update(|state| log_states[state]);
+        let mut log_states = Vec::new();
+        let touched = Touched::new(&views, &grid, Se2::IDENTITY, 1.0, first, &mut |log_part| {
+            exact.weigh(log_part);
+            if engine != EngineConfig::Exact {
+                log_states.extend_from_slice(log_part);
+            }
+        });
+        let log_evidence = exact.update();
         let engine = match engine {
             EngineConfig::Exact => Engine::Exact(exact),
             EngineConfig::Particle(config) => {
@@ -80,7 +88,10 @@ impl Belief {
                 Engine::Particle { particle, log_likelihoods: vec![log_states] }
             }
         };
-        Self { views, grid, n_parts, overlap, touches: vec![touched], engine, log_evidence }
+        let mut belief =
+            Self { views, grid, n_parts, overlap, touches: vec![touched], engine, class_posterior: vec![], log_evidence };
+        belief.class_posterior = belief.of_parts();
+        belief
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
@@ -89,12 +100,18 @@ impl Belief {
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
         let new_share = |earlier: &Touched| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
         let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
-        let (touched, log_states) = Touched::new(&self.views, &self.grid, first_from_sensor, weight, likelihood);
-        self.touches.push(touched);
         let (grid, n_cells) = (&self.grid, self.grid.len());
+        let judge = |take: &mut dyn FnMut(&[f64])| {
+            Touched::new(&self.views, grid, first_from_sensor, weight, likelihood, take)
+        };
         let log_evidence = match &mut self.engine {
-            Engine::Exact(exact) => exact.update(|state| log_states[state]),
+            Engine::Exact(exact) => {
+                self.touches.push(judge(&mut |log_part| exact.weigh(log_part)));
+                exact.update()
+            }
             Engine::Particle { particle, log_likelihoods } => {
+                let mut log_states = Vec::with_capacity(self.n_parts * n_cells);
+                self.touches.push(judge(&mut |log_part| log_states.extend_from_slice(log_part)));
                 let log_evidence = particle.update(|state| log_states[state]);
                 log_likelihoods.push(log_states);
                 particle.rejuvenate(
@@ -108,6 +125,7 @@ impl Belief {
                 log_evidence
             }
         };
+        self.class_posterior = self.of_parts();
         self.log_evidence += log_evidence;
         log_evidence
     }
@@ -135,19 +153,35 @@ impl Belief {
 
     /// The distinct states of positive probability in ascending order, with their probabilities, which sum to 1.
     pub fn states(&self) -> Vec<(Hypothesis, f64)> {
+        self.states_from(0.0)
+    }
+
+    /// Those of [`Self::states`] that have at least a probability.
+    pub fn states_from(&self, least: f64) -> Vec<(Hypothesis, f64)> {
         let masses = self.masses();
-        let held = masses.iter().enumerate().filter(|(_, mass)| **mass > 0.0);
+        let held = masses.iter().enumerate().filter(|(_, mass)| **mass > 0.0 && **mass >= least);
         held.map(|(state, mass)| (hypothesis(state, self.grid.len()), *mass)).collect()
     }
 
+    /// The number of states, held or not.
+    pub fn n_states(&self) -> usize {
+        self.n_parts * self.grid.len()
+    }
+
     /// The probability of each part, `[n_parts]`, which sum to 1 (paper, Eq. 7).
-    pub fn class_posterior(&self) -> Vec<f64> {
-        self.masses().chunks_exact(self.grid.len()).map(|part| part.iter().sum()).collect()
+    pub fn class_posterior(&self) -> &[f64] {
+        &self.class_posterior
     }
 
     /// Shannon entropy over the states, nats.
     pub fn entropy_nats(&self) -> f64 {
-        self.masses().iter().filter(|mass| **mass > 0.0).map(|mass| -mass * mass.ln()).sum()
+        match &self.engine {
+            Engine::Exact(exact) => lanes::entropy(exact.posterior(), exact.log_posterior()),
+            Engine::Particle { .. } => {
+                let positive = |mass: &&f64| **mass > 0.0;
+                self.masses().iter().filter(positive).map(|mass| -mass * mass.ln()).sum()
+            }
+        }
     }
 
     /// The state of largest log-posterior accumulated over all touches, among the states that the engine
@@ -156,16 +190,22 @@ impl Belief {
     /// `None` only where no state of `part` is held.
     pub fn best(&self, part: Option<usize>) -> Option<Hypothesis> {
         let n_cells = self.grid.len();
-        let score = |state: usize| match &self.engine {
-            Engine::Exact(exact) => exact.log_posterior()[state],
-            Engine::Particle { log_likelihoods, .. } => log_score(log_likelihoods, state),
+        let asked = part.map_or(0..self.n_states(), |part| part * n_cells..(part + 1) * n_cells);
+        let best = match &self.engine {
+            Engine::Exact(exact) => {
+                let logs = &exact.log_posterior()[asked.clone()];
+                let largest = lanes::largest(logs);
+                let state = logs.iter().position(|log| *log == largest).map(|index| asked.start + index);
+                state.filter(|state| exact.posterior()[*state] > 0.0)
+            }
+            Engine::Particle { log_likelihoods, .. } => {
+                let masses = self.masses();
+                let held = asked.filter(|state| masses[*state] > 0.0);
+                let scored = held.map(|state| (log_score(log_likelihoods, state), state));
+                scored.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, state)| state)
+            }
         };
-        let masses = self.masses();
-        let asked = part.map_or(0..masses.len(), |part| part * n_cells..(part + 1) * n_cells);
-        let held = asked.filter(|state| masses[*state] > 0.0);
-        held.map(|state| (score(state), state))
-            .reduce(|best, next| if next.0 > best.0 { next } else { best })
-            .map(|(_, state)| hypothesis(state, n_cells))
+        best.map(|state| hypothesis(state, n_cells))
     }
 
     /// The pose of the first touch around a state, to below the grid's step.
@@ -186,6 +226,10 @@ impl Belief {
     pub fn draw(&self, n: usize, rng: &mut ChaCha8Rng) -> Vec<Hypothesis> {
         let drawn = systematic(&self.masses(), n, rng.random());
         drawn.into_iter().map(|state| hypothesis(state, self.grid.len())).collect()
+    }
+
+    fn of_parts(&self) -> Vec<f64> {
+        self.masses().chunks_exact(self.grid.len()).map(lanes::sum).collect()
     }
 
     /// The probability of each state, `[n_parts * n_cells]`.
@@ -267,7 +311,10 @@ mod tests {
     /// log p(touch | state) of a touch, judged again.
     fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
         let Touched { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
-        Touched::new(&belief.views, &belief.grid, *first_from_sensor, *weight, likelihood.clone()).1
+        let mut log_states = Vec::new();
+        let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
+        Touched::new(&belief.views, &belief.grid, *first_from_sensor, *weight, likelihood.clone(), &mut take);
+        log_states
     }
 
     /// Touches that share no evidence, wherever they are.
@@ -385,7 +432,7 @@ mod tests {
             // Nothing blank: this bank's blank rows do not move with their parts.
             let config = LikelihoodConfig { blank_share: 0.0, ..LikelihoodConfig::default() };
             let posterior = |parts: &[&[Vec<f32>]]| {
-                run(&bank(parts), EngineConfig::Exact, &touches(4, seed), &config).class_posterior()
+                run(&bank(parts), EngineConfig::Exact, &touches(4, seed), &config).class_posterior().to_vec()
             };
             let (there, back) = (posterior(&[&rows[..27], &rows[27..]]), posterior(&[&rows[27..], &rows[..27]]));
             prop_assert!((there[0] - back[1]).abs() < 1e-9 && (there[1] - back[0]).abs() < 1e-9);

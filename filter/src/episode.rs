@@ -289,7 +289,7 @@ impl<'a> Episode<'a> {
             symmetry: self.bank.symmetry(part),
             covariance: placed.refined.covariance,
             fit: placed.fit,
-            class_posterior: self.belief.class_posterior(),
+            class_posterior: self.belief.class_posterior().to_vec(),
             modes: modes(&self.belief, &|part| self.bank.symmetry(part)),
             entropy_nats: self.belief.entropy_nats(),
             log_evidence: self.belief.log_evidence(),
@@ -301,7 +301,7 @@ impl<'a> Episode<'a> {
     /// The most probable part, the first of equals, and its probability.
     fn likeliest_part(&self) -> (usize, f64) {
         let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
-        self.belief.class_posterior().into_iter().enumerate().fold((0, 0.0), most)
+        self.belief.class_posterior().iter().copied().enumerate().fold((0, 0.0), most)
     }
 
     /// Where a part would be, and how well it explains the touches there.

@@ -7,28 +7,40 @@ use crate::resample::normalize;
 pub struct Exact {
     log_posterior: Vec<f64>,
     posterior: Vec<f64>,
+    /// The log-posterior of the first states after the touch being taken in, not normalised.
+    weighed: Vec<f64>,
 }
 
 impl Exact {
     /// Every state equally likely, before any touch.
     pub fn uniform(n_states: usize) -> Self {
         let n = n_states as f64;
-        Self { log_posterior: vec![-n.ln(); n_states], posterior: vec![1.0 / n; n_states] }
+        let (log_posterior, posterior) = (vec![-n.ln(); n_states], vec![1.0 / n; n_states]);
+        Self { log_posterior, posterior, weighed: Vec::with_capacity(n_states) }
     }
 
-    /// Bayes' rule (paper, Eq. 4): adds each state's log-likelihood, normalises once, and returns the
-    /// log-evidence of the touch.
+    /// Takes in a touch's log-likelihood at the next states, from the first on; [`Self::update`] follows once all have it.
+    pub fn weigh(&mut self, log_likelihoods: &[f64]) {
+        let of_next = &self.log_posterior[self.weighed.len()..];
+        self.weighed.extend(of_next.iter().zip(log_likelihoods).map(|(log, likelihood)| log + likelihood));
+    }
+
+    /// Bayes' rule (paper, Eq. 4): the posterior becomes what was weighed, normalised once; returns the log-evidence
+    /// of the touch.
     ///
     /// A touch that no state explains (-inf everywhere) says nothing: the posterior stays, and the
     /// log-evidence is -inf.
-    pub fn update(&mut self, log_likelihood: impl Fn(usize) -> f64) -> f64 {
-        let updated = |(state, log): (usize, &f64)| log + log_likelihood(state);
-        let largest = self.log_posterior.iter().enumerate().map(updated).fold(f64::NEG_INFINITY, f64::max);
-        if !largest.is_finite() {
-            return f64::NEG_INFINITY;
+    ///
+    /// # Panics
+    /// Where not each state was weighed.
+    pub fn update(&mut self) -> f64 {
+        assert_eq!(self.weighed.len(), self.log_posterior.len(), "states weighed");
+        let log_evidence = normalize(&mut self.weighed, &mut self.posterior);
+        if log_evidence.is_some() {
+            std::mem::swap(&mut self.log_posterior, &mut self.weighed);
         }
-        self.log_posterior.iter_mut().enumerate().for_each(|(state, log)| *log += log_likelihood(state));
-        normalize(&mut self.log_posterior, &mut self.posterior).unwrap_or(f64::NEG_INFINITY)
+        self.weighed.clear();
+        log_evidence.unwrap_or(f64::NEG_INFINITY)
     }
 
     /// The posterior of each state, which sums to 1.
@@ -47,6 +59,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn update(exact: &mut Exact, log_likelihood: impl Fn(usize) -> f64) -> f64 {
+        let logs: Vec<f64> = (0..exact.posterior().len()).map(log_likelihood).collect();
+        logs.chunks(2).for_each(|logs| exact.weigh(logs));
+        exact.update()
+    }
+
     proptest! {
         #[test]
         fn the_posterior_is_the_normalised_product(
@@ -54,7 +72,7 @@ mod tests {
         ) {
             let mut exact = Exact::uniform(6);
             for touch in &touches {
-                exact.update(|state| touch[state].ln());
+                update(&mut exact, |state| touch[state].ln());
             }
             let product = |state: usize| touches.iter().map(|touch| touch[state]).product::<f64>();
             let sum: f64 = (0..6).map(product).sum();
@@ -67,8 +85,8 @@ mod tests {
         #[test]
         fn an_impossible_state_changes_nothing(touch in prop::collection::vec(-50.0..0.0_f64, 4)) {
             let (mut without, mut with) = (Exact::uniform(4), Exact::uniform(5));
-            without.update(|state| touch[state]);
-            with.update(|state| touch.get(state).copied().unwrap_or(f64::NEG_INFINITY));
+            update(&mut without, |state| touch[state]);
+            update(&mut with, |state| touch.get(state).copied().unwrap_or(f64::NEG_INFINITY));
             for (a, b) in without.log_posterior().iter().zip(with.log_posterior()) {
                 prop_assert!((a - b).abs() < 1e-12);
             }
@@ -80,15 +98,15 @@ mod tests {
     fn a_touch_that_nothing_explains_leaves_the_posterior() {
         // PythonRobotics#200, Gen.jl#117: all weights -inf became NaN.
         let mut exact = Exact::uniform(3);
-        exact.update(|state| -(state as f64));
+        update(&mut exact, |state| -(state as f64));
         let before = exact.clone();
-        assert_eq!(exact.update(|_| f64::NEG_INFINITY), f64::NEG_INFINITY);
+        assert_eq!(update(&mut exact, |_| f64::NEG_INFINITY), f64::NEG_INFINITY);
         assert_eq!(exact, before);
     }
 
     #[test]
     fn the_evidence_is_the_average_likelihood() {
-        let log_evidence = Exact::uniform(2).update(|state| [0.2_f64, 0.6][state].ln());
+        let log_evidence = update(&mut Exact::uniform(2), |state| [0.2_f64, 0.6][state].ln());
         assert!((log_evidence - 0.4_f64.ln()).abs() < 1e-12);
     }
 }

@@ -24,7 +24,7 @@ fn posterior(rows: &[[f32; 3]], shares: &[f32], touches: &[[f32; 3]], config: &L
     for touch in &touches[1..] {
         belief.update(&Se2::IDENTITY, seen(touch));
     }
-    belief.class_posterior()
+    belief.class_posterior().to_vec()
 }
 
 fn rows(n: usize) -> impl Strategy<Value = Vec<[f32; 3]>> {
@@ -90,7 +90,8 @@ proptest! {
                 .flat_map(|(exact, probability)| {
                     (0..3).map(move |symbol| {
                         let mut exact = exact.clone();
-                        exact.update(|state| table[state][symbol].ln());
+                        exact.weigh(&[0, 1, 2, 3].map(|state| table[state][symbol].ln()));
+                        exact.update();
                         (exact, probability * table[truth][symbol])
                     })
                 })

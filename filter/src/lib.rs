@@ -41,6 +41,7 @@ pub mod exact;
 mod fuzz;
 #[cfg(test)]
 mod invariants;
+mod lanes;
 pub mod likelihood;
 pub mod lookup;
 pub mod modes;

@@ -16,6 +16,7 @@ use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::{dot, part_mating};
 
 use crate::error::{Error, Result};
+use crate::lanes;
 use crate::lookup::{LookUp, Sheet, Stencil};
 use crate::softplus::softplus;
 use crate::touched::Overlap;
@@ -153,7 +154,7 @@ pub struct TouchLikelihood {
     pub blank: bool,
     /// Whether each row of the bank shows an edge, `[n_rows]`.
     edged: Vec<bool>,
-    /// How alike the bank's views beside each other are, `[n_rows]`; `None` where none are interpolated.
+    /// How alike the bank's views beside each other are, `[n_parts]`; `None` where none are interpolated.
     neighbours: Option<Arc<[Neighbours]>>,
     /// Log of the mean of `exp((s - best) / tau) + eps` over the edged rows.
     log_mean: f64,
@@ -174,10 +175,12 @@ impl TouchLikelihood {
         let similarities = cosines(observation, bank)?; // [n_rows]
         let edged: Vec<bool> = bank.edge_shares().iter().map(|share| !config.is_blank(*share)).collect();
         let blank = config.is_blank(observation.edge_share);
-        let of_edged = || similarities.iter().zip(&edged).filter(|(_, edged)| **edged).map(|(s, _)| *s);
-        let best_similarity = of_edged().fold(-1.0, f32::max);
+        let of_edged = similarities.iter().zip(&edged).filter(|(_, edged)| **edged);
+        let mut above_best: Vec<f64> = of_edged.map(|(similarity, _)| f64::from(*similarity)).collect();
+        let best_similarity = lanes::largest(&above_best).max(-1.0) as f32;
+        above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(best_similarity));
         let look = Look::new(config);
-        let log_mean = look.log_mean(of_edged().map(|s| f64::from(s - best_similarity)));
+        let log_mean = look.log_mean(above_best);
         let unknown = if blank { UNKNOWN_IS_BLANK } else { 1.0 - UNKNOWN_IS_BLANK };
         let log_unknown = unknown.ln();
         let neighbours = config.look_up.is_cubic(bank.grid()).then(|| bank.neighbours());
@@ -212,20 +215,30 @@ impl TouchLikelihood {
         self.log_agrees + look
     }
 
+    /// The same near a row that is as blank as the touch, and near one that is not.
+    pub(crate) fn logs_between(&self, similarities: &[f32]) -> (Vec<f64>, f64) {
+        let agrees = if self.blank {
+            vec![self.log_agrees; similarities.len()]
+        } else {
+            let above_best = similarities.iter().map(|similarity| similarity - self.best_similarity).collect();
+            self.look.logs(above_best, self.log_agrees - self.log_mean)
+        };
+        (agrees, self.log_disagrees)
+    }
+
     /// The cosine at a pose between the views of one part, whose rows start at `start`.
     pub(crate) fn between(&self, stencil: &Stencil, start: usize, n_cells: usize) -> f32 {
-        let rows = start..start + n_cells;
+        let similarities = &self.similarities[start..start + n_cells];
         match &self.neighbours {
-            Some(neighbours) => stencil.cosine(&self.similarities[rows.clone()], &neighbours[rows]),
-            None => stencil.value(&self.similarities[rows]),
+            Some(neighbours) => stencil.cosine(similarities, &neighbours[start / n_cells]),
+            None => stencil.value(similarities),
         }
     }
 
-    /// The cosines at the states of a sheet, as [`Self::between`] would find each.
-    pub(crate) fn on_sheet(&self, sheet: &Sheet, start: usize, n_cells: usize) -> Vec<f32> {
-        let rows = start..start + n_cells;
-        let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[rows.clone()]);
-        sheet.cosines(&self.similarities[rows], neighbours)
+    /// The cosines at the states of a sheet, as [`Self::between`] would find each; `planes` are the cosines with the
+    /// part's views, [`in_planes`](crate::lookup::in_planes).
+    pub(crate) fn on_sheet(&self, sheet: &Sheet, part: usize, planes: &[f32]) -> Vec<f32> {
+        sheet.cosines(planes, self.neighbours.as_ref().map(|neighbours| &neighbours[part]))
     }
 
     /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
@@ -241,6 +254,11 @@ impl TouchLikelihood {
     /// Whether the view of a row shows an edge.
     pub fn is_edged(&self, row: usize) -> bool {
         self.edged[row]
+    }
+
+    /// Whether each does, `[n_rows]`.
+    pub(crate) fn edged(&self) -> &[bool] {
+        &self.edged
     }
 }
 
@@ -259,18 +277,39 @@ impl Look {
 
     /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the best and one is the best; 0
     /// without any.
-    fn log_mean(self, above_best: impl Iterator<Item = f64>) -> f64 {
-        let (sum, n) = above_best.fold((0.0, 0.0), |(sum, n), d| (sum + (d / self.temperature).exp(), n + 1.0));
-        if n > 0.0 { (sum / n + self.log_floor.exp()).ln() } else { 0.0 }
+    fn log_mean(self, mut above_best: Vec<f64>) -> f64 {
+        let n = above_best.len() as f64;
+        above_best.iter_mut().for_each(|d| *d /= self.temperature);
+        let mut looks = Vec::new();
+        lanes::lower(&mut above_best, 0.0, &mut looks);
+        if n > 0.0 { (lanes::sum(&looks) / n + self.log_floor.exp()).ln() } else { 0.0 }
     }
 
     fn log(self, above_best: f64) -> f64 {
-        /// Between recorded views a cosine may rise above the best of them, but by no more than this says anything.
-        const HIGHEST: f64 = 30.0;
         let log = (above_best / self.temperature).min(HIGHEST);
         if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log }
     }
+
+    /// The same of many, in f32 where that is fine enough, each with `more` added.
+    fn logs(self, mut above_best: Vec<f32>, more: f64) -> Vec<f64> {
+        // No cosine in f32 is good to more than 1e-7, which below this temperature is a thousandth of a nat.
+        const COLDEST: f64 = 1e-4;
+        if self.temperature < COLDEST || self.log_floor == f64::NEG_INFINITY {
+            return above_best.into_iter().map(|above_best| self.log(f64::from(above_best)) + more).collect();
+        }
+        let (per_cosine, floor) = ((1.0 / self.temperature) as f32, self.log_floor as f32);
+        for value in &mut above_best {
+            let log = *value * per_cosine;
+            *value = if log < HIGHEST as f32 { log } else { HIGHEST as f32 } - floor;
+        }
+        lanes::softplus(&mut above_best);
+        let more = self.log_floor + more;
+        above_best.into_iter().map(|log| more + f64::from(log)).collect()
+    }
 }
+
+/// Between recorded views a cosine may rise above the best of them, but by no more than this says anything, nats.
+const HIGHEST: f64 = 30.0;
 
 fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     let query = &observation.query;

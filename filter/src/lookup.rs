@@ -1,9 +1,12 @@
 //! What the bank knows of a pose that it did not record: the nearest view, or the views around it.
 
+use multiversion::multiversion;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::neighbours::Neighbours;
+
+use crate::lanes;
 
 /// How a view between recorded poses is judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -70,7 +73,7 @@ pub(crate) fn trusted(grid: &PoseGrid, cells: &NearestCell, part_from_sensor: &S
 /// exact at recorded places; at the border a parabola goes on through the last three.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Around {
-    /// Indices of the four, and the nearest one; times the distance between cells where [`Self::strided`].
+    /// Indices of the four, and the nearest one.
     indices: [usize; 4],
     nearest: usize,
     weights: [f32; 4],
@@ -101,25 +104,46 @@ impl Around {
         Self::new(turn, grid.theta_half_deg, grid.theta_step_deg, grid.n_theta())
     }
 
-    /// The same with how far cells lie from the first instead of their indices.
-    fn strided(self, stride: usize) -> Self {
-        Self { indices: self.indices.map(|index| index * stride), nearest: self.nearest * stride, ..self }
-    }
-
     /// The interpolated value of what lies at each index.
     fn value(&self, at: impl Fn(usize) -> f32) -> f32 {
         let ([a, b, c, d], w) = (self.indices, &self.weights);
         w[0] * at(a) + w[1] * at(b) + w[2] * at(c) + w[3] * at(d)
     }
 
-    /// The squared length of the embedding interpolated along this axis, from the [`Neighbours`] along it at each index.
-    fn square<'a>(&self, along: impl Fn(usize) -> &'a [f32; 3]) -> f32 {
-        let (w, [first, second, third, _]) = (&self.weights, self.indices);
-        let [first, second, third] = [along(first), along(second), along(third)];
+    /// The same of each value of a line at each index.
+    #[inline(always)]
+    fn values<'a>(&self, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
+        lanes::blend(&self.weights, self.indices.map(line), out);
+    }
+
+    /// How the embedding interpolated along this axis gets its squared length from the cosines between the four: its
+    /// square is the constant and, so weighted, the cosines at [`Self::pairs`].
+    fn square_weights(&self) -> (f32, [f32; 6]) {
+        let w = &self.weights;
         let squares = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3];
-        let one_apart = w[0] * w[1] * first[0] + w[1] * w[2] * second[0] + w[2] * w[3] * third[0];
-        let further = w[0] * w[2] * first[1] + w[1] * w[3] * second[1] + w[0] * w[3] * first[2];
-        squares + 2.0 * (one_apart + further)
+        let of = [(0, 1), (1, 2), (2, 3), (0, 2), (1, 3), (0, 3)].map(|(a, b)| 2.0 * w[a] * w[b]);
+        (squares, of)
+    }
+
+    /// The pairs among the four, each as the index of the first and the steps to the second.
+    fn pairs(&self) -> [(usize, usize); 6] {
+        let [a, b, c, _] = self.indices;
+        [(a, 1), (b, 1), (c, 1), (a, 2), (b, 2), (a, 3)]
+    }
+
+    /// The squared length of the embedding interpolated along this axis, from the cosine of what lies at an index with
+    /// what lies some steps further.
+    fn square(&self, cosine: impl Fn(usize, usize) -> f32) -> f32 {
+        let (constant, weights) = self.square_weights();
+        let sum: f32 = weights.iter().zip(self.pairs()).map(|(weight, (index, k))| weight * cosine(index, k)).sum();
+        constant + sum
+    }
+
+    /// The same for each value of a line of cosines.
+    #[inline(always)]
+    fn squares<'a>(&self, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]) {
+        let (constant, weights) = self.square_weights();
+        lanes::blend_six(constant, &weights, self.pairs().map(|(index, k)| line(index, k)), out);
     }
 }
 
@@ -127,10 +151,11 @@ impl Around {
 const SHORTEST: f32 = 0.3;
 
 /// The cosine with an interpolated embedding, which is shorter than 1 between views that differ and counts by its
-/// direction: from the interpolated cosine and the embedding's squared length along each axis.
-fn directed(cosine: f32, squares: [f32; 3]) -> f32 {
-    let square = squares[0] * squares[1] * squares[2];
-    (cosine / square.max(SHORTEST * SHORTEST).sqrt()).clamp(-1.0, 1.0)
+/// direction: from the interpolated cosine and the embedding's squared length.
+#[inline(always)]
+fn directed(cosine: f32, square: f32) -> f32 {
+    let square = if square > SHORTEST * SHORTEST { square } else { SHORTEST * SHORTEST };
+    (cosine / square.sqrt()).clamp(-1.0, 1.0)
 }
 
 /// How far outside the recorded area a view still resembles the one at its border, in steps: the trust is
@@ -155,8 +180,9 @@ pub struct Stencil {
     pub cell: usize,
     /// 1 within the recorded area, falling with the distance from it.
     pub trust: f64,
-    /// Along x, y and theta.
+    /// Along x, y and theta, with the cells between two places of each.
     axes: [Around; 3],
+    strides: [usize; 3],
 }
 
 impl Stencil {
@@ -164,28 +190,29 @@ impl Stencil {
     /// the recorded area.
     pub fn new(grid: &PoseGrid, part_from_sensor: &Se2) -> Option<Self> {
         let Se2 { x_mm, y_mm, theta_rad } = *part_from_sensor;
-        let (x, y) = (Around::x_or_y(grid, x_mm), Around::x_or_y(grid, y_mm));
-        let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
-        let axes = [x.strided(n_xy * n_theta), y.strided(n_theta), Around::theta(grid, theta_rad)];
+        let axes = [Around::x_or_y(grid, x_mm), Around::x_or_y(grid, y_mm), Around::theta(grid, theta_rad)];
         let trust = trust(axes.map(|axis| axis.outside))?;
-        Some(Self { cell: axes.iter().map(|axis| axis.nearest).sum(), trust, axes })
+        let strides = [grid.n_xy() * grid.n_theta(), grid.n_theta(), 1];
+        let cell = axes.iter().zip(strides).map(|(axis, stride)| axis.nearest * stride).sum();
+        Some(Self { cell, trust, axes, strides })
     }
 
     /// The cosine with the view there, from the cosines with one part's recorded views, `[grid.len()]`: that with
     /// their interpolated embedding, whose length is about the product of its lengths along each axis, through the
     /// nearest recorded pose.
-    pub fn cosine(&self, cosines: &[f32], neighbours: &[Neighbours]) -> f32 {
-        let square = |axis: usize| {
-            let around = &self.axes[axis];
-            around.square(|offset| &neighbours[self.cell - around.nearest + offset][axis])
-        };
-        directed(self.value(cosines), [0, 1, 2].map(square))
+    pub fn cosine(&self, cosines: &[f32], neighbours: &Neighbours) -> f32 {
+        let n = self.strides[0] / self.strides[1];
+        let [x, y, theta] = &self.axes;
+        let along_x = x.square(|x, k| neighbours.plane(0, k, theta.nearest)[x * n + y.nearest]);
+        let along_y = y.square(|y, k| neighbours.plane(1, k, theta.nearest)[y * n + x.nearest]);
+        let along_theta = theta.square(|theta, k| neighbours.plane(2, k, theta)[x.nearest * n + y.nearest]);
+        directed(self.value(cosines), along_x * along_theta * along_y)
     }
 
     /// The interpolated value of one part's `cells`, `[grid.len()]`.
     pub fn value(&self, cells: &[f32]) -> f32 {
-        let [x, y, theta] = &self.axes;
-        x.value(|x| y.value(|y| theta.value(|theta| cells[x + y + theta])))
+        let ([x, y, theta], [of_x, of_y, _]) = (&self.axes, self.strides);
+        x.value(|x| y.value(|y| theta.value(|theta| cells[x * of_x + y * of_y + theta])))
     }
 }
 
@@ -216,62 +243,99 @@ impl Sheet {
         }
     }
 
-    /// The nearest cell to each state and how far its view is trusted, x slowest; `None` where it is unknown.
-    pub fn nearest(&self) -> Vec<Option<Nearest>> {
-        let mut nearest = Vec::with_capacity(self.xs.len() * self.ys.len());
-        for x in &self.xs {
-            nearest.extend(self.ys.iter().map(|y| {
-                let trust = trust([x.outside, y.outside, self.theta.outside])?;
-                let cell = (x.nearest * self.n_xy + y.nearest) * self.n_theta + self.theta.nearest;
-                Some(Nearest { cell, trust })
-            }));
-        }
-        nearest
+    /// Whether the view from any state is known.
+    pub fn has_known(&self) -> bool {
+        let inmost = |axis: &[Around]| axis.iter().map(|at| at.outside.abs()).fold(f64::INFINITY, f64::min);
+        trust([inmost(&self.xs), inmost(&self.ys), self.theta.outside]).is_some()
     }
 
-    /// [`Stencil::cosine`] at each state, x slowest, from the cosines with one part's recorded views; without
-    /// neighbours [`Stencil::value`].
-    pub fn cosines(&self, cosines: &[f32], neighbours: Option<&[Neighbours]>) -> Vec<f32> {
-        let (n, n_theta, n_states) = (self.n_xy, self.n_theta, self.ys.len());
-        let lines = cosines.chunks_exact(n_theta);
-        let of_angle: Vec<f32> = lines.map(|line| self.theta.value(|theta| line[theta])).collect(); // [n, n]
-        let mut of_ys = Vec::with_capacity(n * n_states); // [n, n_states]
-        for line in of_angle.chunks_exact(n) {
-            of_ys.extend(self.ys.iter().map(|y| y.value(|y| line[y])));
+    /// Calls `take` with each state whose view is known, by its place, x slowest: the nearest cell to it and how far its
+    /// view is trusted.
+    pub fn for_each_known(&self, mut take: impl FnMut(usize, Nearest)) {
+        let theta = self.theta.outside;
+        for (index, x) in self.xs.iter().enumerate() {
+            for (place, y) in (index * self.ys.len()..).zip(&self.ys) {
+                let is_inside = x.outside == 0.0 && y.outside == 0.0 && theta == 0.0;
+                let trust = if is_inside { Some(1.0) } else { trust([x.outside, y.outside, theta]) };
+                let cell = (x.nearest * self.n_xy + y.nearest) * self.n_theta + self.theta.nearest;
+                trust.into_iter().for_each(|trust| take(place, Nearest { cell, trust }));
+            }
         }
-        let mut values = Vec::with_capacity(n_states * n_states);
-        for x in &self.xs {
-            let ([a, b, c, d], w) = (x.indices.map(|x| &of_ys[x * n_states..][..n_states]), &x.weights);
-            values.extend((0..n_states).map(|y| w[0] * a[y] + w[1] * b[y] + w[2] * c[y] + w[3] * d[y]));
-        }
-        if let Some(neighbours) = neighbours {
-            self.direct(&mut values, neighbours);
+    }
+
+    /// [`Stencil::cosine`] at each state, x slowest, from the cosines with one part's recorded views as [`in_planes`]
+    /// has them; without neighbours [`Stencil::value`].
+    pub fn cosines(&self, planes: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
+        cosines(self, planes, neighbours)
+    }
+
+    #[inline(always)]
+    fn values(&self, planes: &[f32]) -> Vec<f32> {
+        let (n, n_states) = (self.n_xy, self.ys.len());
+        let mut of_angle = vec![0.0; n * n];
+        self.theta.values(|theta| &planes[theta * n * n..][..n * n], &mut of_angle);
+        let of_ys = along_y(n, &self.ys, |y, out| y.values(|y| &of_angle[y * n..][..n], out));
+        let mut values = vec![0.0; n_states * n_states];
+        for (x, values) in self.xs.iter().zip(values.chunks_exact_mut(n_states)) {
+            x.values(|x| &of_ys[x * n_states..][..n_states], values);
         }
         values
     }
 
     /// Makes interpolated cosines those with the interpolated embeddings' directions, as [`Stencil::cosine`] does.
-    fn direct(&self, cosines: &mut [f32], neighbours: &[Neighbours]) {
-        let (n, n_theta, n_states, angle) = (self.n_xy, self.n_theta, self.ys.len(), self.theta.nearest);
-        let at = |x: usize, y: usize| (x * n + y) * n_theta;
+    #[inline(always)]
+    fn direct(&self, cosines: &mut [f32], neighbours: &Neighbours) {
+        let (n, n_states, angle) = (self.n_xy, self.ys.len(), self.theta.nearest);
         // Squared lengths: along theta for each place of the views, along x and y for a state on that axis and a view on the other.
-        let of_place = |place: usize| self.theta.square(|theta| &neighbours[place * n_theta + theta][2]);
-        let along_theta: Vec<f32> = (0..n * n).map(of_place).collect();
-        let mut along_y = Vec::with_capacity(n * n_states);
-        for x in 0..n {
-            along_y.extend(self.ys.iter().map(|y| y.square(|y| &neighbours[at(x, y) + angle][1])));
-        }
-        let mut along_x = vec![0.0; n];
+        let mut along_theta = vec![0.0; n * n];
+        self.theta.squares(|theta, k| neighbours.plane(2, k, theta), &mut along_theta);
+        let of_y = |y: usize, k: usize| &neighbours.plane(1, k, angle)[y * n..][..n];
+        let along_y = along_y(n, &self.ys, |y, out| y.squares(of_y, out));
+        let (mut of_places, mut of_states) = (vec![0.0; n], vec![0.0; n_states]);
         for (x, cosines) in self.xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
-            for (y, along_x) in along_x.iter_mut().enumerate() {
-                *along_x = x.square(|x| &neighbours[at(x, y) + angle][0]);
+            x.squares(|x, k| &neighbours.plane(0, k, angle)[x * n..][..n], &mut of_places);
+            of_places.iter_mut().zip(&along_theta[x.nearest * n..]).for_each(|(square, theta)| *square *= theta);
+            for ((square, y), along_y) in of_states.iter_mut().zip(&self.ys).zip(&along_y[x.nearest * n_states..]) {
+                *square = of_places[y.nearest] * along_y;
             }
-            let (along_y, along_theta) = (&along_y[x.nearest * n_states..], &along_theta[x.nearest * n..]);
-            for ((cosine, y), along_y) in cosines.iter_mut().zip(&self.ys).zip(along_y) {
-                *cosine = directed(*cosine, [along_x[y.nearest], *along_y, along_theta[y.nearest]]);
+            for (cosine, square) in cosines.iter_mut().zip(&of_states) {
+                *cosine = directed(*cosine, *square);
             }
         }
     }
+}
+
+/// [`Sheet::cosines`], for the vector unit at hand.
+#[multiversion(targets("x86_64+avx2"))]
+fn cosines(sheet: &Sheet, planes: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
+    let mut cosines = sheet.values(planes);
+    if let Some(neighbours) = neighbours {
+        sheet.direct(&mut cosines, neighbours);
+    }
+    cosines
+}
+
+/// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what lies together is
+/// interpolated at once.
+pub fn in_planes(cells: &[f32], grid: &PoseGrid) -> Vec<f32> {
+    let (n, n_theta) = (grid.n_xy(), grid.n_theta());
+    let mut planes = vec![0.0; cells.len()];
+    for (place, line) in cells.chunks_exact(n_theta).enumerate() {
+        let first = place % n * n + place / n;
+        planes[first..].iter_mut().step_by(n * n).zip(line).for_each(|(cell, value)| *cell = *value);
+    }
+    planes
+}
+
+/// What `find` finds at each of `ys` for the `n` places along x, x slowest.
+#[inline(always)]
+fn along_y(n: usize, ys: &[Around], find: impl Fn(&Around, &mut [f32])) -> Vec<f32> {
+    let (mut found, mut line) = (vec![0.0; n * ys.len()], vec![0.0; n]);
+    for (index, y) in ys.iter().enumerate() {
+        find(y, &mut line);
+        found[index..].iter_mut().step_by(ys.len()).zip(&line).for_each(|(found, value)| *found = *value);
+    }
+    found
 }
 
 /// Weights of the four points around a place `f` between the middle two, 0..=1 (Catmull and Rom 1974).
@@ -359,7 +423,7 @@ mod tests {
                 |cell: usize| -> f32 { bank.as_ref().unwrap().row(cell).iter().zip(&query).map(|(a, b)| a * b).sum() };
             let cosines: Vec<f32> = (0..FINE.len()).map(dot).collect();
             let stencil = Stencil::new(&FINE, &pose).unwrap();
-            let (plain, directed) = (stencil.value(&cosines), stencil.cosine(&cosines, &neighbours));
+            let (plain, directed) = (stencil.value(&cosines), stencil.cosine(&cosines, &neighbours[0]));
             // Turns of 0.7 rad a step: the interpolated embedding is up to 4 % too short.
             assert!((directed - 1.0).abs() < 2e-3 && directed >= plain - 1e-6, "{directed} {plain}");
         }
@@ -374,13 +438,17 @@ mod tests {
             let moved = Se2::from_degrees(x, y, theta);
             let noise = |i: usize| ((i * 7919 + seed * 104_729) % 1009) as f32 / 1009.0;
             let cells: Vec<f32> = (0..FINE.len()).map(|cell| 2.0 * noise(cell) - 1.0).collect();
-            let neighbours: Vec<Neighbours> =
-                (0..FINE.len()).map(|cell| [0, 1, 2].map(|axis| [0, 1, 2].map(|k| noise(9 * cell + 3 * axis + k)))).collect();
+            let neighbours = Neighbours::new(FINE.n_xy(), FINE.n_theta(), |[x, y, theta], axis, k| {
+                noise(9 * (117 * x + 13 * y + theta) + 3 * axis + k)
+            });
             let states = FINE.subdivided(times);
             for angle in [0, states.n_theta() / 3, states.n_theta() - 1] {
                 let sheet = Sheet::new(&FINE, &states, angle, &moved);
-                let (seen, plain) = (sheet.cosines(&cells, Some(&neighbours)), sheet.cosines(&cells, None));
-                for (place, nearest) in sheet.nearest().into_iter().enumerate() {
+                let planes = in_planes(&cells, &FINE);
+                let (seen, plain) = (sheet.cosines(&planes, Some(&neighbours)), sheet.cosines(&planes, None));
+                let mut nearest = vec![None; states.n_xy() * states.n_xy()];
+                sheet.for_each_known(|place, found| nearest[place] = Some(found));
+                for (place, nearest) in nearest.into_iter().enumerate() {
                     let stencil = Stencil::new(&FINE, &(states.pose(place * states.n_theta() + angle) * moved));
                     prop_assert_eq!(nearest.is_some(), stencil.is_some());
                     let (Some(nearest), Some(stencil)) = (nearest, stencil) else { continue };

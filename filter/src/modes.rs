@@ -33,9 +33,7 @@ const MAX_STATES: usize = 10_000;
 /// a ten-thousandth of the belief in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
 /// part's `symmetry` turns into each other are one: the pose is that of the heaviest.
 pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
-    let mut states = belief.states();
-    let least = NEGLIGIBLE / states.len() as f64;
-    states.retain(|(_, mass)| *mass >= least);
+    let mut states = belief.states_from(NEGLIGIBLE / belief.n_states() as f64);
     if states.len() > MAX_STATES {
         states.select_nth_unstable_by(MAX_STATES, |a, b| b.1.total_cmp(&a.1));
         states.truncate(MAX_STATES);
@@ -95,25 +93,42 @@ fn likeliest_neighbours(grid: &PoseGrid, states: &[(Hypothesis, f64)]) -> Vec<us
     for (index, (hypothesis, _)) in (0..).zip(states) {
         index_of[hypothesis.part * n_cells + hypothesis.cell] = Some(index);
     }
-    let nearest = NearestCell::on(grid);
+    let beside = Beside::on(grid);
     let uphill = |(at, (hypothesis, _)): (usize, &(Hypothesis, f64))| {
-        let beside = poses_beside(grid, hypothesis.cell).filter_map(|pose| nearest.of(&pose));
-        let held = beside.filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
+        let held = beside.of(hypothesis.cell).filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
         let higher = |a: usize, b: usize| states[b].1 > states[a].1 || (states[b].1 == states[a].1 && b < a);
         held.map(|index| index as usize).fold(at, |best, next| if higher(best, next) { next } else { best })
     };
     states.iter().enumerate().map(uphill).collect()
 }
 
-/// The poses within one step of a cell's in x, y and theta, its own among them.
-fn poses_beside(grid: &PoseGrid, cell: usize) -> impl Iterator<Item = Se2> {
-    let centre = grid.pose(cell);
-    let (xy_step_mm, theta_step_rad) = (grid.xy_step_mm, grid.theta_step_deg.to_radians());
-    (0..27).map(move |step| {
-        let [dx, dy, dt] = [step / 9 - 1, step / 3 % 3 - 1, step % 3 - 1].map(f64::from);
-        let (x_mm, y_mm) = (centre.x_mm + dx * xy_step_mm, centre.y_mm + dy * xy_step_mm);
-        Se2::new(x_mm, y_mm, centre.theta_rad + dt * theta_step_rad)
-    })
+/// The cells within one step of a cell in x, y and theta.
+struct Beside {
+    n_xy: usize,
+    /// The angles one step below, at and above each angle, round half a turn too; `None` outside the grid.
+    angles: Vec<[Option<usize>; 3]>,
+}
+
+impl Beside {
+    fn on(grid: &PoseGrid) -> Self {
+        let nearest = NearestCell::on(grid);
+        let at = |index: usize, steps: f64| {
+            let Se2 { x_mm, y_mm, theta_rad } = grid.pose(index);
+            let turned = Se2::new(x_mm, y_mm, theta_rad + steps * grid.theta_step_deg.to_radians());
+            nearest.of(&turned).map(|cell| cell % grid.n_theta())
+        };
+        let angles = (0..grid.n_theta()).map(|index| [-1.0, 0.0, 1.0].map(|steps| at(index, steps))).collect();
+        Self { n_xy: grid.n_xy(), angles }
+    }
+
+    /// Its own among them.
+    fn of(&self, cell: usize) -> impl Iterator<Item = usize> {
+        let (n, n_theta) = (self.n_xy, self.angles.len());
+        let (x, y, angles) = (cell / n_theta / n, cell / n_theta % n, self.angles[cell % n_theta]);
+        let within = move |at: usize| at.saturating_sub(1)..(at + 2).min(n);
+        let places = within(x).flat_map(move |x| within(y).map(move |y| (x * n + y) * n_theta));
+        places.flat_map(move |place| angles.into_iter().flatten().map(move |angle| place + angle))
+    }
 }
 
 /// Mean and covariance of poses with probabilities.
@@ -158,6 +173,28 @@ mod tests {
         );
         assert_eq!(merged[0].part_from_sensor, modes()[0].part_from_sensor);
         assert_eq!(merge_twins(modes(), &PoseGrid::SMALL, &|_| Symmetry::NONE), modes());
+    }
+
+    #[test]
+    fn cells_beside_are_one_step_away_round_half_a_turn_too() {
+        let half = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
+        let ring = PoseGrid { theta_half_deg: 180.0, ..half };
+        for grid in [half, ring] {
+            let beside = Beside::on(&grid);
+            for cell in 0..grid.len() {
+                let (here, nearest) = (grid.pose(cell), NearestCell::on(&grid));
+                let steps = [-1.0, 0.0, 1.0];
+                let mut expected = Vec::new();
+                for [x, y, turn] in steps.iter().flat_map(|x| steps.iter().flat_map(move |y| steps.map(|t| [*x, *y, t]))) {
+                    let theta = here.theta_rad + 30.0_f64.to_radians() * turn;
+                    expected.extend(nearest.of(&Se2::new(here.x_mm + 4.0 * x, here.y_mm + 4.0 * y, theta)));
+                }
+                let mut found: Vec<usize> = beside.of(cell).collect();
+                found.sort_unstable();
+                expected.sort_unstable();
+                assert_eq!(found, expected);
+            }
+        }
     }
 
     #[test]

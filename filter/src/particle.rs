@@ -184,7 +184,8 @@ mod tests {
     fn many_particles_agree_with_the_exact_engine() {
         let mut exact = Exact::uniform(4);
         TOUCHES.iter().for_each(|touch| {
-            exact.update(|state| touch[state].ln());
+            exact.weigh(&touch.map(f64::ln));
+            exact.update();
         });
         for (resample_share, n_moves) in [(0.0, 0), (0.5, 0), (1.0, 0), (0.5, 1), (1.0, 4)] {
             let config = ParticleConfig { n_particles: 100_000, resample_share, n_moves, adaptive: false };

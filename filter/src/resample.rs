@@ -1,5 +1,7 @@
 //! Log weights: normalisation, effective sample size, systematic resampling.
 
+use crate::lanes;
+
 /// log(sum(exp(x))), without overflow; -inf for no weights at all. NaN counts as -inf.
 pub fn log_sum_exp(logs: &[f64]) -> f64 {
     let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -20,17 +22,13 @@ pub fn log_normalize(log_weights: &mut [f64]) -> Option<f64> {
 
 /// Like [`log_normalize`]; `weights` becomes what the log weights are the logs of, `[n]`.
 pub fn normalize(log_weights: &mut [f64], weights: &mut Vec<f64>) -> Option<f64> {
-    let largest = log_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let largest = lanes::largest(log_weights);
     if !largest.is_finite() {
         return None;
     }
     // Beside weights of e^-1e300 the log of their number would be lost: the largest goes first.
-    for log in log_weights.iter_mut() {
-        *log = if log.is_nan() { f64::NEG_INFINITY } else { *log - largest };
-    }
-    weights.clear();
-    weights.extend(log_weights.iter().map(|log| log.exp()));
-    let sum: f64 = weights.iter().sum();
+    lanes::lower(log_weights, largest, weights);
+    let sum = lanes::sum(weights);
     let log_sum = sum.ln();
     log_weights.iter_mut().for_each(|log| *log -= log_sum);
     weights.iter_mut().for_each(|weight| *weight /= sum);
@@ -49,8 +47,11 @@ pub fn effective_sample_size(log_weights: &[f64]) -> f64 {
 /// `offset`: one uniform draw in 0..1. Where no weight is positive, all count as equal; no weights give
 /// no indices.
 pub fn systematic(weights: &[f64], n: usize, offset: f64) -> Vec<usize> {
+    /// Weights summed at once: what is not drawn from is passed over so.
+    const BLOCK: usize = 256;
     let positive = |weight: f64| if weight.is_finite() && weight > 0.0 { weight } else { 0.0 };
-    let sum: f64 = weights.iter().map(|w| positive(*w)).sum();
+    let blocks: Vec<f64> = weights.chunks(BLOCK).map(lanes::sum_of_positive).collect();
+    let sum: f64 = blocks.iter().sum();
     let Some(last) = weights.iter().rposition(|w| positive(*w) > 0.0) else {
         return (0..n).filter(|_| !weights.is_empty()).map(|k| k * weights.len() / n).collect();
     };
@@ -61,6 +62,14 @@ pub fn systematic(weights: &[f64], n: usize, offset: f64) -> Vec<usize> {
             // Rounding may leave the last position above the sum of all: `last` takes it.
             while index < last && (cumulative <= position || positive(weights[index]) == 0.0) {
                 index += 1;
+                let passed_over = |index: usize, cumulative: f64| {
+                    let is_whole = index.is_multiple_of(BLOCK) && index + BLOCK <= last;
+                    is_whole && cumulative + blocks[index / BLOCK] <= position
+                };
+                while passed_over(index, cumulative) {
+                    cumulative += blocks[index / BLOCK];
+                    index += BLOCK;
+                }
                 cumulative += positive(weights[index]);
             }
             index
@@ -131,8 +140,10 @@ mod tests {
     proptest! {
         #[test]
         fn counts_are_within_one_of_their_expectation(
-            weights in prop::collection::vec(0.0..1.0_f64, 1..50), n in 1..500_usize, offset in 0.0..1.0_f64,
+            few in prop::collection::vec(0.0..1.0_f64, 1..50), times in 1..30_usize, n in 1..500_usize,
+            offset in 0.0..1.0_f64,
         ) {
+            let weights = few.repeat(times);
             let sum: f64 = weights.iter().sum();
             prop_assume!(sum > 1e-3);
             let drawn = systematic(&weights, n, offset);

@@ -4,7 +4,7 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 
 use crate::likelihood::TouchLikelihood;
-use crate::lookup::{Nearest, Sheet, Stencil, look_up, trusted};
+use crate::lookup::{Nearest, Sheet, Stencil, in_planes, look_up, trusted};
 
 /// How little is left of a touch's evidence where it repeats an earlier one: views that overlap share
 /// what they show and most of their error.
@@ -46,64 +46,75 @@ pub struct Touched {
 
 impl Touched {
     /// Judges a touch from every state: each part at each pose of `states`, with the views of a bank whose
-    /// grid is `grid`. Beside it stands log p(touch | state), part-major, `[n_parts * n_cells]`.
+    /// grid is `grid`. `take` is given log p(touch | state) of one part after the other, `[n_cells]`.
     pub fn new(
         grid: &PoseGrid,
         states: &PoseGrid,
         first_from_sensor: Se2,
         weight: f64,
         likelihood: TouchLikelihood,
-    ) -> (Self, Vec<f64>) {
+        take: &mut dyn FnMut(&[f64]),
+    ) -> Self {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.look_up.is_cubic(grid), config.lookup_tolerance);
         let best_similarity = likelihood.best_similarity;
         let mut touched = Self { first_from_sensor, likelihood, weight, best_similarity, cubic, tolerance };
-        let n_parts = touched.likelihood.similarities.len() / grid.len();
-        let mut log_states = vec![touched.likelihood.log_unknown; n_parts * states.len()];
-        let mut best = best_similarity;
-        touched.for_each_known(grid, states, &mut |state, seen| {
-            if seen.trust == 1.0 && touched.likelihood.is_edged(seen.row) {
-                best = best.max(seen.similarity);
-            }
-            log_states[state] = touched.log_seen(seen);
-        });
-        touched.best_similarity = best;
-        (touched, log_states)
+        if cubic {
+            touched.best_similarity = touched.judge_between(grid, states, take);
+        } else {
+            touched.judge_nearest(grid, states, take);
+        }
+        touched
     }
 
-    /// Calls `take` with each state whose view is known; the look-up is the same for every part.
-    fn for_each_known(&self, grid: &PoseGrid, states: &PoseGrid, take: &mut impl FnMut(usize, Seen)) {
-        let (n_views, n_cells, n_angles) = (grid.len(), states.len(), states.n_theta());
-        let n_parts = self.likelihood.similarities.len() / n_views;
-        if !self.cubic {
-            let views = NearestCell::on(grid);
-            for cell in 0..n_cells {
-                let part_from_sensor = states.pose(cell) * self.first_from_sensor;
-                let nearest = trusted(grid, &views, &part_from_sensor, self.tolerance);
-                let Some(Nearest { cell: view, trust }) = nearest else { continue };
-                for part in 0..n_parts {
-                    let row = part * n_views + view;
-                    take(part * n_cells + cell, Seen { row, similarity: self.likelihood.similarities[row], trust });
-                }
-            }
-            return;
+    /// Does what [`Self::new`] says by the nearest recorded views.
+    fn judge_nearest(&self, grid: &PoseGrid, states: &PoseGrid, take: &mut dyn FnMut(&[f64])) {
+        let cells = NearestCell::on(grid);
+        let look_up = |cell| trusted(grid, &cells, &(states.pose(cell) * self.first_from_sensor), self.tolerance);
+        let nearest: Vec<Option<Nearest>> = (0..states.len()).map(look_up).collect();
+        for start in (0..self.likelihood.similarities.len()).step_by(grid.len()) {
+            let log_of = |nearest: &Option<Nearest>| match nearest {
+                Some(Nearest { cell, trust }) => self.log_trusted(self.likelihood.log_row(start + cell), *trust),
+                None => self.likelihood.log_unknown,
+            };
+            take(&nearest.iter().map(log_of).collect::<Vec<_>>());
         }
-        for angle in 0..n_angles {
-            let sheet = Sheet::new(grid, states, angle, &self.first_from_sensor);
-            let nearest = sheet.nearest();
-            if nearest.iter().all(Option::is_none) {
-                continue;
-            }
-            for part in 0..n_parts {
-                let similarities = self.likelihood.on_sheet(&sheet, part * n_views, n_views);
-                for (place, (nearest, similarity)) in nearest.iter().zip(similarities).enumerate() {
-                    if let Some(Nearest { cell, trust }) = *nearest {
-                        let seen = Seen { row: part * n_views + cell, similarity, trust };
-                        take(part * n_cells + place * n_angles + angle, seen);
+    }
+
+    /// Does what [`Self::new`] says between the recorded views, and returns the largest cosine with the view from any
+    /// state that shows an edge.
+    fn judge_between(&self, grid: &PoseGrid, states: &PoseGrid, take: &mut dyn FnMut(&[f64])) -> f32 {
+        let (n_views, n_angles) = (grid.len(), states.n_theta());
+        let sheet = |angle| Sheet::new(grid, states, angle, &self.first_from_sensor);
+        let sheets: Vec<Sheet> = (0..n_angles).map(sheet).collect();
+        let n_places = states.len() / n_angles;
+        // Angle slowest, as they are found. Which views are known is the same for every part.
+        let mut log_sheets = vec![self.likelihood.log_unknown; states.len()];
+        let mut log_part = log_sheets.clone();
+        let mut best = self.best_similarity;
+        for (part, similarities) in self.likelihood.similarities.chunks_exact(n_views).enumerate() {
+            let planes = in_planes(similarities, grid);
+            let edged = &self.likelihood.edged()[part * n_views..][..n_views];
+            let known = sheets.iter().zip(log_sheets.chunks_exact_mut(n_places)).filter(|(sheet, _)| sheet.has_known());
+            for (sheet, log_sheet) in known {
+                let similarities = self.likelihood.on_sheet(sheet, part, &planes);
+                let (agrees, disagrees) = self.likelihood.logs_between(&similarities);
+                sheet.for_each_known(|place, Nearest { cell, trust }| {
+                    let is_edged = edged[cell];
+                    if is_edged && trust == 1.0 && similarities[place] > best {
+                        best = similarities[place];
                     }
-                }
+                    let log = if is_edged == self.likelihood.blank { disagrees } else { agrees[place] };
+                    log_sheet[place] = self.log_trusted(log, trust);
+                });
             }
+            for (place, logs) in log_part.chunks_exact_mut(n_angles).enumerate() {
+                let of_place = log_sheets[place..].iter().step_by(n_places);
+                logs.iter_mut().zip(of_place).for_each(|(log, found)| *log = *found);
+            }
+            take(&log_part);
         }
+        best
     }
 
     /// log p(touch | part and pose of the first touch), any pose.
@@ -141,10 +152,13 @@ impl Touched {
         }
     }
 
-    /// The log-likelihood of a view, or of a mix of it and an unknown one where it is trusted only in part.
     fn log_seen(&self, Seen { row, similarity, trust }: Seen) -> f64 {
+        self.log_trusted(self.likelihood.log_between(similarity, row), trust)
+    }
+
+    /// The log-likelihood of a view, or of a mix of it and an unknown one where it is trusted only in part.
+    fn log_trusted(&self, log: f64, trust: f64) -> f64 {
         let unknown = self.likelihood.log_unknown;
-        let log = self.likelihood.log_between(similarity, row);
         let log = if trust == 1.0 { log } else { log_mix(trust, log, unknown) };
         // What does not count says nothing, as an unknown view does.
         unknown + self.weight * (log - unknown)

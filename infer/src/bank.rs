@@ -118,7 +118,7 @@ impl Bank {
         let rest = Self::of(parts, self.grid, self.rows.without(cut.clone()), edge_shares, self.model_sha256.clone())?;
         let symmetries = (0..self.parts.len()).filter(keep).map(|i| self.symmetries[i].clone()).collect();
         let known = self.neighbours.known();
-        let neighbours = known.map(|of| Once::with([&of[..cut.start], &of[cut.end..]].concat().into()));
+        let neighbours = known.map(|of| Once::with([&of[..part], &of[part + 1..]].concat().into()));
         Ok(Self { symmetries, neighbours: neighbours.unwrap_or_else(Once::new), ..rest })
     }
 
@@ -233,7 +233,7 @@ impl Bank {
         *self.symmetries[part].get(|| symmetry(self, part))
     }
 
-    /// How alike the views beside each other are, `[n_rows]`; worked out when first asked for.
+    /// How alike each part's views beside each other are, `[n_parts]`; worked out when first asked for.
     pub fn neighbours(&self) -> Arc<[Neighbours]> {
         self.neighbours.get(|| neighbours(self)).clone()
     }
@@ -345,7 +345,7 @@ mod tests {
         for ask_first in [true, false] {
             let whole = bank(vec![0.2; 9], "mine").unwrap();
             if ask_first {
-                assert_eq!(whole.neighbours().len(), 9);
+                assert_eq!(whole.neighbours().len(), 3);
                 let _: Vec<_> = (0..3).map(|part| whole.symmetry(part)).collect();
             }
             let two = whole.without(0).unwrap();

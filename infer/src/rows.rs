@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use half::slice::HalfFloatSliceExt;
 use half::{bf16, f16};
+use multiversion::multiversion;
 
 use crate::error::{Error, Result};
 use crate::precision::Precision;
@@ -182,8 +183,8 @@ impl Rows {
                 let scale = query.iter().fold(0.0, |max: f32, value| max.max(value.abs())) / QUERY_MAX;
                 let whole = |value: &f32| if scale > 0.0 { (value / scale).round() as i16 } else { 0 };
                 let whole: Vec<i16> = query.iter().map(whole).collect();
-                let rows = values.chunks_exact(self.dim).zip(scales);
-                out.extend(rows.map(|(row, of_row)| dot_whole(&whole, row) as f32 * (scale * of_row)));
+                out.extend(scales.iter().map(|of_row| scale * of_row));
+                times_dots_whole(&whole, values, out);
             }
         }
     }
@@ -200,7 +201,7 @@ impl Rows {
             Values::F16(values) => dot_halves(&values[a], &values[b]),
             Values::Bf16(values) => dot_halves(&values[a], &values[b]),
             Values::I8 { values, scales } => {
-                let products = values[a].iter().zip(&values[b]).map(|(x, y)| i32::from(*x) * i32::from(*y));
+                let products = values[a].iter().zip(&values[b]).map(|(x, y)| i32::from(i16::from(*x) * i16::from(*y)));
                 products.sum::<i32>() as f32 * (scales[row_a] * scales[row_b])
             }
         }
@@ -268,9 +269,17 @@ where
         .sum()
 }
 
-/// The inner product of whole numbers; in i32 for rows of up to [`MAX_DIM`].
-fn dot_whole(query: &[i16], row: &[i8]) -> i32 {
-    query.iter().zip(row).map(|(q, r)| i32::from(*q) * i32::from(i16::from(*r))).sum()
+/// Multiplies each value by the inner product of the query with its row of whole numbers; in i32, for rows of up to
+/// [`MAX_DIM`].
+#[multiversion(targets("x86_64+avx2"))]
+fn times_dots_whole(query: &[i16], rows: &[i8], values: &mut [f32]) {
+    for (value, row) in values.iter_mut().zip(rows.chunks_exact(query.len())) {
+        let mut sum = 0_i32;
+        for i in 0..row.len() {
+            sum += i32::from(query[i]) * i32::from(i16::from(row[i]));
+        }
+        *value *= sum as f32;
+    }
 }
 
 #[cfg(test)]

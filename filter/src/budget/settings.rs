@@ -149,7 +149,7 @@ impl Settings {
         let bank_bytes = bank.n_rows() * (self.rows.n_bytes_of_row(bank.dim()) + 4 + 36);
         let touch_bytes = n_touches * bank.n_rows() * 4;
         let belief_bytes = match self.engine {
-            EngineConfig::Exact => n_states * 16,
+            EngineConfig::Exact => n_states * 24,
             EngineConfig::Particle(config) => config.n_particles * 16 + n_touches * n_states * 8,
         };
         Ok((4 * n_parameters + bank_bytes + touch_bytes + belief_bytes) as f64 / 1e6)
@@ -221,10 +221,10 @@ pub(crate) mod tests {
         let bank =
             Bank::from_rows(["A", "B"].map(String::from).into(), grid, 6, rows, vec![0.5; 18], "ab".into()).unwrap();
         let bytes = |settings: &Settings| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
-        let exact = 400 + 18 * (24 + 40) + 3 * 18 * 4 + 50 * 16;
+        let exact = 400 + 18 * (24 + 40) + 3 * 18 * 4 + 50 * 24;
         assert_eq!(bytes(&settings()), exact);
         assert_eq!(exact - bytes(&Settings { rows: Precision::I8, ..settings() }), 18 * (24 - 10));
         let few = EngineConfig::Particle(ParticleConfig::paper());
-        assert_eq!(bytes(&Settings { engine: few, ..settings() }), exact - 800 + 1_600 + 3 * 50 * 8);
+        assert_eq!(bytes(&Settings { engine: few, ..settings() }), exact - 1_200 + 1_600 + 3 * 50 * 8);
     }
 }

@@ -1,0 +1,188 @@
+//! What is asked of every state at every touch, in lanes, so that it vectorises: one after the other, each addition
+//! would wait for the one before.
+
+use multiversion::multiversion;
+
+const N: usize = 8;
+
+/// The sum of all values.
+pub fn sum(values: &[f64]) -> f64 {
+    sum_of(values, values, |value, _| value)
+}
+
+/// The sum of the values that are finite and positive.
+pub fn sum_of_positive(values: &[f64]) -> f64 {
+    sum_of(values, values, |value, _| if value > 0.0 && value < f64::INFINITY { value } else { 0.0 })
+}
+
+/// Shannon entropy of masses, nats, from their logs; one of no mass says nothing.
+pub fn entropy(masses: &[f64], logs: &[f64]) -> f64 {
+    sum_of(masses, logs, |mass, log| if mass > 0.0 { -mass * log } else { 0.0 })
+}
+
+#[inline(always)]
+fn sum_of(a: &[f64], b: &[f64], value: impl Fn(f64, f64) -> f64) -> f64 {
+    let mut lanes = [0.0; N];
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<N>(), b.as_chunks::<N>());
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| value(*a, *b)).sum();
+    for (a, b) in a.iter().zip(b) {
+        (0..N).for_each(|lane| lanes[lane] += value(a[lane], b[lane]));
+    }
+    lanes.iter().sum::<f64>() + rest
+}
+
+/// The largest value that is a number; -inf without any.
+pub fn largest(values: &[f64]) -> f64 {
+    let larger = |a: f64, b: f64| if b > a { b } else { a };
+    let mut lanes = [f64::NEG_INFINITY; N];
+    let (chunks, rest) = values.as_chunks::<N>();
+    for chunk in chunks {
+        (0..N).for_each(|lane| lanes[lane] = larger(lanes[lane], chunk[lane]));
+    }
+    rest.iter().chain(&lanes).copied().fold(f64::NEG_INFINITY, larger)
+}
+
+/// Lowers all logs by `by` and makes `exps` what they are then the logs of, `[n]`. NaN becomes -inf. No log is
+/// larger than `by`.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn lower(logs: &mut [f64], by: f64, exps: &mut Vec<f64>) {
+    exps.resize(logs.len(), 0.0);
+    for (log, power) in logs.iter_mut().zip(exps.iter_mut()) {
+        let lowered = if log.is_nan() { f64::NEG_INFINITY } else { *log - by };
+        *log = lowered;
+        *power = exp(lowered);
+    }
+}
+
+/// e^x for x at most 0, to 2 units in the last place: `2^k e^r` with `r` within half a binary order of 0, by the
+/// series of e^r up to the 13th power, whose next term is 4e-18. Nought where e^x is no normal number.
+#[inline(always)]
+fn exp(x: f64) -> f64 {
+    /// Added, it leaves a whole number in the lowest bits.
+    const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52
+    /// ln 2 in two parts, the first with so many noughts at the end that its multiples are exact.
+    const LN_2: [f64; 2] = [6.931_471_803_691_238_2e-1, 1.908_214_929_270_587_7e-10];
+    const FACTORIALS: [f64; 14] = {
+        let mut of = [1.0; 14];
+        let mut n = 1;
+        while n < of.len() {
+            of[n] = of[n - 1] * n as f64;
+            n += 1;
+        }
+        of
+    };
+    let inside = if x > SMALLEST { x } else { SMALLEST };
+    let shifted = inside * std::f64::consts::LOG2_E + ROUND;
+    let k = shifted - ROUND;
+    let r = (inside - k * LN_2[0]) - k * LN_2[1];
+    let mut power = 1.0 / FACTORIALS[13];
+    for n in (0..13).rev() {
+        power = power * r + 1.0 / FACTORIALS[n];
+    }
+    let scaled = f64::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 52));
+    if x >= SMALLEST { scaled } else { 0.0 }
+}
+
+/// About the log of the smallest normal number.
+const SMALLEST: f64 = -708.0;
+
+/// Weighted sums of four values each: `w0 a + w1 b + w2 c + w3 d`, each line as long as `out`.
+#[inline(always)]
+pub fn blend(weights: &[f32; 4], lines: [&[f32]; 4], out: &mut [f32]) {
+    let n = out.len();
+    let ([w0, w1, w2, w3], [a, b, c, d]) = (weights, lines.map(|line| &line[..n]));
+    for i in 0..n {
+        out[i] = w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * d[i];
+    }
+}
+
+/// A constant and weighted sums of six values each, each line as long as `out`.
+#[inline(always)]
+pub fn blend_six(constant: f32, weights: &[f32; 6], lines: [&[f32]; 6], out: &mut [f32]) {
+    let n = out.len();
+    let (w, [a, b, c, d, e, f]) = (weights, lines.map(|line| &line[..n]));
+    for i in 0..n {
+        out[i] = constant + w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i] + w[4] * e[i] + w[5] * f[i];
+    }
+}
+
+/// ln(1 + e^z) of each value, to 3e-7 and 1e-7 of itself: what is left of a cosine in f32 divided by a temperature.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn softplus(values: &mut [f32]) {
+    /// Added, it leaves a whole number in the lowest bits.
+    const ROUND: f32 = 12_582_912.0; // 1.5 * 2^23
+    const LN_2: [f32; 2] = [0.693_145_75, 1.428_606_8e-6];
+    for value in values {
+        let z = *value;
+        // e^-|z|, no smaller than matters.
+        let x = if z.abs() < 80.0 { -z.abs() } else { -80.0 };
+        let shifted = x * std::f32::consts::LOG2_E + ROUND;
+        let k = shifted - ROUND;
+        let r = (x - k * LN_2[0]) - k * LN_2[1];
+        let series = 1.0 + r * (1.0 + r * (1.0 / 2.0 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r / 720.0)))));
+        let power = f32::from_bits(series.to_bits().wrapping_add(shifted.to_bits() << 23));
+        // ln(1 + p) = 2 artanh(p / (2 + p)), whose argument is at most a third.
+        let s = power / (2.0 + power);
+        let q = s * s;
+        let series = 1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q / 13.0)))));
+        *value = if z > 0.0 { z } else { 0.0 } + 2.0 * s * series;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn sums_and_maxima_are_those_of_one_by_one(values in prop::collection::vec(-1e3..1e3_f64, 0..40)) {
+            prop_assert!((sum(&values) - values.iter().sum::<f64>()).abs() < 1e-10);
+            let positive: f64 = values.iter().filter(|value| **value > 0.0).sum();
+            prop_assert!((sum_of_positive(&values) - positive).abs() < 1e-10);
+            prop_assert_eq!(largest(&values), values.iter().copied().fold(f64::NEG_INFINITY, f64::max));
+        }
+
+        #[test]
+        fn exponentials_are_the_libraries(x in -708.0..0.0_f64) {
+            prop_assert!((exp(x) / x.exp() - 1.0).abs() < 4.5e-16, "{x}: {} {}", exp(x), x.exp());
+        }
+    }
+
+    #[test]
+    fn softplus_is_its_definition() {
+        let places: Vec<f32> = (-4000..4000).map(|i| i as f32 * 0.037).chain([-1e30, 1e30, -80.0, 80.0]).collect();
+        let mut found = places.clone();
+        softplus(&mut found);
+        for (z, found) in places.into_iter().map(f64::from).zip(found) {
+            let exact = z.max(0.0) + (-z.abs()).exp().ln_1p();
+            assert!((f64::from(found) - exact).abs() < 3e-7 + 1e-7 * exact, "{z}: {found}, not {exact}");
+        }
+    }
+
+    #[test]
+    fn blends_are_their_sums() {
+        let line = |k: usize| -> Vec<f32> { (0..13).map(|i| ((i * 7 + k * 31) % 11) as f32).collect() };
+        let lines: Vec<Vec<f32>> = (0..6).map(line).collect();
+        let weights = [1.0, -2.0, 0.5, 3.0, -0.25, 4.0];
+        let (mut four, mut six) = ([0.0; 13], [0.0; 13]);
+        blend(&[1.0, -2.0, 0.5, 3.0], [0, 1, 2, 3].map(|k: usize| lines[k].as_slice()), &mut four);
+        blend_six(2.0, &weights, [0, 1, 2, 3, 4, 5].map(|k: usize| lines[k].as_slice()), &mut six);
+        for i in 0..13 {
+            let sum = |n: usize| (0..n).map(|k| weights[k] * lines[k][i]).sum::<f32>();
+            assert_eq!([four[i], six[i]], [sum(4), 2.0 + sum(6)]);
+        }
+    }
+
+    #[test]
+    fn the_ends_are_exact_and_what_is_no_number_is_nothing() {
+        assert_eq!([exp(0.0), exp(-709.0), exp(-1e300), exp(f64::NEG_INFINITY)], [1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(sum_of_positive(&[f64::INFINITY, f64::NAN, -1.0, 2.0]), 2.0);
+        assert_eq!(entropy(&[0.5, 0.0, 0.5], &[-2.0, f64::NEG_INFINITY, -1.0]), 1.5);
+        assert_eq!(largest(&[f64::NAN, -2.0, f64::NAN]), -2.0);
+        assert_eq!(largest(&[f64::NAN; 9]), f64::NEG_INFINITY);
+        let (mut logs, mut exps) = (vec![3.0, f64::NAN, f64::NEG_INFINITY], vec![7.0]);
+        lower(&mut logs, 3.0, &mut exps);
+        assert_eq!((logs, exps), (vec![0.0, f64::NEG_INFINITY, f64::NEG_INFINITY], vec![1.0, 0.0, 0.0]));
+    }
+}
