@@ -88,8 +88,16 @@ impl Belief {
                 Engine::Particle { particle, log_likelihoods: vec![log_states] }
             }
         };
-        let mut belief =
-            Self { views, grid, n_parts, overlap, touches: vec![touched], engine, class_posterior: vec![], log_evidence };
+        let mut belief = Self {
+            views,
+            grid,
+            n_parts,
+            overlap,
+            touches: vec![touched],
+            engine,
+            class_posterior: vec![],
+            log_evidence,
+        };
         belief.class_posterior = belief.of_parts();
         belief
     }
@@ -101,9 +109,8 @@ impl Belief {
         let new_share = |earlier: &Touched| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
         let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
         let (grid, n_cells) = (&self.grid, self.grid.len());
-        let judge = |take: &mut dyn FnMut(&[f64])| {
-            Touched::new(&self.views, grid, first_from_sensor, weight, likelihood, take)
-        };
+        let judge =
+            |take: &mut dyn FnMut(&[f64])| Touched::new(&self.views, grid, first_from_sensor, weight, likelihood, take);
         let log_evidence = match &mut self.engine {
             Engine::Exact(exact) => {
                 self.touches.push(judge(&mut |log_part| exact.weigh(log_part)));

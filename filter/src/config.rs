@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_infer::Model;
+use tactile_infer::calibration::Gap;
 
 use crate::action::ActionConfig;
 use crate::belief::EngineConfig;
@@ -67,12 +68,22 @@ impl Default for EpisodeConfig {
     }
 }
 
+/// How much worse than the defaults expect a part in the bank explains its touches, at least 1: by one standard deviation
+/// more than on average, four touches of which rarely all fall.
+fn rougher(gap: &Gap, temperature: f64) -> f64 {
+    ((gap.mean + gap.sd) / temperature / -EpisodeConfig::default().none_fit).max(1.0)
+}
+
 impl EpisodeConfig {
     /// The defaults with what was measured of a model, where it was (`tactile-infer calibrate`).
     pub fn of(model: &Model) -> Self {
         let default = Self::default();
         let low_similarity = model.calibration().map_or(default.low_similarity, |c| c.low_similarity);
-        Self { likelihood: LikelihoodConfig::of(model), low_similarity, ..default }
+        let likelihood = LikelihoodConfig::of(model);
+        let gap = model.calibration().and_then(|calibration| calibration.gap);
+        let rougher = gap.map_or(1.0, |gap| rougher(&gap, likelihood.temperature));
+        let (none_fit, fit_margin) = (rougher * default.none_fit, rougher * default.fit_margin);
+        Self { likelihood, low_similarity, none_fit, fit_margin, ..default }
     }
 
     /// Alg. 1 as printed, K = 100, where it cannot be taken literally read as follows: log-likelihood =

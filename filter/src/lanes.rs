@@ -61,7 +61,7 @@ fn exp(x: f64) -> f64 {
     /// Added, it leaves a whole number in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52
     /// ln 2 in two parts, the first with so many noughts at the end that its multiples are exact.
-    const LN_2: [f64; 2] = [6.931_471_803_691_238_2e-1, 1.908_214_929_270_587_7e-10];
+    const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
     const FACTORIALS: [f64; 14] = {
         let mut of = [1.0; 14];
         let mut n = 1;
@@ -119,12 +119,14 @@ pub fn softplus(values: &mut [f32]) {
         let shifted = x * std::f32::consts::LOG2_E + ROUND;
         let k = shifted - ROUND;
         let r = (x - k * LN_2[0]) - k * LN_2[1];
-        let series = 1.0 + r * (1.0 + r * (1.0 / 2.0 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r / 720.0)))));
+        let series =
+            1.0 + r * (1.0 + r * (1.0 / 2.0 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r / 720.0)))));
         let power = f32::from_bits(series.to_bits().wrapping_add(shifted.to_bits() << 23));
         // ln(1 + p) = 2 artanh(p / (2 + p)), whose argument is at most a third.
         let s = power / (2.0 + power);
         let q = s * s;
-        let series = 1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q / 13.0)))));
+        let series =
+            1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q / 13.0)))));
         *value = if z > 0.0 { z } else { 0.0 } + 2.0 * s * series;
     }
 }

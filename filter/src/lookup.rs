@@ -191,8 +191,11 @@ impl Stencil {
     pub fn new(grid: &PoseGrid, part_from_sensor: &Se2) -> Option<Self> {
         let Se2 { x_mm, y_mm, theta_rad } = *part_from_sensor;
         let axes = [Around::x_or_y(grid, x_mm), Around::x_or_y(grid, y_mm), Around::theta(grid, theta_rad)];
+        Self::of(axes, strides(grid))
+    }
+
+    fn of(axes: [Around; 3], strides: [usize; 3]) -> Option<Self> {
         let trust = trust(axes.map(|axis| axis.outside))?;
-        let strides = [grid.n_xy() * grid.n_theta(), grid.n_theta(), 1];
         let cell = axes.iter().zip(strides).map(|(axis, stride)| axis.nearest * stride).sum();
         Some(Self { cell, trust, axes, strides })
     }
@@ -213,6 +216,32 @@ impl Stencil {
     pub fn value(&self, cells: &[f32]) -> f32 {
         let ([x, y, theta], [of_x, of_y, _]) = (&self.axes, self.strides);
         x.value(|x| y.value(|y| theta.value(|theta| cells[x * of_x + y * of_y + theta])))
+    }
+}
+
+/// The cells between two places along each axis.
+fn strides(grid: &PoseGrid) -> [usize; 3] {
+    [grid.n_xy() * grid.n_theta(), grid.n_theta(), 1]
+}
+
+/// Stencils at poses of one angle, the places along x and along y.
+pub struct Places {
+    xs: Vec<Around>,
+    ys: Vec<Around>,
+    theta: Around,
+    strides: [usize; 3],
+}
+
+impl Places {
+    /// At every x and y, mm.
+    pub fn new(grid: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
+        let around = |values: &[f64]| values.iter().map(|mm| Around::x_or_y(grid, *mm)).collect();
+        Self { xs: around(xs), ys: around(ys), theta: Around::theta(grid, theta_rad), strides: strides(grid) }
+    }
+
+    /// The stencil at one of the xs and one of the ys, as [`Stencil::new`] would find it.
+    pub fn stencil(&self, x: usize, y: usize) -> Option<Stencil> {
+        Stencil::of([self.xs[x], self.ys[y], self.theta], self.strides)
     }
 }
 

@@ -185,7 +185,9 @@ mod tests {
                 let (here, nearest) = (grid.pose(cell), NearestCell::on(&grid));
                 let steps = [-1.0, 0.0, 1.0];
                 let mut expected = Vec::new();
-                for [x, y, turn] in steps.iter().flat_map(|x| steps.iter().flat_map(move |y| steps.map(|t| [*x, *y, t]))) {
+                for [x, y, turn] in
+                    steps.iter().flat_map(|x| steps.iter().flat_map(move |y| steps.map(|t| [*x, *y, t])))
+                {
                     let theta = here.theta_rad + 30.0_f64.to_radians() * turn;
                     expected.extend(nearest.of(&Se2::new(here.x_mm + 4.0 * x, here.y_mm + 4.0 * y, theta)));
                 }

@@ -6,7 +6,7 @@ use tactile_data::se2::Se2;
 use crate::touched::Touched;
 
 /// Lattice points along each axis.
-const N_POINTS: i32 = 5;
+const N_POINTS: usize = 5;
 
 /// Lattices, each round the mean of the one before.
 const N_ROUNDS: usize = 5;
@@ -36,12 +36,14 @@ pub fn refine(grid: &PoseGrid, touches: &[Touched], part: usize, start: &Se2) ->
     let (mut centre, mut half) = (*start, spans);
     let mut covariance = [[0.0; 3]; 3];
     for _ in 0..N_ROUNDS {
-        let scored: Vec<([f64; 3], f64)> = lattice(half)
-            .map(|offset| {
-                let pose = moved(&centre, offset);
-                (offset, POWER * touches.iter().map(|touch| touch.log_pose(grid, part, &pose)).sum::<f64>())
-            })
-            .collect();
+        let offsets = half.map(along);
+        let axes = [(centre.x_mm, &offsets[0]), (centre.y_mm, &offsets[1]), (centre.theta_rad, &offsets[2])];
+        let [xs, ys, thetas] = axes.map(|(at, offsets)| offsets.map(|offset| at + offset));
+        let mut sums = vec![0.0; N_POINTS.pow(3)];
+        touches.iter().for_each(|touch| touch.add_logs(grid, part, [&xs, &ys, &thetas], &mut sums));
+        let [dx, dy, dt] = offsets;
+        let at = |i: usize| [dx[i / N_POINTS / N_POINTS], dy[i / N_POINTS % N_POINTS], dt[i % N_POINTS]];
+        let scored: Vec<([f64; 3], f64)> = sums.iter().enumerate().map(|(i, sum)| (at(i), POWER * sum)).collect();
         let best = scored.iter().map(|(_, score)| *score).fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> = scored.iter().map(|(_, score)| (score - best).exp()).collect();
         let total: f64 = weights.iter().sum();
@@ -62,12 +64,9 @@ fn moved(pose: &Se2, [x_mm, y_mm, theta_rad]: [f64; 3]) -> Se2 {
     Se2::new(pose.x_mm + x_mm, pose.y_mm + y_mm, pose.theta_rad + theta_rad)
 }
 
-fn lattice(half: [f64; 3]) -> impl Iterator<Item = [f64; 3]> {
-    let place = |index: i32, half: f64| half * (2.0 * f64::from(index) / f64::from(N_POINTS - 1) - 1.0);
-    (0..N_POINTS.pow(3)).map(move |i| {
-        let n = N_POINTS;
-        [place(i / (n * n), half[0]), place(i / n % n, half[1]), place(i % n, half[2])]
-    })
+/// The lattice's offsets along an axis.
+fn along(half: f64) -> [f64; N_POINTS] {
+    std::array::from_fn(|index| half * (2.0 * index as f64 / (N_POINTS - 1) as f64 - 1.0))
 }
 
 #[cfg(test)]

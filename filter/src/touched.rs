@@ -4,7 +4,7 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 
 use crate::likelihood::TouchLikelihood;
-use crate::lookup::{Nearest, Sheet, Stencil, in_planes, look_up, trusted};
+use crate::lookup::{Nearest, Places, Sheet, Stencil, in_planes, look_up, trusted};
 
 /// How little is left of a touch's evidence where it repeats an earlier one: views that overlap share
 /// what they show and most of their error.
@@ -117,9 +117,23 @@ impl Touched {
         best
     }
 
-    /// log p(touch | part and pose of the first touch), any pose.
-    pub fn log_pose(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
-        self.seen(grid, part, part_from_first).map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen))
+    /// Adds log p(touch | part and pose of the first touch) at every pose of a lattice, any x and y in mm and angles in
+    /// radians, to `sums`, `[n_x, n_y, n_theta]`.
+    pub fn add_logs(&self, grid: &PoseGrid, part: usize, [xs, ys, thetas]: [&[f64]; 3], sums: &mut [f64]) {
+        for (k, theta) in thetas.iter().enumerate() {
+            let turned = Se2::new(0.0, 0.0, *theta) * self.first_from_sensor;
+            let shifted = |places: &[f64], by: f64| places.iter().map(|mm| by + mm).collect::<Vec<_>>();
+            let (xs, ys) = (shifted(xs, turned.x_mm), shifted(ys, turned.y_mm));
+            let places = self.cubic.then(|| Places::new(grid, turned.theta_rad, &xs, &ys));
+            for (place, sum) in sums[k..].iter_mut().step_by(thetas.len()).enumerate() {
+                let (x, y) = (place / ys.len(), place % ys.len());
+                let seen = match &places {
+                    Some(places) => places.stencil(x, y).map(|stencil| self.seen_between(grid, part, &stencil)),
+                    None => self.seen(grid, part, &Se2::new(xs[x], ys[y], turned.theta_rad)),
+                };
+                *sum += seen.map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen));
+            }
+        }
     }
 
     /// How well the view at a pose explains the look of an edged touch: the log of its likelihood relative to the
@@ -131,25 +145,26 @@ impl Touched {
         if self.likelihood.blank {
             return None;
         }
-        let seen = self.seen(grid, part, part_from_first)?;
+        let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor))?;
         let is_known = !self.cubic || seen.trust == 1.0;
         let look = || self.likelihood.log_below(seen.similarity - self.best_similarity).min(0.0);
         is_known.then(|| if self.likelihood.is_edged(seen.row) { look() } else { MISMATCH })
     }
 
-    /// The view of a part from the pose of the first touch; `None` where it is unknown.
-    fn seen(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<Seen> {
-        let part_from_sensor = *part_from_first * self.first_from_sensor;
-        let start = part * grid.len();
+    /// The view of a part from the sensor's pose; `None` where it is unknown.
+    fn seen(&self, grid: &PoseGrid, part: usize, part_from_sensor: &Se2) -> Option<Seen> {
         if self.cubic {
-            let stencil = Stencil::new(grid, &part_from_sensor)?;
-            let similarity = self.likelihood.between(&stencil, start, grid.len());
-            Some(Seen { row: start + stencil.cell, similarity, trust: stencil.trust })
-        } else {
-            let Nearest { cell, trust } = look_up(grid, &part_from_sensor, self.tolerance)?;
-            let row = start + cell;
-            Some(Seen { row, similarity: self.likelihood.similarities[row], trust })
+            return Some(self.seen_between(grid, part, &Stencil::new(grid, part_from_sensor)?));
         }
+        let Nearest { cell, trust } = look_up(grid, part_from_sensor, self.tolerance)?;
+        let row = part * grid.len() + cell;
+        Some(Seen { row, similarity: self.likelihood.similarities[row], trust })
+    }
+
+    fn seen_between(&self, grid: &PoseGrid, part: usize, stencil: &Stencil) -> Seen {
+        let start = part * grid.len();
+        let similarity = self.likelihood.between(stencil, start, grid.len());
+        Seen { row: start + stencil.cell, similarity, trust: stencil.trust }
     }
 
     fn log_seen(&self, Seen { row, similarity, trust }: Seen) -> f64 {
@@ -184,13 +199,51 @@ struct Seen {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand::rngs::ChaCha8Rng;
+
     use super::*;
+    use crate::likelihood::LikelihoodConfig;
+    use crate::lookup::LookUp;
+    use crate::synthetic::World;
 
     #[test]
     fn a_mix_is_finite_however_cold() {
         assert!((log_mix(0.25, 1.0, -0.5) - (0.25 * 1.0_f64.exp() + 0.75 * (-0.5_f64).exp()).ln()).abs() < 1e-12);
         assert!((log_mix(0.25, 2e4, -0.5) - (2e4 + 0.25_f64.ln())).abs() < 1e-9);
         assert!((log_mix(0.25, -2e4, -0.5) - (0.75_f64.ln() - 0.5)).abs() < 1e-9);
+    }
+
+    /// All states of a part at once, as pose by pose.
+    #[test]
+    fn a_lattice_of_poses_is_the_states_there() {
+        let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
+        let world = World::new(2, grid, 0.1, 0.02, 4);
+        let states = grid.subdivided(2);
+        let observation = world.touch(1, &Se2::from_degrees(1.2, -0.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
+        for look_up in [LookUp::Nearest, LookUp::Cubic] {
+            let config = LikelihoodConfig { look_up, ..LikelihoodConfig::default() };
+            let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
+            let moved = Se2::from_degrees(1.7, -0.9, 21.0);
+            let mut judged = Vec::new();
+            let touched =
+                Touched::new(&grid, &states, moved, 0.7, likelihood, &mut |part| judged.extend_from_slice(part));
+            let at = |cells: usize, stride: usize, value: &dyn Fn(Se2) -> f64| -> Vec<f64> {
+                (0..cells).map(|index| value(states.pose(index * stride))).collect()
+            };
+            let (n, n_theta) = (states.n_xy(), states.n_theta());
+            let xs = at(n, n * n_theta, &|pose| pose.x_mm);
+            let ys = at(n, n_theta, &|pose| pose.y_mm);
+            let thetas = at(n_theta, 1, &|pose| pose.theta_rad);
+            for (part, judged) in judged.chunks_exact(states.len()).enumerate() {
+                let mut sums = vec![10.0; states.len()];
+                touched.add_logs(&grid, part, [&xs, &ys, &thetas], &mut sums);
+                for (sum, log) in sums.iter().zip(judged) {
+                    // Looks of all states are in f32.
+                    assert!((sum - 10.0 - log).abs() < 1e-4, "{look_up:?}: {sum} {log}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -36,8 +36,30 @@ pub struct Calibration {
     pub nll_nats: f64,
     /// The same where every recorded pose is equally likely.
     pub chance_nats: f64,
+    /// How far the cosine with the view that was touched lies below the best with any; `None` in models calibrated before
+    /// it was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gap: Option<Gap>,
     /// Holes with an edge that were compared.
     pub n_holes: usize,
+}
+
+/// Cosines that lie below the best.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Gap {
+    /// By how much on average.
+    pub mean: f64,
+    /// The standard deviation.
+    pub sd: f64,
+}
+
+impl Gap {
+    /// Of values of which there is at least one.
+    fn of(values: &[f64]) -> Self {
+        let mean_of = |value: &dyn Fn(f64) -> f64| values.iter().map(|v| value(*v)).sum::<f64>() / values.len() as f64;
+        let mean = mean_of(&|v| v);
+        Self { mean, sd: mean_of(&|v| (v - mean).powi(2)).sqrt() }
+    }
 }
 
 /// One hole against all recorded pegs, by how far each cosine lies below the best.
@@ -60,6 +82,11 @@ impl Compared {
         cosines.iter().for_each(|s| rows_by_gap[((best - s) / GAP) as usize] += 1);
         rows_by_gap.truncate(rows_by_gap.iter().rposition(|n| *n > 0).map_or(0, |last| last + 1));
         Self { rows_by_gap, near: near.iter().map(|at| best - cosines[*at]).collect(), best }
+    }
+
+    /// How far the best of the rows round the true pose lies below the best.
+    fn gap(&self) -> f64 {
+        f64::from(self.near.iter().copied().fold(f32::INFINITY, f32::min))
     }
 
     fn n_rows(&self) -> f64 {
@@ -131,6 +158,7 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
         blank_agreement: (f64::from(n_agree as u32) + 1.0) / (f64::from(n_placed as u32) + 2.0),
         low_similarity: bests[bests.len() / 100],
         nll_nats,
+        gap: Some(Gap::of(&compared.iter().map(Compared::gap).collect::<Vec<_>>())),
         chance_nats: compared.iter().map(chance).sum::<f64>() / compared.len() as f64,
         n_holes: compared.len(),
     })
@@ -167,6 +195,14 @@ mod tests {
     use super::*;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn a_gap_is_to_the_best_row_of_those_round_the_true_pose() {
+        let gaps = [&[2, 1][..], &[0, 2]].map(|near| Compared::new(&[0.9, 0.4, 0.6], near).gap());
+        assert!((gaps[0] - 0.3).abs() < 1e-6 && gaps[1] == 0.0, "{gaps:?}");
+        // By hand: 1, 2 and 6 have a mean of 3 and squares of 4, 1 and 9 from it.
+        assert_eq!(Gap::of(&[1.0, 2.0, 6.0]), Gap { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
+    }
 
     /// Cosines drawn so that the posterior is a softmax at a known temperature: one of `n` rows is drawn with
     /// probability proportional to `exp(s / tau)` and called the true one.

@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// How much to train: tiny takes minutes on two cores, small half an hour, paper is for a GPU [default: tiny].
+    /// How much to train: tiny takes minutes on two cores, small three quarters of an hour, paper is for a GPU [default: tiny].
     #[cfg_attr(feature = "cli", arg(long))]
     pub preset: Option<Preset>,
     /// Steps of the whole run.

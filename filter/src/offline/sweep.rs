@@ -107,6 +107,10 @@ pub fn plan(models: &[Model]) -> Result<Vec<Planned>> {
     {
         add(0, Settings { engine, ..default.clone() });
     }
+    // Lean where it costs little of what a fine bank knows.
+    for effort in [[16, 4, 4], [40, 8, 8], [160, 24, 24]] {
+        add(0, Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(&default, effort) });
+    }
     // The least of everything: what can be had at once.
     let least = Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(&of(first, [4.0, 30.0]), [8, 2, 2]) };
     add(0, Settings { rule: ActionRule::Random, ..least.clone() });

@@ -13,7 +13,7 @@ use serde::Serialize;
 use tactile_data::scene::Scene;
 use tactile_data::store::Dataset;
 use tactile_infer::bank::Bank;
-use tactile_infer::calibration::{Calibration, calibrate};
+use tactile_infer::calibration::{Calibration, Gap, calibrate};
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::matching::match_single_touches;
 use tactile_infer::simulated::bank_of_scene;
@@ -247,6 +247,9 @@ fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
         "  {:.3} nats to find the pose by one touch ({:.2} by chance), {} holes",
         calibration.nll_nats, calibration.chance_nats, calibration.n_holes
     );
+    if let Some(Gap { mean, sd }) = calibration.gap {
+        println!("  the view touched lies {mean:.3} below the best, standard deviation {sd:.3}");
+    }
     Ok(())
 }
 

@@ -111,13 +111,15 @@ impl Maker<'_> {
                 let model = self.model_word();
                 let words =
                     ["assemble", "--model", &model, "--bank", &bank, "--scene", &scene, "--trials", &trials, "--out"];
-                self.filter("assembly", &[&words[..], &["assembly"]].concat(), &bank, "assembly/assembly.json");
+                let step = self.step("assembly", "tactile-filter", &[&words[..], &["assembly"]].concat());
+                self.add(step.needs(self.model).needs(&bank).makes("assembly", "assembly/assembly.json"));
             }
             Part::Hard => {
                 for board in ["small-hard", "large-hard"] {
                     let scene = format!("alphabet-{board}");
+                    let model = self.calibrate(board, &self.model_word(), &format!("{scene}-dev"), &[], &[]);
                     let bank = self.bank(board, &scene, false);
-                    self.evaluate(board, &bank, &scene, episodes, &INFORMED);
+                    self.evaluate_model(&model, board, &bank, &scene, episodes, &INFORMED);
                 }
             }
             Part::Robust => {
@@ -161,14 +163,15 @@ impl Maker<'_> {
     }
 
     fn evaluate(&mut self, name: &str, bank: &str, scene: &str, episodes: usize, more: &[&str]) {
-        let (model, episodes) = (self.model_word(), episodes.to_string());
-        let words = ["evaluate", "--model", &model, "--bank", bank, "--scene", scene, "--episodes", &episodes];
-        self.filter(name, &[&words[..], more, &["--out", name]].concat(), bank, &format!("{name}/evaluation.json"));
+        self.evaluate_model(&self.model_word(), name, bank, scene, episodes, more);
     }
 
-    /// A step of tactile-filter that makes a folder of its name.
-    fn filter(&mut self, name: &str, words: &[&str], bank: &str, proof: &str) {
-        let step = self.step(name, "tactile-filter", words).needs(self.model).needs(bank).makes(name, proof);
+    /// The same of another model than the one evaluated elsewhere.
+    fn evaluate_model(&mut self, model: &str, name: &str, bank: &str, scene: &str, episodes: usize, more: &[&str]) {
+        let (episodes, proof) = (episodes.to_string(), format!("{name}/evaluation.json"));
+        let words = ["evaluate", "--model", model, "--bank", bank, "--scene", scene, "--episodes", &episodes];
+        let words = [&words[..], more, &["--out", name]].concat();
+        let step = self.step(name, "tactile-filter", &words).needs(model).needs(bank).makes(name, proof);
         self.add(step);
     }
 
@@ -189,9 +192,8 @@ impl Maker<'_> {
                 .makes(&folder, format!("{folder}/model.safetensors"))
                 .resumes_from(format!("{folder}/state.safetensors"));
             self.add(trained);
-            let calibrated = format!("{name}.safetensors");
-            self.calibrate(name, &folder, &calibrated);
-            models.push(calibrated);
+            let trained = format!("{folder}/model.safetensors");
+            models.push(self.calibrate(name, &trained, "alphabet-small-dev", &FINE, &["--anywhere", "40"]));
         }
         let (episodes, settings) = (episodes.to_string(), settings.map(|n| n.to_string()));
         let mut words = vec!["tradeoff", "--out", "tradeoff", "--episodes", &episodes];
@@ -202,19 +204,20 @@ impl Maker<'_> {
         self.add(step);
     }
 
-    /// Calibrates a trained model on the letters for tuning.
-    fn calibrate(&mut self, name: &str, folder: &str, calibrated: &str) {
-        let holes = "dev-holes";
-        let words = ["generate", "--scene", "alphabet-small-dev", "--sides", "hole", "--anywhere", "40", "--seed", "9"];
-        let touches = self.step(holes, "tactile-data", &[&words[..], &["--out", holes]].concat());
-        self.add(touches.makes(holes, "dev-holes/meta.json"));
-        let (model, bank) = (format!("{folder}/model.safetensors"), format!("{name}-dev.bank"));
-        let words = ["bank", "--model", &model, "--scene", "alphabet-small-dev", "--out", &bank];
-        let step = self.step(&bank, "tactile-infer", &[&words[..], &FINE].concat()).needs(&model).makes(&bank, &bank);
-        self.add(step);
-        let words = ["calibrate", "--model", &model, "--bank", &bank, "--holes", holes, "--out", calibrated];
-        let step = self.step(calibrated, "tactile-infer", &words);
-        self.add(step.needs(&bank).needs("dev-holes/meta.json").makes(calibrated, calibrated));
+    /// Calibrates a model on a scene of tuning, whose bank and holes may be made with more words; returns its file.
+    fn calibrate(&mut self, name: &str, model: &str, scene: &str, of_bank: &[&str], of_holes: &[&str]) -> String {
+        let (holes, bank) = (format!("{scene}-holes"), format!("{name}-dev.bank"));
+        let words = ["generate", "--scene", scene, "--sides", "hole", "--seed", "9", "--out", &holes];
+        let touches = self.step(&holes, "tactile-data", &[&words[..], of_holes].concat());
+        let (recorded, calibrated) = (format!("{holes}/meta.json"), format!("{name}.safetensors"));
+        self.add(touches.makes(&holes, &recorded));
+        let words = [&["bank", "--model", model, "--scene", scene, "--out", &bank][..], of_bank].concat();
+        let made = self.step(&bank, "tactile-infer", &words).needs(model).makes(&bank, &bank);
+        self.add(made);
+        let words = ["calibrate", "--model", model, "--bank", &bank, "--holes", &holes, "--out", &calibrated];
+        let step = self.step(&calibrated, "tactile-infer", &words);
+        self.add(step.needs(&bank).needs(recorded).makes(&calibrated, &calibrated));
+        calibrated
     }
 
     fn step(&self, name: &str, program: &str, words: &[&str]) -> Step {

@@ -80,7 +80,7 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let exact = sample.belief(EngineConfig::Exact, seed, &config)?;
     let first = Sample { touches: sample.touches[..1].to_vec(), ..sample.clone() };
     let first = masses(&first.belief(EngineConfig::Exact, seed, &config)?);
-    let deviation = deviation_of_one(&first, &masses(&exact), &exact.class_posterior());
+    let deviation = deviation_of_one(&first, &masses(&exact), exact.class_posterior());
     let mut cases = Vec::new();
     for decades in 0..=if quick { 4 } else { 6 } {
         let n_particles = 10_usize.pow(decades);
