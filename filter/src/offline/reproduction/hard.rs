@@ -34,7 +34,8 @@ pub fn tell(found: &Reproduction) -> Told {
     let line = verdicts.join("; ");
     let body = format!(
         r#"<p>{}.</p><figure>{}<figcaption>The plain scenes are easier than the paper’s boards: one touch names far more of them. In these the sensor is
-made so noisy that one touch names about as few as in the paper, chosen on letters that are not measured here. Right parts and then the gain
+made so noisy that one touch names about as few as in the paper, chosen on letters that are not measured here; the model is calibrated on those, under the
+same sensor. Right parts and then the gain
 over one touch (MoCo, the paper’s and ours alike): ours in bold, the paper’s in grey, our 95&nbsp;% interval below (Newcombe’s, of
 two shares, as if of different holes: rather too wide). A scene that starts lower has more to gain: read both rows.{made}</figcaption></figure>{missing}"#,
         page::capital(&line),
