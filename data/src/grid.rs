@@ -78,10 +78,16 @@ impl PoseGrid {
         self.len() == 0
     }
 
-    /// The pose of a cell in `0..len()`; x varies slowest, theta fastest.
+    /// The cells from one x, y and angle to the next; x varies slowest, theta fastest.
+    pub fn strides(&self) -> [usize; 3] {
+        let n_theta = self.n_theta();
+        [self.n_xy() * n_theta, n_theta, 1]
+    }
+
+    /// The pose of a cell in `0..len()`, counted as [`Self::strides`] says.
     pub fn pose(&self, cell: usize) -> Se2 {
-        let (n_xy, n_theta) = (self.n_xy(), self.n_theta());
-        let (ix, iy, it) = (cell / (n_xy * n_theta), cell / n_theta % n_xy, cell % n_theta);
+        let [of_x, of_y, _] = self.strides();
+        let (ix, iy, it) = (cell / of_x, cell % of_x / of_y, cell % of_y);
         Se2::from_degrees(
             ix as f64 * self.xy_step_mm - self.xy_half_mm,
             iy as f64 * self.xy_step_mm - self.xy_half_mm,

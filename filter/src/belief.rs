@@ -88,18 +88,8 @@ impl Belief {
                 Engine::Particle { particle, log_likelihoods: vec![log_states] }
             }
         };
-        let mut belief = Self {
-            views,
-            grid,
-            n_parts,
-            overlap,
-            touches: vec![touched],
-            engine,
-            class_posterior: vec![],
-            log_evidence,
-        };
-        belief.class_posterior = belief.of_parts();
-        belief
+        let class_posterior = engine.of_parts(n_parts, grid.len());
+        Self { views, grid, n_parts, overlap, touches: vec![touched], engine, class_posterior, log_evidence }
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
@@ -132,7 +122,7 @@ impl Belief {
                 log_evidence
             }
         };
-        self.class_posterior = self.of_parts();
+        self.class_posterior = self.engine.of_parts(self.n_parts, n_cells);
         self.log_evidence += log_evidence;
         log_evidence
     }
@@ -235,20 +225,27 @@ impl Belief {
         drawn.into_iter().map(|state| hypothesis(state, self.grid.len())).collect()
     }
 
-    fn of_parts(&self) -> Vec<f64> {
-        self.masses().chunks_exact(self.grid.len()).map(lanes::sum).collect()
-    }
-
     /// The probability of each state, `[n_parts * n_cells]`.
     fn masses(&self) -> Cow<'_, [f64]> {
-        match &self.engine {
-            Engine::Exact(exact) => Cow::Borrowed(exact.posterior()),
-            Engine::Particle { particle, .. } => {
-                let mut masses = vec![0.0; self.n_parts * self.grid.len()];
+        self.engine.masses(self.n_states())
+    }
+}
+
+impl Engine {
+    fn masses(&self, n_states: usize) -> Cow<'_, [f64]> {
+        match self {
+            Self::Exact(exact) => Cow::Borrowed(exact.posterior()),
+            Self::Particle { particle, .. } => {
+                let mut masses = vec![0.0; n_states];
                 particle.weighted().for_each(|(state, weight)| masses[state] += weight);
                 Cow::Owned(masses)
             }
         }
+    }
+
+    /// The probability of each part, `[n_parts]`.
+    fn of_parts(&self, n_parts: usize, n_cells: usize) -> Vec<f64> {
+        self.masses(n_parts * n_cells).chunks_exact(n_cells).map(lanes::sum).collect()
     }
 }
 
@@ -262,8 +259,8 @@ fn log_score(log_likelihoods: &[Vec<f64>], state: usize) -> f64 {
 
 /// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5); `None` off the grid.
 fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
-    let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
-    let (stride, length) = [(n_xy * n_theta, n_xy), (n_theta, n_xy), (1, n_theta)][direction / 2];
+    let (n_xy, axis) = (grid.n_xy(), direction / 2);
+    let (stride, length) = (grid.strides()[axis], [n_xy, n_xy, grid.n_theta()][axis]);
     let index = cell / stride % length;
     if direction.is_multiple_of(2) {
         (index > 0).then(|| cell - stride)

@@ -215,15 +215,10 @@ impl TouchLikelihood {
         self.log_agrees + look
     }
 
-    /// The same near a row that is as blank as the touch, and near one that is not.
-    pub(crate) fn logs_between(&self, similarities: &[f32]) -> (Vec<f64>, f64) {
-        let agrees = if self.blank {
-            vec![self.log_agrees; similarities.len()]
-        } else {
-            let above_best = similarities.iter().map(|similarity| similarity - self.best_similarity).collect();
-            self.look.logs(above_best, self.log_agrees - self.log_mean)
-        };
-        (agrees, self.log_disagrees)
+    /// The same of an edged touch at views of these cosines, near rows that show an edge too.
+    pub(crate) fn logs_of_looks(&self, similarities: &[f32]) -> Vec<f64> {
+        let above_best = similarities.iter().map(|similarity| similarity - self.best_similarity).collect();
+        self.look.logs(above_best, self.log_agrees - self.log_mean)
     }
 
     /// The cosine at a pose between the views of one part, whose rows start at `start`.
@@ -254,11 +249,6 @@ impl TouchLikelihood {
     /// Whether the view of a row shows an edge.
     pub fn is_edged(&self, row: usize) -> bool {
         self.edged[row]
-    }
-
-    /// Whether each does, `[n_rows]`.
-    pub(crate) fn edged(&self) -> &[bool] {
-        &self.edged
     }
 }
 

@@ -191,7 +191,7 @@ impl Stencil {
     pub fn new(grid: &PoseGrid, part_from_sensor: &Se2) -> Option<Self> {
         let Se2 { x_mm, y_mm, theta_rad } = *part_from_sensor;
         let axes = [Around::x_or_y(grid, x_mm), Around::x_or_y(grid, y_mm), Around::theta(grid, theta_rad)];
-        Self::of(axes, strides(grid))
+        Self::of(axes, grid.strides())
     }
 
     fn of(axes: [Around; 3], strides: [usize; 3]) -> Option<Self> {
@@ -219,57 +219,37 @@ impl Stencil {
     }
 }
 
-/// The cells between two places along each axis.
-fn strides(grid: &PoseGrid) -> [usize; 3] {
-    [grid.n_xy() * grid.n_theta(), grid.n_theta(), 1]
-}
-
-/// Stencils at poses of one angle, the places along x and along y.
-pub struct Places {
-    xs: Vec<Around>,
-    ys: Vec<Around>,
-    theta: Around,
-    strides: [usize; 3],
-}
-
-impl Places {
-    /// At every x and y, mm.
-    pub fn new(grid: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
-        let around = |values: &[f64]| values.iter().map(|mm| Around::x_or_y(grid, *mm)).collect();
-        Self { xs: around(xs), ys: around(ys), theta: Around::theta(grid, theta_rad), strides: strides(grid) }
-    }
-
-    /// The stencil at one of the xs and one of the ys, as [`Stencil::new`] would find it.
-    pub fn stencil(&self, x: usize, y: usize) -> Option<Stencil> {
-        Stencil::of([self.xs[x], self.ys[y], self.theta], self.strides)
-    }
-}
-
-/// The stencils of all states of one angle. One motion takes them to poses of one angle whose places are as regular
-/// as the states', so that all that is interpolated is, in turn, along theta, y and x.
+/// The stencils of poses of one angle, at any places along x and along y: all that is interpolated is, in turn, along
+/// theta, y and x. The states of one angle are such poses after any motion, their places as regular as before it.
 #[derive(Debug)]
 pub struct Sheet {
     n_xy: usize,
-    n_theta: usize,
+    strides: [usize; 3],
     theta: Around,
     ys: Vec<Around>,
     xs: Vec<Around>,
 }
 
 impl Sheet {
-    /// The stencils on the grid `views` for the states at angle `angle` of the grid `states`, after the motion
-    /// `first_from_sensor`.
-    pub fn new(views: &PoseGrid, states: &PoseGrid, angle: usize, first_from_sensor: &Se2) -> Self {
-        let n = states.n_xy();
-        let at = |index: usize| states.pose(index * (n + 1) * states.n_theta() + angle) * *first_from_sensor;
-        let diagonal: Vec<Se2> = (0..n).map(at).collect();
-        Self {
-            n_xy: views.n_xy(),
-            n_theta: views.n_theta(),
-            theta: Around::theta(views, diagonal[0].theta_rad),
-            ys: diagonal.iter().map(|pose| Around::x_or_y(views, pose.y_mm)).collect(),
-            xs: diagonal.iter().map(|pose| Around::x_or_y(views, pose.x_mm)).collect(),
-        }
+    /// On the grid `views`, at every x and y, mm.
+    pub fn at(views: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
+        let around = |places: &[f64]| places.iter().map(|mm| Around::x_or_y(views, *mm)).collect();
+        let (theta, xs, ys) = (Around::theta(views, theta_rad), around(xs), around(ys));
+        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs }
+    }
+
+    /// On the grid `views`, for the states at angle `angle` of the grid `states`, after the motion `first_from_sensor`.
+    pub fn of_states(views: &PoseGrid, states: &PoseGrid, angle: usize, first_from_sensor: &Se2) -> Self {
+        let [of_x, of_y, _] = states.strides();
+        let at = |index: usize| states.pose(index * (of_x + of_y) + angle) * *first_from_sensor;
+        let diagonal: Vec<Se2> = (0..states.n_xy()).map(at).collect();
+        let along = |place: fn(&Se2) -> f64| diagonal.iter().map(place).collect::<Vec<_>>();
+        Self::at(views, diagonal[0].theta_rad, &along(|pose| pose.x_mm), &along(|pose| pose.y_mm))
+    }
+
+    /// The stencil at one of the xs and one of the ys.
+    pub fn stencil(&self, x: usize, y: usize) -> Option<Stencil> {
+        Stencil::of([self.xs[x], self.ys[y], self.theta], self.strides)
     }
 
     /// Whether the view from any state is known.
@@ -281,12 +261,12 @@ impl Sheet {
     /// Calls `take` with each state whose view is known, by its place, x slowest: the nearest cell to it and how far its
     /// view is trusted.
     pub fn for_each_known(&self, mut take: impl FnMut(usize, Nearest)) {
-        let theta = self.theta.outside;
+        let (theta, [of_x, of_y, _]) = (self.theta.outside, self.strides);
         for (index, x) in self.xs.iter().enumerate() {
             for (place, y) in (index * self.ys.len()..).zip(&self.ys) {
                 let is_inside = x.outside == 0.0 && y.outside == 0.0 && theta == 0.0;
                 let trust = if is_inside { Some(1.0) } else { trust([x.outside, y.outside, theta]) };
-                let cell = (x.nearest * self.n_xy + y.nearest) * self.n_theta + self.theta.nearest;
+                let cell = x.nearest * of_x + y.nearest * of_y + self.theta.nearest;
                 trust.into_iter().for_each(|trust| take(place, Nearest { cell, trust }));
             }
         }
@@ -304,7 +284,7 @@ impl Sheet {
         let mut of_angle = vec![0.0; n * n];
         self.theta.values(|theta| &planes[theta * n * n..][..n * n], &mut of_angle);
         let of_ys = along_y(n, &self.ys, |y, out| y.values(|y| &of_angle[y * n..][..n], out));
-        let mut values = vec![0.0; n_states * n_states];
+        let mut values = vec![0.0; self.xs.len() * n_states];
         for (x, values) in self.xs.iter().zip(values.chunks_exact_mut(n_states)) {
             x.values(|x| &of_ys[x * n_states..][..n_states], values);
         }
@@ -472,7 +452,7 @@ mod tests {
             });
             let states = FINE.subdivided(times);
             for angle in [0, states.n_theta() / 3, states.n_theta() - 1] {
-                let sheet = Sheet::new(&FINE, &states, angle, &moved);
+                let sheet = Sheet::of_states(&FINE, &states, angle, &moved);
                 let planes = in_planes(&cells, &FINE);
                 let (seen, plain) = (sheet.cosines(&planes, Some(&neighbours)), sheet.cosines(&planes, None));
                 let mut nearest = vec![None; states.n_xy() * states.n_xy()];

@@ -4,7 +4,7 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 
 use crate::likelihood::TouchLikelihood;
-use crate::lookup::{Nearest, Places, Sheet, Stencil, in_planes, look_up, trusted};
+use crate::lookup::{Nearest, Sheet, Stencil, in_planes, look_up, trusted};
 
 /// How little is left of a touch's evidence where it repeats an earlier one: views that overlap share
 /// what they show and most of their error.
@@ -85,26 +85,35 @@ impl Touched {
     /// state that shows an edge.
     fn judge_between(&self, grid: &PoseGrid, states: &PoseGrid, take: &mut dyn FnMut(&[f64])) -> f32 {
         let (n_views, n_angles) = (grid.len(), states.n_theta());
-        let sheet = |angle| Sheet::new(grid, states, angle, &self.first_from_sensor);
-        let sheets: Vec<Sheet> = (0..n_angles).map(sheet).collect();
+        // Which views are known is the same for every part.
+        let sheets = (0..n_angles).map(|angle| (angle, Sheet::of_states(grid, states, angle, &self.first_from_sensor)));
+        let sheets: Vec<(usize, Sheet)> = sheets.filter(|(_, sheet)| sheet.has_known()).collect();
         let n_places = states.len() / n_angles;
-        // Angle slowest, as they are found. Which views are known is the same for every part.
+        // Angle slowest, as they are found.
         let mut log_sheets = vec![self.likelihood.log_unknown; states.len()];
         let mut log_part = log_sheets.clone();
         let mut best = self.best_similarity;
         for (part, similarities) in self.likelihood.similarities.chunks_exact(n_views).enumerate() {
-            let planes = in_planes(similarities, grid);
-            let edged = &self.likelihood.edged()[part * n_views..][..n_views];
-            let known = sheets.iter().zip(log_sheets.chunks_exact_mut(n_places)).filter(|(sheet, _)| sheet.has_known());
-            for (sheet, log_sheet) in known {
-                let similarities = self.likelihood.on_sheet(sheet, part, &planes);
-                let (agrees, disagrees) = self.likelihood.logs_between(&similarities);
+            // A blank touch has no look.
+            let planes = (!self.likelihood.blank).then(|| in_planes(similarities, grid));
+            for (angle, sheet) in &sheets {
+                let log_sheet = &mut log_sheets[angle * n_places..][..n_places];
+                let looks = planes.as_ref().map(|planes| {
+                    let similarities = self.likelihood.on_sheet(sheet, part, planes);
+                    let logs = self.likelihood.logs_of_looks(&similarities);
+                    (similarities, logs)
+                });
                 sheet.for_each_known(|place, Nearest { cell, trust }| {
-                    let is_edged = edged[cell];
-                    if is_edged && trust == 1.0 && similarities[place] > best {
-                        best = similarities[place];
-                    }
-                    let log = if is_edged == self.likelihood.blank { disagrees } else { agrees[place] };
+                    let row = part * n_views + cell;
+                    let log = match &looks {
+                        Some((similarities, logs)) if self.likelihood.is_edged(row) => {
+                            if trust == 1.0 && similarities[place] > best {
+                                best = similarities[place];
+                            }
+                            logs[place]
+                        }
+                        _ => self.likelihood.log_row(row),
+                    };
                     log_sheet[place] = self.log_trusted(log, trust);
                 });
             }
@@ -124,11 +133,11 @@ impl Touched {
             let turned = Se2::new(0.0, 0.0, *theta) * self.first_from_sensor;
             let shifted = |places: &[f64], by: f64| places.iter().map(|mm| by + mm).collect::<Vec<_>>();
             let (xs, ys) = (shifted(xs, turned.x_mm), shifted(ys, turned.y_mm));
-            let places = self.cubic.then(|| Places::new(grid, turned.theta_rad, &xs, &ys));
+            let sheet = self.cubic.then(|| Sheet::at(grid, turned.theta_rad, &xs, &ys));
             for (place, sum) in sums[k..].iter_mut().step_by(thetas.len()).enumerate() {
                 let (x, y) = (place / ys.len(), place % ys.len());
-                let seen = match &places {
-                    Some(places) => places.stencil(x, y).map(|stencil| self.seen_between(grid, part, &stencil)),
+                let seen = match &sheet {
+                    Some(sheet) => sheet.stencil(x, y).map(|stencil| self.seen_between(grid, part, &stencil)),
                     None => self.seen(grid, part, &Se2::new(xs[x], ys[y], turned.theta_rad)),
                 };
                 *sum += seen.map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen));

@@ -56,14 +56,16 @@ impl Neighbours {
 /// The neighbours of each part's views, `[n_parts]`.
 pub fn neighbours(bank: &Bank) -> Arc<[Neighbours]> {
     let (n_xy, n_theta, n_cells) = (bank.grid().n_xy(), bank.grid().n_theta(), bank.grid().len());
+    let strides = bank.grid().strides();
     let norms: Vec<f32> = (0..bank.n_rows()).map(|row| peg_similarity(bank, row, row).max(0.0).sqrt()).collect();
     let of_part = |part: usize| {
         let cosine = |view: [usize; 3], axis: usize, k: usize| {
             if view[axis] + k >= [n_xy, n_xy, n_theta][axis] {
                 return 1.0;
             }
-            let row = part * n_cells + (view[0] * n_xy + view[1]) * n_theta + view[2];
-            let further = row + k * [n_xy * n_theta, n_theta, 1][axis];
+            let cell: usize = view.iter().zip(strides).map(|(index, stride)| index * stride).sum();
+            let row = part * n_cells + cell;
+            let further = row + k * strides[axis];
             let cosine = peg_similarity(bank, row, further) / (norms[row] * norms[further]);
             if cosine.is_finite() { cosine.clamp(-1.0, 1.0) } else { 0.0 }
         };

@@ -185,15 +185,15 @@ impl Maker<'_> {
             let touches = self.step(data, "tactile-data", &words).makes(*data, &proof);
             self.add(touches);
             let folder = format!("model-{name}");
+            let checkpoint = format!("{folder}/model.safetensors");
             let words = [&["--data", data, "--preset", "tiny", "--out", &folder][..], more].concat();
             let trained = self
                 .step(&folder, "tactile-train", &words)
                 .needs(&proof)
-                .makes(&folder, format!("{folder}/model.safetensors"))
+                .makes(&folder, &checkpoint)
                 .resumes_from(format!("{folder}/state.safetensors"));
             self.add(trained);
-            let trained = format!("{folder}/model.safetensors");
-            models.push(self.calibrate(name, &trained, "alphabet-small-dev", &FINE, &["--anywhere", "40"]));
+            models.push(self.calibrate(name, &checkpoint, "alphabet-small-dev", &FINE, &["--anywhere", "40"]));
         }
         let (episodes, settings) = (episodes.to_string(), settings.map(|n| n.to_string()));
         let mut words = vec!["tradeoff", "--out", "tradeoff", "--episodes", &episodes];
