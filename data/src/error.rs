@@ -28,6 +28,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A picture could not be read or written.
+    #[cfg(feature = "datasets")]
     #[error("{}: {source}", path.display())]
     Picture {
         /// The file.
@@ -58,6 +59,7 @@ impl Error {
     }
 
     /// Attaches the path to a decoding error.
+    #[cfg(feature = "datasets")]
     pub fn picture(path: impl AsRef<Path>) -> impl FnOnce(image::ImageError) -> Self {
         let path = path.as_ref().to_path_buf();
         move |source| Self::Picture { path, source }

@@ -26,6 +26,7 @@ impl Frame {
     }
 
     /// A frame whose length is right by construction.
+    #[cfg(feature = "datasets")]
     pub(crate) fn from_parts(width_px: usize, height_px: usize, rgb: Vec<u8>) -> Self {
         debug_assert_eq!(rgb.len(), 3 * width_px * height_px);
         Self { width_px, height_px, rgb }

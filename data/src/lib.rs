@@ -23,27 +23,43 @@
 //! # }
 //! ```
 
+#[cfg(feature = "sim")]
 pub mod calibrate;
 #[cfg(feature = "cli")]
 pub mod closed_output;
+#[cfg(feature = "sim")]
 pub mod compare;
+#[cfg(feature = "datasets")]
 pub mod contact;
+#[cfg(feature = "sim")]
 pub mod contact_sheet;
 pub mod error;
+#[cfg(feature = "datasets")]
 pub mod fragment;
 pub mod frame;
+#[cfg(feature = "sim")]
 pub mod generate;
 pub mod grid;
+#[cfg(feature = "sim")]
 pub mod npy;
+#[cfg(feature = "datasets")]
 pub mod picture;
+#[cfg(feature = "datasets")]
 pub mod recording;
+#[cfg(feature = "sim")]
 pub mod render;
+#[cfg(feature = "sim")]
 pub mod scene;
 pub mod se2;
+#[cfg(feature = "sim")]
 pub mod sensor;
+#[cfg(feature = "sim")]
 pub mod shape;
+#[cfg(feature = "datasets")]
 pub mod shard;
+#[cfg(feature = "sim")]
 pub mod simulator;
+#[cfg(feature = "datasets")]
 pub mod store;
 pub mod touch;
 
