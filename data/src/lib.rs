@@ -42,6 +42,7 @@ pub mod generate;
 pub mod grid;
 #[cfg(feature = "sim")]
 pub mod npy;
+pub mod origin;
 #[cfg(feature = "datasets")]
 pub mod picture;
 #[cfg(feature = "datasets")]
@@ -63,4 +64,4 @@ pub mod simulator;
 pub mod store;
 pub mod touch;
 
-pub use error::{Error, Result};
+pub use error::{Error, FrameFault, Result};
