@@ -181,7 +181,7 @@ fn recorded(sample: &Sample, folder: &Path, frames: &[RgbImage]) -> String {
 fn a_frame_that_shows_nothing_is_named() {
     let sample = Sample::shared();
     let rest = image::open(sample.at("pegs/no_contact.png")).unwrap().to_rgb8();
-    for (value, word) in [(0, "all black"), (255, "all white"), (120, "constant")] {
+    for (value, word) in [(0, "a dark one"), (255, "a saturated one"), (120, "a uniform one")] {
         let folder = tempfile::tempdir().unwrap();
         let dark = RgbImage::from_pixel(80, 60, Rgb([value; 3]));
         let data = recorded(&sample, folder.path(), &[rest.clone(), dark.clone()]);
@@ -190,9 +190,7 @@ fn a_frame_that_shows_nothing_is_named() {
         // Looking at the recording tells of it and goes on.
         let inspected = run("tactile-data", folder.path(), &["inspect", &data]);
         assert!(
-            inspected
-                .done()
-                .contains(&format!("frame 1: frame: expected a lit picture with some contrast, got {word}")),
+            inspected.done().lines().any(|line| line.contains("frame 1: frame: expected a") && line.contains(word)),
             "{inspected:?}"
         );
         // As the frame at rest it spoils the whole recording.
