@@ -4,18 +4,17 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
-use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
-use crate::fragment::Fragment;
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
+use crate::random::around_zero;
 use crate::scene::{MazeBoards, Parts, Scene};
 use crate::se2::Se2;
-use crate::shard::Shard;
+use crate::shard::{Fragment, Shard};
 use crate::simulator::{Simulator, frame_rng};
 use crate::store::{Dataset, DatasetWriter, Meta};
 use crate::touch::{Side, Touch};
@@ -76,7 +75,7 @@ pub fn plan(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<
 
 /// A pose drawn from the range of a grid.
 fn anywhere(reach: &PoseGrid, rng: &mut ChaCha8Rng) -> Se2 {
-    let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+    let mut around = |half| around_zero(rng, half);
     Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg))
 }
 
@@ -105,7 +104,7 @@ pub enum Made {
 }
 
 /// Renders the part of [`generate`]'s dataset that is one shard's, as a dataset of its own that states which part it
-/// is; [`fragment::merge`](crate::fragment::merge) joins all of them. A frame has the bytes that it has in the whole.
+/// is; [`merge`](crate::dataset_merge::merge) joins all of them. A frame has the bytes that it has in the whole.
 /// A shard that lies at `out` already, whole, is left as it is; anything else there is an error.
 pub fn generate_shard(
     scene: &Scene,
@@ -245,7 +244,7 @@ fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> Vec<Planned> {
     (0..boards.n_pairs)
         .flat_map(|pair| {
             let mut rng = frame_rng(seed ^ 0x70_6f_73_65, pair as u64);
-            let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+            let mut around = |half| around_zero(&mut rng, half);
             let part_from_sensor = Se2::new(around(half), around(half), around(std::f64::consts::PI));
             let part = pair * boards.n_boards / boards.n_pairs;
             [Side::Hole, Side::Peg].map(|side| Planned { part, side, part_from_sensor })

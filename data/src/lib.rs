@@ -33,9 +33,9 @@ pub mod compare;
 pub mod contact;
 #[cfg(feature = "sim")]
 pub mod contact_sheet;
-pub mod error;
 #[cfg(feature = "datasets")]
-pub mod fragment;
+pub mod dataset_merge;
+pub mod error;
 pub mod frame;
 #[cfg(feature = "sim")]
 pub mod generate;
@@ -44,6 +44,8 @@ pub mod grid;
 pub mod npy;
 #[cfg(feature = "datasets")]
 pub mod picture;
+#[cfg(feature = "sim")]
+mod random;
 #[cfg(feature = "datasets")]
 pub mod recording;
 #[cfg(feature = "sim")]
@@ -63,4 +65,4 @@ pub mod simulator;
 pub mod store;
 pub mod touch;
 
-pub use error::{Error, Result};
+pub use error::{Error, FrameFault, Result};

@@ -28,6 +28,17 @@ pub struct Shard {
     count: usize,
 }
 
+/// Which shard of which plan a dataset holds; `fragment` in its `meta.json`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fragment {
+    /// The shard.
+    pub shard: Shard,
+    /// Touches of the whole plan.
+    pub n_planned: usize,
+    /// SHA-256 of the whole plan, 64 hex digits: what is touched, where, in which order.
+    pub plan_sha256: String,
+}
+
 /// How a shard is written, for errors.
 const FORM: &str = "i/n with i in 1..=n such as 2/5, or env";
 

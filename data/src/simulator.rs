@@ -2,11 +2,12 @@
 
 use std::sync::OnceLock;
 
+use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
-use rand::{RngExt, SeedableRng};
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::random::{around_zero, uniform};
 use crate::scene::{Parts, Scene};
 use crate::se2::Se2;
 use crate::sensor::camera::{Camera, LayerLines, to_frame};
@@ -16,7 +17,6 @@ use crate::sensor::light::LightRig;
 use crate::sensor::optics::Optics;
 use crate::sensor::rounding::to_byte;
 use crate::sensor::{Fidelity, SensorSpec, shadow};
-use crate::shape::maze::draw;
 use crate::touch::Side;
 
 /// Exposures averaged into the no-contact frame, as one would take it on a bench.
@@ -116,7 +116,7 @@ impl Simulator {
             return Err(Error::invalid("touch", "a finite pose", format!("{part_from_sensor:?}")));
         }
         let touchable = self.side(part, side)?;
-        let mut jitter = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+        let mut jitter = |half| around_zero(rng, half);
         let pose = *part_from_sensor * Se2::new(jitter(spec.place_jitter_mm), jitter(spec.place_jitter_mm), 0.0);
         let surface = match touchable {
             // A tilt leaves in contact what is.
@@ -181,8 +181,8 @@ impl Simulator {
         let SensorSpec { gel_length_mm, light, .. } = &self.scene.sensor;
         let Parts::Maze(boards) = &self.scene.parts else { return (*gel_length_mm, light.clone()) };
         let mut rng = frame_rng(self.board_seed, u64::MAX - part as u64);
-        let gel_length_mm = draw(&mut rng, boards.gel_length_mm);
-        let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+        let gel_length_mm = uniform(&mut rng, boards.gel_length_mm);
+        let mut around = |half| around_zero(&mut rng, half);
         // Two Minis' fitted lamps differ by some 4 to 17 degrees and 10 % of brightness.
         let (strength, turn_deg) = ([0; 3].map(|_| 1.0 + around(0.15)), [0; 3].map(|_| around(10.0)));
         (gel_length_mm, light.varied(strength, turn_deg))

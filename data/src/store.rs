@@ -14,10 +14,10 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
-use crate::fragment::Fragment;
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::picture;
+use crate::shard::Fragment;
 use crate::touch::Touch;
 
 /// Name and version of the layout on disk.

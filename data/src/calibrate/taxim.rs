@@ -8,8 +8,8 @@
 
 use std::path::Path;
 
-use super::fit::{factors, light, slope_bases};
 use super::least_squares::Sums;
+use super::light_factors::{factors, light, slope_bases};
 use super::{Calibration, SCHEMA};
 use crate::error::{Error, Result};
 use crate::npy::{self, Array};

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 use tactile_data::calibrate::ball::BallPress;
-use tactile_data::calibrate::presses::{Circle, Presses, Source};
+use tactile_data::calibrate::circle::Circle;
+use tactile_data::calibrate::presses::{Presses, Source};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::compare::Figures;
 use tactile_data::sensor::light::LightRig;
@@ -128,8 +129,8 @@ impl Calibrate {
 
 /// How deep the ball is pressed in by the gel that was fitted, mm.
 fn depth_mm(calibration: &Calibration, presses: &Presses, circle: &Circle) -> Option<f64> {
-    let contact_mm = calibration.contact_share? * presses.radius_mm(circle);
-    let radius_mm = presses.ball_radius_mm;
+    let contact_mm = calibration.contact_share? * presses.geometry.radius_mm(circle);
+    let radius_mm = presses.geometry.ball_radius_mm;
     Some(BallPress::new(radius_mm, contact_mm, calibration.gel_length_mm?, 2.0 * radius_mm).depth_mm(0.0))
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::Result;
-use tactile_data::fragment::merge;
+use tactile_data::dataset_merge::merge;
 
 use super::progress;
 

@@ -4,8 +4,9 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::random::uniform;
 use crate::sensor::SensorSpec;
-use crate::shape::maze::{MazeSpec, draw};
+use crate::shape::maze::MazeSpec;
 use crate::shape::{Face, Layer, Relief, Shape};
 use crate::simulator::frame_rng;
 use crate::touch::Side;
@@ -60,8 +61,8 @@ impl MazeBoards {
             return whole;
         }
         // Log-uniform: sheet metal is as common as a block's wall.
-        let band_mm = draw(&mut rng, self.band_mm.map(f64::ln)).exp();
-        let (inset_mm, drop_mm) = (draw(&mut rng, CORE_INSET_MM), draw(&mut rng, CORE_DROP_MM));
+        let band_mm = uniform(&mut rng, self.band_mm.map(f64::ln)).exp();
+        let (inset_mm, drop_mm) = (uniform(&mut rng, CORE_INSET_MM), uniform(&mut rng, CORE_DROP_MM));
         let mut relief = whole.banded(band_mm);
         if rng.random::<f64>() < self.core_share {
             // A shell's core begins where the shell ends.

@@ -9,46 +9,8 @@
 //! worse, since the light of such a sensor is diffuse. The test `shadows_add_nothing_to_recorded_presses` of
 //! [`crate::calibrate::fit`] measures it again. A rig of few, hard lamps says so in its own [`Shadow`].
 
-use serde::{Deserialize, Serialize};
-
+use super::light::Shadow;
 use super::optics::Optics;
-use crate::error::{Error, Result};
-
-/// How a rig's lamps cast shadows: one value for all lamps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Shadow {
-    /// How high the lamps stand above the gel's plane, degrees, 1..=89.
-    pub elevation_deg: f64,
-    /// Share of a channel's light that full shadow takes away, 0..=1.
-    pub strength: f64,
-    /// How far below the line of the lamp the surface must lie for full shadow, mm: the lamps are not points.
-    pub soft_mm: f64,
-}
-
-impl Default for Shadow {
-    fn default() -> Self {
-        Self { elevation_deg: 50.0, strength: 0.1, soft_mm: 0.3 }
-    }
-}
-
-impl Shadow {
-    /// Refuses what no lamp can do, naming the field.
-    pub fn validate(&self) -> Result<()> {
-        let within = [
-            ("elevation_deg", self.elevation_deg, 1.0..=89.0),
-            ("strength", self.strength, 0.0..=1.0),
-            ("soft_mm", self.soft_mm, 1e-3..=10.0),
-        ];
-        for (field, value, range) in within {
-            if !range.contains(&value) {
-                let expected = format!("{} to {}", range.start(), range.end());
-                return Err(Error::invalid(format!("light.shadow.{field}"), expected, value.to_string()));
-            }
-        }
-        Ok(())
-    }
-}
 
 /// Darkens shaded RGB counts where depths `[height + 2, width + 2]` in mm keep a lamp's light off.
 pub fn cast(rgb: &mut [f32], depths: &[f32], optics: &Optics, mm_per_px: [f64; 2]) {

@@ -1,27 +1,14 @@
-//! A dataset made in shards: what each says of itself, and how they are joined.
+//! The shards of a dataset, joined into one.
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::shard::Shard;
+use crate::shard::{Fragment, Shard};
 use crate::store::{self, Dataset, DatasetWriter, Meta};
 
 /// Missing shards named in an error before it says only how many there are.
 const MAX_NAMES: usize = 8;
-
-/// Which shard of which plan a dataset holds; `fragment` in its `meta.json`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Fragment {
-    /// The shard.
-    pub shard: Shard,
-    /// Touches of the whole plan.
-    pub n_planned: usize,
-    /// SHA-256 of the whole plan, 64 hex digits: what is touched, where, in which order.
-    pub plan_sha256: String,
-}
 
 /// Joins the shards of one dataset, given in any order, into `out`, and returns the number of frames. The files have
 /// the bytes that a single run would have written. One shard is open at a time, its frames on disk.
