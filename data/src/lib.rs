@@ -43,6 +43,8 @@ pub mod grid;
 #[cfg(feature = "sim")]
 pub mod npy;
 #[cfg(feature = "datasets")]
+pub mod output;
+#[cfg(feature = "datasets")]
 pub mod picture;
 #[cfg(feature = "sim")]
 mod random;
@@ -60,9 +62,13 @@ pub mod shape;
 #[cfg(feature = "datasets")]
 pub mod shard;
 #[cfg(feature = "sim")]
+mod sheet;
+#[cfg(feature = "sim")]
 pub mod simulator;
 #[cfg(feature = "datasets")]
 pub mod store;
+#[cfg(feature = "datasets")]
+pub mod suggest;
 pub mod touch;
 
 pub use error::{Error, FrameFault, Result};

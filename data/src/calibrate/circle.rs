@@ -5,7 +5,7 @@
 pub struct Circle {
     /// Its middle.
     pub centre_px: [f64; 2],
-    /// Its radius, along x and y alike.
+    /// Its radius, the same along x and y.
     pub radius_px: f64,
 }
 

@@ -1,15 +1,15 @@
 //! Finding where a ball touches, without a label.
 //!
-//! The response of any lamps is linear in five functions of the slope, and a ball's slopes are known but for
-//! where it lies and how wide it touches. So for a circle the best lamps follow by least squares, their fall-off
-//! included, and the circle whose slopes explain most of the difference image is where the ball lies.
+//! The response of any lamps is linear in five functions of the slope, and a ball's slopes are known except for
+//! where it is and how wide it touches. So for a circle the best lamps follow by least squares, their fall-off
+//! included, and the circle whose slopes explain most of the difference image is where the ball is.
 
 use super::ball::BallPress;
 use super::circle::{Circle, PressGeometry};
 use super::least_squares::Sums;
 use super::light_factors::bases;
 
-/// Where the search for the gel's decay length begins, and between what it is sought, mm.
+/// The gel's decay length: the least, where the search begins, and the largest, mm.
 const GEL_LENGTH_MM: [f64; 3] = [0.5, 1.6, 6.0];
 
 /// The least share of the difference round a circle that the ball's slopes must explain.
@@ -19,7 +19,7 @@ const LEAST_EXPLAINED: f64 = 0.5;
 const N_FACTORS: usize = 9;
 
 /// The circle that explains most of a difference image, interleaved RGB in counts; none where no circle
-/// explains half of what lies round it.
+/// explains half of what is round it.
 pub fn find(geometry: &PressGeometry, difference: &[f32]) -> Option<Circle> {
     let ball_px = geometry.ball_radius_px();
     let start = brightest_square(difference, geometry.frame_px[0], ball_px);
@@ -47,7 +47,7 @@ pub fn find(geometry: &PressGeometry, difference: &[f32]) -> Option<Circle> {
     (explained >= LEAST_EXPLAINED).then_some(best.circle)
 }
 
-/// Where the ball may lie.
+/// Where the ball may be.
 #[derive(Clone, Copy)]
 struct Guess {
     circle: Circle,

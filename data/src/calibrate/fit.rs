@@ -1,4 +1,4 @@
-//! From presses of a ball to the light that made them, judged on presses left out.
+//! From presses of a ball to the light that made them, and its error on presses left out.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use super::{Calibration, SCHEMA, at_rest};
 use crate::compare::Figures;
 use crate::error::{Error, Result};
 
-/// Pixels this far beside a circle still count in the fit, mm: where the gel's slope fades.
+/// Pixels up to this far outside a circle count in the fit, mm: where the gel's slope fades.
 const REACH_MM: f64 = 3.0;
 
 /// The figures are of the circle and half its radius round it: the contact and its coloured band.
@@ -20,7 +20,7 @@ const CONTACT_RADII: f64 = 1.5;
 const RIDGE: f64 = 1e-4;
 
 /// Candidates for the contact's radius as a share of the circle's: what one sees as its edge is the bright
-/// ring, some of which lies outside.
+/// ring, some of which is outside.
 const CONTACT_SHARES: [f64; 6] = [0.80, 0.84, 0.88, 0.92, 0.96, 1.0];
 
 /// Candidates for the gel's decay length, mm.
@@ -200,16 +200,12 @@ fn mean(left_out: &[(String, Figures)]) -> Figures {
 
 #[cfg(test)]
 mod tests {
-    use std::path::{Path, PathBuf};
-
     use super::super::circle::Circle;
-    use super::super::presses::Source;
     use super::super::synthetic;
     use super::*;
     use crate::sensor::SensorSpec;
-    use crate::sensor::light::{LightRig, Shadow};
+    use crate::sensor::light::LightRig;
     use crate::sensor::optics::Optics;
-    use crate::sensor::shadow::cast;
 
     fn synthetic_presses(seed: u64, is_labelled: bool) -> Presses {
         let (no_contact, mut frames) = synthetic::presses(seed);
@@ -266,76 +262,5 @@ mod tests {
             assert!(dx.hypot(dy) < 1.0, "{}: {:?}, not {:?}", truth.name, found.circle, truth.circle);
             assert!((found.circle.radius_px - radius_px).abs() < 2.0, "{:?}, not {:?}", found.circle, truth.circle);
         }
-    }
-
-    fn recorded_balls() -> Option<PathBuf> {
-        let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/real-gelsight");
-        let folder = std::env::var_os("TACTILE_REAL_GELSIGHT").map_or(beside, PathBuf::from).join("gelsight-ball-fots");
-        if !folder.is_dir() {
-            println!("skipped: no recorded presses at {}", folder.display());
-            return None;
-        }
-        Some(folder)
-    }
-
-    fn recorded(folder: &Path, has_labels: bool) -> Presses {
-        let source = Source {
-            no_contact: folder.join("gelsight_bg.png"),
-            labels: has_labels.then(|| folder.join("annotate.csv")),
-            ball_mm: 4.7,
-            mm_per_px: [1.0 / 19.58; 2],
-        };
-        Presses::read(&folder.join("images"), &source).unwrap()
-    }
-
-    #[test]
-    fn recorded_presses_left_out_are_predicted() {
-        let Some(folder) = recorded_balls() else { return };
-        for has_labels in [true, false] {
-            let figures = fit(&recorded(&folder, has_labels)).unwrap().calibration.leave_one_out.unwrap();
-            assert!(figures.ratio <= 0.25 && figures.correlation >= 0.95, "{figures:?}");
-        }
-    }
-
-    /// Six of the 42 recorded presses rendered by the light of the others, as the simulator renders, with the
-    /// shadows cast and without.
-    #[test]
-    fn shadows_add_nothing_to_recorded_presses() {
-        let Some(folder) = recorded_balls() else { return };
-        let mut presses = recorded(&folder, true);
-        let (held, kept): (Vec<_>, Vec<_>) =
-            presses.presses.drain(..).enumerate().partition(|(index, _)| index % 7 == 0);
-        presses.presses = kept.into_iter().map(|(_, press)| press).collect();
-        let calibration = fit(&presses).unwrap().calibration;
-        let mean_l1 = |shadow: Option<Shadow>| {
-            let mut calibration = calibration.clone();
-            calibration.light.shadow = shadow.unwrap_or_default();
-            let optics = Optics::new(&calibration.spec(SensorSpec::default()).unwrap());
-            let optics = optics.over(&presses.no_contact).unwrap();
-            let l1 = |press: &Press| {
-                let (length_mm, share) = (calibration.gel_length_mm.unwrap(), calibration.contact_share.unwrap());
-                let ball = ball(&presses, press, share, length_mm);
-                let depths =
-                    synthetic::depths(&ball, press.circle.centre_px, calibration.frame_px, presses.geometry.mm_per_px);
-                let mut rgb = optics.shade(&depths, presses.geometry.mm_per_px);
-                if shadow.is_some() {
-                    cast(&mut rgb, &depths, &optics, presses.geometry.mm_per_px);
-                }
-                let near = |pixel: &usize| {
-                    let [x, y] = presses.geometry.from_centre_mm(&press.circle, *pixel);
-                    x.hypot(y) <= CONTACT_RADII * presses.geometry.radius_mm(&press.circle)
-                };
-                let pairs = (0..240 * 320).filter(near).flat_map(|pixel| 3 * pixel..3 * pixel + 3).map(|i| {
-                    let rest = f64::from(optics.at_rest()[i]);
-                    [f64::from(rgb[i].clamp(0.0, 255.0)) - rest, f64::from(press.difference[i])]
-                });
-                Figures::of(&pairs.collect::<Vec<_>>()).l1_counts
-            };
-            held.iter().map(|(_, press)| l1(press)).sum::<f64>() / held.len() as f64
-        };
-        let (without, with) = (mean_l1(None), mean_l1(Some(Shadow::default())));
-        let low = mean_l1(Some(Shadow { elevation_deg: 10.0, strength: 0.03, soft_mm: 0.05 }));
-        println!("contact L1 {without:.2} counts without shadows, {with:.2} with, {low:.2} with low lamps' shadows");
-        assert!(without < 7.0 && (with - without).abs() < 0.05 && low > without, "{without}, {with}, {low} counts");
     }
 }

@@ -33,7 +33,7 @@ pub(super) fn light(weights: &[Vec<f64>; 3], has_walls: bool, at_rest: [Quadrati
     LightRig { at_rest, along_x: part(0), along_y: part(1), walls, shadow: Shadow::default() }
 }
 
-/// Where a pixel's middle lies in the frame, -1..=1.
+/// Where a pixel's middle is in the frame, -1..=1.
 pub(super) fn place(pixel: usize, [width, height]: [usize; 2]) -> [f64; 2] {
     let share = |at: usize, n: usize| (at as f64 + 0.5) / n as f64 * 2.0 - 1.0;
     [share(pixel % width, width), share(pixel / width, height)]

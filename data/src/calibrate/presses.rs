@@ -1,4 +1,4 @@
-//! Presses of a ball: frames with the circle in which the ball touched, read and judged.
+//! Presses of a ball: frames with the circle in which the ball touched, read and checked.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::picture;
 
-/// Fewer presses do not tell the light's fall-off over the frame from the presses' own faults.
+/// Fewer presses do not separate the light's fall-off over the frame from the presses' own faults.
 const MIN_PRESSES: usize = 5;
 
 /// The most of a contact's values at 0 or 255 that still show its colours.
@@ -49,7 +49,7 @@ pub struct Presses {
 /// What a folder of presses does not say itself.
 #[derive(Clone, Debug)]
 pub struct Source {
-    /// A picture of the sensor at rest; not counted among the presses where it lies in the folder.
+    /// A picture of the sensor at rest; not counted among the presses where it is in the folder.
     pub no_contact: PathBuf,
     /// A CSV with a header: file, centre x, centre y and radius in pixels; without one circles are found.
     pub labels: Option<PathBuf>,
@@ -90,7 +90,7 @@ impl Presses {
 
     /// Takes named frames, each with its circle or without, in which case it is found.
     ///
-    /// Refuses fewer than five, a frame of another size than the no-contact frame, a ball that is not wholly in
+    /// Refuses fewer than five, a frame of another size than the no-contact frame, a ball that is not completely in
     /// the frame, a circle wider than the ball, a contact that is saturated and one that shows no difference.
     pub fn new(
         no_contact: Frame,
@@ -184,27 +184,29 @@ fn file_name(path: &str) -> String {
 /// `file`; `center_x`, `center_y` and `radius`, each with or without `_px`.
 fn labels(path: &Path) -> Result<BTreeMap<String, Circle>> {
     let text = fs::read_to_string(path).map_err(Error::io(path))?;
-    let refuse =
-        |place: String, expected: &str, got: &str| Error::invalid(format!("{}{place}", path.display()), expected, got);
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    let header: Vec<&str> = lines.next().map_or("", |(_, line)| line).split(',').map(str::trim).collect();
+    let refuse = |place: String, expected: &str, got: String| {
+        Error::invalid(format!("{}{place}", path.display()), expected, got)
+    };
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|e| refuse(String::new(), "a CSV header", e.to_string()))?.clone();
     let column = |names: &[&str]| {
         let found = header.iter().position(|cell| names.contains(&cell.trim_end_matches("_px")));
-        found.ok_or_else(|| refuse(String::new(), &format!("a column {}", names.join(" or ")), &header.join(",")))
+        let got = || header.iter().collect::<Vec<_>>().join(",");
+        found.ok_or_else(|| refuse(String::new(), &format!("a column {}", names.join(" or ")), got()))
     };
     let file = column(&["image", "img_names", "file"])?;
     let numbers = [column(&["center_x", "centre_x"])?, column(&["center_y", "centre_y"])?, column(&["radius"])?];
     let mut circles = BTreeMap::new();
-    for (index, line) in lines {
-        let place = format!(" line {}", index + 1);
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+    for record in reader.records() {
+        let record = record.map_err(|e| refuse(String::new(), "a CSV file", e.to_string()))?;
+        let place = format!(" line {}", record.position().map_or(0, csv::Position::line));
         let number =
-            |column: usize| cells.get(column).and_then(|cell| cell.parse().ok()).filter(|v: &f64| v.is_finite());
-        let (Some(name), [Some(x), Some(y), Some(radius_px)]) = (cells.get(file), numbers.map(number)) else {
-            return Err(refuse(place, "a file and three numbers", line));
+            |column: usize| record.get(column).and_then(|cell| cell.parse().ok()).filter(|v: &f64| v.is_finite());
+        let (Some(name), [Some(x), Some(y), Some(radius_px)]) = (record.get(file), numbers.map(number)) else {
+            return Err(refuse(place, "a file and three numbers", record.iter().collect::<Vec<_>>().join(",")));
         };
         if circles.insert(file_name(name), Circle { centre_px: [x, y], radius_px }).is_some() {
-            return Err(refuse(place, "one label for each file", name));
+            return Err(refuse(place, "one label for each file", name.to_owned()));
         }
     }
     Ok(circles)

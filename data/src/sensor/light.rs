@@ -15,6 +15,7 @@
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
+use crate::suggest::with_closest;
 
 /// Factors of `1, x, y, x^2, x y, y^2` over the frame, x and y in -1..=1, x right and y down; counts.
 pub type Quadratic = [f32; 6];
@@ -67,11 +68,11 @@ pub struct Walls {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Shadow {
-    /// How high the lamps stand above the gel's plane, degrees, 1..=89.
+    /// How high the lamps are above the gel's plane, degrees, 1..=89.
     pub elevation_deg: f64,
     /// Share of a channel's light that full shadow takes away, 0..=1.
     pub strength: f64,
-    /// How far below the line of the lamp the surface must lie for full shadow, mm: the lamps are not points.
+    /// How far below the line of the lamp the surface must be for full shadow, mm: the lamps are not points.
     pub soft_mm: f64,
 }
 
@@ -134,7 +135,10 @@ impl LightRig {
         match name {
             "mini" => Ok(Self::default()),
             "cmu" => Ok(Self::lamps([65.0, 45.0, 47.0], [178.0, 62.0, -54.0])),
-            _ => Err(Error::invalid("light", format!("one of {}", Self::NAMES.join(", ")), name)),
+            _ => {
+                let got = with_closest(name, Self::NAMES);
+                Err(Error::invalid("light", format!("one of {}", Self::NAMES.join(", ")), got))
+            }
         }
     }
 

@@ -1,4 +1,4 @@
-//! Islands: closed outlines that stand alone on a MAZE board, each of another size and form.
+//! Islands: separate closed outlines on a MAZE board, each of another size and form.
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
@@ -30,7 +30,7 @@ const TURN_RAD: f64 = 0.15;
 /// Straight pieces of a rounded corner.
 const ARC_PIECES: usize = 6;
 
-/// One island round each of most nodes, `pitch` mm apart, nearly all turned alike but for quarter turns.
+/// One island round each of most nodes, `pitch` mm apart, nearly all turned the same way, up to quarter turns.
 pub(super) fn islands(nodes: &[[f64; 2]], pitch: f64, rng: &mut ChaCha8Rng) -> Shape {
     let board_rad = uniform(rng, [0.0, std::f64::consts::FRAC_PI_2]);
     let mut regions = Vec::new();
@@ -115,7 +115,7 @@ mod tests {
         let shape = islands(&nodes, 14.0, &mut ChaCha8Rng::seed_from_u64(2));
         let raster = Raster::coverage(&shape, 30.0, 0.25);
         let column = |x: f64| ((x + 30.0) / 0.25) as usize;
-        // Between the nodes' columns nothing stands: 20 mm apart, at most 13.3 long and 15 across with a tab.
+        // Between the nodes' columns there is nothing: 20 mm apart, at most 13.3 long and 15 across with a tab.
         assert!((0..raster.n).all(|row| raster.values[row * raster.n + column(10.0)] == 0.0));
         assert!(raster.values.iter().sum::<f32>() > 0.0);
     }

@@ -18,14 +18,14 @@ pub struct MazeSpec {
     pub pitch_mm: [f64; 2],
     /// Narrowest and widest wall as a share of the pitch, drawn for each board and jittered for each wall.
     pub wall_share: [f64; 2],
-    /// Least and greatest share of the maze's walls that stand, drawn for each board: what is left of a sparse
-    /// one are strokes that stand alone.
+    /// Least and greatest share of the maze's walls that are kept, drawn for each board: what is left of a sparse
+    /// one are separate strokes.
     pub kept_share: [f64; 2],
     /// How far a node is moved, as a share of the pitch.
     pub node_jitter: f64,
     /// Share of walls that are bent into an arc.
     pub bent_share: f64,
-    /// Share of the boards with islands instead of walls: closed outlines that stand alone, as plugs do.
+    /// Share of the boards with islands instead of walls: separate closed outlines, as plugs are.
     pub island_share: f64,
 }
 
