@@ -49,7 +49,7 @@ impl Frame {
 }
 
 /// How frames become network inputs; saved with the model, so that simulated, recorded and live
-/// frames are treated alike.
+/// frames are treated the same way.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preprocessing {
@@ -162,7 +162,7 @@ impl Background {
         let mut ratios = Vec::with_capacity(n_pixels);
         for (plane, rest) in planes.chunks_mut(n_pixels).zip(self.planes.chunks(n_pixels)) {
             ratios.clear();
-            // The bits of numbers that are not negative lie in the numbers' order, and are found faster.
+            // The bits of numbers that are not negative have the numbers' order, and are found faster.
             ratios.extend(plane.iter().zip(rest).map(|(p, r)| (p / r.max(1.0)).to_bits()));
             let (_, gain, _) = ratios.select_nth_unstable(n_pixels / 2);
             let gain = f32::from_bits(*gain).clamp(0.5, 2.0);

@@ -53,7 +53,7 @@ mod tests {
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
     use tactile_data::frame::Preprocessing;
-    use tactile_data::generate::generate;
+    use tactile_data::generate::{Sampling, generate};
     use tactile_data::grid::PoseGrid;
     use tactile_data::scene::{Kit, Parts};
     use tactile_data::store::Dataset;
@@ -70,7 +70,8 @@ mod tests {
         let model = Model::new(checkpoint, "ab".into(), DeviceKind::Flex).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("pegs");
-        generate(&scene, &[Side::Peg], Places::EachPose, 5, &out, &|_, _| ()).unwrap();
+        let sampling = Sampling { sides: &[Side::Peg], places: Places::EachPose, seed: 5 };
+        generate(&scene, &sampling, &out, &|_, _| ()).unwrap();
         let recorded = crate::recorded::bank_of_dataset(&model, &Dataset::open(&out).unwrap(), &|_, _| ()).unwrap();
         assert_eq!(bank_of_scene(&model, &scene, 5, &|_, _| ()).unwrap(), recorded);
     }

@@ -126,7 +126,7 @@ fn a_frame_that_shows_nothing_leaves_the_episode_as_it_was() {
     let before = episode.estimate();
     let black = Frame::new(80, 60, vec![0; 3 * 80 * 60]).unwrap();
     let small = Frame::new(40, 30, (0..3 * 40 * 30).map(|i| i as u8).collect()).unwrap();
-    for (bad, word) in [(black, "all black"), (small, "80x60")] {
+    for (bad, word) in [(black, "dark"), (small, "80x60")] {
         let error = episode.observe(Se2::IDENTITY, &bad).unwrap_err().to_string();
         assert!(error.contains(word), "{error}");
     }

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use tactile_data::frame::TactileImage;
-use tactile_data::generate::{Places, generate};
+use tactile_data::generate::{Places, Sampling, generate};
 use tactile_data::scene::{Parts, Scene};
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
@@ -68,7 +68,8 @@ fn training_begins_alike_on_cpu_and_card() {
     let Parts::Maze(boards) = &mut scene.parts else { panic!("the maze preset has boards") };
     (boards.n_boards, boards.n_held_out, boards.n_pairs) = (3, 1, 48);
     scene.sensor.frame_px = [48, 36];
-    generate(&scene, &[], Places::EachPose, 1, &maze, &|_, _| {}).unwrap();
+    let sampling = Sampling { sides: &[], places: Places::EachPose, seed: 1 };
+    generate(&scene, &sampling, &maze, &|_, _| {}).unwrap();
     let dataset = Dataset::open(&maze).unwrap();
     let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| losses(&dataset, folder.path(), device));
     assert_eq!((cpu.len(), card.len()), (5, 5));

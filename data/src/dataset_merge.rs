@@ -1,27 +1,15 @@
-//! A dataset made in shards: what each says of itself, and how they are joined.
+//! The shards of a dataset, joined into one.
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::shard::Shard;
+use crate::output;
+use crate::shard::{Fragment, Shard};
 use crate::store::{self, Dataset, DatasetWriter, Meta};
 
 /// Missing shards named in an error before it says only how many there are.
 const MAX_NAMES: usize = 8;
-
-/// Which shard of which plan a dataset holds; `fragment` in its `meta.json`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Fragment {
-    /// The shard.
-    pub shard: Shard,
-    /// Touches of the whole plan.
-    pub n_planned: usize,
-    /// SHA-256 of the whole plan, 64 hex digits: what is touched, where, in which order.
-    pub plan_sha256: String,
-}
 
 /// Joins the shards of one dataset, given in any order, into `out`, and returns the number of frames. The files have
 /// the bytes that a single run would have written. One shard is open at a time, its frames on disk.
@@ -35,6 +23,7 @@ pub fn merge(shards: &[PathBuf], out: &Path, progress: &dyn Fn(usize, usize)) ->
         return Err(Error::invalid("shards", "the shards of a dataset", "none"));
     };
     let n_planned = first.fragment.n_planned;
+    output::check_room(out, n_planned, first.meta.frame_px)?;
     let mut writer = DatasetWriter::create(out, first.meta.clone(), &first.no_contact)?.expecting(n_planned);
     let mut n_frames = 0;
     for head in &heads {
@@ -102,7 +91,7 @@ impl<'a> Head<'a> {
     }
 }
 
-/// The shards in order, of which none is foreign, double or missing.
+/// The shards in order, of which none is missing, given twice or of another job.
 fn complete(mut heads: Vec<Head<'_>>) -> Result<Vec<Head<'_>>> {
     for head in heads.iter().skip(1) {
         if let Some((what, here, there)) = head.differs(&heads[0]) {
@@ -110,7 +99,7 @@ fn complete(mut heads: Vec<Head<'_>>) -> Result<Vec<Head<'_>>> {
             return Err(Error::invalid(place, format!("{there} as in {}", heads[0].path.display()), here));
         }
     }
-    // Stable: of two alike the one given first stays first.
+    // Stable: of two equal ones the one given first stays first.
     heads.sort_by_key(|head| head.fragment.shard.index());
     for pair in heads.windows(2) {
         if pair[0].fragment.shard == pair[1].fragment.shard {
@@ -139,7 +128,7 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::generate::{Made, Places, generate, generate_shard};
+    use crate::generate::{Made, Places, Sampling, generate, generate_shard};
     use crate::scene::{Parts, Scene};
     use crate::sensor::Fidelity;
     use crate::touch::Side;
@@ -162,10 +151,14 @@ mod tests {
         scene
     }
 
-    /// What is written to `out`: shard `text` of `n` drawn places of each letter.
-    fn write(out: &Path, text: &str, scene: &Scene, sides: &[Side], n: usize, seed: u64) -> Result<Made> {
-        let places = Places::Anywhere(n);
-        generate_shard(scene, sides, places, seed, text.parse().unwrap(), out, &|_, _| ())
+    /// `n` drawn places of each letter.
+    fn drawn(sides: &[Side], n: usize, seed: u64) -> Sampling<'_> {
+        Sampling { sides, places: Places::Anywhere(n), seed }
+    }
+
+    /// What is written to `out`: shard `text`.
+    fn write(out: &Path, text: &str, scene: &Scene, sampling: &Sampling) -> Result<Made> {
+        generate_shard(scene, sampling, text.parse().unwrap(), out, &|_, _| ())
     }
 
     fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
@@ -181,10 +174,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let scene = maze(Fidelity::Camera);
-        generate(&scene, &[], Places::EachPose, 4, &at("single"), &|_, _| ()).unwrap();
+        let sampling = Sampling { sides: &[], places: Places::EachPose, seed: 4 };
+        generate(&scene, &sampling, &at("single"), &|_, _| ()).unwrap();
         let shards = ["3/3", "1/3", "2/3"].map(|text| {
             let out = at(&text.replace('/', "-of-"));
-            let made = generate_shard(&scene, &[], Places::EachPose, 4, text.parse().unwrap(), &out, &|_, _| ());
+            let made = generate_shard(&scene, &sampling, text.parse().unwrap(), &out, &|_, _| ());
             let n_frames = Dataset::open(&out).unwrap().len();
             assert_eq!(made.unwrap(), Made::Written(n_frames));
             out
@@ -198,7 +192,7 @@ mod tests {
     fn a_shard_says_which_it_is_and_a_whole_one_is_left_as_it_is() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("two");
-        let made = || write(&out, "2/5", &letters(), &[Side::Peg], 3, 1);
+        let made = || write(&out, "2/5", &letters(), &drawn(&[Side::Peg], 3, 1));
         assert_eq!(made().unwrap(), Made::Written(7));
         let json: serde_json::Value = serde_json::from_slice(&fs::read(out.join("meta.json")).unwrap()).unwrap();
         assert_eq!((&json["fragment"]["shard"], &json["fragment"]["n_planned"]), (&"2/5".into(), &36.into()));
@@ -206,7 +200,7 @@ mod tests {
         assert_eq!(made().unwrap(), Made::Found(7));
         assert_eq!(contents(&out), before);
         for (text, seed) in [("1/5", 1), ("2/5", 2)] {
-            let message = write(&out, text, &letters(), &[Side::Peg], 3, seed).unwrap_err().to_string();
+            let message = write(&out, text, &letters(), &drawn(&[Side::Peg], 3, seed)).unwrap_err().to_string();
             assert!(message.contains(&format!("two: expected shard {text} of this scene")), "{message}");
         }
         fs::write(out.join("frames.npy"), [0; 200]).unwrap();
@@ -219,14 +213,15 @@ mod tests {
         let out = folder.path().join("one");
         fs::create_dir(folder.path().join("one.partial")).unwrap();
         fs::write(folder.path().join("one.partial/frames.npy"), "half").unwrap();
-        assert_eq!(write(&out, "1/1", &letters(), &[Side::Peg], 1, 1).unwrap(), Made::Written(12));
+        assert_eq!(write(&out, "1/1", &letters(), &drawn(&[Side::Peg], 1, 1)).unwrap(), Made::Written(12));
         assert!(!folder.path().join("one.partial").exists());
     }
 
     #[test]
     fn more_shards_than_touches_are_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let message = write(&folder.path().join("a"), "1/13", &letters(), &[Side::Peg], 1, 1).unwrap_err().to_string();
+        let message =
+            write(&folder.path().join("a"), "1/13", &letters(), &drawn(&[Side::Peg], 1, 1)).unwrap_err().to_string();
         assert_eq!(message, "shard: expected at most 12 shards, one for each touch, got 1/13");
     }
 
@@ -237,17 +232,18 @@ mod tests {
         let pegs: &[Side] = &[Side::Peg];
         let mut small = letters();
         small.sensor.frame_px = [12, 12];
-        write(&at("a"), "1/4", &letters(), pegs, 2, 1).unwrap();
-        write(&at("b"), "2/4", &letters(), pegs, 2, 1).unwrap();
-        write(&at("b-again"), "2/4", &letters(), pegs, 2, 1).unwrap();
-        write(&at("c"), "3/4", &letters(), pegs, 2, 1).unwrap();
-        write(&at("seed"), "4/4", &letters(), pegs, 2, 2).unwrap();
-        write(&at("count"), "4/5", &letters(), pegs, 2, 1).unwrap();
-        write(&at("length"), "4/4", &letters(), pegs, 3, 1).unwrap();
-        write(&at("sides"), "4/4", &letters(), &[Side::Hole], 2, 1).unwrap();
-        write(&at("size"), "4/4", &small, pegs, 2, 1).unwrap();
-        generate(&letters(), pegs, Places::Anywhere(2), 1, &at("whole"), &|_, _| ()).unwrap();
-        write(&at("cut"), "4/4", &letters(), pegs, 2, 1).unwrap();
+        write(&at("a"), "1/4", &letters(), &drawn(pegs, 2, 1)).unwrap();
+        write(&at("b"), "2/4", &letters(), &drawn(pegs, 2, 1)).unwrap();
+        write(&at("b-again"), "2/4", &letters(), &drawn(pegs, 2, 1)).unwrap();
+        write(&at("c"), "3/4", &letters(), &drawn(pegs, 2, 1)).unwrap();
+        write(&at("seed"), "4/4", &letters(), &drawn(pegs, 2, 2)).unwrap();
+        write(&at("count"), "4/5", &letters(), &drawn(pegs, 2, 1)).unwrap();
+        write(&at("length"), "4/4", &letters(), &drawn(pegs, 3, 1)).unwrap();
+        write(&at("sides"), "4/4", &letters(), &drawn(&[Side::Hole], 2, 1)).unwrap();
+        write(&at("size"), "4/4", &small, &drawn(pegs, 2, 1)).unwrap();
+        let sampling = Sampling { sides: pegs, places: Places::Anywhere(2), seed: 1 };
+        generate(&letters(), &sampling, &at("whole"), &|_, _| ()).unwrap();
+        write(&at("cut"), "4/4", &letters(), &drawn(pegs, 2, 1)).unwrap();
         let frames = fs::read(at("cut/frames.npy")).unwrap();
         fs::write(at("cut/frames.npy"), &frames[..frames.len() - 1]).unwrap();
 

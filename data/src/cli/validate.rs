@@ -1,18 +1,69 @@
-//! `tactile-data walls`.
+//! `tactile-data ring` and `tactile-data walls`, hidden: what `cargo xtask validate` asks of real pictures.
 
 use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
-use tactile_data::compare::walls::{Shading, find, shading, signs};
+use tactile_data::compare::Press;
+use tactile_data::compare::ring::{self, Ring};
+use tactile_data::compare::walls::{self, Shading};
 use tactile_data::frame::Frame;
 use tactile_data::shape::file::{Drawn, FileScale, read};
 use tactile_data::shape::heights::GreyScale;
 use tactile_data::{Error, Result, picture};
 
-/// Tell whether pictures shade the walls of a known surface as its height map says.
+/// Measure how far from a predicted outline the ring is that a face's edge makes in a frame.
+#[derive(Args)]
+#[command(after_help = "Example:\n  \
+    tactile-data ring press.png --no-contact rest.png --outline 90,190,90,50,230,50,230,190")]
+pub struct FindRing {
+    /// The frame of the press
+    frame: PathBuf,
+    /// The same sensor at rest
+    #[arg(long, value_name = "FRAME")]
+    no_contact: PathBuf,
+    /// Corners of the outline in order, pixels from the middle of the first one
+    #[arg(long, value_name = "X,Y,X,Y,...", value_delimiter = ',', required = true)]
+    outline: Vec<f64>,
+    /// How far from the outline to look, pixels
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    reach_px: usize,
+    /// Print JSON for programs
+    #[arg(long)]
+    json: bool,
+}
+
+impl FindRing {
+    /// Finds the ring and prints where it is.
+    pub fn run(self) -> Result<()> {
+        let (corners, rest) = self.outline.as_chunks::<2>();
+        if !rest.is_empty() {
+            return Err(Error::invalid("--outline", "an x and a y for each corner", self.outline.len().to_string()));
+        }
+        let (frame, at_rest) = (picture::read(&self.frame)?, picture::read(&self.no_contact)?);
+        let ring = ring::find(Press { frame: &frame, at_rest: &at_rest }, corners, self.reach_px)?;
+        let Ring { offset_px, moved_px, moved_offset_px, sides_px, counts } = ring;
+        let text = if self.json {
+            super::pretty(&json!({
+                "schema": "tactile-filter/ring/1", "offset_px": offset_px, "moved_px": moved_px,
+                "moved_offset_px": moved_offset_px, "sides_px": sides_px, "counts": counts,
+            }))?
+        } else {
+            format!(
+                "as predicted  {offset_px:+} pixels outside\n\
+                 moved         by {:+}, {:+} pixels: {moved_offset_px:+} outside, {counts:.1} counts\n\
+                 side by side  {sides_px:+?}",
+                moved_px[0], moved_px[1]
+            )
+        };
+        println!("{text}");
+        Ok(())
+    }
+}
+
+/// Check whether pictures shade the walls of a known surface as its height map says.
 ///
-/// Each channel of each picture is taken for one lamp. Which way the lamp lies is taken from one wall of the map
+/// Each channel of each picture is taken for one lamp. The direction of the lamp is taken from one wall of the map
 /// and tested on every other.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-data walls plate.npy --mm-per-px 0.0275,0.0275 light1.png light2.png")]
@@ -31,7 +82,7 @@ pub struct Walls {
     /// What is steeper than this is a wall, mm a mm
     #[arg(long, value_name = "SLOPE", default_value_t = 0.1)]
     steeper_than: f64,
-    /// The sensor at rest, against which changes are taken [default: what lies beside a wall]
+    /// The sensor at rest, against which changes are taken [default: what is next to a wall]
     #[arg(long, value_name = "FRAME")]
     no_contact: Option<PathBuf>,
     /// Print JSON for programs
@@ -49,7 +100,7 @@ impl Walls {
         if !(self.steeper_than.is_finite() && self.steeper_than > 0.0) {
             return Err(Error::invalid("--steeper-than", "a positive slope", self.steeper_than.to_string()));
         }
-        let walls = find(&map, self.steeper_than);
+        let walls = walls::find(&map, self.steeper_than);
         if walls.len() < 2 {
             let expected = format!("two walls steeper than {} or more", self.steeper_than);
             return Err(Error::invalid(self.map.display().to_string(), expected, walls.len().to_string()));
@@ -62,8 +113,9 @@ impl Walls {
             let mut channels = Vec::new();
             for (name, values) in lamps(&frame) {
                 let rest = at_rest.as_ref().map(|rest| channel(rest, name.unwrap_or(0)));
-                let shown = shading(&walls, &map, &values, rest.as_deref()).map_err(|e| e.within(path.display()))?;
-                let [n_right, n_tested] = signs(&walls, &shown);
+                let shown =
+                    walls::shading(&walls, &map, &values, rest.as_deref()).map_err(|e| e.within(path.display()))?;
+                let [n_right, n_tested] = walls::signs(&walls, &shown);
                 let mean = |value: fn(&Shading) -> f64| shown.iter().map(value).sum::<f64>() / shown.len() as f64;
                 let (strength, inside) = (mean(|shading| shading.change.abs()), mean(|shading| shading.inside));
                 let changes: Vec<f64> = shown.iter().map(|shading| shading.change).collect();
