@@ -3,11 +3,11 @@
 mod assembly;
 mod bad_input;
 mod chain;
+mod divergence;
 mod filter;
 mod infer;
 mod readme;
 mod real;
-mod sick;
 mod train;
 #[cfg(feature = "wgpu")]
 mod wgpu;

@@ -14,6 +14,7 @@ use tactile_infer::encoder::NetworkConfig;
 use tactile_infer::{DeviceKind, Model};
 use tactile_tests::programs::workspace;
 use tactile_train::config::TrainConfig;
+use tactile_train::output_folder::OutputFolder;
 use tactile_train::run::{Event, Run, train};
 
 /// Twelve touches of letters, as the shipped model sees them: more than one kernel's tile, less than its batch.
@@ -54,8 +55,8 @@ fn losses(dataset: &Dataset, out: &Path, device: DeviceKind) -> Vec<f64> {
             losses.push(loss);
         }
     };
-    let out = out.join(device.to_string());
-    let run = Run { dataset, letters: None, out: &out, config: &config, device, resume: false };
+    let out = OutputFolder::claim(&out.join(device.to_string()), &[]).unwrap();
+    let run = Run { dataset, tuning: None, out: &out, config: &config, device, resume: false };
     train(&run, &|| false, &mut note).unwrap();
     losses
 }

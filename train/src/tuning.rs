@@ -1,4 +1,4 @@
-//! What one touch tells of parts that training never sees: the accuracy that the filter lives on.
+//! How well one touch identifies parts that training never sees: the accuracy that matters to the filter.
 
 use std::collections::BTreeSet;
 
@@ -15,20 +15,20 @@ use crate::error::{Error, Result};
 /// At most this many holes are matched, evenly spread over the dataset.
 const MAX_HOLES: usize = 1_000;
 
-/// Pegs on a grid of poses, and holes of the same parts.
+/// Parts that are not trained on: pegs on a grid of poses, and holes of the same parts.
 #[derive(Debug)]
-pub struct Letters<'a> {
+pub struct Tuning<'a> {
     pegs: &'a Dataset,
     holes: &'a Dataset,
     chosen: Vec<usize>,
     n_parts: usize,
 }
 
-impl<'a> Letters<'a> {
-    /// Takes datasets as `tactile-data generate --scene alphabet-small-dev --sides peg` (and `hole`) makes them.
+impl<'a> Tuning<'a> {
+    /// Takes datasets such as those of `tactile-data generate --scene alphabet-small-dev --sides peg` (and `hole`).
     ///
     /// # Errors
-    /// Pegs that fill no grid, no holes of known part, or parts that only one of the two has.
+    /// Pegs that fill no grid, no holes of known part, or holes of a part without pegs.
     pub fn new(pegs: &'a Dataset, holes: &'a Dataset) -> Result<Self> {
         let name = &pegs.meta().name;
         let reach = pegs.meta().reach.ok_or_else(|| {
@@ -42,17 +42,18 @@ impl<'a> Letters<'a> {
             let what = format!("tune-holes {}", holes.meta().name);
             return Err(Error::invalid(what, "holes of known part", "none"));
         }
-        let stranger = holes_of_parts.iter().filter_map(|i| holes.touch(*i).part.as_ref()).find(|p| !parts.contains(p));
-        if let Some(stranger) = stranger {
+        let without_peg =
+            holes_of_parts.iter().filter_map(|i| holes.touch(*i).part.as_ref()).find(|p| !parts.contains(p));
+        if let Some(without_peg) = without_peg {
             let what = format!("tune-holes {}", holes.meta().name);
-            return Err(Error::invalid(what, format!("parts of {}", parts.join(", ")), stranger));
+            return Err(Error::invalid(what, format!("parts of {}", parts.join(", ")), without_peg));
         }
         let n = holes_of_parts.len().min(MAX_HOLES);
         let chosen = (0..n).map(|i| holes_of_parts[i * holes_of_parts.len() / n]).collect();
         Ok(Self { pegs, holes, chosen, n_parts: parts.len() })
     }
 
-    /// Refuses parts that training sees: their accuracy would say nothing of others.
+    /// Refuses parts that training sees: their accuracy would say nothing about others.
     pub fn check_unseen(&self, training: &Dataset) -> Result<()> {
         let held_out: BTreeSet<&String> = training.meta().held_out.iter().collect();
         let seen: BTreeSet<&String> =
@@ -67,7 +68,7 @@ impl<'a> Letters<'a> {
         }
     }
 
-    /// What the accuracy would be by chance, 0..=1.
+    /// The accuracy by chance, 0..=1.
     pub fn chance(&self) -> f64 {
         1.0 / self.n_parts as f64
     }

@@ -1,5 +1,5 @@
-//! Random crop and flips, applied alike to both images of a pair (paper, Sec. V-A). What a flip does to the
-//! light is [`crate::relight`]'s.
+//! Random crop and flips, the same for both images of a pair (paper, Sec. V-A). [`crate::relighting`] corrects the
+//! light of a flipped image.
 
 use rand::{Rng, RngExt};
 use tactile_data::frame::TactileImage;
@@ -13,16 +13,16 @@ pub struct Augmentation {
     pub flip_y: bool,
     /// Share of each side that the crop keeps, 0..=1.
     pub scale: f32,
-    /// Where the crop lies in what is left over, 0..=1 in x and y.
+    /// Position of the crop: the share of what is cut off that is cut off at the left and at the top, 0..=1.
     pub offset: [f32; 2],
 }
 
 impl Augmentation {
-    /// Leaves the view as it is.
+    /// Changes nothing.
     pub const NONE: Self = Self { flip_x: false, flip_y: false, scale: 1.0, offset: [0.0; 2] };
 
     /// Draws flips with probability one half each and a crop that keeps at least `min_scale` of each side.
-    /// Without `flips` the crops are those that come with them.
+    /// Without `flips` the crops are the same as with them.
     pub fn draw(rng: &mut impl Rng, min_scale: f32, flips: bool) -> Self {
         let [flip_x, flip_y]: [bool; 2] = [rng.random(), rng.random()];
         Self {
@@ -34,7 +34,7 @@ impl Augmentation {
     }
 
     /// Crops, resizes to `size_px` and mirrors. `image` may be of any size; areas are averaged over
-    /// 2 x 2 bilinear samples an output pixel, enough for the half-size reduction it is used for.
+    /// 2 x 2 bilinear samples per output pixel, which is enough for a reduction by two.
     ///
     /// Appends `[3, height, width]` values to `out`.
     pub fn apply(&self, image: &TactileImage, size_px: [usize; 2], out: &mut Vec<f32>) {
@@ -62,7 +62,7 @@ impl Augmentation {
         }
     }
 
-    /// Two sample places along one axis for each output pixel.
+    /// Two sample positions along one axis for each output pixel.
     fn taps(&self, n_in: usize, n_out: usize, offset: f32, flip: bool) -> Vec<Tap> {
         let span = self.scale * n_in as f32;
         let start = offset * (n_in as f32 - span);
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_drawn_halves_by_area() {
+    fn no_augmentation_halves_by_area() {
         let mut out = Vec::new();
         Augmentation::NONE.apply(&ramp(8, 4), [4, 2], &mut out);
         // The first output pixel is the mean of inputs (0, 0), (1, 0), (0, 1), (1, 1): 0, 1, 10, 11.

@@ -1,40 +1,41 @@
-//! Mirrored shapes under the lamps where they are.
+//! Mirrored pictures, lit as the lamps at their real places would light them.
 //!
-//! A mirrored picture shows a shape that exists, lit from where no lamp is. To first order a channel changes
-//! with the gel's slope, `D = A g` with a 3 x 2 matrix `A` of lamps, so that mirroring x must give
-//! `A diag(-1, 1) A^+ D` of the mirrored picture; what lies outside the lamps' plane (noise, walls' own
-//! brightness) stays as it is. `A` comes from the frames themselves, up to a factor that cancels: the two
+//! A mirrored picture shows a possible shape, but lit from a direction without a lamp. To first order a channel
+//! changes with the gel's slope, `D = A g` with a 3 x 2 matrix `A` of lamps, so that mirroring x must give
+//! `A diag(-1, 1) A^+ D` of the mirrored picture; what is outside the lamps' plane (noise, the walls' own
+//! brightness) does not change. `A` is computed from the frames, up to a factor that cancels: the two
 //! principal axes of the channels' differences span its columns, and the pair of axes within that plane is
 //! the one whose slopes have no curl, as the slopes of any surface have none.
 //!
-//! What this leaves out: the lamps' fall-off over the frame, and the bend of the response on steep slopes.
+//! Not modelled: that light decreases over the frame, and that steep slopes respond less than linearly.
 
 use tactile_data::frame::{Preprocessing, TactileImage};
 
 use crate::error::{Error, Result};
 
-/// The slopes with the least curl must have at most this share of the curl of the next choice; above, the
-/// frames do not show the lamps. A Mini's frames have some 0.1, noise alone has 1.
+/// The slopes with the least curl must have at most this share of the curl of the next choice; otherwise the
+/// frames do not show the lamps. Frames of a GelSight Mini have about 0.1, noise alone has 1.
 const MAX_CURL_SHARE: f64 = 0.5;
 
-/// A 3 x 3 matrix and what is added, on normalised channel values.
+/// A 3 x 3 matrix and an offset, for normalised channel values.
 type Affine = [[f32; 4]; 3];
 
-/// What becomes of the colours of a mirrored picture.
+/// How the colours of a mirrored picture change.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Relight {
+pub struct Relighting {
+    /// For red, green and blue the change with a slope along x and along y, up to one common factor.
     lamps: [[f64; 2]; 3],
     flip_x: Affine,
     flip_y: Affine,
     both: Affine,
 }
 
-impl Relight {
-    /// Finds the lamps in difference images in counts ([`Preprocessing::counts`]); `mm_per_px` is theirs.
+impl Relighting {
+    /// Finds the lamps in difference images in counts ([`Preprocessing::counts`]) of `mm_per_px`.
     /// `preprocessing` has the mean and deviation of the values that will be relit.
     ///
     /// # Errors
-    /// Frames in which the slopes of a surface cannot be told from noise.
+    /// Frames in which noise hides the slopes of a surface.
     pub fn fit(images: &[TactileImage], mm_per_px: [f64; 2], preprocessing: &Preprocessing) -> Result<Self> {
         let axes = principal_plane(images);
         let curls = curl_moments(images, &axes, mm_per_px);
@@ -43,7 +44,7 @@ impl Relight {
         let determinant = w[0] * w[3] - w[1] * w[2];
         let share = values[0] / values[1];
         if share.is_nan() || share > MAX_CURL_SHARE || determinant.abs() < 1e-3 {
-            let got = format!("slopes whose curl is {share:.2} of what it might be; use --flips plain");
+            let got = format!("slopes whose curl is {share:.2} of that of other axes; use --flips plain");
             return Err(Error::invalid("flips relit", "frames that show how the lamps light a slope", got));
         }
         // Slopes are W U^T D; the lamps are its pseudo-inverse, U W^-1.
@@ -69,13 +70,8 @@ impl Relight {
         Ok(Self { lamps, flip_x: affine([true, false]), flip_y: affine([false, true]), both: affine([true, true]) })
     }
 
-    /// For red, green and blue the lamp's answer to a slope along x and along y, up to one common factor.
-    pub fn lamps(&self) -> [[f64; 2]; 3] {
-        self.lamps
-    }
-
-    /// For red, green and blue the line along which the lamp lights a slope, degrees from x towards y, 0..180: from
-    /// which of its ends the frames do not tell, and a flip does not ask.
+    /// For red, green and blue the line along which the lamp lights a slope, degrees from x towards y, 0..180. The
+    /// frames do not show at which end the lamp is, and flips do not need it.
     pub fn lines_deg(&self) -> [f64; 3] {
         self.lamps.map(|[x, y]| y.atan2(x).to_degrees().rem_euclid(180.0))
     }
@@ -114,7 +110,7 @@ fn principal_plane(images: &[TactileImage]) -> [[f64; 3]; 2] {
     [vectors[2], vectors[1]]
 }
 
-/// Second moments of `(dp1/dy, dp2/dy, -dp1/dx, -dp2/dx)`, `p` the places on the two axes. The slopes
+/// Second moments of `(dp1/dy, dp2/dy, -dp1/dx, -dp2/dx)`, `p` the coordinates on the two axes. The slopes
 /// `(w1 p1 + w2 p2, w3 p1 + w4 p2)` have the mean squared curl `w^T M w`.
 fn curl_moments(images: &[TactileImage], axes: &[[f64; 3]; 2], mm_per_px: [f64; 2]) -> [[f64; 4]; 4] {
     let mut moments = [[0.0_f64; 4]; 4];
@@ -143,7 +139,7 @@ fn curl_moments(images: &[TactileImage], axes: &[[f64; 3]; 2], mm_per_px: [f64; 
 /// Eigenvalues in ascending order and their unit vectors, of a symmetric matrix, by Jacobi's rotations.
 fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
     let mut vectors: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
-    // Convergence is quadratic: a 4 x 4 matrix needs some six sweeps.
+    // Convergence is quadratic: a 4 x 4 matrix needs about six sweeps.
     for _ in 0..30 {
         for p in 0..N {
             for q in p + 1..N {
@@ -222,16 +218,16 @@ mod tests {
         let images: Vec<_> = (0..20).map(|i| bumps(&lamps, f64::from(i), 1.0)).collect();
         let preprocessing =
             Preprocessing { mean: [1.0, -2.0, 0.5], std: [4.0, 2.0, 3.0], ..Preprocessing::counts(SIZE) };
-        let relight = Relight::fit(&images, [1.0, 1.0], &preprocessing).unwrap();
+        let relighting = Relighting::fit(&images, [1.0, 1.0], &preprocessing).unwrap();
         // atan2(1.9, 0.2), and the ends that point to positive y of (-1, -0.1) and (-0.3, -1.2).
-        for (found, deg) in relight.lines_deg().into_iter().zip([84.0, 5.7, 76.0]) {
-            assert!((found - deg).abs() < 3.0, "{:?}", relight.lines_deg());
+        for (found, deg) in relighting.lines_deg().into_iter().zip([84.0, 5.7, 76.0]) {
+            assert!((found - deg).abs() < 3.0, "{:?}", relighting.lines_deg());
         }
-        let factor = relight.lamps()[1][0] / lamps[1][0];
-        for (found, lamp) in relight.lamps().iter().zip(lamps) {
+        let factor = relighting.lamps[1][0] / lamps[1][0];
+        for (found, lamp) in relighting.lamps.iter().zip(lamps) {
             for (found, lamp) in found.iter().zip(lamp) {
                 // Central differences of waves of 10 px leave a few per cent of curl.
-                assert!((found / factor - lamp).abs() < 0.05, "{:?}", relight.lamps());
+                assert!((found / factor - lamp).abs() < 0.05, "{:?}", relighting.lamps);
             }
         }
         let normal = |planes: &[f32]| -> Vec<f32> {
@@ -240,7 +236,7 @@ mod tests {
         };
         let mut lit = normal(&images[3].planes);
         lit.chunks_exact_mut(SIZE[0]).for_each(<[f32]>::reverse);
-        relight.apply(true, false, &mut lit);
+        relighting.apply(true, false, &mut lit);
         let truth = normal(&bumps(&lamps, 3.0, -1.0).planes);
         assert!(lit.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 0.5), "{:?}", &lit[..5]);
     }
@@ -250,7 +246,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let planes = (0..3 * SIZE[0] * SIZE[1]).map(|_| rng.random::<f32>() - 0.5).collect();
         let image = TactileImage { size_px: SIZE, planes, edge_share: 0.0 };
-        let error = Relight::fit(&[image], [1.0, 1.0], &Preprocessing::counts(SIZE)).unwrap_err().to_string();
+        let error = Relighting::fit(&[image], [1.0, 1.0], &Preprocessing::counts(SIZE)).unwrap_err().to_string();
         assert!(error.contains("flips relit"), "{error}");
     }
 
@@ -267,7 +263,7 @@ mod tests {
             background.tactile_image(&shown.frame).unwrap()
         };
         let images: Vec<_> = (0..12).map(|i| image(1.0, 30.0 * f64::from(i))).collect();
-        let relight = Relight::fit(&images, [18.6 / 40.0, 14.3 / 30.0], &Preprocessing::counts(SIZE)).unwrap();
+        let relighting = Relighting::fit(&images, [18.6 / 40.0, 14.3 / 30.0], &Preprocessing::counts(SIZE)).unwrap();
         let mut planes = image(1.0, 20.0).planes;
         planes.chunks_exact_mut(SIZE[0]).for_each(<[f32]>::reverse);
         let truth = image(-1.0, -20.0).planes;
@@ -276,9 +272,9 @@ mod tests {
             (sum(&mut planes.iter().zip(&truth).map(|(a, b)| a - b)) / sum(&mut truth.iter().copied())).sqrt()
         };
         let plain = error(&planes);
-        relight.apply(true, false, &mut planes);
+        relighting.apply(true, false, &mut planes);
         let relit = error(&planes);
-        println!("plain {plain:.3}, relit {relit:.3}, lamps {:?}", relight.lamps());
+        println!("plain {plain:.3}, relit {relit:.3}, lamps {:?}", relighting.lamps);
         assert!(relit < 0.5 * plain && relit < 0.4, "{relit} {plain}");
     }
 }

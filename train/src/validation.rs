@@ -1,7 +1,7 @@
-//! Is it learning? Measured on boards that were never trained on.
+//! How good a model is, measured on boards that it was not trained on.
 
 use burn::tensor::Device;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::encoder::Network;
 use tactile_infer::similarity::{dot, normalize_rows};
@@ -13,89 +13,39 @@ use crate::pairs::{Pair, Pairs};
 /// At most this many pairs of a held-out board are compared with each other.
 const MAX_PAIRS: usize = 400;
 
-/// Pegs this near, mm and degrees, are the neighbours that the filter has to tell apart.
+/// Pegs within this distance, mm and degrees, are near neighbours, which the filter must distinguish.
 const NEAR: (f64, f64) = (6.0, 40.0);
 
-/// What a model does on held-out boards. A loss alone misleads; these do not.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+/// How good a model is on held-out boards. A low loss alone does not show it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Validation {
-    /// Share of holes whose own peg is the most alike of all pegs of the same board, 0..=1.
+    /// Share of holes whose own peg is the most similar of all pegs of the same board, 0..=1.
     pub retrieval_1: f64,
-    /// Share of holes whose own peg is among the five most alike, 0..=1.
+    /// Share of holes whose own peg is among the five most similar, 0..=1.
     pub retrieval_5: f64,
-    /// What retrieval@1 would be by chance, 0..=1.
+    /// Retrieval@1 by chance, 0..=1.
     pub chance_1: f64,
-    /// Share of holes whose own peg is the most alike of those within 6 mm and 40 degrees, 0..=1; of holes
+    /// Share of holes whose own peg is the most similar of those within 6 mm and 40 degrees, 0..=1; of holes
     /// that have such a neighbour. `None` where none has.
     pub near_1: Option<f64>,
-    /// What that share would be by chance, 0..=1.
+    /// That share by chance, 0..=1.
     pub near_chance: Option<f64>,
-    /// Mean rank of the own peg among those neighbours; one is best.
+    /// Mean rank of the own peg among those neighbours; 1 is best.
     pub near_rank: Option<f64>,
     /// Share of holes of parts never trained on whose nearest peg is of the right part, 0..=1; `None`
     /// without tuning datasets.
-    pub letters: Option<f64>,
+    pub tuning_accuracy: Option<f64>,
     /// Mean cosine of mating pairs less that of the other pairs of the board.
     pub cosine_gap: f64,
-    /// Mean standard deviation of an embedding's values times the root of its length: one where
-    /// embeddings fill the sphere, nought where they have collapsed to a point.
+    /// Mean standard deviation of an embedding's values times the square root of its length: 1 where
+    /// embeddings fill the sphere, 0 where they have collapsed to a point.
     pub spread: f64,
     /// Holes compared.
     pub n_holes: usize,
 }
 
-impl Validation {
-    /// Names of [`Self::values`], for a table's head.
-    pub const COLUMNS: [&str; 10] = [
-        "retrieval_1",
-        "retrieval_5",
-        "chance_1",
-        "near_1",
-        "near_chance",
-        "near_rank",
-        "letters",
-        "cosine_gap",
-        "spread",
-        "n_holes",
-    ];
-
-    /// The measures in the order of [`Self::COLUMNS`].
-    pub fn values(&self) -> [Option<f64>; Self::COLUMNS.len()] {
-        [
-            Some(self.retrieval_1),
-            Some(self.retrieval_5),
-            Some(self.chance_1),
-            self.near_1,
-            self.near_chance,
-            self.near_rank,
-            self.letters,
-            Some(self.cosine_gap),
-            Some(self.spread),
-            Some(self.n_holes as f64),
-        ]
-    }
-
-    /// The reverse of [`Self::values`]; `None` where a measure that is always there is not.
-    pub fn of_values(values: [Option<f64>; Self::COLUMNS.len()]) -> Option<Self> {
-        let [retrieval_1, retrieval_5, chance_1, near_1, near_chance, near_rank, letters, gap, spread, n_holes] =
-            values;
-        Some(Self {
-            retrieval_1: retrieval_1?,
-            retrieval_5: retrieval_5?,
-            chance_1: chance_1?,
-            near_1,
-            near_chance,
-            near_rank,
-            letters,
-            cosine_gap: gap?,
-            spread: spread?,
-            n_holes: n_holes? as usize,
-        })
-    }
-}
-
 /// Embeds the held-out pairs and compares each hole with every peg of its own board. Does not measure
-/// [`Validation::letters`].
+/// [`Validation::tuning_accuracy`].
 pub fn validate(network: &Network, pairs: &Pairs<'_>, device: &Device) -> Result<Validation> {
     let device = device.clone().inner();
     let mut totals = Validation::default();
@@ -135,13 +85,13 @@ pub fn n_images(pairs: &Pairs<'_>) -> usize {
     boards(pairs).map(|board| 2 * board.len()).sum()
 }
 
-/// What is compared of each held-out board.
+/// The pairs of each held-out board that are compared with each other.
 fn boards<'a>(pairs: &'a Pairs<'_>) -> impl Iterator<Item = &'a [Pair]> {
     pairs.held_out.iter().filter(|board| board.len() > 1).map(|board| &board[..board.len().min(MAX_PAIRS)])
 }
 
-/// Whether peg `j` is at least as alike as peg `own`: a collapsed embedding, where all are equal, and one
-/// that is not a number retrieve nothing.
+/// Whether peg `j` is at least as similar as peg `own`. A collapsed embedding, where all are equal, and one
+/// that is NaN retrieve nothing.
 fn is_better(cosines: &[f32], j: usize, own: usize) -> bool {
     j != own && (cosines[j] >= cosines[own] || cosines[j].is_nan() || cosines[own].is_nan())
 }
@@ -187,7 +137,7 @@ fn embed(network: &Network, pairs: &Pairs<'_>, board: &[Pair], device: &Device) 
     let (mut queries, mut keys) = (Vec::new(), Vec::new());
     for chunk in board.chunks(64) {
         let batch: Batch = pairs.plain(chunk)?;
-        for (holes, pegs) in batch.shards(1, pairs.preprocessing.input_px, device) {
+        for (holes, pegs) in batch.micro_batches(1, pairs.preprocessing.input_px, device) {
             for (rows, tensor) in [(&mut queries, network.query(holes)), (&mut keys, network.key(pegs))] {
                 let values = tensor.into_data().try_into_vec::<f32>();
                 rows.extend(values.map_err(|e| Error::invalid("embedding", "f32", format!("{e:?}")))?);
@@ -200,7 +150,7 @@ fn embed(network: &Network, pairs: &Pairs<'_>, board: &[Pair], device: &Device) 
     Ok((queries, keys, dim))
 }
 
-/// Mean over the axes of the standard deviation along each, times the root of the number of axes.
+/// Mean over the axes of the standard deviation along each, times the square root of the number of axes.
 fn spread(rows: &[f32], dim: usize) -> f64 {
     let n = (rows.len() / dim) as f64;
     let deviation = |axis: usize| {
@@ -225,8 +175,8 @@ mod tests {
     #[test]
     fn near_neighbours_are_those_of_a_few_millimetres_and_degrees() {
         let pose = |x, deg| Some(Se2::from_degrees(x, 0.0, deg));
-        // Of hole 0 the second and the fifth peg are near, the second the more alike; the others are too far,
-        // too turned, or nobody knows where.
+        // Of hole 0 the second and the fifth peg are near, the second the more similar; the others are too far, too
+        // much rotated, or of unknown pose.
         let poses = [pose(0.0, 0.0), pose(5.0, 30.0), pose(7.0, 0.0), pose(0.0, 60.0), pose(-5.9, -39.0), None];
         let mut near = Near::default();
         near.add(0, &[0.8, 0.9, 1.0, 1.0, 0.7, 1.0], &poses);

@@ -1,31 +1,32 @@
-//! What ails a run, in words: a sick one stops while its last good checkpoint is still there.
+//! Signs that a run has diverged: it stops while its last good checkpoint is still there.
 
 use crate::config::TrainConfig;
 use crate::history::Row;
-use crate::validate::Validation;
+use crate::validation::Validation;
 
-/// Steps over which a loss or a gradient is judged.
+/// Steps over which a loss or a gradient is averaged.
 const WINDOW: usize = 100;
 
-/// A loss this far above 4 tau ln N is not one of a fresh network that is about to learn: the own peg lies
-/// half a cosine further than the others' mean.
+/// A loss this far above 4 tau ln N is not that of an untrained network: the cosine with the own peg is half a unit
+/// below the others' mean.
 const FAR_ABOVE: f64 = 2.0;
 
-/// A gradient that stays this many times the run's median is no outlier.
+/// A gradient this many times the run's median has exploded, where it lasts.
 const EXPLODED: f64 = 1e4;
 
-/// Steps in a row for which it must.
+/// Steps in a row for which it must last.
 const EXPLODED_STEPS: usize = 20;
 
-/// The spread of a collapsed embedding; a fresh network has some 0.3.
+/// The spread of a collapsed embedding; an untrained network has about 0.3.
 const COLLAPSED: f64 = 0.02;
 
-/// A retrieval below this many times chance is chance: 900 holes of 150 pegs scatter by a third of it.
+/// A retrieval below this many times chance counts as chance: with 900 holes and 150 pegs its standard deviation is
+/// a third of chance.
 const NEAR_CHANCE: f64 = 2.0;
 
-/// What was seen, and what to try.
+/// A sign of divergence, and what to try.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Sickness {
+pub struct Divergence {
     /// What was seen, for people.
     pub seen: String,
     /// What to try, for people.
@@ -34,20 +35,20 @@ pub struct Sickness {
 
 const LOWER_RATE: &str = "a lower --learning-rate or a longer --warmup";
 
-/// A loss or a gradient that is no number, before it moves any weight.
-pub fn of_gradient(loss: f64, gradient_norm: f64) -> Option<Sickness> {
+/// A loss or a gradient that is not finite, before it changes any weight.
+pub fn of_gradient(loss: f64, gradient_norm: f64) -> Option<Divergence> {
     if !loss.is_finite() {
-        return Some(Sickness { seen: format!("the loss is no number ({loss})"), advice: LOWER_RATE });
+        return Some(Divergence { seen: format!("the loss is not finite ({loss})"), advice: LOWER_RATE });
     }
     if !gradient_norm.is_finite() {
-        let seen = format!("the gradient exploded: its length is no number, at a loss of {loss:.3}");
-        return Some(Sickness { seen, advice: LOWER_RATE });
+        let seen = format!("the gradient exploded: its length is not finite, at a loss of {loss:.3}");
+        return Some(Divergence { seen, advice: LOWER_RATE });
     }
     None
 }
 
-/// What the course of the steps shows, the last one included.
-pub fn of_steps(rows: &[Row], config: &TrainConfig) -> Option<Sickness> {
+/// What losses and gradients of all steps so far show.
+pub fn of_steps(rows: &[Row], config: &TrainConfig) -> Option<Divergence> {
     let mean = |rows: &[Row]| rows.iter().map(|row| row.loss).sum::<f64>() / rows.len() as f64;
     if rows.len() >= 2 * WINDOW + config.n_warmup {
         let (first, last) = (mean(&rows[..WINDOW]), mean(&rows[rows.len() - WINDOW..]));
@@ -55,9 +56,9 @@ pub fn of_steps(rows: &[Row], config: &TrainConfig) -> Option<Sickness> {
         if last > chance + FAR_ABOVE && last > first {
             let seen = format!(
                 "the run diverged: over the last {WINDOW} steps the loss is {last:.2}, far above the {chance:.2} of a \
-                 network that has learnt nothing, and no better than the {first:.2} it began with"
+                 network that has learned nothing, and no better than the {first:.2} it began with"
             );
-            return Some(Sickness { seen, advice: LOWER_RATE });
+            return Some(Divergence { seen, advice: LOWER_RATE });
         }
     }
     if rows.len() >= WINDOW + EXPLODED_STEPS {
@@ -68,34 +69,39 @@ pub fn of_steps(rows: &[Row], config: &TrainConfig) -> Option<Sickness> {
         let least = last.iter().map(|row| row.gradient_norm).fold(f64::INFINITY, f64::min);
         if *median > 0.0 && least > EXPLODED * *median {
             let seen = format!(
-                "the gradient exploded: for {EXPLODED_STEPS} steps it has been longer than {least:.1e}, where {median:.1e} \
+                "the gradient exploded: its length has been above {least:.1e} for {EXPLODED_STEPS} steps, and {median:.1e} \
                  was usual"
             );
-            return Some(Sickness { seen, advice: LOWER_RATE });
+            return Some(Divergence { seen, advice: LOWER_RATE });
         }
     }
     None
 }
 
-/// A model that gives held-out views embeddings that are no numbers, though its weights are: no good to anybody.
-pub fn of_embeddings(validation: &Validation) -> Option<Sickness> {
-    (!(validation.cosine_gap.is_finite() && validation.spread.is_finite())).then(|| Sickness {
-        seen: "embeddings of held-out views are no numbers: the weights have grown too large".into(),
+/// A tensor of the network that holds values that are not finite, by its name.
+pub fn of_tensor(name: String) -> Divergence {
+    Divergence { seen: format!("'{name}' holds values that are not finite"), advice: "a lower --learning-rate" }
+}
+
+/// A network with finite weights whose embeddings of held-out views are not finite.
+pub fn of_embeddings(validation: &Validation) -> Option<Divergence> {
+    (!(validation.cosine_gap.is_finite() && validation.spread.is_finite())).then(|| Divergence {
+        seen: "embeddings of held-out views are not finite: the weights have grown too large".into(),
         advice: LOWER_RATE,
     })
 }
 
-/// What two validations in a row show, after the warm-up.
-pub fn of_validations(rows: &[Row], config: &TrainConfig) -> Option<Sickness> {
+/// A collapsed embedding in two validations in a row, after the warm-up.
+pub fn of_validations(rows: &[Row], config: &TrainConfig) -> Option<Divergence> {
     let mut latest =
         rows.iter().rev().filter(|row| row.step > config.n_warmup).filter_map(|row| row.validation.as_ref());
     let (last, before) = (latest.next()?, latest.next()?);
     let is_collapsed = [last, before].iter().all(|v| {
         v.n_holes > 0 && (v.spread <= COLLAPSED || v.spread.is_nan()) && v.retrieval_1 <= NEAR_CHANCE * v.chance_1
     });
-    is_collapsed.then(|| Sickness {
+    is_collapsed.then(|| Divergence {
         seen: format!(
-            "the embedding collapsed: spread {:.3}, retrieval@1 {:.1} %, where chance is {:.1} %",
+            "the embedding collapsed: spread {:.3}, retrieval@1 {:.1} %, and chance is {:.1} %",
             last.spread,
             100.0 * last.retrieval_1,
             100.0 * last.chance_1
@@ -104,19 +110,19 @@ pub fn of_validations(rows: &[Row], config: &TrainConfig) -> Option<Sickness> {
     })
 }
 
-/// A run that may still recover, but has learnt nothing so far: a word at a validation.
+/// A warning at a validation: a run that may still recover, but has learned nothing so far.
 pub fn concern(rows: &[Row], config: &TrainConfig) -> Option<String> {
     let last = rows.last()?;
     let validation = last.validation.as_ref()?;
     if validation.n_holes == 0 {
         let is_first = rows.iter().filter(|row| row.validation.is_some()).count() == 1;
-        return is_first.then(|| "no board is held out, so nothing says whether this model is good".into());
+        return is_first.then(|| "no board is held out, so the quality of this model is not measured".into());
     }
     let is_late = last.step > config.n_warmup.max(config.n_steps / 4).max(WINDOW);
     let is_chance = validation.retrieval_1 <= NEAR_CHANCE * validation.chance_1;
     (is_late && is_chance).then(|| {
         format!(
-            "nothing learnt yet: retrieval@1 {:.1} % at step {}, where chance is {:.1} %; try a lower --learning-rate, a \
+            "nothing learned yet: retrieval@1 {:.1} % at step {}, and chance is {:.1} %; try a lower --learning-rate, a \
              --temperature of 0.05 to 0.2 or a larger --batch",
             100.0 * validation.retrieval_1,
             last.step,
@@ -134,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_named() {
+    fn what_is_not_finite_is_named() {
         assert!(of_gradient(f64::NAN, 1.0).unwrap().seen.contains("loss"));
         assert!(of_gradient(2.0, f64::INFINITY).unwrap().seen.contains("gradient exploded"));
         assert_eq!(of_gradient(2.0, 1e30), None);
@@ -151,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn one_wild_gradient_is_none_and_twenty_are_an_explosion() {
+    fn nineteen_large_gradients_are_none_and_twenty_are_an_explosion() {
         let config = TrainConfig::tiny();
         let wild = |from: usize| rows(200, |_| 1.0, move |step| if step > from { 1e5 } else { 0.5 });
         assert!(of_steps(&wild(180), &config).unwrap().seen.contains("exploded"));
@@ -159,10 +165,10 @@ mod tests {
     }
 
     #[test]
-    fn embeddings_that_are_no_numbers_are_named() {
+    fn embeddings_that_are_not_finite_are_named() {
         assert_eq!(of_embeddings(&Validation::default()), None);
         let broken = Validation { spread: f64::NAN, ..Validation::default() };
-        assert!(of_embeddings(&broken).unwrap().seen.contains("no numbers"));
+        assert!(of_embeddings(&broken).unwrap().seen.contains("not finite"));
     }
 
     #[test]
