@@ -12,8 +12,8 @@ pub type Result<T> = std::result::Result<T, Error>;
 pub enum Error {
     /// A program ran and failed.
     Failed {
-        /// Which step it was, or which command line.
-        step: String,
+        /// Its command line.
+        command: String,
         /// How it ended.
         status: ExitStatus,
     },
@@ -32,6 +32,13 @@ pub enum Error {
         expected: String,
         /// What came.
         got: String,
+    },
+    /// Something of the system that a chore needs is not installed.
+    NotInstalled {
+        /// The program or driver.
+        what: String,
+        /// Debian's packages that bring it.
+        packages: &'static str,
     },
     /// `tidy` found this many things, each printed already.
     Untidy(usize),
@@ -53,14 +60,16 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Failed { step, status } => match status.code() {
-                Some(code) => write!(f, "{step} failed with exit code {code}"),
-                None => write!(f, "{step} was stopped by a signal"),
+            Self::Failed { command, status } => match status.code() {
+                Some(code) => write!(f, "{command} failed with exit code {code}"),
+                None => write!(f, "{command} was stopped by a signal"),
             },
             Self::Io { path, source } => write!(f, "{}: {source}", path.display()),
             Self::Invalid { what, expected, got } => write!(f, "{what}: expected {expected}, got {got}"),
-            Self::Untidy(1) => write!(f, "tidy found 1 thing to mend"),
-            Self::Untidy(n) => write!(f, "tidy found {n} things to mend"),
+            Self::NotInstalled { what, packages } => {
+                write!(f, "{what} is not installed; on Debian or Ubuntu: apt-get install {packages}")
+            }
+            Self::Untidy(n) => write!(f, "tidy found {n} things to correct"),
         }
     }
 }

@@ -1,23 +1,21 @@
-//! The whole of it in order: simulate, train, touch the pegs, build the bank, identify holes, report.
+//! The whole chain in order: simulate, train, touch the pegs, build the bank, identify holes, report.
 
 mod summary;
 
-use std::ffi::OsStr;
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use clap::Args;
 
 use crate::error::{Error, Result};
-use crate::step::{Notes, Step, read_json};
+use crate::json;
+use crate::step::{self, Step};
 use crate::workspace::Workspace;
 
 /// Pairs of MAZE touches to train on: with more, training on two cores takes longer than a person waits.
-const PAIRS: &str = "12000";
+const PAIRS: usize = 12_000;
 
 /// Episodes to evaluate: the protocol's.
-const EPISODES: &str = "500";
+const EPISODES: usize = 500;
 
 /// The board of the paper's first table.
 const BOARD: &str = "alphabet-small";
@@ -38,110 +36,61 @@ pub struct DemoArgs {
 
 /// Builds the programs, runs them in order and says what came out.
 pub fn demo(workspace: &Workspace, args: &DemoArgs) -> Result<()> {
-    let start = Instant::now();
-    let out = args.out.clone().unwrap_or_else(|| workspace.root.join("demo"));
-    let out = std::path::absolute(&out).map_err(Error::io(&out))?;
-    fs::create_dir_all(&out).map_err(Error::io(&out))?;
-    let mut notes = Notes::open(&out, "demo")?;
-    let steps = steps(workspace, args)?;
-    workspace.build()?;
-
-    println!("everything below happens in {}", out.display());
-    for (n, step) in steps.iter().enumerate() {
-        step.run(&format!("step {} of {}, {}", n + 1, steps.len(), step.name), &out, &mut notes)?;
+    let shipped = workspace.shipped_model();
+    if args.quick && !shipped.is_file() {
+        return Err(Error::invalid(shipped.display().to_string(), "the model that comes with the project", "none"));
     }
-    let path = out.join("evaluation").join("evaluation.json");
-    let evaluation = read_json(&path)?;
-    println!();
-    for line in summary::findings(&path, &evaluation)? {
+    let out = workspace.folder(args.out.as_deref(), Path::new("demo"))?;
+    let (training, trained) = training(workspace, args.seed);
+    let (mut steps, model) = if args.quick { (Vec::new(), shipped) } else { (training, trained) };
+    steps.extend(evaluation(workspace, args.seed, &model));
+    step::run_all("demo", &steps, workspace, &out)?;
+
+    let folder = out.join("evaluation");
+    let path = folder.join("evaluation.json");
+    for line in summary::findings(&path, &json::read(&path)?)? {
         println!("{line}");
     }
-    println!("{}", notes.times(&steps));
-    println!("all of it, building included: {:.0} s", start.elapsed().as_secs_f64());
-    println!("report: {}", out.join("evaluation").join("report.html").display());
+    println!("report: {}", folder.join("report.html").display());
     Ok(())
 }
 
-/// The programs in order. They run in the output folder, so their paths are short and the same for
-/// every folder.
-fn steps(workspace: &Workspace, args: &DemoArgs) -> Result<Vec<Step>> {
-    let shipped = workspace.root.join("infer").join("models").join("maze-small.safetensors");
-    if args.quick && !shipped.is_file() {
-        return Err(Error::invalid(
-            shipped.display().to_string(),
-            "the checkpoint that comes with the project",
-            "none",
-        ));
-    }
-    let model = if args.quick { shipped } else { Path::new("model").join("model.safetensors") };
-    let seed = args.seed.to_string();
+/// The steps that make a model, and its file. They run in the output folder, so their paths are short and the same
+/// for every folder.
+fn training(workspace: &Workspace, seed: u64) -> (Vec<Step>, PathBuf) {
+    let [data, train] = ["tactile-data", "tactile-train"].map(|name| workspace.program(name));
+    let mazes = format!("generate --scene maze --pairs {PAIRS} --seed {seed} --out maze");
+    let pictures = data.clone().words("inspect maze --sheet maze.png");
+    let train = train.words(format!("--data maze --out model --preset tiny --seed {seed}"));
+    let steps = vec![
+        Step::new("MAZE touches", data.words(mazes), "maze").with_last("meta.json"),
+        Step::new("MAZE pictures", pictures, "maze.png").needs("maze/meta.json"),
+        Step::new("training", train, "model")
+            .with_last("model.safetensors")
+            .needs("maze/meta.json")
+            .resumes_from("state.safetensors"),
+    ];
+    (steps, PathBuf::from("model/model.safetensors"))
+}
 
-    let step = |name: &str, program, words: &[&dyn AsRef<OsStr>]| Step {
-        name: name.into(),
-        program: workspace.program(program),
-        args: words.iter().map(|word| word.as_ref().to_os_string()).collect(),
-        inputs: Vec::new(),
-        product: PathBuf::new(),
-        proof: PathBuf::new(),
-        resume_from: None,
-    };
-    let (mazes, pegs) = (Path::new("maze/meta.json"), Path::new("pegs/meta.json"));
-    let training = [
-        step(
-            "MAZE touches",
-            "tactile-data",
-            &[&"generate", &"--scene", &"maze", &"--pairs", &PAIRS, &"--seed", &seed, &"--out", &"maze"],
-        )
-        .makes("maze", mazes),
-        step("MAZE pictures", "tactile-data", &[&"inspect", &"maze", &"--sheet", &"maze.png"])
-            .needs(mazes)
-            .makes("maze.png", "maze.png"),
-        step(
-            "training",
-            "tactile-train",
-            &[&"--data", &"maze", &"--out", &"model", &"--preset", &"tiny", &"--seed", &seed],
-        )
-        .needs(mazes)
-        .makes("model", &model)
-        .resumes_from("model/state.safetensors"),
-    ];
-    let evaluation = [
-        step(
-            "peg touches",
-            "tactile-data",
-            &[&"generate", &"--scene", &BOARD, &"--sides", &"peg", &"--seed", &seed, &"--out", &"pegs"],
-        )
-        .makes("pegs", pegs),
-        step("peg pictures", "tactile-data", &[&"inspect", &"pegs", &"--sheet", &"pegs.png"])
-            .needs(pegs)
-            .makes("pegs.png", "pegs.png"),
-        step("bank", "tactile-infer", &[&"bank", &"--model", &model, &"--data", &"pegs", &"--out", &"pegs.bank"])
-            .needs(&model)
-            .needs(pegs)
-            .makes("pegs.bank", "pegs.bank"),
-        step(
-            "evaluation",
-            "tactile-filter",
-            &[
-                &"evaluate",
-                &"--model",
-                &model,
-                &"--bank",
-                &"pegs.bank",
-                &"--scene",
-                &BOARD,
-                &"--pegs",
-                &"pegs",
-                &"--episodes",
-                &EPISODES,
-                &"--out",
-                &"evaluation",
-            ],
-        )
-        .needs(&model)
-        .needs(pegs)
-        .needs("pegs.bank")
-        .makes("evaluation", "evaluation/evaluation.json"),
-    ];
-    Ok(training.into_iter().filter(|_| !args.quick).chain(evaluation).collect())
+/// The steps from the pegs to the report.
+fn evaluation(workspace: &Workspace, seed: u64, model: &Path) -> Vec<Step> {
+    let [data, infer, filter] = ["tactile-data", "tactile-infer", "tactile-filter"].map(|name| workspace.program(name));
+    let pegs = format!("generate --scene {BOARD} --sides peg --seed {seed} --out pegs");
+    let pictures = data.clone().words("inspect pegs --sheet pegs.png");
+    let bank = infer.words("bank --model").arg(model).words("--data pegs --out pegs.bank");
+    let evaluate = filter
+        .words("evaluate --model")
+        .arg(model)
+        .words(format!("--bank pegs.bank --scene {BOARD} --pegs pegs --episodes {EPISODES} --out evaluation"));
+    vec![
+        Step::new("peg touches", data.words(pegs), "pegs").with_last("meta.json"),
+        Step::new("peg pictures", pictures, "pegs.png").needs("pegs/meta.json"),
+        Step::new("bank", bank, "pegs.bank").needs(model).needs("pegs/meta.json"),
+        Step::new("evaluation", evaluate, "evaluation")
+            .with_last("evaluation.json")
+            .needs(model)
+            .needs("pegs/meta.json")
+            .needs("pegs.bank"),
+    ]
 }

@@ -1,4 +1,4 @@
-//! What an evaluation found, beside the paper, in a few lines.
+//! What an evaluation found, next to the paper's figures, in a few lines.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ const PAPER: [(u64, f64); 4] = [(1, 39.6), (3, 81.8), (5, 90.7), (10, 95.0)];
 /// The paper's Pixel baseline on the small board, %.
 const PAPER_PIXEL: f64 = 0.0;
 
-/// The lines for a person; `path` is where the evaluation lies.
+/// The lines for a person; `path` names the evaluation.
 pub fn findings(path: &Path, evaluation: &Value) -> Result<Vec<String>> {
     let invalid = |field: &str, expected: &str, got: &Value| {
         Error::invalid(format!("{}: {field}", path.display()), expected, got.to_string())
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn each_number_stands_in_its_place() {
+    fn each_number_is_in_its_place() {
         let evaluation = json!({
             "schema": SCHEMA, "scene": "alphabet-small", "n_classes": 12, "n_episodes": 500,
             "model": { "parameters": 70000 }, "device": "flex",

@@ -3,40 +3,52 @@
 use std::path::{Path, PathBuf};
 
 use super::{Amount, Part};
+use crate::program::Program;
 use crate::step::Step;
 use crate::workspace::Workspace;
 
 /// A finer bank, for touches between the paper's poses.
-const FINE: [&str; 4] = ["--xy-step-mm", "2", "--theta-step-deg", "15"];
+const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 
 /// The ways that the paper's tables compare.
-const ALL_WAYS: [&str; 4] = ["--engines", "exact,paper", "--actions", "information,paper,random"];
+const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random";
 
 /// The default against chance.
-const INFORMED: [&str; 4] = ["--engines", "exact", "--actions", "information,random"];
+const INFORMED: &str = "--engines exact --actions information,random";
 
 /// The default alone.
-const DEFAULT: [&str; 4] = ["--engines", "exact", "--actions", "information"];
+const DEFAULT: &str = "--engines exact --actions information";
 
-/// Scene files of the robustness rows, and the bank where it is another scene's.
-const ROBUST: [(&str, &str, Option<&str>); 8] = [
-    ("cmu-light", "robust/cmu-light.toml", None),
-    ("soft-gel", "robust/soft-gel.toml", None),
-    ("changed-gel", "robust/soft-gel.toml", Some("small.bank")),
-    ("noisy-camera", "robust/noisy-camera.toml", None),
-    ("shallow-press", "robust/shallow-press.toml", None),
-    ("crowded-board", "robust/crowded-board.toml", None),
-    ("crowded-holes", "robust/crowded-board.toml", Some("small.bank")),
-    ("attachment", "robust/attachment.toml", None),
+/// The boards of the paper's first two tables.
+const BOARDS: [&str; 2] = ["small", "large"];
+
+/// Scene files of the robustness rows, and whether the bank is the small board's and not the scene's own.
+const ROBUST: [(&str, &str, bool); 8] = [
+    ("cmu-light", "robust/cmu-light.toml", false),
+    ("soft-gel", "robust/soft-gel.toml", false),
+    ("changed-gel", "robust/soft-gel.toml", true),
+    ("noisy-camera", "robust/noisy-camera.toml", false),
+    ("shallow-press", "robust/shallow-press.toml", false),
+    ("crowded-board", "robust/crowded-board.toml", false),
+    ("crowded-holes", "robust/crowded-board.toml", true),
+    ("attachment", "robust/attachment.toml", false),
 ];
 
 /// Models that are trained to be compared in the trade-off: name, dataset, settings.
-const MODELS: [(&str, &str, &[&str]); 4] = [
-    ("tiny", "maze", &[]),
-    ("tiny-optics", "maze-optics", &[]),
-    ("tiny-28x21", "maze", &["--input-px", "28x21"]),
-    ("tiny-narrow", "maze", &["--width", "16"]),
+const MODELS: [(&str, &str, &str); 4] = [
+    ("tiny", "maze", ""),
+    ("tiny-optics", "maze-optics", ""),
+    ("tiny-28x21", "maze", "--input-px 28x21"),
+    ("tiny-narrow", "maze", "--width 16"),
 ];
+
+/// What an evaluation needs: a model, a bank made with it, and a scene.
+struct Setup {
+    model: PathBuf,
+    bank: String,
+    /// A preset's name, or a file.
+    scene: String,
+}
 
 /// Makes steps.
 struct Maker<'a> {
@@ -50,186 +62,171 @@ struct Maker<'a> {
 pub fn steps(workspace: &Workspace, model: &Path, parts: &[Part], amount: Amount) -> Vec<Step> {
     let mut maker = Maker { workspace, model, amount, steps: Vec::new() };
     for part in parts {
-        maker.part(*part);
+        match part {
+            Part::Tables => maker.tables(),
+            Part::Connectors => maker.connectors(),
+            Part::Anywhere => maker.anywhere(),
+            Part::Classes => maker.classes(),
+            Part::Absent => maker.absent(),
+            Part::Assembly => maker.assembly(),
+            Part::Hard => maker.hard(),
+            Part::Robust => maker.robust(),
+            Part::Tradeoff => maker.tradeoff(),
+        }
     }
     maker.steps
 }
 
 impl Maker<'_> {
-    fn part(&mut self, part: Part) {
-        let Amount { episodes, fewer, trials, .. } = self.amount;
-        match part {
-            Part::Tables => {
-                for board in ["small", "large"] {
-                    let scene = format!("alphabet-{board}");
-                    let pegs = self.recorded_bank(board, &scene);
-                    let more = [&ALL_WAYS[..], &["--pegs", &pegs]].concat();
-                    self.evaluate(board, &format!("{board}.bank"), &scene, episodes, &more);
-                }
-            }
-            Part::Connectors => {
-                let centred = self.scene_file("connectors-centred.toml");
-                for (name, scene, touches) in
-                    [("connectors", "connectors", "10"), ("connectors-centred", &centred, "1")]
-                {
-                    let pegs = self.recorded_bank(name, scene);
-                    let more = [&DEFAULT[..], &["--pegs", &pegs, "--touches", touches]].concat();
-                    self.evaluate(name, &format!("{name}.bank"), scene, episodes, &more);
-                }
-            }
-            Part::Anywhere => {
-                for board in ["small", "large"] {
-                    let bank = self.bank(&format!("{board}-fine"), &format!("alphabet-{board}"), true);
-                    let more = [&INFORMED[..], &["--poses", "off-grid"]].concat();
-                    let name = format!("{board}-anywhere");
-                    self.evaluate(&name, &bank, &format!("alphabet-{board}"), episodes, &more);
-                }
-            }
-            Part::Classes => {
-                self.recorded_bank("large", "alphabet-large");
-                for classes in ["4", "8"] {
-                    let more = [&DEFAULT[..], &["--classes", classes]].concat();
-                    self.evaluate(&format!("large-{classes}"), "large.bank", "alphabet-large", episodes, &more);
-                }
-            }
-            Part::Absent => {
-                for board in ["small", "large"] {
-                    let scene = format!("alphabet-{board}");
-                    self.recorded_bank(board, &scene);
-                    let more = [&DEFAULT[..], &["--absent"]].concat();
-                    let (name, bank) = (format!("{board}-absent"), format!("{board}.bank"));
-                    self.evaluate(&name, &bank, &scene, episodes, &more);
-                }
-                let bank = self.bank("small-fine", "alphabet-small", true);
-                let more = [&DEFAULT[..], &["--absent", "--poses", "off-grid"]].concat();
-                self.evaluate("small-anywhere-absent", &bank, "alphabet-small", episodes, &more);
-            }
-            Part::Assembly => {
-                let scene = self.scene_file("four-letters.toml");
-                let bank = self.bank("four-letters", &scene, true);
-                let trials = trials.to_string();
-                let model = self.model_word();
-                let words =
-                    ["assemble", "--model", &model, "--bank", &bank, "--scene", &scene, "--trials", &trials, "--out"];
-                let step = self.step("assembly", "tactile-filter", &[&words[..], &["assembly"]].concat());
-                self.add(step.needs(self.model).needs(&bank).makes("assembly", "assembly/assembly.json"));
-            }
-            Part::Hard => {
-                for board in ["small-hard", "large-hard"] {
-                    let scene = format!("alphabet-{board}");
-                    let model = self.calibrate(board, &self.model_word(), &format!("{scene}-dev"), &[], &[]);
-                    let bank = self.bank(board, &scene, false);
-                    self.evaluate_model(&model, board, &bank, &scene, episodes, &INFORMED);
-                }
-            }
-            Part::Robust => {
-                for (name, file, bank) in ROBUST {
-                    let (name, scene) = (format!("robust-{name}"), self.scene_file(file));
-                    let bank = match bank {
-                        Some(bank) => {
-                            self.recorded_bank("small", "alphabet-small");
-                            bank.to_owned()
-                        }
-                        None => self.bank(&name, &scene, false),
-                    };
-                    self.evaluate(&name, &bank, &scene, fewer, &DEFAULT);
-                }
-            }
-            Part::Tradeoff => self.tradeoff(),
+    fn tables(&mut self) {
+        for board in BOARDS {
+            let setup = self.recorded(board, &alphabet(board));
+            self.evaluate(board, &setup, self.amount.episodes, &format!("{ALL_WAYS} --pegs {board}-pegs"));
         }
     }
 
-    /// The bank of a board at its scene's poses, with the dataset of its pegs, whose name is returned.
-    fn recorded_bank(&mut self, board: &str, scene: &str) -> String {
-        let (pegs, bank, model) = (format!("{board}-pegs"), format!("{board}.bank"), self.model_word());
-        let words = ["generate", "--scene", scene, "--sides", "peg", "--out", &pegs];
-        let proof = format!("{pegs}/meta.json");
-        let touches = self.step(&pegs, "tactile-data", &words).makes(&pegs, &proof);
-        self.add(touches);
-        let words = ["bank", "--model", &model, "--data", &pegs, "--out", &bank];
-        let made = self.step(&bank, "tactile-infer", &words).needs(self.model).needs(proof).makes(&bank, &bank);
-        self.add(made);
-        pegs
+    fn connectors(&mut self) {
+        let centred = self.scene_file("connectors-centred.toml");
+        for (name, scene, touches) in [("connectors", "connectors", 10), ("connectors-centred", &centred, 1)] {
+            let setup = self.recorded(name, scene);
+            let more = format!("{DEFAULT} --pegs {name}-pegs --touches {touches}");
+            self.evaluate(name, &setup, self.amount.episodes, &more);
+        }
     }
 
-    /// A bank without a dataset; returns its file.
-    fn bank(&mut self, name: &str, scene: &str, fine: bool) -> String {
-        let (bank, model) = (format!("{name}.bank"), self.model_word());
-        let words = ["bank", "--model", &model, "--scene", scene, "--out", &bank];
-        let words = if fine { [&words[..], &FINE].concat() } else { words.to_vec() };
-        let step = self.step(&bank, "tactile-infer", &words).needs(self.model).makes(&bank, &bank);
-        self.add(step);
-        bank
+    fn anywhere(&mut self) {
+        for board in BOARDS {
+            let setup = self.bank(&format!("{board}-fine"), &alphabet(board), FINE);
+            let more = format!("{INFORMED} --poses off-grid");
+            self.evaluate(&format!("{board}-anywhere"), &setup, self.amount.episodes, &more);
+        }
     }
 
-    fn evaluate(&mut self, name: &str, bank: &str, scene: &str, episodes: usize, more: &[&str]) {
-        self.evaluate_model(&self.model_word(), name, bank, scene, episodes, more);
+    fn classes(&mut self) {
+        let setup = self.recorded("large", &alphabet("large"));
+        for classes in [4, 8] {
+            let more = format!("{DEFAULT} --classes {classes}");
+            self.evaluate(&format!("large-{classes}"), &setup, self.amount.episodes, &more);
+        }
     }
 
-    /// The same of another model than the one evaluated elsewhere.
-    fn evaluate_model(&mut self, model: &str, name: &str, bank: &str, scene: &str, episodes: usize, more: &[&str]) {
-        let (episodes, proof) = (episodes.to_string(), format!("{name}/evaluation.json"));
-        let words = ["evaluate", "--model", model, "--bank", bank, "--scene", scene, "--episodes", &episodes];
-        let words = [&words[..], more, &["--out", name]].concat();
-        let step = self.step(name, "tactile-filter", &words).needs(model).needs(bank).makes(name, proof);
-        self.add(step);
+    fn absent(&mut self) {
+        for board in BOARDS {
+            let setup = self.recorded(board, &alphabet(board));
+            let more = format!("{DEFAULT} --absent");
+            self.evaluate(&format!("{board}-absent"), &setup, self.amount.episodes, &more);
+        }
+        let setup = self.bank("small-fine", &alphabet("small"), FINE);
+        let more = format!("{DEFAULT} --absent --poses off-grid");
+        self.evaluate("small-anywhere-absent", &setup, self.amount.episodes, &more);
+    }
+
+    fn assembly(&mut self) {
+        let scene = self.scene_file("four-letters.toml");
+        let setup = self.bank("four-letters", &scene, FINE);
+        let program = self.on(&setup, "assemble").words(format!("--trials {} --out assembly", self.amount.trials));
+        let step = Step::new("assembly", program, "assembly").with_last("assembly.json");
+        self.add(step.needs(&setup.model).needs(&setup.bank));
+    }
+
+    fn hard(&mut self) {
+        for board in ["small-hard", "large-hard"] {
+            let model = self.calibrate(board, self.model, &format!("alphabet-{board}-dev"), false);
+            let setup = Setup { model, ..self.bank(board, &alphabet(board), "") };
+            self.evaluate(board, &setup, self.amount.episodes, INFORMED);
+        }
+    }
+
+    fn robust(&mut self) {
+        for (name, file, has_small_bank) in ROBUST {
+            let (name, scene) = (format!("robust-{name}"), self.scene_file(file));
+            let setup = if has_small_bank {
+                Setup { scene, ..self.recorded("small", &alphabet("small")) }
+            } else {
+                self.bank(&name, &scene, "")
+            };
+            self.evaluate(&name, &setup, self.amount.fewer, DEFAULT);
+        }
     }
 
     fn tradeoff(&mut self) {
         let (episodes, settings) = self.amount.of_settings;
-        let mut models = vec![self.model_word()];
+        let mut models = vec![self.model.to_path_buf()];
         for (name, data, more) in if self.amount.trains { &MODELS[..] } else { &[] } {
-            let tier: &[&str] = if *data == "maze" { &[] } else { &["--fidelity", "optics"] };
-            let words = [&["generate", "--scene", "maze", "--pairs", "12000", "--out", data][..], tier].concat();
-            let proof = format!("{data}/meta.json");
-            let touches = self.step(data, "tactile-data", &words).makes(*data, &proof);
-            self.add(touches);
-            let folder = format!("model-{name}");
-            let checkpoint = format!("{folder}/model.safetensors");
-            let words = [&["--data", data, "--preset", "tiny", "--out", &folder][..], more].concat();
-            let trained = self
-                .step(&folder, "tactile-train", &words)
-                .needs(&proof)
-                .makes(&folder, &checkpoint)
-                .resumes_from(format!("{folder}/state.safetensors"));
-            self.add(trained);
-            models.push(self.calibrate(name, &checkpoint, "alphabet-small-dev", &FINE, &["--anywhere", "40"]));
+            models.push(self.trained(name, data, more));
         }
-        let (episodes, settings) = (episodes.to_string(), settings.map(|n| n.to_string()));
-        let mut words = vec!["tradeoff", "--out", "tradeoff", "--episodes", &episodes];
-        words.extend(models.iter().flat_map(|model| ["--model", model.as_str()]));
-        words.extend(settings.iter().flat_map(|n| ["--settings", n.as_str()]));
-        let mut step = self.step("tradeoff", "tactile-filter", &words).makes("tradeoff", "tradeoff/tradeoff.json");
-        step.inputs.extend(models.iter().map(PathBuf::from));
-        self.add(step);
+        let mut program = self.program("tactile-filter", format!("tradeoff --out tradeoff --episodes {episodes}"));
+        for model in &models {
+            program = program.words("--model").arg(model);
+        }
+        if let Some(n) = settings {
+            program = program.words(format!("--settings {n}"));
+        }
+        let step = Step::new("tradeoff", program, "tradeoff").with_last("tradeoff.json");
+        self.add(models.into_iter().fold(step, Step::needs));
     }
 
-    /// Calibrates a model on a scene of tuning, whose bank and holes may be made with more words; returns its file.
-    fn calibrate(&mut self, name: &str, model: &str, scene: &str, of_bank: &[&str], of_holes: &[&str]) -> String {
-        let (holes, bank) = (format!("{scene}-holes"), format!("{name}-dev.bank"));
-        let words = ["generate", "--scene", scene, "--sides", "hole", "--seed", "9", "--out", &holes];
-        let touches = self.step(&holes, "tactile-data", &[&words[..], of_holes].concat());
-        let (recorded, calibrated) = (format!("{holes}/meta.json"), format!("{name}.safetensors"));
-        self.add(touches.makes(&holes, &recorded));
-        let words = [&["bank", "--model", model, "--scene", scene, "--out", &bank][..], of_bank].concat();
-        let made = self.step(&bank, "tactile-infer", &words).needs(model).makes(&bank, &bank);
-        self.add(made);
-        let words = ["calibrate", "--model", model, "--bank", &bank, "--holes", &holes, "--out", &calibrated];
-        let step = self.step(&calibrated, "tactile-infer", &words);
-        self.add(step.needs(&bank).needs(recorded).makes(&calibrated, &calibrated));
-        calibrated
+    /// Trains and calibrates a model; returns its file.
+    fn trained(&mut self, name: &str, data: &str, more: &str) -> PathBuf {
+        let fidelity = if data == "maze" { "" } else { "--fidelity optics" };
+        let proof = self.dataset(data, format!("--scene maze --pairs 12000 --out {data} {fidelity}"));
+        let folder = format!("model-{name}");
+        let program = self.program("tactile-train", format!("--data {data} --preset tiny --out {folder} {more}"));
+        let step = Step::new(&folder, program, &folder).with_last("model.safetensors").needs(proof);
+        self.add(step.resumes_from("state.safetensors"));
+        self.calibrate(name, &Path::new(&folder).join("model.safetensors"), "alphabet-small-dev", true)
     }
 
-    fn step(&self, name: &str, program: &str, words: &[&str]) -> Step {
-        Step {
-            name: name.into(),
-            program: self.workspace.program(program),
-            args: words.iter().map(Into::into).collect(),
-            inputs: Vec::new(),
-            product: PathBuf::new(),
-            proof: PathBuf::new(),
-            resume_from: None,
-        }
+    /// The bank of a board at its scene's poses, from the dataset of its pegs, `{board}-pegs`.
+    fn recorded(&mut self, board: &str, scene: &str) -> Setup {
+        let (pegs, bank) = (format!("{board}-pegs"), format!("{board}.bank"));
+        let generate = self.program("tactile-data", "generate --scene").arg(scene);
+        let generate = generate.words(format!("--sides peg --out {pegs}"));
+        self.add(Step::new(&pegs, generate, &pegs).with_last("meta.json"));
+        let program = self.program("tactile-infer", "bank --model").arg(self.model);
+        let program = program.words(format!("--data {pegs} --out {bank}"));
+        self.add(Step::new(&bank, program, &bank).needs(self.model).needs(format!("{pegs}/meta.json")));
+        Setup { model: self.model.into(), bank, scene: scene.into() }
+    }
+
+    /// A bank without a dataset.
+    fn bank(&mut self, name: &str, scene: &str, more: &str) -> Setup {
+        self.bank_of(self.model, name, scene, more)
+    }
+
+    /// A bank of another model than the one evaluated elsewhere.
+    fn bank_of(&mut self, model: &Path, name: &str, scene: &str, more: &str) -> Setup {
+        let bank = format!("{name}.bank");
+        let program = self.program("tactile-infer", "bank --model").arg(model).words("--scene").arg(scene);
+        let program = program.words(format!("--out {bank} {more}"));
+        self.add(Step::new(&bank, program, &bank).needs(model));
+        Setup { model: model.into(), bank, scene: scene.into() }
+    }
+
+    fn evaluate(&mut self, name: &str, setup: &Setup, episodes: usize, more: &str) {
+        let program = self.on(setup, "evaluate").words(format!("--episodes {episodes} {more} --out {name}"));
+        let step = Step::new(name, program, name).with_last("evaluation.json");
+        self.add(step.needs(&setup.model).needs(&setup.bank));
+    }
+
+    /// Calibrates a model on a scene for tuning, at its recorded poses or anywhere; returns its file.
+    fn calibrate(&mut self, name: &str, model: &Path, scene: &str, anywhere: bool) -> PathBuf {
+        let (of_bank, of_holes) = if anywhere { (FINE, "--anywhere 40") } else { ("", "") };
+        let holes = format!("{scene}-holes");
+        let proof = self.dataset(&holes, format!("--scene {scene} --sides hole --seed 9 --out {holes} {of_holes}"));
+        let Setup { bank, .. } = self.bank_of(model, &format!("{name}-dev"), scene, of_bank);
+        let calibrated = format!("{name}.safetensors");
+        let program = self.program("tactile-infer", "calibrate --model").arg(model);
+        let program = program.words(format!("--bank {bank} --holes {holes} --out {calibrated}"));
+        self.add(Step::new(&calibrated, program, &calibrated).needs(bank).needs(proof));
+        calibrated.into()
+    }
+
+    /// Adds the step that makes a dataset; returns the file of it that is written last.
+    fn dataset(&mut self, name: &str, words: String) -> PathBuf {
+        let program = self.program("tactile-data", format!("generate {words}"));
+        self.add(Step::new(name, program, name).with_last("meta.json"));
+        Path::new(name).join("meta.json")
     }
 
     /// Adds a step that is not there yet.
@@ -239,13 +236,23 @@ impl Maker<'_> {
         }
     }
 
-    fn model_word(&self) -> String {
-        self.model.to_string_lossy().into_owned()
+    /// `tactile-filter` with a subcommand that takes a setup.
+    fn on(&self, setup: &Setup, subcommand: &str) -> Program {
+        let program = self.program("tactile-filter", subcommand).words("--model").arg(&setup.model);
+        program.words(format!("--bank {} --scene", setup.bank)).arg(&setup.scene)
+    }
+
+    fn program(&self, name: &str, words: impl AsRef<str>) -> Program {
+        self.workspace.program(name).words(words)
     }
 
     fn scene_file(&self, name: &str) -> String {
-        self.workspace.root.join("data").join("scenes").join(name).to_string_lossy().into_owned()
+        self.workspace.root.join("data").join("scenes").join(name).display().to_string()
     }
+}
+
+fn alphabet(board: &str) -> String {
+    format!("alphabet-{board}")
 }
 
 #[cfg(test)]
@@ -254,8 +261,7 @@ mod tests {
     use clap::ValueEnum;
 
     fn names(parts: &[Part], amount: Amount) -> Vec<String> {
-        let workspace =
-            Workspace { root: "/r".into(), target: "/t".into(), packages: Vec::new(), programs: Vec::new() };
+        let workspace = Workspace { root: "/r".into(), target: "/t".into() };
         steps(&workspace, Path::new("/m"), parts, amount).into_iter().map(|step| step.name).collect()
     }
 
