@@ -6,7 +6,6 @@ mod chain;
 mod filter;
 mod infer;
 mod readme;
-mod real;
 mod sick;
 mod train;
 #[cfg(feature = "wgpu")]
