@@ -141,6 +141,6 @@ mod tests {
     #[test]
     fn a_failing_program_is_named_with_its_exit_code() {
         let error = Program::new("false").words("a  b").arg("c d").run(Path::new(".")).unwrap_err();
-        assert_eq!(error.to_string(), "false a b c d failed with exit code 1");
+        assert_eq!(error.to_string(), "false a b c d failed: exit status: 1");
     }
 }

@@ -1,4 +1,4 @@
-//! The graphics card compared with the CPU; where there is none, Mesa's llvmpipe stands in.
+//! The graphics card compared with the CPU; where there is none, Mesa's llvmpipe replaces it.
 
 use crate::error::{Error, Result};
 use crate::workspace::Workspace;

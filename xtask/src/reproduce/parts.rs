@@ -19,19 +19,66 @@ const INFORMED: &str = "--engines exact --actions information,random";
 /// The default alone.
 const DEFAULT: &str = "--engines exact --actions information";
 
-/// The boards of the paper's first two tables.
-const BOARDS: [&str; 2] = ["small", "large"];
+/// How a bank is made.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// From the dataset `{bank}-pegs`, at its scene's poses.
+    Recorded,
+    /// Without a dataset, at its scene's poses.
+    Plain,
+    /// Without a dataset, on a finer grid.
+    Fine,
+}
 
-/// Scene files of the robustness rows, and whether the bank is the small board's and not the scene's own.
-const ROBUST: [(&str, &str, bool); 8] = [
-    ("cmu-light", "robust/cmu-light.toml", false),
-    ("soft-gel", "robust/soft-gel.toml", false),
-    ("changed-gel", "robust/soft-gel.toml", true),
-    ("noisy-camera", "robust/noisy-camera.toml", false),
-    ("shallow-press", "robust/shallow-press.toml", false),
-    ("crowded-board", "robust/crowded-board.toml", false),
-    ("crowded-holes", "robust/crowded-board.toml", true),
-    ("attachment", "robust/attachment.toml", false),
+/// The banks: name, kind and scene, a preset or a file.
+const BANKS: [(&str, Kind, &str); 15] = [
+    ("small", Kind::Recorded, "alphabet-small"),
+    ("large", Kind::Recorded, "alphabet-large"),
+    ("connectors", Kind::Recorded, "connectors"),
+    ("connectors-centred", Kind::Recorded, "connectors-centred.toml"),
+    ("small-fine", Kind::Fine, "alphabet-small"),
+    ("large-fine", Kind::Fine, "alphabet-large"),
+    ("four-letters", Kind::Fine, "four-letters.toml"),
+    ("small-hard", Kind::Plain, "alphabet-small-hard"),
+    ("large-hard", Kind::Plain, "alphabet-large-hard"),
+    ("robust-cmu-light", Kind::Plain, "robust/cmu-light.toml"),
+    ("robust-soft-gel", Kind::Plain, "robust/soft-gel.toml"),
+    ("robust-noisy-camera", Kind::Plain, "robust/noisy-camera.toml"),
+    ("robust-shallow-press", Kind::Plain, "robust/shallow-press.toml"),
+    ("robust-crowded-board", Kind::Plain, "robust/crowded-board.toml"),
+    ("robust-attachment", Kind::Plain, "robust/attachment.toml"),
+];
+
+/// The evaluations: part, name, bank, the scene where it is not the bank's, ways and settings.
+const EVALUATIONS: [(Part, &str, &str, Option<&str>, &str, &str); 21] = [
+    (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
+    (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
+    (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
+    (
+        Part::Connectors,
+        "connectors-centred",
+        "connectors-centred",
+        None,
+        DEFAULT,
+        "--pegs connectors-centred-pegs --touches 1",
+    ),
+    (Part::Anywhere, "small-anywhere", "small-fine", None, INFORMED, "--poses off-grid"),
+    (Part::Anywhere, "large-anywhere", "large-fine", None, INFORMED, "--poses off-grid"),
+    (Part::Classes, "large-4", "large", None, DEFAULT, "--classes 4"),
+    (Part::Classes, "large-8", "large", None, DEFAULT, "--classes 8"),
+    (Part::Absent, "small-absent", "small", None, DEFAULT, "--absent"),
+    (Part::Absent, "large-absent", "large", None, DEFAULT, "--absent"),
+    (Part::Absent, "small-anywhere-absent", "small-fine", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Hard, "small-hard", "small-hard", None, INFORMED, ""),
+    (Part::Hard, "large-hard", "large-hard", None, INFORMED, ""),
+    (Part::Robust, "robust-cmu-light", "robust-cmu-light", None, DEFAULT, ""),
+    (Part::Robust, "robust-soft-gel", "robust-soft-gel", None, DEFAULT, ""),
+    (Part::Robust, "robust-changed-gel", "small", Some("robust/soft-gel.toml"), DEFAULT, ""),
+    (Part::Robust, "robust-noisy-camera", "robust-noisy-camera", None, DEFAULT, ""),
+    (Part::Robust, "robust-shallow-press", "robust-shallow-press", None, DEFAULT, ""),
+    (Part::Robust, "robust-crowded-board", "robust-crowded-board", None, DEFAULT, ""),
+    (Part::Robust, "robust-crowded-holes", "small", Some("robust/crowded-board.toml"), DEFAULT, ""),
+    (Part::Robust, "robust-attachment", "robust-attachment", None, DEFAULT, ""),
 ];
 
 /// Models that are trained to be compared in the trade-off: name, dataset, settings.
@@ -41,14 +88,6 @@ const MODELS: [(&str, &str, &str); 4] = [
     ("tiny-28x21", "maze", "--input-px 28x21"),
     ("tiny-narrow", "maze", "--width 16"),
 ];
-
-/// What an evaluation needs: a model, a bank made with it, and a scene.
-struct Setup {
-    model: PathBuf,
-    bank: String,
-    /// A preset's name, or a file.
-    scene: String,
-}
 
 /// Makes steps.
 struct Maker<'a> {
@@ -63,90 +102,38 @@ pub fn steps(workspace: &Workspace, model: &Path, parts: &[Part], amount: Amount
     let mut maker = Maker { workspace, model, amount, steps: Vec::new() };
     for part in parts {
         match part {
-            Part::Tables => maker.tables(),
-            Part::Connectors => maker.connectors(),
-            Part::Anywhere => maker.anywhere(),
-            Part::Classes => maker.classes(),
-            Part::Absent => maker.absent(),
             Part::Assembly => maker.assembly(),
-            Part::Hard => maker.hard(),
-            Part::Robust => maker.robust(),
             Part::Tradeoff => maker.tradeoff(),
+            _ => maker.evaluations(*part),
         }
     }
     maker.steps
 }
 
 impl Maker<'_> {
-    fn tables(&mut self) {
-        for board in BOARDS {
-            let setup = self.recorded(board, &alphabet(board));
-            self.evaluate(board, &setup, self.amount.episodes, &format!("{ALL_WAYS} --pegs {board}-pegs"));
+    fn evaluations(&mut self, part: Part) {
+        for (_, name, bank, scene, ways, more) in EVALUATIONS.into_iter().filter(|row| row.0 == part) {
+            let model = match part {
+                Part::Hard => self.calibrate(name, self.model, &format!("alphabet-{name}-dev"), false),
+                _ => self.model.to_path_buf(),
+            };
+            let episodes = if part == Part::Robust { self.amount.fewer } else { self.amount.episodes };
+            let (bank, scene_of_bank) = self.bank(bank);
+            let scene = scene.map_or(scene_of_bank, |scene| self.scene(scene));
+            let program = self.program("tactile-filter", "evaluate --model").arg(&model);
+            let program = program.words(format!("--bank {bank} --scene")).arg(scene);
+            let program = program.words(format!("--episodes {episodes} {ways} {more} --out {name}"));
+            self.add(Step::new(name, program, name).with_last("evaluation.json").needs(model).needs(bank));
         }
-    }
-
-    fn connectors(&mut self) {
-        let centred = self.scene_file("connectors-centred.toml");
-        for (name, scene, touches) in [("connectors", "connectors", 10), ("connectors-centred", &centred, 1)] {
-            let setup = self.recorded(name, scene);
-            let more = format!("{DEFAULT} --pegs {name}-pegs --touches {touches}");
-            self.evaluate(name, &setup, self.amount.episodes, &more);
-        }
-    }
-
-    fn anywhere(&mut self) {
-        for board in BOARDS {
-            let setup = self.bank(&format!("{board}-fine"), &alphabet(board), FINE);
-            let more = format!("{INFORMED} --poses off-grid");
-            self.evaluate(&format!("{board}-anywhere"), &setup, self.amount.episodes, &more);
-        }
-    }
-
-    fn classes(&mut self) {
-        let setup = self.recorded("large", &alphabet("large"));
-        for classes in [4, 8] {
-            let more = format!("{DEFAULT} --classes {classes}");
-            self.evaluate(&format!("large-{classes}"), &setup, self.amount.episodes, &more);
-        }
-    }
-
-    fn absent(&mut self) {
-        for board in BOARDS {
-            let setup = self.recorded(board, &alphabet(board));
-            let more = format!("{DEFAULT} --absent");
-            self.evaluate(&format!("{board}-absent"), &setup, self.amount.episodes, &more);
-        }
-        let setup = self.bank("small-fine", &alphabet("small"), FINE);
-        let more = format!("{DEFAULT} --absent --poses off-grid");
-        self.evaluate("small-anywhere-absent", &setup, self.amount.episodes, &more);
     }
 
     fn assembly(&mut self) {
-        let scene = self.scene_file("four-letters.toml");
-        let setup = self.bank("four-letters", &scene, FINE);
-        let program = self.on(&setup, "assemble").words(format!("--trials {} --out assembly", self.amount.trials));
+        let (bank, scene) = self.bank("four-letters");
+        let program = self.program("tactile-filter", "assemble --model").arg(self.model);
+        let program = program.words(format!("--bank {bank} --scene")).arg(scene);
+        let program = program.words(format!("--trials {} --out assembly", self.amount.trials));
         let step = Step::new("assembly", program, "assembly").with_last("assembly.json");
-        self.add(step.needs(&setup.model).needs(&setup.bank));
-    }
-
-    fn hard(&mut self) {
-        for board in ["small-hard", "large-hard"] {
-            let model = self.calibrate(board, self.model, &format!("alphabet-{board}-dev"), false);
-            let setup = Setup { model, ..self.bank(board, &alphabet(board), "") };
-            self.evaluate(board, &setup, self.amount.episodes, INFORMED);
-        }
-    }
-
-    fn robust(&mut self) {
-        for (name, file, has_small_bank) in ROBUST {
-            let (name, scene) = (format!("robust-{name}"), self.scene_file(file));
-            let setup = if has_small_bank {
-                Setup { scene, ..self.recorded("small", &alphabet("small")) }
-            } else {
-                self.bank(&name, &scene, "")
-            };
-            self.evaluate(&name, &setup, self.amount.fewer, DEFAULT);
-        }
+        self.add(step.needs(self.model).needs(bank));
     }
 
     fn tradeoff(&mut self) {
@@ -169,62 +156,53 @@ impl Maker<'_> {
     /// Trains and calibrates a model; returns its file.
     fn trained(&mut self, name: &str, data: &str, more: &str) -> PathBuf {
         let fidelity = if data == "maze" { "" } else { "--fidelity optics" };
-        let proof = self.dataset(data, format!("--scene maze --pairs 12000 --out {data} {fidelity}"));
+        let touches = self.dataset(data, "maze", &format!("--pairs 12000 {fidelity}"));
         let folder = format!("model-{name}");
         let program = self.program("tactile-train", format!("--data {data} --preset tiny --out {folder} {more}"));
-        let step = Step::new(&folder, program, &folder).with_last("model.safetensors").needs(proof);
+        let step = Step::new(&folder, program, &folder).with_last("model.safetensors").needs(touches);
         self.add(step.resumes_from("state.safetensors"));
         self.calibrate(name, &Path::new(&folder).join("model.safetensors"), "alphabet-small-dev", true)
-    }
-
-    /// The bank of a board at its scene's poses, from the dataset of its pegs, `{board}-pegs`.
-    fn recorded(&mut self, board: &str, scene: &str) -> Setup {
-        let (pegs, bank) = (format!("{board}-pegs"), format!("{board}.bank"));
-        let generate = self.program("tactile-data", "generate --scene").arg(scene);
-        let generate = generate.words(format!("--sides peg --out {pegs}"));
-        self.add(Step::new(&pegs, generate, &pegs).with_last("meta.json"));
-        let program = self.program("tactile-infer", "bank --model").arg(self.model);
-        let program = program.words(format!("--data {pegs} --out {bank}"));
-        self.add(Step::new(&bank, program, &bank).needs(self.model).needs(format!("{pegs}/meta.json")));
-        Setup { model: self.model.into(), bank, scene: scene.into() }
-    }
-
-    /// A bank without a dataset.
-    fn bank(&mut self, name: &str, scene: &str, more: &str) -> Setup {
-        self.bank_of(self.model, name, scene, more)
-    }
-
-    /// A bank of another model than the one evaluated elsewhere.
-    fn bank_of(&mut self, model: &Path, name: &str, scene: &str, more: &str) -> Setup {
-        let bank = format!("{name}.bank");
-        let program = self.program("tactile-infer", "bank --model").arg(model).words("--scene").arg(scene);
-        let program = program.words(format!("--out {bank} {more}"));
-        self.add(Step::new(&bank, program, &bank).needs(model));
-        Setup { model: model.into(), bank, scene: scene.into() }
-    }
-
-    fn evaluate(&mut self, name: &str, setup: &Setup, episodes: usize, more: &str) {
-        let program = self.on(setup, "evaluate").words(format!("--episodes {episodes} {more} --out {name}"));
-        let step = Step::new(name, program, name).with_last("evaluation.json");
-        self.add(step.needs(&setup.model).needs(&setup.bank));
     }
 
     /// Calibrates a model on a scene for tuning, at its recorded poses or anywhere; returns its file.
     fn calibrate(&mut self, name: &str, model: &Path, scene: &str, anywhere: bool) -> PathBuf {
         let (of_bank, of_holes) = if anywhere { (FINE, "--anywhere 40") } else { ("", "") };
-        let holes = format!("{scene}-holes");
-        let proof = self.dataset(&holes, format!("--scene {scene} --sides hole --seed 9 --out {holes} {of_holes}"));
-        let Setup { bank, .. } = self.bank_of(model, &format!("{name}-dev"), scene, of_bank);
+        let (holes, bank) = (format!("{scene}-holes"), format!("{name}-dev.bank"));
+        let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
+        let program = self.program("tactile-infer", "bank --model").arg(model);
+        let program = program.words(format!("--scene {scene} --out {bank} {of_bank}"));
+        self.add(Step::new(&bank, program, &bank).needs(model));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
         let program = program.words(format!("--bank {bank} --holes {holes} --out {calibrated}"));
-        self.add(Step::new(&calibrated, program, &calibrated).needs(bank).needs(proof));
+        self.add(Step::new(&calibrated, program, &calibrated).needs(bank).needs(touches));
         calibrated.into()
     }
 
-    /// Adds the step that makes a dataset; returns the file of it that is written last.
-    fn dataset(&mut self, name: &str, words: String) -> PathBuf {
-        let program = self.program("tactile-data", format!("generate {words}"));
+    /// Adds the steps of a bank; returns its file and its scene.
+    fn bank(&mut self, name: &str) -> (String, String) {
+        let found = BANKS.into_iter().find(|(bank, ..)| *bank == name);
+        let (_, kind, scene) = found.unwrap_or((name, Kind::Plain, name));
+        let (bank, scene) = (format!("{name}.bank"), self.scene(scene));
+        let mut program = self.program("tactile-infer", "bank --model").arg(self.model);
+        let mut touches = None;
+        if let Kind::Recorded = kind {
+            let pegs = format!("{name}-pegs");
+            touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
+            program = program.words(format!("--data {pegs} --out {bank}"));
+        } else {
+            let steps = if let Kind::Fine = kind { FINE } else { "" };
+            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {steps}"));
+        }
+        let step = Step::new(&bank, program, &bank).needs(self.model);
+        self.add(touches.into_iter().fold(step, Step::needs));
+        (bank, scene)
+    }
+
+    /// Adds the step of a dataset; returns the file of it that is written last.
+    fn dataset(&mut self, name: &str, scene: &str, more: &str) -> PathBuf {
+        let program = self.program("tactile-data", "generate --scene").arg(scene);
+        let program = program.words(format!("--out {name} {more}"));
         self.add(Step::new(name, program, name).with_last("meta.json"));
         Path::new(name).join("meta.json")
     }
@@ -236,23 +214,15 @@ impl Maker<'_> {
         }
     }
 
-    /// `tactile-filter` with a subcommand that takes a setup.
-    fn on(&self, setup: &Setup, subcommand: &str) -> Program {
-        let program = self.program("tactile-filter", subcommand).words("--model").arg(&setup.model);
-        program.words(format!("--bank {} --scene", setup.bank)).arg(&setup.scene)
-    }
-
     fn program(&self, name: &str, words: impl AsRef<str>) -> Program {
         self.workspace.program(name).words(words)
     }
 
-    fn scene_file(&self, name: &str) -> String {
-        self.workspace.root.join("data").join("scenes").join(name).display().to_string()
+    /// A preset's name as it is, a scene file with its folder.
+    fn scene(&self, name: &str) -> String {
+        let file = self.workspace.root.join("data").join("scenes").join(name);
+        if name.ends_with(".toml") { file.display().to_string() } else { name.into() }
     }
-}
-
-fn alphabet(board: &str) -> String {
-    format!("alphabet-{board}")
 }
 
 #[cfg(test)]
@@ -275,6 +245,13 @@ mod tests {
         let at = |name: &str| names.iter().position(|found| found == name).unwrap();
         assert!(at("small.bank") < at("small") && at("large.bank") < at("large-4"));
         assert!(at("small-fine.bank") < at("small-anywhere-absent") && at("tiny.safetensors") < at("tradeoff"));
+    }
+
+    #[test]
+    fn every_evaluation_has_its_bank() {
+        for (_, name, bank, ..) in EVALUATIONS {
+            assert!(BANKS.iter().any(|(known, ..)| *known == bank), "{name}");
+        }
     }
 
     #[test]

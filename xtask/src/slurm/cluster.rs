@@ -1,10 +1,9 @@
 //! Munge and Slurm on loopback, with all that they keep in one folder; they end when the [`Cluster`] is dropped.
 
 use std::fs::{self, File};
-use std::io::Write;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::Child;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -21,10 +20,9 @@ const PATIENCE: u64 = 30;
 /// Longest path of a Unix socket on Linux, bytes, its last zero left out.
 const MAX_SOCKET: usize = 107;
 
-/// A cluster of one node; its jobs and daemons end when it is dropped, and also when this program is killed.
+/// A cluster of one node; its jobs and daemons end when it is dropped, its daemons also when this program is killed.
 pub struct Cluster {
     folder: PathBuf,
-    keeper: Child,
     /// In the order of their start.
     daemons: Vec<(&'static str, Child)>,
 }
@@ -47,23 +45,18 @@ impl Cluster {
         Program::new("chmod").words("755 .").run(folder)?;
         Program::new("mungekey").words("--create --keyfile munge.key").run(folder)?;
 
-        let conf = folder.join("slurm.conf");
-        let keeper = Program::new("setsid").words("sh -c").arg(include_str!("../../slurm/keeper.sh"));
-        let mut keeper = keeper.variable("SLURM_CONF", &conf).command(folder);
-        let keeper = keeper.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
-        let keeper = keeper.spawn().map_err(Error::io("setsid"))?;
-        let mut cluster = Self { folder: folder.to_path_buf(), keeper, daemons: Vec::new() };
-        cluster.start_daemons(&socket, &conf)?;
+        let mut cluster = Self { folder: folder.to_path_buf(), daemons: Vec::new() };
+        cluster.start_daemons(&socket)?;
         Ok(cluster)
     }
 
-    fn start_daemons(&mut self, socket: &Path, conf: &Path) -> Result<()> {
+    fn start_daemons(&mut self, socket: &Path) -> Result<()> {
         let folder = self.folder.display().to_string();
         let files = [("key-file", "key"), ("socket", "socket"), ("pid-file", "pid"), ("log-file", "log")];
         let option = |(option, end): (&str, &str)| format!("--{option}={folder}/munge.{end}");
         let munge = [files.map(option).join(" "), format!("--seed-file={folder}/munge.seed --foreground")].join(" ");
         self.daemon("munged", &munge, |_| Ok(socket.exists()))?;
-        let conf = conf.display();
+        let conf = format!("{folder}/slurm.conf");
         let is_up =
             |cluster: &Self| Ok(cluster.program("scontrol", "ping").answer(&cluster.folder)?.contains(" is UP"));
         self.daemon("slurmctld", &format!("-D -f {conf}"), is_up)?;
@@ -73,16 +66,14 @@ impl Cluster {
         self.daemon("slurmd", &format!("-D -N localhost -f {conf}"), is_idle)
     }
 
-    /// Starts a daemon, gives the keeper its number, and waits until it is ready. It has a session of its own, so
-    /// that ctrl-C leaves its end to the keeper.
+    /// Starts a daemon, which ends when this program ends, and waits until it is ready.
     fn daemon(&mut self, name: &'static str, words: &str, is_ready: impl Fn(&Self) -> Result<bool>) -> Result<()> {
         let log = self.folder.join(format!("{name}.out"));
         let out = File::create(&log).map_err(Error::io(&log))?;
         let err = out.try_clone().map_err(Error::io(&log))?;
-        let program = Program::new("setsid").arg(name).words(words).variable("PATH", path_with_sbin());
-        let mut child = program.command(&self.folder).stdout(out).stderr(err).spawn().map_err(Error::io("setsid"))?;
-        let pid = child.id();
-        self.keeper.stdin.as_ref().map_or(Ok(()), |mut pipe| writeln!(pipe, "{pid}")).map_err(Error::io("keeper"))?;
+        let program = Program::new("setpriv").words("--pdeathsig TERM --").arg(name).words(words);
+        let mut command = program.variable("PATH", path_with_sbin()).command(&self.folder);
+        let mut child = command.stdout(out).stderr(err).spawn().map_err(Error::io("setpriv"))?;
         let what = format!("{name} (see {})", log.display());
         let ready = wait_for(&what, PATIENCE, || match child.try_wait().map_err(Error::io(name))? {
             Some(status) => Err(Error::Failed { command: what.clone(), status }),
@@ -90,6 +81,20 @@ impl Cluster {
         });
         self.daemons.push((name, child));
         ready
+    }
+
+    /// Ends the jobs, then the daemons, the last first.
+    fn stop(&mut self) -> Result<()> {
+        if self.daemons.len() == 3 {
+            self.program("scancel", "--partition=walk").run(&self.folder)?;
+            let is_empty = || Ok(self.program("squeue", "--noheader").answer(&self.folder)?.is_empty().then_some(()));
+            wait_for("the end of the jobs", PATIENCE, is_empty)?;
+        }
+        for (name, child) in self.daemons.iter_mut().rev() {
+            Program::new("kill").words(child.id().to_string()).run(&self.folder)?;
+            wait_for(name, PATIENCE, || child.try_wait().map_err(Error::io(*name)))?;
+        }
+        Ok(())
     }
 
     /// One of Slurm's programs, talking to this cluster.
@@ -126,16 +131,10 @@ impl Cluster {
 }
 
 impl Drop for Cluster {
-    /// Lets the keeper end all, and makes sure that it has.
+    /// Nothing can be returned here: an error is printed, and what still runs ends with this program.
     fn drop(&mut self) {
-        drop(self.keeper.stdin.take());
-        let daemons = self.daemons.iter_mut().map(|(name, child)| (*name, child));
-        for (name, child) in std::iter::once(("the keeper", &mut self.keeper)).chain(daemons) {
-            let ended = wait_for(name, PATIENCE, || child.try_wait().map_err(Error::io(name)));
-            // Nothing can be returned any more: the error is printed.
-            if let Err(error) = ended.map(|_| ()).or_else(|_| child.kill().map_err(Error::io(name))) {
-                eprintln!("error: {error}");
-            }
+        if let Err(error) = self.stop() {
+            eprintln!("error: {error}");
         }
     }
 }

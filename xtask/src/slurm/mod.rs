@@ -19,7 +19,7 @@ use cluster::{Cluster, is_installed, wait_for};
 const PACKAGES: &str = "slurm-wlm munge";
 
 /// What this runs of them, and of util-linux.
-const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setsid"];
+const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setpriv"];
 
 /// Tasks of each array; twice as many as run at once, so that some wait.
 const N_TASKS: usize = 4;

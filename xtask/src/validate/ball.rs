@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{Lab, Picture, Row, Set, Source, Verdict};
+use super::{Lab, Picture, Row, Set, Source};
 use crate::error::{Error, Result};
 use crate::json::{entries, number};
 use crate::workspace::remove;
@@ -90,18 +90,18 @@ fn left_out_row(fitted: &Value, n_presses: usize) -> Result<Row> {
         mean("background_l1_counts")?,
         mean("psnr_db")?,
     );
-    Ok(Row { what: LEFT_OUT, target: TARGET, measured, verdict: verdict(ratio, correlation) })
+    Ok(Row::new(LEFT_OUT, TARGET, measured, is_met(ratio, correlation)))
 }
 
 fn rendered_row(shown: &[Shown]) -> Row {
     let mean = |figure: fn(&Shown) -> f64| shown.iter().map(figure).sum::<f64>() / shown.len() as f64;
     let (l1, bare, correlation) = (mean(|s| s.l1_counts), mean(|s| s.background_l1_counts), mean(|s| s.correlation));
     let measured = format!("L1 {l1:.2} counts, {:.3} of {bare:.2}; r {correlation:.3}", l1 / bare);
-    Row { what: RENDERED, target: TARGET, measured, verdict: verdict(l1 / bare, correlation) }
+    Row::new(RENDERED, TARGET, measured, is_met(l1 / bare, correlation))
 }
 
-fn verdict(ratio: f64, correlation: f64) -> Verdict {
-    Verdict::of(ratio <= 0.25 && correlation >= 0.95)
+fn is_met(ratio: f64, correlation: f64) -> bool {
+    ratio <= 0.25 && correlation >= 0.95
 }
 
 /// A press rendered and compared with its real picture.

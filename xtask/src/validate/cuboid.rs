@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
-use super::{Lab, Row, Set, Source, Verdict};
+use super::{Lab, Row, Set, Source};
 use crate::error::{Error, Result};
 use crate::json::{number, numbers};
 
@@ -35,27 +35,14 @@ pub fn check(lab: &Lab) -> Result<Set> {
     let size = number(&real, "/moved_offset_px")?;
     let ring = simulated(lab, &press, &rest, &moved)?;
     let worst = sides.iter().map(|px| px.abs()).fold(0.0, f64::max);
+    let simulated_px = number(&ring, "/moved_offset_px")?;
+    let measured_size = format!("the ring is {size:+} px outside it (the simulated square's {simulated_px:+} px)");
+    let [x, y] = [moved[0], moved[1]];
+    let away_mm = x.hypot(y) / 14.0;
+    let measured_place = format!("{worst} px at worst: the whole ring is {x:+}, {y:+} px away, {away_mm:.2} mm");
     let rows = vec![
-        Row {
-            what: SIZE,
-            target: TARGET,
-            measured: format!(
-                "the ring is {size:+} px outside it (the simulated square's {:+} px)",
-                number(&ring, "/moved_offset_px")?
-            ),
-            verdict: Verdict::of(size.abs() <= PX),
-        },
-        Row {
-            what: PLACE,
-            target: TARGET,
-            measured: format!(
-                "{worst} px at worst: the whole ring is {:+}, {:+} px away, {:.2} mm",
-                moved[0],
-                moved[1],
-                moved[0].hypot(moved[1]) / 14.0
-            ),
-            verdict: Verdict::of(worst <= PX),
-        },
+        Row::new(SIZE, TARGET, measured_size, size.abs() <= PX),
+        Row::new(PLACE, TARGET, measured_place, worst <= PX),
     ];
     Ok(Set {
         title: TITLE,

@@ -1,6 +1,6 @@
 //! A press recorded frame by frame: when contact begins and ends.
 
-use super::{Lab, Row, Set, Source, Verdict};
+use super::{Lab, Row, Set, Source};
 use crate::error::{Error, Result};
 use crate::json::{entries, numbers};
 use crate::workspace::remove;
@@ -35,6 +35,7 @@ pub fn check(lab: &Lab) -> Result<Set> {
     let (first, last) = risen(&differences)?;
     let [begins, ends] = [contact[0] as usize, contact[1] as usize];
     let is_near = n_runs == 1 && begins.abs_diff(first) <= FRAMES && ends.abs_diff(last) <= FRAMES;
+    let measured = format!("contact in {begins} to {ends}, the difference in {first} to {last}");
     Ok(Set {
         title: TITLE,
         source: Some(SOURCE),
@@ -46,12 +47,7 @@ pub fn check(lab: &Lab) -> Result<Set> {
             differences.len(),
             100.0 * RISEN
         ),
-        rows: vec![Row {
-            what: WHAT,
-            target: TARGET,
-            measured: format!("contact in {begins} to {ends}, the difference in {first} to {last}"),
-            verdict: Verdict::of(is_near),
-        }],
+        rows: vec![Row::new(WHAT, TARGET, measured, is_near)],
         pictures: vec![lab.picture("digit.png", "48 of the frames in order, each above its difference from rest.")],
     })
 }

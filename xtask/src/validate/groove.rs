@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{Lab, Picture, Row, Set, Source, Verdict};
+use super::{Lab, Picture, Row, Set, Source};
 use crate::error::{Error, Result};
 use crate::json::{entries, number, numbers};
 
@@ -79,8 +79,7 @@ fn real_row(real: &Value) -> Result<Row> {
     let measured = format!(
         "{n_right} of {n_tested} right in images {across:?}; images {along:?} are lit along the grooves and show no side"
     );
-    let verdict = Verdict::of(n_tested > 0.0 && n_right == n_tested);
-    Ok(Row { what: REAL_SIGNS, target: TARGETS[0], measured, verdict })
+    Ok(Row::new(REAL_SIGNS, TARGETS[0], measured, n_tested > 0.0 && n_right == n_tested))
 }
 
 /// Renders the plate, and the same surface upside down, where grooves are ridges; finds the walls of both.
@@ -106,19 +105,11 @@ fn simulated_rows(simulated: &Value) -> Result<[Row; 2]> {
     }
     let inside = inside.iter().sum::<f64>() / inside.len().max(1) as f64;
     let lamps = lamps.join(" and ");
+    let opposite = format!("{n_opposite} of {n_compared} opposite, in {lamps}, which is across the grooves");
+    let in_band = format!("{:.0} % inside", 100.0 * inside);
     Ok([
-        Row {
-            what: RIDGE,
-            target: TARGETS[1],
-            measured: format!("{n_opposite} of {n_compared} opposite, in {lamps}, which is across the grooves"),
-            verdict: Verdict::of(n_compared > 0 && n_opposite == n_compared),
-        },
-        Row {
-            what: BAND,
-            target: TARGETS[2],
-            measured: format!("{:.0} % inside", 100.0 * inside),
-            verdict: Verdict::of(inside > 0.5),
-        },
+        Row::new(RIDGE, TARGETS[1], opposite, n_compared > 0 && n_opposite == n_compared),
+        Row::new(BAND, TARGETS[2], in_band, inside > 0.5),
     ])
 }
 
