@@ -1,5 +1,7 @@
 //! The crates together: each module is a part of what a user does, each test a claim about it.
 
+#![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic")]
+
 mod assembly;
 mod bad_input;
 mod chain;
@@ -7,7 +9,6 @@ mod divergence;
 mod filter;
 mod infer;
 mod readme;
-mod real;
 mod train;
 #[cfg(feature = "wgpu")]
 mod wgpu;

@@ -1,72 +1,99 @@
 //! Frames of real sensors: read, played, and never mistaken for a letter.
 //!
-//! The recordings are not part of this project. The tests look for them where `TACTILE_REAL_GELSIGHT`
-//! says, and say that they are skipped where there are none.
+//! The recordings are not part of this project. The tests look for them where `TACTILE_REAL_GELSIGHT` says; a test
+//! whose recordings are missing counts as ignored.
+
+#![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic")]
 
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
 
 use image::AnimationDecoder;
 use image::codecs::gif::GifDecoder;
+use libtest_mimic::{Arguments, Trial};
 use serde_json::Value;
 use tactile_tests::programs::{run, workspace};
 use tactile_tests::samples::{FRAME_PX, text};
 use tempfile::TempDir;
 
-/// A file or folder of the recordings; `None`, with a line that says so, where it is missing.
-fn recording(name: &str) -> Option<PathBuf> {
+/// One press on a printed digit.
+const DIGIT: &str = "gsmini-digits-tactilemnist/tactile-mnist-touch-real-seq-t256-320x240.gif";
+
+/// A press of a cuboid's flat face, and the sensor at rest.
+const CUBOID: [&str; 2] =
+    ["gsmini-markergel-feats/cuboid_10-2-284.png", "gsmini-markergel-feats/nocontact_train_sensor_derived.png"];
+
+/// Presses of a ball, and the sensor at rest.
+const BALL: [&str; 2] = ["gelsight-ball-fots/images", "gelsight-ball-fots/gelsight_bg.png"];
+
+fn main() -> ExitCode {
+    let tests = vec![
+        test("one_press_on_a_digit_is_one_run_of_contact", &[DIGIT], one_press_on_a_digit_is_one_run_of_contact),
+        test("a_digit_is_no_confident_letter", &[DIGIT], a_digit_is_no_confident_letter),
+        test("a_cuboid_is_no_confident_letter", &CUBOID, a_cuboid_is_no_confident_letter),
+        test("presses_of_a_ball_are_no_confident_letters", &BALL, presses_of_a_ball_are_no_confident_letters),
+    ];
+    let conclusion = libtest_mimic::run(&Arguments::from_args(), tests);
+    // A static value is never dropped, and the folder must not stay behind.
+    drop(LETTERS.lock().unwrap_or_else(PoisonError::into_inner).take());
+    conclusion.exit_code()
+}
+
+/// A test that is ignored where one of the recordings it needs is missing.
+fn test(name: &'static str, needs: &[&str], claim: fn()) -> Trial {
+    let is_missing = needs.iter().any(|needed| !recording(needed).exists());
+    let run = move || {
+        claim();
+        Ok(())
+    };
+    Trial::test(name, run).with_ignored_flag(is_missing)
+}
+
+/// The file or folder of a recording.
+fn recording(name: &str) -> PathBuf {
     let root =
         env::var_os("TACTILE_REAL_GELSIGHT").map_or_else(|| workspace().join("../shared/real-gelsight"), PathBuf::from);
-    present(root.join(name))
+    root.join(name)
 }
 
-/// The shipped checkpoint; `None`, with a line that says so, where it is missing.
-fn shipped_model() -> Option<PathBuf> {
-    present(workspace().join("infer/models/maze-small.safetensors"))
+/// The shipped checkpoint.
+fn shipped_model() -> String {
+    text(workspace().join("infer/models/maze-small.safetensors"))
 }
 
-fn present(path: PathBuf) -> Option<PathBuf> {
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {} is not there", path.display());
-    None
-}
+/// Folder of the bank that the tests share.
+static LETTERS: Mutex<Option<TempDir>> = Mutex::new(None);
 
-/// The bank of the small letters by the shipped model, shared by the tests that run at the same time.
-fn bank(model: &Path) -> Arc<TempDir> {
-    static SHARED: Mutex<Weak<TempDir>> = Mutex::new(Weak::new());
-    let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
-    shared.upgrade().unwrap_or_else(|| {
-        let folder = Arc::new(tempfile::tempdir().unwrap());
+/// The bank of the small letters by the shipped model, made by the test that needs it first.
+fn bank() -> PathBuf {
+    let mut shared = LETTERS.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = shared.get_or_insert_with(|| {
+        let folder = tempfile::tempdir().unwrap();
         let pegs = ["generate", "--scene", "alphabet-small", "--sides", "peg", "--frame-px", FRAME_PX, "--out", "pegs"];
         run("tactile-data", folder.path(), &pegs).done();
-        let model = text(model.to_path_buf());
-        run("tactile-infer", folder.path(), &["bank", "--model", &model, "--data", "pegs", "--out", "letters.bank"])
-            .done();
-        *shared = Arc::downgrade(&folder);
+        let bank = ["bank", "--model", &shipped_model(), "--data", "pegs", "--out", "letters.bank"];
+        run("tactile-infer", folder.path(), &bank).done();
         folder
-    })
+    });
+    folder.path().join("letters.bank")
 }
 
 /// Imports a recording and plays it against the letters; asserts that no episode passes for a letter.
 /// The number of episodes.
-fn play(source: &Path, import: &[&str]) -> Option<usize> {
-    let model = shipped_model()?;
-    let bank = bank(&model);
+fn play(source: &str, import: &[&str]) -> usize {
     let folder = tempfile::tempdir().unwrap();
-    let source = text(source.to_path_buf());
+    let source = text(recording(source));
     run("tactile-data", folder.path(), &[&["import", &source, "--out", "recorded"], import].concat()).done();
-    let (model, bank) = (text(model), text(bank.path().join("letters.bank")));
-    let args = ["replay", "--model", &model, "--bank", &bank, "--data", "recorded", "--json"];
+    let args = ["replay", "--model", &shipped_model(), "--bank", &text(bank()), "--data", "recorded", "--json"];
     let replayed = run("tactile-filter", folder.path(), &args);
     let episodes: Vec<Value> = replayed.done().lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     for episode in &episodes {
         assert_eq!(episode["confident"], false, "{episode}");
     }
-    Some(episodes.len())
+    episodes.len()
 }
 
 /// For each frame of an animation, its mean absolute difference from the first, counts.
@@ -81,11 +108,8 @@ fn differences(gif: &Path) -> Vec<f64> {
     frames.iter().map(difference).collect()
 }
 
-const DIGIT: &str = "gsmini-digits-tactilemnist/tactile-mnist-touch-real-seq-t256-320x240.gif";
-
-#[test]
 fn one_press_on_a_digit_is_one_run_of_contact() {
-    let Some(gif) = recording(DIGIT) else { return };
+    let gif = recording(DIGIT);
     let folder = tempfile::tempdir().unwrap();
     run("tactile-data", folder.path(), &["import", &text(gif.clone()), "--out", "digit"]).done();
     let inspected = run("tactile-data", folder.path(), &["inspect", "digit", "--json"]);
@@ -103,33 +127,20 @@ fn one_press_on_a_digit_is_one_run_of_contact() {
     assert!(weakest_within > strongest_before, "{weakest_within} within, {strongest_before} before: {differences:.1?}");
 }
 
-#[test]
 fn a_digit_is_no_confident_letter() {
-    let Some(gif) = recording(DIGIT) else { return };
-    assert!(play(&gif, &[]).is_none_or(|n_episodes| n_episodes == 1));
+    assert_eq!(play(DIGIT, &[]), 1);
 }
 
-#[test]
 fn a_cuboid_is_no_confident_letter() {
-    let (Some(press), Some(rest)) = (
-        recording("gsmini-markergel-feats/cuboid_10-2-284.png"),
-        recording("gsmini-markergel-feats/nocontact_train_sensor_derived.png"),
-    ) else {
-        return;
-    };
+    let [press, rest] = CUBOID;
     // 320 x 240 pixels at 14 a mm.
-    let import = ["--no-contact", &text(rest), "--field-of-view-mm", "22.86", "17.14"];
-    assert!(play(&press, &import).is_none_or(|n_episodes| n_episodes == 1));
+    let import = ["--no-contact", &text(recording(rest)), "--field-of-view-mm", "22.86", "17.14"];
+    assert_eq!(play(press, &import), 1);
 }
 
-#[test]
 fn presses_of_a_ball_are_no_confident_letters() {
-    let (Some(presses), Some(rest)) =
-        (recording("gelsight-ball-fots/images"), recording("gelsight-ball-fots/gelsight_bg.png"))
-    else {
-        return;
-    };
+    let [presses, rest] = BALL;
     // 240 x 320 pixels at 19.58 a mm.
-    let import = ["--no-contact", &text(rest), "--field-of-view-mm", "12.26", "16.34"];
-    assert!(play(&presses, &import).is_none_or(|n_episodes| n_episodes >= 1));
+    let import = ["--no-contact", &text(recording(rest)), "--field-of-view-mm", "12.26", "16.34"];
+    assert!(play(presses, &import) >= 1);
 }

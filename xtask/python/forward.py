@@ -17,7 +17,7 @@ EPSILON = 1e-5  # added to a variance by every normalisation
 
 
 def convolve(x, weight, stride):
-    """[n, c, h, w], [out, c, k, k] -> [n, out, h', w'], padded by k // 2 with noughts, without bias."""
+    """[n, c, h, w], [out, c, k, k] -> [n, out, h', w'], padded by k // 2 with zeros, without bias."""
     kernel = weight.shape[2]
     pad = kernel // 2
     x = np.pad(x, ((0, 0), (0, 0), (pad, pad), (pad, pad)))
@@ -63,10 +63,10 @@ def main(model, dumped, embedded):
     worst = 0.0
     for path in embedded:
         with open(path) as file:
-            told = json.load(file)
-        rows = np.array([image["embedding"] for image in told["images"]])
-        difference = np.abs(rows - (query if told["side"] == "hole" else key)).max()
-        print(f"{told['side']}: {len(rows)} embeddings of {told['dim']}, largest difference {difference:.1e}")
+            found = json.load(file)
+        rows = np.array([image["embedding"] for image in found["images"]])
+        difference = np.abs(rows - (query if found["side"] == "hole" else key)).max()
+        print(f"{found['side']}: {len(rows)} embeddings of {found['dim']}, largest difference {difference:.1e}")
         worst = max(worst, difference)
     if not worst <= BOUND:
         sys.exit(f"error: embeddings: expected differences of at most {BOUND}, got {worst:.1e}")

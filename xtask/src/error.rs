@@ -1,6 +1,5 @@
 //! What can go wrong with a chore, in one line.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 
@@ -8,16 +7,18 @@ use std::process::ExitStatus;
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// An error of this program.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A program ran and failed.
+    #[error("{command} failed: {status}")]
     Failed {
-        /// Which step it was, or which command line.
-        step: String,
+        /// Its command line.
+        command: String,
         /// How it ended.
         status: ExitStatus,
     },
     /// The operating system refused to read, write or start something.
+    #[error("{}: {source}", path.display())]
     Io {
         /// The file, folder or program.
         path: PathBuf,
@@ -25,6 +26,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A file or an answer that does not make sense.
+    #[error("{what}: expected {expected}, got {got}")]
     Invalid {
         /// The file, field or program.
         what: String,
@@ -33,7 +35,16 @@ pub enum Error {
         /// What came.
         got: String,
     },
+    /// Something of the system that a chore needs is not installed.
+    #[error("{what} is not installed; on Debian or Ubuntu: apt-get install {packages}")]
+    NotInstalled {
+        /// The program or driver.
+        what: String,
+        /// Debian's packages that bring it.
+        packages: &'static str,
+    },
     /// `tidy` found this many things, each printed already.
+    #[error("tidy found {0} things to correct")]
     Untidy(usize),
 }
 
@@ -47,20 +58,5 @@ impl Error {
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.as_ref().to_path_buf();
         move |source| Self::Io { path, source }
-    }
-}
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Failed { step, status } => match status.code() {
-                Some(code) => write!(f, "{step} failed with exit code {code}"),
-                None => write!(f, "{step} was stopped by a signal"),
-            },
-            Self::Io { path, source } => write!(f, "{}: {source}", path.display()),
-            Self::Invalid { what, expected, got } => write!(f, "{what}: expected {expected}, got {got}"),
-            Self::Untidy(1) => write!(f, "tidy found 1 thing to mend"),
-            Self::Untidy(n) => write!(f, "tidy found {n} things to mend"),
-        }
     }
 }

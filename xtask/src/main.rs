@@ -3,6 +3,7 @@
 mod bench;
 mod demo;
 mod error;
+mod json;
 mod program;
 mod python;
 mod reproduce;
@@ -15,9 +16,10 @@ mod workspace;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
 use crate::error::Result;
+use crate::program::Program;
 use crate::workspace::Workspace;
 
 /// The project's chores.
@@ -39,7 +41,7 @@ enum Chore {
     /// Measure how fast something is.
     #[command(subcommand, after_help = "Example:\n  cargo xtask bench sensor")]
     Bench(bench::Bench),
-    /// Hold the simulated sensor against real images, and write a report.
+    /// Compare the simulated sensor with real images, and write a report.
     #[command(after_help = "Example:\n  cargo xtask validate --real ../shared/real-gelsight --out validation")]
     Validate(validate::ValidateArgs),
     /// Every table and figure of the paper and the trade of speed for accuracy, on one page.
@@ -47,13 +49,13 @@ enum Chore {
         after_help = "Example:\n  cargo xtask reproduce --smoke\n  cargo xtask reproduce --part tables --part hard"
     )]
     Reproduce(reproduce::ReproduceArgs),
-    /// Hold the forward pass in numpy against tactile-infer's, from the weights' file alone.
+    /// Compare a forward pass in numpy with tactile-infer's, from the weights' file alone.
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
-    /// Hold the graphics card (or Mesa's llvmpipe) against the CPU: embeddings and first training steps.
+    /// Compare the graphics card (or Mesa's llvmpipe) with the CPU: embeddings and first training steps.
     #[command(after_help = "Example:\n  cargo xtask wgpu")]
     Wgpu,
-    /// Walk through real Slurm on loopback: shards as a job array, a task killed, a merge, against a single run.
+    /// Run shards with real Slurm on this machine: a job array, a task killed, a merge, compared with a single run.
     #[command(after_help = "Example:\n  cargo xtask slurm")]
     Slurm,
     /// Check the rules that no compiler checks.
@@ -82,28 +84,22 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Python(args) => python::python(&workspace, args),
         Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Slurm => slurm::slurm(&workspace),
-        Chore::Tidy => tidy::tidy(&workspace, &chores()),
+        Chore::Tidy => tidy::tidy(&workspace),
     }
 }
 
 /// Runs `.ci/run`, the one list of what a change must pass.
 fn ci(workspace: &Workspace) -> Result<()> {
-    let script = workspace.root.join(".ci").join("run");
-    program::run(".ci/run", "bash".as_ref(), &[script.as_os_str()], &workspace.root).map(|_| ())
-}
-
-/// Names of the chores, for the check that README's command lines exist.
-fn chores() -> Vec<String> {
-    Cli::command().get_subcommands().map(|chore| chore.get_name().to_string()).collect()
+    Program::new("bash").words(".ci/run").run(&workspace.root).map(|_| ())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_well_formed() {
         Cli::command().debug_assert();
-        assert_eq!(chores(), ["demo", "ci", "bench", "validate", "reproduce", "python", "wgpu", "slurm", "tidy"]);
     }
 }

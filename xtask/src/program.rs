@@ -1,14 +1,18 @@
-//! A program run to its end, timed and weighed.
+//! A program with its arguments, run to its end and measured.
 
-use std::ffi::OsStr;
-use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::ffi::OsString;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::error::{Error, Result};
+use serde_json::Value;
 
-/// How often the memory of a running program is read: short beside any step, and cheap.
+use crate::error::{Error, Result};
+use crate::json;
+
+/// How often the memory of a running program is read: short compared with any step, and cheap.
 const POLL: Duration = Duration::from_millis(20);
 
 /// What a run took.
@@ -20,54 +24,88 @@ pub struct Usage {
     pub peak_mib: Option<f64>,
 }
 
-/// The command line as a person would type it, with the program's folder left out.
-pub fn command_line(program: &Path, args: &[&OsStr]) -> String {
-    let name = program.file_name().unwrap_or(program.as_os_str());
-    let words: Vec<_> = std::iter::once(name).chain(args.iter().copied()).map(|word| word.to_string_lossy()).collect();
-    words.join(" ")
+/// A program and its arguments.
+#[derive(Clone, Debug)]
+pub struct Program {
+    path: PathBuf,
+    args: Vec<OsString>,
+    variables: Vec<(&'static str, OsString)>,
 }
 
-/// Runs a program in a folder with its output shown; `step` names it in an error.
-pub fn run(step: &str, program: &Path, args: &[&OsStr], folder: &Path) -> Result<Usage> {
-    let start = Instant::now();
-    let mut command = Command::new(program);
-    command.args(args).current_dir(folder).stdin(Stdio::null());
-    let mut child = command.spawn().map_err(Error::io(program))?;
-    let mut peak_mib = None;
-    let status = wait(&mut child, &mut peak_mib).map_err(Error::io(program))?;
-    if !status.success() {
-        return Err(Error::Failed { step: step.into(), status });
+impl Program {
+    /// A program at a path, or of that name on the search path, without arguments.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), args: Vec::new(), variables: Vec::new() }
     }
-    Ok(Usage { seconds: start.elapsed().as_secs_f64(), peak_mib })
-}
 
-/// Installs Debian packages, as root.
-pub fn install(packages: &[&str], folder: &Path) -> Result<()> {
-    let words = ["install", "--yes", "--no-install-recommends"];
-    let args: Vec<&OsStr> = words.iter().chain(packages).map(OsStr::new).collect();
-    run("apt-get install (as root)", Path::new("apt-get"), &args, folder).map(|_| ())
-}
-
-/// Runs a program quietly and returns what it printed.
-pub fn output(program: &OsStr, args: &[&str], folder: &Path) -> Result<String> {
-    printed(Command::new(program), program, args, folder)
-}
-
-/// Like [`output`], with one thread for what the program shares out.
-pub fn output_on_one_core(program: &OsStr, args: &[&str], folder: &Path) -> Result<String> {
-    let mut command = Command::new(program);
-    command.env("RAYON_NUM_THREADS", "1");
-    printed(command, program, args, folder)
-}
-
-fn printed(mut command: Command, program: &OsStr, args: &[&str], folder: &Path) -> Result<String> {
-    command.args(args).current_dir(folder).stdin(Stdio::null()).stderr(Stdio::inherit());
-    let output = command.output().map_err(Error::io(program))?;
-    let line = || format!("{} {}", program.to_string_lossy(), args.join(" "));
-    if !output.status.success() {
-        return Err(Error::Failed { step: line(), status: output.status });
+    /// Adds the arguments of a text, separated by blanks.
+    pub fn words(mut self, words: impl AsRef<str>) -> Self {
+        self.args.extend(words.as_ref().split_whitespace().map(OsString::from));
+        self
     }
-    String::from_utf8(output.stdout).map_err(|error| Error::invalid(line(), "UTF-8", error.to_string()))
+
+    /// Adds one argument, which may contain blanks: a path.
+    pub fn arg(mut self, arg: impl Into<OsString>) -> Self {
+        self.args.push(arg.into());
+        self
+    }
+
+    /// Sets an environment variable.
+    pub fn variable(mut self, name: &'static str, value: impl Into<OsString>) -> Self {
+        self.variables.push((name, value.into()));
+        self
+    }
+
+    /// Runs it in a folder with its output shown.
+    pub fn run(&self, folder: &Path) -> Result<Usage> {
+        let start = Instant::now();
+        let mut child = self.command(folder).spawn().map_err(Error::io(&self.path))?;
+        let mut peak_mib = None;
+        let status = wait(&mut child, &mut peak_mib).map_err(Error::io(&self.path))?;
+        self.check(status)?;
+        Ok(Usage { seconds: start.elapsed().as_secs_f64(), peak_mib })
+    }
+
+    /// Runs it in a folder and returns what it printed; errors and progress are shown.
+    pub fn output(&self, folder: &Path) -> Result<String> {
+        let output = self.finish(self.command(folder).stderr(Stdio::inherit()))?;
+        self.check(output.status)?;
+        String::from_utf8(output.stdout).map_err(|error| Error::invalid(self.to_string(), "UTF-8", error.to_string()))
+    }
+
+    /// Like [`Self::output`], read as JSON.
+    pub fn json(&self, folder: &Path) -> Result<Value> {
+        json::parse(&self.to_string(), &self.output(folder)?)
+    }
+
+    /// What it prints, whether it succeeds or not.
+    pub fn answer(&self, folder: &Path) -> Result<String> {
+        let output = self.finish(&mut self.command(folder))?;
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// The command to start it in a folder.
+    pub fn command(&self, folder: &Path) -> Command {
+        let mut command = Command::new(&self.path);
+        command.args(&self.args).envs(self.variables.clone()).current_dir(folder).stdin(Stdio::null());
+        command
+    }
+
+    fn finish(&self, command: &mut Command) -> Result<Output> {
+        command.output().map_err(Error::io(&self.path))
+    }
+
+    fn check(&self, status: ExitStatus) -> Result<()> {
+        if status.success() { Ok(()) } else { Err(Error::Failed { command: self.to_string(), status }) }
+    }
+}
+
+impl fmt::Display for Program {
+    /// The command line as a person would type it, with the program's folder left out.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.path.file_name().unwrap_or(self.path.as_os_str()).display())?;
+        self.args.iter().try_for_each(|arg| write!(f, " {}", arg.display()))
+    }
 }
 
 /// Waits for a child, keeping the last high-water mark that the system gave for its memory.
@@ -77,7 +115,7 @@ fn wait(child: &mut Child, peak_mib: &mut Option<f64>) -> std::io::Result<ExitSt
         if let Some(status) = child.try_wait()? {
             return Ok(status);
         }
-        // A child that has just ended has no mark any more; the last one stands.
+        // A child that has just ended has no mark any more; the last one counts.
         *peak_mib = std::fs::read_to_string(&path).ok().as_deref().and_then(high_water_mib).or(*peak_mib);
         sleep(POLL);
     }
@@ -102,7 +140,7 @@ mod tests {
 
     #[test]
     fn a_failing_program_is_named_with_its_exit_code() {
-        let error = run("step 1, nothing", Path::new("false"), &[], Path::new(".")).unwrap_err();
-        assert_eq!(error.to_string(), "step 1, nothing failed with exit code 1");
+        let error = Program::new("false").words("a  b").arg("c d").run(Path::new(".")).unwrap_err();
+        assert_eq!(error.to_string(), "false a b c d failed: exit status: 1");
     }
 }

@@ -1,13 +1,12 @@
 //! The weights read from outside: numpy's forward pass against `tactile-infer`'s.
 
-use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use crate::error::{Error, Result};
-use crate::program;
+use crate::program::Program;
 use crate::workspace::Workspace;
 
 /// What `cargo xtask python` takes.
@@ -19,7 +18,7 @@ pub struct PythonArgs {
 }
 
 /// What the script imports.
-const REQUIREMENTS: [&str; 2] = ["numpy>=1.24", "safetensors==0.8.0"];
+const REQUIREMENTS: &str = "numpy>=1.24 safetensors==0.8.0";
 
 /// Presses of letters' holes: shape and pose.
 const TOUCHES: [(&str, &str); 4] =
@@ -29,62 +28,52 @@ const TOUCHES: [(&str, &str); 4] =
 /// `xtask/python/forward.py` do the same in numpy: for the model and for it with weights of f16. The first run needs
 /// Python 3 and PyPI.
 pub fn python(workspace: &Workspace, args: &PythonArgs) -> Result<()> {
-    let out = workspace.target.join("python");
-    let touches = out.join("touches");
-    fs::create_dir_all(&touches).map_err(Error::io(&touches))?;
-    let python = environment(&out, &REQUIREMENTS)?;
-    workspace.build_package("tactile-data")?;
-    workspace.build_package("tactile-infer")?;
+    let out = workspace.folder(None, &workspace.target.join("python"))?;
+    let touches = workspace.folder(None, &out.join("touches"))?;
+    let python = environment(&out, REQUIREMENTS)?;
+    workspace.build_program("tactile-data")?;
+    workspace.build_program("tactile-infer")?;
     let [data, infer] = ["tactile-data", "tactile-infer"].map(|name| workspace.program(name));
-    let run = |program: &Path, line: &[&str]| {
-        let args: Vec<&OsStr> = line.iter().map(OsStr::new).collect();
-        program::run(&program::command_line(program, &args), program, &args, &touches).map(|_| ())
-    };
 
-    let mut images = Vec::new();
+    let mut images = String::new();
     for (shape, pose) in TOUCHES {
-        let (image, pose) = (format!("{}.png", shape.replace(':', "-")), format!("--pose={pose}"));
-        let files = ["--out", &image, "--at-rest-out", "rest.png"];
-        run(&data, &[&["render", shape, &pose, "--as-hole", "--frame-px", "160x120"], &files[..]].concat())?;
-        images.push(image);
+        let image = format!("{}.png", shape.replace(':', "-"));
+        let render = format!("render {shape} --pose={pose} --as-hole --frame-px 160x120");
+        data.clone().words(render).words(format!("--out {image} --at-rest-out rest.png")).run(&touches)?;
+        images += &format!(" {image}");
     }
-    let model = args.model.clone().unwrap_or_else(|| workspace.root.join("infer/models/maze-small.safetensors"));
-    let model = word(&model.canonicalize().map_err(Error::io(&model))?)?;
-    let script = word(&workspace.root.join("xtask/python/forward.py"))?;
-    run(&infer, &["convert", "--model", &model, "--weights", "f16", "--out", "f16.safetensors"])?;
-    for model in [model.as_str(), "f16.safetensors"] {
+    let model = args.model.clone().unwrap_or_else(|| workspace.shipped_model());
+    let model = model.canonicalize().map_err(Error::io(&model))?;
+    let convert = infer.clone().words("convert --model").arg(&model);
+    convert.words("--weights f16 --out f16.safetensors").run(&touches)?;
+    for model in [model.as_path(), Path::new("f16.safetensors")] {
         for side in ["hole", "peg"] {
-            let embed = ["embed", "--json", "--side", side, "--model", model, "--no-contact", "rest.png"];
-            let mut line = [&embed[..], &["--dump-input", "input.npy"]].concat();
-            line.extend(images.iter().map(String::as_str));
+            let embed = infer
+                .clone()
+                .words("embed --model")
+                .arg(model)
+                .words(format!("--json --side {side} --no-contact rest.png --dump-input input.npy{images}"));
             let json = touches.join(format!("{side}.json"));
-            fs::write(&json, program::output(infer.as_os_str(), &line, &touches)?).map_err(Error::io(&json))?;
+            fs::write(&json, embed.output(&touches)?).map_err(Error::io(&json))?;
         }
-        println!("{model}:");
-        run(&python, &[&script, model, "input.npy", "hole.json", "peg.json"])?;
+        println!("{}:", model.display());
+        let compare = Program::new(&python).arg(workspace.root.join("xtask/python/forward.py")).arg(model);
+        compare.words("input.npy hole.json peg.json").run(&touches)?;
     }
     Ok(())
 }
 
-/// A path as an argument.
-fn word(path: &Path) -> Result<String> {
-    let text = path.to_str().map(String::from);
-    text.ok_or_else(|| Error::invalid(path.display().to_string(), "a path in Unicode", "another"))
-}
-
 /// A virtual environment in `out` with what a script imports; made once. Returns its Python.
-pub fn environment(out: &Path, requirements: &[&str]) -> Result<PathBuf> {
+pub fn environment(out: &Path, requirements: &str) -> Result<PathBuf> {
     let venv = out.join("venv");
     let python = if cfg!(windows) { venv.join("Scripts/python.exe") } else { venv.join("bin/python") };
     let made = venv.join("made");
     if made.exists() {
         return Ok(python);
     }
-    let system = Path::new(if cfg!(windows) { "python" } else { "python3" });
-    program::run("python3 -m venv", system, &["-m".as_ref(), "venv".as_ref(), venv.as_os_str()], out)?;
-    let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
-    let install: Vec<&OsStr> = install.iter().chain(requirements).map(OsStr::new).collect();
-    program::run("pip install", &python, &install, out)?;
-    fs::write(&made, requirements.join("\n")).map_err(Error::io(&made))?;
+    Program::new(if cfg!(windows) { "python" } else { "python3" }).words("-m venv").arg(&venv).run(out)?;
+    let pip = Program::new(&python).words("-m pip install --quiet --disable-pip-version-check");
+    pip.words(requirements).run(out)?;
+    fs::write(&made, requirements).map_err(Error::io(&made))?;
     Ok(python)
 }

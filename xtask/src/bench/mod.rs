@@ -1,15 +1,14 @@
 //! How fast and how sound the programs are, measured from outside.
 
 mod decision;
-mod extremes;
 mod sensor;
 mod training;
 
-use std::path::PathBuf;
+use std::path::{PathBuf, absolute};
 
 use clap::Subcommand;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::workspace::Workspace;
 
 /// What to measure.
@@ -18,7 +17,7 @@ pub enum Bench {
     /// The simulated sensor: images a second of each tier, and what training on each tier gives.
     #[command(after_help = "Examples:\n  cargo xtask bench sensor\n  cargo xtask bench sensor --train-steps 200")]
     Sensor(sensor::SensorArgs),
-    /// Our training step and encoder beside PyTorch's: same network, same batch, in turns. Needs Python 3 and PyPI.
+    /// Our training step and encoder next to PyTorch's: same network, same batch, in turns. Needs Python 3 and PyPI.
     #[command(after_help = "Example:\n  cargo xtask bench training --turns 5")]
     Training(training::TrainingArgs),
     /// Whole decisions on one core: what they take, and whether a budget's promise is kept.
@@ -46,6 +45,14 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
         Bench::Sensor(args) => sensor::sensor(workspace, args),
         Bench::Training(args) => training::training(workspace, args),
         Bench::Decision(args) => decision::decision(workspace, args),
-        Bench::Extremes { out, quick, seed } => extremes::extremes(workspace, out, *quick, *seed),
+        Bench::Extremes { out, quick, seed } => {
+            let out = absolute(out).map_err(Error::io(out))?;
+            let quick = if *quick { "--quick" } else { "" };
+            let program = workspace.program("tactile-filter").words(format!("extremes --seed {seed} {quick} --out"));
+            let usage = program.arg(out).run(&workspace.root)?;
+            let peak = usage.peak_mib.map_or(String::new(), |mib| format!(", at most {mib:.0} MiB"));
+            println!("extremes: {:.1} s{peak}", usage.seconds);
+            Ok(())
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! `cargo xtask bench training`: our training step and encoder beside PyTorch's, same network, same batch, turn by turn.
+//! `cargo xtask bench training`: our training step and encoder next to PyTorch's, same network, same batch, turn by turn.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,9 +7,10 @@ use clap::Args;
 use serde_json::Value;
 
 use crate::error::{Error, Result};
-use crate::program;
+use crate::json::number;
+use crate::program::Program;
 use crate::python::environment;
-use crate::workspace::Workspace;
+use crate::workspace::{Workspace, remove};
 
 /// What is compared.
 const FIGURES: [(&str, &str); 3] = [
@@ -37,45 +38,29 @@ pub struct TrainingArgs {
 
 /// Simulates a small dataset, then measures ours and PyTorch's in turns.
 pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
-    let out = workspace.target.join("bench-training");
-    fs::create_dir_all(&out).map_err(Error::io(&out))?;
+    let out = workspace.folder(None, &workspace.target.join("bench-training"))?;
     let python = match &args.python {
         Some(python) => python.clone(),
-        None => environment(&out, &["torch", "numpy>=1.24", "safetensors==0.8.0"])?,
+        None => environment(&out, "torch numpy>=1.24 safetensors==0.8.0")?,
     };
-    let [data, train, infer] =
-        ["tactile-data", "tactile-train", "tactile-infer"].map(|name| workspace.program(name).into_os_string());
-    let pairs = out.join("pairs");
-    if !pairs.exists() {
-        program::output(&data, &["generate", "--scene", "maze", "--pairs", "2000", "--out", "pairs"], &out)?;
+    if !out.join("pairs").exists() {
+        workspace.program("tactile-data").words("generate --scene maze --pairs 2000 --out pairs").output(&out)?;
     }
-    let model = workspace.root.join("infer/models/maze-small.safetensors");
-    let script = workspace.root.join("xtask/python/pytorch.py");
-    let (batch, seconds) = (args.batch.to_string(), args.seconds.to_string());
-    let text = |path: &Path| path.to_string_lossy().into_owned();
-    let (model, script) = (text(&model), text(&script));
+    let script = workspace.root.join("xtask").join("python").join("pytorch.py");
+    let pytorch = Program::new(python).arg(script).arg(workspace.shipped_model());
+    let pytorch = pytorch.words(format!("{} {}", args.batch, args.seconds));
     let mut figures = vec![[Vec::new(), Vec::new()]; FIGURES.len()];
     for turn in 0..args.turns.max(1) {
-        let folder = out.join("model");
-        if folder.exists() {
-            fs::remove_dir_all(&folder).map_err(Error::io(&folder))?;
-        }
-        let step = ["--data", "pairs", "--out", "model", "--steps", "40", "--save-every", "40", "--batch", &batch];
-        program::output(&train, &step, &out)?;
-        let speed = program::output(&infer, &["speed", "--model", &model, "--seconds", "2", "--json"], &out)?;
-        let mut ours = json(&speed)?;
-        ours["pairs_per_second"] = last_speed(&folder.join("curve.csv"))?.into();
-        let theirs = json(&program::output(python.as_os_str(), &[&script, &model, &batch, &seconds], &out)?)?;
+        let (ours, theirs) = (ours(workspace, args.batch, &out)?, pytorch.json(&out)?);
         eprintln!("turn {}: ours {ours}, PyTorch {theirs}", turn + 1);
         for ((key, _), [a, b]) in FIGURES.iter().zip(&mut figures) {
-            for (values, found) in [(a, &ours), (b, &theirs)] {
-                let value = found[key].as_f64();
-                values.push(value.ok_or_else(|| Error::invalid(*key, "a number", found.to_string()))?);
-            }
+            a.push(number(&ours, &format!("/{key}"))?);
+            b.push(number(&theirs, &format!("/{key}"))?);
         }
     }
-    let batches = ["--data", "pairs", "--out", "model", "--batch", &batch, "--time-batches", "40"];
-    println!("{}, nothing else going on", program::output(&train, &batches, &out)?.trim());
+    let batches = format!("--data pairs --out model --batch {} --time-batches 40", args.batch);
+    let batches = workspace.program("tactile-train").words(batches).output(&out)?;
+    println!("{}, nothing else going on", batches.trim());
     println!("{:34} {:>9} {:>9} {:>14}", "median of turns", "ours", "PyTorch", "ours / PyTorch");
     for ((_, name), [ours, theirs]) in FIGURES.iter().zip(&mut figures) {
         let (ours, theirs) = (median(ours), median(theirs));
@@ -84,8 +69,16 @@ pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
     Ok(())
 }
 
-fn json(text: &str) -> Result<Value> {
-    serde_json::from_str(text).map_err(|e| Error::invalid("a program's figures", "JSON", e.to_string()))
+/// Our figures in one turn.
+fn ours(workspace: &Workspace, batch: usize, out: &Path) -> Result<Value> {
+    let folder = out.join("model");
+    remove(&folder)?;
+    let train = format!("--data pairs --out model --steps 40 --save-every 40 --batch {batch}");
+    workspace.program("tactile-train").words(train).output(out)?;
+    let speed = workspace.program("tactile-infer").words("speed --model").arg(workspace.shipped_model());
+    let mut ours = speed.words("--seconds 2 --json").json(out)?;
+    ours["pairs_per_second"] = last_speed(&folder.join("curve.csv"))?.into();
+    Ok(ours)
 }
 
 /// Pairs a second over the run, from the last line of a training curve.

@@ -2,15 +2,12 @@
 
 mod parts;
 
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
 use crate::error::{Error, Result};
-use crate::program;
-use crate::step::Notes;
+use crate::step;
 use crate::workspace::Workspace;
 
 /// What `cargo xtask reproduce` takes.
@@ -45,7 +42,7 @@ pub enum Part {
     Absent,
     /// Belief maps and assembly of M, L, T and F.
     Assembly,
-    /// Scenes where one touch tells as little as in the paper.
+    /// Scenes where one touch says as little as in the paper.
     Hard,
     /// Other lamps, gels, cameras, presses, and what does not belong to a part.
     Robust,
@@ -62,7 +59,7 @@ struct Amount {
     fewer: usize,
     /// Assemblies.
     trials: usize,
-    /// Episodes of each setting of the trade-off, and how many settings; all where none is said.
+    /// Episodes of each setting of the trade-off, and how many settings; all where there is no number.
     of_settings: (usize, Option<usize>),
     /// Whether models are trained to compare them.
     trains: bool,
@@ -77,35 +74,14 @@ impl Amount {
 
 /// Runs what is left to do and writes the page.
 pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<()> {
-    let start = Instant::now();
     let folder = if args.smoke { "reproduction-smoke" } else { "reproduction" };
-    let out = args.out.clone().unwrap_or_else(|| workspace.root.join(folder));
-    let out = std::path::absolute(&out).map_err(Error::io(&out))?;
-    let shipped = workspace.root.join("infer").join("models").join("maze-small.safetensors");
-    let model = args.model.clone().unwrap_or(shipped);
-    let model = std::path::absolute(&model).map_err(Error::io(&model))?;
-    if !model.is_file() {
-        return Err(Error::invalid(model.display().to_string(), "a model", "no such file"));
-    }
-    fs::create_dir_all(&out).map_err(Error::io(&out))?;
-    let mut notes = Notes::open(&out, "reproduce")?;
-    workspace.build()?;
+    let out = workspace.folder(args.out.as_deref(), Path::new(folder))?;
+    let model = args.model.clone().unwrap_or_else(|| workspace.shipped_model());
+    let model = model.canonicalize().map_err(Error::io(&model))?;
     let amount = if args.smoke { Amount::SMOKE } else { Amount::WHOLE };
-    let chosen: Vec<Part> = match args.parts.as_slice() {
-        [] => Part::value_variants().to_vec(),
-        parts => parts.to_vec(),
-    };
-    let steps = parts::steps(workspace, &model, &chosen, amount);
-    println!("everything below happens in {}; stopped, the same command goes on", out.display());
-    for (n, step) in steps.iter().enumerate() {
-        step.run(&format!("step {} of {}, {}", n + 1, steps.len(), step.name), &out, &mut notes)?;
-    }
-    let page = out.join("reproduction.html");
-    let words = [Path::new("reproduction"), Path::new("."), Path::new("--out"), Path::new("reproduction.html")];
-    let words = words.map(Path::as_os_str);
-    program::run("the page", &workspace.program("tactile-filter"), &words, &out)?;
-    println!("{}", notes.times(&steps));
-    println!("all of it this time, building included: {:.0} s", start.elapsed().as_secs_f64());
-    println!("{}", page.display());
+    let parts = if args.parts.is_empty() { Part::value_variants() } else { &args.parts };
+    step::run_all("reproduce", &parts::steps(workspace, &model, parts, amount), workspace, &out)?;
+    workspace.program("tactile-filter").words("reproduction . --out reproduction.html").run(&out)?;
+    println!("{}", out.join("reproduction.html").display());
     Ok(())
 }

@@ -3,39 +3,90 @@
 use std::path::{Path, PathBuf};
 
 use super::{Amount, Part};
+use crate::program::Program;
 use crate::step::Step;
 use crate::workspace::Workspace;
 
 /// A finer bank, for touches between the paper's poses.
-const FINE: [&str; 4] = ["--xy-step-mm", "2", "--theta-step-deg", "15"];
+const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 
 /// The ways that the paper's tables compare.
-const ALL_WAYS: [&str; 4] = ["--engines", "exact,paper", "--actions", "information,paper,random"];
+const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random";
 
 /// The default against chance.
-const INFORMED: [&str; 4] = ["--engines", "exact", "--actions", "information,random"];
+const INFORMED: &str = "--engines exact --actions information,random";
 
 /// The default alone.
-const DEFAULT: [&str; 4] = ["--engines", "exact", "--actions", "information"];
+const DEFAULT: &str = "--engines exact --actions information";
 
-/// Scene files of the robustness rows, and the bank where it is another scene's.
-const ROBUST: [(&str, &str, Option<&str>); 8] = [
-    ("cmu-light", "robust/cmu-light.toml", None),
-    ("soft-gel", "robust/soft-gel.toml", None),
-    ("changed-gel", "robust/soft-gel.toml", Some("small.bank")),
-    ("noisy-camera", "robust/noisy-camera.toml", None),
-    ("shallow-press", "robust/shallow-press.toml", None),
-    ("crowded-board", "robust/crowded-board.toml", None),
-    ("crowded-holes", "robust/crowded-board.toml", Some("small.bank")),
-    ("attachment", "robust/attachment.toml", None),
+/// How a bank is made.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// From the dataset `{bank}-pegs`, at its scene's poses.
+    Recorded,
+    /// Without a dataset, at its scene's poses.
+    Plain,
+    /// Without a dataset, on a finer grid.
+    Fine,
+}
+
+/// The banks: name, kind and scene, a preset or a file.
+const BANKS: [(&str, Kind, &str); 15] = [
+    ("small", Kind::Recorded, "alphabet-small"),
+    ("large", Kind::Recorded, "alphabet-large"),
+    ("connectors", Kind::Recorded, "connectors"),
+    ("connectors-centred", Kind::Recorded, "connectors-centred.toml"),
+    ("small-fine", Kind::Fine, "alphabet-small"),
+    ("large-fine", Kind::Fine, "alphabet-large"),
+    ("four-letters", Kind::Fine, "four-letters.toml"),
+    ("small-hard", Kind::Plain, "alphabet-small-hard"),
+    ("large-hard", Kind::Plain, "alphabet-large-hard"),
+    ("robust-cmu-light", Kind::Plain, "robust/cmu-light.toml"),
+    ("robust-soft-gel", Kind::Plain, "robust/soft-gel.toml"),
+    ("robust-noisy-camera", Kind::Plain, "robust/noisy-camera.toml"),
+    ("robust-shallow-press", Kind::Plain, "robust/shallow-press.toml"),
+    ("robust-crowded-board", Kind::Plain, "robust/crowded-board.toml"),
+    ("robust-attachment", Kind::Plain, "robust/attachment.toml"),
+];
+
+/// The evaluations: part, name, bank, the scene where it is not the bank's, ways and settings.
+const EVALUATIONS: [(Part, &str, &str, Option<&str>, &str, &str); 21] = [
+    (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
+    (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
+    (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
+    (
+        Part::Connectors,
+        "connectors-centred",
+        "connectors-centred",
+        None,
+        DEFAULT,
+        "--pegs connectors-centred-pegs --touches 1",
+    ),
+    (Part::Anywhere, "small-anywhere", "small-fine", None, INFORMED, "--poses off-grid"),
+    (Part::Anywhere, "large-anywhere", "large-fine", None, INFORMED, "--poses off-grid"),
+    (Part::Classes, "large-4", "large", None, DEFAULT, "--classes 4"),
+    (Part::Classes, "large-8", "large", None, DEFAULT, "--classes 8"),
+    (Part::Absent, "small-absent", "small", None, DEFAULT, "--absent"),
+    (Part::Absent, "large-absent", "large", None, DEFAULT, "--absent"),
+    (Part::Absent, "small-anywhere-absent", "small-fine", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Hard, "small-hard", "small-hard", None, INFORMED, ""),
+    (Part::Hard, "large-hard", "large-hard", None, INFORMED, ""),
+    (Part::Robust, "robust-cmu-light", "robust-cmu-light", None, DEFAULT, ""),
+    (Part::Robust, "robust-soft-gel", "robust-soft-gel", None, DEFAULT, ""),
+    (Part::Robust, "robust-changed-gel", "small", Some("robust/soft-gel.toml"), DEFAULT, ""),
+    (Part::Robust, "robust-noisy-camera", "robust-noisy-camera", None, DEFAULT, ""),
+    (Part::Robust, "robust-shallow-press", "robust-shallow-press", None, DEFAULT, ""),
+    (Part::Robust, "robust-crowded-board", "robust-crowded-board", None, DEFAULT, ""),
+    (Part::Robust, "robust-crowded-holes", "small", Some("robust/crowded-board.toml"), DEFAULT, ""),
+    (Part::Robust, "robust-attachment", "robust-attachment", None, DEFAULT, ""),
 ];
 
 /// Models that are trained to be compared in the trade-off: name, dataset, settings.
-const MODELS: [(&str, &str, &[&str]); 4] = [
-    ("tiny", "maze", &[]),
-    ("tiny-optics", "maze-optics", &[]),
-    ("tiny-28x21", "maze", &["--input-px", "28x21"]),
-    ("tiny-narrow", "maze", &["--width", "16"]),
+const MODELS: [(&str, &str, &str); 4] = [
+    ("tiny", "maze", ""),
+    ("tiny-optics", "maze-optics", ""),
+    ("tiny-28x21", "maze", "--input-px 28x21"),
+    ("tiny-narrow", "maze", "--width 16"),
 ];
 
 /// Makes steps.
@@ -50,186 +101,110 @@ struct Maker<'a> {
 pub fn steps(workspace: &Workspace, model: &Path, parts: &[Part], amount: Amount) -> Vec<Step> {
     let mut maker = Maker { workspace, model, amount, steps: Vec::new() };
     for part in parts {
-        maker.part(*part);
+        match part {
+            Part::Assembly => maker.assembly(),
+            Part::Tradeoff => maker.tradeoff(),
+            _ => maker.evaluations(*part),
+        }
     }
     maker.steps
 }
 
 impl Maker<'_> {
-    fn part(&mut self, part: Part) {
-        let Amount { episodes, fewer, trials, .. } = self.amount;
-        match part {
-            Part::Tables => {
-                for board in ["small", "large"] {
-                    let scene = format!("alphabet-{board}");
-                    let pegs = self.recorded_bank(board, &scene);
-                    let more = [&ALL_WAYS[..], &["--pegs", &pegs]].concat();
-                    self.evaluate(board, &format!("{board}.bank"), &scene, episodes, &more);
-                }
-            }
-            Part::Connectors => {
-                let centred = self.scene_file("connectors-centred.toml");
-                for (name, scene, touches) in
-                    [("connectors", "connectors", "10"), ("connectors-centred", &centred, "1")]
-                {
-                    let pegs = self.recorded_bank(name, scene);
-                    let more = [&DEFAULT[..], &["--pegs", &pegs, "--touches", touches]].concat();
-                    self.evaluate(name, &format!("{name}.bank"), scene, episodes, &more);
-                }
-            }
-            Part::Anywhere => {
-                for board in ["small", "large"] {
-                    let bank = self.bank(&format!("{board}-fine"), &format!("alphabet-{board}"), true);
-                    let more = [&INFORMED[..], &["--poses", "off-grid"]].concat();
-                    let name = format!("{board}-anywhere");
-                    self.evaluate(&name, &bank, &format!("alphabet-{board}"), episodes, &more);
-                }
-            }
-            Part::Classes => {
-                self.recorded_bank("large", "alphabet-large");
-                for classes in ["4", "8"] {
-                    let more = [&DEFAULT[..], &["--classes", classes]].concat();
-                    self.evaluate(&format!("large-{classes}"), "large.bank", "alphabet-large", episodes, &more);
-                }
-            }
-            Part::Absent => {
-                for board in ["small", "large"] {
-                    let scene = format!("alphabet-{board}");
-                    self.recorded_bank(board, &scene);
-                    let more = [&DEFAULT[..], &["--absent"]].concat();
-                    let (name, bank) = (format!("{board}-absent"), format!("{board}.bank"));
-                    self.evaluate(&name, &bank, &scene, episodes, &more);
-                }
-                let bank = self.bank("small-fine", "alphabet-small", true);
-                let more = [&DEFAULT[..], &["--absent", "--poses", "off-grid"]].concat();
-                self.evaluate("small-anywhere-absent", &bank, "alphabet-small", episodes, &more);
-            }
-            Part::Assembly => {
-                let scene = self.scene_file("four-letters.toml");
-                let bank = self.bank("four-letters", &scene, true);
-                let trials = trials.to_string();
-                let model = self.model_word();
-                let words =
-                    ["assemble", "--model", &model, "--bank", &bank, "--scene", &scene, "--trials", &trials, "--out"];
-                let step = self.step("assembly", "tactile-filter", &[&words[..], &["assembly"]].concat());
-                self.add(step.needs(self.model).needs(&bank).makes("assembly", "assembly/assembly.json"));
-            }
-            Part::Hard => {
-                for board in ["small-hard", "large-hard"] {
-                    let scene = format!("alphabet-{board}");
-                    let model = self.calibrate(board, &self.model_word(), &format!("{scene}-dev"), &[], &[]);
-                    let bank = self.bank(board, &scene, false);
-                    self.evaluate_model(&model, board, &bank, &scene, episodes, &INFORMED);
-                }
-            }
-            Part::Robust => {
-                for (name, file, bank) in ROBUST {
-                    let (name, scene) = (format!("robust-{name}"), self.scene_file(file));
-                    let bank = match bank {
-                        Some(bank) => {
-                            self.recorded_bank("small", "alphabet-small");
-                            bank.to_owned()
-                        }
-                        None => self.bank(&name, &scene, false),
-                    };
-                    self.evaluate(&name, &bank, &scene, fewer, &DEFAULT);
-                }
-            }
-            Part::Tradeoff => self.tradeoff(),
+    fn evaluations(&mut self, part: Part) {
+        for (_, name, bank, scene, ways, more) in EVALUATIONS.into_iter().filter(|row| row.0 == part) {
+            let model = match part {
+                Part::Hard => self.calibrate(name, self.model, &format!("alphabet-{name}-dev"), false),
+                _ => self.model.to_path_buf(),
+            };
+            let episodes = if part == Part::Robust { self.amount.fewer } else { self.amount.episodes };
+            let (bank, scene_of_bank) = self.bank(bank);
+            let scene = scene.map_or(scene_of_bank, |scene| self.scene(scene));
+            let program = self.program("tactile-filter", "evaluate --model").arg(&model);
+            let program = program.words(format!("--bank {bank} --scene")).arg(scene);
+            let program = program.words(format!("--episodes {episodes} {ways} {more} --out {name}"));
+            self.add(Step::new(name, program, name).with_last("evaluation.json").needs(model).needs(bank));
         }
     }
 
-    /// The bank of a board at its scene's poses, with the dataset of its pegs, whose name is returned.
-    fn recorded_bank(&mut self, board: &str, scene: &str) -> String {
-        let (pegs, bank, model) = (format!("{board}-pegs"), format!("{board}.bank"), self.model_word());
-        let words = ["generate", "--scene", scene, "--sides", "peg", "--out", &pegs];
-        let proof = format!("{pegs}/meta.json");
-        let touches = self.step(&pegs, "tactile-data", &words).makes(&pegs, &proof);
-        self.add(touches);
-        let words = ["bank", "--model", &model, "--data", &pegs, "--out", &bank];
-        let made = self.step(&bank, "tactile-infer", &words).needs(self.model).needs(proof).makes(&bank, &bank);
-        self.add(made);
-        pegs
-    }
-
-    /// A bank without a dataset; returns its file.
-    fn bank(&mut self, name: &str, scene: &str, fine: bool) -> String {
-        let (bank, model) = (format!("{name}.bank"), self.model_word());
-        let words = ["bank", "--model", &model, "--scene", scene, "--out", &bank];
-        let words = if fine { [&words[..], &FINE].concat() } else { words.to_vec() };
-        let step = self.step(&bank, "tactile-infer", &words).needs(self.model).makes(&bank, &bank);
-        self.add(step);
-        bank
-    }
-
-    fn evaluate(&mut self, name: &str, bank: &str, scene: &str, episodes: usize, more: &[&str]) {
-        self.evaluate_model(&self.model_word(), name, bank, scene, episodes, more);
-    }
-
-    /// The same of another model than the one evaluated elsewhere.
-    fn evaluate_model(&mut self, model: &str, name: &str, bank: &str, scene: &str, episodes: usize, more: &[&str]) {
-        let (episodes, proof) = (episodes.to_string(), format!("{name}/evaluation.json"));
-        let words = ["evaluate", "--model", model, "--bank", bank, "--scene", scene, "--episodes", &episodes];
-        let words = [&words[..], more, &["--out", name]].concat();
-        let step = self.step(name, "tactile-filter", &words).needs(model).needs(bank).makes(name, proof);
-        self.add(step);
+    fn assembly(&mut self) {
+        let (bank, scene) = self.bank("four-letters");
+        let program = self.program("tactile-filter", "assemble --model").arg(self.model);
+        let program = program.words(format!("--bank {bank} --scene")).arg(scene);
+        let program = program.words(format!("--trials {} --out assembly", self.amount.trials));
+        let step = Step::new("assembly", program, "assembly").with_last("assembly.json");
+        self.add(step.needs(self.model).needs(bank));
     }
 
     fn tradeoff(&mut self) {
         let (episodes, settings) = self.amount.of_settings;
-        let mut models = vec![self.model_word()];
+        let mut models = vec![self.model.to_path_buf()];
         for (name, data, more) in if self.amount.trains { &MODELS[..] } else { &[] } {
-            let tier: &[&str] = if *data == "maze" { &[] } else { &["--fidelity", "optics"] };
-            let words = [&["generate", "--scene", "maze", "--pairs", "12000", "--out", data][..], tier].concat();
-            let proof = format!("{data}/meta.json");
-            let touches = self.step(data, "tactile-data", &words).makes(*data, &proof);
-            self.add(touches);
-            let folder = format!("model-{name}");
-            let checkpoint = format!("{folder}/model.safetensors");
-            let words = [&["--data", data, "--preset", "tiny", "--out", &folder][..], more].concat();
-            let trained = self
-                .step(&folder, "tactile-train", &words)
-                .needs(&proof)
-                .makes(&folder, &checkpoint)
-                .resumes_from(format!("{folder}/state.safetensors"));
-            self.add(trained);
-            models.push(self.calibrate(name, &checkpoint, "alphabet-small-dev", &FINE, &["--anywhere", "40"]));
+            models.push(self.trained(name, data, more));
         }
-        let (episodes, settings) = (episodes.to_string(), settings.map(|n| n.to_string()));
-        let mut words = vec!["tradeoff", "--out", "tradeoff", "--episodes", &episodes];
-        words.extend(models.iter().flat_map(|model| ["--model", model.as_str()]));
-        words.extend(settings.iter().flat_map(|n| ["--settings", n.as_str()]));
-        let mut step = self.step("tradeoff", "tactile-filter", &words).makes("tradeoff", "tradeoff/tradeoff.json");
-        step.inputs.extend(models.iter().map(PathBuf::from));
-        self.add(step);
+        let mut program = self.program("tactile-filter", format!("tradeoff --out tradeoff --episodes {episodes}"));
+        for model in &models {
+            program = program.words("--model").arg(model);
+        }
+        if let Some(n) = settings {
+            program = program.words(format!("--settings {n}"));
+        }
+        let step = Step::new("tradeoff", program, "tradeoff").with_last("tradeoff.json");
+        self.add(models.into_iter().fold(step, Step::needs));
     }
 
-    /// Calibrates a model on a scene of tuning, whose bank and holes may be made with more words; returns its file.
-    fn calibrate(&mut self, name: &str, model: &str, scene: &str, of_bank: &[&str], of_holes: &[&str]) -> String {
+    /// Trains and calibrates a model; returns its file.
+    fn trained(&mut self, name: &str, data: &str, more: &str) -> PathBuf {
+        let fidelity = if data == "maze" { "" } else { "--fidelity optics" };
+        let touches = self.dataset(data, "maze", &format!("--pairs 12000 {fidelity}"));
+        let folder = format!("model-{name}");
+        let program = self.program("tactile-train", format!("--data {data} --preset tiny --out {folder} {more}"));
+        let step = Step::new(&folder, program, &folder).with_last("model.safetensors").needs(touches);
+        self.add(step.resumes_from("state.safetensors"));
+        self.calibrate(name, &Path::new(&folder).join("model.safetensors"), "alphabet-small-dev", true)
+    }
+
+    /// Calibrates a model on a scene for tuning, at its recorded poses or anywhere; returns its file.
+    fn calibrate(&mut self, name: &str, model: &Path, scene: &str, anywhere: bool) -> PathBuf {
+        let (of_bank, of_holes) = if anywhere { (FINE, "--anywhere 40") } else { ("", "") };
         let (holes, bank) = (format!("{scene}-holes"), format!("{name}-dev.bank"));
-        let words = ["generate", "--scene", scene, "--sides", "hole", "--seed", "9", "--out", &holes];
-        let touches = self.step(&holes, "tactile-data", &[&words[..], of_holes].concat());
-        let (recorded, calibrated) = (format!("{holes}/meta.json"), format!("{name}.safetensors"));
-        self.add(touches.makes(&holes, &recorded));
-        let words = [&["bank", "--model", model, "--scene", scene, "--out", &bank][..], of_bank].concat();
-        let made = self.step(&bank, "tactile-infer", &words).needs(model).makes(&bank, &bank);
-        self.add(made);
-        let words = ["calibrate", "--model", model, "--bank", &bank, "--holes", &holes, "--out", &calibrated];
-        let step = self.step(&calibrated, "tactile-infer", &words);
-        self.add(step.needs(&bank).needs(recorded).makes(&calibrated, &calibrated));
-        calibrated
+        let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
+        let program = self.program("tactile-infer", "bank --model").arg(model);
+        let program = program.words(format!("--scene {scene} --out {bank} {of_bank}"));
+        self.add(Step::new(&bank, program, &bank).needs(model));
+        let calibrated = format!("{name}.safetensors");
+        let program = self.program("tactile-infer", "calibrate --model").arg(model);
+        let program = program.words(format!("--bank {bank} --holes {holes} --out {calibrated}"));
+        self.add(Step::new(&calibrated, program, &calibrated).needs(bank).needs(touches));
+        calibrated.into()
     }
 
-    fn step(&self, name: &str, program: &str, words: &[&str]) -> Step {
-        Step {
-            name: name.into(),
-            program: self.workspace.program(program),
-            args: words.iter().map(Into::into).collect(),
-            inputs: Vec::new(),
-            product: PathBuf::new(),
-            proof: PathBuf::new(),
-            resume_from: None,
+    /// Adds the steps of a bank; returns its file and its scene.
+    fn bank(&mut self, name: &str) -> (String, String) {
+        let found = BANKS.into_iter().find(|(bank, ..)| *bank == name);
+        let (_, kind, scene) = found.unwrap_or((name, Kind::Plain, name));
+        let (bank, scene) = (format!("{name}.bank"), self.scene(scene));
+        let mut program = self.program("tactile-infer", "bank --model").arg(self.model);
+        let mut touches = None;
+        if let Kind::Recorded = kind {
+            let pegs = format!("{name}-pegs");
+            touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
+            program = program.words(format!("--data {pegs} --out {bank}"));
+        } else {
+            let steps = if let Kind::Fine = kind { FINE } else { "" };
+            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {steps}"));
         }
+        let step = Step::new(&bank, program, &bank).needs(self.model);
+        self.add(touches.into_iter().fold(step, Step::needs));
+        (bank, scene)
+    }
+
+    /// Adds the step of a dataset; returns the file of it that is written last.
+    fn dataset(&mut self, name: &str, scene: &str, more: &str) -> PathBuf {
+        let program = self.program("tactile-data", "generate --scene").arg(scene);
+        let program = program.words(format!("--out {name} {more}"));
+        self.add(Step::new(name, program, name).with_last("meta.json"));
+        Path::new(name).join("meta.json")
     }
 
     /// Adds a step that is not there yet.
@@ -239,12 +214,14 @@ impl Maker<'_> {
         }
     }
 
-    fn model_word(&self) -> String {
-        self.model.to_string_lossy().into_owned()
+    fn program(&self, name: &str, words: impl AsRef<str>) -> Program {
+        self.workspace.program(name).words(words)
     }
 
-    fn scene_file(&self, name: &str) -> String {
-        self.workspace.root.join("data").join("scenes").join(name).to_string_lossy().into_owned()
+    /// A preset's name as it is, a scene file with its folder.
+    fn scene(&self, name: &str) -> String {
+        let file = self.workspace.root.join("data").join("scenes").join(name);
+        if name.ends_with(".toml") { file.display().to_string() } else { name.into() }
     }
 }
 
@@ -254,8 +231,7 @@ mod tests {
     use clap::ValueEnum;
 
     fn names(parts: &[Part], amount: Amount) -> Vec<String> {
-        let workspace =
-            Workspace { root: "/r".into(), target: "/t".into(), packages: Vec::new(), programs: Vec::new() };
+        let workspace = Workspace { root: "/r".into(), target: "/t".into() };
         steps(&workspace, Path::new("/m"), parts, amount).into_iter().map(|step| step.name).collect()
     }
 
@@ -269,6 +245,13 @@ mod tests {
         let at = |name: &str| names.iter().position(|found| found == name).unwrap();
         assert!(at("small.bank") < at("small") && at("large.bank") < at("large-4"));
         assert!(at("small-fine.bank") < at("small-anywhere-absent") && at("tiny.safetensors") < at("tradeoff"));
+    }
+
+    #[test]
+    fn every_evaluation_has_its_bank() {
+        for (_, name, bank, ..) in EVALUATIONS {
+            assert!(BANKS.iter().any(|(known, ..)| *known == bank), "{name}");
+        }
     }
 
     #[test]

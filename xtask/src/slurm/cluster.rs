@@ -1,17 +1,14 @@
-//! Munge and Slurm on loopback, with all that they keep in one folder; they end with the value that stands for them.
+//! Munge and Slurm on loopback, with all that they keep in one folder; they end when the [`Cluster`] is dropped.
 
-use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::Write;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use crate::error::{Error, Result};
-use crate::program;
-use crate::slurm::conf::{self, Conf};
+use crate::program::Program;
 use crate::slurm::job::{self, Job};
 
 /// How often a state is asked for.
@@ -23,21 +20,9 @@ const PATIENCE: u64 = 30;
 /// Longest path of a Unix socket on Linux, bytes, its last zero left out.
 const MAX_SOCKET: usize = 107;
 
-/// What outlives this program: reads the daemons' numbers, and when the pipe is closed, by whatever end this program
-/// comes to, ends the jobs and then the daemons.
-const KEEPER: &str = "
-while read -r pid; do pids=\"$pid $pids\"; done
-if [ \"$(echo $pids | wc -w)\" = 3 ]; then
-    scancel --partition=walk
-    for _ in $(seq 100); do [ -z \"$(squeue --noheader)\" ] && break; sleep 0.2; done
-fi
-kill -TERM $pids
-";
-
-/// A cluster of one node; its jobs and daemons end when it is dropped, and also when this program is killed.
+/// A cluster of one node; its jobs and daemons end when it is dropped, its daemons also when this program is killed.
 pub struct Cluster {
     folder: PathBuf,
-    keeper: Child,
     /// In the order of their start.
     daemons: Vec<(&'static str, Child)>,
 }
@@ -53,72 +38,73 @@ impl Cluster {
         for inner in ["state", "spool"] {
             fs::create_dir_all(folder.join(inner)).map_err(Error::io(folder))?;
         }
-        let user = program::output(OsStr::new("id"), &["--user", "--name"], folder)?;
-        let conf = Conf { folder, user: user.trim(), ports: free_ports()?, n_cpus };
-        fs::write(folder.join("slurm.conf"), conf::text(&conf)).map_err(Error::io(folder))?;
+        let user = Program::new("id").words("--user --name").output(folder)?;
+        let text = configuration(folder, user.trim(), free_ports()?, n_cpus);
+        fs::write(folder.join("slurm.conf"), text).map_err(Error::io(folder))?;
         // munged refuses a key that others may read and a folder that others may write to.
-        program::output(OsStr::new("chmod"), &["755", "."], folder)?;
-        program::output(OsStr::new("mungekey"), &["--create", "--keyfile", "munge.key"], folder)?;
+        Program::new("chmod").words("755 .").run(folder)?;
+        Program::new("mungekey").words("--create --keyfile munge.key").run(folder)?;
 
-        let mut keeper = Command::new("setsid");
-        keeper.args(["sh", "-c", KEEPER]).env("SLURM_CONF", folder.join("slurm.conf"));
-        keeper.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
-        let keeper = keeper.spawn().map_err(Error::io("setsid"))?;
-        let mut cluster = Self { folder: folder.to_path_buf(), keeper, daemons: Vec::new() };
-        let file = |option: &str, name: &str| format!("--{option}={}", folder.join(name).display());
-        let names = [("key-file", "key"), ("socket", "socket"), ("pid-file", "pid"), ("log-file", "log")];
-        let mut munge: Vec<_> = names.iter().map(|(option, end)| file(option, &format!("munge.{end}"))).collect();
-        munge.extend([file("seed-file", "munge.seed"), "--foreground".into()]);
-        cluster.daemon("munged", &munge, || Ok(socket.exists()))?;
-        let conf = cluster.conf();
-        let controller = ["-D", "-f", &conf].map(String::from);
-        cluster.daemon("slurmctld", &controller, || Ok(quiet(&conf, "scontrol", &["ping"])?.contains(" is UP")))?;
-        let node = ["-D", "-N", "localhost", "-f", &conf].map(String::from);
-        cluster
-            .daemon("slurmd", &node, || Ok(quiet(&conf, "sinfo", &["--noheader", "--format=%T"])?.trim() == "idle"))?;
+        let mut cluster = Self { folder: folder.to_path_buf(), daemons: Vec::new() };
+        cluster.start_daemons(&socket)?;
         Ok(cluster)
     }
 
-    /// Starts a daemon, tells the keeper, and waits until it is ready. It has a session of its own, so that ctrl-C
-    /// leaves its end to the keeper.
-    fn daemon(&mut self, name: &'static str, args: &[String], ready: impl Fn() -> Result<bool>) -> Result<()> {
+    fn start_daemons(&mut self, socket: &Path) -> Result<()> {
+        let folder = self.folder.display().to_string();
+        let files = [("key-file", "key"), ("socket", "socket"), ("pid-file", "pid"), ("log-file", "log")];
+        let option = |(option, end): (&str, &str)| format!("--{option}={folder}/munge.{end}");
+        let munge = [files.map(option).join(" "), format!("--seed-file={folder}/munge.seed --foreground")].join(" ");
+        self.daemon("munged", &munge, |_| Ok(socket.exists()))?;
+        let conf = format!("{folder}/slurm.conf");
+        let is_up =
+            |cluster: &Self| Ok(cluster.program("scontrol", "ping").answer(&cluster.folder)?.contains(" is UP"));
+        self.daemon("slurmctld", &format!("-D -f {conf}"), is_up)?;
+        let is_idle = |cluster: &Self| {
+            Ok(cluster.program("sinfo", "--noheader --format=%T").answer(&cluster.folder)?.trim() == "idle")
+        };
+        self.daemon("slurmd", &format!("-D -N localhost -f {conf}"), is_idle)
+    }
+
+    /// Starts a daemon, which ends when this program ends, and waits until it is ready.
+    fn daemon(&mut self, name: &'static str, words: &str, is_ready: impl Fn(&Self) -> Result<bool>) -> Result<()> {
         let log = self.folder.join(format!("{name}.out"));
         let out = File::create(&log).map_err(Error::io(&log))?;
         let err = out.try_clone().map_err(Error::io(&log))?;
-        let mut command = Command::new("setsid");
-        command.arg(name).args(args).env("PATH", path_with_sbin());
-        command.stdin(Stdio::null()).stdout(out).stderr(err);
-        let child = command.spawn().map_err(Error::io("setsid"))?;
-        let pid = child.id();
+        let program = Program::new("setpriv").words("--pdeathsig TERM --").arg(name).words(words);
+        let mut command = program.variable("PATH", path_with_sbin()).command(&self.folder);
+        let mut child = command.stdout(out).stderr(err).spawn().map_err(Error::io("setpriv"))?;
+        let what = format!("{name} (see {})", log.display());
+        let ready = wait_for(&what, PATIENCE, || match child.try_wait().map_err(Error::io(name))? {
+            Some(status) => Err(Error::Failed { command: what.clone(), status }),
+            None => Ok(is_ready(self)?.then_some(())),
+        });
         self.daemons.push((name, child));
-        self.keeper.stdin.as_ref().map_or(Ok(()), |mut pipe| writeln!(pipe, "{pid}")).map_err(Error::io("keeper"))?;
-        let place = format!("{name} (see {})", log.display());
-        let Some((_, child)) = self.daemons.last_mut() else { return Ok(()) };
-        wait_for(&place, PATIENCE, || match child.try_wait().map_err(Error::io(name))? {
-            Some(status) => Err(Error::Failed { step: place.clone(), status }),
-            None => Ok(ready()?.then_some(())),
-        })
+        ready
     }
 
-    fn conf(&self) -> String {
-        self.folder.join("slurm.conf").display().to_string()
-    }
-
-    /// Runs one of Slurm's programs in a folder and returns what it printed.
-    pub fn ask(&self, program: &str, args: &[&str], folder: &Path) -> Result<String> {
-        let mut command = Command::new(program);
-        command.args(args).current_dir(folder).env("SLURM_CONF", self.conf());
-        let output = command.stdin(Stdio::null()).output().map_err(Error::io(program))?;
-        if !output.status.success() {
-            let got = String::from_utf8_lossy(&output.stderr).trim().replace('\n', "; ");
-            return Err(Error::invalid(format!("{program} {}", args.join(" ")), "success", got));
+    /// Ends the jobs, then the daemons, the last first.
+    fn stop(&mut self) -> Result<()> {
+        if self.daemons.len() == 3 {
+            self.program("scancel", "--partition=walk").run(&self.folder)?;
+            let is_empty = || Ok(self.program("squeue", "--noheader").answer(&self.folder)?.is_empty().then_some(()));
+            wait_for("the end of the jobs", PATIENCE, is_empty)?;
         }
-        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+        for (name, child) in self.daemons.iter_mut().rev() {
+            Program::new("kill").words(child.id().to_string()).run(&self.folder)?;
+            wait_for(name, PATIENCE, || child.try_wait().map_err(Error::io(*name)))?;
+        }
+        Ok(())
+    }
+
+    /// One of Slurm's programs, talking to this cluster.
+    pub fn program(&self, name: &str, words: &str) -> Program {
+        Program::new(name).words(words).variable("SLURM_CONF", self.folder.join("slurm.conf"))
     }
 
     /// A job, or the tasks of an array.
     pub fn jobs(&self, id: &str) -> Result<Vec<Job>> {
-        job::parse(&self.ask("scontrol", &["--oneliner", "show", "job", id], &self.folder)?)
+        job::parse(&self.program("scontrol", "--oneliner show job").arg(id).output(&self.folder)?)
     }
 
     /// Waits until nothing more is to come of a job or of any task of an array.
@@ -137,24 +123,29 @@ impl Cluster {
             }
             let Some(job) = jobs.first().filter(|job| job.state == "RUNNING") else { return Ok(None) };
             // A job that has only just started is not known to its node yet.
-            let listing = quiet(&self.conf(), "scontrol", &["listpids", &job.id])?;
+            let listing = self.program("scontrol", "listpids").arg(&job.id).answer(&self.folder)?;
             Ok(job::processes(&listing, &job.id).into_iter().find(own))
         })?;
-        self.ask("kill", &["-KILL", &pid.to_string()], &self.folder).map(|_| ())
+        Program::new("kill").words(format!("-KILL {pid}")).run(&self.folder).map(|_| ())
     }
 }
 
 impl Drop for Cluster {
-    /// Lets the keeper end all, and sees to it that it has.
+    /// Nothing can be returned here: an error is printed, and what still runs ends with this program.
     fn drop(&mut self) {
-        drop(self.keeper.stdin.take());
-        let daemons = self.daemons.iter_mut().map(|(name, child)| (*name, child));
-        for (name, child) in std::iter::once(("the keeper", &mut self.keeper)).chain(daemons) {
-            if wait_for(name, PATIENCE, || child.try_wait().map_err(Error::io(name))).is_err() {
-                report(child.kill().and_then(|()| child.wait()).map(|_| ()).map_err(Error::io(name)));
-            }
+        if let Err(error) = self.stop() {
+            eprintln!("error: {error}");
         }
     }
+}
+
+/// The text of `slurm.conf`. The folder's path must have no blanks; the ports are slurmctld's and slurmd's.
+fn configuration(folder: &Path, user: &str, [controller, node]: [u16; 2], n_cpus: usize) -> String {
+    let template = include_str!("../../slurm/slurm.conf").lines().filter(|line| !line.starts_with('#'));
+    let text = template.flat_map(|line| [line, "\n"]).collect::<String>();
+    let text = text.replace("CONTROLLER_PORT", &controller.to_string()).replace("NODE_PORT", &node.to_string());
+    let text = text.replace("N_CPUS", &n_cpus.to_string()).replace("=USER", &format!("={user}"));
+    text.replace("FOLDER", &folder.display().to_string())
 }
 
 /// Asks until there is an answer.
@@ -171,21 +162,6 @@ pub fn wait_for<T>(what: &str, seconds: u64, mut ask: impl FnMut() -> Result<Opt
     }
 }
 
-/// What a program prints, whether it succeeds or not: daemons that are just starting do not answer.
-fn quiet(conf: &str, program: &str, args: &[&str]) -> Result<String> {
-    let mut command = Command::new(program);
-    command.args(args).env("SLURM_CONF", conf).stdin(Stdio::null());
-    let output = command.output().map_err(Error::io(program))?;
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
-}
-
-/// Where nothing can be returned any more, an error is printed.
-fn report(result: Result<()>) {
-    if let Err(error) = result {
-        eprintln!("error: {error}");
-    }
-}
-
 /// Whether a program is on the search path or among the system's daemons.
 pub fn is_installed(program: &str) -> bool {
     std::env::split_paths(&path_with_sbin()).any(|folder| folder.join(program).is_file())
@@ -199,7 +175,41 @@ fn path_with_sbin() -> String {
 /// Two ports that nobody uses just now.
 fn free_ports() -> Result<[u16; 2]> {
     let bind = || TcpListener::bind("127.0.0.1:0").map_err(Error::io("127.0.0.1"));
-    let listeners = [bind()?, bind()?];
-    let [a, b] = listeners.each_ref().map(|listener| listener.local_addr().map(|address| address.port()));
-    Ok([a.map_err(Error::io("127.0.0.1"))?, b.map_err(Error::io("127.0.0.1"))?])
+    let port = |listener: &TcpListener| listener.local_addr().map(|it| it.port()).map_err(Error::io("127.0.0.1"));
+    // Both are held until both are known, so that they differ.
+    let (a, b) = (bind()?, bind()?);
+    Ok([port(&a)?, port(&b)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The values of a key.
+    fn values<'a>(text: &'a str, key: &str) -> Vec<&'a str> {
+        text.split_whitespace().filter_map(|pair| pair.strip_prefix(key)?.strip_prefix('=')).collect()
+    }
+
+    #[test]
+    fn nothing_is_kept_outside_the_folder_and_nothing_listens_outside_the_machine() {
+        let text = configuration(Path::new("/x/run"), "ann", [5001, 5002], 2);
+        let paths = text.split_whitespace().filter_map(|pair| pair.split_once("=/")).map(|(_, path)| path);
+        assert_eq!(paths.clone().count(), 7);
+        assert!(paths.clone().all(|path| path.starts_with("x/run/")));
+        assert_eq!(values(&text, "AuthInfo"), ["socket=/x/run/munge.socket"]);
+        assert_eq!(values(&text, "SlurmctldHost"), ["localhost(127.0.0.1)"]);
+        assert_eq!((values(&text, "SlurmctldPort"), values(&text, "SlurmdPort")), (vec!["5001"], vec!["5002"]));
+        assert_eq!((values(&text, "SlurmUser"), values(&text, "SlurmdUser")), (vec!["ann"], vec!["ann"]));
+        assert_eq!(values(&text, "CPUs"), ["2"]);
+    }
+
+    /// Slurm reads a line as far as its first word without `=`.
+    #[test]
+    fn each_word_is_a_key_and_a_value_and_each_line_begins_with_another_key() {
+        let text = configuration(Path::new("/x"), "ann", [1, 2], 1);
+        assert!(text.split_whitespace().all(|word| word.contains('=')));
+        let mut keys: Vec<_> = text.lines().filter_map(|line| line.split('=').next()).collect();
+        keys.sort_unstable();
+        assert!(keys.windows(2).all(|pair| pair[0] != pair[1]));
+    }
 }

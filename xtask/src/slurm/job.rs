@@ -1,4 +1,4 @@
-//! Jobs as `scontrol --oneliner show job` tells of them, and what is to be thought of them.
+//! Jobs as `scontrol --oneliner show job` lists them, and whether they ended well.
 
 use crate::error::{Error, Result};
 
@@ -88,8 +88,8 @@ mod tests {
     #[test]
     fn a_listing_is_read_line_by_line() {
         let jobs = parse(LISTING).unwrap();
-        let told: Vec<_> = jobs.iter().map(|job| (job.id.as_str(), job.task.as_deref(), job.restarts)).collect();
-        assert_eq!(told, [("6", Some("1"), 0), ("5", Some("2"), 1)]);
+        let found: Vec<_> = jobs.iter().map(|job| (job.id.as_str(), job.task.as_deref(), job.restarts)).collect();
+        assert_eq!(found, [("6", Some("1"), 0), ("5", Some("2"), 1)]);
         assert!(jobs.iter().all(is_over));
         let single = parse("JobId=7 JobState=PENDING Restarts=0 ExitCode=0:0").unwrap();
         assert!(single[0].task.is_none() && !is_over(&single[0]));
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jobs_processes_are_told_from_anothers() {
+    fn a_jobs_processes_are_separated_from_anothers() {
         let listing = "PID      JOBID    STEPID   LOCALID GLOBALID\n70 5 batch 0 0\n71 5 batch - -\n72 6 batch 0 0\n";
         assert_eq!(processes(listing, "5"), [70, 71]);
         assert_eq!(processes("No job steps exist on this node.\n", "5"), [0; 0]);

@@ -1,26 +1,25 @@
-//! A walk through real Slurm on loopback: job arrays of shards, a task killed on the way, a merge that waits for all,
-//! held against single runs without Slurm.
+//! Shards with real Slurm on loopback: job arrays, a task killed on the way, a merge that waits for all, compared
+//! with single runs without Slurm.
 
 mod cluster;
-mod conf;
 mod job;
 
-use std::ffi::OsStr;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::Value;
 
 use crate::error::{Error, Result};
-use crate::program;
-use crate::workspace::Workspace;
+use crate::json;
+use crate::program::Program;
+use crate::workspace::{Workspace, remove};
 use cluster::{Cluster, is_installed, wait_for};
 
 /// Debian's packages of Slurm and of what vouches for its users.
-const PACKAGES: [&str; 2] = ["slurm-wlm", "munge"];
+const PACKAGES: &str = "slurm-wlm munge";
 
-/// What the walk runs of them, and of util-linux.
-const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setsid"];
+/// What this runs of them, and of util-linux.
+const PROGRAMS: [&str; 6] = ["slurmctld", "slurmd", "sbatch", "munged", "mungekey", "setpriv"];
 
 /// Tasks of each array; twice as many as run at once, so that some wait.
 const N_TASKS: usize = 4;
@@ -34,15 +33,16 @@ const KILLED: &str = "2";
 /// How long an array may take, s: twenty times what it took on two slow cores.
 const PATIENCE: u64 = 600;
 
-/// What an evaluation tells of the run, not of what was found: how long it took, on what, by which command.
+/// What an evaluation says of the run, not of what was found: how long it took, on what, by which command.
 const OF_THE_RUN: [&str; 3] = ["latency_ms", "n_threads", "command"];
 
 /// A command that is run in shards and whole.
 struct Case {
+    /// The subcommand.
     name: &'static str,
     program: &'static str,
     /// Its arguments but for `--shard` and `--out`.
-    args: Vec<String>,
+    args: String,
     /// `--out` of a task, `%a` being its number.
     shards: &'static str,
     /// `--out` of the single run.
@@ -51,67 +51,83 @@ struct Case {
     merge: &'static str,
     /// What that line makes.
     merged: &'static str,
-    /// What there is of the killed task when it is time to kill it; nothing waits for nothing.
+    /// A file of the killed task that must be there before it is killed.
     half_done: Option<&'static str>,
     /// Compares the merged result with the single run's: the lines that both have.
     same: fn(&Path, &Path) -> Result<String>,
 }
 
-/// Installs Slurm where it is missing and apt is at hand, builds the programs, starts a cluster of one node in the
-/// build folder, walks through it and stops it again, also after a failure. Takes a few minutes.
+/// Builds the programs, starts a cluster of one node in the build folder, runs both cases through it and stops it
+/// again, also after a failure. Takes a few minutes.
 pub fn slurm(workspace: &Workspace) -> Result<()> {
     if !cfg!(target_os = "linux") {
         return Err(Error::invalid("cargo xtask slurm", "Linux", std::env::consts::OS));
     }
-    let missing = PROGRAMS.into_iter().find(|program| !is_installed(program));
-    if let (Some(program), false) = (missing, is_installed("apt-get")) {
-        return Err(Error::invalid(
-            "cargo xtask slurm",
-            "Slurm and munge, or apt-get to install them",
-            format!("no {program}"),
-        ));
-    }
-    if missing.is_some() {
-        program::install(&PACKAGES, &workspace.root)?;
+    if let Some(program) = PROGRAMS.into_iter().find(|program| !is_installed(program)) {
+        return Err(Error::NotInstalled { what: program.into(), packages: PACKAGES });
     }
     workspace.build()?;
     let folder = workspace.target.join("slurm");
-    if folder.exists() {
-        fs::remove_dir_all(&folder).map_err(Error::io(&folder))?;
-    }
-    let work = folder.join("work");
-    fs::create_dir_all(&work).map_err(Error::io(&work))?;
-    step("a cluster of one node", &folder.display().to_string());
+    remove(&folder)?;
+    let work = workspace.folder(None, &folder.join("work"))?;
+    report("a cluster of one node", &folder.display().to_string());
     let cluster = Cluster::start(&folder.join("run"), N_CPUS)?;
-    let walk = Walk { workspace, cluster: &cluster, work: &work };
-    walk.through(&generation())?;
-    walk.through(&walk.evaluation()?)?;
+    let bench = Bench { workspace, cluster: &cluster, work: &work };
+    bench.run_case(&generation())?;
+    bench.run_case(&bench.evaluation()?)?;
     drop(cluster);
-    println!("slurm: passed; shards killed, taken up and merged are what single runs make");
+    println!("slurm: passed; shards killed, restarted and merged are what single runs make");
     Ok(())
 }
 
-/// Where the walk goes.
-struct Walk<'a> {
+/// Where the cases run.
+struct Bench<'a> {
     workspace: &'a Workspace,
     cluster: &'a Cluster,
     work: &'a Path,
 }
 
-impl Walk<'_> {
+impl Bench<'_> {
     /// One case from the single run to the comparison.
-    fn through(&self, case: &Case) -> Result<()> {
-        self.run(case.program, &[&words(&case.args)[..], &["--out", case.single]].concat())?;
-
+    fn run_case(&self, case: &Case) -> Result<()> {
+        self.run(case.program, &format!("{} --out {}", case.args, case.single))?;
         let array = self.submit_array(case)?;
-        let path = format!("{}:{}", self.programs(), std::env::var("PATH").unwrap_or_default());
-        let (after, export) = (format!("--dependency=afterok:{array}"), format!("--export=ALL,PATH={path}"));
-        let merge = self.submit(&["--output=slurm-%j.out", &after, &export, "--wrap", case.merge])?;
-        step(case.name, &format!("array {array} of {N_TASKS} tasks; job {merge} waits for it: {}", case.merge));
+        let path = format!("{}:{}", self.workspace.programs().display(), std::env::var("PATH").unwrap_or_default());
+        let merge = self.sbatch(&format!("--output=slurm-%j.out --dependency=afterok:{array}"));
+        let merge =
+            self.submit(merge.arg(format!("--export=ALL,PATH={path}")).arg(format!("--wrap={}", case.merge)))?;
+        report(case.name, &format!("array {array} of {N_TASKS} tasks; job {merge} waits for it: {}", case.merge));
+        self.kill_one(case, &array)?;
+        self.check_end(&array, N_TASKS, Some(KILLED))?;
+        self.check_end(&merge, 1, None)?;
+        report(case.name, "all tasks done, the killed one after one restart; merged");
 
+        let again = self.submit_array(case)?;
+        self.check_end(&again, N_TASKS, None)?;
+        for task in 1..=N_TASKS {
+            let path = self.work.join(format!("slurm-{again}_{task}.out"));
+            let printed = fs::read_to_string(&path).map_err(Error::io(&path))?;
+            if !printed.contains("already") {
+                return Err(Error::invalid(
+                    path.display().to_string(),
+                    "a shard that is there already",
+                    printed.trim(),
+                ));
+            }
+        }
+        report(case.name, &format!("array {again}, the same again: all shards were there already"));
+
+        let same = (case.same)(&self.work.join(case.merged), &self.work.join(case.single))?;
+        report(case.name, &format!("{} and {} agree", case.merged, case.single));
+        println!("{same}");
+        Ok(())
+    }
+
+    /// Kills a task of an array while it runs, and sees it back in the queue.
+    fn kill_one(&self, case: &Case, array: &str) -> Result<()> {
         let task = format!("{array}_{KILLED}");
-        if let Some(sign) = case.half_done {
-            wait_for(sign, PATIENCE, || Ok(self.work.join(sign).exists().then_some(())))?;
+        if let Some(file) = case.half_done {
+            wait_for(file, PATIENCE, || Ok(self.work.join(file).exists().then_some(())))?;
         }
         self.cluster.kill(&task, case.program, PATIENCE)?;
         wait_for(&format!("the requeue of {task}"), PATIENCE, || {
@@ -119,76 +135,55 @@ impl Walk<'_> {
             Ok(jobs.iter().all(|job| job.restarts == 1 && job.state == "PENDING").then_some(()))
         })?;
         // Slurm lets a job that comes back wait for two minutes.
-        self.cluster.ask("scontrol", &["update", &format!("JobId={task}"), "StartTime=now"], self.work)?;
-        step(case.name, &format!("{} of task {KILLED} killed, task {KILLED} back in the queue", case.program));
-
-        let tasks = self.cluster.wait(&array, PATIENCE)?;
-        job::verdict(&tasks, N_TASKS, Some(KILLED)).map_err(|error| self.with_output(error, &array))?;
-        let merged = self.cluster.wait(&merge, PATIENCE)?;
-        job::verdict(&merged, 1, None).map_err(|error| self.with_output(error, &merge))?;
-        step(case.name, "all tasks done, the killed one after one restart; merged");
-
-        let again = self.submit_array(case)?;
-        job::verdict(&self.cluster.wait(&again, PATIENCE)?, N_TASKS, None).map_err(|e| self.with_output(e, &again))?;
-        for task in 1..=N_TASKS {
-            let path = self.work.join(format!("slurm-{again}_{task}.out"));
-            let told = fs::read_to_string(&path).map_err(Error::io(&path))?;
-            if !told.contains("already") {
-                return Err(Error::invalid(path.display().to_string(), "a shard that is there already", told.trim()));
-            }
-        }
-        step(case.name, &format!("array {again}, the same again: all shards were there already"));
-
-        let same = (case.same)(&self.work.join(case.merged), &self.work.join(case.single))?;
-        step(case.name, &format!("{} and {} agree", case.merged, case.single));
-        println!("{same}");
+        self.cluster.program("scontrol", &format!("update JobId={task} StartTime=now")).output(self.work)?;
+        report(case.name, &format!("{} of task {KILLED} killed, task {KILLED} back in the queue", case.program));
         Ok(())
+    }
+
+    /// Waits for a job or an array and checks how it ended; an error names what its tasks printed.
+    fn check_end(&self, id: &str, count: usize, killed: Option<&str>) -> Result<()> {
+        job::verdict(&self.cluster.wait(id, PATIENCE)?, count, killed).map_err(|error| {
+            let output = self.work.join(format!("slurm-{id}*.out"));
+            Error::invalid(format!("job {id}, see {}", output.display()), "a good end", error.to_string())
+        })
     }
 
     /// Submits the array of a case, as a user would; returns its number.
     fn submit_array(&self, case: &Case) -> Result<String> {
-        let script = self.workspace.root.join("xtask").join("slurm").join("shards.sbatch").display().to_string();
-        let (tasks, export) = (format!("--array=1-{N_TASKS}"), format!("--export=ALL,PROGRAMS={}", self.programs()));
-        let end = ["--shard", "env", "--out", case.shards];
-        self.submit(&[&[&tasks, &export, &script, case.program][..], &words(&case.args), &end].concat())
+        let script = self.workspace.root.join("xtask").join("slurm").join("shards.sbatch");
+        let programs = self.workspace.programs();
+        let options = format!("--array=1-{N_TASKS} --export=ALL,PROGRAMS={}", programs.display());
+        let sbatch = self.sbatch(&options).arg(script).arg(case.program).words(&case.args);
+        self.submit(sbatch.words("--shard env --out").arg(case.shards))
     }
 
-    fn submit(&self, args: &[&str]) -> Result<String> {
-        Ok(self.cluster.ask("sbatch", &[&["--parsable"], args].concat(), self.work)?.trim().to_owned())
+    fn sbatch(&self, options: &str) -> Program {
+        self.cluster.program("sbatch", "--parsable").words(options)
     }
 
-    /// The folder of our programs.
-    fn programs(&self) -> String {
-        self.workspace.target.join("release").display().to_string()
+    fn submit(&self, sbatch: Program) -> Result<String> {
+        Ok(sbatch.output(self.work)?.trim().to_owned())
     }
 
     /// Runs one of our programs without Slurm.
-    fn run(&self, name: &str, args: &[&str]) -> Result<()> {
-        let (program, args) = (self.workspace.program(name), args.iter().map(OsStr::new).collect::<Vec<_>>());
-        let line = program::command_line(&program, &args);
-        step("without Slurm", &line);
-        program::run(&line, &program, &args, self.work).map(|_| ())
-    }
-
-    /// An error with the place of what its tasks printed.
-    fn with_output(&self, error: Error, id: &str) -> Error {
-        let place = self.work.join(format!("slurm-{id}*.out"));
-        Error::invalid(format!("job {id}, see {}", place.display()), "a good end", error.to_string())
+    fn run(&self, name: &str, words: &str) -> Result<()> {
+        let program = self.workspace.program(name).words(words);
+        report("without Slurm", &program.to_string());
+        program.run(self.work).map(|_| ())
     }
 
     /// Episodes of the small board with the shipped model, for which the pegs are touched and a bank is made first.
     fn evaluation(&self) -> Result<Case> {
-        let model: PathBuf = ["infer", "models", "maze-small.safetensors"].iter().collect();
-        let model = self.workspace.root.join(model).display().to_string();
-        let (scene, sides) = (["--scene", "alphabet-small"], ["--sides", "peg"]);
-        self.run("tactile-data", &[&["generate", "--out", "pegs"][..], &scene, &sides].concat())?;
-        self.run("tactile-infer", &["bank", "--model", &model, "--data", "pegs", "--out", "pegs.bank"])?;
-        let board = ["--model", &model, "--bank", "pegs.bank", "--episodes", "600", "--engines", "exact"];
-        let args = [&["evaluate"], &board[..], &["--actions", "information"], &scene].concat();
+        let model = self.work.join("model.safetensors");
+        fs::copy(self.workspace.shipped_model(), &model).map_err(Error::io(&model))?;
+        self.run("tactile-data", "generate --out pegs --scene alphabet-small --sides peg")?;
+        self.run("tactile-infer", "bank --model model.safetensors --data pegs --out pegs.bank")?;
+        let args = "evaluate --model model.safetensors --bank pegs.bank --episodes 600 --engines exact \
+                    --actions information --scene alphabet-small";
         Ok(Case {
             name: "evaluate",
             program: "tactile-filter",
-            args: args.into_iter().map(String::from).collect(),
+            args: args.into(),
             shards: "episodes",
             single: "evaluation-single",
             merge: "tactile-filter merge episodes --out evaluation",
@@ -201,11 +196,10 @@ impl Walk<'_> {
 
 /// MAZE touches: small pictures, many of them.
 fn generation() -> Case {
-    let args = "generate --scene maze --pairs 8000 --boards 8 --frame-px 80x60";
     Case {
         name: "generate",
         program: "tactile-data",
-        args: args.split(' ').map(String::from).collect(),
+        args: "generate --scene maze --pairs 8000 --boards 8 --frame-px 80x60".into(),
         shards: "shards/maze-%a",
         single: "maze-single",
         merge: "tactile-data merge shards/maze-* --out maze",
@@ -217,23 +211,17 @@ fn generation() -> Case {
 
 /// The checksums of two datasets' files, which must agree.
 fn same_dataset(merged: &Path, single: &Path) -> Result<String> {
-    let files = ["frames.npy", "index.jsonl", "meta.json", "no_contact.png"];
-    let sums = |folder: &Path| program::output(OsStr::new("sha256sum"), &files, folder);
-    let (got, expected) = (sums(merged)?, sums(single)?);
+    let sums = Program::new("sha256sum").words("frames.npy index.jsonl meta.json no_contact.png");
+    let (got, expected) = (sums.output(merged)?, sums.output(single)?);
     if got != expected {
-        return Err(Error::invalid(merged.display().to_string(), one_line(&expected), one_line(&got)));
+        return Err(Error::invalid(merged.display().to_string(), expected, got));
     }
     Ok(got.trim_end().to_owned())
 }
 
 /// The checksum of two evaluations, which must agree in all but [`OF_THE_RUN`].
 fn same_evaluation(merged: &Path, single: &Path) -> Result<String> {
-    let read = |folder: &Path| {
-        let path = folder.join("evaluation.json");
-        let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
-        let json: Option<Value> = serde_json::from_str(&text).ok();
-        json.ok_or_else(|| Error::invalid(path.display().to_string(), "JSON", one_line(&text)))
-    };
+    let read = |folder: &Path| json::read(&folder.join("evaluation.json"));
     same_results(&merged.display().to_string(), read(merged)?, read(single)?)
 }
 
@@ -256,15 +244,7 @@ fn same_results(what: &str, mut merged: Value, mut single: Value) -> Result<Stri
     Ok(format!("{checksum}  evaluation.json"))
 }
 
-fn words(args: &[String]) -> Vec<&str> {
-    args.iter().map(String::as_str).collect()
-}
-
-fn one_line(text: &str) -> String {
-    text.trim_end().replace('\n', "; ")
-}
-
-fn step(name: &str, what: &str) {
+fn report(name: &str, what: &str) {
     println!("slurm, {name}: {what}");
 }
 
@@ -289,7 +269,7 @@ mod tests {
         assert!(same_results("out", json!({}), json!({})).is_err());
     }
 
-    /// What the walk submits is in the file's own words: a task's number, and the shard that Slurm states.
+    /// What is submitted is in the file's own words: a task's number, and the shard that Slurm states.
     #[test]
     fn the_batch_file_numbers_shards_and_comes_back_when_killed() {
         let script = include_str!("../../slurm/shards.sbatch");

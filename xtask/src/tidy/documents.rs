@@ -1,125 +1,102 @@
-//! Rules for what people read: links lead somewhere, commands exist.
+//! Rules for what people read: links lead somewhere, excerpts are those of a file that compiles, pages are short.
 
 use super::Finding;
 
-/// The names that a command line may use.
-pub struct Known<'a> {
-    /// Subcommands of `cargo xtask`.
-    pub chores: &'a [String],
-    /// Packages of the workspace.
-    pub packages: &'a [String],
-    /// Programs of the workspace.
-    pub programs: &'a [String],
-}
+/// Most lines of README and ARCHITECTURE, and most characters of each line.
+const MAX_LINES: usize = 150;
+const MAX_CHARACTERS: usize = 120;
 
 /// Links in a markdown file to files that are not there; `exists` takes a path relative to the root.
 pub fn broken_links(path: &str, text: &str, exists: &dyn Fn(&str) -> bool) -> Vec<Finding> {
     let folder = path.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
     let mut findings = Vec::new();
-    for (line, language, content) in lines(text) {
-        if language.is_some() {
-            continue;
-        }
-        for link in content.split("](").skip(1).filter_map(|rest| rest.split([')', ' ', '#']).next()) {
-            let local = !link.is_empty() && !link.contains(':');
-            if local && !exists(&format!("{folder}{link}")) {
-                findings.push(Finding::new(path, line, format!("link to {link}, which is not there")));
-            }
+    let mut in_fence = false;
+    for (n, line) in text.lines().enumerate() {
+        in_fence ^= line.trim_start().starts_with("```");
+        let links = line.split("](").skip(1).filter_map(|rest| rest.split([')', ' ', '#']).next());
+        let local = links.filter(|link| !in_fence && !link.is_empty() && !link.contains(':'));
+        for link in local.filter(|link| !exists(&format!("{folder}{link}"))) {
+            findings.push(Finding::new(path, n + 1, format!("link to {link}, which is not there")));
         }
     }
     findings
 }
 
-/// Command lines in `sh` blocks that begin with cargo or one of our programs and name what is not
-/// there.
-pub fn unknown_commands(path: &str, text: &str, known: &Known<'_>) -> Vec<Finding> {
-    let commands = lines(text).filter(|(_, language, _)| *language == Some("sh"));
-    commands
-        .filter_map(|(line, _, content)| {
-            let words: Vec<_> = content.trim().trim_start_matches("$ ").split_whitespace().collect();
-            unknown(&words, known).map(|what| Finding::new(path, line, what))
-        })
-        .collect()
-}
-
-/// What a command line names that is not there.
-fn unknown(words: &[&str], known: &Known<'_>) -> Option<String> {
-    let has = |names: &[String], name: &str| names.iter().any(|known| known == name);
-    let program = words.first()?.rsplit('/').next()?;
-    if program.starts_with("tactile-") && !has(known.programs, program) {
-        return Some(format!("no program {program}"));
-    }
-    if program != "cargo" {
-        return None;
-    }
-    if words.get(1) == Some(&"xtask") {
-        let chore = words.get(2).copied().unwrap_or_default();
-        return (!has(known.chores, chore) && chore != "--help").then(|| format!("cargo xtask has no {chore:?}"));
-    }
-    let options = words.iter().take_while(|word| **word != "--").flat_map(|word| word.split('='));
-    let options: Vec<_> = options.collect();
-    options.windows(2).find_map(|pair| match pair {
-        ["-p" | "--package", name] if !has(known.packages, name) => Some(format!("no package {name}")),
-        ["--bin", name] if !has(known.programs, name) => Some(format!("no program {name}")),
-        _ => None,
-    })
-}
-
-/// Each line of a markdown text with its number and, inside a fence, the language of the fence.
-fn lines(text: &str) -> impl Iterator<Item = (usize, Option<&str>, &str)> {
-    let mut language = None;
-    text.lines().enumerate().filter_map(move |(n, line)| {
-        let Some(fence) = line.trim_start().strip_prefix("```") else {
-            return Some((n + 1, language, line));
+/// Blocks of Rust that are not lines of the file that `<!-- excerpt: FILE -->` names above them, indentation and empty
+/// lines aside; `read` takes a path relative to the root.
+pub fn excerpts(path: &str, text: &str, read: &dyn Fn(&str) -> Option<String>) -> Vec<Finding> {
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let code = |lines: &[&str]| -> Vec<String> {
+        lines.iter().map(|line| line.trim().to_owned()).filter(|line| !line.is_empty()).collect()
+    };
+    let check = |at: usize| {
+        let named = |above: &usize| lines[*above].strip_prefix("<!-- excerpt: ")?.strip_suffix(" -->");
+        let Some(file) = at.checked_sub(1).as_ref().and_then(named) else {
+            return Some("no `<!-- excerpt: FILE -->` above this code".into());
         };
-        language = if language.is_some() { None } else { Some(fence.trim()) };
-        None
-    })
+        let Some(source) = read(file) else { return Some(format!("excerpt of {file}, which is not there")) };
+        let source = code(&source.lines().collect::<Vec<_>>());
+        let end = lines[at + 1..].iter().position(|line| *line == "```").map_or(lines.len(), |n| at + 1 + n);
+        let excerpt = code(&lines[at + 1..end]);
+        let is_there = source.windows(excerpt.len().max(1)).any(|window| window == excerpt);
+        (!is_there).then(|| format!("not what {file} says"))
+    };
+    let blocks = (0..lines.len()).filter(|at| lines[*at].starts_with("```rust"));
+    blocks.filter_map(|at| check(at).map(|what| Finding::new(path, at + 1, what))).collect()
+}
+
+/// Too many lines, or too long ones.
+pub fn too_long(path: &str, text: &str) -> Vec<Finding> {
+    let over = |what: &str, n: usize, limit: usize| format!("{n} {what}; the limit is {limit}");
+    let long = text.lines().enumerate().map(|(n, line)| (n + 1, line.chars().count()));
+    let long = long.filter(|(_, n_characters)| *n_characters > MAX_CHARACTERS);
+    let mut findings: Vec<_> =
+        long.map(|(line, n)| Finding::new(path, line, over("characters", n, MAX_CHARACTERS))).collect();
+    let n_lines = text.lines().count();
+    if n_lines > MAX_LINES {
+        findings.push(Finding::new(path, n_lines, over("lines", n_lines, MAX_LINES)));
+    }
+    findings
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn names(names: &[&str]) -> Vec<String> {
-        names.iter().map(ToString::to_string).collect()
-    }
-
-    fn commands(text: &str) -> Vec<String> {
-        let (chores, packages) = (names(&["demo"]), names(&["tactile-data"]));
-        let known = Known { chores: &chores, packages: &packages, programs: &packages };
-        unknown_commands("README.md", text, &known).iter().map(ToString::to_string).collect()
+    fn lines(findings: &[Finding]) -> Vec<String> {
+        findings.iter().map(ToString::to_string).collect()
     }
 
     #[test]
-    fn commands_that_exist_pass() {
-        let text = "```sh\ncargo xtask demo --quick\n$ cargo test --release --workspace\ncargo run -p tactile-data -- --bin x\n\
-                    target/release/tactile-data generate\ngit clone x\n# a comment\n```\ncargo xtask dance\n```text\ncargo xtask dance\n```\n";
-        assert_eq!(commands(text), Vec::<String>::new());
-    }
-
-    #[test]
-    fn commands_that_do_not_exist_are_named() {
-        let text = "```sh\ncargo xtask dance\ncargo run --package=other\ncargo run --bin other\ntactile-other x\n```\n";
-        assert_eq!(
-            commands(text),
-            [
-                "README.md:2: cargo xtask has no \"dance\"",
-                "README.md:3: no package other",
-                "README.md:4: no program other",
-                "README.md:5: no program tactile-other"
-            ]
-        );
-    }
-
-    #[test]
-    fn a_link_leads_to_a_file_beside_its_document() {
+    fn a_link_leads_to_a_file_next_to_its_document() {
         let text = "[a](b.md#part) ![c](d.png \"title\") [e](https://f.org) [g](#part)\n```\n[h](i)\n```\n[j](k)";
-        let found = broken_links("docs/x.md", text, &|path| path == "docs/b.md");
-        let found: Vec<_> = found.iter().map(ToString::to_string).collect();
         assert_eq!(
-            found,
+            lines(&broken_links("docs/x.md", text, &|path| path == "docs/b.md")),
             ["docs/x.md:1: link to d.png, which is not there", "docs/x.md:5: link to k, which is not there"]
         );
+    }
+
+    #[test]
+    fn an_excerpt_is_what_its_file_says() {
+        let read = |path: &str| (path == "a.rs").then(|| "fn main() {\n    one();\n\n    two();\n}\n".to_owned());
+        let text = |file: &str, code: &str| format!("<!-- excerpt: {file} -->\n```rust\n{code}\n```\n");
+        assert!(excerpts("R.md", &text("a.rs", "one();\ntwo();"), &read).is_empty());
+        for (text, expected) in [
+            (text("a.rs", "one();\n}"), "R.md:2: not what a.rs says"),
+            (text("a.rs", ""), "R.md:2: not what a.rs says"),
+            (text("b.rs", "one();"), "R.md:2: excerpt of b.rs, which is not there"),
+            ("```rust\none();\n```\n".into(), "R.md:1: no `<!-- excerpt: FILE -->` above this code"),
+        ] {
+            assert_eq!(lines(&excerpts("R.md", &text, &read)), [expected]);
+        }
+    }
+
+    #[test]
+    fn a_page_is_short() {
+        assert!(too_long("R.md", &"\u{e9}\n".repeat(MAX_LINES)).is_empty());
+        assert!(too_long("R.md", &"\u{e9}".repeat(MAX_CHARACTERS)).is_empty());
+        let text = format!("{}\n{}", "x".repeat(MAX_CHARACTERS + 1), "x\n".repeat(MAX_LINES));
+        let expected = ["R.md:1: 121 characters; the limit is 120", "R.md:151: 151 lines; the limit is 150"];
+        assert_eq!(lines(&too_long("R.md", &text)), expected);
     }
 }

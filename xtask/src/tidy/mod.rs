@@ -1,21 +1,23 @@
-//! The rules that no compiler checks. Each check is a function over text that lists what it found.
+//! The rules that neither rustfmt nor clippy nor cargo-deny checks. Each check is a function over text or JSON that
+//! lists what it found.
 
-mod code;
 mod documents;
-mod manifests;
+mod packages;
 mod sources;
 
 use std::fmt;
 use std::fs;
 
 use crate::error::{Error, Result};
-use crate::program;
 use crate::workspace::{Workspace, cargo};
 
 /// Largest file in the repository, bytes: a shipped checkpoint fits, a dataset does not.
 const MAX_BYTES: u64 = 4 << 20;
 
-/// One thing to mend.
+/// Files that must be there.
+const NEEDED: [&str; 3] = ["README.md", "ARCHITECTURE.md", "Cargo.lock"];
+
+/// One thing to correct.
 #[derive(Debug, PartialEq)]
 pub struct Finding {
     path: String,
@@ -35,51 +37,51 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Checks the workspace and prints a line for each finding; `chores` are the names that
-/// `cargo xtask` takes.
-pub fn tidy(workspace: &Workspace, chores: &[String]) -> Result<()> {
-    let tree = ["tree", "--workspace", "--edges", "normal,build", "--prefix", "none", "--format", "{p}"];
-    let tree = program::output(&cargo(), &tree, &workspace.root)?;
+/// Checks the workspace and prints a line for each finding.
+pub fn tidy(workspace: &Workspace) -> Result<()> {
     let files = workspace.files()?;
-    let known = documents::Known { chores, packages: &workspace.packages, programs: &workspace.programs };
-
-    let mut findings = Vec::new();
-    let mut texts = Vec::new();
+    let missing = NEEDED.into_iter().filter(|needed| !files.iter().any(|path| path == needed));
+    let mut findings: Vec<Finding> = missing.map(|needed| Finding::new(needed, 1, "missing")).collect();
     for path in &files {
-        let full = workspace.root.join(path);
-        let bytes = fs::read(&full).map_err(Error::io(&full))?;
-        findings.extend(size(path, bytes.len() as u64));
-        texts.extend(String::from_utf8(bytes).ok().map(|text| (path, text)));
+        findings.extend(file(workspace, path)?);
     }
-    let rust = texts.iter().filter(|(path, _)| path.ends_with(".rs"));
-    let test_modules: Vec<_> = rust.flat_map(|(path, text)| sources::test_modules(path, text)).collect();
-    for (path, text) in &texts {
-        findings.extend(sources::machine_paths(path, text));
-        match path.rsplit_once('.').map(|(_, extension)| extension) {
-            Some("rs") => findings.extend(sources::check(path, text, &test_modules)),
-            Some("md") => findings.extend(documents::broken_links(path, text, &|to| workspace.root.join(to).exists())),
-            _ if *path == "Cargo.lock" => findings.extend(manifests::compiled_c(&tree, text)),
-            _ if *path == "Cargo.toml" => findings.extend(manifests::unexplained(text)),
-            _ if path.ends_with("/Cargo.toml") => findings.extend(manifests::house(path, text)),
-            _ => {}
-        }
-        if *path == "README.md" {
-            findings.extend(documents::unknown_commands(path, text, &known));
-        }
-    }
-    for needed in ["README.md", "ARCHITECTURE.md", "Cargo.lock"] {
-        if !files.iter().any(|path| path == needed) {
-            findings.push(Finding::new(needed, 1, "missing"));
-        }
-    }
+    findings.extend(packages::layers(&workspace.packages()?));
+    let tree = |of: &str| cargo().words(format!("tree {of} --prefix none --format {{p}}")).output(&workspace.root);
+    findings.extend(packages::compiled_c(&tree("--workspace --edges normal,build")?));
+    let embedded = tree("--package tactile-filter --no-default-features --edges normal")?;
+    println!("tactile-filter without default features: {} crates", packages::names(&embedded).len());
+    findings.extend(packages::embedded(&embedded));
     for finding in &findings {
         println!("{finding}");
     }
     if findings.is_empty() {
-        println!("tidy: {} files, nothing to mend", files.len());
+        println!("tidy: {} files, nothing to correct", files.len());
         return Ok(());
     }
     Err(Error::Untidy(findings.len()))
+}
+
+/// What is wrong with one file.
+fn file(workspace: &Workspace, path: &str) -> Result<Vec<Finding>> {
+    let full = workspace.root.join(path);
+    let bytes = fs::read(&full).map_err(Error::io(&full))?;
+    let mut findings: Vec<Finding> = size(path, bytes.len() as u64).into_iter().collect();
+    let Ok(text) = String::from_utf8(bytes) else { return Ok(findings) };
+    findings.extend(sources::machine_paths(path, &text));
+    if path.ends_with(".rs") {
+        findings.extend(sources::words(path, &text));
+    }
+    if path.ends_with(".md") {
+        findings.extend(documents::broken_links(path, &text, &|to| workspace.root.join(to).exists()));
+        findings.extend(documents::excerpts(path, &text, &|from| fs::read_to_string(workspace.root.join(from)).ok()));
+    }
+    if ["README.md", "ARCHITECTURE.md"].contains(&path) {
+        findings.extend(documents::too_long(path, &text));
+    }
+    if path == "Cargo.toml" {
+        findings.extend(packages::unexplained(&text));
+    }
+    Ok(findings)
 }
 
 /// A file too large for a repository.

@@ -1,10 +1,14 @@
 //! A press recorded frame by frame: when contact begins and ends.
 
-use super::{Lab, Picture, Row, Set, Verdict, numbers};
+use super::{Lab, Row, Set, Source};
 use crate::error::{Error, Result};
+use crate::json::{entries, numbers};
+use crate::workspace::remove;
 
 const FOLDER: &str = "gsmini-digits-tactilemnist";
 const TITLE: &str = "Press on a printed digit (Tactile MNIST)";
+const SOURCE: Source =
+    Source { repository: "https://github.com/TimSchneider42/tactile-mnist", path: Some("docs/img/"), licence: "MIT" };
 const WHAT: &str = "first and last frame of contact";
 const TARGET: &str = "within 2 frames of where the difference rises and has fallen";
 const FRAMES: usize = 2;
@@ -22,35 +26,29 @@ pub fn check(lab: &Lab) -> Result<Set> {
     if lab.real(&gif).is_none() {
         return Ok(Set::missing(TITLE, &[(WHAT, TARGET)]));
     }
-    super::remove(&lab.out.join("digit"))?;
+    remove(&lab.out.join("digit"))?;
     lab.run(&format!("import REAL/{gif} --no-contact-first {N_REST} --out digit"))?;
     let inspected = lab.json("inspect digit --sheet digit.png --frames")?;
     let contact = numbers(&inspected, "/contact_frames/0")?;
-    let n_runs = super::entries(&inspected, "/contact_frames")?.len();
+    let n_runs = entries(&inspected, "/contact_frames")?.len();
     let differences = numbers(&inspected, "/difference_rms")?;
     let (first, last) = risen(&differences)?;
     let [begins, ends] = [contact[0] as usize, contact[1] as usize];
     let is_near = n_runs == 1 && begins.abs_diff(first) <= FRAMES && ends.abs_diff(last) <= FRAMES;
+    let measured = format!("contact in {begins} to {ends}, the difference in {first} to {last}");
     Ok(Set {
         title: TITLE,
+        source: Some(SOURCE),
         about: format!(
-            "{} frames of one press on a raised digit with a Mini. Contact is told from each frame alone, by the \
+            "{} frames of one press on a raised digit with a Mini. Contact is found in each frame alone, by the \
              share of its pixels that show an edge; the difference is the root mean square over the whole frame, and \
              has risen where it is more than {:.0} % of the way from that of the first {N_REST} frames to its peak. \
              The digit's shape is not public, so nothing is simulated here.",
             differences.len(),
             100.0 * RISEN
         ),
-        rows: vec![Row {
-            what: WHAT,
-            target: TARGET,
-            measured: format!("contact in {begins} to {ends}, the difference in {first} to {last}"),
-            verdict: Verdict::of(is_near),
-        }],
-        pictures: vec![Picture {
-            path: lab.out.join("digit.png"),
-            caption: "48 of the frames in order, each above its difference from rest.".into(),
-        }],
+        rows: vec![Row::new(WHAT, TARGET, measured, is_near)],
+        pictures: vec![lab.picture("digit.png", "48 of the frames in order, each above its difference from rest.")],
     })
 }
 
@@ -69,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rise_is_told_from_noise() {
+    fn a_rise_is_separated_from_noise() {
         let mut differences: Vec<f64> = (0..40).map(|i| 1.0 + 0.02 * f64::from(i % 2)).collect();
         differences[20..=30].fill(2.0);
         (differences[19], differences[31]) = (1.05, 1.2);

@@ -5,11 +5,14 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{Lab, Picture, Row, Set, Verdict, entries, number, numbers};
+use super::{Lab, Picture, Row, Set, Source};
 use crate::error::{Error, Result};
+use crate::json::{entries, number, numbers};
 
 const FOLDER: &str = "gelsight-groove-gsmatlab";
 const TITLE: &str = "Groove plate (bench scanner, six lights)";
+const SOURCE: Source =
+    Source { repository: "https://github.com/gelsightinc/gsmatlab", path: Some("demo/groove/"), licence: "MIT" };
 const MAP: &str = "REAL/gelsight-groove-gsmatlab/heightmap_derived_514x616_f32_mm.npy";
 const REAL_SIGNS: &str = "real walls, light taken from one and tested on the others";
 const RIDGE: &str = "simulated grooves against a ridge of the same walls";
@@ -18,7 +21,7 @@ const TARGETS: [&str; 3] =
     ["all signs as the height map's", "all signs opposite", "more at a wall's foot than at its top"];
 
 /// Walls of a picture lit along them turn brighter or darker by less than this share of its level, and both
-/// walls of a groove alike: such a lamp tells nothing about their sides.
+/// walls of a groove alike: such a lamp says nothing about their sides.
 const LEAST_STRENGTH: f64 = 0.15;
 
 /// A simulated channel whose walls change by less than this is lit along them.
@@ -36,9 +39,35 @@ pub fn check(lab: &Lab) -> Result<Set> {
     };
     let images: Vec<String> = (1..=6).map(|i| format!("REAL/{FOLDER}/image{i:02}.png")).collect();
     let real = lab.json(&format!("walls {MAP} {} {SCALE}", images.join(" ")))?;
-    let channels = channels(&real)?;
+    let mut rows = vec![real_row(&real)?];
+    rows.extend(simulated_rows(&simulated(lab, &map)?)?);
+    let real_picture =
+        |name: &str, caption: &str| Picture { path: lab.real.join(FOLDER).join(name), caption: caption.into() };
+    Ok(Set {
+        title: TITLE,
+        source: Some(SOURCE),
+        about: format!(
+            "A flat plate with three grooves (0.35 to 0.41, 0.19 and 0.016 mm deep) and its measured height map, the \
+             only real recess found. Each of its {} walls gives the side on which a lamp is, which every other wall \
+             must confirm. The map is pressed 0.5 mm deep into the simulated gel of a Mini, as a plate with grooves \
+             and upside down as ridges. The map was measured with these very images, so that the real row checks that \
+             we read heights, slopes and images the right way round.",
+            entries(&real, "/walls")?.len()
+        ),
+        rows,
+        pictures: vec![
+            real_picture("image02.png", "Real, light 2."),
+            real_picture("image05.png", "Real, light 5, from the other side."),
+            lab.picture("groove.png", "Simulated under a Mini's lamps: the plate with its grooves."),
+            lab.picture("ridge.png", "The same surface upside down, as ridges: colours change sides."),
+        ],
+    })
+}
+
+/// The signs of the real walls, in the images that are lit across the grooves.
+fn real_row(real: &Value) -> Result<Row> {
     let (mut across, mut along, mut n_right, mut n_tested) = (Vec::new(), Vec::new(), 0.0, 0.0);
-    for (i, channel) in channels.iter().enumerate() {
+    for (i, channel) in channels(real)?.into_iter().enumerate() {
         if number(channel, "/strength")? < LEAST_STRENGTH {
             along.push(i + 1);
             continue;
@@ -47,72 +76,41 @@ pub fn check(lab: &Lab) -> Result<Set> {
         n_right += number(channel, "/n_right")?;
         n_tested += number(channel, "/n_tested")?;
     }
+    let measured = format!(
+        "{n_right} of {n_tested} right in images {across:?}; images {along:?} are lit along the grooves and show no side"
+    );
+    Ok(Row::new(REAL_SIGNS, TARGETS[0], measured, n_tested > 0.0 && n_right == n_tested))
+}
 
-    // The same surface upside down: its grooves are ridges.
-    upside_down(&map, &lab.out.join("ridge.npy"))?;
+/// Renders the plate, and the same surface upside down, where grooves are ridges; finds the walls of both.
+fn simulated(lab: &Lab, map: &Path) -> Result<Value> {
+    upside_down(map, &lab.out.join("ridge.npy"))?;
     lab.run(&format!("render {MAP} --as-hole {SENSOR} --out groove.png --at-rest-out groove-rest.png"))?;
     lab.run(&format!("render ridge.npy --as-peg {SENSOR} --out ridge.png"))?;
-    let simulated = lab.json(&format!("walls {MAP} groove.png ridge.png --no-contact groove-rest.png {SCALE}"))?;
-    let (mut n_opposite, mut n_compared, mut inside) = (0, 0, Vec::new());
-    let names = ["red", "green", "blue"];
-    let mut lamps = Vec::new();
-    for (channel, name) in names.into_iter().enumerate() {
+    lab.json(&format!("walls {MAP} groove.png ridge.png --no-contact groove-rest.png {SCALE}"))
+}
+
+fn simulated_rows(simulated: &Value) -> Result<[Row; 2]> {
+    let (mut n_opposite, mut n_compared, mut inside, mut lamps) = (0, 0, Vec::new(), Vec::new());
+    for (channel, name) in ["red", "green", "blue"].into_iter().enumerate() {
         let at = |picture: usize, field: &str| format!("/pictures/{picture}/channels/{channel}/{field}");
-        let [groove, ridge] = [numbers(&simulated, &at(0, "changes"))?, numbers(&simulated, &at(1, "changes"))?];
-        if number(&simulated, &at(0, "strength"))? < LEAST_SIMULATED {
+        if number(simulated, &at(0, "strength"))? < LEAST_SIMULATED {
             continue;
         }
+        let [groove, ridge] = [numbers(simulated, &at(0, "changes"))?, numbers(simulated, &at(1, "changes"))?];
         lamps.push(name);
         n_compared += groove.len();
         n_opposite += groove.iter().zip(&ridge).filter(|(groove, ridge)| *groove * *ridge < 0.0).count();
-        inside.push(number(&simulated, &at(0, "inside"))?);
+        inside.push(number(simulated, &at(0, "inside"))?);
     }
     let inside = inside.iter().sum::<f64>() / inside.len().max(1) as f64;
-    let n_walls = entries(&real, "/walls")?.len();
-    let rows = vec![
-        Row {
-            what: REAL_SIGNS,
-            target: TARGETS[0],
-            measured: format!(
-                "{n_right} of {n_tested} right in images {across:?}; images {along:?} are lit along the grooves and \
-                 tell no side"
-            ),
-            verdict: Verdict::of(n_tested > 0.0 && n_right == n_tested),
-        },
-        Row {
-            what: RIDGE,
-            target: TARGETS[1],
-            measured: format!(
-                "{n_opposite} of {n_compared} opposite, in {}, which lies across the grooves",
-                lamps.join(" and ")
-            ),
-            verdict: Verdict::of(n_compared > 0 && n_opposite == n_compared),
-        },
-        Row {
-            what: BAND,
-            target: TARGETS[2],
-            measured: format!("{:.0} % inside", 100.0 * inside),
-            verdict: Verdict::of(inside > 0.5),
-        },
-    ];
-    let picture = |path: std::path::PathBuf, caption: &str| Picture { path, caption: caption.into() };
-    Ok(Set {
-        title: TITLE,
-        about: format!(
-            "A flat plate with three grooves (0.35 to 0.41, 0.19 and 0.016 mm deep) and its measured height map, the \
-             only real recess found. Each of its {n_walls} walls gives the side on which a lamp lies, which every \
-             other wall must confirm. The map is pressed 0.5 mm deep into the simulated gel of a Mini, as a plate \
-             with grooves and upside down as ridges. The map was measured with these very images, so that the real \
-             row checks that we read heights, slopes and images the right way round."
-        ),
-        rows,
-        pictures: vec![
-            picture(lab.real.join(FOLDER).join("image02.png"), "Real, light 2."),
-            picture(lab.real.join(FOLDER).join("image05.png"), "Real, light 5, from the other side."),
-            picture(lab.out.join("groove.png"), "Simulated under a Mini's lamps: the plate with its grooves."),
-            picture(lab.out.join("ridge.png"), "The same surface upside down, as ridges: colours change sides."),
-        ],
-    })
+    let lamps = lamps.join(" and ");
+    let opposite = format!("{n_opposite} of {n_compared} opposite, in {lamps}, which is across the grooves");
+    let in_band = format!("{:.0} % inside", 100.0 * inside);
+    Ok([
+        Row::new(RIDGE, TARGETS[1], opposite, n_compared > 0 && n_opposite == n_compared),
+        Row::new(BAND, TARGETS[2], in_band, inside > 0.5),
+    ])
 }
 
 /// The only channel of each grey picture.

@@ -1,4 +1,4 @@
-//! The simulated sensor held against real images, as a page and as JSON.
+//! The simulated sensor compared with real images, as a page and as JSON.
 //!
 //! Only programs are run: what a row says is what `tactile-data` printed.
 
@@ -15,7 +15,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::error::{Error, Result};
-use crate::program;
+use crate::program::Program;
 use crate::workspace::Workspace;
 
 /// What every write-up must say.
@@ -57,10 +57,21 @@ struct Picture {
     caption: String,
 }
 
+/// Who published a set of real images.
+struct Source {
+    /// Address of the repository; the commit that the images were taken at was not recorded.
+    repository: &'static str,
+    /// Where in the repository they are, as far as it is known.
+    path: Option<&'static str>,
+    licence: &'static str,
+}
+
 /// What one set of real images shows.
 struct Set {
     title: &'static str,
-    /// Where the images come from, and what was done with them.
+    /// `None` where the set is not in the folder.
+    source: Option<Source>,
+    /// What was done with the images.
     about: String,
     rows: Vec<Row>,
     pictures: Vec<Picture>,
@@ -68,7 +79,7 @@ struct Set {
 
 /// `tactile-data`, run in the output folder on the real images.
 struct Lab {
-    program: PathBuf,
+    program: Program,
     real: PathBuf,
     out: PathBuf,
 }
@@ -80,12 +91,10 @@ pub fn validate(workspace: &Workspace, args: &ValidateArgs) -> Result<()> {
         println!("skipped: {} is not there", args.real.display());
         return Ok(());
     };
-    let out = args.out.clone().unwrap_or_else(|| workspace.target.join("validation"));
-    let out = std::path::absolute(&out).map_err(Error::io(&out))?;
-    fs::create_dir_all(&out).map_err(Error::io(&out))?;
-    workspace.build_package("tactile-data")?;
+    let out = workspace.folder(args.out.as_deref(), &workspace.target.join("validation"))?;
+    workspace.build_program("tactile-data")?;
     let lab = Lab { program: workspace.program("tactile-data"), real, out };
-    let sets = [ball::check(&lab)?, groove::check(&lab)?, cuboid::check(&lab)?, digit::check(&lab)?, elsewhere()];
+    let sets = [ball::check(&lab)?, groove::check(&lab)?, cuboid::check(&lab)?, digit::check(&lab)?];
     for row in sets.iter().flat_map(|set| &set.rows) {
         println!("{:<12} {}: {}; target {}", row.verdict.words(), row.what, row.measured, row.target);
     }
@@ -98,35 +107,17 @@ pub fn validate(workspace: &Workspace, args: &ValidateArgs) -> Result<()> {
 }
 
 fn summary(sets: &[Set]) -> Value {
-    let row = |row: &Row| json!({ "what": row.what, "target": row.target, "measured": row.measured, "verdict": row.verdict.words() });
+    let row = |Row { what, target, measured, verdict }: &Row| json!({ "what": what, "target": target, "measured": measured, "verdict": verdict.words() });
+    let source = |set: &Set| {
+        let Source { repository, path, licence } = set.source.as_ref()?;
+        Some(json!({ "set": set.title, "repository": repository, "path": path, "licence": licence, "commit": null }))
+    };
     let rows: Vec<Value> = sets.iter().flat_map(|set| &set.rows).map(row).collect();
-    json!({ "schema": "tactile-filter/validation/1", "scope": SCOPE, "rows": rows })
-}
-
-/// Two sets that others hold.
-fn elsewhere() -> Set {
-    let row = |what, target| Row { what, target, measured: "not in the folder".into(), verdict: Verdict::Missing };
-    Set {
-        title: "Flat punches and edges on a Mini",
-        about: "Two further sets are not in the folder: flat punches at four depths, and edges of 10 mm. With a \
-                height map of the part and a frame of the sensor at rest, each picture is made and judged by: \
-                tactile-data render punch.npy --map-mm-per-px 0.03,0.03 --depth-mm 1 --no-contact rest.png \
-                --out punch.png; then tactile-data compare photo.png punch.png --real-background rest.png \
-                --simulated-background rest.png --out both.png."
-            .into(),
-        rows: vec![
-            row("flat punches, four depths", "contact r at least 0.92, L1 at most 8.7"),
-            row("10 mm edges", "near the edge L1 at most 8.0, r at least 0.84"),
-        ],
-        pictures: Vec::new(),
-    }
+    let sources: Vec<Value> = sets.iter().filter_map(source).collect();
+    json!({ "schema": "tactile-filter/validation/1", "scope": SCOPE, "rows": rows, "sources": sources })
 }
 
 impl Verdict {
-    fn of(is_met: bool) -> Self {
-        if is_met { Self::Met } else { Self::FallsShort }
-    }
-
     fn words(self) -> &'static str {
         match self {
             Self::Met => "met",
@@ -136,17 +127,20 @@ impl Verdict {
     }
 }
 
+impl Row {
+    fn new(what: &'static str, target: &'static str, measured: String, is_met: bool) -> Self {
+        Self { what, target, measured, verdict: if is_met { Verdict::Met } else { Verdict::FallsShort } }
+    }
+}
+
 impl Set {
     /// A set whose folder is not there.
     fn missing(title: &'static str, rows: &[(&'static str, &'static str)]) -> Self {
         println!("skipped: {title} is not in the folder");
-        let row = |(what, target): &(&'static str, &'static str)| Row {
-            what,
-            target,
-            measured: "not in the folder".into(),
-            verdict: Verdict::Missing,
-        };
-        Self { title, about: String::new(), rows: rows.iter().map(row).collect(), pictures: Vec::new() }
+        let measured = || "not in the folder".into();
+        let row = |&(what, target): &_| Row { what, target, measured: measured(), verdict: Verdict::Missing };
+        let rows = rows.iter().map(row).collect();
+        Self { title, source: None, about: String::new(), rows, pictures: Vec::new() }
     }
 }
 
@@ -156,47 +150,28 @@ impl Lab {
         Some(self.real.join(name)).filter(|path| path.exists())
     }
 
-    /// Runs `tactile-data` in the output folder; words are parted by spaces, and `REAL/` stands for the folder of
-    /// the images.
-    fn run(&self, line: &str) -> Result<String> {
+    /// `tactile-data` with words separated by blanks; `REAL/` in a word is the folder of the images.
+    fn line(&self, line: &str) -> Program {
         println!("== tactile-data {line}");
         let real = format!("{}/", self.real.display());
-        let words: Vec<String> = line.split_whitespace().map(|word| word.replace("REAL/", &real)).collect();
-        let words: Vec<&str> = words.iter().map(String::as_str).collect();
-        program::output(self.program.as_os_str(), &words, &self.out)
+        let words = line.split_whitespace().map(|word| word.replace("REAL/", &real));
+        words.fold(self.program.clone(), Program::arg)
+    }
+
+    /// Runs a line in the output folder.
+    fn run(&self, line: &str) -> Result<()> {
+        self.line(line).output(&self.out).map(|_| ())
     }
 
     /// The same with `--json`, read.
     fn json(&self, line: &str) -> Result<Value> {
-        let text = self.run(&format!("{line} --json"))?;
-        serde_json::from_str(&text).map_err(|error| Error::invalid(line, "JSON", error.to_string()))
+        self.line(&format!("{line} --json")).json(&self.out)
     }
-}
 
-/// A number at a JSON pointer.
-fn number(value: &Value, pointer: &str) -> Result<f64> {
-    let found = value.pointer(pointer);
-    found.and_then(Value::as_f64).ok_or_else(|| Error::invalid(pointer, "a number", format!("{found:?}")))
-}
-
-/// Numbers of an array at a JSON pointer.
-fn numbers(value: &Value, pointer: &str) -> Result<Vec<f64>> {
-    let found = value.pointer(pointer);
-    let list = found.and_then(Value::as_array);
-    let list = list.and_then(|list| list.iter().map(Value::as_f64).collect());
-    list.ok_or_else(|| Error::invalid(pointer, "an array of numbers", format!("{found:?}")))
-}
-
-/// Entries of an array at a JSON pointer.
-fn entries<'a>(value: &'a Value, pointer: &str) -> Result<&'a [Value]> {
-    let found = value.pointer(pointer);
-    let list = found.and_then(Value::as_array).map(Vec::as_slice);
-    list.ok_or_else(|| Error::invalid(pointer, "an array", format!("{found:?}")))
-}
-
-/// Removes a folder of an earlier run.
-fn remove(folder: &Path) -> Result<()> {
-    if folder.exists() { fs::remove_dir_all(folder).map_err(Error::io(folder)) } else { Ok(()) }
+    /// A picture in the output folder.
+    fn picture(&self, name: &str, caption: impl Into<String>) -> Picture {
+        Picture { path: Path::new(&self.out).join(name), caption: caption.into() }
+    }
 }
 
 #[cfg(test)]
@@ -204,19 +179,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_found_by_pointer_or_named_in_the_error() {
-        let value = json!({ "a": { "b": 1.5, "c": [1, 2] } });
-        assert_eq!(number(&value, "/a/b").unwrap(), 1.5);
-        assert_eq!(numbers(&value, "/a/c").unwrap(), [1.0, 2.0]);
-        assert!(number(&value, "/a/d").unwrap_err().to_string().starts_with("/a/d: expected a number"));
-        assert!(numbers(&value, "/a/b").is_err());
-    }
-
-    #[test]
-    fn the_summary_holds_each_row_with_its_verdict() {
-        let rows = summary(&[elsewhere()]);
-        assert_eq!(rows["rows"].as_array().unwrap().len(), 2);
-        assert_eq!(rows["rows"][0]["verdict"], "not there");
-        assert!(rows["scope"].as_str().unwrap().contains("No public real image of a letter"));
+    fn the_summary_holds_each_row_with_its_verdict_and_each_source() {
+        let source = Source { repository: "https://a.org/b", path: Some("c"), licence: "MIT" };
+        let known = Set { source: Some(source), ..Set::missing("Known", &[]) };
+        let summary = summary(&[Set::missing("Missing", &[("a", "b"), ("c", "d")]), known]);
+        assert_eq!(summary["rows"].as_array().unwrap().len(), 2);
+        assert_eq!(summary["rows"][0]["verdict"], "not there");
+        assert_eq!(summary["sources"].as_array().unwrap().len(), 1);
+        assert_eq!(summary["sources"][0]["licence"], "MIT");
+        assert!(summary["scope"].as_str().unwrap().contains("No public real image of a letter"));
     }
 }
