@@ -9,7 +9,7 @@ use tactile_data::touch::Side;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::episode::{Decision, Episode, EpisodeConfig, Estimate, Eye, StopReason};
 use tactile_filter::particle::ParticleConfig;
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
 use tactile_infer::{DeviceKind, Model};
 use tactile_tests::samples::Sample;
 
@@ -22,7 +22,7 @@ struct Bench {
 
 impl Bench {
     fn new(sample: &Sample) -> Self {
-        let model = Model::load(&sample.folder().join("model/model.safetensors"), DeviceKind::Flex).unwrap();
+        let model = Model::load(&sample.folder().join("model/model.safetensors")).unwrap();
         let bank = Bank::load(&sample.folder().join("pegs.bank"), &model).unwrap();
         let simulator = Simulator::new(Scene::load(&sample.at("two.toml")).unwrap(), 1).unwrap();
         Self { simulator, model, bank }

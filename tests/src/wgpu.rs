@@ -10,7 +10,7 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::encoder::NetworkConfig;
+use tactile_infer::architecture::NetworkConfig;
 use tactile_infer::{DeviceKind, Model};
 use tactile_tests::programs::workspace;
 use tactile_train::config::TrainConfig;
@@ -32,7 +32,7 @@ fn touches(model: &Model) -> Vec<TactileImage> {
 #[test]
 fn the_shipped_model_embeds_alike_on_cpu_and_card() {
     let path = workspace().join("infer/models/maze-small.safetensors");
-    let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| Model::load(&path, device).unwrap());
+    let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| Model::load_on(&path, device).unwrap());
     let images = touches(&cpu);
     for (side, a, b) in [
         ("holes", cpu.embed_holes(&images).unwrap(), card.embed_holes(&images).unwrap()),

@@ -10,7 +10,8 @@ use std::collections::HashMap;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Tensor};
-use tactile_infer::encoder::{Encoder, Network, NetworkConfig, tensors_of, with_tensors};
+use tactile_infer::architecture::NetworkConfig;
+use tactile_infer::network::{Encoder, Network, tensors_of, with_tensors};
 
 use crate::error::Result;
 use crate::info_nce::info_nce;
@@ -153,7 +154,7 @@ mod tests {
     use super::*;
     use burn::tensor::TensorData;
     use tactile_infer::DeviceKind;
-    use tactile_infer::encoder::NamedTensor;
+    use tactile_infer::safefile::NamedTensor;
 
     const CONFIG: NetworkConfig = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
 

@@ -7,7 +7,8 @@ use std::time::Instant;
 use burn::module::Module;
 use burn::tensor::Device;
 use tactile_data::store::Dataset;
-use tactile_infer::checkpoint::{Model, Provenance};
+use tactile_infer::Model;
+use tactile_infer::checkpoint::Provenance;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{Checkpoint, DeviceKind};
 

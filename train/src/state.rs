@@ -7,7 +7,7 @@ use burn::module::Module;
 use burn::optim::{AdamWConfig, LambConfig, ModuleOptimizer};
 use burn::store::ModuleRecord;
 use burn::tensor::{Bytes, Device};
-use tactile_infer::encoder::{Encoder, Network, tensors_of};
+use tactile_infer::network::{Encoder, Network, tensors_of};
 use tactile_infer::safefile::SafeFile;
 
 use crate::config::{Optimizer, TrainConfig};
@@ -69,16 +69,17 @@ impl State {
     pub fn load(path: &Path, config: &TrainConfig, dataset_sha256: &str, device: &Device) -> Result<Self> {
         let name = path.display().to_string();
         let file = SafeFile::load(path, SCHEMA)?;
-        let (saved, asked) = (file.text(path, "config")?, config.to_toml()?);
+        let text = |name: &str| file.text(name).map_err(|error| error.within(path.display()));
+        let (saved, asked) = (text("config")?, config.to_toml()?);
         if saved != asked {
             let expected = format!("the settings it began with, {}", only_in(saved, &asked));
             return Err(Error::invalid(name, expected, only_in(&asked, saved)));
         }
-        let saved_data = file.text(path, "dataset_sha256")?;
+        let saved_data = text("dataset_sha256")?;
         if saved_data != dataset_sha256 {
             return Err(Error::invalid(name, format!("the dataset it began with, {saved_data}"), dataset_sha256));
         }
-        let step = file.text(path, "step")?;
+        let step = text("step")?;
         let step = step.parse().map_err(|_| Error::invalid(&name, "a number of steps", step))?;
         let blob = |key: &str| {
             let found = file.blobs.iter().find(|(name, _)| name == key);

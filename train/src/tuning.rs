@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::bank::{Bank, frames_by_row, tactile_images};
-use tactile_infer::checkpoint::Model;
+use tactile_infer::recorded::{bank_of_dataset, frames_by_row, tactile_images};
+use tactile_infer::Model;
 use tactile_infer::matching::best;
 use tactile_infer::similarity::part_mating;
 
@@ -80,7 +80,7 @@ impl<'a> Tuning<'a> {
 
     /// Share of holes whose nearest peg by cosine, of all parts at all poses, is of the right part, 0..=1.
     pub fn accuracy(&self, model: &Model) -> Result<f64> {
-        let bank = Bank::build(model, self.pegs, &|_, _| ())?;
+        let bank = bank_of_dataset(model, self.pegs, &|_, _| ())?;
         let background = model.background(self.holes.no_contact())?;
         let mut n_right = 0;
         for frames in self.chosen.chunks(256) {
