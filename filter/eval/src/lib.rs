@@ -8,6 +8,7 @@ pub mod baselines;
 pub mod error;
 pub mod evaluate;
 pub mod extremes;
+pub mod fits;
 pub mod gathered;
 pub mod replay;
 pub mod report;
