@@ -19,7 +19,7 @@ pub struct EmbedArgs {
     /// Checkpoint written by tactile-train.
     #[arg(long)]
     model: PathBuf,
-    /// The sensor at rest, from the same camera: what a touch changed is told from it.
+    /// The sensor at rest, from the same camera: what a touch changed is measured against it.
     #[arg(long)]
     no_contact: Option<PathBuf>,
     /// Embed as touches of holes (queries) or as views of pegs (keys).
@@ -96,7 +96,7 @@ impl EmbedArgs {
     /// What the network sees of each picture.
     fn tactile_images(&self, model: &Model) -> Result<Vec<TactileImage>> {
         let rest = self.no_contact.as_ref().ok_or_else(|| {
-            let expected = "a picture of the sensor at rest, which a touch is told from";
+            let expected = "a picture of the sensor at rest, that a touch is compared with";
             Error::invalid("--no-contact", expected, "none")
         })?;
         let background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;

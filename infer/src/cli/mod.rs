@@ -250,7 +250,7 @@ fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
         calibration.nll_nats, calibration.chance_nats, calibration.n_holes
     );
     if let Some(Gap { mean, sd }) = calibration.gap {
-        println!("  the view touched lies {mean:.3} below the best, standard deviation {sd:.3}");
+        println!("  the view touched is {mean:.3} below the best, standard deviation {sd:.3}");
     }
     Ok(())
 }
