@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::recorded::{bank_of_dataset, frames_by_row, tactile_images};
 use tactile_infer::Model;
 use tactile_infer::matching::best;
+use tactile_infer::recorded::{bank_of_dataset, frames_by_row, tactile_images};
 use tactile_infer::similarity::part_mating;
 
 use crate::error::{Error, Result};
