@@ -16,7 +16,7 @@ const CONTACT_PX: [usize; 2] = [40, 30];
 ///
 /// On recorded presses of a GelSight Mini no pixel at rest passes for an edge, in any frame, even with a
 /// single palette-quantised frame to compare with; the first visible touch of a point, less than 1 mm
-/// wide, gives 4. What lies below is a dead pixel or a speck of dust.
+/// wide, gives 4. What is below is a dead pixel or a speck of dust.
 pub const CONTACT_SHARE: f32 = 0.0025;
 
 /// How one frame of a dataset differs from the sensor at rest.
@@ -42,7 +42,7 @@ impl FrameContact {
     }
 }
 
-/// Compares every frame with rest, in order; an error stands in for a frame that cannot be compared
+/// Compares every frame with rest, in order; an error replaces a frame that cannot be compared
 /// (black, white or constant). Fails where the no-contact frame itself is of no use.
 pub fn measure(dataset: &Dataset) -> Result<Vec<Result<FrameContact>>> {
     let [width, height] = dataset.meta().frame_px;
@@ -70,9 +70,6 @@ pub fn contact_runs(frames: &[Result<FrameContact>]) -> Vec<RangeInclusive<usize
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::{Path, PathBuf};
-
-    use crate::recording::folder::{FIELD_OF_VIEW_MM, Import, NoContact, import};
 
     fn frame(edge_share: f32) -> Result<FrameContact> {
         Ok(FrameContact { edge_share, difference_rms: 0.0 })
@@ -89,46 +86,5 @@ mod tests {
     fn rms_is_over_pixels_and_channels() {
         let image = TactileImage { size_px: [1, 1], planes: vec![2.0, -1.0, 2.0], edge_share: 0.0 };
         assert!((FrameContact::of(&image).difference_rms - 3.0_f32.sqrt()).abs() < 1e-6);
-    }
-
-    /// The folder of recorded GelSight images, where this machine has it.
-    fn real_gelsight() -> Option<PathBuf> {
-        let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/real-gelsight");
-        let folder = std::env::var_os("TACTILE_REAL_GELSIGHT").map_or(beside, PathBuf::from);
-        if !folder.is_dir() {
-            println!("skipped: no recorded images at {}", folder.display());
-            return None;
-        }
-        Some(folder)
-    }
-
-    fn contact_in(source: &Path, no_contact: NoContact) -> (usize, Vec<RangeInclusive<usize>>) {
-        let folder = tempfile::tempdir().unwrap();
-        let out = folder.path().join("data");
-        let how = Import { index: None, no_contact, frame_px: None, field_of_view_mm: FIELD_OF_VIEW_MM };
-        import(source, &how, &out, &|_, _| {}).unwrap();
-        let dataset = Dataset::open(&out).unwrap();
-        (dataset.len(), contact_runs(&measure(&dataset).unwrap()))
-    }
-
-    #[test]
-    fn a_recorded_press_is_contact_exactly_while_the_digit_is_seen() {
-        let Some(real) = real_gelsight() else { return };
-        let press = real.join("gsmini-digits-tactilemnist/tactile-mnist-touch-real-seq-t256-320x240.gif");
-        // By eye: a point of the stroke appears in frame 32 and the last of it fades after frame 50.
-        for no_contact in [NoContact::Guess, NoContact::First(1)] {
-            assert_eq!(contact_in(&press, no_contact), (56, vec![32..=50]));
-        }
-    }
-
-    #[test]
-    fn other_recorded_presses_are_contact() {
-        let Some(real) = real_gelsight() else { return };
-        let feats = real.join("gsmini-markergel-feats");
-        let at_rest = feats.join("nocontact_train_sensor_derived.png");
-        assert_eq!(contact_in(&feats, NoContact::File(at_rest)), (1, vec![0..=0]));
-        let balls = real.join("gelsight-ball-fots");
-        let at_rest = balls.join("gelsight_bg.png");
-        assert_eq!(contact_in(&balls.join("images"), NoContact::File(at_rest)), (42, vec![0..=41]));
     }
 }

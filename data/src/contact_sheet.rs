@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use crate::error::{Error, Result};
 use crate::frame::{Background, Frame, Preprocessing};
 use crate::picture;
+use crate::sheet::{LINE_PX, Sheet, amplified};
 use crate::store::Dataset;
 use crate::touch::{Side, Touch};
 
@@ -16,15 +17,11 @@ const MAX_TILE_PX: usize = 160;
 const GAP_PX: usize = 2;
 /// Gap round samples and pairs, pixels.
 const MARGIN_PX: usize = 12;
-/// Grey of the paper, counts.
-pub(crate) const PAPER: u8 = 32;
-/// Amplification of a difference, so that the usual 40 to 60 counts of an edge nearly fill the range
-/// of 128 either way.
-const DIFFERENCE_GAIN: f32 = 2.0;
-
+/// Lines of text below a sample.
+const N_LINES: usize = 2;
 /// Draws up to 48 samples spread evenly over a dataset: each frame, and below it its signed
-/// difference from rest, amplified on mid-grey. Where a hole and a peg were touched at one pose, the
-/// two stand side by side, hole first. A frame that cannot be compared with rest keeps a grey below.
+/// difference from rest, amplified on mid-grey, and what is known of it. Where a hole and a peg were touched at
+/// one pose, the two are side by side, hole first. A frame that cannot be compared with rest has plain grey below.
 pub fn draw(dataset: &Dataset) -> Result<Frame> {
     let groups = samples(dataset.touches());
     let Some(group_len) = groups.first().map(Vec::len) else {
@@ -36,7 +33,7 @@ pub fn draw(dataset: &Dataset) -> Result<Frame> {
     let longest = width.max(height);
     let tile = [width, height].map(|side| (side * MAX_TILE_PX.min(longest) / longest).max(1));
     let background = Background::new(dataset.no_contact(), &Preprocessing::counts(tile))?;
-    let group_px = [group_len * (tile[0] + GAP_PX) - GAP_PX, 2 * tile[1] + GAP_PX];
+    let group_px = [group_len * (tile[0] + GAP_PX) - GAP_PX, 2 * (tile[1] + GAP_PX) + N_LINES * LINE_PX];
     let mut sheet =
         Sheet::new([n_columns * (group_px[0] + MARGIN_PX) + MARGIN_PX, n_rows * (group_px[1] + MARGIN_PX) + MARGIN_PX]);
     for (at, group) in groups.iter().enumerate() {
@@ -46,9 +43,24 @@ pub fn draw(dataset: &Dataset) -> Result<Frame> {
             let frame = dataset.frame(i);
             sheet.put([x, y], &picture::resize(&frame, tile)?);
             sheet.put([x, y + tile[1] + GAP_PX], &difference(&background, &frame, tile)?);
+            for (line, text) in label(i, dataset.touch(i)).iter().enumerate() {
+                sheet.write([x, y + 2 * (tile[1] + GAP_PX) + line * LINE_PX], tile[0], text)?;
+            }
         }
     }
     sheet.into_frame()
+}
+
+/// What is known of a frame: its number, part and side, and its pose.
+fn label(i: usize, touch: &Touch) -> [String; N_LINES] {
+    let side = touch.side.map_or("", |side| if side == Side::Hole { " hole" } else { " peg" });
+    let part = touch.part.as_ref().map_or(String::new(), |part| format!(" {part}"));
+    let pose = touch.part_from_sensor.map_or(String::new(), |pose| {
+        // Zero without a sign.
+        let [x, y, deg] = [pose.x_mm, pose.y_mm, pose.theta_deg()].map(|v| (v * 10.0).round() / 10.0 + 0.0);
+        format!("{x}, {y} mm {deg}\u{b0}")
+    });
+    [format!("{i}:{part}{side}"), pose]
 }
 
 /// Which frames to show: hole and peg of one pose in pairs where there are any, else singly, evenly
@@ -78,38 +90,6 @@ fn difference(background: &Background, frame: &Frame, [width, height]: [usize; 2
         Err(_) => vec![0.0; 3 * n_pixels],
     };
     amplified(&counts, [width, height])
-}
-
-/// Differences, interleaved RGB in counts, amplified on mid-grey.
-pub(crate) fn amplified(counts: &[f32], [width, height]: [usize; 2]) -> Result<Frame> {
-    // The conversion to u8 saturates.
-    let rgb = counts.iter().map(|counts| (128.0 + DIFFERENCE_GAIN * counts).round() as u8).collect();
-    Frame::new(width, height, rgb)
-}
-
-/// Frames on dark paper.
-pub(crate) struct Sheet {
-    size_px: [usize; 2],
-    rgb: Vec<u8>,
-}
-
-impl Sheet {
-    pub(crate) fn new(size_px: [usize; 2]) -> Self {
-        Self { size_px, rgb: vec![PAPER; 3 * size_px[0] * size_px[1]] }
-    }
-
-    /// Copies a frame in, its top left corner at `x`, `y`; it must lie inside.
-    pub(crate) fn put(&mut self, [x, y]: [usize; 2], frame: &Frame) {
-        let line_len = 3 * frame.width_px();
-        for (row, line) in frame.rgb().chunks(line_len).enumerate() {
-            let start = 3 * ((y + row) * self.size_px[0] + x);
-            self.rgb[start..start + line_len].copy_from_slice(line);
-        }
-    }
-
-    pub(crate) fn into_frame(self) -> Result<Frame> {
-        Frame::new(self.size_px[0], self.size_px[1], self.rgb)
-    }
 }
 
 #[cfg(test)]
@@ -144,13 +124,5 @@ mod tests {
         let touches: Vec<Touch> = (0..480).map(|i| touch("A", Side::Peg, f64::from(i))).collect();
         let shown = samples(&touches);
         assert_eq!((shown.len(), &shown[0], &shown[47]), (48, &vec![0], &vec![470]));
-    }
-
-    #[test]
-    fn pictures_are_copied_to_their_place() {
-        let mut sheet = Sheet::new([3, 2]);
-        sheet.put([1, 1], &Frame::new(2, 1, vec![1, 2, 3, 4, 5, 6]).unwrap());
-        let expected = [[PAPER; 12].as_slice(), &[1, 2, 3, 4, 5, 6]].concat();
-        assert_eq!(sheet.into_frame().unwrap().rgb(), expected);
     }
 }

@@ -19,6 +19,14 @@ pub enum Error {
         /// What came.
         got: String,
     },
+    /// A frame of the sensor cannot be used.
+    #[error("{what}: {fault}")]
+    Frame {
+        /// Which frame.
+        what: String,
+        /// What is wrong with it.
+        fault: FrameFault,
+    },
     /// The operating system refused to read or write.
     #[error("{}: {source}", path.display())]
     Io {
@@ -38,16 +46,51 @@ pub enum Error {
     },
 }
 
+/// What is wrong with a frame of the sensor. Counts are 0 to 255, over all channels.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FrameFault {
+    /// The lamps are off: hardly any light, or far less than in the frame at rest.
+    #[error("expected a lit picture, got a dark one with a mean of {mean_counts:.1} counts of 255")]
+    Dark {
+        /// Mean of the frame, counts.
+        mean_counts: f32,
+    },
+    /// The camera is blinded, or exposes for too long.
+    #[error("expected a lit picture, got a saturated one with a mean of {mean_counts:.1} counts of 255")]
+    Saturated {
+        /// Mean of the frame, counts.
+        mean_counts: f32,
+    },
+    /// All values are nearly the same, which no picture of a sensor is.
+    #[error("expected a picture with some contrast, got a uniform one of {lowest} to {highest} counts")]
+    Uniform {
+        /// Lowest value, counts.
+        lowest: u8,
+        /// Highest value, counts.
+        highest: u8,
+    },
+    /// The frame has another size than the sensor's frame at rest.
+    #[error("expected {}x{} pixels, got {}x{}", expected[0], expected[1], got[0], got[1])]
+    WrongSize {
+        /// Width and height of the frame at rest, pixels.
+        expected: [usize; 2],
+        /// Width and height of this frame, pixels.
+        got: [usize; 2],
+    },
+}
+
 impl Error {
     /// A value of `what` that does not make sense.
     pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
         Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
     }
 
-    /// The same error with the file or field that it lies in before what is wrong.
+    /// The same error, with the file or field where it happened in front.
     pub fn within(self, place: impl std::fmt::Display) -> Self {
         match self {
             Self::Invalid { what, expected, got } => Self::Invalid { what: format!("{place}: {what}"), expected, got },
+            Self::Frame { what, fault } => Self::Frame { what: format!("{place}: {what}"), fault },
             other => Self::invalid(place.to_string(), "a file that can be read", other.to_string()),
         }
     }

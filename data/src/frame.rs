@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, FrameFault, Result};
 
 /// One RGB frame of a tactile camera, 8 bits a channel, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl Frame {
 }
 
 /// How frames become network inputs; saved with the model, so that simulated, recorded and live
-/// frames are treated alike.
+/// frames are treated the same way.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preprocessing {
@@ -83,7 +83,7 @@ pub struct TactileImage {
     /// `[3, height, width]`.
     pub planes: Vec<f32>,
     /// Share of pixels whose difference from rest exceeds [`EDGE_COUNTS`] in some channel, 0..=1:
-    /// how much of the view shows an edge. Nought at rest, and on a plate or a face without edges.
+    /// how much of the view shows an edge. Zero at rest, and on a plate or a face without edges.
     pub edge_share: f32,
 }
 
@@ -91,18 +91,32 @@ pub struct TactileImage {
 /// averages below 1 at the network's resolution; an edge pressed 0.5 mm deep makes 40 to 90.
 pub const EDGE_COUNTS: f32 = 8.0;
 
+/// The mean of a lit frame is above this, counts. A camera whose lamps are off shows noise of 10 to 16 counts;
+/// a GelSight Mini at half its usual exposure has a mean of about 45.
+const DARK_COUNTS: f32 = 20.0;
+
+/// The mean of a touch is at least this share of the mean at rest: exposure drifts by a fifth, not to a fifth.
+const DARK_SHARE: f32 = 0.2;
+
+/// A frame with a mean above this is saturated, counts.
+const SATURATED_COUNTS: f32 = 235.0;
+
+/// Between the lowest and the highest value of a picture are at least this many counts.
+const LEAST_CONTRAST_COUNTS: u8 = 8;
+
 /// The sensor at rest: the no-contact frame, reduced once to the network's resolution.
 #[derive(Clone, Debug)]
 pub struct Background {
     frame_px: [usize; 2],
+    mean_counts: f32,
     preprocessing: Preprocessing,
     planes: Vec<f32>,
 }
 
 impl Background {
-    /// Prepares the no-contact frame. Fails where it is too dark or saturated to subtract.
+    /// Prepares the no-contact frame. Fails with [`Error::Frame`] where it is dark, saturated or uniform.
     pub fn new(no_contact: &Frame, preprocessing: &Preprocessing) -> Result<Self> {
-        check_lit(no_contact, "no-contact frame")?;
+        let mean_counts = check_lit(no_contact, "no-contact frame", DARK_COUNTS)?;
         let [width, height] = preprocessing.input_px;
         if width == 0 || height == 0 || width > no_contact.width_px || height > no_contact.height_px {
             return Err(Error::invalid(
@@ -116,9 +130,15 @@ impl Background {
         }
         Ok(Self {
             frame_px: [no_contact.width_px, no_contact.height_px],
+            mean_counts,
             preprocessing: preprocessing.clone(),
             planes: area_average(no_contact, preprocessing.input_px),
         })
+    }
+
+    /// Width and height of the frame at rest, and so of every frame of this sensor, pixels.
+    pub fn frame_px(&self) -> [usize; 2] {
+        self.frame_px
     }
 
     /// Subtracts the frame at rest: area average to the input size, exposure compensated per
@@ -127,22 +147,22 @@ impl Background {
     /// Exposure: the whole frame's gain drifts by -8..+19 % (Sec. 4 of the sensor notes), so each
     /// channel is divided by the median of its ratio to the frame at rest; most of a view is flat
     /// and flat contact does not change colour, so the median is the drift.
+    ///
+    /// Fails with [`Error::Frame`] where the frame is dark, saturated, uniform or of another size.
     pub fn tactile_image(&self, frame: &Frame) -> Result<TactileImage> {
-        if [frame.width_px, frame.height_px] != self.frame_px {
-            return Err(Error::invalid(
-                "frame",
-                format!("{}x{} pixels as the no-contact frame", self.frame_px[0], self.frame_px[1]),
-                format!("{}x{}", frame.width_px, frame.height_px),
-            ));
+        let got = [frame.width_px, frame.height_px];
+        if got != self.frame_px {
+            let fault = FrameFault::WrongSize { expected: self.frame_px, got };
+            return Err(Error::Frame { what: "frame".to_owned(), fault });
         }
-        check_lit(frame, "frame")?;
+        check_lit(frame, "frame", DARK_COUNTS.max(DARK_SHARE * self.mean_counts))?;
         let [width, height] = self.preprocessing.input_px;
         let n_pixels = width * height;
         let mut planes = area_average(frame, self.preprocessing.input_px);
         let mut ratios = Vec::with_capacity(n_pixels);
         for (plane, rest) in planes.chunks_mut(n_pixels).zip(self.planes.chunks(n_pixels)) {
             ratios.clear();
-            // The bits of numbers that are not negative lie in the numbers' order, and are found faster.
+            // The bits of numbers that are not negative have the numbers' order, and are found faster.
             ratios.extend(plane.iter().zip(rest).map(|(p, r)| (p / r.max(1.0)).to_bits()));
             let (_, gain, _) = ratios.select_nth_unstable(n_pixels / 2);
             let gain = f32::from_bits(*gain).clamp(0.5, 2.0);
@@ -160,18 +180,22 @@ impl Background {
     }
 }
 
-/// A frame that is all black, all white or constant says nothing: the camera is off or blinded.
-fn check_lit(frame: &Frame, what: &str) -> Result<()> {
-    let (min, max) = frame.rgb.iter().fold((255, 0), |(lo, hi), &v| (v.min(lo), v.max(hi)));
-    if max - min < 8 {
-        let got = match (min, max) {
-            (_, 0..=8) => "all black".to_owned(),
-            (247.., _) => "all white".to_owned(),
-            _ => format!("constant ({min}..{max})"),
-        };
-        return Err(Error::invalid(what, "a lit picture with some contrast", got));
-    }
-    Ok(())
+/// The mean of a frame, counts. Fails where it is below `least_counts`, or where the frame is saturated or
+/// uniform: the camera or its lamps are off, or it is blinded.
+fn check_lit(frame: &Frame, what: &str, least_counts: f32) -> Result<f32> {
+    let (lowest, highest) = frame.rgb.iter().fold((255, 0), |(low, high), &v| (v.min(low), v.max(high)));
+    let sum: u64 = frame.rgb.iter().map(|v| u64::from(*v)).sum();
+    let mean_counts = (sum as f64 / frame.rgb.len() as f64) as f32;
+    let fault = if mean_counts < least_counts {
+        FrameFault::Dark { mean_counts }
+    } else if mean_counts > SATURATED_COUNTS {
+        FrameFault::Saturated { mean_counts }
+    } else if highest - lowest < LEAST_CONTRAST_COUNTS {
+        FrameFault::Uniform { lowest, highest }
+    } else {
+        return Ok(mean_counts);
+    };
+    Err(Error::Frame { what: what.to_owned(), fault })
 }
 
 /// Area average of a frame to `[3, height, width]`, counts. Fractional pixels are shared out.
@@ -267,15 +291,52 @@ mod tests {
         assert!((mean(&small[..28]) - mean(&all)).abs() < 1e-3);
     }
 
-    #[test]
-    fn useless_frames_are_refused_with_the_reason() {
-        let rest = gradient(32, 24, 1.0);
-        let background = Background::new(&rest, &Preprocessing::counts([8, 6])).unwrap();
-        for (value, reason) in [(0, "all black"), (255, "all white"), (90, "constant")] {
-            let frame = Frame::new(32, 24, vec![value; 3 * 32 * 24]).unwrap();
-            assert!(background.tactile_image(&frame).unwrap_err().to_string().contains(reason));
+    /// Noise of `lowest..=highest` counts from a linear congruential generator.
+    fn noise(lowest: u8, highest: u8) -> Frame {
+        let mut state = 1_u32;
+        let mut draw = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            lowest + ((state >> 16) % u32::from(highest - lowest + 1)) as u8
+        };
+        Frame::new(32, 24, (0..3 * 32 * 24).map(|_| draw()).collect()).unwrap()
+    }
+
+    fn fault<T: std::fmt::Debug>(result: Result<T>) -> FrameFault {
+        match result.unwrap_err() {
+            Error::Frame { fault, .. } => fault,
+            other => panic!("{other}"),
         }
-        let other = gradient(16, 24, 1.0);
-        assert!(background.tactile_image(&other).unwrap_err().to_string().contains("16x24"));
+    }
+
+    #[test]
+    fn frames_that_show_nothing_are_refused_with_the_fault() {
+        let counts = Preprocessing::counts([8, 6]);
+        let background = Background::new(&gradient(32, 24, 1.0), &counts).unwrap();
+        // Noise of a camera whose lamps are off, with and without an offset of black.
+        for dark in [noise(0, 0), noise(0, 16), noise(10, 16), noise(0, 32)] {
+            assert!(
+                matches!(fault(background.tactile_image(&dark)), FrameFault::Dark { mean_counts } if mean_counts < 17.0)
+            );
+            assert!(matches!(fault(Background::new(&dark, &counts)), FrameFault::Dark { .. }));
+        }
+        for white in [noise(255, 255), noise(230, 255)] {
+            assert!(
+                matches!(fault(background.tactile_image(&white)), FrameFault::Saturated { mean_counts } if mean_counts > 235.0)
+            );
+        }
+        assert_eq!(fault(background.tactile_image(&noise(87, 94))), FrameFault::Uniform { lowest: 87, highest: 94 });
+        let wrong_size = FrameFault::WrongSize { expected: [32, 24], got: [16, 24] };
+        assert_eq!(fault(background.tactile_image(&gradient(16, 24, 1.0))), wrong_size);
+    }
+
+    #[test]
+    fn a_frame_far_darker_than_at_rest_is_refused_and_half_its_exposure_is_not() {
+        let counts = Preprocessing::counts([8, 6]);
+        let bright = Background::new(&gradient(32, 24, 2.0), &counts).unwrap();
+        let dim = |gain| bright.tactile_image(&gradient(32, 24, gain));
+        assert!(matches!(fault(dim(0.35)), FrameFault::Dark { .. }));
+        assert!(dim(1.0).is_ok() && dim(0.5).is_ok());
+        // A Mini at half its exposure: about 45 counts.
+        Background::new(&gradient(32, 24, 0.48), &counts).unwrap();
     }
 }

@@ -4,19 +4,19 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
-use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
-use crate::fragment::Fragment;
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
+use crate::output;
+use crate::random::{around_zero, frame_rng};
 use crate::scene::{MazeBoards, Parts, Scene};
 use crate::se2::Se2;
-use crate::shard::Shard;
-use crate::simulator::{Simulator, frame_rng};
+use crate::shard::{Fragment, Shard};
+use crate::simulator::Simulator;
 use crate::store::{Dataset, DatasetWriter, Meta};
 use crate::touch::{Side, Touch};
 
@@ -43,55 +43,81 @@ pub enum Places {
     Anywhere(usize),
 }
 
+/// Which touches of a scene's parts a dataset holds. MAZE boards are always touched in pairs all over them.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampling<'a> {
+    /// The sides of each part of a kit.
+    pub sides: &'a [Side],
+    /// The places on each side.
+    pub places: Places,
+    /// Draws boards, places, jitter and noise.
+    pub seed: u64,
+}
+
+/// The most touches of one dataset: each draws from a stream of random numbers of its own.
+const MOST_TOUCHES: usize = 1 << 32;
+
+/// The number of touches of a scene's dataset, `usize::MAX` at most. Fails where there is none.
+fn n_touches(scene: &Scene, sides: &[Side], places: Places) -> Result<usize> {
+    let n = match (&scene.parts, scene.reach, places) {
+        (Parts::Maze(boards), ..) => boards.n_pairs.saturating_mul(2),
+        (_, Some(reach), Places::EachPose) => scene.part_names().len() * sides.len() * reach.len(),
+        (_, Some(_), Places::Anywhere(n)) => (scene.part_names().len() * sides.len()).saturating_mul(n),
+        (_, None, _) => return Err(Error::invalid("reach", "a grid of poses for each part", "none")),
+    };
+    if n == 0 {
+        return Err(Error::invalid("--sides, --anywhere", "a side and a place to touch", "none"));
+    }
+    Ok(n)
+}
+
 /// The touches of a scene's dataset, in order: pairs all over MAZE boards, or `sides` of each part of a kit
-/// at `places`. Fails where there is none.
+/// at `places`. Fails where there is none, or more than 2^32.
 pub fn plan(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<Vec<Planned>> {
-    let planned: Vec<Planned> = match (&scene.parts, scene.reach) {
-        (Parts::Maze(boards), _) => pairs(scene, boards, seed),
-        (_, Some(reach)) => {
-            let n_poses = match places {
-                Places::EachPose => reach.len(),
-                Places::Anywhere(n) => n,
-            };
-            let pose = move |part: usize, side: Side, i: usize| match places {
-                Places::EachPose => reach.pose(i),
-                Places::Anywhere(_) => {
-                    let stream = ((2 * part + usize::from(side == Side::Peg)) << 32) + i;
-                    anywhere(&reach, &mut frame_rng(seed ^ 0x61_6e_79, stream as u64))
-                }
-            };
-            let touches = move |part, side| {
-                (0..n_poses).map(move |i| Planned { part, side, part_from_sensor: pose(part, side, i) })
-            };
-            let of_part = |part| sides.iter().flat_map(move |side| touches(part, *side));
-            (0..scene.part_names().len()).flat_map(of_part).collect()
-        }
+    let n = n_touches(scene, sides, places)?;
+    if n > MOST_TOUCHES {
+        let expected = format!("at most {MOST_TOUCHES} touches");
+        return Err(Error::invalid("--pairs, --anywhere", expected, n.to_string()));
+    }
+    let reach = match (&scene.parts, scene.reach) {
+        (Parts::Maze(boards), _) => return Ok(pairs(scene, boards, seed)),
+        (_, Some(reach)) => reach,
         (_, None) => return Err(Error::invalid("reach", "a grid of poses for each part", "none")),
     };
-    if planned.is_empty() {
-        return Err(Error::invalid("--sides, --anywhere", "a side and a place to touch", "none"));
+    let n_poses = match places {
+        Places::EachPose => reach.len(),
+        Places::Anywhere(n) => n,
+    };
+    let pose = |part: usize, side: Side, i: usize| match places {
+        Places::EachPose => reach.pose(i),
+        Places::Anywhere(_) => {
+            let stream = ((2 * part + usize::from(side == Side::Peg)) << 32) + i;
+            anywhere(&reach, &mut frame_rng(seed ^ 0x61_6e_79, stream as u64))
+        }
+    };
+    let mut planned = Vec::new();
+    for part in 0..scene.part_names().len() {
+        for side in sides {
+            planned.extend((0..n_poses).map(|i| Planned { part, side: *side, part_from_sensor: pose(part, *side, i) }));
+        }
     }
     Ok(planned)
 }
 
 /// A pose drawn from the range of a grid.
 fn anywhere(reach: &PoseGrid, rng: &mut ChaCha8Rng) -> Se2 {
-    let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+    let mut around = |half| around_zero(rng, half);
     Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg))
 }
 
-/// Renders a scene into a dataset folder and returns the number of frames. `sides` and `places` say what
-/// of a kit's parts to touch; MAZE boards are always touched in pairs, the hole and then the peg at one pose.
-/// The same seed writes the same bytes, whatever the number of threads.
-pub fn generate(
-    scene: &Scene,
-    sides: &[Side],
-    places: Places,
-    seed: u64,
-    out: &Path,
-    progress: &dyn Fn(usize, usize),
-) -> Result<usize> {
-    let job = Job::new(scene, sides, places, seed)?;
+/// Renders a scene into a dataset folder and returns the number of frames. The same seed writes the same bytes,
+/// for any number of threads.
+///
+/// # Errors
+/// A scene without touches, a disk without the room, or a name in use.
+pub fn generate(scene: &Scene, sampling: &Sampling, out: &Path, progress: &dyn Fn(usize, usize)) -> Result<usize> {
+    output::check_room(out, n_touches(scene, sampling.sides, sampling.places)?, scene.sensor.frame_px)?;
+    let job = Job::new(scene, sampling)?;
     job.write(0..job.planned.len(), None, out, progress)
 }
 
@@ -105,25 +131,27 @@ pub enum Made {
 }
 
 /// Renders the part of [`generate`]'s dataset that is one shard's, as a dataset of its own that states which part it
-/// is; [`fragment::merge`](crate::fragment::merge) joins all of them. A frame has the bytes that it has in the whole.
-/// A shard that lies at `out` already, whole, is left as it is; anything else there is an error.
+/// is; [`merge`](crate::dataset_merge::merge) joins all of them. A frame has the bytes that it has in the whole.
+/// A complete shard that is at `out` already is left as it is; anything else there is an error.
 pub fn generate_shard(
     scene: &Scene,
-    sides: &[Side],
-    places: Places,
-    seed: u64,
+    sampling: &Sampling,
     shard: Shard,
     out: &Path,
     progress: &dyn Fn(usize, usize),
 ) -> Result<Made> {
-    let job = Job::new(scene, sides, places, seed)?;
-    let n_planned = job.planned.len();
+    let n_planned = n_touches(scene, sampling.sides, sampling.places)?;
     if shard.count() > n_planned {
         let expected = format!("at most {n_planned} shards, one for each touch");
         return Err(Error::invalid("shard", expected, shard.to_string()));
     }
+    let is_there = std::fs::symlink_metadata(out).is_ok();
+    if !is_there {
+        output::check_room(out, shard.range(n_planned).len(), scene.sensor.frame_px)?;
+    }
+    let job = Job::new(scene, sampling)?;
     let fragment = Fragment { shard, n_planned, plan_sha256: fingerprint(&job.planned) };
-    if std::fs::symlink_metadata(out).is_ok() {
+    if is_there {
         let found = Dataset::open(out)?;
         if found.meta() == &job.meta && found.fragment() == Some(&fragment) {
             return Ok(Made::Found(found.len()));
@@ -143,7 +171,8 @@ struct Job {
 }
 
 impl Job {
-    fn new(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<Self> {
+    fn new(scene: &Scene, sampling: &Sampling) -> Result<Self> {
+        let Sampling { sides, places, seed } = *sampling;
         let simulator = Simulator::new(scene.clone(), seed)?;
         let planned = plan(scene, sides, places, seed)?;
         let held_out = match &scene.parts {
@@ -229,7 +258,7 @@ pub fn render(simulator: &Simulator, seed: u64, first: usize, touches: &[Planned
     touches.par_iter().enumerate().map(frame).collect()
 }
 
-/// Works out the sides that some touches need, one a thread: touches that need one and the same would wait
+/// Computes the sides that some touches need, one a thread: touches that need one and the same would wait
 /// for it.
 pub fn prepare(simulator: &Simulator, touches: &[Planned]) -> Result<()> {
     let sides: BTreeSet<(usize, bool)> = touches.iter().map(|touch| (touch.part, touch.side == Side::Peg)).collect();
@@ -245,7 +274,7 @@ fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> Vec<Planned> {
     (0..boards.n_pairs)
         .flat_map(|pair| {
             let mut rng = frame_rng(seed ^ 0x70_6f_73_65, pair as u64);
-            let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+            let mut around = |half| around_zero(&mut rng, half);
             let part_from_sensor = Se2::new(around(half), around(half), around(std::f64::consts::PI));
             let part = pair * boards.n_boards / boards.n_pairs;
             [Side::Hole, Side::Peg].map(|side| Planned { part, side, part_from_sensor })
@@ -266,11 +295,31 @@ mod tests {
         scene
     }
 
+    fn boards(seed: u64) -> Sampling<'static> {
+        Sampling { sides: &[], places: Places::EachPose, seed }
+    }
+
+    #[test]
+    fn a_dataset_that_no_disk_holds_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut scene = small_maze();
+        let mut refusal = |n_pairs| {
+            if let Parts::Maze(boards) = &mut scene.parts {
+                boards.n_pairs = n_pairs;
+            }
+            let error = generate(&scene, &boards(1), &folder.path().join("maze"), &|_, _| ()).unwrap_err().to_string();
+            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+            error
+        };
+        assert!(refusal(usize::MAX).contains("room for 18446744073709551615 frames of 3.6 kB"));
+        assert!(refusal(1 << 31).contains("room for 4294967296 frames of 3.6 kB, 16.0 TB in all"));
+    }
+
     #[test]
     fn a_maze_gives_pairs_at_one_pose_and_holds_out_its_last_boards() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("maze");
-        assert_eq!(generate(&small_maze(), &[], Places::EachPose, 4, &out, &|_, _| ()).unwrap(), 18);
+        assert_eq!(generate(&small_maze(), &boards(4), &out, &|_, _| ()).unwrap(), 18);
         let dataset = Dataset::open(&out).unwrap();
         assert_eq!(dataset.meta().held_out, ["maze-002"]);
         for pair in 0..9 {
@@ -295,7 +344,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, seed| {
             let out = folder.path().join(name);
-            generate(&small_maze(), &[], Places::EachPose, seed, &out, &|_, _| ()).unwrap();
+            generate(&small_maze(), &boards(seed), &out, &|_, _| ()).unwrap();
             std::fs::read(out.join("frames.npy")).unwrap()
         };
         assert_eq!(write("a", 4), write("b", 4));

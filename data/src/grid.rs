@@ -95,7 +95,7 @@ impl PoseGrid {
         )
     }
 
-    /// The cell nearest to a pose, or `None` where the pose lies more than half a step outside the
+    /// The cell nearest to a pose, or `None` where the pose is more than half a step outside the
     /// recorded area: what is there is unknown.
     pub fn nearest(&self, pose: &Se2) -> Option<usize> {
         NearestCell::on(self).of(pose)

@@ -33,17 +33,22 @@ pub mod compare;
 pub mod contact;
 #[cfg(feature = "sim")]
 pub mod contact_sheet;
-pub mod error;
 #[cfg(feature = "datasets")]
-pub mod fragment;
+pub mod dataset_merge;
+pub mod error;
 pub mod frame;
 #[cfg(feature = "sim")]
 pub mod generate;
 pub mod grid;
 #[cfg(feature = "sim")]
 pub mod npy;
+pub mod origin;
+#[cfg(feature = "datasets")]
+pub mod output;
 #[cfg(feature = "datasets")]
 pub mod picture;
+#[cfg(feature = "sim")]
+mod random;
 #[cfg(feature = "datasets")]
 pub mod recording;
 #[cfg(feature = "sim")]
@@ -58,9 +63,13 @@ pub mod shape;
 #[cfg(feature = "datasets")]
 pub mod shard;
 #[cfg(feature = "sim")]
+mod sheet;
+#[cfg(feature = "sim")]
 pub mod simulator;
 #[cfg(feature = "datasets")]
 pub mod store;
+#[cfg(feature = "datasets")]
+pub mod suggest;
 pub mod touch;
 
-pub use error::{Error, Result};
+pub use error::{Error, FrameFault, Result};

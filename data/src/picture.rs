@@ -18,7 +18,7 @@ pub fn is_picture(path: &Path) -> bool {
 
 /// Every frame of a picture file, in order: one of a PNG or JPEG, all of an animated GIF.
 ///
-/// The format is told by the file's first bytes, not its name. Grey, 16-bit and transparent pictures
+/// The format is recognised by the file's first bytes, not its name. Grey, 16-bit and transparent pictures
 /// become 8-bit RGB; transparency is dropped, not blended. Fails where the file cannot be decoded.
 pub fn read_all(path: &Path) -> Result<Vec<Frame>> {
     let reader = ImageReader::open(path).and_then(|r| r.with_guessed_format()).map_err(Error::io(path))?;

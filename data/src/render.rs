@@ -5,26 +5,27 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::random::frame_rng;
 use crate::se2::Se2;
-use crate::sensor::camera::{Camera, to_frame};
-use crate::sensor::gel::Surface;
+use crate::sensor::camera::Camera;
+use crate::sensor::exposure::Exposure;
+use crate::sensor::gel::{Surface, TiltedPress};
 use crate::sensor::geometry::{self, ContactMask};
 use crate::sensor::optics::Optics;
-use crate::sensor::{Fidelity, SensorSpec, shadow};
+use crate::sensor::{Fidelity, SensorSpec};
 use crate::shape::connector::Connector;
 use crate::shape::file::{self, Drawn, FileScale};
 use crate::shape::glyph::glyph;
 use crate::shape::{HeightMap, Layer, Relief};
-use crate::simulator::{frame_rng, grey};
 use crate::touch::Side;
 
 /// Side of a pixel of a ball's height map, mm; of a large ball a thousandth of its diameter.
 const BALL_CELL_MM: f64 = 0.05;
 
-/// What lies this far below a ball's middle is never touched, mm: the deepest press that can be solved.
+/// What is this far below a ball's middle is never touched, mm: the deepest press that can be solved.
 const OPEN_MM: f64 = 100.0;
 
-/// The gel is worked out this many decay lengths beyond the view: what lies there moves the view's border by 2 %.
+/// The gel is computed this many decay lengths beyond the view: what is there moves the view's border by 2 %.
 const MARGIN_LENGTHS: f64 = 4.0;
 
 /// A press of one part.
@@ -34,7 +35,7 @@ pub struct Press<'a> {
     pub relief: &'a Relief,
     /// Which side of a part it is.
     pub side: Side,
-    /// Where the sensor's middle lies on the part.
+    /// Where the sensor's middle is on the part.
     pub part_from_sensor: Se2,
     /// How deep the part's highest point is pressed in, mm.
     pub depth_mm: f64,
@@ -75,30 +76,18 @@ pub fn render(
         return Ok(Rendered { frame, at_rest: geometry::at_rest(size_px), depths_mm: Vec::new() });
     }
     let surface = Surface::solve(reliefs, press.side, half_mm, Some(spec.gel_length_mm), [press.depth_mm; 3])?;
-    let depths = surface.depths(&pose, size_px, mm_per_px, press.depth_mm, [0.0; 2]);
+    let depths = surface.depths(&pose, size_px, mm_per_px, TiltedPress::level(press.depth_mm));
     // Without the pixel of margin.
     let rows = depths.chunks_exact(size_px[0] + 2).skip(1).take(size_px[1]);
     let depths_mm = rows.flat_map(|row| row[1..=size_px[0]].to_vec()).collect();
-    if fidelity == Fidelity::Gel {
-        let at_rest = grey(&vec![0.0; depths.len()], size_px);
-        return Ok(Rendered { frame: grey(&depths, size_px), at_rest, depths_mm });
-    }
-    let mut optics = Optics::new(spec);
+    let (mut optics, camera) = (Optics::new(spec), Camera::new(spec));
     if let Some(frame) = no_contact {
         optics = optics.over(frame)?;
     }
-    let mut rgb = optics.shade(&depths, mm_per_px);
-    if fidelity == Fidelity::Shadow {
-        shadow::cast(&mut rgb, &depths, &optics, mm_per_px);
-    }
-    let (frame, at_rest) = if fidelity == Fidelity::Optics {
-        (to_frame(&rgb, size_px), to_frame(optics.at_rest(), size_px))
-    } else {
-        let camera = Camera::new(spec);
-        let expose = |rgb, stream| camera.expose(rgb, &mut frame_rng(seed, stream));
-        (expose(rgb, 0), expose(optics.at_rest().to_vec(), 1))
-    };
-    Ok(Rendered { frame, at_rest: no_contact.cloned().unwrap_or(at_rest), depths_mm })
+    let exposure = Exposure { fidelity, optics: &optics, camera: &camera, mm_per_px };
+    let frame = exposure.frame(&depths, &mut frame_rng(seed, 0));
+    let at_rest = no_contact.cloned().unwrap_or_else(|| exposure.at_rest(&mut frame_rng(seed, 1)));
+    Ok(Rendered { frame, at_rest, depths_mm })
 }
 
 /// One side of a part named `letter:A:12` (height in mm), `connector:usb-a` or `ball:4.7` (diameter in mm), or of
@@ -122,8 +111,7 @@ pub fn relief(part: &str, side: Side, scale: &FileScale, clearance_mm: f64) -> R
             Ok(of_outline(glyph(letter, height_mm, f64::INFINITY)?))
         }
         Some(("connector", name)) => {
-            let names = || Connector::ALL.map(Connector::name).join(", ");
-            let connector = Connector::named(name).ok_or_else(|| Error::invalid("connector", names(), name))?;
+            let connector = Connector::named(name)?;
             if side == Side::Peg { connector.plug() } else { Ok(connector.receptacle()) }
         }
         Some(("ball", mm)) => {
@@ -208,7 +196,7 @@ mod tests {
             change.collect::<Vec<_>>()
         };
         let (in_groove, on_ridge) = (change(&press(&groove, Side::Hole, 0.3)), change(&press(&ridge, Side::Peg, 0.3)));
-        // Columns half a mm to either side of the middle, on the wall; green, whose lamp lies along x.
+        // Columns half a mm to either side of the middle, on the wall; green, whose lamp is along x.
         let wall =
             |change: &[f64], column: usize| (30..90).map(|row| change[3 * (row * 160 + column) + 1]).sum::<f64>();
         for column in [75, 84] {
@@ -244,7 +232,7 @@ mod tests {
     fn a_seed_gives_the_same_picture_and_another_seed_another() {
         let usb = named("connector:usb-a", Side::Peg).unwrap();
         let spec = SensorSpec { frame_px: [64, 48], ..SensorSpec::default() };
-        for fidelity in Fidelity::ALL {
+        for &fidelity in Fidelity::ALL {
             let of = |seed| render(&spec, fidelity, None, &press(&usb, Side::Peg, 0.6), seed).unwrap().frame;
             assert_eq!(of(1), of(1));
             assert_eq!(of(1) == of(2), fidelity < Fidelity::Camera, "{fidelity:?}");

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 /// Shard `number` of `count`, `number` from 1, written `2/5`.
 ///
 /// The shards of one count share out any number of items: each item belongs to exactly one shard, a shard's items
-/// lie side by side, and no shard has two more than another.
+/// are consecutive, and no shard has two more than another.
 ///
 /// ```
 /// # fn main() -> tactile_data::Result<()> {
@@ -28,6 +28,17 @@ pub struct Shard {
     count: usize,
 }
 
+/// Which shard of which plan a dataset holds; `fragment` in its `meta.json`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fragment {
+    /// The shard.
+    pub shard: Shard,
+    /// Touches of the whole plan.
+    pub n_planned: usize,
+    /// SHA-256 of the whole plan, 64 hex digits: what is touched, where, in which order.
+    pub plan_sha256: String,
+}
+
 /// How a shard is written, for errors.
 const FORM: &str = "i/n with i in 1..=n such as 2/5, or env";
 
@@ -40,7 +51,7 @@ impl Shard {
         Ok(Self { index: number - 1, count })
     }
 
-    /// The shard that a scheduler gave this task: what `env` stands for.
+    /// The shard that a scheduler gave this task: what `env` means.
     pub fn from_env() -> Result<Self> {
         Self::from_variables(|name| std::env::var(name).ok())
     }
@@ -119,7 +130,7 @@ impl FromStr for Shard {
     }
 }
 
-/// `2/5` only, as it stands in a file.
+/// `2/5` only, as a file has it.
 impl TryFrom<String> for Shard {
     type Error = Error;
 

@@ -3,26 +3,27 @@
 use std::sync::OnceLock;
 
 use rand::rngs::ChaCha8Rng;
-use rand::{RngExt, SeedableRng};
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::random::{around_zero, uniform};
 use crate::scene::{Parts, Scene};
 use crate::se2::Se2;
 use crate::sensor::camera::{Camera, LayerLines, to_frame};
-use crate::sensor::gel::Surface;
+use crate::sensor::exposure::Exposure;
+use crate::sensor::gel::{Surface, TiltedPress};
 use crate::sensor::geometry::{self, ContactMask};
 use crate::sensor::light::LightRig;
 use crate::sensor::optics::Optics;
-use crate::sensor::rounding::to_byte;
-use crate::sensor::{Fidelity, SensorSpec, shadow};
-use crate::shape::maze::draw;
+use crate::sensor::{Fidelity, SensorSpec};
 use crate::touch::Side;
+
+pub use crate::random::frame_rng;
 
 /// Exposures averaged into the no-contact frame, as one would take it on a bench.
 const REST_EXPOSURES: u64 = 8;
 
-/// A scene that can be touched. What a part's side needs is worked out when it is first touched, and kept.
+/// A scene that can be touched. What a part's side needs is computed when it is first touched, and kept.
 #[derive(Debug)]
 pub struct Simulator {
     scene: Scene,
@@ -41,13 +42,6 @@ pub struct Simulator {
 enum Touchable {
     Mask(ContactMask),
     Surface(Surface),
-}
-
-/// The random numbers of one frame: those of `seed`, on a stream of its own.
-pub fn frame_rng(seed: u64, frame: u64) -> ChaCha8Rng {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(frame);
-    rng
 }
 
 impl Simulator {
@@ -87,22 +81,22 @@ impl Simulator {
     /// The sensor at rest: the mean of a few exposures.
     pub fn no_contact(&self, seed: u64) -> Frame {
         let size_px = self.scene.sensor.frame_px;
-        match self.scene.fidelity {
-            Fidelity::Geometry => geometry::at_rest(size_px),
-            Fidelity::Gel => grey(&vec![0.0; (size_px[0] + 2) * (size_px[1] + 2)], size_px),
-            Fidelity::Optics => to_frame(self.optics.at_rest(), size_px),
-            Fidelity::Camera | Fidelity::Shadow => {
-                let mut mean = vec![0.0_f32; 3 * size_px[0] * size_px[1]];
-                for exposure in 0..REST_EXPOSURES {
-                    let frame = self.camera.expose(self.optics.at_rest().to_vec(), &mut frame_rng(seed, exposure));
-                    mean.iter_mut().zip(frame.rgb()).for_each(|(m, v)| *m += f32::from(*v) / REST_EXPOSURES as f32);
-                }
-                to_frame(&mean, size_px)
-            }
+        if self.scene.fidelity == Fidelity::Geometry {
+            return geometry::at_rest(size_px);
         }
+        let exposure = self.exposure(&self.optics);
+        if self.scene.fidelity < Fidelity::Camera {
+            return exposure.at_rest(&mut frame_rng(seed, 0));
+        }
+        let mut mean = vec![0.0_f32; 3 * size_px[0] * size_px[1]];
+        for stream in 0..REST_EXPOSURES {
+            let frame = exposure.at_rest(&mut frame_rng(seed, stream));
+            mean.iter_mut().zip(frame.rgb()).for_each(|(m, v)| *m += f32::from(*v) / REST_EXPOSURES as f32);
+        }
+        to_frame(&mean, size_px)
     }
 
-    /// Works out what a touch of one side of a part needs, where that is not done yet. A touch does so by
+    /// Computes what a touch of one side of a part needs, where that is not done yet. A touch does so by
     /// itself; several sides can be prepared at once.
     pub fn prepare(&self, part: usize, side: Side) -> Result<()> {
         self.side(part, side).map(|_| ())
@@ -116,7 +110,7 @@ impl Simulator {
             return Err(Error::invalid("touch", "a finite pose", format!("{part_from_sensor:?}")));
         }
         let touchable = self.side(part, side)?;
-        let mut jitter = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+        let mut jitter = |half| around_zero(rng, half);
         let pose = *part_from_sensor * Se2::new(jitter(spec.place_jitter_mm), jitter(spec.place_jitter_mm), 0.0);
         let surface = match touchable {
             // A tilt leaves in contact what is.
@@ -125,25 +119,20 @@ impl Simulator {
         };
         let depth_mm = (spec.depth_mm + jitter(spec.depth_jitter_mm)).max(0.0);
         let tilt = [0, 1].map(|_| jitter(spec.tilt_jitter_deg).to_radians().tan());
-        let mut depths = surface.depths(&pose, spec.frame_px, spec.mm_per_px(), depth_mm, tilt);
-        if self.scene.fidelity == Fidelity::Gel {
-            return Ok(grey(&depths, spec.frame_px));
-        }
+        let press = TiltedPress { depth_mm, tilt };
+        let mut depths = surface.depths(&pose, spec.frame_px, spec.mm_per_px(), press);
         if self.scene.fidelity >= Fidelity::Camera {
-            // Peg and hole are printed apart, each with its own lines.
+            // Peg and hole are printed separately, each with its own lines.
             let printed = 2 * part as u64 + u64::from(side == Side::Peg);
             let lines = LayerLines::draw(&mut frame_rng(self.board_seed ^ 0x6c69_6e65, printed));
-            lines.add(&mut depths, spec, part_from_sensor.theta_rad, depth_mm, tilt, rng);
+            lines.seen(spec, part_from_sensor.theta_rad, rng).raise(&mut depths, spec, press);
         }
-        let optics = self.optics(part);
-        let mut rgb = optics.shade(&depths, spec.mm_per_px());
-        if self.scene.fidelity >= Fidelity::Shadow {
-            shadow::cast(&mut rgb, &depths, optics, spec.mm_per_px());
-        }
-        if self.scene.fidelity >= Fidelity::Camera {
-            return Ok(self.camera.expose(rgb, rng));
-        }
-        Ok(to_frame(&rgb, spec.frame_px))
+        Ok(self.exposure(self.optics(part)).frame(&depths, rng))
+    }
+
+    fn exposure<'a>(&'a self, optics: &'a Optics) -> Exposure<'a> {
+        let Scene { fidelity, sensor, .. } = &self.scene;
+        Exposure { fidelity: *fidelity, optics, camera: &self.camera, mm_per_px: sensor.mm_per_px() }
     }
 
     fn side(&self, part: usize, side: Side) -> Result<&Touchable> {
@@ -181,23 +170,12 @@ impl Simulator {
         let SensorSpec { gel_length_mm, light, .. } = &self.scene.sensor;
         let Parts::Maze(boards) = &self.scene.parts else { return (*gel_length_mm, light.clone()) };
         let mut rng = frame_rng(self.board_seed, u64::MAX - part as u64);
-        let gel_length_mm = draw(&mut rng, boards.gel_length_mm);
-        let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+        let gel_length_mm = uniform(&mut rng, boards.gel_length_mm);
+        let mut around = |half| around_zero(&mut rng, half);
         // Two Minis' fitted lamps differ by some 4 to 17 degrees and 10 % of brightness.
         let (strength, turn_deg) = ([0; 3].map(|_| 1.0 + around(0.15)), [0; 3].map(|_| around(10.0)));
         (gel_length_mm, light.varied(strength, turn_deg))
     }
-}
-
-/// Depths `[height + 2, width + 2]` in mm as grey levels.
-pub(crate) fn grey(depths: &[f32], [width, height]: [usize; 2]) -> Frame {
-    let mut rgb = vec![0; 3 * width * height];
-    for (line, depths) in rgb.chunks_exact_mut(3 * width).zip(depths[width + 2..].chunks_exact(width + 2)) {
-        for (pixel, depth) in line.as_chunks_mut::<3>().0.iter_mut().zip(&depths[1..]) {
-            *pixel = [to_byte(60.0 + 150.0 * depth); 3];
-        }
-    }
-    geometry::marked(rgb, [width, height])
 }
 
 #[cfg(test)]
@@ -210,16 +188,16 @@ mod tests {
         Simulator::new(Scene::preset(name).unwrap(), 1).unwrap()
     }
 
+    /// What is seen of a touch, drawn from `seed` on the part's own stream.
     fn image(
         simulator: &Simulator,
-        background: &Background,
-        part: usize,
-        side: Side,
+        rest: &Background,
+        (part, side): (usize, Side),
         pose: &Se2,
         seed: u64,
     ) -> TactileImage {
         let frame = simulator.touch(part, side, pose, &mut frame_rng(seed, part as u64)).unwrap();
-        background.tactile_image(&frame).unwrap()
+        rest.tactile_image(&frame).unwrap()
     }
 
     #[test]
@@ -237,9 +215,9 @@ mod tests {
         let simulator = Simulator::new(scene, 1).unwrap();
         let background = Background::new(&simulator.no_contact(3), &Preprocessing::counts([40, 30])).unwrap();
         for side in [Side::Peg, Side::Hole] {
-            let beside = image(&simulator, &background, 0, side, &Se2::new(20.0, 0.0, 0.0), 5);
+            let beside = image(&simulator, &background, (0, side), &Se2::new(20.0, 0.0, 0.0), 5);
             assert!(beside.edge_share < 0.02, "{side:?}: {}", beside.edge_share);
-            let on_edge = image(&simulator, &background, 0, side, &Se2::new(3.0, 0.0, 0.0), 5);
+            let on_edge = image(&simulator, &background, (0, side), &Se2::new(3.0, 0.0, 0.0), 5);
             assert!(on_edge.edge_share > 0.05, "{side:?}: {}", on_edge.edge_share);
         }
     }
@@ -250,10 +228,10 @@ mod tests {
         let simulator = simulator(name);
         let background = Background::new(&simulator.no_contact(3), &Preprocessing::counts([40, 30])).unwrap();
         let grid = simulator.scene().reach.unwrap();
-        // Every third pose, to keep the test short; the class is judged, not the pose.
+        // Every third pose, to keep the test short; the class is tested, not the pose.
         let cells: Vec<usize> = (0..grid.len()).step_by(3).collect();
         let view =
-            |side, part: usize, cell: usize, seed| image(&simulator, &background, part, side, &grid.pose(cell), seed);
+            |side, part: usize, cell: usize, seed| image(&simulator, &background, (part, side), &grid.pose(cell), seed);
         let n_parts = simulator.parts().len();
         let pegs: Vec<(usize, TactileImage)> = (0..n_parts)
             .flat_map(|part| cells.iter().map(move |cell| (part, *cell)))
@@ -289,7 +267,7 @@ mod tests {
         assert!(correlation < 0.0, "mean hole-peg correlation {correlation}");
     }
 
-    /// Two shells look alike from both sides: the paper's Pixel knows 3 of its 6 connectors.
+    /// Two shells look the same from both sides: the paper's Pixel knows 3 of its 6 connectors.
     #[test]
     fn pixels_tell_about_half_of_the_connectors() {
         let [right, ..] = nearest_by_pixel("connectors");

@@ -5,8 +5,8 @@
 //! rest; `meta.json` a [`Meta`] with the schema, the number of frames and the checksums of the other
 //! two. `numpy.load` reads the frames as they are.
 
-use std::fs::{self, File};
-use std::io::{BufRead, BufReader, BufWriter, Seek, SeekFrom, Write};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use memmap2::Mmap;
@@ -14,10 +14,10 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
-use crate::fragment::Fragment;
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::picture;
+use crate::shard::Fragment;
 use crate::touch::Touch;
 
 /// Name and version of the layout on disk.
@@ -27,6 +27,9 @@ const FRAMES: &str = "frames.npy";
 const INDEX: &str = "index.jsonl";
 const NO_CONTACT: &str = "no_contact.png";
 const META: &str = "meta.json";
+
+/// The files of a dataset.
+pub const FILES: [&str; 4] = [FRAMES, INDEX, NO_CONTACT, META];
 
 /// Length of the header of `frames.npy`, bytes: fixed, so that the count can be filled in last, and a
 /// multiple of 64 as the npy format asks.
@@ -53,7 +56,7 @@ pub struct Meta {
     pub source: String,
 }
 
-/// `meta.json` as it lies on disk.
+/// `meta.json` as it is on disk.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct MetaFile {
     schema: String,
@@ -84,18 +87,22 @@ pub struct DatasetWriter {
 }
 
 impl DatasetWriter {
-    /// Starts a dataset at `out`, which must not exist. What a crashed run left in `OUT.partial` is cleared.
+    /// Starts a dataset at `out`, which must not exist. What a crashed run left in `OUT.partial` is written over.
+    ///
+    /// # Errors
+    /// A name in use, meta data that make no sense, or another run that writes the same dataset.
     pub fn create(out: &Path, meta: Meta, no_contact: &Frame) -> Result<Self> {
-        if fs::symlink_metadata(out).is_ok() {
-            return Err(Error::invalid(out.display().to_string(), "a name not in use", "an existing file or folder"));
-        }
+        check_is_new(out)?;
         check_meta(&meta, out)?;
         check_size(no_contact, &meta, NO_CONTACT)?;
         let partial = partial_path(out)?;
-        clear_partial(&partial)?;
         fs::create_dir_all(&partial).map_err(Error::io(&partial))?;
+        check_is_ours(&partial)?;
+        let mut frames = lock(&partial.join(FRAMES))?;
+        // The run that held the lock until now may have finished: its frames must stay.
+        check_is_new(out)?;
+        frames.get_ref().set_len(0).map_err(Error::io(partial.join(FRAMES)))?;
         picture::write_png(&partial.join(NO_CONTACT), no_contact)?;
-        let mut frames = create_file(&partial.join(FRAMES))?;
         frames.write_all(&npy_header(0, &meta)).map_err(Error::io(partial.join(FRAMES)))?;
         let index = create_file(&partial.join(INDEX))?;
         Ok(Self { out: out.to_path_buf(), partial, meta, fragment: None, frames, index, n_frames: 0, hash: None })
@@ -107,8 +114,8 @@ impl DatasetWriter {
         self
     }
 
-    /// The same writer, told before the first frame how many there will be: it then works out the checksum as
-    /// it writes and need not read the frames again. Another number may come all the same.
+    /// The same writer, given the number of frames before the first one: it then computes the checksum as it
+    /// writes and need not read the frames again. Another number may come all the same.
     pub fn expecting(mut self, n_frames: usize) -> Self {
         self.hash = Some((n_frames, Sha256::new_with_prefix(npy_header(n_frames, &self.meta))));
         self
@@ -137,8 +144,8 @@ impl DatasetWriter {
         let header = npy_header(self.n_frames, &self.meta);
         self.frames.seek(SeekFrom::Start(0)).map_err(Error::io(&frames))?;
         self.frames.write_all(&header).map_err(Error::io(&frames))?;
-        sync(self.frames, &frames)?;
-        sync(self.index, &index)?;
+        sync(&mut self.frames, &frames)?;
+        sync(&mut self.index, &index)?;
         let frames_sha256 = match self.hash {
             Some((n_frames, hash)) if n_frames == self.n_frames => format!("{:x}", hash.finalize()),
             _ => sha256(&frames)?,
@@ -154,7 +161,8 @@ impl DatasetWriter {
         let json = serde_json::to_vec_pretty(&content).map_err(json_error(&meta, "meta data"))?;
         let mut file = create_file(&meta)?;
         file.write_all(&json).map_err(Error::io(&meta))?;
-        sync(file, &meta)?;
+        sync(&mut file, &meta)?;
+        // The lock on the frames is held until the dataset has its name.
         fs::rename(&self.partial, &self.out).map_err(Error::io(&self.out))
     }
 }
@@ -299,7 +307,8 @@ fn read_index(path: &Path) -> Result<Vec<Touch>> {
         .collect()
 }
 
-fn check_meta(meta: &Meta, path: &Path) -> Result<()> {
+/// Refuses meta data that make no sense; `path` names the dataset in errors.
+pub(crate) fn check_meta(meta: &Meta, path: &Path) -> Result<()> {
     if !meta.mm_per_px.iter().all(|mm| mm.is_finite() && *mm > 0.0) {
         let got = format!("{:?}", meta.mm_per_px);
         return Err(Error::invalid(format!("{}: mm_per_px", path.display()), "positive sizes", got));
@@ -365,24 +374,46 @@ fn partial_path(out: &Path) -> Result<PathBuf> {
     Ok(out.with_file_name(file_name))
 }
 
-/// Removes what a crashed run left: our own four files, and the folder if that empties it.
-fn clear_partial(partial: &Path) -> Result<()> {
-    if !partial.exists() {
-        return Ok(());
+/// The folder must not be there: nothing is ever written over.
+fn check_is_new(out: &Path) -> Result<()> {
+    match fs::symlink_metadata(out) {
+        Ok(_) => Err(Error::invalid(name(out), "a name not in use", "an existing file or folder")),
+        Err(_) => Ok(()),
     }
-    for file in [FRAMES, INDEX, NO_CONTACT, META].map(|file| partial.join(file)) {
-        if file.exists() {
-            fs::remove_file(&file).map_err(Error::io(&file))?;
+}
+
+/// What a crashed run left is written over; a folder with anything else in it is not ours.
+fn check_is_ours(partial: &Path) -> Result<()> {
+    for entry in fs::read_dir(partial).map_err(Error::io(partial))? {
+        let file = entry.map_err(Error::io(partial))?.file_name();
+        if !FILES.iter().any(|ours| file == *ours) {
+            let got = file.to_string_lossy();
+            return Err(Error::invalid(name(partial), "nothing but the files of an unfinished dataset", got));
         }
     }
-    fs::remove_dir(partial).map_err(Error::io(partial))
+    Ok(())
+}
+
+/// Opens a file for writing, its content kept, and holds its lock until it is closed: two runs never write one
+/// dataset. On a file system without locks this is not checked.
+fn lock(path: &Path) -> Result<BufWriter<File>> {
+    let file = OpenOptions::new().create(true).truncate(false).write(true).open(path).map_err(Error::io(path))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            Err(Error::invalid(name(path), "a dataset that no other run is writing", "another run at work"))
+        }
+        Err(TryLockError::Error(error)) if error.kind() != ErrorKind::Unsupported => {
+            Err(Error::Io { path: path.to_path_buf(), source: error })
+        }
+        _ => Ok(BufWriter::with_capacity(1 << 20, file)),
+    }
 }
 
 fn create_file(path: &Path) -> Result<BufWriter<File>> {
     Ok(BufWriter::with_capacity(1 << 20, File::create(path).map_err(Error::io(path))?))
 }
 
-fn sync(mut file: BufWriter<File>, path: &Path) -> Result<()> {
+fn sync(file: &mut BufWriter<File>, path: &Path) -> Result<()> {
     file.flush().and_then(|()| file.get_ref().sync_all()).map_err(Error::io(path))
 }
 
@@ -471,7 +502,7 @@ mod tests {
         assert!(!partial_path(&out).unwrap().exists());
     }
 
-    /// Opening checks the checksum, whether it was worked out along the way or not.
+    /// Opening checks the checksum, whether it was computed along the way or not.
     #[test]
     fn the_number_of_frames_may_be_told_and_may_be_wrong() {
         for told in [3, 5] {
@@ -505,6 +536,19 @@ mod tests {
         assert!(!out.exists());
         write(&out);
         assert_eq!(Dataset::open(&out).unwrap().len(), 3);
+    }
+
+    #[test]
+    fn of_two_runs_on_one_name_the_second_is_refused_and_the_first_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("data");
+        let mut first = DatasetWriter::create(&out, meta(), &frame(9)).unwrap();
+        first.push(&frame(1), &touch(0)).unwrap();
+        let message = DatasetWriter::create(&out, meta(), &frame(9)).unwrap_err().to_string();
+        assert!(message.contains("another run at work"), "{message}");
+        first.push(&frame(2), &touch(1)).unwrap();
+        first.finish().unwrap();
+        assert_eq!(Dataset::open(&out).unwrap().len(), 2);
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub struct Touch {
     /// Which half was touched; `None` for a frame of the sensor at rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub side: Option<Side>,
-    /// Where the sensor stood on the part; `None` where nobody knows.
+    /// Where the sensor was on the part; `None` where nobody knows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part_from_sensor: Option<Se2>,
     /// The motion actually made since the touch before, in the sensor's frame at that touch; `None`

@@ -1,6 +1,6 @@
 //! Where to touch next: the paper's rule (Sec. IV-C), expected information, or chance.
 //!
-//! Only recorded peg views are compared, so an action costs look-ups and inner products. States are drawn
+//! Only recorded peg views are compared, so an action costs inner products. States are drawn
 //! from the belief, not taken from its top: after one touch the mass lies on thousands of states. Touches
 //! are kept apart, because two overlapping views share most of what they show and most of their error.
 
@@ -10,7 +10,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
 
 use crate::belief::Belief;
 use crate::likelihood::LikelihoodConfig;
@@ -48,15 +48,15 @@ pub struct ActionConfig {
     /// States supposed true in turn, s* of the paper; at least 1. For the paper's rule the first is the
     /// likeliest state and the others are drawn; for expected information all are drawn.
     pub n_suppositions: usize,
-    /// Candidates judged by all draws, the best by a first look at a sixth of them; at least 1.
-    pub n_finalists: usize,
+    /// Candidates judged by all draws, the best of a first pass with a sixth of them; at least 1. `None`: all of them.
+    pub n_finalists: Option<usize>,
     /// delta_act: an action counts only from those supposed states where it would show a larger share of
     /// edge pixels than this, 0..=1.
     pub contact_threshold: f32,
     /// A touch keeps at least this far from every earlier one, mm, not negative ...
     pub min_separation_mm: f64,
-    /// ... or is turned against it by at least this much, degrees; above 180 only the distance counts.
-    pub min_separation_deg: f64,
+    /// ... or is turned against it by at least this much, degrees. `None`: only the distance counts.
+    pub min_separation_deg: Option<f64>,
     /// What a millimetre of travel must tell to be worth it, nats, not negative; expected information only.
     pub travel_nats_per_mm: f64,
 }
@@ -69,10 +69,10 @@ impl Default for ActionConfig {
             rule: ActionRule::default(),
             n_draws: 160,
             n_suppositions: 24,
-            n_finalists: 24,
+            n_finalists: Some(24),
             contact_threshold: 0.01,
             min_separation_mm: 4.0,
-            min_separation_deg: 360.0,
+            min_separation_deg: None,
             travel_nats_per_mm: 0.0,
         }
     }
@@ -85,7 +85,7 @@ impl ActionConfig {
             rule: ActionRule::Paper,
             n_draws: 100,
             n_suppositions: 1,
-            n_finalists: usize::MAX,
+            n_finalists: None,
             min_separation_mm: 0.0,
             ..Self::default()
         }
@@ -118,7 +118,7 @@ pub struct Judged {
     /// nats, less the price of the way. [`ActionRule::Paper`]: the sum of 1 / f_PP, times exp(-1 / temperature).
     /// `None` where contact is expected from no supposed state; such a candidate is not chosen.
     pub score: Option<f64>,
-    /// Whether all draws judged it; else a sixth of them did, at the first look.
+    /// Whether all draws judged it; else a sixth of them did, in the first pass.
     pub by_all_draws: bool,
 }
 
@@ -186,14 +186,14 @@ fn pick<'a>(situation: &'a Situation<'a>, seed: u64, keep_going: &mut dyn FnMut(
         return Some(Picked { action: Action { sensor_from_next: chance }, judged: Vec::new(), judge: None });
     }
     let judge = Judge::new(situation, config.n_draws.max(1), config.n_suppositions.max(1), &mut rng);
-    let n_finalists = config.n_finalists.max(1);
+    let n_finalists = config.n_finalists.unwrap_or(far.len()).max(1);
     let has_finals = far.len() > n_finalists;
-    let first_look = has_finals.then(|| judge.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6)));
-    let look = |candidate: &Se2| {
-        let score = first_look.as_ref().unwrap_or(&judge).score(candidate);
+    let first_pass = has_finals.then(|| judge.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6)));
+    let judge_first = |candidate: &Se2| {
+        let score = first_pass.as_ref().unwrap_or(&judge).score(candidate);
         Judged { sensor_from_next: *candidate, score, by_all_draws: !has_finals }
     };
-    let asked = far.iter().map_while(|candidate| keep_going().then(|| look(candidate)));
+    let asked = far.iter().map_while(|candidate| keep_going().then(|| judge_first(candidate)));
     let mut judged: Vec<Judged> = asked.collect();
     let mut ranked: Vec<usize> = (0..judged.len()).filter(|index| judged[*index].score.is_some()).collect();
     if has_finals {
@@ -213,7 +213,7 @@ fn pick<'a>(situation: &'a Situation<'a>, seed: u64, keep_going: &mut dyn FnMut(
     Some(Picked { action: Action { sensor_from_next }, judged, judge: Some(judge) })
 }
 
-/// Takes a second look at a candidate, by all draws; whether that gives it a score.
+/// Judges a candidate again, by all draws; whether that gives it a score.
 fn judge_again(judge: &Judge, candidate: &mut Judged) -> bool {
     let score = judge.score(&candidate.sensor_from_next);
     if score.is_some() {
@@ -230,7 +230,7 @@ fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) ->
         belief.touches().iter().all(|touched| {
             let turn = wrap_angle(touched.first_from_sensor.theta_rad - first_from_next.theta_rad).to_degrees();
             touched.first_from_sensor.distance_mm(&first_from_next) >= share * config.min_separation_mm
-                || turn.abs() >= share * config.min_separation_deg
+                || config.min_separation_deg.is_some_and(|deg| turn.abs() >= share * deg)
         })
     };
     // The tenth halving asks for 0.1 % of the separation: what is nearer is the same place.
@@ -245,8 +245,10 @@ fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) ->
 mod tests {
     use super::*;
     use crate::belief::EngineConfig;
-    use crate::likelihood::{Observation, TouchLikelihood};
+    use crate::likelihood::TouchLikelihood;
+    use crate::observation::Observation;
     use tactile_data::grid::PoseGrid;
+    use tactile_infer::rows::Rows;
 
     /// Three angles at one place.
     pub(super) const GRID: PoseGrid =
@@ -257,12 +259,12 @@ mod tests {
         let rows =
             [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
         let shares = vec![0.2, 0.2, share_at_30, 0.2, 0.2, share_at_30];
-        Bank::from_rows(vec!["A".into(), "B".into()], GRID, 3, rows.concat(), shares, String::new()).unwrap()
+        Bank::from_rows(vec!["A".into(), "B".into()], GRID, Rows::new(3, rows.concat()).unwrap(), shares, "").unwrap()
     }
 
     /// A belief sure of -30 degrees and of no part.
     fn belief(bank: &Bank) -> Belief {
-        let touch = Observation { query: vec![1.0, 0.0, 0.0], edge_share: 0.2 };
+        let touch = Observation::new(vec![1.0, 0.0, 0.0], 0.2);
         let first = TouchLikelihood::new(&touch, bank, &LikelihoodConfig::default()).unwrap();
         Belief::new(bank, EngineConfig::Exact, 1, 1, first)
     }
@@ -288,10 +290,10 @@ mod tests {
         rule: ActionRule::Paper,
         n_draws: 160,
         n_suppositions: 1,
-        n_finalists: 8,
+        n_finalists: Some(8),
         contact_threshold: 0.01,
         min_separation_mm: 0.0,
-        min_separation_deg: 360.0,
+        min_separation_deg: None,
         travel_nats_per_mm: 0.0,
     };
 

@@ -2,7 +2,7 @@
 //!
 //! A state is a part and the grid cell of the FIRST touch; later touches follow from the motions the
 //! controller reports, `part_from_sensor = part_from_first * first_from_sensor` (paper, Sec. IV-D). The
-//! likelihood of each touch is kept, so that any state can be re-scored over all touches by look-ups.
+//! likelihood of each touch is kept, so that any state can be scored again over all touches.
 
 use std::borrow::Cow;
 
@@ -11,15 +11,16 @@ use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
 
+use crate::evidence::Evidence;
 use crate::exact::Exact;
-use crate::lanes;
 use crate::likelihood::TouchLikelihood;
+use crate::overlap::Overlap;
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
 use crate::resample::systematic;
-use crate::touched::{Overlap, Touched};
+use crate::simd;
 
 /// One state: which part, and where on it the first touch was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -58,7 +59,7 @@ pub struct Belief {
     grid: PoseGrid,
     n_parts: usize,
     overlap: Overlap,
-    touches: Vec<Touched>,
+    touches: Vec<Evidence>,
     engine: Engine,
     class_posterior: Vec<f64>,
     log_evidence: f64,
@@ -74,7 +75,7 @@ impl Belief {
         let grid = views.subdivided(subdivisions.max(1));
         let mut exact = Exact::uniform(n_parts * grid.len());
         let mut log_states = Vec::new();
-        let touched = Touched::new(&views, &grid, Se2::IDENTITY, 1.0, first, &mut |log_part| {
+        let touched = Evidence::new(&views, &grid, Se2::IDENTITY, 1.0, first, &mut |log_part| {
             exact.weigh(log_part);
             if engine != EngineConfig::Exact {
                 log_states.extend_from_slice(log_part);
@@ -96,11 +97,12 @@ impl Belief {
     /// log p(touch | touches before), up to the constant of [`TouchLikelihood`].
     pub fn update(&mut self, sensor_from_next: &Se2, likelihood: TouchLikelihood) -> f64 {
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
-        let new_share = |earlier: &Touched| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
+        let new_share = |earlier: &Evidence| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
         let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
         let (grid, n_cells) = (&self.grid, self.grid.len());
-        let judge =
-            |take: &mut dyn FnMut(&[f64])| Touched::new(&self.views, grid, first_from_sensor, weight, likelihood, take);
+        let judge = |take: &mut dyn FnMut(&[f64])| {
+            Evidence::new(&self.views, grid, first_from_sensor, weight, likelihood, take)
+        };
         let log_evidence = match &mut self.engine {
             Engine::Exact(exact) => {
                 self.touches.push(judge(&mut |log_part| exact.weigh(log_part)));
@@ -134,7 +136,7 @@ impl Belief {
     }
 
     /// All touches, in order.
-    pub fn touches(&self) -> &[Touched] {
+    pub fn touches(&self) -> &[Evidence] {
         &self.touches
     }
 
@@ -173,7 +175,7 @@ impl Belief {
     /// Shannon entropy over the states, nats.
     pub fn entropy_nats(&self) -> f64 {
         match &self.engine {
-            Engine::Exact(exact) => lanes::entropy(exact.posterior(), exact.log_posterior()),
+            Engine::Exact(exact) => simd::entropy(exact.posterior(), exact.log_posterior()),
             Engine::Particle { .. } => {
                 let positive = |mass: &&f64| **mass > 0.0;
                 self.masses().iter().filter(positive).map(|mass| -mass * mass.ln()).sum()
@@ -191,7 +193,7 @@ impl Belief {
         let best = match &self.engine {
             Engine::Exact(exact) => {
                 let logs = &exact.log_posterior()[asked.clone()];
-                let largest = lanes::largest(logs);
+                let largest = simd::largest(logs);
                 let state = logs.iter().position(|log| *log == largest).map(|index| asked.start + index);
                 state.filter(|state| exact.posterior()[*state] > 0.0)
             }
@@ -212,10 +214,10 @@ impl Belief {
     }
 
     /// How well a part at a pose explains what was felt: the mean over the edged touches of
-    /// [`Touched::log_look`], each 0 at best; `None` where no edge was felt within the recorded area.
+    /// [`Evidence::log_match`], each 0 at best; `None` where no edge was felt within the recorded area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<f64> {
-        let looks = self.touches.iter().filter_map(|touch| touch.log_look(&self.views, part, part_from_first));
-        let (sum, n) = looks.fold((0.0, 0), |(sum, n), look| (sum + look, n + 1));
+        let matches = self.touches.iter().filter_map(|touch| touch.log_match(&self.views, part, part_from_first));
+        let (sum, n) = matches.fold((0.0, 0), |(sum, n), log| (sum + log, n + 1));
         (n > 0).then(|| sum / f64::from(n))
     }
 
@@ -245,7 +247,7 @@ impl Engine {
 
     /// The probability of each part, `[n_parts]`.
     fn of_parts(&self, n_parts: usize, n_cells: usize) -> Vec<f64> {
-        self.masses(n_parts * n_cells).chunks_exact(n_cells).map(lanes::sum).collect()
+        self.masses(n_parts * n_cells).chunks_exact(n_cells).map(simd::sum).collect()
     }
 }
 
@@ -272,10 +274,12 @@ fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::likelihood::{LikelihoodConfig, Observation};
+    use crate::likelihood::LikelihoodConfig;
+    use crate::observation::Observation;
     use proptest::prelude::*;
     use rand::SeedableRng;
     use tactile_data::se2::wrap_angle;
+    use tactile_infer::rows::Rows;
 
     /// 3 x 3 x 3 = 27 poses.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
@@ -296,7 +300,7 @@ mod tests {
         let names = (0..parts.len()).map(|part| part.to_string()).collect();
         let rows: Vec<f32> = parts.iter().flat_map(|rows| rows.concat()).collect();
         let shares = (0..parts.len() * N_CELLS).map(|row| if row % 5 == 0 { 0.0 } else { 0.3 }).collect();
-        Bank::from_rows(names, GRID, DIM, rows, shares, String::new()).unwrap()
+        Bank::from_rows(names, GRID, Rows::new(DIM, rows).unwrap(), shares, "").unwrap()
     }
 
     fn touches(n: usize, seed: u64) -> Vec<(Se2, Observation)> {
@@ -307,17 +311,17 @@ mod tests {
                 let mut step = |scale: f64| scale * (rng.random::<f64>() - 0.5);
                 let moved = Se2::from_degrees(step(8.0), step(8.0), step(60.0));
                 let edge_share = if step(1.0) > 0.3 { 0.0 } else { 0.3 };
-                (moved, Observation { query, edge_share })
+                (moved, Observation::new(query, edge_share))
             })
             .collect()
     }
 
     /// log p(touch | state) of a touch, judged again.
     fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
-        let Touched { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
+        let Evidence { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
         let mut log_states = Vec::new();
         let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
-        Touched::new(&belief.views, &belief.grid, *first_from_sensor, *weight, likelihood.clone(), &mut take);
+        Evidence::new(&belief.views, &belief.grid, *first_from_sensor, *weight, likelihood.clone(), &mut take);
         log_states
     }
 
@@ -335,7 +339,7 @@ mod tests {
         belief
     }
 
-    /// The posterior straight from its definition, in f64 probabilities: no logs, no shared look-ups.
+    /// The posterior straight from its definition, in f64 probabilities: no logs, no shared interpolation.
     fn brute_force(
         rows: &[Vec<f32>],
         n_parts: usize,
@@ -389,7 +393,7 @@ mod tests {
                     product *= match cell.filter(|_| inside) {
                         None => average,
                         Some(cell) => {
-                            let excess = (distance(cell) / c.lookup_tolerance - 1.0).max(0.0);
+                            let excess = (distance(cell) / c.nearest_tolerance - 1.0).max(0.0);
                             let trust = (-excess * excess / 2.0).exp();
                             trust * likelihoods[index][state / N_CELLS * N_CELLS + cell] + (1.0 - trust) * average
                         }
@@ -512,7 +516,7 @@ mod tests {
     fn a_finer_grid_of_states_holds_the_coarser_one() {
         let rows = unit_rows(2 * N_CELLS, 8);
         let bank = bank(&[&rows[..27], &rows[27..]]);
-        let config = LikelihoodConfig { look_up: crate::lookup::LookUp::Cubic, ..independent() };
+        let config = LikelihoodConfig { interpolation: crate::interpolation::Interpolation::Cubic, ..independent() };
         let (touches, likelihood) = (touches(1, 8), |touch| TouchLikelihood::new(touch, &bank, &config).unwrap());
         let belief = |n| Belief::new(&bank, EngineConfig::Exact, n, 3, likelihood(&touches[0].1));
         let (coarse, fine) = (belief(1), belief(2));

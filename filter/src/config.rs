@@ -6,10 +6,10 @@ use tactile_infer::calibration::Gap;
 
 use crate::action::ActionConfig;
 use crate::belief::EngineConfig;
-use crate::episode::StopReason;
 use crate::error::{Error, Result};
 use crate::likelihood::LikelihoodConfig;
 use crate::particle::ParticleConfig;
+use crate::stop::StopReason;
 
 /// How an episode infers, chooses and stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,7 +21,7 @@ pub struct EpisodeConfig {
     pub action: ActionConfig,
     /// How similarities become probabilities.
     pub likelihood: LikelihoodConfig,
-    /// delta_prob: stop when a part is more probable than this, 0..=1, and an edge was felt. One: never for this reason.
+    /// delta_prob: stop when a part is more probable than this, 0..=1, and an edge was felt. 1: never for this reason.
     pub stop_probability: f64,
     /// To be confident the place must be known as well, to this standard deviation along x and along y, mm; positive.
     /// `None`: sure of the part is sure enough.
@@ -33,8 +33,9 @@ pub struct EpisodeConfig {
     /// States between two recorded poses of a bank fine enough to be interpolated, on each axis; at least 1.
     /// A state stands for all poses around it, and ten touches see farther than a bank's step.
     pub subdivisions: usize,
-    /// A part explains the touches when its fit ([`crate::episode::Estimate::fit`]) is at least this; at or below 0.
-    pub none_fit: f64,
+    /// A part explains the touches when its fit ([`crate::Estimate::fit`]) is at least this; at or below 0. `None`: any
+    /// part explains any touches.
+    pub none_fit: Option<f64>,
     /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / n`; not
     /// negative. Large: parts that are not in the bank are told from those in it, at the price of touches.
     pub fit_margin: f64,
@@ -45,6 +46,9 @@ pub struct EpisodeConfig {
     /// Seed of every random draw.
     pub seed: u64,
 }
+
+/// The least fit of a part in the bank, on the tuning letters.
+const NONE_FIT: f64 = -0.9;
 
 impl Default for EpisodeConfig {
     /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V). 99 in 100
@@ -59,7 +63,7 @@ impl Default for EpisodeConfig {
             max_touches: 10,
             between_poses: true,
             subdivisions: 2,
-            none_fit: -0.9,
+            none_fit: Some(NONE_FIT),
             fit_margin: 2.5,
             none_touches: 4,
             low_similarity: 0.8,
@@ -71,7 +75,7 @@ impl Default for EpisodeConfig {
 /// How much worse than the defaults expect a part in the bank explains its touches, at least 1: by one standard deviation
 /// more than on average, four touches of which rarely all fall.
 fn rougher(gap: &Gap, temperature: f64) -> f64 {
-    ((gap.mean + gap.sd) / temperature / -EpisodeConfig::default().none_fit).max(1.0)
+    ((gap.mean + gap.sd) / temperature / -NONE_FIT).max(1.0)
 }
 
 impl EpisodeConfig {
@@ -82,7 +86,7 @@ impl EpisodeConfig {
         let likelihood = LikelihoodConfig::of(model);
         let gap = model.calibration().and_then(|calibration| calibration.gap);
         let rougher = gap.map_or(1.0, |gap| rougher(&gap, likelihood.temperature));
-        let (none_fit, fit_margin) = (rougher * default.none_fit, rougher * default.fit_margin);
+        let (none_fit, fit_margin) = (Some(rougher * NONE_FIT), rougher * default.fit_margin);
         Self { likelihood, low_similarity, none_fit, fit_margin, ..default }
     }
 
@@ -96,7 +100,7 @@ impl EpisodeConfig {
             action: ActionConfig::paper(),
             likelihood: LikelihoodConfig::paper(),
             between_poses: false,
-            none_fit: f64::MIN,
+            none_fit: None,
             ..Self::default()
         }
     }
@@ -104,12 +108,16 @@ impl EpisodeConfig {
     /// Why to stop after `n_touches` when the likeliest part has this probability and fit, its place known well
     /// enough; `None` to go on.
     pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
-        // No edge felt yet speaks against no part, and for none: the only one left is as unknown in its pose.
-        let asks_fit = self.none_fit > f64::MIN;
-        let needed = self.none_fit + self.fit_margin / n_touches as f64;
-        if n_touches >= self.none_touches && fit.is_some_and(|fit| fit < self.none_fit) {
+        // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.
+        let explains = match (self.none_fit, fit) {
+            (Some(least), Some(fit)) => fit >= least + self.fit_margin / n_touches as f64,
+            (Some(_), None) => false,
+            (None, _) => true,
+        };
+        let is_none = self.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
+        if n_touches >= self.none_touches && is_none {
             Some(StopReason::NoneOfThese)
-        } else if probability.min(1.0) > self.stop_probability && fit.map_or(!asks_fit, |fit| fit >= needed) {
+        } else if probability.min(1.0) > self.stop_probability && explains {
             Some(StopReason::Confident)
         } else if n_touches >= self.max_touches {
             Some(StopReason::TouchLimit)
@@ -121,12 +129,14 @@ impl EpisodeConfig {
     /// Refuses numbers outside their ranges.
     pub fn validate(&self) -> Result<()> {
         let check = |name: &str, expected: &str, got: f64, fine: bool| {
-            if fine { Ok(()) } else { Err(Error::invalid(format!("episode.{name}"), expected, got.to_string())) }
+            if fine { Ok(()) } else { Err(Error::config(format!("episode.{name}"), expected, got.to_string())) }
         };
         let (stop, low) = (self.stop_probability, f64::from(self.low_similarity));
         check("stop_probability", "0..=1", stop, (0.0..=1.0).contains(&stop))?;
         check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
-        check("none_fit", "a number, at most 0", self.none_fit, self.none_fit.is_finite() && self.none_fit <= 0.0)?;
+        if let Some(fit) = self.none_fit {
+            check("none_fit", "a number, at most 0", fit, fit.is_finite() && fit <= 0.0)?;
+        }
         if let Some(mm) = self.stop_place_mm {
             check("stop_place_mm", "a positive number", mm, mm.is_finite() && mm > 0.0)?;
         }
@@ -135,14 +145,18 @@ impl EpisodeConfig {
         check("subdivisions", "1 to 8", self.subdivisions as f64, (1..=8).contains(&self.subdivisions))?;
         check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
         check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
-        let (mm, deg) = (self.action.min_separation_mm, self.action.min_separation_deg);
+        let mm = self.action.min_separation_mm;
         check("action.min_separation_mm", "a number, not negative", mm, mm.is_finite() && mm >= 0.0)?;
-        check("action.min_separation_deg", "a number, not negative", deg, deg.is_finite() && deg >= 0.0)?;
+        if let Some(deg) = self.action.min_separation_deg {
+            check("action.min_separation_deg", "a number, not negative", deg, deg.is_finite() && deg >= 0.0)?;
+        }
         let (draws, supposed) = (self.action.n_draws, self.action.n_suppositions);
         check("action.n_draws", "at least 1", draws as f64, draws >= 1)?;
         let travel = self.action.travel_nats_per_mm;
         check("action.travel_nats_per_mm", "a number, not negative", travel, travel.is_finite() && travel >= 0.0)?;
-        check("action.n_finalists", "at least 1", self.action.n_finalists as f64, self.action.n_finalists >= 1)?;
+        if let Some(n) = self.action.n_finalists {
+            check("action.n_finalists", "at least 1", n as f64, n >= 1)?;
+        }
         check("action.n_suppositions", "at least 1", supposed as f64, supposed >= 1)?;
         if let EngineConfig::Particle(ParticleConfig { n_particles, resample_share, .. }) = self.engine {
             check("engine.n_particles", "at least 1", n_particles as f64, n_particles >= 1)?;

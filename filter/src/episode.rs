@@ -1,41 +1,21 @@
 //! One hole, touch by touch: what a robot embeds.
 
-use serde::{Deserialize, Serialize};
-use tactile_data::frame::{Background, Frame};
-use tactile_data::grid::PoseGrid;
+use std::sync::Arc;
+
 use tactile_data::se2::Se2;
-use tactile_infer::Model;
-use tactile_infer::bank::Bank;
-use tactile_infer::symmetry::Symmetry;
+use tactile_infer::Bank;
 
 use crate::action::{Action, Judgement, Situation, choose, judge};
 use crate::belief::{Belief, Hypothesis};
-pub use crate::config::EpisodeConfig;
+use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
-use crate::likelihood::{Observation, TouchLikelihood};
-use crate::modes::{Mode, modes};
+use crate::estimate::{Estimate, Warning};
+use crate::likelihood::TouchLikelihood;
+use crate::modes::modes;
+use crate::observation::Observation;
+use crate::record::{EpisodeRecord, VERSION};
 use crate::refine::Refined;
-
-/// A model and a sensor at rest: makes observations of frames.
-#[derive(Debug)]
-pub struct Eye<'a> {
-    model: &'a Model,
-    background: Background,
-}
-
-impl<'a> Eye<'a> {
-    /// Prepares a sensor from its no-contact frame. Fails where that frame is unusable.
-    pub fn new(model: &'a Model, no_contact: &Frame) -> Result<Self> {
-        Ok(Self { model, background: model.background(no_contact)? })
-    }
-
-    /// What a frame of a hole shows. Fails where it is dark, saturated or of another size.
-    pub fn observe(&self, frame: &Frame) -> Result<Observation> {
-        let image = self.background.tactile_image(frame)?;
-        let edge_share = image.edge_share;
-        Ok(Observation { query: self.model.embed_holes(&[image])?, edge_share })
-    }
-}
+use crate::stop::StopReason;
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,191 +26,126 @@ pub enum Decision {
     Done(Box<Estimate>, StopReason),
 }
 
-/// Why an episode is over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum StopReason {
-    /// A part is more probable than `stop_probability` and explains the touches.
-    Confident,
-    /// No part explains the touches: this one is not in the bank.
-    NoneOfThese,
-    /// `max_touches` touches were made.
-    TouchLimit,
-    /// No candidate leads anywhere that was not touched.
-    NothingToLearn,
-}
-
-/// A reason to doubt an estimate, however probable it is: the filter only weighs the parts of its bank.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Warning {
-    /// No edged touch looks like any recorded view: perhaps none of these parts.
-    LowSimilarity {
-        /// The largest cosine of any edged touch with any recorded view.
-        best: f32,
-        /// What [`EpisodeConfig::low_similarity`] asks for.
-        floor: f32,
-    },
-    /// Every touch was blank: no edge was ever seen.
-    NothingSeen,
-}
-
-impl std::fmt::Display for Warning {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::LowSimilarity { best, floor } => {
-                write!(f, "no touch looks like any recorded view (best cosine {best:.2}, expected {floor:.2} or more)")
-            }
-            Self::NothingSeen => write!(f, "no touch showed an edge"),
-        }
-    }
-}
-
-/// What is known after the touches so far.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Estimate {
-    /// Name of the most probable part; the first of equals.
-    pub part: String,
-    /// Its probability, 0..=1.
-    pub probability: f64,
-    /// Pose of the sensor now, around the likeliest state of that part.
-    pub part_from_sensor: Se2,
-    /// Pose of the sensor at its first touch: the mean around that state, or its recorded pose where
-    /// [`EpisodeConfig::between_poses`] is off.
-    pub part_from_first: Se2,
-    /// The turns after which that part feels the same. Touch cannot tell the poses of
-    /// `symmetry.twins(&part_from_sensor)` apart; insert at any of them.
-    pub symmetry: Symmetry,
-    /// Covariance of that pose: (x mm, y mm, theta rad); noughts for a recorded pose.
-    pub covariance: [[f64; 3]; 3],
-    /// How well that part explains what was felt: the mean log-likelihood of an edged touch's look, 0 for
-    /// the best recorded view each time; `None` where no edge was felt.
-    pub fit: Option<f64>,
-    /// Probability of each part of the bank, `[n_parts]`.
-    pub class_posterior: Vec<f64>,
-    /// Where else it may be: the belief's modes, the heaviest first.
-    pub modes: Vec<Mode>,
-    /// Entropy over all states, nats.
-    pub entropy_nats: f64,
-    /// [`Belief::log_evidence`] of all touches, nats.
-    pub log_evidence: f64,
-    /// Touches made.
-    pub n_touches: usize,
-    /// Reasons to doubt all this.
-    pub warnings: Vec<Warning>,
-}
-
-/// One hole being identified. Exists from the first touch on.
+/// One hole being identified. Exists from the first touch on; owns what it needs, so that a thread, a node or a handle
+/// can hold it.
 #[derive(Clone, Debug)]
-pub struct Episode<'a> {
+pub struct Episode {
     config: EpisodeConfig,
-    eye: Option<&'a Eye<'a>>,
-    bank: &'a Bank,
+    bank: Arc<Bank>,
     belief: Belief,
     touches: Vec<(Se2, Observation)>,
 }
 
-impl<'a> Episode<'a> {
-    /// Begins with the frame of the first touch.
+impl Episode {
+    /// Begins with the first touch.
     ///
     /// # Errors
-    /// A config out of range, a bank made by another model than the eye's, or an unusable frame.
-    pub fn begin(config: &EpisodeConfig, eye: &'a Eye<'a>, bank: &'a Bank, frame: &Frame) -> Result<Self> {
-        if eye.model.sha256() != bank.model_sha256() {
-            let expected = format!("one made by model {}", eye.model.sha256());
-            return Err(Error::invalid("bank", expected, format!("one made by {}", bank.model_sha256())));
-        }
-        let episode = Self::begin_with(config, bank, &eye.observe(frame)?)?;
-        Ok(Self { eye: Some(eye), ..episode })
-    }
-
-    /// Begins with the observation of the first touch; for callers that embed touches themselves.
-    pub fn begin_with(config: &EpisodeConfig, bank: &'a Bank, observation: &Observation) -> Result<Self> {
+    /// A config out of range, an observation of another model than the bank's, or one that no sensor makes.
+    pub fn begin(config: EpisodeConfig, bank: Arc<Bank>, observation: &Observation) -> Result<Self> {
         config.validate()?;
-        let first = TouchLikelihood::new(observation, bank, &config.likelihood)?;
-        let between = config.between_poses && config.likelihood.look_up.is_cubic(bank.grid());
+        check_model(&bank, observation)?;
+        let first = TouchLikelihood::new(observation, &bank, &config.likelihood)?;
+        let between = config.between_poses && config.likelihood.interpolation.is_cubic(bank.grid());
         let subdivisions = if between { config.subdivisions } else { 1 };
-        let belief = Belief::new(bank, config.engine, subdivisions, config.seed, first);
-        Ok(Self { config: *config, eye: None, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
+        let belief = Belief::new(&bank, config.engine, subdivisions, config.seed, first);
+        Ok(Self { config, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
     }
 
     /// What is needed to go on later, or elsewhere.
-    pub fn record(&self) -> EpisodeRecord {
-        EpisodeRecord {
-            config: self.config,
-            model_sha256: self.bank.model_sha256().into(),
-            parts: self.bank.parts().to_vec(),
-            grid: *self.bank.grid(),
-            touches: self.touches.clone(),
-        }
-    }
-
-    /// An episode as it was when recorded, to the bit. `eye` is needed to take in further frames.
     ///
     /// # Errors
-    /// A record of another bank, or without a touch, or whose touches no episode could have taken in.
-    pub fn restore(record: &EpisodeRecord, eye: Option<&'a Eye<'a>>, bank: &'a Bank) -> Result<Self> {
-        let of_bank = (bank.model_sha256(), bank.parts(), bank.grid());
-        if (record.model_sha256.as_str(), record.parts.as_slice(), &record.grid) != of_bank {
-            let got = format!("{} parts of model {}", record.parts.len(), record.model_sha256);
-            return Err(Error::invalid("episode record", "one of this bank: its model, parts and poses", got));
+    /// None that a bank could have; building its checksum may fail in principle.
+    pub fn record(&self) -> Result<EpisodeRecord> {
+        Ok(EpisodeRecord {
+            version: VERSION,
+            config: self.config,
+            bank_sha256: self.bank.sha256()?,
+            touches: self.touches.clone(),
+        })
+    }
+
+    /// An episode as it was when recorded, to the bit.
+    ///
+    /// # Errors
+    /// A record of another bank or version, without a touch, or whose touches no episode could have taken in.
+    pub fn restore(record: &EpisodeRecord, bank: Arc<Bank>) -> Result<Self> {
+        let wrong = |expected, got| Err(Error::WrongBank { expected, got });
+        if record.version != VERSION {
+            return wrong(format!("version {VERSION}"), format!("version {}", record.version));
         }
-        if let Some(eye) = eye.filter(|eye| eye.model.sha256() != bank.model_sha256()) {
-            let expected = format!("one of model {}", bank.model_sha256());
-            return Err(Error::invalid("eye", expected, format!("one of {}", eye.model.sha256())));
+        let sha256 = bank.sha256()?;
+        if record.bank_sha256 != sha256 {
+            return wrong(format!("one of bank {sha256:.12}"), format!("one of bank {:.12}", record.bank_sha256));
         }
         let Some(((_, first), later)) = record.touches.split_first() else {
-            return Err(Error::invalid("episode record", "at least one touch", "none"));
+            return wrong("at least one touch".into(), "none".into());
         };
-        let mut episode = Self { eye, ..Self::begin_with(&record.config, bank, first)? };
-        later.iter().try_for_each(|(moved, observation)| episode.observe_with(*moved, observation))?;
+        let mut episode = Self::begin(record.config, bank, first)?;
+        later.iter().try_for_each(|(moved, observation)| episode.observe(*moved, observation))?;
         Ok(episode)
     }
 
-    /// Takes in a touch: `moved` is the motion actually made since the touch before, in the sensor's frame at
-    /// that touch. After an error the belief is as before.
+    /// Takes in a touch: `moved` is the motion actually made since the last touch that was taken in, in the sensor's
+    /// frame at that touch. After an error the belief is as before; the motion then counts towards the next touch.
     ///
     /// # Errors
-    /// An unusable frame, a motion that is not finite, or an episode that was begun without an eye.
-    pub fn observe(&mut self, moved: Se2, frame: &Frame) -> Result<()> {
-        let eye = self.eye.ok_or_else(|| {
-            Error::invalid("episode", "an eye, given to Episode::begin, to see frames with", "one begun without")
-        })?;
-        self.observe_with(moved, &eye.observe(frame)?)
-    }
-
-    /// Like [`Self::observe`], with the touch already embedded.
-    pub fn observe_with(&mut self, moved: Se2, observation: &Observation) -> Result<()> {
+    /// A frozen picture, a motion that is not finite, or an observation as [`Self::begin`] refuses it.
+    pub fn observe(&mut self, moved: Se2, observation: &Observation) -> Result<()> {
         if !is_plausible(&moved) {
-            return Err(Error::invalid("moved", "a motion within 1 km and 1,000 rad", format!("{moved:?}")));
+            let Se2 { x_mm, y_mm, theta_rad } = moved;
+            return Err(Error::Motion { x_mm, y_mm, theta_rad });
         }
-        let likelihood = TouchLikelihood::new(observation, self.bank, &self.config.likelihood)?;
+        check_model(&self.bank, observation)?;
+        self.check_new_picture(&moved, observation)?;
+        let likelihood = TouchLikelihood::new(observation, &self.bank, &self.config.likelihood)?;
         self.belief.update(&moved, likelihood);
         self.touches.push((moved, observation.clone()));
         Ok(())
     }
 
-    /// Whether to stop, and if not, which of `candidates` (motions of the sensor that the reach allows) to
+    /// Refuses the picture of the touch before after a motion that a camera's noise alone would have changed.
+    fn check_new_picture(&self, moved: &Se2, observation: &Observation) -> Result<()> {
+        /// A robot stands still to within this, mm and degrees.
+        const STILL: f64 = 0.02;
+        let before = self.touches.last().and_then(|(_, before)| before.frame_hash);
+        let (mm, deg) = (moved.x_mm.hypot(moved.y_mm), moved.theta_deg().abs());
+        if before.is_some() && before == observation.frame_hash && mm.max(deg) > STILL {
+            return Err(Error::FrozenFrame { mm, deg });
+        }
+        Ok(())
+    }
+
+    /// Whether to stop, and if not, which motion of `reach` (what the robot can do from here, in the sensor's frame) to
     /// make. Changes nothing: asked again, it answers the same.
-    pub fn decide(&self, candidates: &[Se2]) -> Decision {
-        self.decide_while(candidates, &mut || true)
+    ///
+    /// # Errors
+    /// [`Error::EmptyReach`] where the episode should go on and no motion of finite numbers is offered.
+    pub fn decide(&self, reach: &[Se2]) -> Result<Decision> {
+        self.decide_while(reach, &mut || true)
     }
 
     /// Like [`Self::decide`], with a limit on the effort: `keep_going` is asked before each candidate is
     /// judged, and once it says no the best found so far is taken. With a clock it is a time budget.
     ///
     /// ```no_run
-    /// # fn choose(episode: &tactile_filter::episode::Episode, reach: &[tactile_data::se2::Se2]) {
+    /// # fn choose(episode: &tactile_filter::Episode, reach: &[tactile_data::se2::Se2]) {
     /// let start = std::time::Instant::now();
     /// let decision = episode.decide_while(reach, &mut || start.elapsed().as_micros() < 1_500);
     /// # }
     /// ```
-    pub fn decide_while(&self, candidates: &[Se2], keep_going: &mut dyn FnMut() -> bool) -> Decision {
+    ///
+    /// # Errors
+    /// As [`Self::decide`].
+    pub fn decide_while(&self, reach: &[Se2], keep_going: &mut dyn FnMut() -> bool) -> Result<Decision> {
         let done = |reason| Decision::Done(Box::new(self.estimate()), reason);
         if let Some(reason) = self.stop_reason() {
-            return done(reason);
+            return Ok(done(reason));
         }
-        let chosen = choose(&self.situation(candidates), self.choice_seed(), keep_going);
-        chosen.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch)
+        if !reach.iter().any(Se2::is_finite) {
+            return Err(Error::EmptyReach { n_motions: reach.len() });
+        }
+        let chosen = choose(&self.situation(reach), self.choice_seed(), keep_going);
+        Ok(chosen.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch))
     }
 
     /// Why [`Self::decide`] chooses as it does: each of `candidates` as the rule judges it now, the one chosen and what
@@ -245,7 +160,7 @@ impl<'a> Episode<'a> {
             config: &self.config.action,
             likelihood: &self.config.likelihood,
             belief: &self.belief,
-            bank: self.bank,
+            bank: &self.bank,
             candidates,
             only_recorded: !self.config.between_poses,
         }
@@ -261,7 +176,7 @@ impl<'a> Episode<'a> {
     pub fn stop_reason(&self) -> Option<StopReason> {
         let (part, probability) = self.likeliest_part();
         let n_touches = self.belief.touches().len();
-        // The fit costs a hundred look-ups a touch: worked out only where it can matter.
+        // The fit costs hundreds of interpolations a touch: found only where it can matter.
         let matters = n_touches >= self.config.none_touches || probability > self.config.stop_probability;
         let placed = if matters { Some(self.place(part)) } else { None };
         let reason = self.config.stop(probability, placed.as_ref().and_then(|placed| placed.fit), n_touches);
@@ -332,20 +247,16 @@ impl<'a> Episode<'a> {
     }
 }
 
-/// An episode as it can be saved: its settings and what was felt. Serde writes it; [`Episode::restore`] plays
-/// it again and gives every number as it was.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct EpisodeRecord {
-    /// The settings.
-    pub config: EpisodeConfig,
-    /// The model that made the bank and the touches.
-    pub model_sha256: String,
-    /// Names of the bank's parts.
-    pub parts: Vec<String>,
-    /// The bank's poses.
-    pub grid: PoseGrid,
-    /// Each touch with the motion since the one before; the first one's is no motion.
-    pub touches: Vec<(Se2, Observation)>,
+/// Refuses an observation of another model than the bank's.
+fn check_model(bank: &Bank, observation: &Observation) -> Result<()> {
+    match &observation.model_sha256 {
+        Some(got) if got != bank.model_sha256() => Err(Error::WrongModel {
+            what: "observation",
+            expected: bank.model_sha256().to_string(),
+            got: got.to_string(),
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// Whether a robot could have moved so; NaN could not. Far beyond, composed poses overflow.
@@ -368,11 +279,16 @@ mod tests {
     use crate::synthetic::World;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
-    use tactile_data::frame::Preprocessing;
-    use tactile_infer::DeviceKind;
+    use tactile_data::FrameFault;
+    use tactile_data::frame::{Frame, Preprocessing};
+    use tactile_data::grid::PoseGrid;
+    use tactile_infer::architecture::NetworkConfig;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
-    use tactile_infer::encoder::NetworkConfig;
+    use tactile_infer::rows::Rows;
     use tactile_infer::similarity::normalize_rows;
+    use tactile_infer::{DeviceKind, Model};
+
+    use crate::sensor::Sensor;
 
     /// 7 x 7 x 3 = 147 poses on 24 x 24 mm.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 12.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
@@ -382,14 +298,14 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let start = GRID.pose(rng.random_range(0..GRID.len()));
         let mut pose = start;
-        let mut episode = Episode::begin_with(config, &world.bank, &world.touch(part, &pose, &mut rng)).unwrap();
+        let mut episode = Episode::begin(*config, world.bank.clone(), &world.touch(part, &pose, &mut rng)).unwrap();
         let mut hits = Vec::new();
         loop {
             hits.push(episode.estimate().part == world.bank.parts()[part]);
-            match episode.decide(&world.reach(&pose)) {
+            match episode.decide(&world.reach(&pose)).unwrap() {
                 Decision::Touch(action) => {
                     pose = pose * action.sensor_from_next;
-                    episode.observe_with(action.sensor_from_next, &world.touch(part, &pose, &mut rng)).unwrap();
+                    episode.observe(action.sensor_from_next, &world.touch(part, &pose, &mut rng)).unwrap();
                 }
                 Decision::Done(estimate, _) => return (hits, *estimate, start),
             }
@@ -410,7 +326,7 @@ mod tests {
     }
 
     fn never_confident(max_touches: usize) -> EpisodeConfig {
-        EpisodeConfig { stop_probability: 1.0, none_fit: f64::MIN, max_touches, ..EpisodeConfig::default() }
+        EpisodeConfig { stop_probability: 1.0, none_fit: None, max_touches, ..EpisodeConfig::default() }
     }
 
     #[test]
@@ -444,9 +360,9 @@ mod tests {
             assert_eq!(play(&world, &config, 1, 9), play(&world, &config, 1, 9));
         }
         let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
-        let episode = Episode::begin_with(&never_confident(4), &world.bank, &touch).unwrap();
+        let episode = Episode::begin(never_confident(4), world.bank.clone(), &touch).unwrap();
         let reach = world.reach(&Se2::IDENTITY);
-        assert_eq!(episode.decide(&reach), episode.decide(&reach));
+        assert_eq!(episode.decide(&reach).unwrap(), episode.decide(&reach).unwrap());
     }
 
     #[test]
@@ -457,19 +373,19 @@ mod tests {
             let config = EpisodeConfig { engine, ..never_confident(6) };
             let reach = world.reach(&Se2::IDENTITY);
             let touch = |rng: &mut ChaCha8Rng| world.touch(1, &Se2::from_degrees(4.0, 0.0, 30.0), rng);
-            let mut episode = Episode::begin_with(&config, &world.bank, &touch(&mut rng)).unwrap();
-            episode.observe_with(reach[5], &touch(&mut rng)).unwrap();
-            let text = serde_json::to_string(&episode.record()).unwrap();
+            let mut episode = Episode::begin(config, world.bank.clone(), &touch(&mut rng)).unwrap();
+            episode.observe(reach[5], &touch(&mut rng)).unwrap();
+            let text = serde_json::to_string(&episode.record().unwrap()).unwrap();
             let record: EpisodeRecord = serde_json::from_str(&text).unwrap();
-            let mut restored = Episode::restore(&record, None, &world.bank).unwrap();
+            let mut restored = Episode::restore(&record, world.bank.clone()).unwrap();
             let last = touch(&mut rng);
             for one in [&mut episode, &mut restored] {
-                one.observe_with(reach[9], &last).unwrap();
+                one.observe(reach[9], &last).unwrap();
             }
             assert_eq!(restored.estimate(), episode.estimate());
-            assert_eq!(restored.decide(&reach), episode.decide(&reach));
+            assert_eq!(restored.decide(&reach).unwrap(), episode.decide(&reach).unwrap());
             let other = World::new(3, GRID, 0.5, 0.1, 2);
-            assert!(Episode::restore(&record, None, &other.bank).unwrap_err().to_string().contains("record"));
+            assert!(Episode::restore(&record, other.bank.clone()).unwrap_err().to_string().contains("one of bank"));
         }
     }
 
@@ -478,21 +394,21 @@ mod tests {
         let world = World::new(5, GRID, 0.3, 0.05, 5);
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         for (rule, n_finalists) in [
-            (ActionRule::Information, 8),
-            (ActionRule::Information, 500),
-            (ActionRule::Paper, 8),
-            (ActionRule::Random, 8),
+            (ActionRule::Information, Some(8)),
+            (ActionRule::Information, None),
+            (ActionRule::Paper, Some(8)),
+            (ActionRule::Random, Some(8)),
         ] {
             let action = ActionConfig { rule, n_finalists, ..ActionConfig::default() };
             let config = EpisodeConfig { action, ..never_confident(4) };
             let mut episode =
-                Episode::begin_with(&config, &world.bank, &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
+                Episode::begin(config, world.bank.clone(), &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
             let mut pose = Se2::IDENTITY;
-            while let Decision::Touch(action) = episode.decide(&world.reach(&pose)) {
+            while let Decision::Touch(action) = episode.decide(&world.reach(&pose)).unwrap() {
                 let judgement = episode.judged(&world.reach(&pose)).unwrap();
                 assert_eq!(judgement.action, action, "{rule:?}");
                 assert_eq!(judgement.judged.is_empty(), rule == ActionRule::Random);
-                // Of those that all draws judged none is better; every other one had a first look.
+                // Of those that all draws judged none is better; every other one was judged in the first pass.
                 let closely: Vec<_> = judgement.judged.iter().filter(|judged| judged.by_all_draws).collect();
                 assert!(closely.len() <= n_finalists && judgement.judged.len() <= GRID.len());
                 let best = closely.iter().find(|judged| judged.sensor_from_next == action.sensor_from_next);
@@ -502,7 +418,7 @@ mod tests {
                 assert!(told.zip(score).is_none_or(|(told, score)| (told - score).abs() < 1e-12));
                 assert_eq!(told.is_some(), score.is_some());
                 pose = pose * action.sensor_from_next;
-                episode.observe_with(action.sensor_from_next, &world.touch(1, &pose, &mut rng)).unwrap();
+                episode.observe(action.sensor_from_next, &world.touch(1, &pose, &mut rng)).unwrap();
             }
         }
     }
@@ -511,13 +427,15 @@ mod tests {
     fn each_reason_to_stop_is_given() {
         let world = World::new(4, GRID, 0.2, 0.02, 2);
         let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
-        let reason = |config: EpisodeConfig, candidates: &[Se2]| match Episode::begin_with(&config, &world.bank, &touch)
-            .unwrap()
-            .decide(candidates)
-        {
-            Decision::Touch(_) => None,
-            Decision::Done(_, reason) => Some(reason),
-        };
+        let reason =
+            |config: EpisodeConfig, candidates: &[Se2]| match Episode::begin(config, world.bank.clone(), &touch)
+                .unwrap()
+                .decide(candidates)
+                .unwrap()
+            {
+                Decision::Touch(_) => None,
+                Decision::Done(_, reason) => Some(reason),
+            };
         let reach = world.reach(&Se2::IDENTITY);
         let eager = EpisodeConfig { stop_probability: 0.0, fit_margin: 0.0, ..never_confident(2) };
         assert_eq!(reason(eager, &reach), Some(StopReason::Confident));
@@ -527,10 +445,10 @@ mod tests {
         assert_eq!(reason(placed(1e-3, 1), &reach), Some(StopReason::TouchLimit));
         assert_eq!(reason(placed(1e3, 2), &reach), Some(StopReason::Confident));
         assert_eq!(reason(never_confident(1), &reach), Some(StopReason::TouchLimit));
-        assert_eq!(reason(never_confident(2), &[]), Some(StopReason::NothingToLearn));
+        assert_eq!(reason(never_confident(2), &[Se2::IDENTITY]), Some(StopReason::NothingToLearn));
         assert_eq!(reason(never_confident(2), &reach), None);
         // The best recorded view fits with 0 at most.
-        let doubtful = EpisodeConfig { none_fit: 0.0, none_touches: 1, ..never_confident(2) };
+        let doubtful = EpisodeConfig { none_fit: Some(0.0), none_touches: 1, ..never_confident(2) };
         let strange = EpisodeConfig { between_poses: false, ..doubtful };
         assert_ne!(reason(strange, &reach), Some(StopReason::Confident));
     }
@@ -538,24 +456,24 @@ mod tests {
     #[test]
     fn a_part_that_is_not_in_the_bank_is_none_of_these() {
         let world = World::new(6, GRID, 0.2, 0.02, 3);
-        let reason = |bank: &Bank, part: usize, seed: u64| {
+        let reason = |bank: &Arc<Bank>, part: usize, seed: u64| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let mut pose = GRID.pose(rng.random_range(0..GRID.len()));
             let config = EpisodeConfig { between_poses: false, ..EpisodeConfig::default() };
-            let mut episode = Episode::begin_with(&config, bank, &world.touch(part, &pose, &mut rng)).unwrap();
+            let mut episode = Episode::begin(config, bank.clone(), &world.touch(part, &pose, &mut rng)).unwrap();
             loop {
-                let moved = match episode.decide(&world.reach(&pose)) {
+                let moved = match episode.decide(&world.reach(&pose)).unwrap() {
                     Decision::Touch(action) => action.sensor_from_next,
                     Decision::Done(_, reason) => return reason,
                 };
                 pose = pose * moved;
-                episode.observe_with(moved, &world.touch(part, &pose, &mut rng)).unwrap();
+                episode.observe(moved, &world.touch(part, &pose, &mut rng)).unwrap();
             }
         };
         let n_strange = |absent: bool| {
             let is_strange = |seed: &u64| {
                 let part = *seed as usize % 6;
-                let bank = if absent { world.bank.without(part).unwrap() } else { world.bank.clone() };
+                let bank = if absent { Arc::new(world.bank.without(part).unwrap()) } else { world.bank.clone() };
                 reason(&bank, part, *seed) == StopReason::NoneOfThese
             };
             (0..24).filter(is_strange).count()
@@ -568,11 +486,11 @@ mod tests {
     fn what_resembles_no_part_is_named_with_a_warning() {
         let world = World::new(4, GRID, 0.2, 0.02, 2);
         let estimate = |touch: &Observation| {
-            Episode::begin_with(&EpisodeConfig::default(), &world.bank, touch).unwrap().estimate()
+            Episode::begin(EpisodeConfig::default(), world.bank.clone(), touch).unwrap().estimate()
         };
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let noise = (0..world.bank.dim()).map(|_| rng.random::<f32>() - 0.5).collect();
-        let strange = Observation { query: noise, edge_share: 0.3 };
+        let strange = Observation::new(noise, 0.3);
         assert!(matches!(estimate(&strange).warnings[..], [Warning::LowSimilarity { .. }]));
         let blank = Observation { edge_share: 0.0, ..strange };
         assert_eq!(estimate(&blank).warnings, [Warning::NothingSeen]);
@@ -583,30 +501,86 @@ mod tests {
     fn bad_input_is_refused_and_leaves_the_belief() {
         let world = World::new(2, GRID, 0.2, 0.02, 2);
         let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
-        let mut episode = Episode::begin_with(&EpisodeConfig::default(), &world.bank, &touch).unwrap();
+        let mut episode = Episode::begin(EpisodeConfig::default(), world.bank.clone(), &touch).unwrap();
         let before = episode.estimate();
-        let frame = Frame::new(1, 1, vec![0; 3]).unwrap();
-        assert!(episode.observe(Se2::IDENTITY, &frame).unwrap_err().to_string().contains("an eye"));
-        assert!(episode.observe_with(Se2 { x_mm: f64::NAN, ..Se2::IDENTITY }, &touch).is_err());
-        let nothing = Observation { query: vec![f32::NAN; world.bank.dim()], edge_share: 0.2 };
-        assert!(episode.observe_with(Se2::IDENTITY, &nothing).is_err());
+        let nowhere = episode.observe(Se2 { x_mm: f64::NAN, ..Se2::IDENTITY }, &touch).unwrap_err();
+        assert!(matches!(nowhere, Error::Motion { .. }));
+        let nothing = Observation::new(vec![f32::NAN; world.bank.dim()], 0.2);
+        assert!(matches!(episode.observe(Se2::IDENTITY, &nothing), Err(Error::Observation { .. })));
+        for reach in [vec![], vec![Se2 { x_mm: f64::INFINITY, ..Se2::IDENTITY }]] {
+            assert!(matches!(episode.decide(&reach), Err(Error::EmptyReach { n_motions }) if n_motions == reach.len()));
+        }
         assert_eq!(episode.estimate(), before);
         let never = EpisodeConfig { max_touches: 0, ..EpisodeConfig::default() };
-        let error = Episode::begin_with(&never, &world.bank, &touch).unwrap_err();
+        let error = Episode::begin(never, world.bank.clone(), &touch).unwrap_err();
         assert_eq!(error.to_string(), "episode.max_touches: expected at least 1, got 0");
     }
 
-    #[test]
-    fn a_bank_made_by_another_model_is_refused() {
+    /// A sensor with a network that has learnt nothing, and a lit frame of it.
+    fn sensor() -> (Sensor, Frame) {
         let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 64 };
         let network = config.init(3, &DeviceKind::Flex.tensor_device());
         let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
-        let model = Model::new(checkpoint, "another".into(), DeviceKind::Flex).unwrap();
+        let model = Model::new(checkpoint, "synthetic".into(), DeviceKind::Flex).unwrap();
         let frame = Frame::new(16, 12, (0..3 * 16 * 12).map(|i| 60 + (i % 90) as u8).collect()).unwrap();
-        let eye = Eye::new(&model, &frame).unwrap();
+        (Sensor::new(Arc::new(model), &frame).unwrap(), frame)
+    }
+
+    #[test]
+    fn an_observation_of_another_model_is_refused() {
+        let (sensor, frame) = sensor();
         let world = World::new(2, GRID, 0.2, 0.02, 2);
-        let error = Episode::begin(&EpisodeConfig::default(), &eye, &world.bank, &frame).unwrap_err();
-        assert_eq!(error.to_string(), "bank: expected one made by model another, got one made by synthetic");
+        let mine = sensor.observe(&frame).unwrap();
+        let foreign = Observation { model_sha256: Some("another".into()), ..mine.clone() };
+        let mut episode = Episode::begin(EpisodeConfig::default(), world.bank.clone(), &mine).unwrap();
+        let begun = Episode::begin(EpisodeConfig::default(), world.bank.clone(), &foreign);
+        for error in [begun.unwrap_err(), episode.observe(Se2::IDENTITY, &foreign).unwrap_err()] {
+            assert_eq!(error.to_string(), "observation: expected one of model synthetic, got one of model another");
+            assert!(matches!(error, Error::WrongModel { .. }));
+        }
+    }
+
+    #[test]
+    fn the_same_picture_after_a_motion_is_a_frozen_camera() {
+        let (sensor, frame) = sensor();
+        let world = World::new(2, GRID, 0.2, 0.02, 2);
+        let first = sensor.observe(&frame).unwrap();
+        let mut episode = Episode::begin(EpisodeConfig::default(), world.bank.clone(), &first).unwrap();
+        let before = episode.estimate();
+        for moved in [Se2::from_degrees(3.0, 0.0, 0.0), Se2::from_degrees(0.0, 0.0, -5.0)] {
+            let error = episode.observe(moved, &sensor.observe(&frame).unwrap()).unwrap_err();
+            assert!(matches!(error, Error::FrozenFrame { .. }), "{error}");
+        }
+        assert_eq!(episode.estimate(), before);
+        // One value of one pixel differs; a sensor that stands still; a simulated frame.
+        let mut rgb = frame.rgb().to_vec();
+        rgb[100] += 1;
+        let new = sensor.observe(&Frame::new(16, 12, rgb).unwrap()).unwrap();
+        episode.observe(Se2::from_degrees(3.0, 0.0, 0.0), &new).unwrap();
+        episode.observe(Se2::IDENTITY, &new).unwrap();
+        episode.observe(Se2::from_degrees(3.0, 0.0, 0.0), &new.of_simulation()).unwrap();
+    }
+
+    #[test]
+    fn a_frame_that_cannot_be_used_says_what_is_wrong() {
+        let (sensor, _) = sensor();
+        let fault = |frame: Frame| match sensor.observe(&frame) {
+            Err(Error::Frame { fault, .. }) => fault,
+            other => panic!("{other:?}"),
+        };
+        let noise = |least: u8, n: usize| (0..3 * n).map(|i| least + (i * 7 % 9) as u8).collect();
+        assert!(matches!(fault(Frame::new(16, 12, noise(8, 192)).unwrap()), FrameFault::Dark { .. }));
+        assert!(matches!(fault(Frame::new(16, 12, noise(246, 192)).unwrap()), FrameFault::Saturated { .. }));
+        assert!(matches!(fault(Frame::new(16, 12, vec![100; 576]).unwrap()), FrameFault::Uniform { .. }));
+        assert!(matches!(fault(Frame::new(12, 16, noise(90, 192)).unwrap()), FrameFault::WrongSize { .. }));
+    }
+
+    #[test]
+    fn an_episode_can_be_held_by_a_thread() {
+        fn is_owned<T: Send + Sync + 'static>() {}
+        is_owned::<Episode>();
+        is_owned::<Sensor>();
+        is_owned::<Bank>();
     }
 
     #[test]
@@ -636,7 +610,7 @@ mod tests {
             .collect();
         let names = (0..n_parts).map(|part| part.to_string()).collect();
         let shares = vec![0.2; n_parts * GRID.len()];
-        let bank = Bank::from_rows(names, GRID, DIM, rows, shares, String::new()).unwrap();
+        let bank = Arc::new(Bank::from_rows(names, GRID, Rows::new(DIM, rows).unwrap(), shares, "").unwrap());
         let n_correct = |rule| {
             let n_right = |seed: &u64| {
                 let (part, start) = (*seed as usize % n_parts, GRID.pose(70));
@@ -644,14 +618,14 @@ mod tests {
                 let mut touch = |pose: Se2| {
                     let row = bank.row(part * GRID.len() + GRID.nearest(&pose).unwrap());
                     let query = row.iter().map(|value| value + 0.1 * (rng.random::<f32>() - 0.5)).collect();
-                    Observation { query, edge_share: 0.2 }
+                    Observation::new(query, 0.2)
                 };
                 let action = ActionConfig { rule, ..ActionConfig::default() };
                 let config = EpisodeConfig { action, seed: *seed, ..never_confident(2) };
-                let mut episode = Episode::begin_with(&config, &bank, &touch(start)).unwrap();
+                let mut episode = Episode::begin(config, bank.clone(), &touch(start)).unwrap();
                 let reach: Vec<Se2> = (0..GRID.len()).map(|cell| start.inverse() * GRID.pose(cell)).collect();
-                let Decision::Touch(action) = episode.decide(&reach) else { return false };
-                episode.observe_with(action.sensor_from_next, &touch(start * action.sensor_from_next)).unwrap();
+                let Decision::Touch(action) = episode.decide(&reach).unwrap() else { return false };
+                episode.observe(action.sensor_from_next, &touch(start * action.sensor_from_next)).unwrap();
                 episode.estimate().part == bank.parts()[part]
             };
             (0..64).filter(n_right).count()

@@ -1,49 +1,113 @@
-//! What can go wrong between a touch and a belief.
+//! What can go wrong between a touch and a belief: cases that a controller can match on.
 
-use std::path::{Path, PathBuf};
+use tactile_data::FrameFault;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// An error of this crate, one line for a person.
+/// An error of this crate, one line for a person. After any of them an episode is as it was before the call.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A value that came from outside does not make sense.
-    #[error("{what}: expected {expected}, got {got}")]
-    Invalid {
-        /// The field, touch or file.
+    /// The frame is dark, saturated, uniform or of another size.
+    #[error("{what}: {fault}")]
+    Frame {
+        /// Which frame.
         what: String,
+        /// What is wrong with it.
+        fault: FrameFault,
+    },
+    /// The picture is the same, byte for byte, as at the touch before, though the sensor moved: the camera has stopped.
+    #[error("frame: expected a new picture after a motion of {mm:.1} mm and {deg:.1} degrees, got the one before")]
+    FrozenFrame {
+        /// Distance moved, mm.
+        mm: f64,
+        /// Angle turned, degrees.
+        deg: f64,
+    },
+    /// The motion is not finite, or no robot's.
+    #[error("motion: expected at most 1 km and 1,000 rad, got x {x_mm} mm, y {y_mm} mm, theta {theta_rad} rad")]
+    Motion {
+        /// Along x, mm.
+        x_mm: f64,
+        /// Along y, mm.
+        y_mm: f64,
+        /// Turn, rad.
+        theta_rad: f64,
+    },
+    /// The observation or sensor is of another model than the bank.
+    #[error("{what}: expected one of model {expected:.12}, got one of model {got:.12}")]
+    WrongModel {
+        /// What is of another model.
+        what: &'static str,
+        /// SHA-256 of the bank's model.
+        expected: String,
+        /// SHA-256 of the other.
+        got: String,
+    },
+    /// A saved episode belongs to another bank, or to another version of this program.
+    #[error("saved episode: expected {expected}, got {got}")]
+    WrongBank {
+        /// The bank or version in use.
+        expected: String,
+        /// The one that the episode names.
+        got: String,
+    },
+    /// No motion was offered that could be made.
+    #[error("reach: expected at least one motion of finite numbers, got {n_motions} motions, none of them finite")]
+    EmptyReach {
+        /// Motions offered.
+        n_motions: usize,
+    },
+    /// An observation that no sensor makes: another length, or numbers that are not finite.
+    #[error("touch: expected {expected}, got {got}")]
+    Observation {
         /// What would have been right.
         expected: String,
         /// What came.
         got: String,
     },
-    /// The operating system refused to read or write.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
+    /// A setting outside its range.
+    #[error("{setting}: expected {expected}, got {got}")]
+    Config {
+        /// The setting.
+        setting: String,
+        /// Its range.
+        expected: String,
+        /// What came.
+        got: String,
     },
-    /// A frame or dataset is not usable.
+    /// A model or bank that cannot be used, or another error below.
     #[error(transparent)]
-    Data(#[from] tactile_data::Error),
-    /// A model or bank is not usable.
-    #[error(transparent)]
-    Infer(#[from] tactile_infer::Error),
+    Infer(tactile_infer::Error),
 }
 
 impl Error {
-    /// A value of `what` that does not make sense.
-    pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
+    /// A setting outside its range.
+    pub(crate) fn config(setting: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
+        Self::Config { setting: setting.into(), expected: expected.into(), got: got.into() }
     }
 
-    /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
-    pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.as_ref().to_path_buf();
-        move |source| Self::Io { path, source }
+    /// An observation that no sensor makes.
+    pub(crate) fn observation(expected: impl Into<String>, got: impl Into<String>) -> Self {
+        Self::Observation { expected: expected.into(), got: got.into() }
+    }
+}
+
+impl From<tactile_data::Error> for Error {
+    fn from(error: tactile_data::Error) -> Self {
+        match error {
+            tactile_data::Error::Frame { what, fault } => Self::Frame { what, fault },
+            other => Self::Infer(other.into()),
+        }
+    }
+}
+
+impl From<tactile_infer::Error> for Error {
+    fn from(error: tactile_infer::Error) -> Self {
+        match error {
+            tactile_infer::Error::Data(error) => error.into(),
+            other => Self::Infer(other),
+        }
     }
 }

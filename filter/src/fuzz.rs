@@ -2,16 +2,23 @@
 //!
 //! Some hundred cases by default; `PROPTEST_CASES` in the environment asks for more.
 
+use std::sync::Arc;
+
 use proptest::prelude::*;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
+use tactile_infer::rows::Rows;
 
 use crate::action::{ActionConfig, ActionRule};
 use crate::belief::EngineConfig;
-use crate::episode::{Decision, Episode, EpisodeConfig, Estimate};
-use crate::likelihood::{LikelihoodConfig, Observation};
-use crate::lookup::LookUp;
+use crate::config::EpisodeConfig;
+use crate::episode::{Decision, Episode};
+use crate::error::Error;
+use crate::estimate::Estimate;
+use crate::interpolation::Interpolation;
+use crate::likelihood::LikelihoodConfig;
+use crate::observation::Observation;
 use crate::particle::ParticleConfig;
 
 /// Any f64: half the time one near a robot's, else one at an end of the range or none at all.
@@ -64,8 +71,8 @@ fn grid() -> impl Strategy<Value = PoseGrid> {
     })
 }
 
-/// Banks of one to four parts; rows of noughts, rows all alike, and values at the ends of f32 among them.
-fn bank() -> impl Strategy<Value = Bank> {
+/// Banks of one to four parts; rows of zeros, rows all alike, and values at the ends of f32 among them.
+fn bank() -> impl Strategy<Value = Arc<Bank>> {
     (grid(), 1..=4_usize, 1..=20_usize, any::<bool>()).prop_flat_map(|(grid, n_parts, dim, alike)| {
         let n_rows = n_parts * grid.len();
         let n_drawn = if alike { 1 } else { n_rows.min(16) };
@@ -76,7 +83,7 @@ fn bank() -> impl Strategy<Value = Bank> {
             let rows: Vec<f32> = (0..n_rows).flat_map(|row| rows[row * 7 % rows.len()].clone()).collect();
             let shares = (0..n_rows).map(|row| shares[row * 5 % shares.len()]).collect();
             let names = (0..n_parts).map(|part| part.to_string()).collect();
-            Bank::from_rows(names, grid, dim, rows, shares, String::new()).unwrap()
+            Arc::new(Bank::from_rows(names, grid, Rows::new(dim, rows).unwrap(), shares, "").unwrap())
         })
     })
 }
@@ -106,16 +113,16 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
     let temperature =
         prop_oneof![4 => 0.01..1.0_f64, 1 => prop::sample::select(vec![1e-300, 1e-4, 1e4, 1e300]), 1 => number()];
     let floor = prop::sample::select(vec![0.0, 3e-4, 1e-300, 1.0]);
-    let look_up = prop::sample::select(vec![LookUp::Auto, LookUp::Nearest, LookUp::Cubic]);
+    let interpolation = prop::sample::select(vec![Interpolation::Auto, Interpolation::Nearest, Interpolation::Cubic]);
     let overlap = prop::sample::select(vec![0.0, 3.0, 1e-9, 1e9]);
     let tolerance = prop::sample::select(vec![0.25, 1.0, 1e-9, 1e9]);
-    let likelihood = (temperature, floor, look_up, overlap, tolerance, 0.0..0.5_f32).prop_map(
-        |(temperature, outlier_floor, look_up, overlap_mm, lookup_tolerance, blank_share)| LikelihoodConfig {
+    let likelihood = (temperature, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
+        |(temperature, outlier_floor, interpolation, overlap_mm, nearest_tolerance, blank_share)| LikelihoodConfig {
             temperature,
             outlier_floor,
-            look_up,
+            interpolation,
             overlap_mm,
-            lookup_tolerance,
+            nearest_tolerance,
             blank_share,
             ..LikelihoodConfig::default()
         },
@@ -140,7 +147,7 @@ fn touches(dim: usize) -> impl Strategy<Value = Vec<(Se2, Observation)>> {
         8 => length.prop_flat_map(|n| prop::collection::vec(value(), n)),
         2 => prop::collection::vec(unchecked(), dim),
     ];
-    let observation = (query, share()).prop_map(|(query, edge_share)| Observation { query, edge_share });
+    let observation = (query, share()).prop_map(|(query, edge_share)| Observation::new(query, edge_share));
     prop::collection::vec((motion(), observation), 1..6)
 }
 
@@ -172,15 +179,19 @@ proptest! {
         config in config(),
         candidates in prop::collection::vec(motion(), 0..12),
     ) {
-        let Ok(mut episode) = Episode::begin_with(&config, &bank, &touches[0].1) else { return Ok(()) };
+        let Ok(mut episode) = Episode::begin(config, bank.clone(), &touches[0].1) else { return Ok(()) };
         check(&episode.estimate())?;
         for (moved, touch) in &touches[1..] {
             let before = episode.estimate();
             match episode.decide(&candidates) {
-                Decision::Touch(action) => prop_assert!(action.sensor_from_next.is_finite()),
-                Decision::Done(estimate, _) => check(&estimate)?,
+                Ok(Decision::Touch(action)) => prop_assert!(action.sensor_from_next.is_finite()),
+                Ok(Decision::Done(estimate, _)) => check(&estimate)?,
+                Err(error) => {
+                    prop_assert!(matches!(error, Error::EmptyReach { .. }), "{error}");
+                    prop_assert!(!candidates.iter().any(Se2::is_finite));
+                }
             }
-            match episode.observe_with(*moved, touch) {
+            match episode.observe(*moved, touch) {
                 Ok(_) => check(&episode.estimate())?,
                 Err(error) => {
                     prop_assert!(!error.to_string().contains('\n'));

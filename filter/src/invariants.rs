@@ -3,11 +3,13 @@
 use proptest::prelude::*;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
+use tactile_infer::rows::Rows;
 
 use crate::belief::{Belief, EngineConfig};
 use crate::exact::Exact;
-use crate::likelihood::{LikelihoodConfig, Observation, TouchLikelihood};
+use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+use crate::observation::Observation;
 use crate::particle::{Particle, ParticleConfig};
 use crate::resample::systematic;
 
@@ -16,10 +18,8 @@ const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_
 /// The probability of each of some parts of one row after touches at one place.
 fn posterior(rows: &[[f32; 3]], shares: &[f32], touches: &[[f32; 3]], config: &LikelihoodConfig) -> Vec<f64> {
     let names = (0..rows.len()).map(|part| part.to_string()).collect();
-    let bank = Bank::from_rows(names, POINT, 3, rows.concat(), shares.to_vec(), String::new()).unwrap();
-    let seen = |query: &[f32; 3]| {
-        TouchLikelihood::new(&Observation { query: query.to_vec(), edge_share: 0.2 }, &bank, config).unwrap()
-    };
+    let bank = Bank::from_rows(names, POINT, Rows::new(3, rows.concat()).unwrap(), shares.to_vec(), "").unwrap();
+    let seen = |query: &[f32; 3]| TouchLikelihood::new(&Observation::new(query.to_vec(), 0.2), &bank, config).unwrap();
     let mut belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, seen(&touches[0]));
     for touch in &touches[1..] {
         belief.update(&Se2::IDENTITY, seen(touch));

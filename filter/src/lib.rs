@@ -1,29 +1,28 @@
-//! Which peg fits this hole, and where the hole is: hypotheses, updates, the next touch, termination.
+//! Which peg fits this hole, and where the hole is: observation, belief, the next touch, the stop, the budget.
 //!
-//! The main type is [`episode::Episode`]: a robot begins one with its first touch, asks it where to touch
-//! next, reports the motion it actually made with the frame that it saw, and is told when to stop. The
-//! robot owns the loop, the clock and the driver; this crate reads no file, starts no thread and prints
-//! nothing. It must not know gradients, tensors or how frames are made.
+//! The main type is [`Episode`]: a robot makes an [`Observation`] of its first touch with a [`Sensor`], begins an episode
+//! with it, asks where to touch next, reports the motion it actually made with the next observation, and is told when to
+//! stop. The robot owns the loop, the clock and the driver: this crate starts no thread, prints nothing, and knows no
+//! gradients, no simulator and no files but those of model and bank.
 //!
 //! ```
+//! use std::sync::Arc;
 //! use tactile_data::{grid::PoseGrid, se2::Se2};
-//! use tactile_filter::episode::{Decision, Episode, EpisodeConfig};
-//! use tactile_filter::likelihood::Observation;
-//! use tactile_infer::bank::Bank;
+//! use tactile_filter::{Decision, Episode, EpisodeConfig, Observation};
+//! use tactile_infer::{Bank, rows::Rows};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! // Two pegs, three recorded views of each; they differ in the last one only.
 //! let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 //! let rows = [[1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 0.0], [0.0, -1.0]].concat();
-//! let bank = Bank::from_rows(vec!["A".into(), "B".into()], grid, 2, rows, vec![0.2; 6], String::new())?;
+//! let bank = Bank::from_rows(vec!["A".into(), "B".into()], grid, Rows::new(2, rows)?, vec![0.2; 6], "")?;
 //!
-//! let touch = |x, y| Observation { query: vec![x, y], edge_share: 0.2 };
-//! let config = EpisodeConfig::default();
-//! let mut episode = Episode::begin_with(&config, &bank, &touch(0.98, 0.02))?;
+//! let touch = |x, y| Observation::new(vec![x, y], 0.2);
+//! let mut episode = Episode::begin(EpisodeConfig::default(), Arc::new(bank), &touch(0.98, 0.02))?;
 //! let reach = [Se2::from_degrees(0.0, 0.0, 30.0), Se2::from_degrees(0.0, 0.0, 60.0)];
-//! while let Decision::Touch(action) = episode.decide(&reach) {
+//! while let Decision::Touch(action) = episode.decide(&reach)? {
 //!     // The robot moves and touches here.
-//!     episode.observe_with(action.sensor_from_next, &touch(0.03, 0.97))?;
+//!     episode.observe(action.sensor_from_next, &touch(0.03, 0.97))?;
 //! }
 //! assert_eq!(episode.estimate().part, "A");
 //! # Ok(())
@@ -33,26 +32,40 @@
 pub mod action;
 pub mod belief;
 pub mod budget;
-pub mod config;
-pub mod episode;
-pub mod error;
-pub mod exact;
+mod config;
+mod episode;
+mod error;
+mod estimate;
+pub mod evidence;
+mod exact;
 #[cfg(test)]
 mod fuzz;
+pub mod interpolation;
 #[cfg(test)]
 mod invariants;
-mod lanes;
 pub mod likelihood;
-pub mod lookup;
 pub mod modes;
-#[cfg(feature = "cli")]
-pub mod offline;
+mod nearest;
+mod observation;
+mod overlap;
 pub mod particle;
-pub mod refine;
+mod record;
+mod refine;
 pub mod resample;
+mod sensor;
+mod simd;
 mod softplus;
+mod stop;
 #[cfg(test)]
 mod synthetic;
-pub mod touched;
 
+pub use action::Action;
+pub use config::EpisodeConfig;
+pub use episode::{Decision, Episode};
 pub use error::{Error, Result};
+pub use estimate::{Estimate, Warning};
+pub use observation::Observation;
+pub use record::EpisodeRecord;
+pub use sensor::Sensor;
+pub use stop::StopReason;
+pub use tactile_data::FrameFault;

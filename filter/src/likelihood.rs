@@ -1,25 +1,26 @@
 //! How likely one touch is at each recorded view: f_HP made into a probability.
 //!
 //! A touch is two observations. Whether the view is blank (shows no edge) agrees with the bank's view
-//! at the true pose with probability `blank_agreement`. What the edges look like is judged by the
+//! at the true pose with probability `blank_agreement`. The picture of the edges is judged by the
 //! cosine `s` between hole query and peg key, by `exp((s - s_max) / temperature) + outlier_floor`,
 //! relative to its mean over the edged views: 1 says nothing. The floor bounds what one bad match can
-//! cost. The look of a blank view means nothing, so there the second factor is 1.
+//! cost. A blank view has no such picture: there the second factor is 1.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::bank::Bank;
 use tactile_infer::calibration::BLANK_SHARE;
 use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::{dot, part_mating};
 
 use crate::error::{Error, Result};
-use crate::lanes;
-use crate::lookup::{LookUp, Sheet, Stencil};
+use crate::interpolation::{Interpolation, LatticeWeights, ViewWeights};
+use crate::observation::Observation;
+use crate::overlap::Overlap;
+use crate::simd;
 use crate::softplus::softplus;
-use crate::touched::Overlap;
 
 /// How similarities become probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,19 +29,19 @@ pub struct LikelihoodConfig {
     /// tau: the difference of cosine that changes a probability by a factor e. Positive.
     pub temperature: f64,
     /// Likelihood of a view that looks quite different from the recorded one, relative to that of the
-    /// best match, 0..=1. Nought: one bad match can rule a state out for good.
+    /// best match, 0..=1. Zero: one bad match can rule a state out for good.
     pub outlier_floor: f64,
-    /// A view with a smaller share of edge pixels is blank, 0..=1. Nought: no view is blank.
+    /// A view with a smaller share of edge pixels is blank, 0..=1. Zero: no view is blank.
     pub blank_share: f32,
     /// Probability that hole and peg at one pose are both blank or both edged; above 0 and below 1.
     pub blank_agreement: f64,
-    /// How far from a recorded pose its view is still trusted wholly where the nearest one is looked up, in
-    /// steps of the grid; positive.
-    /// No pose inside the recorded area is farther than 0.71 steps, so 1 trusts every look-up.
-    pub lookup_tolerance: f64,
+    /// Where the nearest recorded view is taken: how far from its pose it is still trusted wholly, in steps of the
+    /// grid; positive.
+    /// No pose inside the recorded area is farther than 0.71 steps, so 1 trusts every view.
+    pub nearest_tolerance: f64,
     /// How views between recorded poses are judged.
-    pub look_up: LookUp,
-    /// Touches nearer than this share evidence, mm, not negative; nought: all count as independent.
+    pub interpolation: Interpolation,
+    /// Touches nearer than this share evidence, mm, not negative; zero: all count as independent.
     pub overlap_mm: f64,
     /// Touches at one place turned by less than this share evidence, degrees; positive.
     pub overlap_deg: f64,
@@ -55,8 +56,8 @@ impl Default for LikelihoodConfig {
             outlier_floor: 3e-4,
             blank_share: BLANK_SHARE,
             blank_agreement: 0.96,
-            lookup_tolerance: 0.25,
-            look_up: LookUp::Auto,
+            nearest_tolerance: 0.25,
+            interpolation: Interpolation::Auto,
             overlap_mm: 3.0,
             overlap_deg: 15.0,
         }
@@ -65,13 +66,13 @@ impl Default for LikelihoodConfig {
 
 impl LikelihoodConfig {
     /// The paper's weight (Eq. 2, Alg. 1 line 14) read as log-likelihood = cosine / temperature: no
-    /// floor, no blank views, every look-up inside the recorded area trusted.
+    /// floor, no blank views, every view inside the recorded area trusted.
     pub fn paper() -> Self {
         Self {
             outlier_floor: 0.0,
             blank_share: 0.0,
-            lookup_tolerance: 1.0,
-            look_up: LookUp::Nearest,
+            nearest_tolerance: 1.0,
+            interpolation: Interpolation::Nearest,
             overlap_mm: 0.0,
             ..Self::default()
         }
@@ -98,7 +99,7 @@ impl LikelihoodConfig {
     pub fn validate(&self) -> Result<()> {
         let positive = |value: f64| value.is_finite() && value > 0.0;
         let check = |name: &str, expected: &str, got: f64, fine: bool| {
-            if fine { Ok(()) } else { Err(Error::invalid(format!("likelihood.{name}"), expected, got.to_string())) }
+            if fine { Ok(()) } else { Err(Error::config(format!("likelihood.{name}"), expected, got.to_string())) }
         };
         check("temperature", "a positive number", self.temperature, positive(self.temperature))?;
         check("outlier_floor", "0..=1", self.outlier_floor, (0.0..=1.0).contains(&self.outlier_floor))?;
@@ -106,7 +107,7 @@ impl LikelihoodConfig {
         check("blank_share", "0..=1", share, (0.0..=1.0).contains(&share))?;
         let agreement = self.blank_agreement;
         check("blank_agreement", "above 0 and below 1", agreement, agreement > 0.0 && agreement < 1.0)?;
-        check("lookup_tolerance", "a positive number", self.lookup_tolerance, positive(self.lookup_tolerance))?;
+        check("nearest_tolerance", "a positive number", self.nearest_tolerance, positive(self.nearest_tolerance))?;
         let apart = self.overlap_mm.is_finite() && self.overlap_mm >= 0.0;
         check("overlap_mm", "a number, not negative", self.overlap_mm, apart)?;
         check("overlap_deg", "a positive number", self.overlap_deg, positive(self.overlap_deg))
@@ -131,15 +132,6 @@ const SHARED_ERROR: f64 = 2.0;
 /// state that sees the touch at one of the few blank views inside.
 const UNKNOWN_IS_BLANK: f64 = 0.5;
 
-/// What one touch of a hole looked like.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Observation {
-    /// The hole's query, `[dim]`; its length does not matter, its direction does.
-    pub query: Vec<f32>,
-    /// Share of the view that shows an edge, 0..=1.
-    pub edge_share: f32,
-}
-
 /// The log-likelihood of one touch at each recorded view and between them, up to a constant of the touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TouchLikelihood {
@@ -161,7 +153,7 @@ pub struct TouchLikelihood {
     /// Logs of the probabilities that blank and edged agree and that they do not.
     log_agrees: f64,
     log_disagrees: f64,
-    look: Look,
+    model: MatchModel,
     config: LikelihoodConfig,
 }
 
@@ -177,13 +169,13 @@ impl TouchLikelihood {
         let blank = config.is_blank(observation.edge_share);
         let of_edged = similarities.iter().zip(&edged).filter(|(_, edged)| **edged);
         let mut above_best: Vec<f64> = of_edged.map(|(similarity, _)| f64::from(*similarity)).collect();
-        let best_similarity = lanes::largest(&above_best).max(-1.0) as f32;
+        let best_similarity = simd::largest(&above_best).max(-1.0) as f32;
         above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(best_similarity));
-        let look = Look::new(config);
-        let log_mean = look.log_mean(above_best);
+        let model = MatchModel::new(config);
+        let log_mean = model.log_mean(above_best);
         let unknown = if blank { UNKNOWN_IS_BLANK } else { 1.0 - UNKNOWN_IS_BLANK };
         let log_unknown = unknown.ln();
-        let neighbours = config.look_up.is_cubic(bank.grid()).then(|| bank.neighbours());
+        let neighbours = config.interpolation.is_cubic(bank.grid()).then(|| bank.neighbours().clone());
         let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
         Ok(Self {
             similarities,
@@ -195,7 +187,7 @@ impl TouchLikelihood {
             log_mean,
             log_agrees,
             log_disagrees,
-            look,
+            model,
             config: *config,
         })
     }
@@ -211,34 +203,34 @@ impl TouchLikelihood {
         if self.edged[row] == self.blank {
             return self.log_disagrees;
         }
-        let look = if self.blank { 0.0 } else { self.log_below(similarity - self.best_similarity) - self.log_mean };
-        self.log_agrees + look
+        let log = if self.blank { 0.0 } else { self.log_below(similarity - self.best_similarity) - self.log_mean };
+        self.log_agrees + log
     }
 
     /// The same of an edged touch at views of these cosines, near rows that show an edge too.
-    pub(crate) fn logs_of_looks(&self, similarities: &[f32]) -> Vec<f64> {
+    pub(crate) fn match_logs(&self, similarities: &[f32]) -> Vec<f64> {
         let above_best = similarities.iter().map(|similarity| similarity - self.best_similarity).collect();
-        self.look.logs(above_best, self.log_agrees - self.log_mean)
+        self.model.logs(above_best, self.log_agrees - self.log_mean)
     }
 
     /// The cosine at a pose between the views of one part, whose rows start at `start`.
-    pub(crate) fn between(&self, stencil: &Stencil, start: usize, n_cells: usize) -> f32 {
+    pub(crate) fn between(&self, weights: &ViewWeights, start: usize, n_cells: usize) -> f32 {
         let similarities = &self.similarities[start..start + n_cells];
         match &self.neighbours {
-            Some(neighbours) => stencil.cosine(similarities, &neighbours[start / n_cells]),
-            None => stencil.value(similarities),
+            Some(neighbours) => weights.cosine(similarities, &neighbours[start / n_cells]),
+            None => weights.value(similarities),
         }
     }
 
-    /// The cosines at the states of a sheet, as [`Self::between`] would find each; `planes` are the cosines with the
-    /// part's views, [`in_planes`](crate::lookup::in_planes).
-    pub(crate) fn on_sheet(&self, sheet: &Sheet, part: usize, planes: &[f32]) -> Vec<f32> {
-        sheet.cosines(planes, self.neighbours.as_ref().map(|neighbours| &neighbours[part]))
+    /// The cosines at the states of a lattice, as [`Self::between`] would find each; `planes` are the cosines with the
+    /// part's views, [`in_planes`](crate::interpolation::in_planes).
+    pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> Vec<f32> {
+        lattice.cosines(planes, self.neighbours.as_ref().map(|neighbours| &neighbours[part]))
     }
 
     /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
     pub(crate) fn log_below(&self, above_best: f32) -> f64 {
-        self.look.log(f64::from(above_best))
+        self.model.log(f64::from(above_best))
     }
 
     /// The settings it was made with.
@@ -254,13 +246,13 @@ impl TouchLikelihood {
 
 /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Look {
+struct MatchModel {
     temperature: f64,
     /// Log of eps; -inf where no match costs all.
     log_floor: f64,
 }
 
-impl Look {
+impl MatchModel {
     fn new(config: &LikelihoodConfig) -> Self {
         Self { temperature: config.temperature, log_floor: config.outlier_floor.ln() }
     }
@@ -270,9 +262,9 @@ impl Look {
     fn log_mean(self, mut above_best: Vec<f64>) -> f64 {
         let n = above_best.len() as f64;
         above_best.iter_mut().for_each(|d| *d /= self.temperature);
-        let mut looks = Vec::new();
-        lanes::lower(&mut above_best, 0.0, &mut looks);
-        if n > 0.0 { (lanes::sum(&looks) / n + self.log_floor.exp()).ln() } else { 0.0 }
+        let mut powers = Vec::new();
+        simd::lower(&mut above_best, 0.0, &mut powers);
+        if n > 0.0 { (simd::sum(&powers) / n + self.log_floor.exp()).ln() } else { 0.0 }
     }
 
     fn log(self, above_best: f64) -> f64 {
@@ -292,7 +284,7 @@ impl Look {
             let log = *value * per_cosine;
             *value = if log < HIGHEST as f32 { log } else { HIGHEST as f32 } - floor;
         }
-        lanes::softplus(&mut above_best);
+        simd::softplus(&mut above_best);
         let more = self.log_floor + more;
         above_best.into_iter().map(|log| more + f64::from(log)).collect()
     }
@@ -305,10 +297,10 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     let query = &observation.query;
     if query.len() != bank.dim() {
         let expected = format!("a query of {} values, as the bank's rows", bank.dim());
-        return Err(Error::invalid("touch", expected, format!("{} values", query.len())));
+        return Err(Error::observation(expected, format!("{} values", query.len())));
     }
     if !(0.0..=1.0).contains(&observation.edge_share) {
-        return Err(Error::invalid("touch", "an edge share in 0..=1", observation.edge_share.to_string()));
+        return Err(Error::observation("an edge share in 0..=1", observation.edge_share.to_string()));
     }
     // By its largest value first: the squares of long and short queries leave the range of f32.
     let largest = query.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
@@ -316,7 +308,7 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     let mut similarities = Vec::new();
     part_mating(&query, bank, &mut similarities);
     if similarities.iter().all(|s| !s.is_finite()) {
-        return Err(Error::invalid("touch", "a finite similarity with some part", "none"));
+        return Err(Error::observation("a finite similarity with some part", "none"));
     }
     let norm = dot(&query, &query).sqrt();
     let scale = if norm > 0.0 && norm.is_finite() { norm.recip() } else { 1.0 };
@@ -330,17 +322,18 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
 mod tests {
     use super::*;
     use tactile_data::grid::PoseGrid;
+    use tactile_infer::rows::Rows;
 
     const ONE_POSE: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
 
     /// One part and one pose a row.
     fn bank(rows: &[[f32; 2]], edge_shares: &[f32]) -> Bank {
         let names = (0..rows.len()).map(|row| row.to_string()).collect();
-        Bank::from_rows(names, ONE_POSE, 2, rows.concat(), edge_shares.to_vec(), String::new()).unwrap()
+        Bank::from_rows(names, ONE_POSE, Rows::new(2, rows.concat()).unwrap(), edge_shares.to_vec(), "").unwrap()
     }
 
     fn touch(query: [f32; 2], edge_share: f32) -> Observation {
-        Observation { query: query.to_vec(), edge_share }
+        Observation::new(query.to_vec(), edge_share)
     }
 
     fn log_rows(seen: &TouchLikelihood) -> Vec<f64> {
@@ -438,7 +431,7 @@ mod tests {
     #[test]
     fn misfits_are_refused_in_one_line() {
         let bank = bank(&[[1.0, 0.0]], &[0.2]);
-        let short = Observation { query: vec![1.0], edge_share: 0.2 };
+        let short = Observation::new(vec![1.0], 0.2);
         let error = TouchLikelihood::new(&short, &bank, &LikelihoodConfig::default()).unwrap_err();
         assert_eq!(error.to_string(), "touch: expected a query of 2 values, as the bank's rows, got 1 values");
         assert!(TouchLikelihood::new(&touch([1.0, 0.0], f32::NAN), &bank, &LikelihoodConfig::default()).is_err());

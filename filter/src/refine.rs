@@ -3,7 +3,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 
-use crate::touched::Touched;
+use crate::evidence::Evidence;
 
 /// Lattice points along each axis.
 const N_POINTS: usize = 5;
@@ -27,7 +27,7 @@ pub struct Refined {
 
 /// The mean pose around `start`, a state's pose, under all touches: a lattice of one grid step either way,
 /// then finer ones round its mean. Deterministic; on a grid of one pose an axis it stays there.
-pub fn refine(grid: &PoseGrid, touches: &[Touched], part: usize, start: &Se2) -> Refined {
+pub fn refine(grid: &PoseGrid, touches: &[Evidence], part: usize, start: &Se2) -> Refined {
     let spans = [
         if grid.n_xy() > 1 { grid.xy_step_mm } else { 0.0 },
         if grid.n_xy() > 1 { grid.xy_step_mm } else { 0.0 },

@@ -1,6 +1,6 @@
 //! Log weights: normalisation, effective sample size, systematic resampling.
 
-use crate::lanes;
+use crate::simd;
 
 /// log(sum(exp(x))), without overflow; -inf for no weights at all. NaN counts as -inf.
 pub fn log_sum_exp(logs: &[f64]) -> f64 {
@@ -22,13 +22,13 @@ pub fn log_normalize(log_weights: &mut [f64]) -> Option<f64> {
 
 /// Like [`log_normalize`]; `weights` becomes what the log weights are the logs of, `[n]`.
 pub fn normalize(log_weights: &mut [f64], weights: &mut Vec<f64>) -> Option<f64> {
-    let largest = lanes::largest(log_weights);
+    let largest = simd::largest(log_weights);
     if !largest.is_finite() {
         return None;
     }
     // Beside weights of e^-1e300 the log of their number would be lost: the largest goes first.
-    lanes::lower(log_weights, largest, weights);
-    let sum = lanes::sum(weights);
+    simd::lower(log_weights, largest, weights);
+    let sum = simd::sum(weights);
     let log_sum = sum.ln();
     log_weights.iter_mut().for_each(|log| *log -= log_sum);
     weights.iter_mut().for_each(|weight| *weight /= sum);
@@ -50,7 +50,7 @@ pub fn systematic(weights: &[f64], n: usize, offset: f64) -> Vec<usize> {
     /// Weights summed at once: what is not drawn from is passed over so.
     const BLOCK: usize = 256;
     let positive = |weight: f64| if weight.is_finite() && weight > 0.0 { weight } else { 0.0 };
-    let blocks: Vec<f64> = weights.chunks(BLOCK).map(lanes::sum_of_positive).collect();
+    let blocks: Vec<f64> = weights.chunks(BLOCK).map(simd::sum_of_positive).collect();
     let sum: f64 = blocks.iter().sum();
     let Some(last) = weights.iter().rposition(|w| positive(*w) > 0.0) else {
         return (0..n).filter(|_| !weights.is_empty()).map(|k| k * weights.len() / n).collect();

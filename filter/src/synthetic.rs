@@ -1,21 +1,24 @@
 //! A world for tests: parts are random contours in the plane, a view is what a sensor-sized window shows.
 
+use std::sync::Arc;
+
 use std::f64::consts::TAU;
 
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
+use tactile_infer::rows::Rows;
 
-use crate::likelihood::Observation;
+use crate::observation::Observation;
 
 /// Points of a view along each axis.
 const N_POINTS: usize = 8;
 
 /// Parts with contours, their bank, and holes that differ a little from the pegs.
 pub struct World {
-    pub bank: Bank,
+    pub bank: Arc<Bank>,
     holes: Vec<Vec<[f64; 4]>>,
     noise: f64,
 }
@@ -43,7 +46,9 @@ impl World {
             }
         }
         let names = (0..n_parts).map(|part| format!("part {part}")).collect();
-        let bank = Bank::from_rows(names, grid, N_POINTS * N_POINTS, rows, edge_shares, "synthetic".into()).unwrap();
+        let bank =
+            Bank::from_rows(names, grid, Rows::new(N_POINTS * N_POINTS, rows).unwrap(), edge_shares, "synthetic");
+        let bank = Arc::new(bank.unwrap());
         Self { bank, holes, noise }
     }
 
@@ -53,7 +58,7 @@ impl World {
         // The sum of 12 uniform draws less 6 has variance 1 and is close to normal.
         let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
         row.iter_mut().for_each(|value| *value += self.noise * normal());
-        Observation { query: row.iter().map(|value| *value as f32).collect(), edge_share }
+        Observation::new(row.iter().map(|value| *value as f32).collect(), edge_share)
     }
 
     /// The motions from a pose to every pose of the grid: what is recorded of the true hole.

@@ -4,38 +4,40 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 
-use rayon::prelude::*;
-use tactile_data::frame::{Background, TactileImage};
 use tactile_data::grid::PoseGrid;
+use tactile_data::origin::Origin;
 use tactile_data::se2::Se2;
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
 
-use crate::checkpoint::{Model, from_json, to_json};
-use crate::encoder::NamedTensor;
+use crate::checkpoint::{from_json, to_json};
 use crate::error::{Error, Result};
-use crate::neighbours::{Neighbours, Once, neighbours};
+use crate::model::Model;
+use crate::neighbours::{Neighbours, neighbours};
 use crate::precision::Precision;
 use crate::rows::Rows;
-use crate::safefile::SafeFile;
+use crate::safefile::{NamedTensor, SafeFile};
 use crate::symmetry::{Symmetry, symmetry};
+use crate::threads;
 
 /// The version of the bank's layout.
-pub const SCHEMA: &str = "tactile-filter/bank/1";
+pub const SCHEMA: &str = "tactile-filter/bank/2";
 
-/// How far a recorded pose may lie from its grid cell: the robot's own repeatability.
-const POSE_TOLERANCE: (f64, f64) = (0.5, 2.0);
+/// How far a recorded pose may lie from its grid cell, mm and degrees: the robot's own repeatability.
+pub(crate) const POSE_TOLERANCE: (f64, f64) = (0.5, 2.0);
 
 /// Peg embeddings on a grid of poses: rows part-major, then grid cell, each of unit length.
+///
+/// What an episode needs to know of them (symmetries, likeness of neighbouring views) is found when a bank is built or
+/// loaded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bank {
     parts: Vec<String>,
     grid: PoseGrid,
     rows: Rows,
     edge_shares: Vec<f32>,
-    model_sha256: String,
-    symmetries: Vec<Once<Symmetry>>,
-    neighbours: Once<Arc<[Neighbours]>>,
+    model_sha256: Arc<str>,
+    origin: Option<Origin>,
+    symmetries: Vec<Symmetry>,
+    neighbours: Arc<[Neighbours]>,
 }
 
 impl Bank {
@@ -46,15 +48,24 @@ impl Bank {
     pub fn from_rows(
         parts: Vec<String>,
         grid: PoseGrid,
-        dim: usize,
-        rows: Vec<f32>,
+        rows: Rows,
         edge_shares: Vec<f32>,
-        model_sha256: String,
+        model_sha256: impl Into<Arc<str>>,
     ) -> Result<Self> {
-        Self::of(parts, grid, Rows::new(dim, rows)?, edge_shares, model_sha256)
+        let mut bank = Self::checked(parts, grid, rows, edge_shares, model_sha256.into())?;
+        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank, part));
+        bank.neighbours = neighbours(&bank).into();
+        Ok(bank)
     }
 
-    fn of(parts: Vec<String>, grid: PoseGrid, rows: Rows, edge_shares: Vec<f32>, model_sha256: String) -> Result<Self> {
+    /// A bank that does not know its symmetries and neighbours yet.
+    fn checked(
+        parts: Vec<String>,
+        grid: PoseGrid,
+        rows: Rows,
+        edge_shares: Vec<f32>,
+        model_sha256: Arc<str>,
+    ) -> Result<Self> {
         grid.validate()?;
         let n_rows = parts.len() * grid.len();
         if n_rows == 0 || rows.len() != n_rows || edge_shares.len() != n_rows {
@@ -68,40 +79,55 @@ impl Bank {
             let got = edge_shares[row].to_string();
             return Err(Error::invalid(format!("bank row {row}"), "an edge share in 0..=1", got));
         }
-        let symmetries = vec![Once::new(); parts.len()];
-        Ok(Self { parts, grid, rows, edge_shares, model_sha256, symmetries, neighbours: Once::new() })
+        let (origin, symmetries, neighbours) = (None, Vec::new(), Arc::default());
+        Ok(Self { parts, grid, rows, edge_shares, model_sha256, origin, symmetries, neighbours })
+    }
+
+    /// The same bank, with what its touches were made of.
+    #[must_use]
+    pub fn with_origin(self, origin: Origin) -> Self {
+        Self { origin: Some(origin), ..self }
     }
 
     /// The same bank with its rows kept in another format: less memory, and cosines a little off
-    /// (ARCHITECTURE.md gives what each costs).
+    /// (NOTES.md gives what each costs).
     ///
     /// # Errors
     /// A value beyond the format's range.
     pub fn with_precision(self, precision: Precision) -> Result<Self> {
-        Self::of(self.parts, self.grid, self.rows.to_precision(precision)?, self.edge_shares, self.model_sha256)
-    }
-
-    /// Embeds a dataset of peg touches: each part at each pose of the dataset's reach, once.
-    pub fn build(model: &Model, dataset: &Dataset, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Self> {
-        let name = &dataset.meta().name;
-        let grid = dataset.meta().reach.ok_or_else(|| {
-            Error::invalid(format!("{name}: meta.json"), "a reach: the grid at which each peg was touched", "none")
-        })?;
-        let (parts, frame_of_row) = frames_by_row(dataset, &grid)?;
-        let background = model.background(dataset.no_contact())?;
-        let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
-        for (done, frames) in frame_of_row.chunks(256).enumerate() {
-            progress(done * 256, frame_of_row.len());
-            let images = tactile_images(&background, dataset, frames)?;
-            rows.extend(model.embed_pegs(&images)?);
-            edge_shares.extend(images.iter().map(|image| image.edge_share));
+        if precision == self.rows.precision() {
+            return Ok(self);
         }
-        progress(frame_of_row.len(), frame_of_row.len());
-        Self::from_rows(parts, grid, model.dim(), rows, edge_shares, model.sha256().to_owned())
+        let rows = self.rows.to_precision(precision)?;
+        let bank = Self::from_rows(self.parts, self.grid, rows, self.edge_shares, self.model_sha256)?;
+        Ok(Self { origin: self.origin, ..bank })
     }
 
-    /// The bank without one part, by its index. What was worked out of the others is kept: bank after bank can
-    /// be made so.
+    /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept.
+    ///
+    /// # Errors
+    /// No part at all, or one that the bank does not hold.
+    pub fn with_parts(&self, parts: &[usize]) -> Result<Self> {
+        let n_parts = self.parts.len();
+        if let Some(odd) = parts.iter().find(|part| **part >= n_parts) {
+            return Err(Error::invalid("bank", format!("one of {n_parts} parts"), format!("part {odd}")));
+        }
+        let n_cells = self.grid.len();
+        let range = |part: &usize| part * n_cells..(part + 1) * n_cells;
+        let rows = self.rows.ranges(&parts.iter().map(range).collect::<Vec<_>>());
+        let edge_shares = parts.iter().flat_map(|part| self.edge_shares[range(part)].iter().copied()).collect();
+        let names = parts.iter().map(|part| self.parts[*part].clone()).collect();
+        let some = Self::checked(names, self.grid, rows, edge_shares, self.model_sha256.clone())?;
+        let origin = self.origin.clone().map(|origin| {
+            let of_parts = parts.iter().filter_map(|part| origin.parts.get(*part).cloned()).collect();
+            Origin { parts: of_parts, ..origin }
+        });
+        let symmetries = parts.iter().map(|part| self.symmetries[*part]).collect();
+        let neighbours = parts.iter().map(|part| self.neighbours[*part].clone()).collect();
+        Ok(Self { origin, symmetries, neighbours, ..some })
+    }
+
+    /// The bank without one part, by its index.
     ///
     /// # Errors
     /// A part that the bank does not hold, or the only one that it holds.
@@ -110,29 +136,31 @@ impl Bank {
             let got = format!("part {part}");
             return Err(Error::invalid("bank", format!("one of {} parts", self.parts.len()), got));
         }
-        let n_cells = self.grid.len();
-        let cut = part * n_cells..(part + 1) * n_cells;
-        let keep = |i: &usize| *i != part;
-        let parts = (0..self.parts.len()).filter(keep).map(|i| self.parts[i].clone()).collect();
-        let edge_shares = [&self.edge_shares[..cut.start], &self.edge_shares[cut.end..]].concat();
-        let rest = Self::of(parts, self.grid, self.rows.without(cut.clone()), edge_shares, self.model_sha256.clone())?;
-        let symmetries = (0..self.parts.len()).filter(keep).map(|i| self.symmetries[i].clone()).collect();
-        let known = self.neighbours.known();
-        let neighbours = known.map(|of| Once::with([&of[..part], &of[part + 1..]].concat().into()));
-        Ok(Self { symmetries, neighbours: neighbours.unwrap_or_else(Once::new), ..rest })
+        self.with_parts(&(0..self.parts.len()).filter(|other| *other != part).collect::<Vec<_>>())
     }
 
     /// Saves the bank in one file, bound to its model's checksum, its rows in the format they are kept in.
+    ///
+    /// # Errors
+    /// A file that cannot be written; the one that was there stays.
     pub fn save(&self, path: &Path) -> Result<()> {
-        self.file()?.save_as(path, SCHEMA, self.rows.precision())
+        let mut file = self.identity()?;
+        file.text.push(("symmetries".into(), to_json(&self.symmetries)?));
+        if let Some(origin) = &self.origin {
+            file.text.push(("origin".into(), to_json(origin)?));
+        }
+        file.save_as(path, SCHEMA, self.rows.precision())
     }
 
-    /// SHA-256 of its parts, poses, rows and model, as 64 hex digits.
+    /// SHA-256 of its parts, poses, rows and model, as 64 hex digits: of all that an episode's numbers depend on.
+    ///
+    /// # Errors
+    /// None that a bank could have; building the text of it may fail in principle.
     pub fn sha256(&self) -> Result<String> {
-        Ok(self.file()?.sha256())
+        Ok(self.identity()?.sha256())
     }
 
-    fn file(&self) -> Result<SafeFile> {
+    fn identity(&self) -> Result<SafeFile> {
         let n_rows = self.n_rows();
         let tensor = |name: &str, shape, values| NamedTensor { name: name.into(), shape, values };
         let (rows, scales) = self.rows.parts();
@@ -144,40 +172,48 @@ impl Bank {
         let text = vec![
             ("parts".into(), to_json(&self.parts)?),
             ("grid".into(), to_json(&self.grid)?),
-            ("model_sha256".into(), self.model_sha256.clone()),
+            ("model_sha256".into(), self.model_sha256.to_string()),
         ];
         Ok(SafeFile { tensors, blobs: Vec::new(), text })
     }
 
-    /// Loads a bank, its rows in the format that the file holds, and refuses one made by another model.
+    /// Loads a bank, its rows in the format that the file holds.
+    ///
+    /// # Errors
+    /// [`Error::WrongModel`] for one made by another model; a file that cannot be read, is damaged or holds no bank.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
-        let (mut file, precision) = SafeFile::load_as(path, SCHEMA)?;
-        let parts: Vec<String> = from_json(path, file.text(path, "parts")?)?;
-        let grid: PoseGrid = from_json(path, file.text(path, "grid")?)?;
-        let model_sha256 = file.text(path, "model_sha256")?.to_owned();
-        if model_sha256 != model.sha256() {
-            return Err(Error::invalid(
-                path.display().to_string(),
-                format!("a bank made by model {}", short(model.sha256())),
-                format!("one made by {}", short(&model_sha256)),
-            ));
+        let (file, precision) = SafeFile::load_as(path, SCHEMA)?;
+        let got = file.text("model_sha256").map_err(|error| error.within(path.display()))?;
+        if *got != **model.sha256() {
+            let (what, expected) = (path.display().to_string(), model.sha256().to_string());
+            return Err(Error::WrongModel { what, expected, got: got.into() });
         }
+        Self::of_file(file, precision).map_err(|error| error.within(path.display()))
+    }
+
+    fn of_file(mut file: SafeFile, precision: Precision) -> Result<Self> {
+        let parts: Vec<String> = from_json(file.text("parts")?)?;
+        let grid: PoseGrid = from_json(file.text("grid")?)?;
+        let model_sha256: Arc<str> = file.text("model_sha256")?.into();
+        let symmetries: Vec<Symmetry> = from_json(file.text("symmetries")?)?;
+        if symmetries.len() != parts.len() || symmetries.iter().any(|symmetry| !symmetry.is_valid()) {
+            return Err(Error::invalid("symmetries", format!("one for each of {} parts", parts.len()), "others"));
+        }
+        let origin = file.text("origin").ok().map(from_json).transpose()?;
         let mut take = |name: &str| {
             let at = file.tensors.iter().position(|tensor| tensor.name == name);
-            let missing = || Error::invalid(path.display().to_string(), format!("a tensor '{name}'"), "none");
-            at.map(|at| file.tensors.swap_remove(at)).ok_or_else(missing)
+            at.map(|at| file.tensors.swap_remove(at)).ok_or_else(|| Error::invalid(name, "a tensor", "none"))
         };
         let rows = take("rows")?;
         let edge_shares = take("edge_shares")?;
         let rows = match (rows.shape.get(1), precision) {
             (Some(dim), Precision::I8) => Rows::scaled(*dim, &rows.values, take("scales")?.values)?,
             (Some(dim), _) => Rows::new(*dim, rows.values)?.to_precision(precision)?,
-            (None, _) => {
-                let expected = "rows of shape [n, dim]";
-                return Err(Error::invalid(path.display().to_string(), expected, format!("{:?}", rows.shape)));
-            }
+            (None, _) => return Err(Error::invalid("rows", "a shape [n, dim]", format!("{:?}", rows.shape))),
         };
-        Self::of(parts, grid, rows, edge_shares.values, model_sha256)
+        let bank = Self::checked(parts, grid, rows, edge_shares.values, model_sha256)?;
+        let neighbours = neighbours(&bank).into();
+        Ok(Self { origin, symmetries, neighbours, ..bank })
     }
 
     /// Names of the parts, in row order.
@@ -220,87 +256,48 @@ impl Bank {
         Some(part * self.grid.len() + cell)
     }
 
-    /// For each row, the share of the view that shows an edge, 0..=1; nought for a blank view.
+    /// For each row, the share of the view that shows an edge, 0..=1; zero for a blank view.
     pub fn edge_shares(&self) -> &[f32] {
         &self.edge_shares
     }
 
-    /// The turns under which a part stays the same ([`symmetry`]); worked out when first asked for.
+    /// The turns under which a part stays the same ([`symmetry`]).
     ///
     /// # Panics
     /// Where `part` is not below the number of parts.
     pub fn symmetry(&self, part: usize) -> Symmetry {
-        *self.symmetries[part].get(|| symmetry(self, part))
+        self.symmetries[part]
     }
 
-    /// How alike each part's views beside each other are, `[n_parts]`; worked out when first asked for.
-    pub fn neighbours(&self) -> Arc<[Neighbours]> {
-        self.neighbours.get(|| neighbours(self)).clone()
+    /// How alike each part's neighbouring views are, `[n_parts]`.
+    pub fn neighbours(&self) -> &Arc<[Neighbours]> {
+        &self.neighbours
+    }
+
+    /// What its touches were made of, where that is known.
+    pub fn origin(&self) -> Option<&Origin> {
+        self.origin.as_ref()
     }
 
     /// Checksum of the model that made the rows.
-    pub fn model_sha256(&self) -> &str {
+    pub fn model_sha256(&self) -> &Arc<str> {
         &self.model_sha256
     }
 }
 
-/// What the network sees of some frames of a dataset, in their order.
-pub fn tactile_images(background: &Background, dataset: &Dataset, frames: &[usize]) -> Result<Vec<TactileImage>> {
-    frames.par_iter().map(|frame| Ok(background.tactile_image(&dataset.frame(*frame))?)).collect()
-}
-
-/// The parts of a dataset in order of appearance, and for each (part, cell) the frame that recorded it.
-pub fn frames_by_row(dataset: &Dataset, grid: &PoseGrid) -> Result<(Vec<String>, Vec<usize>)> {
-    let mut parts: Vec<String> = Vec::new();
-    let mut frames: Vec<Option<usize>> = Vec::new();
-    for index in 0..dataset.len() {
-        let touch = dataset.touch(index);
-        if touch.side != Some(Side::Peg) {
-            continue;
-        }
-        let (Some(part), Some(pose)) = (&touch.part, &touch.part_from_sensor) else {
-            return Err(Error::invalid(format!("index row {index}"), "a part and a pose for each peg", "none"));
-        };
-        let cell = grid.exact(pose, POSE_TOLERANCE.0, POSE_TOLERANCE.1).ok_or_else(|| {
-            Error::invalid(format!("index row {index}"), "a pose on the dataset's reach grid", format!("{pose:?}"))
-        })?;
-        let at = parts.iter().position(|p| p == part).unwrap_or_else(|| {
-            parts.push(part.clone());
-            frames.resize(frames.len() + grid.len(), None);
-            parts.len() - 1
-        });
-        frames[at * grid.len() + cell] = Some(index);
-    }
-    if parts.is_empty() {
-        return Err(Error::invalid(dataset.meta().name.clone(), "touches of pegs", "none"));
-    }
-    let missing = |row: usize| {
-        let (part, pose) = (&parts[row / grid.len()], grid.pose(row % grid.len()));
-        let pose = format!("x {} mm, y {} mm, theta {:.0} deg", pose.x_mm, pose.y_mm, pose.theta_deg());
-        Error::invalid(dataset.meta().name.clone(), format!("a peg touch of '{part}' at {pose}"), "none")
-    };
-    let frames =
-        frames.iter().enumerate().map(|(row, frame)| frame.ok_or_else(|| missing(row))).collect::<Result<_>>()?;
-    Ok((parts, frames))
-}
-
-fn short(sha256: &str) -> &str {
-    sha256.get(..12).unwrap_or(sha256)
-}
-
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod tests {
     use super::*;
+    use crate::architecture::NetworkConfig;
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
-    use crate::encoder::NetworkConfig;
     use tactile_data::frame::Preprocessing;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 
     fn bank(edge_shares: Vec<f32>, model_sha256: &str) -> Result<Bank> {
         let rows = (0..54).map(|i| (i as f32 * 0.7).sin() / 3.0).collect();
-        Bank::from_rows(["A", "B", "C"].map(String::from).into(), GRID, 6, rows, edge_shares, model_sha256.into())
+        Bank::from_rows(["A", "B", "C"].map(String::from).into(), GRID, Rows::new(6, rows)?, edge_shares, model_sha256)
     }
 
     #[test]
@@ -332,31 +329,21 @@ mod tests {
         other.save(&path).unwrap();
         assert!(Bank::load(&path, &model).unwrap_err().to_string().contains("made by another"));
     }
+
     #[test]
-    fn bank_after_bank_keeps_what_the_rows_say() {
+    fn the_bank_of_some_parts_is_the_one_made_of_their_rows() {
         let whole = bank(vec![0.2; 9], "mine").unwrap();
         let afresh = |names: &[&str], from: usize| {
             let rows = (from..from + names.len() * 3).flat_map(|row| whole.row(row).into_owned()).collect();
             let names: Vec<String> = names.iter().map(|name| (*name).into()).collect();
             let shares = vec![0.2; 3 * names.len()];
-            Bank::from_rows(names, GRID, 6, rows, shares, "mine".into()).unwrap()
+            Bank::from_rows(names, GRID, Rows::new(6, rows).unwrap(), shares, "mine").unwrap()
         };
-        // Asked before and after the parts are taken out.
-        for ask_first in [true, false] {
-            let whole = bank(vec![0.2; 9], "mine").unwrap();
-            if ask_first {
-                assert_eq!(whole.neighbours().len(), 3);
-                let _: Vec<_> = (0..3).map(|part| whole.symmetry(part)).collect();
-            }
-            let two = whole.without(0).unwrap();
-            let one = two.without(1).unwrap();
-            for (kept, fresh) in [(two, afresh(&["B", "C"], 3)), (one, afresh(&["B"], 3))] {
-                assert_eq!(kept, fresh);
-                assert_eq!(kept.neighbours(), fresh.neighbours());
-                for part in 0..kept.parts().len() {
-                    assert_eq!(kept.symmetry(part), fresh.symmetry(part));
-                }
-            }
-        }
+        let two = whole.without(0).unwrap();
+        let one = two.without(1).unwrap();
+        let turned = whole.with_parts(&[2, 0]).unwrap();
+        assert_eq!((two, one), (afresh(&["B", "C"], 3), afresh(&["B"], 3)));
+        assert_eq!((turned.parts().concat(), turned.row(0)), ("CA".into(), whole.row(6)));
+        assert!(whole.with_parts(&[3]).is_err() && whole.with_parts(&[]).is_err());
     }
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+#[cfg(feature = "burn")]
 use burn::tensor::Device;
 
 use crate::error::{Error, Result};
@@ -10,7 +11,7 @@ use crate::error::{Error, Result};
 /// The backends a user can choose at run time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceKind {
-    /// burn's pure-Rust CPU backend: the default.
+    /// The CPU: our own encoder in inference, burn's pure-Rust backend in training. The default.
     #[default]
     Flex,
     /// The older CPU backend, some thirty times slower in training and deprecated by burn.
@@ -29,6 +30,7 @@ impl DeviceKind {
     ///
     /// # Errors
     /// For [`Self::Wgpu`] in a build without it, or where no graphics card or driver answers.
+    #[cfg(feature = "burn")]
     pub fn open(self) -> Result<Device> {
         match self {
             Self::Flex => Ok(Device::flex()),
@@ -40,6 +42,7 @@ impl DeviceKind {
 
     /// [`Self::open`] where it cannot fail, as for the CPU's kinds: tests and examples. Where it does fail, the
     /// default CPU device.
+    #[cfg(feature = "burn")]
     pub fn tensor_device(self) -> Device {
         self.open().unwrap_or_else(|_| Device::flex())
     }
@@ -56,7 +59,7 @@ fn wgpu() -> Result<Device> {
     started.clone().map_err(|reason| none(&reason))
 }
 
-#[cfg(not(feature = "wgpu"))]
+#[cfg(all(feature = "burn", not(feature = "wgpu")))]
 fn wgpu() -> Result<Device> {
     let expected = "a program built with `cargo build --release --features wgpu`";
     Err(Error::invalid("--device wgpu", expected, "one built without that feature"))
@@ -93,7 +96,7 @@ mod tests {
         assert!("cuda".parse::<DeviceKind>().unwrap_err().to_string().contains("flex or ndarray or wgpu"));
     }
 
-    #[cfg(not(feature = "wgpu"))]
+    #[cfg(all(feature = "burn", not(feature = "wgpu")))]
     #[test]
     fn a_build_without_wgpu_says_how_to_get_it() {
         let error = DeviceKind::Wgpu.open().unwrap_err().to_string();

@@ -1,6 +1,6 @@
 //! What can go wrong between a frame and its embedding.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -9,39 +9,30 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A value that came from outside does not make sense.
-    #[error("{what}: expected {expected}, got {got}")]
-    Invalid {
-        /// The field, tensor or file.
-        what: String,
-        /// What would have been right.
-        expected: String,
-        /// What came.
-        got: String,
-    },
-    /// The operating system refused to read or write.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-    /// A frame or dataset is not usable.
+    /// A value, frame or file that cannot be used.
     #[error(transparent)]
     Data(#[from] tactile_data::Error),
+    /// Something that belongs to one model was used with another.
+    #[error("{what}: expected one made by model {:.12}, got one made by {:.12}", expected, got)]
+    WrongModel {
+        /// The bank, sensor or file.
+        what: String,
+        /// SHA-256 of the model in use.
+        expected: String,
+        /// SHA-256 of the model that made it.
+        got: String,
+    },
 }
 
 impl Error {
     /// A value of `what` that does not make sense.
     pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
+        Self::Data(tactile_data::Error::invalid(what, expected, got))
     }
 
     /// The same error with the file that it lies in before what is wrong.
     pub fn within(self, place: impl std::fmt::Display) -> Self {
         match self {
-            Self::Invalid { what, expected, got } => Self::Invalid { what: format!("{place}: {what}"), expected, got },
             Self::Data(error) => Self::Data(error.within(place)),
             other => other,
         }
@@ -49,7 +40,7 @@ impl Error {
 
     /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.as_ref().to_path_buf();
-        move |source| Self::Io { path, source }
+        let with_path = tactile_data::Error::io(path);
+        move |source| Self::Data(with_path(source))
     }
 }

@@ -10,11 +10,13 @@ use proptest::prelude::*;
 use tactile_data::frame::{Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
 
+use crate::architecture::NetworkConfig;
 use crate::bank::{self, Bank};
-use crate::checkpoint::{self, Checkpoint, Model, Provenance};
+use crate::checkpoint::{self, Checkpoint, Provenance};
 use crate::device::DeviceKind;
-use crate::encoder::NetworkConfig;
 use crate::error::Result;
+use crate::model::Model;
+use crate::rows::Rows;
 use crate::safefile::SafeFile;
 
 /// A tiny model and a bank of it, whole.
@@ -34,7 +36,9 @@ static WHOLE: LazyLock<Whole> = LazyLock::new(|| {
     let sha256 = checkpoint.save(&of_model).unwrap();
     let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
     let rows = (0..18).map(|i| i as f32 / 18.0).collect();
-    let held = Bank::from_rows(vec!["A".into(), "B".into()], grid, 3, rows, vec![0.2; 6], sha256.clone()).unwrap();
+    let held =
+        Bank::from_rows(vec!["A".into(), "B".into()], grid, Rows::new(3, rows).unwrap(), vec![0.2; 6], sha256.clone())
+            .unwrap();
     held.save(&of_bank).unwrap();
     Whole {
         model: Model::new(checkpoint, sha256, DeviceKind::Flex).unwrap(),
@@ -226,7 +230,7 @@ proptest! {
 
     #[test]
     fn fuzz_a_damaged_checkpoint_is_refused_or_whole(all in prop::collection::vec(damage(), 1..4)) {
-        match read(&damaged(&WHOLE.checkpoint, &all), |path| Model::load(path, DeviceKind::Flex)) {
+        match read(&damaged(&WHOLE.checkpoint, &all), |path| Model::load(path)) {
             Ok(model) => prop_assert_eq!(model.sha256(), WHOLE.model.sha256()),
             Err(error) => prop_assert!(!error.to_string().contains('\n'), "{}", error),
         }
@@ -244,7 +248,7 @@ proptest! {
     #[test]
     fn fuzz_a_forged_checkpoint_is_refused_or_a_model(all in prop::collection::vec(forgery(), 1..4)) {
         if let Some(bytes) = forged(&WHOLE.checkpoint, checkpoint::SCHEMA, &all)
-            && let Ok(model) = read(&bytes, |path| Model::load(path, DeviceKind::Flex))
+            && let Ok(model) = read(&bytes, |path| Model::load(path))
         {
             check_model(&model)?;
         }

@@ -5,11 +5,12 @@
 //! or robots.
 //!
 //! ```
+//! # #[cfg(feature = "burn")]
+//! # fn main() -> tactile_infer::Result<()> {
 //! use tactile_data::frame::{Frame, Preprocessing};
-//! use tactile_infer::encoder::NetworkConfig;
+//! use tactile_infer::architecture::NetworkConfig;
 //! use tactile_infer::{Checkpoint, DeviceKind, Model};
 //!
-//! # fn main() -> tactile_infer::Result<()> {
 //! // A network that has learnt nothing yet; `Model::load` takes a trained one from its file.
 //! let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
 //! let network = config.init(1, &DeviceKind::Flex.tensor_device());
@@ -27,9 +28,14 @@
 //! assert!((rows.iter().map(|value| value * value).sum::<f32>() - 1.0).abs() < 1e-5);
 //! # Ok(())
 //! # }
+//! # #[cfg(not(feature = "burn"))]
+//! # fn main() {}
 //! ```
 
+pub mod architecture;
 pub mod bank;
+#[cfg(feature = "datasets")]
+pub mod calibrate;
 pub mod calibration;
 pub mod checkpoint;
 // Gradients are for training alone.
@@ -38,19 +44,28 @@ mod conv;
 pub mod device;
 pub mod encoder;
 pub mod error;
-pub mod folded;
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod fuzz;
+#[cfg(feature = "datasets")]
 pub mod matching;
+pub mod model;
 pub mod neighbours;
+#[cfg(feature = "burn")]
+pub mod network;
 pub mod precision;
+#[cfg(feature = "datasets")]
+pub mod recorded;
 pub mod rows;
 pub mod safefile;
 pub mod similarity;
+#[cfg(feature = "sim")]
 pub mod simulated;
 pub mod symmetry;
+mod threads;
 
-pub use checkpoint::{Checkpoint, Model};
+pub use bank::Bank;
+pub use checkpoint::Checkpoint;
 pub use device::DeviceKind;
 pub use error::{Error, Result};
+pub use model::Model;
 pub use precision::Precision;

@@ -7,9 +7,10 @@ use tactile_data::se2::wrap_angle;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
-use crate::bank::{Bank, frames_by_row, tactile_images};
-use crate::checkpoint::Model;
+use crate::bank::Bank;
 use crate::error::{Error, Result};
+use crate::model::Model;
+use crate::recorded::{frames_by_row, tactile_images};
 use crate::similarity::{part_mating, peg_similarity};
 
 /// What one touch alone tells.

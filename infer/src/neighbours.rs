@@ -1,21 +1,20 @@
-//! How alike the views beside each other on a bank's grid are: what interpolation between them needs to know.
+//! How alike neighbouring views on a bank's grid are: what interpolation between them needs to know.
 
-use std::sync::{Arc, OnceLock};
-
-use rayon::prelude::*;
+use std::sync::Arc;
 
 use crate::bank::Bank;
 use crate::similarity::peg_similarity;
+use crate::threads;
 
 /// For each view of one part, the cosines with those one to three steps further along each axis; 1 where the grid ends
-/// before. All of one angle, axis and distance lie together, in order of the place on the axis: those beside each other
-/// there are asked for as one.
+/// before. All of one angle, axis and distance lie together, in order of the place on the axis: neighbours are
+/// asked for together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbours {
     n_xy: usize,
     n_theta: usize,
     /// `[theta][axis][k - 1][n_xy][n_xy]`, x slowest but for the y axis, where y is.
-    cosines: Vec<f32>,
+    cosines: Arc<[f32]>,
 }
 
 impl Neighbours {
@@ -37,7 +36,7 @@ impl Neighbours {
                 }
             }
         }
-        Self { n_xy, n_theta, cosines }
+        Self { n_xy, n_theta, cosines: cosines.into() }
     }
 
     /// The cosines `k` steps along an axis at each place, all at one angle: `[n_xy, n_xy]`, x slowest but for the y
@@ -54,7 +53,7 @@ impl Neighbours {
 }
 
 /// The neighbours of each part's views, `[n_parts]`.
-pub fn neighbours(bank: &Bank) -> Arc<[Neighbours]> {
+pub(crate) fn neighbours(bank: &Bank) -> Vec<Neighbours> {
     let (n_xy, n_theta, n_cells) = (bank.grid().n_xy(), bank.grid().n_theta(), bank.grid().len());
     let strides = bank.grid().strides();
     let norms: Vec<f32> = (0..bank.n_rows()).map(|row| peg_similarity(bank, row, row).max(0.0).sqrt()).collect();
@@ -71,69 +70,5 @@ pub fn neighbours(bank: &Bank) -> Arc<[Neighbours]> {
         };
         Neighbours::new(n_xy, n_theta, cosine)
     };
-    (0..bank.parts().len()).into_par_iter().map(of_part).collect::<Vec<_>>().into()
-}
-
-/// What follows from a bank's rows, worked out when it is first asked for.
-#[derive(Clone, Debug)]
-pub(crate) struct Once<T>(OnceLock<T>);
-
-impl<T> Once<T> {
-    /// Not asked for yet.
-    pub fn new() -> Self {
-        Self(OnceLock::new())
-    }
-
-    /// Known already.
-    pub fn with(value: T) -> Self {
-        Self(value.into())
-    }
-
-    /// The value where it was asked for.
-    pub fn known(&self) -> Option<&T> {
-        self.0.get()
-    }
-
-    /// The value, found by `find` the first time.
-    pub fn get(&self, find: impl FnOnce() -> T) -> &T {
-        self.0.get_or_init(find)
-    }
-}
-
-/// It follows from the rows, which are compared.
-impl<T> PartialEq for Once<T> {
-    fn eq(&self, _: &Self) -> bool {
-        true
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use tactile_data::grid::PoseGrid;
-
-    #[test]
-    fn each_row_is_compared_with_those_behind_it_on_each_axis() {
-        // 3 x 3 x 5 poses; rows turn by 0.1 rad an x step, 0.2 a y step and 0.3 a step of the angle.
-        let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
-        let turn = |cell: usize| 0.1 * (cell / 15) as f32 + 0.2 * (cell / 5 % 3) as f32 + 0.3 * (cell % 5) as f32;
-        // Lengths do not matter.
-        let rows =
-            (0..90).flat_map(|row| [turn(row % 45).cos(), turn(row % 45).sin()].map(|v| v * (1 + row % 3) as f32));
-        let names = vec!["A".into(), "B".into()];
-        let bank = Bank::from_rows(names, grid, 2, rows.collect(), vec![0.2; 90], String::new()).unwrap();
-        let found = neighbours(&bank);
-        // From the second part's first row it is two steps to the end of x and y, four of the angle.
-        for (axis, turns) in [[0.1, 0.2, 0.0], [0.2, 0.4, 0.0], [0.3, 0.6, 0.9]].into_iter().enumerate() {
-            for (k, turn) in turns.into_iter().enumerate() {
-                assert!((found[1].plane(axis, k + 1, 0)[0] - f32::cos(turn)).abs() < 1e-6, "{axis} {k}");
-                // Its last row ends the grid on every axis.
-                assert_eq!(found[1].plane(axis, k + 1, 4)[8], 1.0);
-            }
-        }
-        // At x index 1 and y index 0: one step to the end of x, two of y; the y axis counts y first.
-        assert!((found[0].plane(0, 1, 2)[3] - f32::cos(0.1)).abs() < 1e-6);
-        assert!((found[0].plane(1, 2, 2)[1] - f32::cos(0.4)).abs() < 1e-6);
-        assert_eq!([found[0].plane(0, 2, 2)[3], found[0].plane(1, 3, 2)[1]], [1.0; 2]);
-    }
+    threads::map(bank.parts().len(), of_part)
 }

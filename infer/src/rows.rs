@@ -14,7 +14,7 @@ use crate::similarity::dot;
 /// The longest row: an embedding's largest length. Sums of whole numbers below stay in i32 for it.
 pub const MAX_DIM: usize = 4_096;
 
-/// The largest whole number of a query beside rows of i8: `4095 * 127 * MAX_DIM < 2^31`, and its own rounding is
+/// The largest whole number of a query compared with rows of i8: `4095 * 127 * MAX_DIM < 2^31`, and its own rounding is
 /// 32 times finer than the rows'.
 const QUERY_MAX: f32 = 4_095.0;
 
@@ -44,7 +44,7 @@ impl Rows {
     /// Rows of `dim` values each, last axis fastest, in f32.
     ///
     /// # Errors
-    /// A `dim` of nought or above [`MAX_DIM`], a number of values that makes no whole rows, and values that are not
+    /// A `dim` of zero or above [`MAX_DIM`], a number of values that makes no whole rows, and values that are not
     /// finite.
     pub fn new(dim: usize, values: Vec<f32>) -> Result<Self> {
         if dim == 0 || dim > MAX_DIM || !values.len().is_multiple_of(dim) {
@@ -71,7 +71,7 @@ impl Rows {
         // The largest value is then finite too.
         let is_scale = |scale: &f32| (0.0..=f32::MAX / 127.0).contains(scale);
         if scales.len() != whole.len() / dim || !scales.iter().all(is_scale) {
-            let expected = format!("{} finite scales of nought or more", whole.len() / dim);
+            let expected = format!("{} finite scales of zero or more", whole.len() / dim);
             return Err(Error::invalid("bank scales", expected, format!("{} scales", scales.len())));
         }
         Ok(Self { dim, values: Values::I8 { values: whole.iter().map(|v| *v as i8).collect(), scales } })
@@ -171,7 +171,7 @@ impl Rows {
 
     /// The inner product of one query with each row. `query`: `[dim]`; `out` is cleared and filled with `[n]` values.
     ///
-    /// Rows of half precision are widened to f32, exactly. Beside rows of i8 the query is rounded to whole numbers of
+    /// Rows of half precision are widened to f32, exactly. For rows of i8 the query is rounded to whole numbers of
     /// 12 bits and a sign, and the products are summed as integers.
     pub fn similarities(&self, query: &[f32], out: &mut Vec<f32>) {
         out.clear();
@@ -207,20 +207,20 @@ impl Rows {
         }
     }
 
-    /// The rows but those of a range.
+    /// The rows of some ranges, one after the other.
     ///
     /// # Panics
-    /// Where the range ends above [`Self::len`].
-    pub fn without(&self, rows: Range<usize>) -> Self {
-        fn but<T: Clone>(values: &[T], cut: &Range<usize>, n: usize) -> Vec<T> {
-            [&values[..cut.start * n], &values[cut.end * n..]].concat()
+    /// Where a range ends above [`Self::len`].
+    pub fn ranges(&self, ranges: &[Range<usize>]) -> Self {
+        fn of<T: Clone>(values: &[T], ranges: &[Range<usize>], n: usize) -> Vec<T> {
+            ranges.iter().flat_map(|range| values[range.start * n..range.end * n].iter().cloned()).collect()
         }
         let values = match &self.values {
-            Values::F32(values) => Values::F32(but(values, &rows, self.dim)),
-            Values::F16(values) => Values::F16(but(values, &rows, self.dim)),
-            Values::Bf16(values) => Values::Bf16(but(values, &rows, self.dim)),
+            Values::F32(values) => Values::F32(of(values, ranges, self.dim)),
+            Values::F16(values) => Values::F16(of(values, ranges, self.dim)),
+            Values::Bf16(values) => Values::Bf16(of(values, ranges, self.dim)),
             Values::I8 { values, scales } => {
-                Values::I8 { values: but(values, &rows, self.dim), scales: but(scales, &rows, 1) }
+                Values::I8 { values: of(values, ranges, self.dim), scales: of(scales, ranges, 1) }
             }
         };
         Self { dim: self.dim, values }
@@ -349,7 +349,7 @@ mod tests {
     fn rows_left_out_leave_the_others() {
         for precision in ALL {
             let rows = kept(precision);
-            let fewer = rows.without(10..30);
+            let fewer = rows.ranges(&[0..10, 30..rows.len()]);
             assert_eq!(fewer.len(), 20);
             assert_eq!(fewer.row(9), rows.row(9));
             assert_eq!(fewer.row(10), rows.row(30));

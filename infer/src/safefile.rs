@@ -1,18 +1,28 @@
 //! Files of named tensors: safetensors with text beside them, checksummed, written whole or not at all.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use sha2::{Digest, Sha256};
 
-use crate::encoder::NamedTensor;
 use crate::error::{Error, Result};
 use crate::precision::Precision;
 
 const CHECKSUM: &str = "sha256";
 const SCHEMA: &str = "schema";
+
+/// One named tensor of a module: its path, its shape and its values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedTensor {
+    /// Path of fields, joined by dots: `encoder.stem.conv.weight`.
+    pub name: String,
+    /// Length of each axis.
+    pub shape: Vec<usize>,
+    /// Values, last axis fastest.
+    pub values: Vec<f32>,
+}
 
 /// What one file holds.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,11 +37,12 @@ pub struct SafeFile {
 
 impl SafeFile {
     /// The text entry of this name.
-    pub fn text(&self, path: &Path, name: &str) -> Result<&str> {
+    ///
+    /// # Errors
+    /// A file without it.
+    pub fn text(&self, name: &str) -> Result<&str> {
         let found = self.text.iter().find(|(key, _)| key == name);
-        found
-            .map(|(_, text)| text.as_str())
-            .ok_or_else(|| Error::invalid(path.display().to_string(), format!("an entry '{name}'"), "none"))
+        found.map(|(_, text)| text.as_str()).ok_or_else(|| Error::invalid(name, "an entry of the file", "none"))
     }
 
     /// SHA-256 over names, shapes and values, as 64 hex digits: the identity of a model or bank.
@@ -89,11 +100,11 @@ impl SafeFile {
         let views = tensors.chain(blobs);
         let malformed = |e| Error::invalid(path.display().to_string(), "tensors that fit their shapes", format!("{e}"));
         let views = views.collect::<std::result::Result<Vec<_>, _>>().map_err(malformed)?;
-        let mut metadata: HashMap<String, String> = self.text.iter().cloned().collect();
+        let mut metadata: BTreeMap<String, String> = self.text.iter().cloned().collect();
         metadata.insert(SCHEMA.into(), schema.into());
         metadata.insert(CHECKSUM.into(), self.sha256());
-        let content = safetensors::serialize(views, Some(metadata)).map_err(malformed)?;
-        write_whole(path, &content)
+        let content = safetensors::serialize(views, Some(metadata.into_iter().collect())).map_err(malformed)?;
+        write_whole(path, &with_ordered_header(&content).unwrap_or(content))
     }
 
     /// Reads a file and checks its schema and checksum.
@@ -110,7 +121,8 @@ impl SafeFile {
         let content = std::fs::read(path).map_err(Error::io(path))?;
         let broken = |e| Error::invalid(&name, "a whole safetensors file", format!("{e}"));
         let (_, header) = SafeTensors::read_metadata(&content).map_err(broken)?;
-        let mut metadata = header.metadata().clone().unwrap_or_default();
+        let mut metadata: BTreeMap<String, String> =
+            header.metadata().clone().unwrap_or_default().into_iter().collect();
         let found = metadata.remove(SCHEMA).unwrap_or_else(|| "no schema".into());
         if found != schema {
             return Err(Error::invalid(name, schema, found));
@@ -137,9 +149,7 @@ impl SafeFile {
         // The library hands them out in the order of a hash map.
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
         blobs.sort();
-        let mut text: Vec<(String, String)> = metadata.into_iter().collect();
-        text.sort();
-        let file = Self { tensors, blobs, text };
+        let file = Self { tensors, blobs, text: metadata.into_iter().collect() };
         let got = file.sha256();
         if got != expected {
             return Err(Error::invalid(name, format!("checksum {expected}"), got));
@@ -148,7 +158,18 @@ impl SafeFile {
     }
 }
 
-/// Writes beside and renames: the file appears whole or not at all.
+/// The same file with its header's entries in alphabetical order: the library writes its metadata in the order of a hash
+/// map, another at each run. `None` for what is no such file.
+fn with_ordered_header(content: &[u8]) -> Option<Vec<u8>> {
+    let (length, rest) = content.split_first_chunk::<8>()?;
+    let (header, data) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+    let entries: BTreeMap<String, serde_json::Value> = serde_json::from_slice(header).ok()?;
+    let mut header = serde_json::to_vec(&entries).ok()?;
+    header.resize(header.len().next_multiple_of(8), b' ');
+    Some([&(header.len() as u64).to_le_bytes()[..], &header, data].concat())
+}
+
+/// Writes a temporary file and renames it: the file appears whole or not at all.
 pub fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");
@@ -193,7 +214,7 @@ mod tests {
         let back = SafeFile::load(&path, "test/1").unwrap();
         assert_eq!(back.sha256(), file().sha256());
         assert_eq!(back.blobs, file().blobs);
-        assert_eq!(back.text(&path, "config").unwrap(), "{}");
+        assert_eq!(back.text("config").unwrap(), "{}");
         assert!(SafeFile::load(&path, "test/2").unwrap_err().to_string().contains("test/2"));
     }
 
@@ -221,6 +242,20 @@ mod tests {
         whole.tensors[2].values[4] = 1.0 / 3.0;
         let error = whole.save_as(&path, "test/1", Precision::F16).unwrap_err().to_string();
         assert!(error.starts_with("m: expected values that f16 holds"), "{error}");
+    }
+
+    #[test]
+    fn equal_content_gives_equal_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut whole = file();
+        whole.text.extend((0..20).map(|i| (format!("key {i}"), "same".into())));
+        let bytes: Vec<_> = ["a", "b", "c"]
+            .map(|name| {
+                whole.save(&folder.path().join(name), "test/1").unwrap();
+                std::fs::read(folder.path().join(name)).unwrap()
+            })
+            .into();
+        assert!(bytes[0] == bytes[1] && bytes[1] == bytes[2]);
     }
 
     #[test]

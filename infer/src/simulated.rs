@@ -8,8 +8,9 @@ use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
 
 use crate::bank::Bank;
-use crate::checkpoint::Model;
 use crate::error::{Error, Result};
+use crate::model::Model;
+use crate::rows::Rows;
 
 /// Touches embedded at a time.
 const CHUNK: usize = 256;
@@ -42,17 +43,18 @@ pub fn bank_of_scene(
     }
     progress(planned.len(), planned.len());
     let parts = simulator.parts().to_vec();
-    Bank::from_rows(parts, reach, model.dim(), rows, edge_shares, model.sha256().to_owned())
+    let bank = Bank::from_rows(parts, reach, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())?;
+    Ok(bank.with_origin(scene.origin()))
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod tests {
     use super::*;
+    use crate::architecture::NetworkConfig;
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
-    use crate::encoder::NetworkConfig;
     use tactile_data::frame::Preprocessing;
-    use tactile_data::generate::generate;
+    use tactile_data::generate::{Sampling, generate};
     use tactile_data::grid::PoseGrid;
     use tactile_data::scene::{Kit, Parts};
     use tactile_data::store::Dataset;
@@ -69,8 +71,9 @@ mod tests {
         let model = Model::new(checkpoint, "ab".into(), DeviceKind::Flex).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("pegs");
-        generate(&scene, &[Side::Peg], Places::EachPose, 5, &out, &|_, _| ()).unwrap();
-        let recorded = Bank::build(&model, &Dataset::open(&out).unwrap(), &|_, _| ()).unwrap();
+        let sampling = Sampling { sides: &[Side::Peg], places: Places::EachPose, seed: 5 };
+        generate(&scene, &sampling, &out, &|_, _| ()).unwrap();
+        let recorded = crate::recorded::bank_of_dataset(&model, &Dataset::open(&out).unwrap(), &|_, _| ()).unwrap();
         assert_eq!(bank_of_scene(&model, &scene, 5, &|_, _| ()).unwrap(), recorded);
     }
 }

@@ -12,15 +12,20 @@ use crate::similarity::peg_similarity;
 /// A part feels the same after a turn by `360 / order` degrees about its centre.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Symmetry {
-    /// Turns after which the part feels the same, none at all among them: 1 for a part without symmetry.
+    /// Turns after which the part feels the same, the turn by 0 degrees among them: 1 for a part without symmetry.
     pub order: usize,
     /// The point that stays where it is, in the part's frame, mm.
     pub centre_mm: [f64; 2],
 }
 
 impl Symmetry {
-    /// No turn but none.
+    /// A part without symmetry.
     pub const NONE: Self = Self { order: 1, centre_mm: [0.0; 2] };
+
+    /// Whether it could have been found in a bank.
+    pub(crate) fn is_valid(&self) -> bool {
+        (1..=ORDERS[0]).contains(&self.order) && self.centre_mm.iter().all(|mm| mm.is_finite())
+    }
 
     /// The poses that feel the same as this one, itself first, `[order]`.
     pub fn twins(&self, part_from_sensor: &Se2) -> Vec<Se2> {
@@ -102,6 +107,7 @@ fn likeness(bank: &Bank, part: usize, symmetry: &Symmetry, n_pairs: usize) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rows::Rows;
     use tactile_data::grid::PoseGrid;
 
     const DIM: usize = 24;
@@ -121,7 +127,7 @@ mod tests {
             rows.extend(row);
         }
         crate::similarity::normalize_rows(&mut rows, DIM);
-        Bank::from_rows(vec!["A".into()], grid, DIM, rows, vec![0.3; grid.len()], String::new()).unwrap()
+        Bank::from_rows(vec!["A".into()], grid, Rows::new(DIM, rows).unwrap(), vec![0.3; grid.len()], "").unwrap()
     }
 
     /// 9 x 9 x 13 poses.

@@ -181,7 +181,7 @@ fn recorded(sample: &Sample, folder: &Path, frames: &[RgbImage]) -> String {
 fn a_frame_that_shows_nothing_is_named() {
     let sample = Sample::shared();
     let rest = image::open(sample.at("pegs/no_contact.png")).unwrap().to_rgb8();
-    for (value, word) in [(0, "all black"), (255, "all white"), (120, "constant")] {
+    for (value, word) in [(0, "a dark one"), (255, "a saturated one"), (120, "a uniform one")] {
         let folder = tempfile::tempdir().unwrap();
         let dark = RgbImage::from_pixel(80, 60, Rgb([value; 3]));
         let data = recorded(&sample, folder.path(), &[rest.clone(), dark.clone()]);
@@ -190,9 +190,7 @@ fn a_frame_that_shows_nothing_is_named() {
         // Looking at the recording tells of it and goes on.
         let inspected = run("tactile-data", folder.path(), &["inspect", &data]);
         assert!(
-            inspected
-                .done()
-                .contains(&format!("frame 1: frame: expected a lit picture with some contrast, got {word}")),
+            inspected.done().lines().any(|line| line.contains("frame 1: frame: expected a") && line.contains(word)),
             "{inspected:?}"
         );
         // As the frame at rest it spoils the whole recording.
@@ -235,6 +233,45 @@ fn an_existing_dataset_is_never_written_over() {
         names(&run("tactile-data", folder.path(), &[args, &["--out", "maze"]].concat()), &["maze", "an existing file"]);
     }
     assert!(before == contents(folder.path()));
+}
+
+#[test]
+fn an_output_is_checked_before_the_work() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let (maze, rest) = (text(sample.copy("maze", folder.path())), "maze/no_contact.png");
+    let before = contents(folder.path());
+    let render = "tactile-data render letter:A:12 --frame-px 80x60";
+    for (line, words) in [
+        (format!("tactile-data inspect {maze} --sheet {maze}/frames.npy"), ["frames.npy", "a file of its own"]),
+        (format!("tactile-data inspect {maze} --sheet nowhere/sheet.png"), ["nowhere/sheet.png", "No such file"]),
+        (format!("{render} --no-contact {rest} --out {rest}"), ["no_contact.png", "a file of its own"]),
+        (format!("{render} --out a.png --at-rest-out a.png"), ["a.png", "a file of its own"]),
+        (
+            format!(
+                "tactile-data compare {rest} {rest} --real-background {rest} --simulated-background {rest} --out {rest}"
+            ),
+            ["no_contact.png", "a file of its own"],
+        ),
+    ] {
+        let args: Vec<_> = line.split_whitespace().skip(1).collect();
+        names(&run("tactile-data", folder.path(), &args), &words);
+    }
+    assert!(before == contents(folder.path()));
+}
+
+#[test]
+fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
+    let sample = Sample::shared();
+    for (line, words) in [
+        ("--scene maze --pairs 999999999999999999", ["room for 1999999999999999998 frames of 57.6 kB", "free"]),
+        ("--scene alphabet-small --anywhere 9999999999999999999", ["frames of 57.6 kB", "free"]),
+        ("--scene maze --boards 1000000000", ["parts.maze.n_boards", "at most 100000"]),
+        ("--scene maez", ["maez", "did you mean maze?"]),
+    ] {
+        names(&shell(&sample, &format!("tactile-data generate {line} --out never")), &words);
+    }
+    assert!(!sample.folder().join("never").exists());
 }
 
 #[test]
@@ -281,7 +318,7 @@ fn misuse_exits_2_and_names_the_word() {
 }
 
 #[test]
-fn a_reader_that_goes_away_is_named() {
+fn a_reader_that_goes_away_ends_a_program_in_silence() {
     let sample = Sample::shared();
     for line in [
         "tactile-data inspect maze",
@@ -293,6 +330,6 @@ fn a_reader_that_goes_away_is_named() {
         let mut command = std::process::Command::new(path(program));
         let output = command.args(words).current_dir(sample.folder()).stdout(writer).output().unwrap();
         let stderr = String::from_utf8_lossy(&output.stderr);
-        assert_eq!((output.status.code(), &*stderr), (Some(1), "error: standard output: Broken pipe (os error 32)\n"));
+        assert_eq!((output.status.code(), &*stderr), (Some(1), ""));
     }
 }

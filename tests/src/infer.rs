@@ -6,8 +6,8 @@ use std::path::Path;
 use serde_json::Value;
 use tactile_data::picture;
 use tactile_data::store::Dataset;
-use tactile_infer::bank::Bank;
-use tactile_infer::{DeviceKind, Model};
+use tactile_infer::Bank;
+use tactile_infer::Model;
 use tactile_tests::programs::run;
 use tactile_tests::samples::{Sample, text};
 
@@ -40,7 +40,7 @@ fn a_picture_is_embedded_as_its_recorded_frame_was() {
     let sample = Sample::shared();
     let folder = tempfile::tempdir().unwrap();
     let images = pictures(&sample, folder.path());
-    let model = Model::load(&sample.folder().join("model/model.safetensors"), DeviceKind::Flex).unwrap();
+    let model = Model::load(&sample.folder().join("model/model.safetensors")).unwrap();
     let bank = Bank::load(&sample.folder().join("pegs.bank"), &model).unwrap();
     let pegs = Dataset::open(&sample.folder().join("pegs")).unwrap();
     let rows = embedded(&sample, "model/model.safetensors", &images, "peg");
@@ -114,7 +114,7 @@ fn a_bank_of_i8_is_a_quarter_of_the_size_with_nearly_the_same_cosines() {
         let bank = text(folder.path().join(rows));
         let args = ["bank", "--model", model, "--data", "pegs", "--rows", rows, "--out", &bank];
         run("tactile-infer", sample.folder(), &args).done();
-        let model = Model::load(&sample.folder().join(model), DeviceKind::Flex).unwrap();
+        let model = Model::load(&sample.folder().join(model)).unwrap();
         Bank::load(Path::new(&bank), &model).unwrap()
     });
     let [wide, narrow] = &found;

@@ -5,10 +5,10 @@
 mod assembly;
 mod bad_input;
 mod chain;
+mod divergence;
 mod filter;
 mod infer;
 mod readme;
-mod sick;
 mod train;
 #[cfg(feature = "wgpu")]
 mod wgpu;

@@ -1,4 +1,4 @@
-//! Training that stops, goes on, and fails.
+//! Training that stops, continues, and fails.
 
 use std::cell::{Cell, RefCell};
 use std::fs;
@@ -8,11 +8,12 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use tactile_data::store::Dataset;
-use tactile_infer::encoder::NetworkConfig;
+use tactile_infer::architecture::NetworkConfig;
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_tests::programs::{self, run};
 use tactile_tests::samples::{Sample, text};
-use tactile_train::config::{FalseNegatives, Flips, Optimizer, TrainConfig};
+use tactile_train::config::{Flips, Optimizer, TrainConfig};
+use tactile_train::output_folder::OutputFolder;
 use tactile_train::run::{Event, Outcome, Run, train};
 
 /// The smallest network that there is a use for, so that a step takes milliseconds.
@@ -31,7 +32,8 @@ fn train_to(
     stop_after: usize,
     resume: bool,
 ) -> (Outcome, Vec<f64>) {
-    let run = Run { dataset, letters: None, out, config, device: DeviceKind::Flex, resume };
+    let claimed = OutputFolder::claim(out, &[]).unwrap();
+    let run = Run { dataset, tuning: None, out: &claimed, config, device: DeviceKind::Flex, resume };
     let (made, losses) = (Cell::new(0), RefCell::new(Vec::new()));
     let mut count = |event: Event<'_>| {
         if let Event::Step { step, loss, .. } = event {
@@ -49,7 +51,7 @@ fn curve(out: &Path) -> Vec<String> {
     text.lines().map(|line| line.split(',').take(2).collect::<Vec<_>>().join(",")).collect()
 }
 
-/// Stops after each of `stops`, goes on to the end, and holds the result against a run without a stop.
+/// Stops after each of `stops`, continues to the end, and compares the result with a run without a stop.
 fn stops_change_nothing(config: &TrainConfig, stops: &[usize]) {
     let sample = Sample::shared();
     let dataset = Dataset::open(&sample.folder().join("maze")).unwrap();
@@ -86,7 +88,7 @@ fn every_part_of_the_recipe_goes_on_exactly() {
     let config = TrainConfig {
         optimizer: Optimizer::Lamb,
         flips: Flips::Relit,
-        false_negatives: FalseNegatives::Mask,
+        n_micro_batches: 4,
         max_blank: 0.25,
         ..six_steps()
     };
@@ -100,8 +102,8 @@ fn both_devices_begin_with_the_same_loss() {
     let folder = tempfile::tempdir().unwrap();
     let first_loss = |device: DeviceKind| {
         let config = TrainConfig { n_steps: 1, n_pairs: 8, n_warmup: 1, ..TrainConfig::tiny() };
-        let out = folder.path().join(device.to_string());
-        let run = Run { dataset: &dataset, letters: None, out: &out, config: &config, device, resume: false };
+        let out = OutputFolder::claim(&folder.path().join(device.to_string()), &[]).unwrap();
+        let run = Run { dataset: &dataset, tuning: None, out: &out, config: &config, device, resume: false };
         let mut first = f64::NAN;
         let mut note = |event: Event<'_>| {
             if let Event::Step { loss, .. } = event {
@@ -117,7 +119,7 @@ fn both_devices_begin_with_the_same_loss() {
 }
 
 #[test]
-fn what_was_set_is_kept_beside_the_model_and_goes_on_without_being_said_again() {
+fn settings_are_kept_next_to_the_model_and_used_again_by_resume() {
     let sample = Sample::shared();
     let folder = tempfile::tempdir().unwrap();
     let (out, file) = (text(folder.path().join("model")), text(folder.path().join("my.toml")));
@@ -144,7 +146,7 @@ fn what_was_set_is_kept_beside_the_model_and_goes_on_without_being_said_again() 
 }
 
 #[test]
-fn letters_are_measured_as_matching_measures_them() {
+fn tuning_accuracy_is_that_of_matching() {
     let sample = Sample::shared();
     let folder = tempfile::tempdir().unwrap();
     let out = text(folder.path().join("model"));
@@ -160,7 +162,7 @@ fn letters_are_measured_as_matching_measures_them() {
     let model = text(folder.path().join("model/model.safetensors"));
     let matched = ["match", "--model", &model, "--pegs", "pegs", "--holes", "holes", "--json"];
     let matched: Value = serde_json::from_str(run("tactile-infer", sample.folder(), &matched).done()).unwrap();
-    assert_eq!(outcome["validation"]["letters"], matched["moco"]["accuracy"], "{outcome} {matched}");
+    assert_eq!(outcome["validation"]["tuning_accuracy"], matched["moco"]["accuracy"], "{outcome} {matched}");
 }
 
 #[test]
@@ -174,6 +176,56 @@ fn a_second_run_never_overwrites_the_first() {
     let other = run("tactile-train", sample.folder(), &[&args[..], &["--seed", "2", "--resume"]].concat());
     assert!(other.failed().contains("the settings it began with"), "{other:?}");
     assert!(before == [&model, &state].map(|file| fs::read(file).unwrap()));
+}
+
+#[test]
+fn what_cannot_be_trained_is_refused_before_the_data_are_read() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path().join("model"));
+    let file = text(folder.path().join("file"));
+    fs::write(&file, "preset = \"paper\"").unwrap();
+    let below_a_file = format!("{file}/model");
+    for (flags, words) in [
+        (["--temperature", "nan"], ["temperature: ", "got NaN"]),
+        (["--weight-decay", "inf"], ["weight_decay: ", "got inf"]),
+        (["--epochs", "nan"], ["epochs: ", "got NaN"]),
+        (["--epochs", "1e300"], ["steps: expected 1 to 4294967296", "got 18446744073709551615"]),
+        (["--steps", "999999999999999999"], ["steps: expected 1 to 4294967296", "got 999999999999999999"]),
+        (["--batch", "999999999999"], ["batch: ", "got 999999999999"]),
+        (["--seed", "18446744073709551615"], ["settings: ", "2^63"]),
+        (["--out", &below_a_file], [&below_a_file, "Not a directory"]),
+        (["--out", "maze"], ["--out: expected a folder of its own", "got maze, which is an input"]),
+    ] {
+        let out = if flags[0] == "--out" { &[][..] } else { &["--out", &out][..] };
+        let data = if flags[1] == "maze" { "maze" } else { "nowhere" };
+        let ran = run("tactile-train", sample.folder(), &[&["--data", data], out, &flags].concat());
+        assert!(words.iter().all(|word| ran.failed().contains(word)), "{ran:?}");
+    }
+    let huge = ["--data", "maze", "--out", &out, "--width", "4096", "--hidden", "4096"];
+    let huge = run("tactile-train", sample.folder(), &huge);
+    assert!(huge.failed().contains("which take 158.4 GB to train"), "{huge:?}");
+    let misspelt = run("tactile-train", sample.folder(), &["--data", "maze", "--out", &out, "--preset", "smal"]);
+    assert!(misspelt.misused().contains("'small'"), "{misspelt:?}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn a_folder_is_written_by_one_run_at_a_time() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model");
+    let claimed = OutputFolder::claim(&path, &[]).unwrap();
+    let out = text(path.clone());
+    let args = ["--data", "maze", "--out", &out, "--steps", "1", "--batch", "8"];
+    let second = run("tactile-train", sample.folder(), &args);
+    assert!(second.failed().contains("no other run that writes to this folder, got one that is"), "{second:?}");
+    drop(claimed);
+    run("tactile-train", sample.folder(), &args).done();
+    // Without its state it is the only copy of a model.
+    fs::remove_file(path.join("state.safetensors")).unwrap();
+    let third = run("tactile-train", sample.folder(), &args);
+    assert!(third.failed().contains("model.safetensors: expected an empty --out"), "{third:?}");
 }
 
 #[test]
@@ -220,7 +272,7 @@ fn ctrl_c_saves_where_it_stands() {
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{stderr}");
     let last = stderr.lines().last().unwrap();
-    let step = last.strip_prefix("stopped after step ").and_then(|rest| rest.strip_suffix("; go on with --resume"));
+    let step = last.strip_prefix("stopped after step ").and_then(|rest| rest.strip_suffix("; continue with --resume"));
     let (checkpoint, _) = Checkpoint::load(&model).unwrap();
     assert_eq!(step.and_then(|step| step.parse().ok()), Some(checkpoint.provenance.steps), "{stderr}");
 }
@@ -333,8 +385,12 @@ fn killed_at_any_moment_a_run_ends_in_the_same_bits() {
     let usual = started.elapsed();
     let state = Path::new(&killed).join("state.safetensors");
     let mut n_killed = 0;
-    // Moments spread over a third of a run by the golden ratio, each of a run that goes on from the one before.
+    // Moments spread over a third of a run by the golden ratio; each run continues from the one before.
     for i in 1..=6 {
+        if !state.exists() {
+            // Killed between its first model and its first state, it leaves a model that no run overwrites.
+            drop(fs::remove_file(state.with_file_name("model.safetensors")));
+        }
         let mut training = start(&killed, state.exists());
         std::thread::sleep(usual.mul_f64(0.3 * (f64::from(i) * 0.618_034).fract()));
         training.kill().unwrap();

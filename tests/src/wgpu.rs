@@ -4,16 +4,17 @@
 use std::path::Path;
 
 use tactile_data::frame::TactileImage;
-use tactile_data::generate::{Places, generate};
+use tactile_data::generate::{Places, Sampling, generate};
 use tactile_data::scene::{Parts, Scene};
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::encoder::NetworkConfig;
+use tactile_infer::architecture::NetworkConfig;
 use tactile_infer::{DeviceKind, Model};
 use tactile_tests::programs::workspace;
 use tactile_train::config::TrainConfig;
+use tactile_train::output_folder::OutputFolder;
 use tactile_train::run::{Event, Run, train};
 
 /// Twelve touches of letters, as the shipped model sees them: more than one kernel's tile, less than its batch.
@@ -31,7 +32,7 @@ fn touches(model: &Model) -> Vec<TactileImage> {
 #[test]
 fn the_shipped_model_embeds_alike_on_cpu_and_card() {
     let path = workspace().join("infer/models/maze-small.safetensors");
-    let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| Model::load(&path, device).unwrap());
+    let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| Model::load_on(&path, device).unwrap());
     let images = touches(&cpu);
     for (side, a, b) in [
         ("holes", cpu.embed_holes(&images).unwrap(), card.embed_holes(&images).unwrap()),
@@ -54,8 +55,8 @@ fn losses(dataset: &Dataset, out: &Path, device: DeviceKind) -> Vec<f64> {
             losses.push(loss);
         }
     };
-    let out = out.join(device.to_string());
-    let run = Run { dataset, letters: None, out: &out, config: &config, device, resume: false };
+    let out = OutputFolder::claim(&out.join(device.to_string()), &[]).unwrap();
+    let run = Run { dataset, tuning: None, out: &out, config: &config, device, resume: false };
     train(&run, &|| false, &mut note).unwrap();
     losses
 }
@@ -68,7 +69,8 @@ fn training_begins_alike_on_cpu_and_card() {
     let Parts::Maze(boards) = &mut scene.parts else { panic!("the maze preset has boards") };
     (boards.n_boards, boards.n_held_out, boards.n_pairs) = (3, 1, 48);
     scene.sensor.frame_px = [48, 36];
-    generate(&scene, &[], Places::EachPose, 1, &maze, &|_, _| {}).unwrap();
+    let sampling = Sampling { sides: &[], places: Places::EachPose, seed: 1 };
+    generate(&scene, &sampling, &maze, &|_, _| {}).unwrap();
     let dataset = Dataset::open(&maze).unwrap();
     let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| losses(&dataset, folder.path(), device));
     assert_eq!((cpu.len(), card.len()), (5, 5));

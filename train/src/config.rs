@@ -1,9 +1,9 @@
-//! The settings of a run, and the presets: how much to train, from minutes to a GPU's day.
+//! The settings of a run, and the presets: from minutes on two cores to a day on a GPU.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
-use tactile_infer::encoder::NetworkConfig;
+use tactile_infer::architecture::NetworkConfig;
 
 use crate::error::{Error, Result};
 
@@ -31,7 +31,7 @@ impl fmt::Display for Preset {
     }
 }
 
-/// How gradients move the weights.
+/// How a gradient changes the weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
@@ -44,7 +44,7 @@ pub enum Optimizer {
 }
 
 impl Optimizer {
-    /// The peak learning rate that was best on letters for tuning, for batches of some two hundred pairs.
+    /// The peak learning rate that was best on the tuning letters, for batches of about two hundred pairs.
     pub fn learning_rate(self) -> f64 {
         match self {
             Self::Adamw => 2e-3,
@@ -53,76 +53,72 @@ impl Optimizer {
     }
 }
 
-/// Whether pairs are mirrored, and what becomes of the light then.
+/// Whether pairs are mirrored, and how their light is corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Flips {
-    /// Relit where the frames show the lamps, else plain with a warning.
+    /// Relit where the frames show the lamps, otherwise plain with a warning.
     #[default]
     Auto,
-    /// Mirrored shapes under the lamps where they are: see [`crate::relight`].
+    /// Mirrored shapes as the lamps at their real places would light them.
     Relit,
-    /// Mirrored pictures as they come, which show lamps where none are (the paper's).
+    /// Mirrored pictures without correction, as in the paper: their light comes from places without a lamp.
     Plain,
     /// Nothing is mirrored.
     None,
 }
 
-/// What becomes of two pairs of a batch that no picture can tell apart.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-#[serde(rename_all = "lowercase")]
-pub enum FalseNegatives {
-    /// They are each other's negatives, like any two.
-    #[default]
-    Keep,
-    /// They are left out of each other's loss.
-    Mask,
-}
-
-/// Settings of a run; saved beside its result.
+/// Settings of a run; its TOML file is kept next to the model. Serialised under the names of the flags, with `_` for `-`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct TrainConfig {
-    /// The preset that the others were begun from.
+    /// The preset that gave what was not set.
     pub preset: Preset,
     /// Sizes of the network.
+    #[serde(flatten)]
     pub network: NetworkConfig,
     /// Steps of the whole run.
+    #[serde(rename = "steps")]
     pub n_steps: usize,
     /// Pairs in a batch.
+    #[serde(rename = "batch")]
     pub n_pairs: usize,
-    /// Parts of a batch, each on a thread of its own. Part of the recipe, not of the machine: batch
-    /// statistics are those of a part, so another number trains another network.
-    pub n_shards: usize,
+    /// Parts that a batch is embedded in, one after the other. They change the result: batch normalisation uses the
+    /// statistics of one micro-batch.
+    #[serde(rename = "micro_batches")]
+    pub n_micro_batches: usize,
     /// InfoNCE's temperature.
     pub temperature: f64,
-    /// What moves the weights.
+    /// The optimizer.
     pub optimizer: Optimizer,
     /// Peak learning rate.
     pub learning_rate: f64,
     /// Steps of linear warm-up.
+    #[serde(rename = "warmup")]
     pub n_warmup: usize,
     /// Decoupled weight decay.
     pub weight_decay: f32,
-    /// Momentum of the key encoder at the start; it ends at one.
+    /// Momentum of the key encoder at the start; it ends at 1.
     pub momentum: f64,
     /// Whether pairs are mirrored.
     pub flips: Flips,
-    /// Smallest share of each side that a random crop keeps.
+    /// Smallest share of each side that a random crop keeps, 0.1..=1.
     pub min_crop: f32,
-    /// Share of a batch that are neighbours of the pair before, a few mm and degrees away.
+    /// Share of a batch that are neighbours of the pair before, a few mm and degrees away, 0..=1.
     pub near_share: f64,
-    /// Largest share of a batch that may be pairs without an edge in either view; one: no limit.
+    /// Largest share of a batch that may be pairs without an edge in either view, 0..=1; 1 is no limit.
     pub max_blank: f64,
-    /// What becomes of pairs that no picture can tell apart.
-    pub false_negatives: FalseNegatives,
     /// Steps between checkpoints and validations.
     pub save_every: usize,
     /// Seed of weights, batches and augmentation.
     pub seed: u64,
 }
+
+/// Largest network, above any that these pictures need; most machines cannot hold it.
+const MAX_WEIGHTS: usize = 1 << 30;
+
+/// f32 values of a weight, its gradient, its two moments and its copy in the key encoder.
+const BYTES_A_WEIGHT: usize = 5 * size_of::<f32>();
 
 impl TrainConfig {
     /// Minutes on two cores.
@@ -132,7 +128,7 @@ impl TrainConfig {
             network: NetworkConfig::TINY,
             n_steps: 500,
             n_pairs: 192,
-            n_shards: 2,
+            n_micro_batches: 2,
             temperature: 0.1,
             optimizer: Optimizer::Lamb,
             learning_rate: Optimizer::Lamb.learning_rate(),
@@ -143,7 +139,6 @@ impl TrainConfig {
             min_crop: 0.9,
             near_share: 0.5,
             max_blank: 1.0,
-            false_negatives: FalseNegatives::Keep,
             save_every: 50,
             seed: 1,
         }
@@ -172,7 +167,7 @@ impl TrainConfig {
             network: NetworkConfig { input_px: [160, 120], width: 32, hidden: 512, dim: 256 },
             n_steps,
             n_pairs,
-            n_shards: 8,
+            n_micro_batches: 8,
             optimizer: Optimizer::Adamw,
             learning_rate: 6e-4,
             n_warmup: n_steps / 12,
@@ -192,18 +187,23 @@ impl TrainConfig {
         }
     }
 
-    /// The loss of a network that has learnt nothing: 4 tau ln N, symmetrised.
+    /// The loss of a network that has learned nothing: 4 tau ln N, symmetrised.
     pub fn chance_loss(&self) -> f64 {
         4.0 * self.temperature * (self.n_pairs as f64).ln()
     }
 
-    /// Refuses settings that make no run, by the name that flags and files give them.
+    /// The settings as a TOML file that [`crate::settings::Settings::load`] reads.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string(self).map_err(|e| Error::invalid("settings", "values that TOML can hold", e.to_string()))
+    }
+
+    /// Refuses settings out of range, by the name that flags and files give them.
     pub fn validate(&self) -> Result<()> {
         let network = &self.network;
         let counts = [
             ("steps", self.n_steps, 1, 1 << 32),
-            ("shards", self.n_shards, 1, 256),
-            ("batch", self.n_pairs, 2 * self.n_shards, 1 << 16),
+            ("micro_batches", self.n_micro_batches, 1, 256),
+            ("batch", self.n_pairs, 2 * self.n_micro_batches, 1 << 16),
             ("warmup", self.n_warmup, 0, 1 << 32),
             ("save_every", self.save_every, 1, 1 << 32),
             ("input_px width", network.input_px[0], 8, 1_024),
@@ -214,11 +214,11 @@ impl TrainConfig {
         ];
         for (name, n, least, most) in counts {
             if !(least..=most).contains(&n) {
-                let why = if name == "batch" && n < least { ", two for each of the shards" } else { "" };
+                let why = if name == "batch" && n < least { ", two for each micro-batch" } else { "" };
                 return Err(Error::invalid(name, format!("{least} to {most}{why}"), n.to_string()));
             }
         }
-        // A temperature below a thousandth overflows f32 in the exponent's gradient, far above any in use.
+        // A temperature below a thousandth overflows f32 in the exponent's gradient; those in use are far larger.
         let numbers = [
             ("temperature", self.temperature, 1e-3, 1e3),
             ("learning_rate", self.learning_rate, 1e-12, 1e3),
@@ -229,19 +229,48 @@ impl TrainConfig {
             ("max_blank", self.max_blank, 0.0, 1.0),
         ];
         for (name, value, least, most) in numbers {
-            // min_crop is an f32: 0.1 is not quite 0.1.
+            // min_crop is an f32, in which 0.1 is rounded.
             if !(least - 1e-6..=most).contains(&value) {
                 return Err(Error::invalid(name, format!("{least} to {most}"), value.to_string()));
             }
         }
+        let n_weights = network.n_weights_at_least();
+        if n_weights > MAX_WEIGHTS {
+            let got = format!("{n_weights} or more, which take {} to train", gigabytes(n_weights * BYTES_A_WEIGHT));
+            let expected = format!("a network of at most {MAX_WEIGHTS} weights");
+            return Err(Error::invalid("input_px, width and hidden", expected, got));
+        }
         Ok(network.validate()?)
     }
+
+    /// A lower bound on the memory of a step with batches of `n_pairs`, bytes: weights, two batches of images, the
+    /// outputs of the first two layers and two matrices of cosines.
+    pub fn bytes_at_least(&self, n_pairs: usize) -> usize {
+        let n_pixels: usize = self.network.input_px.iter().product();
+        // Of the first two layers one has a quarter of the pixels, the other a sixteenth and four times the channels.
+        let values_an_image = 2 * 3 * n_pixels + self.network.width * n_pixels / 2;
+        let n_values = 2 * n_pairs * values_an_image + 2 * n_pairs * n_pairs;
+        BYTES_A_WEIGHT * self.network.n_weights_at_least() + size_of::<f32>() * n_values
+    }
+
+    /// Refuses a run that this machine's memory cannot hold.
+    pub(crate) fn check_memory(&self, n_training: usize) -> Result<()> {
+        let n_bytes = self.bytes_at_least(self.n_pairs.min(n_training));
+        Vec::<u8>::new().try_reserve_exact(n_bytes).map_err(|_| {
+            let got = format!("one that takes {} or more", gigabytes(n_bytes));
+            Error::invalid("batch, input_px, width and hidden", "a step that fits into the memory", got)
+        })
+    }
+}
+
+fn gigabytes(n_bytes: usize) -> String {
+    format!("{:.1} GB", n_bytes as f64 / 1e9)
 }
 
 /// Steps that see `n_training` pairs `n_epochs` times in batches of `n_pairs`; at least one.
 pub fn steps_of(n_epochs: f64, n_training: usize, n_pairs: usize) -> usize {
     let steps = (n_epochs * n_training as f64 / n_pairs.max(1) as f64).ceil();
-    // A NaN and what no machine lives to see end as validate's errors.
+    // NaN becomes 0 and a huge number usize::MAX, which `validate` refuses.
     (steps as usize).max(1)
 }
 
@@ -271,7 +300,21 @@ mod tests {
         assert!(refusal(|c| c.weight_decay = f32::INFINITY).starts_with("weight_decay: "));
         assert!(refusal(|c| c.network.dim = 0).starts_with("dim: "));
         assert!(refusal(|c| c.network.input_px[1] = 4).starts_with("input_px height: "));
-        assert_eq!(refusal(|c| c.n_pairs = 3), "batch: expected 4 to 65536, two for each of the shards, got 3");
+        let huge = refusal(|c| c.network = NetworkConfig { width: 4_096, hidden: 4_096, ..c.network });
+        // 9 * 48 * 4096^2 + 8192 * 20 * 4096 weights of 20 bytes
+        assert!(huge.ends_with("got 7918845952 or more, which take 158.4 GB to train"), "{huge}");
+        assert_eq!(refusal(|c| c.n_pairs = 3), "batch: expected 4 to 65536, two for each micro-batch, got 3");
+    }
+
+    #[test]
+    fn the_memory_of_a_step_is_below_what_it_takes_and_grows_with_the_batch() {
+        let config = TrainConfig::tiny();
+        // Images of 40 x 30 px in three channels, twice, and 32 + 4 * 32 / 4 channels at a quarter of the pixels.
+        let an_image = 4 * (2 * 3_600 + 32 * 300 + 128 * 75);
+        let weights = config.bytes_at_least(0);
+        assert_eq!(config.bytes_at_least(192), weights + 2 * 192 * an_image + 2 * 192 * 192 * 4);
+        assert_eq!(weights, 20 * config.network.n_weights_at_least());
+        config.check_memory(192).unwrap();
     }
 
     /// Symmetrised MoCo-v3 loss of a network that has learnt nothing (training notes: 4 tau ln N).

@@ -19,26 +19,26 @@ pub enum Error {
         /// What came.
         got: String,
     },
-    /// The run fell ill and was stopped before it could spoil its checkpoint.
+    /// The run diverged and was stopped before it overwrote its last good checkpoint.
     #[error("stopped at step {step}: {seen}; {}. Try {advice}", kept_text(*kept))]
-    Unwell {
-        /// Step at which it happened.
+    Diverged {
+        /// Step at which it was seen.
         step: usize,
         /// What was seen.
         seen: String,
         /// What to try.
         advice: &'static str,
-        /// Step of the checkpoint that is left.
+        /// Step of the checkpoint that is kept; `None` where none was written.
         kept: Option<usize>,
     },
     /// A result could not be written.
-    #[error("{source}; step {step} is not saved, {}; go on with --resume once that is put right", kept_text(*kept))]
+    #[error("{source}; step {step} is not saved, {}; continue with --resume once that is solved", kept_text(*kept))]
     NotSaved {
         /// Step that should have been saved.
         step: usize,
-        /// Step of the checkpoint that is left.
+        /// Step of the checkpoint that is kept; `None` where none was written.
         kept: Option<usize>,
-        /// What refused.
+        /// Why.
         source: Box<Error>,
     },
     /// The operating system refused to read or write.

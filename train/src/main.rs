@@ -1,7 +1,7 @@
 //! `tactile-train`: trains the part-mating model on a dataset of pairs.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,12 +11,12 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use tactile_data::store::Dataset;
 use tactile_infer::DeviceKind;
-use tactile_train::config::TrainConfig;
-use tactile_train::letters::Letters;
+use tactile_train::output_folder::OutputFolder;
 use tactile_train::pairs::{Pairs, n_training};
 use tactile_train::run::{Event, Outcome, Run, train};
 use tactile_train::settings::Settings;
-use tactile_train::validate::Validation;
+use tactile_train::tuning::Tuning;
+use tactile_train::validation::Validation;
 use tactile_train::{Error, Result};
 
 /// Trains the part-mating model on a dataset of hole and peg pairs.
@@ -32,13 +32,13 @@ struct Cli {
     /// Folder for model.safetensors, state.safetensors, train.toml, curve.csv and curve.html.
     #[arg(long)]
     out: PathBuf,
-    /// Settings in a TOML file, named as the flags with _ for -; flags go over it.
+    /// Settings in a TOML file, under the names of the flags with _ for -; flags replace its entries.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
-    /// Go on from the state in --out, with the settings it began with.
+    /// Continue from the state in --out, with the settings it began with.
     #[arg(long)]
     resume: bool,
     /// Pegs of parts that are not trained on: with --tune-holes, their accuracy is measured at each save.
@@ -47,98 +47,91 @@ struct Cli {
     /// Holes of the parts of --tune-pegs.
     #[arg(long, value_name = "DIR", requires = "tune_pegs")]
     tune_holes: Option<PathBuf>,
-    /// Only make so many batches and say how fast: whether the processor, not the disk, sets the pace.
-    #[arg(long, value_name = "BATCHES")]
-    time_batches: Option<usize>,
     /// Print the outcome as JSON.
     #[arg(long)]
     json: bool,
-    #[command(flatten, next_help_heading = "Settings, each instead of the preset's")]
+    /// Only make this many batches and print the speed: shows whether the processor or the disk limits it.
+    #[arg(long, value_name = "BATCHES")]
+    time_batches: Option<usize>,
+    #[command(flatten, next_help_heading = "Length and size of the run, each instead of the preset's")]
     settings: Settings,
 }
 
 fn main() -> ExitCode {
     tactile_data::closed_output::fail_in_one_line();
     let cli = Cli::parse();
-    if let Some(n_batches) = cli.time_batches {
-        return match time_batches(&cli, n_batches) {
-            Ok(pairs_per_second) => {
-                println!("{pairs_per_second:.0} pairs/s decoded, augmented and batched");
-                ExitCode::SUCCESS
-            }
-            Err(error) => {
-                eprintln!("error: {error}");
-                ExitCode::FAILURE
-            }
-        };
-    }
-    match run(&cli) {
-        Ok(outcome) if outcome.finished => ExitCode::SUCCESS,
-        Ok(outcome) => {
-            eprintln!("stopped after step {}; go on with --resume", outcome.step);
-            ExitCode::FAILURE
-        }
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    let ended = match cli.time_batches {
+        Some(n_batches) => time_batches(&cli, n_batches).map(|()| ExitCode::SUCCESS),
+        None => run(&cli),
+    };
+    ended.unwrap_or_else(|error| {
+        eprintln!("error: {error}");
+        ExitCode::FAILURE
+    })
 }
 
-fn run(cli: &Cli) -> Result<Outcome> {
+fn run(cli: &Cli) -> Result<ExitCode> {
+    let settings = settings(cli)?;
+    // Wrong settings, devices and folders are found before the datasets are read.
+    settings.resolve(1)?;
     let device: DeviceKind = cli.device.parse()?;
+    let config_file = cli.config.as_ref().filter(|_| !cli.resume);
+    let inputs = [Some(&cli.data), cli.tune_pegs.as_ref(), cli.tune_holes.as_ref(), config_file];
+    let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    let out = OutputFolder::claim(&cli.out, &inputs)?;
     let dataset = Dataset::open(&cli.data)?;
-    let config = settings(cli, &dataset)?;
-    let tuning = match (&cli.tune_pegs, &cli.tune_holes) {
-        (Some(pegs), Some(holes)) => Some((Dataset::open(pegs)?, Dataset::open(holes)?)),
-        _ => None,
-    };
-    let letters = tuning.as_ref().map(|(pegs, holes)| Letters::new(pegs, holes)).transpose()?;
+    let config = settings.resolve(n_training(&dataset))?;
+    let open = |path: &Option<PathBuf>| path.as_deref().map(Dataset::open).transpose();
+    let parts = open(&cli.tune_pegs)?.zip(open(&cli.tune_holes)?);
+    let tuning = parts.as_ref().map(|(pegs, holes)| Tuning::new(pegs, holes)).transpose()?;
     let stop = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&stop);
     ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed))
         .map_err(|e| Error::invalid("ctrl-C handler", "one in this process", e.to_string()))?;
 
-    let mut show = Show::new(config.n_steps);
-    let should_stop = || stop.load(Ordering::Relaxed);
-    let run = Run {
-        dataset: &dataset,
-        letters: letters.as_ref(),
-        out: &cli.out,
-        config: &config,
-        device,
-        resume: cli.resume,
-    };
-    let outcome = train(&run, &should_stop, &mut |event| show.event(event))?;
-    let found = &outcome.validation;
-    if cli.json {
+    let mut display = Display::new(config.n_steps);
+    let run =
+        Run { dataset: &dataset, tuning: tuning.as_ref(), out: &out, config: &config, device, resume: cli.resume };
+    let outcome = train(&run, &|| stop.load(Ordering::Relaxed), &mut |event| display.show(event))?;
+    print(&outcome, cli.json);
+    if outcome.finished {
+        return Ok(ExitCode::SUCCESS);
+    }
+    eprintln!("stopped after step {}; continue with --resume", outcome.step);
+    Ok(ExitCode::FAILURE)
+}
+
+/// Prints how many pairs per second batches are made with, without training.
+fn time_batches(cli: &Cli, n_batches: usize) -> Result<()> {
+    let dataset = Dataset::open(&cli.data)?;
+    let config = settings(cli)?.resolve(n_training(&dataset))?;
+    let pairs = Pairs::new(&dataset, &config)?;
+    let started = Instant::now();
+    let mut n_pairs = 0;
+    for step in 0..n_batches {
+        n_pairs += pairs.batch(&config, step)?.n_pairs;
+    }
+    println!("{:.0} pairs/s decoded, augmented and batched", n_pairs as f64 / started.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// Flags over the file; the file of a run that is resumed is its own.
+fn settings(cli: &Cli) -> Result<Settings> {
+    let own = Some(cli.out.join("train.toml")).filter(|path| cli.resume && path.exists());
+    let file = cli.config.clone().or(own).map(|path| Settings::load(&path)).transpose()?;
+    cli.settings.over(&file.unwrap_or_default())
+}
+
+fn print(outcome: &Outcome, json: bool) {
+    let Outcome { model, sha256, step, finished, validation } = outcome;
+    if json {
         let json = serde_json::json!({
-            "model": outcome.model, "sha256": outcome.sha256, "step": outcome.step,
-            "finished": outcome.finished, "validation": found,
+            "model": model, "sha256": sha256, "step": step, "finished": finished, "validation": validation,
         });
         println!("{json}");
     } else {
-        println!("{}: {} steps, {}", outcome.model.display(), outcome.step, measures(found));
+        println!("{}: {step} steps, {}", model.display(), measures(validation));
     }
-    Ok(outcome)
-}
-
-/// Pairs a second that batches are made with, nothing else going on.
-fn time_batches(cli: &Cli, n_batches: usize) -> Result<f64> {
-    let dataset = Dataset::open(&cli.data)?;
-    let config = settings(cli, &dataset)?;
-    config.validate()?;
-    let pairs = Pairs::new(&dataset, &config)?;
-    let started = Instant::now();
-    (0..n_batches).try_for_each(|step| pairs.batch(&config, step).map(|_| ()))?;
-    Ok((n_batches * config.n_pairs) as f64 / started.elapsed().as_secs_f64())
-}
-
-/// Flags over the file over the preset; a run that goes on has its own file.
-fn settings(cli: &Cli, dataset: &Dataset) -> Result<TrainConfig> {
-    let begun_with = Some(cli.out.join("train.toml")).filter(|path| cli.resume && path.exists());
-    let file = cli.config.clone().or(begun_with).map(|path| Settings::load(&path)).transpose()?;
-    cli.settings.clone().over(file.unwrap_or_default()).resolve(n_training(dataset))
 }
 
 /// How good a model is, in a line.
@@ -147,18 +140,19 @@ fn measures(found: &Validation) -> String {
     let near = found.near_1.zip(found.near_chance).map_or(String::new(), |(near, chance)| {
         format!(", {} among near neighbours (chance {})", percent(near), percent(chance))
     });
-    let letters = found.letters.map_or(String::new(), |share| format!(", letters {}", percent(share)));
+    let tuning = found.tuning_accuracy.map_or(String::new(), |share| format!(", tuning parts {}", percent(share)));
     let (first, five) = (percent(found.retrieval_1), percent(found.retrieval_5));
-    format!("held-out retrieval@1 {first}, @5 {five} of {}{near}{letters}", found.n_holes)
+    format!("held-out retrieval@1 {first}, @5 {five} of {}{near}{tuning}", found.n_holes)
 }
 
-/// Progress: a bar on a terminal, a line each checkpoint elsewhere.
-struct Show {
+/// Progress: a bar on a terminal, a line for each checkpoint elsewhere.
+struct Display {
     bar: Option<ProgressBar>,
+    /// Loss, pairs per second and seconds left of the last step.
     last: Option<(f64, f64, f64)>,
 }
 
-impl Show {
+impl Display {
     fn new(n_steps: usize) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let style = ProgressStyle::with_template("training {bar:30} {pos}/{len} {msg}");
@@ -167,7 +161,7 @@ impl Show {
         Self { bar, last: None }
     }
 
-    fn event(&mut self, event: Event<'_>) {
+    fn show(&mut self, event: Event<'_>) {
         match event {
             Event::Step { step, loss, pairs_per_second, seconds_left, .. } => {
                 self.last = Some((loss, pairs_per_second, seconds_left));
@@ -199,7 +193,7 @@ impl Show {
     }
 }
 
-/// Seconds as a person says them.
+/// Seconds as seconds, minutes or hours.
 fn duration(seconds: f64) -> String {
     match seconds {
         ..90.0 => format!("{seconds:.0} s"),

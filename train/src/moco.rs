@@ -1,17 +1,17 @@
 //! MoCo-v3 on pairs, on one page: hole and peg of one place are each other's positive.
 //!
-//! Two encoders: the trained one, with a predictor behind it, makes queries; a slowly following copy
-//! makes keys. Holes and pegs of a batch go through the encoder together, so that the batch statistics
-//! a network trains with are those it keeps: two passes, a side each, would normalise the sides apart
-//! in training and together ever after.
+//! Two encoders: the trained one, followed by a predictor, makes queries; a copy that follows it slowly
+//! makes keys. Holes and pegs of a batch go through the encoder together, so that training normalises both
+//! with the same statistics, as the trained network does.
 
 use std::any::Any;
 use std::collections::HashMap;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::optim::{GradientsParams, MultiGradientsParams};
+use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Tensor};
-use tactile_infer::encoder::{Encoder, Network, NetworkConfig, tensors_of, with_tensors};
+use tactile_infer::architecture::NetworkConfig;
+use tactile_infer::network::{Encoder, Network, tensors_of, with_tensors};
 
 use crate::error::Result;
 use crate::info_nce::info_nce;
@@ -21,7 +21,7 @@ use crate::info_nce::info_nce;
 pub struct Moco {
     /// Encoder and predictor, trained by gradients.
     pub online: Network,
-    /// The key encoder: the online encoder's moving average, never touched by gradients.
+    /// The key encoder: the online encoder's moving average, which receives no gradients.
     pub momentum: Encoder,
 }
 
@@ -37,47 +37,38 @@ impl Moco {
 
     /// Loss and gradients of a batch: symmetrised InfoNCE, `l(q_hole, k_peg) + l(q_peg, k_hole)`.
     ///
-    /// `shards` hold the batch in parts, each `(holes, pegs)` of `[n_s, 3, height, width]`, row `i` of
-    /// one mating with row `i` of the other. Each part goes through the encoders by itself; the
-    /// loss joins the parts at their embeddings, so that every pair of the batch is a negative of every
-    /// other; and the gradient at the embeddings goes back through each part (gradient caching, Gao et al.
-    /// 2021). The threads share the work inside a layer: burn's backward passes wait for each other. Batch statistics are those of a part. `mask`, `[n, n]` over the
-    /// whole batch and symmetric, is [`info_nce`]'s.
-    pub fn gradients(
-        &self,
-        shards: Vec<(Tensor<4>, Tensor<4>)>,
-        temperature: f64,
-        mask: Option<Tensor<2>>,
-    ) -> (f64, MultiGradientsParams) {
-        let embedded: Vec<Embedded> = shards.into_iter().map(|(holes, pegs)| self.embed(holes, pegs)).collect();
+    /// Each micro-batch is `(holes, pegs)` of `[n_m, 3, height, width]`, row `i` of one mating with row `i` of the
+    /// other. It goes through the encoders by itself, with its own batch statistics; the loss joins all of them at
+    /// their embeddings, so that every pair of the batch is a negative of every other; the gradient at the
+    /// embeddings then goes back through each micro-batch (gradient caching, Gao et al. 2021).
+    pub fn gradients(&self, micro_batches: Vec<(Tensor<4>, Tensor<4>)>, temperature: f64) -> (f64, GradientsParams) {
+        let embedded: Vec<Embedded> = micro_batches.into_iter().map(|(holes, pegs)| self.embed(holes, pegs)).collect();
         let join = |side: usize, rows: fn(&Embedded) -> &Tensor<2>| {
-            let halves = embedded.iter().map(|shard| {
-                let n = rows(shard).dims()[0] / 2;
-                rows(shard).clone().narrow(0, side * n, n) // holes, then pegs
+            let halves = embedded.iter().map(|part| {
+                let n = rows(part).dims()[0] / 2;
+                rows(part).clone().narrow(0, side * n, n) // holes, then pegs
             });
             Tensor::cat(halves.collect(), 0) // [n, dim]
         };
-        let queries = [0, 1].map(|side| join(side, |shard| &shard.queries).detach().require_grad());
-        let keys = [0, 1].map(|side| join(side, |shard| &shard.keys));
-        let loss = symmetric_loss(&queries, &keys, temperature, mask);
+        let queries = [0, 1].map(|side| join(side, |part| &part.queries).detach().require_grad());
+        let keys = [0, 1].map(|side| join(side, |part| &part.keys));
+        let loss = symmetric_loss(&queries, &keys, temperature);
         let value = f64::from(loss.clone().into_scalar::<f32>());
         let mut at_embeddings = loss.backward();
 
         let [holes, pegs] = queries.map(|rows| rows.grad_remove(&mut at_embeddings));
+        // Summed here, in order: the optimizer would add several gradients in an order that differs between runs.
+        let mut sum = GradientsAccumulator::new();
         let mut start = 0;
-        let parts = embedded.into_iter().map(|shard| {
-            let n = shard.queries.dims()[0] / 2;
+        for part in embedded {
+            let n = part.queries.dims()[0] / 2;
             let slice = |rows: &Option<Tensor<2>>| rows.clone().map(|rows| rows.narrow(0, start, n));
-            let gradient = [slice(&holes), slice(&pegs)].into_iter().flatten().collect();
+            let gradient = Tensor::cat([slice(&holes), slice(&pegs)].into_iter().flatten().collect(), 0); // [2n, dim]
             start += n;
-            (shard.queries, Tensor::cat(gradient, 0))
-        });
-        let device = self.online.devices().into_iter().next().unwrap_or_default();
-        let grads = parts.map(|(queries, gradient)| {
-            let back = (queries * Tensor::from_inner(gradient)).sum().backward();
-            (GradientsParams::from_grads(back, &self.online), device.clone())
-        });
-        (value, MultiGradientsParams { grads: grads.collect() })
+            let back = (part.queries * Tensor::from_inner(gradient)).sum().backward();
+            sum.accumulate(&self.online, GradientsParams::from_grads(back, &self.online));
+        }
+        (value, sum.grads())
     }
 
     /// Holes and pegs through both encoders in one pass each. `[n, 3, h, w]` twice -> `[2n, dim]` twice.
@@ -98,17 +89,12 @@ impl Moco {
 }
 
 /// `l(q_hole, k_peg) + l(q_peg, k_hole)` of `[hole, peg]` rows.
-fn symmetric_loss(
-    queries: &[Tensor<2>; 2],
-    keys: &[Tensor<2>; 2],
-    temperature: f64,
-    mask: Option<Tensor<2>>,
-) -> Tensor<1> {
-    info_nce(queries[0].clone(), keys[1].clone(), temperature, mask.clone())
-        + info_nce(queries[1].clone(), keys[0].clone(), temperature, mask)
+fn symmetric_loss(queries: &[Tensor<2>; 2], keys: &[Tensor<2>; 2], temperature: f64) -> Tensor<1> {
+    info_nce(queries[0].clone(), keys[1].clone(), temperature)
+        + info_nce(queries[1].clone(), keys[0].clone(), temperature)
 }
 
-/// The rows of one shard, holes then pegs.
+/// The rows of one micro-batch, holes then pegs.
 struct Embedded {
     queries: Tensor<2>, // [2n, dim]
     keys: Tensor<2>,    // [2n, dim], detached
@@ -168,7 +154,7 @@ mod tests {
     use super::*;
     use burn::tensor::TensorData;
     use tactile_infer::DeviceKind;
-    use tactile_infer::encoder::NamedTensor;
+    use tactile_infer::safefile::NamedTensor;
 
     const CONFIG: NetworkConfig = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
 
@@ -186,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn momentum_nought_copies_and_momentum_one_stays() {
+    fn momentum_zero_copies_and_momentum_one_stays() {
         let device = device();
         let mut moco = Moco::new(&CONFIG, 1, &device).unwrap();
         let start = parameters(&moco.momentum);
@@ -213,46 +199,42 @@ mod tests {
     }
 
     /// The gradient of one parameter, by its name.
-    fn gradient(moco: &Moco, mut gradients: MultiGradientsParams) -> Vec<f32> {
+    fn gradient(moco: &Moco, gradients: &GradientsParams) -> Vec<f32> {
         let weight = &moco.online.predictor;
         let id = burn::module::list_param_ids(weight)[0];
-        let (gradient, _) = gradients.remove::<2>(id).unwrap();
-        gradient.into_data().try_into_vec().unwrap()
+        gradients.get::<2>(id).unwrap().into_data().try_into_vec().unwrap()
     }
 
     #[test]
-    fn gradients_through_a_shard_are_those_of_the_loss() {
+    fn gradients_through_a_micro_batch_are_those_of_the_loss() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
         let (holes, pegs) = (images(0.13, &device), images(0.29, &device));
-        let (value, gradients) = moco.gradients(vec![(holes.clone(), pegs.clone())], 0.2, None);
+        let (value, gradients) = moco.gradients(vec![(holes.clone(), pegs.clone())], 0.2);
         // The same loss in one graph.
-        let shard = moco.embed(holes, pegs);
+        let part = moco.embed(holes, pegs);
         let half = |rows: &Tensor<2>, side: usize| rows.clone().narrow(0, side * 4, 4);
-        let loss =
-            symmetric_loss(&[0, 1].map(|s| half(&shard.queries, s)), &[0, 1].map(|s| half(&shard.keys, s)), 0.2, None);
+        let loss = symmetric_loss(&[0, 1].map(|s| half(&part.queries, s)), &[0, 1].map(|s| half(&part.keys, s)), 0.2);
         assert!((f64::from(loss.clone().into_scalar::<f32>()) - value).abs() < 1e-6);
-        let whole = MultiGradientsParams {
-            grads: vec![(GradientsParams::from_grads(loss.backward(), &moco.online), device.clone())],
-        };
-        let (cached, whole) = (gradient(&moco, gradients), gradient(&moco, whole));
+        let whole = GradientsParams::from_grads(loss.backward(), &moco.online);
+        let (cached, whole) = (gradient(&moco, &gradients), gradient(&moco, &whole));
         assert!(cached.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + b.abs())));
         assert!(whole.iter().any(|g| g.abs() > 1e-4));
     }
 
     #[test]
-    fn pairs_of_one_shard_are_negatives_of_the_others() {
+    fn pairs_of_one_micro_batch_are_negatives_of_the_others() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
-        let shard = |seed| (images(seed, &device), images(seed + 0.1, &device));
-        let (value, _) = moco.gradients(vec![shard(0.13), shard(0.29)], 0.2, None);
-        let rows: Vec<Embedded> = [0.13, 0.29].map(shard).map(|(h, p)| moco.embed(h, p)).into();
+        let part = |seed| (images(seed, &device), images(seed + 0.1, &device));
+        let (value, _) = moco.gradients(vec![part(0.13), part(0.29)], 0.2);
+        let rows: Vec<Embedded> = [0.13, 0.29].map(part).map(|(h, p)| moco.embed(h, p)).into();
         let side = |s: usize, of: fn(&Embedded) -> &Tensor<2>| {
             Tensor::cat(rows.iter().map(|r| of(r).clone().narrow(0, s * 4, 4)).collect(), 0)
         };
         let queries = [0, 1].map(|s| side(s, |r| &r.queries));
         let keys = [0, 1].map(|s| side(s, |r| &r.keys));
-        let joined = f64::from(symmetric_loss(&queries, &keys, 0.2, None).into_scalar::<f32>());
+        let joined = f64::from(symmetric_loss(&queries, &keys, 0.2).into_scalar::<f32>());
         assert!((joined - value).abs() < 1e-5, "{joined} {value}");
     }
 
@@ -260,20 +242,21 @@ mod tests {
     fn no_gradient_reaches_the_copy() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
-        let (_, gradients) = moco.gradients(vec![(images(0.13, &device), images(0.29, &device))], 0.2, None);
-        let (gradients, _) = &gradients.grads[0];
-        let ids = burn::module::list_param_ids(&moco.momentum);
-        assert!(ids.iter().all(|id| gradients.get::<4>(*id).is_none()));
-        assert!(gradients.len() > 20);
+        let (_, gradients) = moco.gradients(vec![(images(0.13, &device), images(0.29, &device))], 0.2);
+        assert_eq!(crate::gradient::norm(&moco.momentum, &gradients), 0.0);
+        assert!(crate::gradient::norm(&moco.online, &gradients) > 0.0);
     }
 
     #[test]
     fn the_copy_keeps_its_own_statistics() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
-        let before = tensors_of(&moco.online.encoder);
+        let statistics = |encoder: &Encoder| tensors_of(&encoder.valid());
+        let before = statistics(&moco.online.encoder);
+        assert_eq!(before, statistics(&moco.momentum));
         moco.momentum.forward(images(0.7, &device));
         moco.momentum.forward(images(0.7, &device));
-        assert_eq!(before, tensors_of(&moco.online.encoder));
+        assert_eq!(before, statistics(&moco.online.encoder));
+        assert_ne!(before, statistics(&moco.momentum));
     }
 }

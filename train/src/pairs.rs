@@ -1,4 +1,4 @@
-//! The pairs of a dataset, and what is worked out of them once before training.
+//! The pairs of a dataset, and what is computed from them once before training.
 
 use rayon::prelude::*;
 use tactile_data::frame::{Background, Preprocessing, TactileImage};
@@ -9,13 +9,13 @@ use tactile_infer::calibration::BLANK_SHARE;
 
 use crate::config::{Flips, TrainConfig};
 use crate::error::{Error, Result};
-use crate::relight::Relight;
+use crate::relighting::Relighting;
 
-/// Two places nearer than this look alike: mm and degrees. A camera's noise and the robot's repeatability
-/// come to half of it.
-pub const ALIKE: (f64, f64) = (1.0, 5.0);
+/// Views from places nearer than this look alike, mm and degrees: twice what the camera's noise and the robot's
+/// repeatability hide.
+const ALIKE: (f64, f64) = (1.0, 5.0);
 
-/// Frames looked at to find the lamps.
+/// Frames in which the lamps are searched.
 const LAMP_FRAMES: usize = 400;
 
 /// The frames of one mating pair in a dataset.
@@ -32,7 +32,7 @@ pub struct Pair {
 pub struct Place {
     /// The board, by its number in the order of appearance.
     pub board: usize,
-    /// Where the sensor stood on it; `None` where nobody knows.
+    /// The sensor's pose on it; `None` where it was not recorded.
     pub pose: Option<Se2>,
     /// Whether neither view shows an edge.
     pub blank: bool,
@@ -61,18 +61,18 @@ pub struct Pairs<'a> {
     /// Pairs of the held-out boards, board by board.
     pub held_out: Vec<Vec<Pair>>,
     pub(crate) neighbours: Vec<Vec<u32>>,
-    pub(crate) relight: Option<Relight>,
-    /// What somebody should know of these pairs before training on them.
+    pub(crate) relighting: Option<Relighting>,
+    /// A warning about these pairs, for people.
     pub warning: Option<String>,
 }
 
 impl<'a> Pairs<'a> {
     /// Finds the pairs: a hole frame and a peg frame of one part at one pose, next to each other in the
-    /// index. Measures mean and variance over (at most 2,000) training frames, which views are blank, and
-    /// for relit flips the lamps.
+    /// index. Measures mean and variance over at most 2,000 training frames, finds the blank views, and
+    /// the lamps for relit flips.
     ///
     /// # Errors
-    /// No pairs, or pairs that teach nothing: all blank, or all of one place.
+    /// No pairs, or pairs from which nothing can be learned: all blank, or all of one place.
     pub fn new(dataset: &'a Dataset, config: &TrainConfig) -> Result<Self> {
         let input_px = config.network.input_px;
         let (training, held_out) = find(dataset);
@@ -87,7 +87,7 @@ impl<'a> Pairs<'a> {
             return Err(Error::invalid("input_px", expected, format!("{}x{}", input_px[0], input_px[1])));
         }
         let preprocessing = measure(dataset, &training, input_px)?;
-        // Decoded at twice the input size, so that a crop still has a pixel for each of the input's.
+        // Decoded at twice the input size, so that a crop has at least as many pixels as the input.
         let wide = Preprocessing { input_px: input_px.map(|n| 2 * n), ..preprocessing.clone() };
         let unusable = |e: tactile_data::Error| Error::invalid(name, "frames to train on", e.to_string());
         let background = Background::new(dataset.no_contact(), &wide).map_err(unusable)?;
@@ -95,15 +95,15 @@ impl<'a> Pairs<'a> {
         check_worth(name, &places)?;
         let neighbours = neighbours(&places);
         let lamps = || fit_lamps(dataset, &training, &preprocessing);
-        let (relight, warning) = match config.flips {
+        let (relighting, warning) = match config.flips {
             Flips::Relit => (Some(lamps()?), None),
             Flips::Plain | Flips::None => (None, None),
             Flips::Auto => match lamps() {
-                Ok(relight) => (Some(relight), None),
+                Ok(relighting) => (Some(relighting), None),
                 Err(why) => (None, Some(format!("mirrored pictures are not relit, {why}"))),
             },
         };
-        Ok(Self { dataset, background, preprocessing, training, places, held_out, neighbours, relight, warning })
+        Ok(Self { dataset, background, preprocessing, training, places, held_out, neighbours, relighting, warning })
     }
 }
 
@@ -172,7 +172,7 @@ fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result
     Ok(Preprocessing { input_px, field_of_view_mm, mean: mean.map(|m| m as f32), std: std.map(|s| s as f32) })
 }
 
-/// Where each pair was touched, and whether it shows anything.
+/// Where each pair was touched, and whether it shows an edge.
 fn places(dataset: &Dataset, background: &Background, training: &[Pair]) -> Result<Vec<Place>> {
     let mut boards: Vec<Option<&str>> = Vec::new();
     let board_of: Vec<usize> = training
@@ -198,7 +198,7 @@ fn places(dataset: &Dataset, background: &Background, training: &[Pair]) -> Resu
         .collect()
 }
 
-/// Refuses pairs among which there is nothing to tell apart.
+/// Refuses pairs that all look the same.
 fn check_worth(name: &str, places: &[Place]) -> Result<()> {
     let n = places.len();
     if places.iter().all(|place| place.blank) {
@@ -230,8 +230,8 @@ fn is_apart(a: &Place, b: &Place) -> bool {
     a.distance_mm(&b) > 1.0 || wrap_angle(b.theta_rad - a.theta_rad).to_degrees().abs() > 10.0
 }
 
-/// The lamps, from training frames evenly spread.
-fn fit_lamps(dataset: &Dataset, training: &[Pair], preprocessing: &Preprocessing) -> Result<Relight> {
+/// The lamps, found in evenly spaced training frames.
+fn fit_lamps(dataset: &Dataset, training: &[Pair], preprocessing: &Preprocessing) -> Result<Relighting> {
     let input_px = preprocessing.input_px;
     let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
     let stride = training.len().div_ceil(LAMP_FRAMES / 2);
@@ -242,5 +242,5 @@ fn fit_lamps(dataset: &Dataset, training: &[Pair], preprocessing: &Preprocessing
         .map(|frame| Ok(background.tactile_image(&dataset.frame(frame))?))
         .collect::<Result<_>>()?;
     let mm_per_px = [0, 1].map(|axis| preprocessing.field_of_view_mm[axis] / input_px[axis] as f64);
-    Relight::fit(&images, mm_per_px, preprocessing)
+    Relighting::fit(&images, mm_per_px, preprocessing)
 }

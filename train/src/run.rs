@@ -1,47 +1,50 @@
-//! The training run: the loop in full view, its checkpoints, and how it goes on after a stop.
+//! The training run: the visible loop, its checkpoints, and resuming.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 
 use burn::module::Module;
+use burn::tensor::Device;
 use tactile_data::store::Dataset;
-use tactile_infer::checkpoint::{Model, Provenance};
+use tactile_infer::Model;
+use tactile_infer::checkpoint::Provenance;
+use tactile_infer::safefile::write_whole;
 use tactile_infer::{Checkpoint, DeviceKind};
 
 use crate::batch::Batch;
 use crate::config::TrainConfig;
+use crate::curve_page::{CurvePage, Progress};
+use crate::divergence::{self, Divergence};
 use crate::error::{Error, Result};
 use crate::gradient;
-use crate::health::{self, Sickness};
 use crate::history::{History, Row};
-use crate::letters::Letters;
-use crate::pace::Pace;
-use crate::page::{self, End};
+use crate::output_folder::{CURVE, MODEL, OutputFolder, PAGE, SETTINGS, STATE};
 use crate::pairs::Pairs;
 use crate::schedule::{encoder_momentum, learning_rate};
-use crate::settings::Settings;
 use crate::state::State;
-use crate::validate::{Validation, n_images, validate};
+use crate::timing::Timing;
+use crate::tuning::Tuning;
+use crate::validation::{Validation, n_images, validate};
 
-/// What is trained on what, and where it goes.
+/// A run's inputs and its output folder.
 #[derive(Clone, Copy, Debug)]
 pub struct Run<'a> {
     /// Pairs to train on, with its held-out boards.
     pub dataset: &'a Dataset,
-    /// Parts never trained on, to measure on at each save.
-    pub letters: Option<&'a Letters<'a>>,
+    /// Parts that are not trained on, to measure the accuracy at each save.
+    pub tuning: Option<&'a Tuning<'a>>,
     /// Folder for `model.safetensors`, `state.safetensors`, `train.toml`, `curve.csv` and `curve.html`.
-    pub out: &'a Path,
+    pub out: &'a OutputFolder,
     /// The settings.
     pub config: &'a TrainConfig,
     /// Where to compute.
     pub device: DeviceKind,
-    /// Go on from the state in `out`.
+    /// Continue from the state in `out`.
     pub resume: bool,
 }
 
-/// What a run tells while it goes on.
+/// What happens during a run.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
     /// A step was made.
@@ -57,14 +60,14 @@ pub enum Event<'a> {
         /// Time until the end at the recent speed, validations included, seconds.
         seconds_left: f64,
     },
-    /// A checkpoint was saved; how good it is.
+    /// A checkpoint was saved.
     Saved {
         /// Steps made so far.
         step: usize,
         /// Measured on the held-out boards.
         validation: &'a Validation,
     },
-    /// The run goes on, but somebody should look at it.
+    /// The run continues, but a person should look at it.
     Warning {
         /// Steps made so far.
         step: usize,
@@ -88,52 +91,37 @@ pub struct Outcome {
     pub validation: Validation,
 }
 
-/// Trains, and saves at each `save_every` steps. `should_stop` is asked before each step; where it says yes the
+/// Trains, and saves every `save_every` steps. `should_stop` is asked before each step; where it returns true the
 /// run saves and returns.
 ///
 /// # Errors
-/// Settings or data that make no run; a run that falls ill ([`Error::Unwell`]) or cannot save
-/// ([`Error::NotSaved`]), which leave the checkpoint before.
+/// Settings or data that make no run; a run that diverges ([`Error::Diverged`]) or cannot save
+/// ([`Error::NotSaved`]), which keep the last good checkpoint.
 pub fn train(run: &Run<'_>, should_stop: &dyn Fn() -> bool, on_event: &mut dyn FnMut(Event<'_>)) -> Result<Outcome> {
     let Run { dataset, config, .. } = *run;
     config.validate()?;
-    if let Some(letters) = run.letters {
-        letters.check_unseen(dataset)?;
+    if let Some(tuning) = run.tuning {
+        tuning.check_unseen(dataset)?;
     }
     let device = run.device.open()?.autodiff();
     let pairs = Pairs::new(dataset, config)?;
-    std::fs::create_dir_all(run.out).map_err(Error::io(run.out))?;
-    let state_path = run.out.join("state.safetensors");
-    let state = match (run.resume, state_path.exists()) {
-        (true, _) => State::load(&state_path, config, dataset.frames_sha256(), &device)?,
-        (false, true) => {
-            let what = state_path.display().to_string();
-            return Err(Error::invalid(what, "an empty --out, or --resume to go on", "the state of an earlier run"));
-        }
-        (false, false) => State::new(config, &device)?,
-    };
-    Settings::save(config, &run.out.join("train.toml"))?;
+    config.check_memory(pairs.training.len())?;
+    let state = begin(run, &device)?;
+    write_whole(&run.out.file(SETTINGS), config.to_toml()?.as_bytes())?;
     if let Some(text) = &pairs.warning {
         on_event(Event::Warning { step: state.step, text });
     }
-    let images_a_save = n_images(&pairs) + run.letters.map_or(0, Letters::n_images);
     let mut results = Results {
         run,
         pairs: &pairs,
-        history: History::open(&run.out.join("curve.csv"), state.step)?,
+        history: History::open(&run.out.file(CURVE), state.step)?,
         kept: run.resume.then_some(state.step),
         last: None,
     };
-    let mut pace = Pace::new(config.n_pairs, images_a_save);
-    let ended = steps(state, &mut results, &mut pace, should_stop, on_event);
-    let state = match ended {
-        Ok(state) => state,
-        Err(error) => {
-            // What stopped the run matters more than whether the page could be written.
-            drop(results.draw(End::Stopped(&error.to_string())));
-            return Err(error);
-        }
-    };
+    let state = steps(state, &mut results, should_stop, on_event).inspect_err(|error| {
+        // The reason matters more than whether the page could be written.
+        drop(results.draw(Progress::Failed(&error.to_string())));
+    })?;
     let (sha256, validation) = match results.last.take() {
         Some((step, sha256, validation)) if step == state.step => (sha256, validation),
         _ => {
@@ -142,20 +130,34 @@ pub fn train(run: &Run<'_>, should_stop: &dyn Fn() -> bool, on_event: &mut dyn F
         }
     };
     let finished = state.step == config.n_steps;
-    results.draw(if finished { End::Finished } else { End::Asked })?;
-    Ok(Outcome { model: run.out.join("model.safetensors"), sha256, step: state.step, finished, validation })
+    results.draw(if finished { Progress::Finished } else { Progress::Interrupted })?;
+    Ok(Outcome { model: run.out.file(MODEL), sha256, step: state.step, finished, validation })
+}
+
+/// The state to start from: that in the folder, or a new one where the folder has no model.
+fn begin(run: &Run<'_>, device: &Device) -> Result<State> {
+    if run.resume {
+        return State::load(&run.out.file(STATE), run.config, run.dataset.frames_sha256(), device);
+    }
+    for (name, got) in [(STATE, "the state of an earlier run"), (MODEL, "the model of an earlier run")] {
+        let path = run.out.file(name);
+        if path.exists() {
+            return Err(Error::invalid(path.display().to_string(), "an empty --out, or --resume to continue", got));
+        }
+    }
+    State::new(run.config, device)
 }
 
 /// The loop: batch, loss, gradient, step, momentum, log.
 fn steps(
     mut state: State,
     results: &mut Results<'_>,
-    pace: &mut Pace,
     should_stop: &dyn Fn() -> bool,
     on_event: &mut dyn FnMut(Event<'_>),
 ) -> Result<State> {
     let (config, pairs) = (results.run.config, results.pairs);
     let device = results.run.device.tensor_device().autodiff();
+    let mut timing = Timing::new(config.n_pairs, n_images(pairs) + results.run.tuning.map_or(0, Tuning::n_images));
     let first_step = state.step;
     std::thread::scope(|scope| {
         // One batch is made ahead while the step before it runs.
@@ -170,41 +172,29 @@ fn steps(
         while state.step < config.n_steps && !should_stop() {
             let started = Instant::now();
             let Ok(batch) = batches.recv() else { break };
-            let batch = batch?;
-            let shards = batch.shards(config.n_shards, config.network.input_px, &device);
-            let (loss, gradients) = state.moco.gradients(shards, config.temperature, batch.mask(&device));
+            let micro_batches = batch?.micro_batches(config.n_micro_batches, config.network.input_px, &device);
+            let (loss, gradients) = state.moco.gradients(micro_batches, config.temperature);
             let gradient_norm = gradient::norm(&state.moco.online, &gradients);
-            results.check(state.step + 1, health::of_gradient(loss, gradient_norm))?;
-            let rate = learning_rate(state.step, config.n_warmup, config.n_steps, config.learning_rate);
+            results.check(state.step + 1, divergence::of_gradient(loss, gradient_norm))?;
+            let learning_rate = learning_rate(state.step, config.n_warmup, config.n_steps, config.learning_rate);
             let momentum = encoder_momentum(state.step, config.n_steps, config.momentum);
-            state.moco.online = state.optimizer.step_multi(rate, state.moco.online, gradients);
+            state.moco.online = state.optimizer.step(learning_rate, state.moco.online, gradients);
             state.moco = state.moco.follow(momentum);
             state.step += 1;
-            pace.step(started.elapsed().as_secs_f64());
+            timing.step(started.elapsed().as_secs_f64());
 
             let step = state.step;
-            let pairs_per_second = pace.pairs_per_second();
-            let seconds_left = pace.seconds_left(step, config.n_steps, config.save_every);
+            let pairs_per_second = timing.pairs_per_second();
+            let seconds_left = timing.seconds_left(step, config.n_steps, config.save_every);
             on_event(Event::Step { step, n_steps: config.n_steps, loss, pairs_per_second, seconds_left });
-            let row =
-                Row { step, loss, learning_rate: rate, momentum, gradient_norm, pairs_per_second, validation: None };
-            if !step.is_multiple_of(config.save_every) && step != config.n_steps {
+            let row = Row { step, loss, learning_rate, momentum, gradient_norm, pairs_per_second, validation: None };
+            if step.is_multiple_of(config.save_every) || step == config.n_steps {
+                let started = Instant::now();
+                results.checkpoint(&state, row, on_event)?;
+                timing.save(started.elapsed().as_secs_f64());
+            } else {
                 results.note(row)?;
-                results.check(step, health::of_steps(results.history.rows(), config))?;
-                continue;
-            }
-            let started = Instant::now();
-            let validation = results.measure(&state)?;
-            results.note(Row { validation: Some(validation.clone()), ..row })?;
-            let rows = results.history.rows();
-            let sickness = health::of_steps(rows, config).or_else(|| health::of_validations(rows, config));
-            results.check(step, sickness)?;
-            results.save(&state, &validation)?;
-            results.draw(End::Running)?;
-            pace.save(started.elapsed().as_secs_f64());
-            on_event(Event::Saved { step, validation: &validation });
-            if let Some(text) = health::concern(results.history.rows(), config) {
-                on_event(Event::Warning { step, text: &text });
+                results.check(step, divergence::of_steps(results.history.rows(), config))?;
             }
         }
         drop(batches);
@@ -224,15 +214,31 @@ struct Results<'a> {
 }
 
 impl Results<'_> {
+    /// Measures and saves the model after a step.
+    fn checkpoint(&mut self, state: &State, row: Row, on_event: &mut dyn FnMut(Event<'_>)) -> Result<()> {
+        let (step, config) = (state.step, self.run.config);
+        let validation = self.measure(state)?;
+        self.note(Row { validation: Some(validation.clone()), ..row })?;
+        let rows = self.history.rows();
+        self.check(step, divergence::of_steps(rows, config).or_else(|| divergence::of_validations(rows, config)))?;
+        self.save(state, &validation)?;
+        self.draw(Progress::Running)?;
+        on_event(Event::Saved { step, validation: &validation });
+        if let Some(text) = divergence::concern(self.history.rows(), config) {
+            on_event(Event::Warning { step, text: &text });
+        }
+        Ok(())
+    }
+
     /// How good the model is now.
     fn measure(&self, state: &State) -> Result<Validation> {
         let Run { config, device, .. } = *self.run;
         let network = state.moco.online.valid();
         let mut validation = validate(&network, self.pairs, &device.tensor_device())?;
-        if let Some(letters) = self.run.letters {
+        if let Some(tuning) = self.run.tuning {
             let preprocessing = self.pairs.preprocessing.clone();
             let checkpoint = Checkpoint::of(&network, config.network, preprocessing, Provenance::default());
-            validation.letters = Some(letters.accuracy(&Model::new(checkpoint, String::new(), device)?)?);
+            validation.tuning_accuracy = Some(tuning.accuracy(&Model::new(checkpoint, String::new(), device)?)?);
         }
         Ok(validation)
     }
@@ -240,19 +246,15 @@ impl Results<'_> {
     /// Adds a step to the curve.
     fn note(&mut self, row: Row) -> Result<()> {
         let step = row.step;
-        let noted = self.history.push(row);
-        noted.map_err(|error| self.not_saved(step, error))
+        self.history.push(row).map_err(|error| self.not_saved(step, error))
     }
 
     /// Writes the model, then the state: a stop between the two costs at most the steps between them. A network
-    /// that holds or makes a value that is no number is never written.
+    /// with values or embeddings that are not finite is never written.
     fn save(&mut self, state: &State, validation: &Validation) -> Result<String> {
         let Run { dataset, config, out, .. } = *self.run;
-        let sickness = state.unsound().map(|tensor| Sickness {
-            seen: format!("'{tensor}' holds values that are no numbers"),
-            advice: "a lower --learning-rate",
-        });
-        self.check(state.step, sickness.or_else(|| health::of_embeddings(validation)))?;
+        let not_finite = state.first_not_finite().map(divergence::of_tensor);
+        self.check(state.step, not_finite.or_else(|| divergence::of_embeddings(validation)))?;
         let provenance = Provenance {
             name: config.preset.to_string(),
             steps: state.step,
@@ -263,25 +265,28 @@ impl Results<'_> {
         };
         let network = state.moco.online.valid();
         let checkpoint = Checkpoint::of(&network, config.network, self.pairs.preprocessing.clone(), provenance);
-        let model = checkpoint.save(&out.join("model.safetensors"));
+        let model = checkpoint.save(&out.file(MODEL));
         let sha256 = model.map_err(|error| self.not_saved(state.step, error.into()))?;
         self.kept = Some(state.step);
-        let saved = state.save(&out.join("state.safetensors"), config, dataset.frames_sha256());
+        let saved = state.save(&out.file(STATE), config, dataset.frames_sha256());
         saved.map_err(|error| self.not_saved(state.step, error))?;
         self.last = Some((state.step, sha256.clone(), validation.clone()));
         Ok(sha256)
     }
 
     /// Draws the curves.
-    fn draw(&self, end: End<'_>) -> Result<()> {
-        let page = page::render(self.run, self.pairs, self.history.rows(), end);
-        Ok(tactile_infer::safefile::write_whole(&self.run.out.join("curve.html"), page.as_bytes())?)
+    fn draw(&self, progress: Progress<'_>) -> Result<()> {
+        let Run { dataset, config, out, .. } = *self.run;
+        let tuning_chance = self.run.tuning.map(Tuning::chance);
+        let dataset = &dataset.meta().name;
+        let page = CurvePage { dataset, config, pairs: self.pairs, tuning_chance, rows: self.history.rows() };
+        Ok(write_whole(&out.file(PAGE), page.render(progress)?.as_bytes())?)
     }
 
-    /// Stops a sick run.
-    fn check(&self, step: usize, sickness: Option<Sickness>) -> Result<()> {
-        match sickness {
-            Some(Sickness { seen, advice }) => Err(Error::Unwell { step, seen, advice, kept: self.kept }),
+    /// Stops a run that has diverged.
+    fn check(&self, step: usize, divergence: Option<Divergence>) -> Result<()> {
+        match divergence {
+            Some(Divergence { seen, advice }) => Err(Error::Diverged { step, seen, advice, kept: self.kept }),
             None => Ok(()),
         }
     }

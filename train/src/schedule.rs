@@ -1,8 +1,8 @@
-//! What changes with the step: learning rate and encoder momentum (MoCo-v3, Sec. 4).
+//! Learning rate and encoder momentum at each step (MoCo-v3, Sec. 4).
 
 use std::f64::consts::PI;
 
-/// Linear warm-up over `n_warmup` steps, then half a cosine from `peak` to nought at `n_steps`.
+/// Linear warm-up over `n_warmup` steps, then half a cosine from `peak` to 0 at `n_steps`.
 pub fn learning_rate(step: usize, n_warmup: usize, n_steps: usize, peak: f64) -> f64 {
     if step < n_warmup {
         return peak * (step + 1) as f64 / n_warmup as f64;
@@ -11,7 +11,7 @@ pub fn learning_rate(step: usize, n_warmup: usize, n_steps: usize, peak: f64) ->
     peak * 0.5 * (1.0 + (PI * share.min(1.0)).cos())
 }
 
-/// Momentum of the key encoder: from `start` at step 0 to one at `n_steps`, on half a cosine.
+/// Momentum of the key encoder: from `start` at step 0 to 1 at `n_steps`, on half a cosine.
 pub fn encoder_momentum(step: usize, n_steps: usize, start: f64) -> f64 {
     let share = (step as f64 / n_steps.max(1) as f64).min(1.0);
     1.0 - (1.0 - start) * 0.5 * (1.0 + (PI * share).cos())
@@ -22,7 +22,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_rate_rises_to_its_peak_and_falls_to_nought() {
+    fn the_rate_rises_to_its_peak_and_falls_to_zero() {
         let rate = |step| learning_rate(step, 10, 110, 2.0);
         assert!((rate(0) - 0.2).abs() < 1e-12);
         assert!((rate(9) - 2.0).abs() < 1e-12);

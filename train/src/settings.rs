@@ -1,12 +1,15 @@
-//! Settings as a person gives them: flags over a file over a preset, under one name each.
+//! Settings as a person gives them: flags over a file over a preset, each under one name.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use tactile_infer::safefile::write_whole;
+use toml::Table;
 
-use crate::config::{FalseNegatives, Flips, Optimizer, Preset, TrainConfig, steps_of};
+use crate::config::{Flips, Optimizer, Preset, TrainConfig, steps_of};
 use crate::error::{Error, Result};
+
+/// How alike a word must be to one that exists, for the question whether that was meant (clap's own bound).
+const ALIKE: f64 = 0.7;
 
 /// Settings that may each be given or left to the preset: the flags of `tactile-train`, and the entries of a
 /// TOML file under the same names with `_` for `-`.
@@ -14,7 +17,7 @@ use crate::error::{Error, Result};
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// How much to train: tiny takes minutes on two cores, small three quarters of an hour, paper is for a GPU [default: tiny].
+    /// How much to train: tiny takes minutes on two cores, small 45 minutes, paper is for a GPU [default: tiny].
     #[cfg_attr(feature = "cli", arg(long))]
     pub preset: Option<Preset>,
     /// Steps of the whole run.
@@ -26,70 +29,77 @@ pub struct Settings {
     /// Pairs in a batch.
     #[cfg_attr(feature = "cli", arg(long))]
     pub batch: Option<usize>,
-    /// Parts of a batch, each on a thread of its own with batch statistics of its own.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub shards: Option<usize>,
-    /// Width and height of the network's input, pixels.
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WIDTHxHEIGHT", value_parser = input_px))]
-    pub input_px: Option<[usize; 2]>,
-    /// Channels of the network's first layer; the others follow.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub width: Option<usize>,
-    /// Units of the hidden layers of projector and predictor.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub hidden: Option<usize>,
-    /// Length of an embedding.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub dim: Option<usize>,
-    /// Temperature of InfoNCE.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub temperature: Option<f64>,
-    /// What moves the weights.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub optimizer: Option<Optimizer>,
-    /// Peak learning rate.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub learning_rate: Option<f64>,
-    /// Steps of linear warm-up [default: the preset's, at most a tenth of the steps].
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub warmup: Option<usize>,
-    /// Decoupled weight decay.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub weight_decay: Option<f32>,
-    /// Momentum of the key encoder at the start; it ends at one.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub momentum: Option<f64>,
-    /// Whether pairs are mirrored: under the lamps where they are, as they come, or not at all.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub flips: Option<Flips>,
-    /// Smallest share of each side that a random crop keeps.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub min_crop: Option<f32>,
-    /// Share of a batch that are near neighbours.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub near_share: Option<f64>,
-    /// Largest share of a batch that may be blank pairs; 1 is no limit.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub max_blank: Option<f64>,
-    /// Whether pairs that no picture can tell apart (same place, or both blank) count as negatives.
-    #[cfg_attr(feature = "cli", arg(long))]
-    pub false_negatives: Option<FalseNegatives>,
     /// Steps between checkpoints and validations.
     #[cfg_attr(feature = "cli", arg(long))]
     pub save_every: Option<usize>,
     /// Seed of weights, batches and augmentation [default: 1].
     #[cfg_attr(feature = "cli", arg(long))]
     pub seed: Option<u64>,
+    /// Width and height of the network's input, pixels.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "WIDTHxHEIGHT", value_parser = input_px, help_heading = NETWORK))]
+    pub input_px: Option<[usize; 2]>,
+    /// Channels of the network's first layer; the others follow.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = NETWORK))]
+    pub width: Option<usize>,
+    /// Units of the hidden layers of projector and predictor.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = NETWORK))]
+    pub hidden: Option<usize>,
+    /// Length of an embedding.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = NETWORK))]
+    pub dim: Option<usize>,
+    /// The optimizer.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    pub optimizer: Option<Optimizer>,
+    /// Peak learning rate.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    pub learning_rate: Option<f64>,
+    /// Steps of linear warm-up [default: the preset's, at most a tenth of the steps].
+    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    pub warmup: Option<usize>,
+    /// Decoupled weight decay.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    pub weight_decay: Option<f32>,
+    /// Temperature of InfoNCE.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    pub temperature: Option<f64>,
+    /// Momentum of the key encoder at the start; it ends at 1.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    pub momentum: Option<f64>,
+    /// Parts that a batch is embedded in, one after the other; batch normalisation uses the statistics of each.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    pub micro_batches: Option<usize>,
+    /// Whether pairs are mirrored: with their light corrected, without, or not at all.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
+    pub flips: Option<Flips>,
+    /// Smallest share of each side that a random crop keeps.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
+    pub min_crop: Option<f32>,
+    /// Share of a batch that are near neighbours.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
+    pub near_share: Option<f64>,
+    /// Largest share of a batch that may be blank pairs; 1 is no limit.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
+    pub max_blank: Option<f64>,
 }
 
+#[cfg(feature = "cli")]
+const NETWORK: &str = "Network, each instead of the preset's";
+#[cfg(feature = "cli")]
+const OPTIMISATION: &str = "Optimisation, each instead of the preset's";
+#[cfg(feature = "cli")]
+const PAIRS: &str = "Choice and augmentation of pairs, each instead of the preset's";
+
 impl Settings {
-    /// Reads a TOML file; an unknown entry is an error.
+    /// Reads a TOML file.
+    ///
+    /// # Errors
+    /// An unknown or mistyped entry, with its line, and with the name that was probably meant.
     pub fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let settings: Self = toml::from_str(&text).map_err(|e| {
             let line = e.span().map_or(0, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
             let name = format!("{} line {line}", path.display());
-            Error::invalid(name, "settings of tactile-train", e.message().replace('\n', " "))
+            Error::invalid(name, "settings of tactile-train", explanation(e.message()))
         })?;
         if settings.steps.is_some() && settings.epochs.is_some() {
             return Err(Error::invalid(path.display().to_string(), "steps or epochs", "both"));
@@ -97,117 +107,71 @@ impl Settings {
         Ok(settings)
     }
 
-    /// Writes all settings of a run as a file that [`Self::load`] reads.
-    pub fn save(config: &TrainConfig, path: &Path) -> Result<()> {
-        let text = toml::to_string(&Self::from(config));
-        let text = text.map_err(|e| Error::invalid("settings", "values TOML can hold", e.to_string()))?;
-        Ok(write_whole(path, text.as_bytes())?)
-    }
-
-    /// These settings, and where they say nothing those of `under`.
-    pub fn over(self, under: Self) -> Self {
-        // A length replaces the other way of giving it.
-        let (steps, epochs) = match (self.steps, self.epochs) {
-            (None, None) => (under.steps, under.epochs),
-            given => given,
-        };
-        Self {
-            preset: self.preset.or(under.preset),
-            steps,
-            epochs,
-            batch: self.batch.or(under.batch),
-            shards: self.shards.or(under.shards),
-            input_px: self.input_px.or(under.input_px),
-            width: self.width.or(under.width),
-            hidden: self.hidden.or(under.hidden),
-            dim: self.dim.or(under.dim),
-            temperature: self.temperature.or(under.temperature),
-            optimizer: self.optimizer.or(under.optimizer),
-            learning_rate: self.learning_rate.or(under.learning_rate),
-            warmup: self.warmup.or(under.warmup),
-            weight_decay: self.weight_decay.or(under.weight_decay),
-            momentum: self.momentum.or(under.momentum),
-            flips: self.flips.or(under.flips),
-            min_crop: self.min_crop.or(under.min_crop),
-            near_share: self.near_share.or(under.near_share),
-            max_blank: self.max_blank.or(under.max_blank),
-            false_negatives: self.false_negatives.or(under.false_negatives),
-            save_every: self.save_every.or(under.save_every),
-            seed: self.seed.or(under.seed),
+    /// These settings, and those of `under` for all that is not given here.
+    ///
+    /// # Errors
+    /// A number that TOML cannot hold: a seed of 2^63 or more.
+    pub fn over(&self, under: &Self) -> Result<Self> {
+        let (given, mut merged) = (table(self)?, table(under)?);
+        if self.steps.is_some() || self.epochs.is_some() {
+            // One length replaces the other.
+            merged.remove("steps");
+            merged.remove("epochs");
         }
+        merged.extend(given);
+        merged.try_into().map_err(not_toml)
     }
 
     /// The settings of a run on `n_training` pairs, checked.
+    ///
+    /// # Errors
+    /// A setting out of range.
     pub fn resolve(&self, n_training: usize) -> Result<TrainConfig> {
-        let preset = TrainConfig::of(self.preset.unwrap_or_default(), n_training);
-        let n_pairs = self.batch.unwrap_or(preset.n_pairs);
+        let mut preset = TrainConfig::of(self.preset.unwrap_or_default(), n_training);
         if let Some(epochs) = self.epochs.filter(|epochs| !(epochs.is_finite() && *epochs > 0.0)) {
             return Err(Error::invalid("epochs", "a positive number", epochs.to_string()));
         }
-        // The paper's length is in epochs, whatever the batch.
+        // The paper's length is in epochs, for every batch size.
         let epochs = self.epochs.or((preset.preset == Preset::Paper).then_some(500.0));
-        let by_epochs = epochs.map(|epochs| steps_of(epochs, n_training, n_pairs));
-        let n_steps = self.steps.or(by_epochs).unwrap_or(preset.n_steps);
-        let mut network = preset.network;
-        network.input_px = self.input_px.unwrap_or(network.input_px);
-        network.width = self.width.unwrap_or(network.width);
-        network.hidden = self.hidden.unwrap_or(network.hidden);
-        network.dim = self.dim.unwrap_or(network.dim);
-        let optimizer = self.optimizer.unwrap_or(preset.optimizer);
-        // A preset's rate is that of its own optimiser.
-        let is_own = optimizer == preset.optimizer;
-        let learning_rate = if is_own { preset.learning_rate } else { optimizer.learning_rate() };
-        let config = TrainConfig {
-            preset: preset.preset,
-            network,
-            n_steps,
-            n_pairs,
-            n_shards: self.shards.unwrap_or(preset.n_shards),
-            temperature: self.temperature.unwrap_or(preset.temperature),
-            optimizer,
-            learning_rate: self.learning_rate.unwrap_or(learning_rate),
-            n_warmup: self.warmup.unwrap_or(preset.n_warmup.min(n_steps / 10)),
-            weight_decay: self.weight_decay.unwrap_or(preset.weight_decay),
-            momentum: self.momentum.unwrap_or(preset.momentum),
-            flips: self.flips.unwrap_or(preset.flips),
-            min_crop: self.min_crop.unwrap_or(preset.min_crop),
-            near_share: self.near_share.unwrap_or(preset.near_share),
-            max_blank: self.max_blank.unwrap_or(preset.max_blank),
-            false_negatives: self.false_negatives.unwrap_or(preset.false_negatives),
-            save_every: self.save_every.unwrap_or(preset.save_every),
-            seed: self.seed.unwrap_or(preset.seed),
-        };
+        let by_epochs = epochs.map(|epochs| steps_of(epochs, n_training, self.batch.unwrap_or(preset.n_pairs)));
+        preset.n_steps = self.steps.or(by_epochs).unwrap_or(preset.n_steps);
+        preset.n_warmup = preset.n_warmup.min(preset.n_steps / 10);
+        // A preset's rate is that of its own optimizer.
+        if let Some(other) = self.optimizer.filter(|optimizer| *optimizer != preset.optimizer) {
+            preset.learning_rate = other.learning_rate();
+        }
+        let mut merged = table(&preset)?;
+        merged.extend(table(self)?);
+        merged.remove("epochs");
+        let config: TrainConfig = merged.try_into().map_err(not_toml)?;
         config.validate()?;
         Ok(config)
     }
 }
 
-impl From<&TrainConfig> for Settings {
-    fn from(config: &TrainConfig) -> Self {
-        Self {
-            preset: Some(config.preset),
-            steps: Some(config.n_steps),
-            epochs: None,
-            batch: Some(config.n_pairs),
-            shards: Some(config.n_shards),
-            input_px: Some(config.network.input_px),
-            width: Some(config.network.width),
-            hidden: Some(config.network.hidden),
-            dim: Some(config.network.dim),
-            temperature: Some(config.temperature),
-            optimizer: Some(config.optimizer),
-            learning_rate: Some(config.learning_rate),
-            warmup: Some(config.n_warmup),
-            weight_decay: Some(config.weight_decay),
-            momentum: Some(config.momentum),
-            flips: Some(config.flips),
-            min_crop: Some(config.min_crop),
-            near_share: Some(config.near_share),
-            max_blank: Some(config.max_blank),
-            false_negatives: Some(config.false_negatives),
-            save_every: Some(config.save_every),
-            seed: Some(config.seed),
+fn table(settings: &impl Serialize) -> Result<Table> {
+    Table::try_from(settings).map_err(not_toml)
+}
+
+fn not_toml(error: impl std::fmt::Display) -> Error {
+    Error::invalid("settings", "numbers that TOML can hold, at most 2^63 - 1", error.to_string())
+}
+
+/// What serde says of a wrong entry, in one line: instead of all names that exist only the one most alike.
+fn explanation(message: &str) -> String {
+    let message = message.replace('\n', " ");
+    let mut words = message.split('`').skip(1).step_by(2);
+    match words.next() {
+        Some("false_negatives") => "'false_negatives', a setting that no longer exists".into(),
+        Some("shards") => "'shards', which is now called 'micro_batches'".into(),
+        Some(wrong) if message.starts_with("unknown ") => {
+            let likeness = |word: &&str| strsim::jaro(wrong, word);
+            match words.max_by(|a, b| likeness(a).total_cmp(&likeness(b))).filter(|word| likeness(word) > ALIKE) {
+                Some(meant) => format!("'{wrong}'; did you mean '{meant}'?"),
+                None => message,
+            }
         }
+        _ => message,
     }
 }
 
@@ -233,22 +197,38 @@ mod tests {
     fn flags_go_over_the_file_and_the_file_over_the_preset() {
         let file = read("preset = \"small\"\ntemperature = 0.2\nbatch = 64\nflips = \"relit\"").unwrap();
         let flags = Settings { batch: Some(32), ..Settings::default() };
-        let config = flags.over(file).resolve(1_000).unwrap();
+        let config = flags.over(&file).unwrap().resolve(1_000).unwrap();
         let expected = TrainConfig { temperature: 0.2, n_pairs: 32, flips: Flips::Relit, ..TrainConfig::small() };
         assert_eq!(config, expected);
         assert_eq!(Settings::default().resolve(1_000).unwrap(), TrainConfig::tiny());
     }
 
     #[test]
+    fn every_setting_that_is_given_is_used() {
+        let all = "preset = \"small\"\nsteps = 11\nbatch = 12\nmicro_batches = 3\ninput_px = [16, 12]\nwidth = 13\n\
+                   hidden = 14\ndim = 15\ntemperature = 0.16\noptimizer = \"adamw\"\nlearning_rate = 0.17\nwarmup = 18\n\
+                   weight_decay = 0.19\nmomentum = 0.2\nflips = \"none\"\nmin_crop = 0.21\nnear_share = 0.22\n\
+                   max_blank = 0.23\nsave_every = 24\nseed = 25";
+        let saved = read(all).unwrap().resolve(1_000).unwrap().to_toml().unwrap();
+        let lines = |text: &str| text.lines().map(String::from).collect::<std::collections::BTreeSet<_>>();
+        assert_eq!(lines(&saved), lines(all));
+    }
+
+    #[test]
     fn what_a_run_saves_gives_the_same_run() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("train.toml");
         for config in [TrainConfig::tiny(), TrainConfig::small(), TrainConfig::paper(999)] {
-            Settings::save(&config, &path).unwrap();
-            assert_eq!(Settings::load(&path).unwrap().resolve(12).unwrap(), config);
+            let text = config.to_toml().unwrap();
+            assert_eq!(read(&text).unwrap().resolve(12).unwrap(), config);
+            assert!(text.contains("min_crop = 0.9\n"), "{text}");
         }
-        let text = std::fs::read_to_string(&path).unwrap();
-        assert!(text.contains("min_crop = 0.9\n"), "{text}");
+    }
+
+    #[test]
+    fn a_preset_s_learning_rate_is_that_of_its_own_optimizer() {
+        let rate = |text: &str| read(text).unwrap().resolve(1_000).unwrap().learning_rate;
+        assert_eq!(rate("optimizer = \"adamw\""), Optimizer::Adamw.learning_rate());
+        assert_eq!(rate("optimizer = \"adamw\"\nlearning_rate = 0.5"), 0.5);
+        assert_eq!(rate("preset = \"paper\"\noptimizer = \"adamw\""), TrainConfig::paper(1_000).learning_rate);
     }
 
     #[test]
@@ -257,17 +237,31 @@ mod tests {
         // 3 x 1,000 / 100
         assert_eq!(steps(Settings { epochs: Some(3.0), batch: Some(100), ..Settings::default() }), 30);
         let file = Settings { epochs: Some(3.0), ..Settings::default() };
-        assert_eq!(steps(Settings { steps: Some(7), ..Settings::default() }.over(file)), 7);
+        assert_eq!(steps(Settings { steps: Some(7), ..Settings::default() }.over(&file).unwrap()), 7);
         let paper = Settings { preset: Some(Preset::Paper), batch: Some(100), ..Settings::default() };
         assert_eq!(steps(paper), 5_000);
+        for (epochs, name) in [(f64::NAN, "epochs: "), (-1.0, "epochs: "), (1e300, "steps: ")] {
+            let error = Settings { epochs: Some(epochs), ..Settings::default() }.resolve(1_000).unwrap_err();
+            assert!(error.to_string().starts_with(name), "{error}");
+        }
     }
 
     #[test]
-    fn a_wrong_file_is_named_with_its_line() {
-        let error = read("batch = 8\nbatchsize = 9").unwrap_err().to_string();
-        assert!(error.contains("x.toml line 2") && error.contains("batchsize"), "{error}");
-        let error = read("flips = \"twice\"").unwrap_err().to_string();
-        assert!(error.contains("line 1") && error.contains("twice") && !error.contains('\n'), "{error}");
-        assert!(read("steps = 1\nepochs = 1.0").unwrap_err().to_string().contains("got both"));
+    fn a_wrong_entry_is_named_with_its_line_and_what_was_meant() {
+        for (text, words) in [
+            ("batch = 8\nbatchsize = 9", ["x.toml line 2", "'batchsize'; did you mean 'batch'?"]),
+            ("preset = \"tinny\"", ["line 1", "'tinny'; did you mean 'tiny'?"]),
+            ("flips = \"twice\"", ["line 1", "unknown variant `twice`, expected one of `auto`"]),
+            ("false_negatives = \"mask\"", ["line 1", "'false_negatives', a setting that no longer exists"]),
+            ("shards = 2", ["line 1", "'shards', which is now called 'micro_batches'"]),
+            ("batch = \"many\"", ["line 1", "expected usize"]),
+            ("steps = 1\nepochs = 1.0", ["x.toml", "expected steps or epochs, got both"]),
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(words.iter().all(|word| error.contains(word)) && !error.contains('\n'), "{error}");
+        }
+        let seed = Settings { seed: Some(u64::MAX), ..Settings::default() };
+        let error = seed.resolve(12).unwrap_err().to_string();
+        assert!(error.contains("2^63") && !error.contains('\n'), "{error}");
     }
 }

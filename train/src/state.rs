@@ -1,5 +1,5 @@
-//! All that a resumed run needs, in memory and in `state.safetensors`: data order and augmentation follow
-//! from the seed and the step.
+//! All that a resumed run needs, in memory and in `state.safetensors`. Order of the data and augmentation are
+//! computed from the seed and the step.
 
 use std::path::Path;
 
@@ -7,21 +7,20 @@ use burn::module::Module;
 use burn::optim::{AdamWConfig, LambConfig, ModuleOptimizer};
 use burn::store::ModuleRecord;
 use burn::tensor::{Bytes, Device};
-use tactile_infer::encoder::{Encoder, Network, tensors_of};
+use tactile_infer::network::{Encoder, Network, tensors_of};
 use tactile_infer::safefile::SafeFile;
 
 use crate::config::{Optimizer, TrainConfig};
 use crate::error::{Error, Result};
 use crate::moco::Moco;
-use crate::settings::Settings;
 
-const SCHEMA: &str = "tactile-filter/train-state/1";
+const SCHEMA: &str = "tactile-filter/train-state/2";
 
-/// Networks, optimiser and the number of steps they have made.
+/// Networks, optimizer and the number of steps made.
 pub struct State {
     /// The trained network and its copy.
     pub moco: Moco,
-    /// What moves the weights, with its moments.
+    /// The optimizer with its moments.
     pub optimizer: ModuleOptimizer,
     /// Steps made.
     pub step: usize,
@@ -37,9 +36,9 @@ impl State {
         Ok(Self { moco: Moco::new(&config.network, config.seed, device)?, optimizer, step: 0 })
     }
 
-    /// The first tensor of either network with a value that is no number, running statistics included.
-    pub fn unsound(&self) -> Option<String> {
-        // `valid` waits for running statistics that are still under way.
+    /// The first tensor of either network with a value that is not finite, running statistics included.
+    pub fn first_not_finite(&self) -> Option<String> {
+        // `valid` waits for running statistics that are still being computed.
         let tensors = tensors_of(&self.moco.online.valid()).into_iter().chain(tensors_of(&self.moco.momentum.valid()));
         tensors.filter(|tensor| tensor.values.iter().any(|v| !v.is_finite())).map(|tensor| tensor.name).next()
     }
@@ -50,8 +49,6 @@ impl State {
         let online = self.moco.online.valid().into_record().into_bytes().map_err(unwritable)?;
         let momentum = self.moco.momentum.valid().into_record().into_bytes().map_err(unwritable)?;
         let optimizer = self.optimizer.into_bytes().map_err(unwritable)?;
-        let config = serde_json::to_string(config);
-        let config = config.map_err(|e| Error::invalid("settings", "values JSON can hold", e.to_string()))?;
         let file = SafeFile {
             tensors: Vec::new(),
             blobs: vec![
@@ -60,7 +57,7 @@ impl State {
                 ("optimizer".into(), optimizer.to_vec()),
             ],
             text: vec![
-                ("config".into(), config),
+                ("config".into(), config.to_toml()?),
                 ("dataset_sha256".into(), dataset_sha256.to_owned()),
                 ("step".into(), self.step.to_string()),
             ],
@@ -68,21 +65,21 @@ impl State {
         Ok(file.save(path, SCHEMA)?)
     }
 
-    /// Reads a state, and refuses that of a run with other settings or another dataset.
+    /// Reads a state. That of a run with other settings or another dataset is an error.
     pub fn load(path: &Path, config: &TrainConfig, dataset_sha256: &str, device: &Device) -> Result<Self> {
         let name = path.display().to_string();
         let file = SafeFile::load(path, SCHEMA)?;
-        let saved: TrainConfig = serde_json::from_str(file.text(path, "config")?)
-            .map_err(|e| Error::invalid(&name, "settings of this version", e.to_string()))?;
-        if saved != *config {
-            let (began, asked) = differing(&saved, config);
-            return Err(Error::invalid(name, format!("the settings it began with, {began}"), asked));
+        let text = |name: &str| file.text(name).map_err(|error| error.within(path.display()));
+        let (saved, asked) = (text("config")?, config.to_toml()?);
+        if saved != asked {
+            let expected = format!("the settings it began with, {}", only_in(saved, &asked));
+            return Err(Error::invalid(name, expected, only_in(&asked, saved)));
         }
-        let saved_data = file.text(path, "dataset_sha256")?;
+        let saved_data = text("dataset_sha256")?;
         if saved_data != dataset_sha256 {
             return Err(Error::invalid(name, format!("the dataset it began with, {saved_data}"), dataset_sha256));
         }
-        let step = file.text(path, "step")?;
+        let step = text("step")?;
         let step = step.parse().map_err(|_| Error::invalid(&name, "a number of steps", step))?;
         let blob = |key: &str| {
             let found = file.blobs.iter().find(|(name, _)| name == key);
@@ -99,13 +96,7 @@ impl State {
     }
 }
 
-/// The settings in which two runs differ, with the values of each.
-fn differing(a: &TrainConfig, b: &TrainConfig) -> (String, String) {
-    let lines = |config| toml::to_string(&Settings::from(config)).unwrap_or_default();
-    let (a, b) = (lines(a), lines(b));
-    let only = |one: &str, other: &str| {
-        let lines: Vec<_> = one.lines().filter(|line| !other.lines().any(|o| o == *line)).collect();
-        lines.join(", ")
-    };
-    (only(&a, &b), only(&b, &a))
+/// The lines of one text that the other lacks.
+fn only_in(one: &str, other: &str) -> String {
+    one.lines().filter(|line| !other.lines().any(|o| o == *line)).collect::<Vec<_>>().join(", ")
 }

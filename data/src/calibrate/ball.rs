@@ -8,7 +8,7 @@
 /// A contact may reach this share of the ball's radius: at its equator the wall is upright.
 const MOST_OF_RADIUS: f64 = 0.98;
 
-/// Distance between the places at which the slope is worked out, mm.
+/// Distance between the places at which the slope is computed, mm.
 const STEP_MM: f64 = 0.02;
 
 /// The gel pressed by a ball.
@@ -21,7 +21,7 @@ pub struct BallPress {
 }
 
 impl BallPress {
-    /// A ball of `radius_mm` in contact up to `contact_mm` from its axis, worked out up to `reach_mm` from it.
+    /// A ball of `radius_mm` in contact up to `contact_mm` from its axis, computed up to `reach_mm` from it.
     /// A contact wider than 0.98 of the ball is taken as that.
     pub fn new(radius_mm: f64, contact_mm: f64, gel_length_mm: f64, reach_mm: f64) -> Self {
         let contact_mm = contact_mm.min(MOST_OF_RADIUS * radius_mm);

@@ -1,17 +1,16 @@
-//! From presses of a ball to the light that made them, judged on presses left out.
+//! From presses of a ball to the light that made them, and its error on presses left out.
 
 use rayon::prelude::*;
 
 use super::ball::BallPress;
 use super::least_squares::Sums;
+use super::light_factors::{bases, factors, light, place};
 use super::presses::{Press, Presses};
 use super::{Calibration, SCHEMA, at_rest};
 use crate::compare::Figures;
 use crate::error::{Error, Result};
-use crate::sensor::light::{LightRig, Quadratic, Walls};
-use crate::sensor::shadow::Shadow;
 
-/// Pixels this far beside a circle still count in the fit, mm: where the gel's slope fades.
+/// Pixels up to this far outside a circle count in the fit, mm: where the gel's slope fades.
 const REACH_MM: f64 = 3.0;
 
 /// The figures are of the circle and half its radius round it: the contact and its coloured band.
@@ -21,7 +20,7 @@ const CONTACT_RADII: f64 = 1.5;
 const RIDGE: f64 = 1e-4;
 
 /// Candidates for the contact's radius as a share of the circle's: what one sees as its edge is the bright
-/// ring, some of which lies outside.
+/// ring, some of which is outside.
 const CONTACT_SHARES: [f64; 6] = [0.80, 0.84, 0.88, 0.92, 0.96, 1.0];
 
 /// Candidates for the gel's decay length, mm.
@@ -100,12 +99,12 @@ pub fn fit(presses: &Presses) -> Result<Fit> {
     let left_out = presses.presses.par_iter().zip(&sums).map(judge).collect::<Result<Vec<_>>>()?;
     let calibration = Calibration {
         schema: SCHEMA.to_owned(),
-        frame_px: [presses.no_contact.width_px(), presses.no_contact.height_px()],
+        frame_px: presses.geometry.frame_px,
         field_of_view_mm: [
-            presses.mm_per_px[0] * presses.no_contact.width_px() as f64,
-            presses.mm_per_px[1] * presses.no_contact.height_px() as f64,
+            presses.geometry.mm_per_px[0] * presses.no_contact.width_px() as f64,
+            presses.geometry.mm_per_px[1] * presses.no_contact.height_px() as f64,
         ],
-        source: format!("{} presses of a ball of {} mm", left_out.len(), 2.0 * presses.ball_radius_mm),
+        source: format!("{} presses of a ball of {} mm", left_out.len(), 2.0 * presses.geometry.ball_radius_mm),
         gel_length_mm: Some(gel_length_mm),
         contact_share: Some(share),
         leave_one_out: Some(mean(&left_out)),
@@ -114,51 +113,26 @@ pub fn fit(presses: &Presses) -> Result<Fit> {
     Ok(Fit { calibration, left_out })
 }
 
-/// The five functions of the slope in [`LightRig`] at a place beside a ball's axis.
-pub(super) fn bases(ball: &BallPress, [x_mm, y_mm]: [f64; 2]) -> [f64; 5] {
-    let r = x_mm.hypot(y_mm);
-    let slope = ball.slope(r);
-    // Deeper towards the axis.
-    let [gx, gy] = if r > 0.0 { [-x_mm / r * slope, -y_mm / r * slope] } else { [0.0; 2] };
-    slope_bases(gx, gy)
-}
-
-/// The five functions of [`LightRig`] of a slope.
-pub(super) fn slope_bases(gx: f64, gy: f64) -> [f64; 5] {
-    let share = 1.0 / (1.0 + gx * gx + gy * gy);
-    [2.0 * gx, 2.0 * gy, gx * gx + gy * gy, gx * gx - gy * gy, 2.0 * gx * gy].map(|basis| basis * share)
-}
-
-/// Each of `bases` times each term of a [`Quadratic`] at a place of the frame, -1..=1.
-pub(super) fn factors(bases: [f64; 5], [x, y]: [f64; 2]) -> [f64; 30] {
-    let terms = [1.0, x, y, x * x, x * y, y * y];
-    std::array::from_fn(|i| bases[i / 6] * terms[i % 6])
-}
-
-/// The light of 30 weights for each channel, as [`factors`] orders them.
-pub(super) fn light(weights: &[Vec<f64>; 3], has_walls: bool, at_rest: [Quadratic; 3]) -> LightRig {
-    let part = |basis: usize| {
-        weights.each_ref().map(|weights| -> Quadratic { std::array::from_fn(|i| weights[6 * basis + i] as f32) })
-    };
-    let walls = has_walls.then(|| Walls { steep: part(2), across: part(3), diagonal: part(4) });
-    LightRig { at_rest, along_x: part(0), along_y: part(1), walls, shadow: Shadow::default() }
-}
-
 fn ball(presses: &Presses, press: &Press, share: f64, gel_length_mm: f64) -> BallPress {
-    let radius_mm = presses.radius_mm(&press.circle);
-    BallPress::new(presses.ball_radius_mm, share * radius_mm, gel_length_mm, CONTACT_RADII * radius_mm + REACH_MM)
+    let radius_mm = presses.geometry.radius_mm(&press.circle);
+    BallPress::new(
+        presses.geometry.ball_radius_mm,
+        share * radius_mm,
+        gel_length_mm,
+        CONTACT_RADII * radius_mm + REACH_MM,
+    )
 }
 
 /// What each press says of all 30 factors, by every `stride`-th pixel each way.
 fn all_sums(presses: &Presses, share: f64, gel_length_mm: f64, stride: usize) -> Vec<Sums> {
-    let [width, height] = [presses.no_contact.width_px(), presses.no_contact.height_px()];
+    let [width, height] = presses.geometry.frame_px;
     let of_press = |press: &Press| {
         let ball = ball(presses, press, share, gel_length_mm);
-        let reach_mm = presses.radius_mm(&press.circle) + REACH_MM;
+        let reach_mm = presses.geometry.radius_mm(&press.circle) + REACH_MM;
         let mut sums = Sums::new(30);
         for (row, column) in (0..height).step_by(stride).flat_map(|y| (0..width).step_by(stride).map(move |x| (y, x))) {
             let pixel = row * width + column;
-            let offset_mm = presses.from_centre_mm(&press.circle, pixel);
+            let offset_mm = presses.geometry.from_centre_mm(&press.circle, pixel);
             if offset_mm[0].hypot(offset_mm[1]) <= reach_mm {
                 let factors = factors(bases(&ball, offset_mm), place(pixel, [width, height]));
                 sums.add(&factors, [0, 1, 2].map(|channel| f64::from(press.difference[3 * pixel + channel])));
@@ -167,12 +141,6 @@ fn all_sums(presses: &Presses, share: f64, gel_length_mm: f64, stride: usize) ->
         sums
     };
     presses.presses.par_iter().map(of_press).collect()
-}
-
-/// Where a pixel's middle lies in the frame, -1..=1.
-pub(super) fn place(pixel: usize, [width, height]: [usize; 2]) -> [f64; 2] {
-    let share = |at: usize, n: usize| (at as f64 + 0.5) / n as f64 * 2.0 - 1.0;
-    [share(pixel % width, width), share(pixel / width, height)]
 }
 
 fn total(sums: &[Sums]) -> Sums {
@@ -196,12 +164,12 @@ fn left_out_error(sums: &[Sums], model: Model) -> Result<f64> {
 
 /// How well `weights` predict a press.
 fn figures(presses: &Presses, press: &Press, ball: &BallPress, weights: &[Vec<f64>; 3]) -> Figures {
-    let [width, height] = [presses.no_contact.width_px(), presses.no_contact.height_px()];
+    let [width, height] = presses.geometry.frame_px;
     let rest = presses.no_contact.rgb();
-    let radius_mm = presses.radius_mm(&press.circle);
+    let radius_mm = presses.geometry.radius_mm(&press.circle);
     let mut pairs = Vec::new();
     for pixel in 0..width * height {
-        let offset_mm = presses.from_centre_mm(&press.circle, pixel);
+        let offset_mm = presses.geometry.from_centre_mm(&press.circle, pixel);
         if offset_mm[0].hypot(offset_mm[1]) > CONTACT_RADII * radius_mm {
             continue;
         }
@@ -232,14 +200,12 @@ fn mean(left_out: &[(String, Figures)]) -> Figures {
 
 #[cfg(test)]
 mod tests {
-    use std::path::{Path, PathBuf};
-
-    use super::super::presses::{Circle, Source};
+    use super::super::circle::Circle;
     use super::super::synthetic;
     use super::*;
     use crate::sensor::SensorSpec;
+    use crate::sensor::light::LightRig;
     use crate::sensor::optics::Optics;
-    use crate::sensor::shadow::cast;
 
     fn synthetic_presses(seed: u64, is_labelled: bool) -> Presses {
         let (no_contact, mut frames) = synthetic::presses(seed);
@@ -296,75 +262,5 @@ mod tests {
             assert!(dx.hypot(dy) < 1.0, "{}: {:?}, not {:?}", truth.name, found.circle, truth.circle);
             assert!((found.circle.radius_px - radius_px).abs() < 2.0, "{:?}, not {:?}", found.circle, truth.circle);
         }
-    }
-
-    fn recorded_balls() -> Option<PathBuf> {
-        let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/real-gelsight");
-        let folder = std::env::var_os("TACTILE_REAL_GELSIGHT").map_or(beside, PathBuf::from).join("gelsight-ball-fots");
-        if !folder.is_dir() {
-            println!("skipped: no recorded presses at {}", folder.display());
-            return None;
-        }
-        Some(folder)
-    }
-
-    fn recorded(folder: &Path, has_labels: bool) -> Presses {
-        let source = Source {
-            no_contact: folder.join("gelsight_bg.png"),
-            labels: has_labels.then(|| folder.join("annotate.csv")),
-            ball_mm: 4.7,
-            mm_per_px: [1.0 / 19.58; 2],
-        };
-        Presses::read(&folder.join("images"), &source).unwrap()
-    }
-
-    #[test]
-    fn recorded_presses_left_out_are_predicted() {
-        let Some(folder) = recorded_balls() else { return };
-        for has_labels in [true, false] {
-            let figures = fit(&recorded(&folder, has_labels)).unwrap().calibration.leave_one_out.unwrap();
-            assert!(figures.ratio <= 0.25 && figures.correlation >= 0.95, "{figures:?}");
-        }
-    }
-
-    /// Six of the 42 recorded presses rendered by the light of the others, as the simulator renders, with the
-    /// shadows cast and without.
-    #[test]
-    fn shadows_add_nothing_to_recorded_presses() {
-        let Some(folder) = recorded_balls() else { return };
-        let mut presses = recorded(&folder, true);
-        let (held, kept): (Vec<_>, Vec<_>) =
-            presses.presses.drain(..).enumerate().partition(|(index, _)| index % 7 == 0);
-        presses.presses = kept.into_iter().map(|(_, press)| press).collect();
-        let calibration = fit(&presses).unwrap().calibration;
-        let mean_l1 = |shadow: Option<Shadow>| {
-            let mut calibration = calibration.clone();
-            calibration.light.shadow = shadow.unwrap_or_default();
-            let optics = Optics::new(&calibration.spec(SensorSpec::default()).unwrap());
-            let optics = optics.over(&presses.no_contact).unwrap();
-            let l1 = |press: &Press| {
-                let (length_mm, share) = (calibration.gel_length_mm.unwrap(), calibration.contact_share.unwrap());
-                let ball = ball(&presses, press, share, length_mm);
-                let depths = synthetic::depths(&ball, press.circle.centre_px, calibration.frame_px, presses.mm_per_px);
-                let mut rgb = optics.shade(&depths, presses.mm_per_px);
-                if shadow.is_some() {
-                    cast(&mut rgb, &depths, &optics, presses.mm_per_px);
-                }
-                let near = |pixel: &usize| {
-                    let [x, y] = presses.from_centre_mm(&press.circle, *pixel);
-                    x.hypot(y) <= CONTACT_RADII * presses.radius_mm(&press.circle)
-                };
-                let pairs = (0..240 * 320).filter(near).flat_map(|pixel| 3 * pixel..3 * pixel + 3).map(|i| {
-                    let rest = f64::from(optics.at_rest()[i]);
-                    [f64::from(rgb[i].clamp(0.0, 255.0)) - rest, f64::from(press.difference[i])]
-                });
-                Figures::of(&pairs.collect::<Vec<_>>()).l1_counts
-            };
-            held.iter().map(|(_, press)| l1(press)).sum::<f64>() / held.len() as f64
-        };
-        let (without, with) = (mean_l1(None), mean_l1(Some(Shadow::default())));
-        let low = mean_l1(Some(Shadow { elevation_deg: 10.0, strength: 0.03, soft_mm: 0.05 }));
-        println!("contact L1 {without:.2} counts without shadows, {with:.2} with, {low:.2} with low lamps' shadows");
-        assert!(without < 7.0 && (with - without).abs() < 0.05 && low > without, "{without}, {with}, {low} counts");
     }
 }

@@ -56,7 +56,7 @@ impl Sums {
     }
 
     /// The weights of each output, `[3][n]`, of least squared error plus `ridge` times the weights' squares per
-    /// observation, by Cholesky's decomposition. Fails where the observations do not tell the factors apart.
+    /// observation, by Cholesky's decomposition. Fails where the observations do not separate the factors.
     pub fn solve(&self, ridge: f64) -> Result<[Vec<f64>; 3]> {
         let n = self.n;
         let mut root = self.squares.clone();
@@ -69,7 +69,7 @@ impl Sums {
                 let rest = root[i * n + j] - sum;
                 if i == j && (rest.is_nan() || rest <= 1e-12 * root[i * n + i]) {
                     let got = format!("nothing new from factor {i} of {n}");
-                    return Err(Error::invalid("calibration", "presses that tell the light's factors apart", got));
+                    return Err(Error::invalid("calibration", "presses that separate the light's factors", got));
                 }
                 root[i * n + j] = if i == j { rest.sqrt() } else { rest / root[j * n + j] };
             }

@@ -2,8 +2,10 @@
 
 pub mod ball;
 pub mod circle;
+pub mod circle_search;
 pub mod fit;
 mod least_squares;
+mod light_factors;
 pub mod presses;
 #[cfg(test)]
 mod synthetic;
@@ -20,6 +22,7 @@ use crate::frame::Frame;
 use crate::sensor::SensorSpec;
 use crate::sensor::light::{LightRig, Quadratic};
 use least_squares::Sums;
+use light_factors::{factors, place};
 
 /// What a calibration file says it is.
 pub const SCHEMA: &str = "tactile-filter/calibration/1";
@@ -113,7 +116,7 @@ pub fn at_rest(no_contact: &Frame) -> Result<[Quadratic; 3]> {
     let mut sums = Sums::new(6);
     for (pixel, rgb) in no_contact.rgb().as_chunks::<3>().0.iter().enumerate() {
         let constant = [1.0, 0.0, 0.0, 0.0, 0.0];
-        sums.add(&fit::factors(constant, fit::place(pixel, size_px))[..6], rgb.map(f64::from));
+        sums.add(&factors(constant, place(pixel, size_px))[..6], rgb.map(f64::from));
     }
     Ok(sums.solve(1e-9)?.map(|weights| std::array::from_fn(|i| weights[i] as f32)))
 }

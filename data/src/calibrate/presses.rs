@@ -1,4 +1,4 @@
-//! Presses of a ball: frames with the circle in which the ball touched, read and judged.
+//! Presses of a ball: frames with the circle in which the ball touched, read and checked.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -6,12 +6,14 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use super::circle::{Circle, PressGeometry};
+use super::circle_search;
 use crate::compare::{self, FAR_MM, far_pixels};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::picture;
 
-/// Fewer presses do not tell the light's fall-off over the frame from the presses' own faults.
+/// Fewer presses do not separate the light's fall-off over the frame from the presses' own faults.
 const MIN_PRESSES: usize = 5;
 
 /// The most of a contact's values at 0 or 255 that still show its colours.
@@ -19,15 +21,6 @@ const MAX_SATURATED: f64 = 0.25;
 
 /// The least mean difference in a contact, as a multiple of that far from it.
 const MIN_CONTRAST: f64 = 2.0;
-
-/// Where a ball touches, in pixels: the middle of the frame's first pixel is `[0, 0]`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Circle {
-    /// Its middle.
-    pub centre_px: [f64; 2],
-    /// Its radius, along x and y alike.
-    pub radius_px: f64,
-}
 
 /// One press, its exposure brought to the no-contact frame's.
 #[derive(Clone, Debug)]
@@ -47,10 +40,8 @@ pub struct Press {
 pub struct Presses {
     /// The sensor at rest.
     pub no_contact: Frame,
-    /// Size of a pixel in x and y, mm.
-    pub mm_per_px: [f64; 2],
-    /// The ball's radius, mm.
-    pub ball_radius_mm: f64,
+    /// The frame's scale and the ball.
+    pub geometry: PressGeometry,
     /// The presses, by name.
     pub presses: Vec<Press>,
 }
@@ -58,7 +49,7 @@ pub struct Presses {
 /// What a folder of presses does not say itself.
 #[derive(Clone, Debug)]
 pub struct Source {
-    /// A picture of the sensor at rest; not counted among the presses where it lies in the folder.
+    /// A picture of the sensor at rest; not counted among the presses where it is in the folder.
     pub no_contact: PathBuf,
     /// A CSV with a header: file, centre x, centre y and radius in pixels; without one circles are found.
     pub labels: Option<PathBuf>,
@@ -99,7 +90,7 @@ impl Presses {
 
     /// Takes named frames, each with its circle or without, in which case it is found.
     ///
-    /// Refuses fewer than five, a frame of another size than the no-contact frame, a ball that is not wholly in
+    /// Refuses fewer than five, a frame of another size than the no-contact frame, a ball that is not completely in
     /// the frame, a circle wider than the ball, a contact that is saturated and one that shows no difference.
     pub fn new(
         no_contact: Frame,
@@ -116,26 +107,16 @@ impl Presses {
             let expected = format!("{MIN_PRESSES} presses or more, spread over the frame");
             return Err(Error::invalid("calibration", expected, frames.len().to_string()));
         }
-        let mut set = Self { no_contact, mm_per_px, ball_radius_mm: 0.5 * ball_mm, presses: Vec::new() };
+        let frame_px = [no_contact.width_px(), no_contact.height_px()];
+        let geometry = PressGeometry { frame_px, mm_per_px, ball_radius_mm: 0.5 * ball_mm };
+        let mut set = Self { no_contact, geometry, presses: Vec::new() };
         let press = |(name, frame, circle): (String, Frame, Option<Circle>)| set.press(name, &frame, circle);
         set.presses = frames.into_par_iter().map(press).collect::<Result<_>>()?;
         Ok(set)
     }
 
-    /// Distance of a pixel's middle from a circle's in x and y, mm.
-    pub fn from_centre_mm(&self, circle: &Circle, pixel: usize) -> [f64; 2] {
-        let width = self.no_contact.width_px();
-        let place = [(pixel % width) as f64, (pixel / width) as f64];
-        [0, 1].map(|axis| (place[axis] - circle.centre_px[axis]) * self.mm_per_px[axis])
-    }
-
-    /// A circle's radius, mm.
-    pub fn radius_mm(&self, circle: &Circle) -> f64 {
-        circle.radius_px * (self.mm_per_px[0] * self.mm_per_px[1]).sqrt()
-    }
-
     fn press(&self, name: String, frame: &Frame, circle: Option<Circle>) -> Result<Press> {
-        let [width, height] = [self.no_contact.width_px(), self.no_contact.height_px()];
+        let [width, height] = self.geometry.frame_px;
         let refuse = |expected: String, got: String| Err(Error::invalid(&name, expected, got));
         if [frame.width_px(), frame.height_px()] != [width, height] {
             let got = format!("{}x{}", frame.width_px(), frame.height_px());
@@ -143,11 +124,11 @@ impl Presses {
         }
         let circle = match circle {
             Some(circle) => circle,
-            None => super::circle::find(self, &self.compare(frame, |_| true).1)
+            None => circle_search::find(&self.geometry, &self.compare(frame, |_| true).1)
                 .ok_or_else(|| Error::invalid(&name, "the imprint of a ball", "no circle of slopes"))?,
         };
         let Circle { centre_px: [x, y], radius_px } = circle;
-        let radius_mm = self.radius_mm(&circle);
+        let radius_mm = self.geometry.radius_mm(&circle);
         let is_inside = x - radius_px >= -0.5
             && y - radius_px >= -0.5
             && x + radius_px <= width as f64 - 0.5
@@ -156,12 +137,12 @@ impl Presses {
             let got = format!("radius {radius_px:.1} round {x:.1}, {y:.1}");
             return refuse(format!("the ball's contact within {width}x{height} pixels"), got);
         }
-        if radius_mm > 1.05 * self.ball_radius_mm {
-            let expected = format!("a contact narrower than the ball, radius {:.2} mm", self.ball_radius_mm);
+        if radius_mm > 1.05 * self.geometry.ball_radius_mm {
+            let expected = format!("a contact narrower than the ball, radius {:.2} mm", self.geometry.ball_radius_mm);
             return refuse(expected, format!("{radius_mm:.2} mm (is mm per pixel right?)"));
         }
         let distance_mm = |pixel: usize| {
-            let [x, y] = self.from_centre_mm(&circle, pixel);
+            let [x, y] = self.geometry.from_centre_mm(&circle, pixel);
             x.hypot(y) - radius_mm
         };
         let contact: Vec<usize> = (0..width * height).filter(|pixel| distance_mm(*pixel) <= 0.0).collect();
@@ -190,8 +171,8 @@ impl Presses {
 
     /// The exposure of each channel by `far` pixels, and the difference from rest once compensated.
     fn compare(&self, frame: &Frame, far: impl Fn(usize) -> bool) -> ([f32; 3], Vec<f32>) {
-        let n_pixels = self.no_contact.width_px() * self.no_contact.height_px();
-        compare::Press { frame, at_rest: &self.no_contact }.difference(&far_pixels(n_pixels, far))
+        let [width, height] = self.geometry.frame_px;
+        compare::Press { frame, at_rest: &self.no_contact }.difference(&far_pixels(width * height, far))
     }
 }
 
@@ -203,27 +184,29 @@ fn file_name(path: &str) -> String {
 /// `file`; `center_x`, `center_y` and `radius`, each with or without `_px`.
 fn labels(path: &Path) -> Result<BTreeMap<String, Circle>> {
     let text = fs::read_to_string(path).map_err(Error::io(path))?;
-    let refuse =
-        |place: String, expected: &str, got: &str| Error::invalid(format!("{}{place}", path.display()), expected, got);
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    let header: Vec<&str> = lines.next().map_or("", |(_, line)| line).split(',').map(str::trim).collect();
+    let refuse = |place: String, expected: &str, got: String| {
+        Error::invalid(format!("{}{place}", path.display()), expected, got)
+    };
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|e| refuse(String::new(), "a CSV header", e.to_string()))?.clone();
     let column = |names: &[&str]| {
         let found = header.iter().position(|cell| names.contains(&cell.trim_end_matches("_px")));
-        found.ok_or_else(|| refuse(String::new(), &format!("a column {}", names.join(" or ")), &header.join(",")))
+        let got = || header.iter().collect::<Vec<_>>().join(",");
+        found.ok_or_else(|| refuse(String::new(), &format!("a column {}", names.join(" or ")), got()))
     };
     let file = column(&["image", "img_names", "file"])?;
     let numbers = [column(&["center_x", "centre_x"])?, column(&["center_y", "centre_y"])?, column(&["radius"])?];
     let mut circles = BTreeMap::new();
-    for (index, line) in lines {
-        let place = format!(" line {}", index + 1);
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+    for record in reader.records() {
+        let record = record.map_err(|e| refuse(String::new(), "a CSV file", e.to_string()))?;
+        let place = format!(" line {}", record.position().map_or(0, csv::Position::line));
         let number =
-            |column: usize| cells.get(column).and_then(|cell| cell.parse().ok()).filter(|v: &f64| v.is_finite());
-        let (Some(name), [Some(x), Some(y), Some(radius_px)]) = (cells.get(file), numbers.map(number)) else {
-            return Err(refuse(place, "a file and three numbers", line));
+            |column: usize| record.get(column).and_then(|cell| cell.parse().ok()).filter(|v: &f64| v.is_finite());
+        let (Some(name), [Some(x), Some(y), Some(radius_px)]) = (record.get(file), numbers.map(number)) else {
+            return Err(refuse(place, "a file and three numbers", record.iter().collect::<Vec<_>>().join(",")));
         };
         if circles.insert(file_name(name), Circle { centre_px: [x, y], radius_px }).is_some() {
-            return Err(refuse(place, "one label for each file", name));
+            return Err(refuse(place, "one label for each file", name.to_owned()));
         }
     }
     Ok(circles)

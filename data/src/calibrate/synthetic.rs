@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::ball::BallPress;
-use super::presses::Circle;
+use super::circle::Circle;
 use crate::frame::Frame;
 use crate::sensor::SensorSpec;
 use crate::sensor::camera::to_frame;

@@ -2,14 +2,14 @@
 //!
 //! `polycalib.npz` holds `grad_r`, `grad_g`, `grad_b`, each `[bins, bins, 6]`: for a bin of steepness (0 to 90
 //! degrees) and one of direction (-180 to 180) the factors of `x^2, y^2, x y, x, y, 1` over the frame in pixels,
-//! counts (Si and Yuan, 2022). Its channels are BGR: `grad_b` is red. Its row at no steepness is not nought, an
+//! counts (Si and Yuan, 2022). Its channels are BGR: `grad_b` is red. Its row at no steepness is not zero, an
 //! artefact of some 10 to 30 counts, and is subtracted. Beyond 58 degrees the table is extrapolated, and is not
 //! looked at. The fit averages thousands of bins, so the table needs no smoothing first.
 
 use std::path::Path;
 
-use super::fit::{factors, light, slope_bases};
 use super::least_squares::Sums;
+use super::light_factors::{factors, light, slope_bases};
 use super::{Calibration, SCHEMA};
 use crate::error::{Error, Result};
 use crate::npy::{self, Array};
@@ -133,7 +133,7 @@ mod tests {
                 let [x, y] = [rig.along_x, rig.along_y].map(|part| f64::from(part[channel][at]));
                 (2.0 * theta).sin() * (x * phi.cos() + y * phi.sin())
             };
-            // The frame's -1..=1 in pixels of 64 x 48, the middle of the first at nought: X = a x + b.
+            // The frame's -1..=1 in pixels of 64 x 48, the middle of the first at zero: X = a x + b.
             let (a, b) = (2.0 / 64.0, 1.0 / 64.0 - 1.0);
             let (c, d) = (2.0 / 48.0, 1.0 / 48.0 - 1.0);
             let [k, kx, ky, kxx, kxy, kyy] = [0, 1, 2, 3, 4, 5].map(factor);

@@ -5,17 +5,18 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 use tactile_data::calibrate::ball::BallPress;
-use tactile_data::calibrate::presses::{Circle, Presses, Source};
+use tactile_data::calibrate::circle::Circle;
+use tactile_data::calibrate::presses::{Presses, Source};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::compare::Figures;
 use tactile_data::sensor::light::LightRig;
-use tactile_data::{Error, Result, picture};
+use tactile_data::{Error, Result, output, picture};
 
 /// Fit a sensor's lamps to presses of a ball, or to Taxim's table.
 ///
-/// Press a ball of known diameter a dozen times or more, all over the frame, and save a frame of each. Where the
-/// ball touched is found, unless labels say so: a CSV with the columns file, center_x, center_y and radius,
-/// pixels. The error printed is of each press left out of the fit in turn.
+/// Press a ball of known diameter a dozen times or more, all over the frame, and save a frame of each. The program
+/// finds where the ball touched, or reads it from labels: a CSV with the columns file, center_x, center_y and
+/// radius, in pixels. It prints the error of each press when the others predict it.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     tactile-data calibrate presses --ball-mm 4.70 --mm-per-px 0.058,0.0596 --no-contact rest.png\n  \
@@ -30,7 +31,7 @@ pub struct Calibrate {
     /// Size of a pixel in x and y, mm
     #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, required_unless_present = "px_per_mm")]
     mm_per_px: Option<[f64; 2]>,
-    /// Pixels a mm, in place of --mm-per-px
+    /// Pixels per mm, instead of --mm-per-px
     #[arg(long, value_name = "N", conflicts_with = "mm_per_px")]
     px_per_mm: Option<f64>,
     /// A frame of the sensor at rest
@@ -39,23 +40,31 @@ pub struct Calibrate {
     /// Where the ball touched in each frame [default: it is found]
     #[arg(long, value_name = "CSV", conflicts_with = "taxim")]
     labels: Option<PathBuf>,
-    /// Read Taxim's polycalib.npz instead of presses
-    #[arg(long, value_name = "NPZ", conflicts_with = "folder", requires = "frame_px")]
-    taxim: Option<PathBuf>,
-    /// Size of the frames that Taxim's table was made for, pixels
-    #[arg(long, value_name = "WxH", value_parser = super::parse_size, requires = "taxim")]
-    frame_px: Option<[usize; 2]>,
     /// The calibration to write
     #[arg(long, value_name = "FILE.toml", default_value = "calibration.toml")]
     out: PathBuf,
-    /// Print JSON for programs
-    #[arg(long)]
+    /// Read Taxim's polycalib.npz instead of presses
+    #[arg(
+        long,
+        value_name = "NPZ",
+        conflicts_with = "folder",
+        requires = "frame_px",
+        help_heading = "From a table of Taxim"
+    )]
+    taxim: Option<PathBuf>,
+    /// Size of the frames that Taxim's table was made for, pixels
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size, requires = "taxim",
+          help_heading = "From a table of Taxim")]
+    frame_px: Option<[usize; 2]>,
+    /// Print JSON
+    #[arg(long, help_heading = "For programs")]
     json: bool,
 }
 
 impl Calibrate {
     /// Fits, prints the errors and writes the file.
     pub fn run(self) -> Result<()> {
+        output::check_file(&self.out, self.inputs())?;
         let mm_per_px = self.mm_per_px.unwrap_or_else(|| [1.0 / self.px_per_mm.unwrap_or(f64::NAN); 2]);
         let (calibration, text, json) = match (&self.taxim, &self.folder) {
             (Some(table), _) => self.fit_table(table, mm_per_px)?,
@@ -71,6 +80,15 @@ impl Calibrate {
         };
         println!("{text}");
         Ok(())
+    }
+
+    /// The files that are read.
+    fn inputs(&self) -> Vec<PathBuf> {
+        let given = [&self.no_contact, &self.labels, &self.taxim].into_iter().flatten().cloned();
+        // A folder that cannot be read is reported when its frames are.
+        let entries = self.folder.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten();
+        let frames = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| picture::is_picture(path));
+        given.chain(frames).collect()
     }
 
     fn fit_presses(&self, folder: &Path, mm_per_px: [f64; 2]) -> Result<Outcome> {
@@ -128,8 +146,8 @@ impl Calibrate {
 
 /// How deep the ball is pressed in by the gel that was fitted, mm.
 fn depth_mm(calibration: &Calibration, presses: &Presses, circle: &Circle) -> Option<f64> {
-    let contact_mm = calibration.contact_share? * presses.radius_mm(circle);
-    let radius_mm = presses.ball_radius_mm;
+    let contact_mm = calibration.contact_share? * presses.geometry.radius_mm(circle);
+    let radius_mm = presses.geometry.ball_radius_mm;
     Some(BallPress::new(radius_mm, contact_mm, calibration.gel_length_mm?, 2.0 * radius_mm).depth_mm(0.0))
 }
 

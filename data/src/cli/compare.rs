@@ -8,15 +8,15 @@ use tactile_data::compare::region::Region;
 use tactile_data::compare::{Press, compare};
 use tactile_data::frame::Frame;
 use tactile_data::recording::folder::FIELD_OF_VIEW_MM;
-use tactile_data::{Error, Result, picture};
+use tactile_data::{Error, Result, output, picture};
 
 /// A picture of contact is white where a part touches, counts.
 const WHITE: u8 = 128;
 
-/// Hold a simulated picture against a real one of the same press.
+/// Compare a simulated picture with a real one of the same press.
 ///
-/// What each changes of its own sensor at rest is compared, within a band round the contact, once the exposure
-/// is compensated on pixels more than 4 mm from it.
+/// Compared is how each differs from its own sensor at rest, within a band round the contact. Exposure is
+/// compensated first, on pixels more than 4 mm from the contact.
 #[derive(Args)]
 #[command(after_help = "Example:\n  \
     tactile-data render letter:A:12 --depth-mm 0.6 --out a.png --at-rest-out rest.png\n  \
@@ -33,27 +33,32 @@ pub struct Compare {
     /// The simulated sensor at rest
     #[arg(long, value_name = "FRAME")]
     simulated_background: PathBuf,
-    /// A picture that is white where the part touches, such as render makes with --fidelity geometry [default:
-    /// where the real frame shows an edge]
-    #[arg(long, value_name = "FILE.png")]
-    contact: Option<PathBuf>,
-    /// Pixels this far beside the contact are compared too, mm
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
-    band_mm: f64,
-    /// What a frame shows along x and y, mm
-    #[arg(long, num_args = 2, value_names = ["X", "Y"], default_values_t = FIELD_OF_VIEW_MM)]
-    field_of_view_mm: Vec<f64>,
     /// Draw real, simulated and their difference side by side, what each changes and the pixels compared below
     #[arg(long, value_name = "FILE.png")]
     out: Option<PathBuf>,
-    /// Print JSON for programs
-    #[arg(long)]
+    /// A picture that is white where the part touches, such as render makes with --fidelity geometry [default:
+    /// where the real frame shows an edge]
+    #[arg(long, value_name = "FILE.png", help_heading = "Compared pixels")]
+    contact: Option<PathBuf>,
+    /// Pixels up to this far from the contact are compared too, mm
+    #[arg(long, value_name = "MM", default_value_t = 1.0, help_heading = "Compared pixels")]
+    band_mm: f64,
+    /// What a frame shows along x and y, mm
+    #[arg(long, num_args = 2, value_names = ["X", "Y"], default_values_t = FIELD_OF_VIEW_MM,
+          help_heading = "Compared pixels")]
+    field_of_view_mm: Vec<f64>,
+    /// Print JSON
+    #[arg(long, help_heading = "For programs")]
     json: bool,
 }
 
 impl Compare {
     /// Compares, prints the figures and draws the pictures.
     pub fn run(self) -> Result<()> {
+        if let Some(out) = &self.out {
+            let backgrounds = [&self.real_background, &self.simulated_background];
+            output::check_file(out, [&self.real, &self.simulated].into_iter().chain(backgrounds).chain(&self.contact))?;
+        }
         let [real, simulated, real_rest, simulated_rest] =
             [&self.real, &self.simulated, &self.real_background, &self.simulated_background].map(|p| picture::read(p));
         let (real, simulated, real_rest, simulated_rest) = (real?, simulated?, real_rest?, simulated_rest?);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use tactile_data::generate::{Made, Places, generate, generate_shard};
+use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard};
 use tactile_data::scene::{Parts, Scene};
 use tactile_data::sensor::Fidelity;
 use tactile_data::shard::Shard;
@@ -12,7 +12,10 @@ use tactile_data::{Error, Result};
 
 use super::progress;
 
-/// Simulate the touches of a scene into a dataset.
+/// Simulate the touches of a scene and write them as a dataset.
+///
+/// The scene is a TOML file (data/scenes has examples) or a preset: maze, connectors, connectors-dev,
+/// alphabet-small or alphabet-large, the last two also with -dev, -hard or -hard-dev.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  tactile-data generate --scene maze --pairs 2000 --out maze\n  \
                         tactile-data generate --scene alphabet-small --sides peg --out pegs\n  \
@@ -20,42 +23,43 @@ use super::progress;
                         --theta-step-deg 15 --out fine-pegs\n  \
                         tactile-data generate --scene maze --shard 2/4 --out maze-2")]
 pub struct Generate {
-    /// maze, connectors or connectors-dev, alphabet-small or alphabet-large (either with -dev, -hard or -hard-dev), or a TOML file
+    /// What to touch: the name of a preset, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Draws boards, poses, jitter and noise
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
     /// Which halves of the parts to touch; MAZE boards are always touched in pairs
     #[arg(long, value_enum, default_value_t = Sides::Both)]
     sides: Sides,
-    /// Step of the recorded places in x and y, mm [default: the scene's]
-    #[arg(long, value_name = "MM")]
-    xy_step_mm: Option<f64>,
-    /// Step of the recorded angles, degrees [default: the scene's]
-    #[arg(long, value_name = "DEG")]
-    theta_step_deg: Option<f64>,
-    /// Touch each side of each part at N places drawn from its reach instead of at each recorded pose
-    #[arg(long, value_name = "N", conflicts_with_all = ["xy_step_mm", "theta_step_deg"])]
-    anywhere: Option<usize>,
+    /// Draws boards, poses, jitter and noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
     /// Pairs of touches, for MAZE boards [default: the scene's]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = "Number of touches")]
     pairs: Option<usize>,
     /// MAZE boards, of which one in twelve is held out [default: the scene's]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = "Number of touches")]
     boards: Option<usize>,
+    /// Step of the recorded places in x and y, mm [default: the scene's]
+    #[arg(long, value_name = "MM", help_heading = "Number of touches")]
+    xy_step_mm: Option<f64>,
+    /// Step of the recorded angles, degrees [default: the scene's]
+    #[arg(long, value_name = "DEG", help_heading = "Number of touches")]
+    theta_step_deg: Option<f64>,
+    /// Touch each side of each part at N places drawn from its reach instead of at each recorded pose
+    #[arg(long, value_name = "N", conflicts_with_all = ["xy_step_mm", "theta_step_deg"],
+          help_heading = "Number of touches")]
+    anywhere: Option<usize>,
     /// Size of the frames, pixels [default: the scene's]
-    #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size, help_heading = "Sensor")]
     frame_px: Option<[usize; 2]>,
     /// geometry, gel, optics, camera or shadow [default: the scene's]
-    #[arg(long, value_name = "TIER")]
+    #[arg(long, value_name = "TIER", help_heading = "Sensor")]
     fidelity: Option<Fidelity>,
-    /// Only part i of n, for `tactile-data merge`; one that is there whole already is left as it is. `env` takes i and
+    /// Only part i of n, for `tactile-data merge`; one that is complete already is left as it is. `env` takes i and
     /// n from a Slurm job array, or from JOB_COMPLETION_INDEX (from 0) and JOB_COMPLETION_COUNT
-    #[arg(long, value_name = "i/n|env")]
+    #[arg(long, value_name = "i/n|env", help_heading = "Cluster")]
     shard: Option<Shard>,
 }
 
@@ -76,13 +80,14 @@ impl Generate {
             Sides::Both => &[Side::Hole, Side::Peg],
         };
         let places = self.anywhere.map_or(Places::EachPose, Places::Anywhere);
+        let sampling = Sampling { sides, places, seed: self.seed };
         let (out, progress) = (self.out.display(), progress::reporter("frames"));
         let Some(shard) = self.shard else {
-            let n_frames = generate(&scene, sides, places, self.seed, &self.out, &progress)?;
+            let n_frames = generate(&scene, &sampling, &self.out, &progress)?;
             println!("{n_frames} frames in {out}");
             return Ok(());
         };
-        match generate_shard(&scene, sides, places, self.seed, shard, &self.out, &progress)? {
+        match generate_shard(&scene, &sampling, shard, &self.out, &progress)? {
             Made::Written(n_frames) => println!("shard {shard}: {n_frames} frames in {out}"),
             Made::Found(n_frames) => println!("shard {shard}: {n_frames} frames are in {out} already"),
         }

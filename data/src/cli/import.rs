@@ -8,7 +8,7 @@ use tactile_data::recording::folder::{self, FIELD_OF_VIEW_MM, NoContact};
 
 use super::progress;
 
-/// Bring a recording, a folder of PNG, JPEG and GIF frames, into a dataset.
+/// Import a recording, a folder of PNG, JPEG and GIF frames, as a dataset.
 ///
 /// Every frame of an animated GIF counts. The index, CSV with a header or JSON lines, has the columns
 /// file, part, side, x_mm, y_mm, theta_deg, moved_x_mm, moved_y_mm, moved_theta_deg; all are optional
@@ -23,20 +23,21 @@ pub struct Import {
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What is known of the frames [default: index.csv or index.jsonl in the folder, if there]
-    #[arg(long, value_name = "FILE")]
-    index: Option<PathBuf>,
     /// A picture of the sensor at rest
     #[arg(long, value_name = "FILE", conflicts_with = "no_contact_first")]
     no_contact: Option<PathBuf>,
-    /// The sensor is at rest in the first N frames; their median is used [default: as many as look alike]
-    #[arg(long, value_name = "N")]
+    /// What is known of the frames [default: index.csv or index.jsonl in the folder, if there]
+    #[arg(long, value_name = "FILE")]
+    index: Option<PathBuf>,
+    /// The sensor is at rest in the first N frames; their median is used [default: as many as look the same]
+    #[arg(long, value_name = "N", help_heading = "Frames")]
     no_contact_first: Option<usize>,
-    /// Bring frames to this size, pixels [default: theirs]
-    #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
+    /// Resize frames to this, pixels [default: their own size]
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size, help_heading = "Frames")]
     frame_px: Option<[usize; 2]>,
     /// What a frame shows along x and y, mm
-    #[arg(long, num_args = 2, value_names = ["X", "Y"], default_values_t = FIELD_OF_VIEW_MM)]
+    #[arg(long, num_args = 2, value_names = ["X", "Y"], default_values_t = FIELD_OF_VIEW_MM,
+          help_heading = "Frames")]
     field_of_view_mm: Vec<f64>,
 }
 

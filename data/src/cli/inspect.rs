@@ -6,16 +6,16 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 use tactile_data::contact::{self, FrameContact};
-use tactile_data::fragment::Fragment;
 use tactile_data::grid::PoseGrid;
-use tactile_data::store::{Dataset, Meta};
+use tactile_data::shard::Fragment;
+use tactile_data::store::{self, Dataset, Meta};
 use tactile_data::touch::Side;
-use tactile_data::{Error, Result, contact_sheet, picture};
+use tactile_data::{Error, Result, contact_sheet, output, picture};
 
 /// Parts named in the text before it says only how many there are.
 const MAX_NAMES: usize = 12;
 
-/// Summarise a dataset: size, scale, parts, poses, and which frames show contact.
+/// Summarise a dataset: its size, scale, parts and poses, and which frames show contact.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-data inspect letters --sheet letters.png")]
 pub struct Inspect {
@@ -24,17 +24,20 @@ pub struct Inspect {
     /// Also draw up to 48 frames, each above its amplified difference from rest
     #[arg(long, value_name = "FILE.png")]
     sheet: Option<PathBuf>,
-    /// Print JSON for programs
-    #[arg(long)]
+    /// Print JSON
+    #[arg(long, help_heading = "For programs")]
     json: bool,
     /// List in the JSON how much each frame differs from rest
-    #[arg(long, requires = "json")]
+    #[arg(long, requires = "json", help_heading = "For programs")]
     frames: bool,
 }
 
 impl Inspect {
     /// Prints the summary and draws the sheet.
     pub fn run(self) -> Result<()> {
+        if let Some(sheet) = &self.sheet {
+            output::check_file(sheet, store::FILES.map(|file| self.dir.join(file)))?;
+        }
         let dataset = Dataset::open(&self.dir)?;
         let summary = Summary::of(&dataset, self.frames)?;
         if let Some(sheet) = &self.sheet {

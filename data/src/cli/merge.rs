@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::Result;
-use tactile_data::fragment::merge;
+use tactile_data::dataset_merge::merge;
 
 use super::progress;
 
-/// Join the shards of a dataset, in any order, into the bytes of a single run.
+/// Join the shards of a dataset, given in any order, into the dataset that a single run would write.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-data merge maze-1 maze-2 maze-3 maze-4 --out maze")]
 pub struct Merge {

@@ -8,18 +8,19 @@ mod inspect;
 mod merge;
 mod progress;
 mod render;
-mod ring;
 mod speed;
-mod walls;
+mod validate;
 
 use clap::{Parser, Subcommand};
 use tactile_data::{Error, Result};
 
-/// Make, import and inspect datasets of tactile frames, and hold simulated frames against real ones.
+/// Make, import and inspect datasets of tactile frames, and compare simulated frames with real ones.
 ///
 /// Exit codes: 0 done, 1 failed, 2 misused.
 #[derive(Parser)]
 #[command(name = "tactile-data", version)]
+#[command(after_help = "Example:\n  tactile-data generate --scene alphabet-small --sides peg --out pegs\n  \
+                        tactile-data inspect pegs --sheet pegs.png")]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -32,10 +33,13 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     Render(render::Render),
     Compare(compare::Compare),
-    Ring(ring::FindRing),
-    Walls(walls::Walls),
     Inspect(inspect::Inspect),
     Import(import::Import),
+    #[command(hide = true)]
+    Ring(validate::FindRing),
+    #[command(hide = true)]
+    Walls(validate::Walls),
+    #[command(hide = true)]
     Speed(speed::Speed),
 }
 

@@ -13,7 +13,7 @@ pub fn reporter(unit: &'static str) -> impl Fn(usize, usize) {
         bar.set_style(style);
         bar.set_message(unit);
     }
-    let tenths_told = Cell::new(0);
+    let tenths_shown = Cell::new(0);
     move |done, total| match &bar {
         Some(bar) => {
             bar.set_length(total as u64);
@@ -24,7 +24,7 @@ pub fn reporter(unit: &'static str) -> impl Fn(usize, usize) {
         }
         None => {
             let tenths = 10 * done / total.max(1);
-            if tenths > tenths_told.replace(tenths) {
+            if tenths > tenths_shown.replace(tenths) {
                 eprintln!("{done}/{total} {unit}");
             }
         }

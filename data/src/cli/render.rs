@@ -1,6 +1,6 @@
 //! `tactile-data render`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tactile_data::calibrate::Calibration;
@@ -10,12 +10,12 @@ use tactile_data::sensor::{Fidelity, SensorSpec};
 use tactile_data::shape::file::FileScale;
 use tactile_data::shape::heights::GreyScale;
 use tactile_data::touch::Side;
-use tactile_data::{Result, npy, picture};
+use tactile_data::{Result, npy, output, picture};
 
 /// The frame of a Mini that is not reduced, pixels.
 const FRAME_PX: [usize; 2] = [320, 240];
 
-/// Render one press of one part, to hold it against a photograph.
+/// Render one press of one part, to compare it with a photograph.
 ///
 /// The part is letter:A:12 (height in mm), connector:usb-a, ball:4.7 (diameter in mm), or a file: an outline (SVG),
 /// heights (npy in mm, grey PNG) or a mesh (STL, mm). x runs to the right, y downwards.
@@ -30,16 +30,16 @@ pub struct Render {
     /// The picture to write
     #[arg(long, value_name = "FILE.png")]
     out: PathBuf,
-    /// What is given stands up [default]
+    /// The part is raised [default]
     #[arg(long, conflicts_with = "as_hole")]
     as_peg: bool,
-    /// An outline is an opening in a plate; heights are a plate with its grooves and pockets
+    /// The part is a plate: an outline is its opening, heights are its surface with grooves and pockets
     #[arg(long)]
     as_hole: bool,
     /// By how much an outline's opening is wider on every side, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.0, requires = "as_hole")]
+    #[arg(long, value_name = "MM", default_value_t = 0.0, requires = "as_hole", help_heading = "Part")]
     clearance_mm: f64,
-    /// Where the middle of the sensor lies on the part, mm, and by how much it is turned, degrees from x to y
+    /// Where the middle of the sensor is on the part, mm, and by how much it is turned, degrees from x to y
     #[arg(long, value_name = "X,Y,DEG", default_value = "0,0,0", allow_hyphen_values = true,
           value_parser = super::parse_numbers::<3>)]
     pose: [f64; 3],
@@ -47,49 +47,50 @@ pub struct Render {
     #[arg(long, value_name = "MM", default_value_t = 0.6)]
     depth_mm: f64,
     /// Size of a pixel of an npy or PNG in x and y, mm
-    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>)]
+    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, help_heading = "Part")]
     map_mm_per_px: Option<[f64; 2]>,
     /// Height from one grey level of a PNG to the next, mm
-    #[arg(long, value_name = "MM", conflicts_with = "full_scale_mm")]
+    #[arg(long, value_name = "MM", conflicts_with = "full_scale_mm", help_heading = "Part")]
     mm_per_level: Option<f64>,
     /// Height from black to white of a PNG, mm
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", help_heading = "Part")]
     full_scale_mm: Option<f64>,
     /// The sensor's light, gel and scale, as calibrate writes them [default: a Mini's]
-    #[arg(long, value_name = "FILE.toml")]
+    #[arg(long, value_name = "FILE.toml", help_heading = "Sensor")]
     calibration: Option<PathBuf>,
     /// A frame of your sensor at rest, which the press then changes
-    #[arg(long, value_name = "FRAME")]
+    #[arg(long, value_name = "FRAME", help_heading = "Sensor")]
     no_contact: Option<PathBuf>,
     /// geometry, gel, optics, camera or shadow
-    #[arg(long, value_name = "TIER", default_value = "optics")]
+    #[arg(long, value_name = "TIER", default_value = "optics", help_heading = "Sensor")]
     fidelity: Fidelity,
     /// Size of the frame, pixels [default: the no-contact frame's, the calibration's, or 320x240]
-    #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size, help_heading = "Sensor")]
     frame_px: Option<[usize; 2]>,
     /// What the frame shows along x and y, mm [default: the calibration's, or 18.6 14.3]
-    #[arg(long, num_args = 2, value_names = ["X", "Y"], conflicts_with = "mm_per_px")]
+    #[arg(long, num_args = 2, value_names = ["X", "Y"], conflicts_with = "mm_per_px", help_heading = "Sensor")]
     field_of_view_mm: Option<Vec<f64>>,
-    /// Size of the frame's pixels in x and y, mm, in place of the field of view
-    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>)]
+    /// Size of the frame's pixels in x and y, mm, instead of the field of view
+    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, help_heading = "Sensor")]
     mm_per_px: Option<[f64; 2]>,
-    /// Decay length of the gel's surface beside a contact, mm [default: the calibration's, or 1.2]
-    #[arg(long, value_name = "MM")]
+    /// Decay length of the gel's surface next to a contact, mm [default: the calibration's, or 1.2]
+    #[arg(long, value_name = "MM", help_heading = "Sensor")]
     gel_length_mm: Option<f64>,
     /// Draws what the camera adds
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, help_heading = "Sensor")]
     seed: u64,
     /// Also write the sensor at rest
-    #[arg(long, value_name = "FILE.png")]
+    #[arg(long, value_name = "FILE.png", help_heading = "More outputs")]
     at_rest_out: Option<PathBuf>,
     /// Also write how far the gel is pushed in at each pixel, mm
-    #[arg(long, value_name = "FILE.npy")]
+    #[arg(long, value_name = "FILE.npy", help_heading = "More outputs")]
     heights_out: Option<PathBuf>,
 }
 
 impl Render {
     /// Renders the press and writes what is asked for.
     pub fn run(self) -> Result<()> {
+        self.check_outputs()?;
         let no_contact = self.no_contact.as_deref().map(picture::read).transpose()?;
         let rest_px = no_contact.as_ref().map(|frame| [frame.width_px(), frame.height_px()]);
         let spec = self.sensor(rest_px)?;
@@ -109,6 +110,18 @@ impl Render {
         }
         if let Some(path) = &self.heights_out {
             npy::write(path, &[spec.frame_px[1], spec.frame_px[0]], &depths_mm)?;
+        }
+        Ok(())
+    }
+
+    /// Refuses outputs that are inputs or each other.
+    fn check_outputs(&self) -> Result<()> {
+        let mut taken = vec![Path::new(&self.shape)];
+        taken.extend(self.calibration.as_deref());
+        taken.extend(self.no_contact.as_deref());
+        for out in [Some(&self.out), self.at_rest_out.as_ref(), self.heights_out.as_ref()].into_iter().flatten() {
+            output::check_file(out, &taken)?;
+            taken.push(out);
         }
         Ok(())
     }

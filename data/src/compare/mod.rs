@@ -1,6 +1,6 @@
-//! A simulated picture held against a real one of the same press.
+//! A simulated picture compared with a real one of the same press.
 //!
-//! Two sensors at rest never look alike, and a camera's exposure drifts, so what is compared is what the press
+//! Two sensors at rest never look the same, and a camera's exposure drifts, so what is compared is what the press
 //! changed: each frame less its own sensor's frame at rest, once its exposure is brought to that frame's on
 //! pixels more than 4 mm from contact. Figures are of the contact and its coloured band alone. Similarity over
 //! whole frames (SSIM and its like) is left out on purpose: the bare background scores 0.94 to 0.96 there.
@@ -11,9 +11,9 @@ pub mod walls;
 
 use serde::{Deserialize, Serialize};
 
-use crate::contact_sheet::{PAPER, Sheet, amplified};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::sheet::{LINE_PX, PAPER, Sheet, amplified};
 use region::Region;
 
 /// Pixels farther than this from contact show the gel at rest, mm.
@@ -184,9 +184,12 @@ impl Comparison {
             [real.clone(), simulated.clone(), show(&error)?],
             [show(of_real)?, show(of_simulated)?, Frame::new(width, height, compared)?],
         ];
-        let mut sheet = Sheet::new([3 * (width + GAP_PX) - GAP_PX, 2 * (height + GAP_PX) - GAP_PX]);
-        for (i, panel) in panels.iter().flatten().enumerate() {
-            sheet.put([i % 3 * (width + GAP_PX), i / 3 * (height + GAP_PX)], panel);
+        let names = ["real", "simulated", "difference of the changes", "change, real", "change, simulated", "compared"];
+        let mut sheet = Sheet::new([3 * (width + GAP_PX) - GAP_PX, 2 * (height + LINE_PX + GAP_PX) - GAP_PX]);
+        for (i, (panel, name)) in panels.iter().flatten().zip(names).enumerate() {
+            let (x, y) = (i % 3 * (width + GAP_PX), i / 3 * (height + LINE_PX + GAP_PX));
+            sheet.put([x, y], panel);
+            sheet.write([x, y + height], width, name)?;
         }
         sheet.into_frame()
     }

@@ -107,7 +107,7 @@ mod tests {
             (0..600).map(|i| (8..16).contains(&(i % 30)) && (6..14).contains(&(i / 30))).collect(),
         );
         let distance_px = patch.unwrap().distance_mm([1.0; 2]);
-        // Of its 64 pixels those at the corners do not: less than half of what lies round them has changed.
+        // Of its 64 pixels those at the corners do not: less than half of what is round them has changed.
         assert_eq!(region.n_pixels(), 52);
         assert!(region.is_in.iter().zip(distance_px).all(|(is_in, px)| !is_in || px <= 2.0));
     }

@@ -1,4 +1,4 @@
-//! How far from a predicted outline the bright and dark ring lies that a face's edge makes.
+//! How far from a predicted outline the bright and dark ring is that a face's edge makes.
 //!
 //! Each side of the outline is moved outwards and inwards a pixel at a time, and the median of what the press
 //! changed along it is taken, channel by channel. A ring is where these medians differ most from those some
@@ -10,7 +10,7 @@ use super::Press;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 
-/// A ring stands out from what lies this far to both its sides, pixels: half its width on a Mini's frame.
+/// A ring differs from what is this far to both its sides, pixels: half its width on a Mini's frame.
 const BESIDE_PX: usize = 8;
 
 /// Share of a side left out at each end: corners are rounded.
@@ -19,7 +19,7 @@ const CORNER: f64 = 0.1;
 /// A pixel darker than this share of the median round it is a mark.
 const MARK: f64 = 0.85;
 
-/// The median round a pixel is of this many pixels either way, worked out for blocks of [`BLOCK_PX`].
+/// The median round a pixel is of this many pixels either way, computed for blocks of [`BLOCK_PX`].
 const AROUND_PX: usize = 20;
 
 /// Side of the blocks that share a median, pixels.
@@ -28,19 +28,19 @@ const BLOCK_PX: usize = 8;
 /// Marks are widened by this, pixels: their borders are soft, and their shadows coloured.
 const MARK_BORDER_PX: usize = 4;
 
-/// The least share of a side without marks that tells where its ring lies.
+/// The least share of a side without marks that shows where its ring is.
 const LEAST_CLEAR: f64 = 0.05;
 
-/// Where the ring lies beside a polygon.
+/// The ring of a polygon, and where it is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ring {
-    /// How far outside the outline it lies where the outline was predicted, pixels.
+    /// How far outside the outline it is where the outline was predicted, pixels.
     pub offset_px: f64,
     /// By how much the outline moves in x and y to where its ring is strongest, pixels.
     pub moved_px: [f64; 2],
-    /// How far outside the outline it lies once that is moved, pixels: by how much the outline is too small.
+    /// How far outside the outline it is once that is moved, pixels: by how much the outline is too small.
     pub moved_offset_px: f64,
-    /// How far outside each side of the outline as predicted that ring lies, pixels.
+    /// How far outside each side of the outline as predicted that ring is, pixels.
     pub sides_px: Vec<f64>,
     /// How strong the ring of the moved outline is, counts.
     pub counts: f64,
@@ -49,7 +49,7 @@ pub struct Ring {
 /// One side of a polygon.
 struct Side {
     outwards: [f64; 2],
-    /// How much a ring stands out at each offset from -reach to reach, counts.
+    /// How strong the ring is at each offset from -reach to reach, counts.
     strengths: Vec<f64>,
 }
 
@@ -59,7 +59,7 @@ struct Side {
 pub fn find(press: Press, corners_px: &[[f64; 2]], reach_px: usize) -> Result<Ring> {
     press.validate("frame")?;
     let size_px = [press.frame.width_px(), press.frame.height_px()];
-    let reach = (reach_px + BESIDE_PX) as f64;
+    let reach = reach_px.saturating_add(BESIDE_PX) as f64;
     let within = |at: f64, n: usize| at - reach >= 0.0 && at + reach <= (n - 1) as f64;
     let fits = |corner: &[f64; 2]| within(corner[0], size_px[0]) && within(corner[1], size_px[1]);
     if corners_px.len() < 3 || reach_px == 0 || !corners_px.iter().all(fits) {
@@ -116,13 +116,13 @@ pub fn find(press: Press, corners_px: &[[f64; 2]], reach_px: usize) -> Result<Ri
 }
 
 impl Side {
-    /// How far outside this side lies that of the outline moved and widened.
+    /// How far outside this side is that of the outline moved and widened.
     fn offset_px(&self, by: [f64; 2], wider: f64) -> f64 {
         wider + self.outwards[0] * by[0] + self.outwards[1] * by[1]
     }
 }
 
-/// The mean over sides of how much a ring stands out beside the outline moved and widened; nought beyond reach.
+/// The mean over sides of how much a ring stands out near the outline moved and widened; zero beyond reach.
 fn strength(sides: &[Side], by: [f64; 2], wider: f64) -> f64 {
     let of_side = |side: &Side| {
         let at = (side.offset_px(by, wider) + 0.5 * (side.strengths.len() - 1) as f64).round();
@@ -139,7 +139,7 @@ fn strongest(candidates: impl Iterator<Item = (f64, [f64; 2], f64)>) -> (f64, [f
     candidates.max_by(better).unwrap_or_default()
 }
 
-/// The middle value, the upper of two; nought of none.
+/// The middle value, the upper of two; zero of none.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     let middle = values.len() / 2;

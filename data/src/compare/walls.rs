@@ -1,13 +1,13 @@
 //! Which way the shading of a picture says that the walls of a known surface face.
 //!
 //! A wall lit by one lamp turns brighter or darker as it faces the lamp or not, and the opposite wall the other
-//! way. So the lamp's side, taken from one wall, tells the sign of every other wall's change: a picture and a
+//! way. So the lamp's side, taken from one wall, gives the sign of every other wall's change: a picture and a
 //! height map agree where all these signs are right.
 
 use crate::error::{Error, Result};
 use crate::shape::HeightMap;
 
-/// How far beside a wall it is looked for what surrounds it, mm.
+/// How far from a wall its surroundings are taken, mm.
 const FLANK_MM: f64 = 0.3;
 
 /// The least area of a wall, mm^2.
@@ -33,7 +33,7 @@ pub struct Shading {
     /// By what share it is brighter than what surrounds it, or than the sensor at rest.
     pub change: f64,
     /// How much a pixel on the wall and up to 0.3 mm at its foot changes, as a share of that and of how much one
-    /// up to 0.3 mm at its top does: a half where all change alike, one where only the inside of a groove does.
+    /// up to 0.3 mm at its top does: a half where all change by the same, one where only the inside of a groove does.
     pub inside: f64,
 }
 
@@ -96,7 +96,7 @@ fn beside(at: usize, n: usize) -> [usize; 2] {
 }
 
 /// What one channel of a picture of the map's size shows of each wall: against the same channel at rest, or,
-/// without it, against what lies beside the wall. Fails where a size differs from the map's.
+/// without it, against what is next to the wall. Fails where a size differs from the map's.
 pub fn shading(walls: &[Wall], map: &HeightMap, channel: &[f32], at_rest: Option<&[f32]>) -> Result<Vec<Shading>> {
     let n_pixels = map.size_px()[0] * map.size_px()[1];
     if channel.len() != n_pixels || at_rest.is_some_and(|rest| rest.len() != n_pixels) {
@@ -137,7 +137,7 @@ fn one_shading(wall: &Wall, is_wall: &[bool], map: &HeightMap, channel: &[f32], 
         let change = |at: usize| value(at) - at_rest(at);
         changed += (first..=last).map(change).sum::<f64>();
         level += (first..=last).map(at_rest).sum::<f64>();
-        // Rising along the line, the wall's top lies after it.
+        // Rising along the line, the wall's top is after it.
         let (foot, top) = if wall.slope[axis] > 0.0 { (before, after) } else { (after, before) };
         let mut add = |side: usize, range: std::ops::Range<usize>| {
             sides[side][0] += range.clone().map(|at| change(at).abs()).sum::<f64>();
@@ -212,7 +212,7 @@ mod tests {
             assert!(shown.inside > 0.9);
         }
         let even: Vec<f32> = (0..120 * 80).map(|i| (90.0 - 15.0 * slope(i).abs()) as f32).collect();
-        // Walls that face alike agree, those that face each other do not.
+        // Walls that face the same way agree, those that face each other do not.
         assert_eq!(signs(&walls, &shading(&walls, &map, &even, None).unwrap()), [4, 12]);
     }
 

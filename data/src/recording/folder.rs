@@ -1,23 +1,24 @@
 //! A recording as a folder of pictures, with an optional index and frame at rest.
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::picture;
 use crate::se2::Se2;
-use crate::store::{DatasetWriter, Meta};
+use crate::store::{self, DatasetWriter, Meta};
+use crate::suggest::with_closest;
 use crate::touch::{Side, Touch};
 
 /// Field of view of a GelSight Mini along x and y, mm (data sheet; FEATS' homography of 14 px/mm at
 /// 320x240 gives about the same height).
 pub const FIELD_OF_VIEW_MM: [f64; 2] = [18.6, 14.3];
 
-/// Without being told, at most this many first frames are taken for the sensor at rest.
+/// Where no frame at rest is named, at most this many first frames are taken for it.
 const MAX_REST_FRAMES: usize = 15;
 
 /// Two frames of a sensor at rest differ by less than this mean absolute difference, counts. White
@@ -43,7 +44,7 @@ pub struct Import {
 /// Where the frame of the sensor at rest comes from.
 #[derive(Clone, Debug)]
 pub enum NoContact {
-    /// A picture; not counted among the frames where it lies in the same folder.
+    /// A picture; not counted among the frames where it is in the same folder.
     File(PathBuf),
     /// The median of this many first frames.
     First(usize),
@@ -63,8 +64,8 @@ pub struct Imported {
 /// Imports `source`, a folder of PNG, JPEG and GIF pictures or one such file, to a dataset at `out`.
 ///
 /// Without an index the pictures are taken in order of their names, numbers by value (`9.png` before
-/// `10.png`). Every frame of an animation counts. Frames must all have one size. `progress` hears
-/// files done and in all.
+/// `10.png`). Every frame of an animation counts. Frames must all have one size. `progress` gets
+/// the files done and all files.
 pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, usize)) -> Result<Imported> {
     if !how.field_of_view_mm.iter().all(|mm| mm.is_finite() && *mm > 0.0) {
         return Err(Error::invalid("field of view", "positive sizes in mm", format!("{:?}", how.field_of_view_mm)));
@@ -84,12 +85,13 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
         seed: None,
         source: format!("imported from {}", source.display()),
     };
+    store::check_meta(&meta, out)?;
     let mut writer = DatasetWriter::create(out, meta, &picture::resize(&no_contact, frame_px)?)?;
     let mut n_frames = 0;
     for (done, (file, touch)) in files.iter().enumerate() {
         for (i, frame) in picture::read_all(file)?.iter().enumerate() {
             check_px(frame, native_px, file)?;
-            // The sensor stands still within an animation.
+            // The sensor does not move within an animation.
             let moved = touch.moved.map(|moved| if i == 0 { moved } else { Se2::IDENTITY });
             writer.push(&picture::resize(frame, frame_px)?, &Touch { moved, ..touch.clone() })?;
             n_frames += 1;
@@ -160,19 +162,31 @@ struct Row {
     moved_theta_deg: Option<f64>,
 }
 
+/// Columns of an index: the fields of a [`Row`].
+const COLUMNS: [&str; 9] =
+    ["file", "part", "side", "x_mm", "y_mm", "theta_deg", "moved_x_mm", "moved_y_mm", "moved_theta_deg"];
+
+/// No robot reaches further, mm.
+const FARTHEST_MM: f64 = 10_000.0;
+
+/// Ten turns, degrees.
+const MOST_TURNED_DEG: f64 = 3_600.0;
+
 fn read_index(index: &Path, folder: &Path) -> Result<Vec<(PathBuf, Touch)>> {
     let text = fs::read_to_string(index).map_err(Error::io(index))?;
-    let is_json = text.trim_start().starts_with('{');
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    let header: Vec<&str> = if is_json { Vec::new() } else { lines.next().map(|(_, l)| cells(l)).unwrap_or_default() };
-    let mut files = Vec::new();
-    for (number, line) in lines {
-        let place = format!("{} line {}", index.display(), number + 1);
-        let row = if is_json { serde_json::from_str(line) } else { csv_row(&header, line) };
-        let row: Row = row.map_err(|e| Error::invalid(&place, "a row of an index", e.to_string()))?;
+    let text = text.trim_start_matches('\u{feff}');
+    let rows = if text.trim_start().starts_with('{') { json_rows(text, index) } else { csv_rows(text, index) };
+    let mut files: Vec<(PathBuf, Touch)> = Vec::new();
+    let mut lines = HashMap::new();
+    for (line, row) in rows? {
+        let place = format!("{} line {line}", index.display());
         let path = folder.join(&row.file);
         if !path.is_file() {
             return Err(Error::invalid(&place, format!("the file {}", path.display()), "no such file"));
+        }
+        if let Some(before) = lines.insert(path.clone(), line) {
+            let got = format!("{} a second time, after line {before}", row.file);
+            return Err(Error::invalid(&place, "each file once", got));
         }
         let touch = Touch {
             part_from_sensor: pose(&place, "x_mm, y_mm, theta_deg", [row.x_mm, row.y_mm, row.theta_deg])?,
@@ -182,37 +196,69 @@ fn read_index(index: &Path, folder: &Path) -> Result<Vec<(PathBuf, Touch)>> {
         };
         files.push((path, touch));
     }
+    if files.is_empty() {
+        return Err(Error::invalid(index.display().to_string(), "at least one row that names a file", "none"));
+    }
     Ok(files)
 }
 
-/// A CSV line as the JSON object that it stands for; empty cells are left out.
-fn csv_row(header: &[&str], line: &str) -> serde_json::Result<Row> {
-    let cells = cells(line);
-    if cells.len() != header.len() {
-        let message = format!("{} cells under {} columns", cells.len(), header.len());
-        return Err(serde::de::Error::custom(message));
-    }
-    let mut object = Map::new();
-    for (&column, &cell) in header.iter().zip(&cells).filter(|(_, cell)| !cell.is_empty()) {
-        let value = match (column, cell.parse::<f64>()) {
-            ("file" | "part" | "side", _) => Value::from(cell),
-            (_, Ok(number)) if number.is_finite() => Value::from(number),
-            // Refused below, with the text.
-            _ => Value::from(cell),
-        };
-        object.insert(column.to_owned(), value);
-    }
-    serde_json::from_value(Value::Object(object))
+/// Rows of JSON lines, each with its line's number.
+fn json_rows(text: &str, index: &Path) -> Result<Vec<(u64, Row)>> {
+    let lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
+    let row = |(number, line): (u64, &str)| match serde_json::from_str(line) {
+        Ok(row) => Ok((number, row)),
+        Err(error) => Err(bad_row(index, number, &error)),
+    };
+    lines.map(row).collect()
 }
 
-fn cells(line: &str) -> Vec<&str> {
-    line.split(',').map(|cell| cell.trim().trim_matches('"')).collect()
+/// Rows of a CSV file with a header, each with its line's number; an empty cell says nothing.
+fn csv_rows(text: &str, index: &Path) -> Result<Vec<(u64, Row)>> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|error| bad_row(index, 1, &error))?.clone();
+    if let Some(unknown) = header.iter().find(|column| !COLUMNS.contains(column)) {
+        let got = with_closest(unknown, COLUMNS);
+        return Err(Error::invalid(format!("{} line 1", index.display()), COLUMNS.join(", "), got));
+    }
+    let mut rows = Vec::new();
+    for record in reader.records() {
+        let line = |position: Option<&csv::Position>| position.map_or(0, csv::Position::line);
+        let record = record.map_err(|error| match error.kind() {
+            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                bad_row(index, line(error.position()), &format!("{len} cells under {expected_len} columns"))
+            }
+            _ => bad_row(index, line(error.position()), &error),
+        })?;
+        let number = line(record.position());
+        let row = record.deserialize(Some(&header)).map_err(|error| match error.kind() {
+            csv::ErrorKind::Deserialize { err, .. } => {
+                let at = err.field().unwrap_or_default() as usize;
+                let (column, cell) = (header.get(at).unwrap_or_default(), record.get(at).unwrap_or_default());
+                bad_row(index, number, &format!("{column} {cell}: {}", err.kind()))
+            }
+            _ => bad_row(index, number, &error),
+        })?;
+        rows.push((number, row));
+    }
+    Ok(rows)
+}
+
+fn bad_row(index: &Path, line: u64, error: &dyn std::fmt::Display) -> Error {
+    Error::invalid(format!("{} line {line}", index.display()), "a row of an index", error.to_string())
 }
 
 fn pose(place: &str, columns: &str, values: [Option<f64>; 3]) -> Result<Option<Se2>> {
     match values {
         [None, None, None] => Ok(None),
-        [Some(x_mm), Some(y_mm), Some(theta_deg)] => Ok(Some(Se2::from_degrees(x_mm, y_mm, theta_deg))),
+        [Some(x_mm), Some(y_mm), Some(theta_deg)] => {
+            let is_near = x_mm.abs().max(y_mm.abs()) <= FARTHEST_MM && theta_deg.abs() <= MOST_TURNED_DEG;
+            if !(is_near && [x_mm, y_mm].iter().all(|mm| mm.is_finite())) {
+                let expected = format!("at most {FARTHEST_MM} mm and {MOST_TURNED_DEG} degrees from zero");
+                let got = format!("{x_mm}, {y_mm}, {theta_deg}");
+                return Err(Error::invalid(format!("{place}: {columns}"), expected, got));
+            }
+            Ok(Some(Se2::from_degrees(x_mm, y_mm, theta_deg)))
+        }
         _ => Err(Error::invalid(format!("{place}: {columns}"), "all three numbers or none", "some of them")),
     }
 }
@@ -366,6 +412,17 @@ mod tests {
     }
 
     #[test]
+    fn a_spreadsheets_byte_order_mark_and_quotes_are_read() {
+        let folder = folder();
+        fs::rename(folder.path().join("t9.png"), folder.path().join("a, b.png")).unwrap();
+        let text = "\u{feff}\"file\",\"part\"\r\n\"a, b.png\",\"say \"\"A\"\"\"\r\n\r\nt10.png,\r\n";
+        fs::write(folder.path().join("index.csv"), text).unwrap();
+        let (dataset, _) = imported(folder.path(), &HOW).unwrap();
+        assert_eq!((dataset.len(), dataset.touch(0).part.as_deref()), (2, Some("say \"A\"")));
+        assert_eq!(dataset.touch(1).part, None);
+    }
+
+    #[test]
     fn the_no_contact_frame_is_not_a_touch() {
         let folder = folder();
         let how = Import { no_contact: NoContact::File(folder.path().join("t9.png")), ..HOW };
@@ -385,10 +442,13 @@ mod tests {
     fn bad_rows_are_named() {
         for (row, expected) in [
             ("t99.png,1,2,3", "t99.png, got no such file"),
-            ("t9.png,1,,3", "all three numbers or none"),
-            ("t9.png,1,2", "3 cells under 4 columns"),
-            ("t9.png,1,2,east", "east"),
-            ("t9.png,nan,nan,nan", "nan"),
+            ("t10.png,1,,3", "all three numbers or none"),
+            ("t10.png,1,2", "3 cells under 4 columns"),
+            ("t10.png,1,2,east", "theta_deg east: invalid float"),
+            ("t10.png,nan,nan,nan", "NaN"),
+            ("t10.png,1e300,0,0", "at most 10000 mm"),
+            ("t10.png,1,2,1e9", "3600 degrees"),
+            ("t9.png,1,2,3", "t9.png a second time, after line 2"),
         ] {
             let folder = folder();
             let text = format!("file,x_mm,y_mm,theta_deg\nt9.png,0,0,0\n{row}\n");
@@ -397,8 +457,12 @@ mod tests {
             assert!(message.contains(expected) && message.contains("index.csv line 3"), "{message}");
         }
         let folder = folder();
-        fs::write(folder.path().join("index.csv"), "file,angle\nt9.png,3\n").unwrap();
-        assert!(refusal(folder.path(), &HOW).contains("unknown field `angle`"));
+        for (header, expected) in [("file,angle", "got angle"), ("file,theta_dg", "did you mean theta_deg?")] {
+            fs::write(folder.path().join("index.csv"), format!("{header}\nt9.png,3\n")).unwrap();
+            assert!(refusal(folder.path(), &HOW).contains(expected));
+        }
+        fs::write(folder.path().join("index.csv"), "file\n").unwrap();
+        assert!(refusal(folder.path(), &HOW).contains("index.csv: expected at least one row that names a file"));
     }
 
     #[test]

@@ -10,10 +10,10 @@ use crate::shape::{Raster, Shape};
 /// The largest side of a board, mm.
 const MAX_SIDE_MM: f64 = 1_000.0;
 
-/// Cell in which parts are held against each other, mm: finer than a pixel.
+/// Cell in which parts are compared with each other, mm: finer than a pixel.
 const CELL_MM: f64 = 0.05;
 
-/// A board, and where the parts' centres lie on it: mm from its middle, x right and y down as the sensor
+/// A board, and where the parts' centres are on it: mm from its middle, x right and y down as the sensor
 /// sees it. Either `at_mm` or `spacing_mm` is given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -23,13 +23,13 @@ pub struct Board {
     /// The place of each part, in the parts' order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_mm: Option<Vec<[f64; 2]>>,
-    /// Distance of the parts in x and y: they lie in rows, as many in a row as the board takes.
+    /// Distance of the parts in x and y: they are in rows, as many in a row as the board takes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spacing_mm: Option<[f64; 2]>,
 }
 
 impl Board {
-    /// Where the parts' centres lie, mm from the board's middle.
+    /// Where the parts' centres are, mm from the board's middle.
     pub(super) fn places_mm(&self, n_parts: usize) -> Result<Vec<[f64; 2]>> {
         match (&self.at_mm, self.spacing_mm) {
             (Some(at_mm), None) if at_mm.len() == n_parts => Ok(at_mm.clone()),
@@ -61,7 +61,7 @@ impl Board {
         rectangle([-half_x - x, -half_y - y, half_x - x, half_y - y])
     }
 
-    /// Refuses a board without size, parts that do not lie on it, and parts that overlap, naming the part.
+    /// Refuses a board without size, parts that are not on it, and parts that overlap, naming the part.
     pub(super) fn validate(&self, names: &[String], parts: &[Part]) -> Result<()> {
         let [width, height] = self.size_mm;
         if !self.size_mm.iter().all(|mm| mm.is_finite() && *mm > 0.0 && *mm <= MAX_SIDE_MM) {
@@ -108,7 +108,7 @@ impl Board {
     }
 }
 
-/// Whether two parts share a cell of the box that both reach into; one may lie in a counter of the other.
+/// Whether two parts share a cell of the box that both reach into; one may be in a counter of the other.
 fn overlap(parts: [(&Part, [f64; 2]); 2], [x_min, y_min, x_max, y_max]: [f64; 4]) -> bool {
     let middle = [0.5 * (x_min + x_max), 0.5 * (y_min + y_max)];
     let half_mm = 0.5 * (x_max - x_min).max(y_max - y_min) + CELL_MM;

@@ -1,13 +1,14 @@
 //! MAZE boards as a scene declares them.
 
 use rand::RngExt;
+use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::random::{frame_rng, uniform};
 use crate::sensor::SensorSpec;
-use crate::shape::maze::{MazeSpec, draw};
+use crate::shape::maze::MazeSpec;
 use crate::shape::{Face, Layer, Relief, Shape};
-use crate::simulator::frame_rng;
 use crate::touch::Side;
 
 /// A set of MAZE boards.
@@ -23,7 +24,7 @@ pub struct MazeBoards {
     /// Shortest and longest decay length of the gel, mm; one is drawn for each board, since another
     /// gel is what a trained model meets.
     pub gel_length_mm: [f64; 2],
-    /// Share of the boards whose holes are rims instead of openings in a plate and, drawn apart, of those whose
+    /// Share of the boards whose holes are rims instead of openings in a plate and, drawn separately, of those whose
     /// pegs are shells instead of solid, as sockets and plugs are, 0..=1.
     #[serde(default)]
     pub band_share: f64,
@@ -38,6 +39,9 @@ pub struct MazeBoards {
     pub spec: MazeSpec,
 }
 
+/// The most boards of a scene: what is known of a board before it is touched takes about 1 kB of memory.
+const MOST_BOARDS: usize = 100_000;
+
 /// Least and greatest distance between a rim or shell and its core, mm.
 const CORE_INSET_MM: [f64; 2] = [0.2, 1.0];
 
@@ -49,19 +53,24 @@ fn default_band() -> [f64; 2] {
 }
 
 impl MazeBoards {
-    /// One side of a board whose pegs have the outline `walls`; `seed` draws the boards.
-    pub fn side(&self, walls: Shape, board: usize, side: Side, clearance_mm: f64, seed: u64) -> Relief {
+    /// What draws the rim or the shell of one side of a board, where `seed` draws the boards.
+    pub(super) fn band_rng(seed: u64, board: usize, side: Side) -> ChaCha8Rng {
+        frame_rng(seed ^ 0x6261_6e64, 2 * board as u64 + u64::from(side == Side::Peg))
+    }
+
+    /// One side of a board whose pegs have the outline `walls`; its rim or shell is drawn from
+    /// [`Self::band_rng`].
+    pub(super) fn side(&self, walls: Shape, side: Side, clearance_mm: f64, rng: &mut ChaCha8Rng) -> Relief {
         let whole = match side {
             Side::Peg => Relief::peg(walls.clone()),
             Side::Hole => Relief::hole(walls.clone(), clearance_mm),
         };
-        let mut rng = frame_rng(seed ^ 0x6261_6e64, 2 * board as u64 + u64::from(side == Side::Peg));
         if rng.random::<f64>() >= self.band_share {
             return whole;
         }
         // Log-uniform: sheet metal is as common as a block's wall.
-        let band_mm = draw(&mut rng, self.band_mm.map(f64::ln)).exp();
-        let (inset_mm, drop_mm) = (draw(&mut rng, CORE_INSET_MM), draw(&mut rng, CORE_DROP_MM));
+        let band_mm = uniform(rng, self.band_mm.map(f64::ln)).exp();
+        let (inset_mm, drop_mm) = (uniform(rng, CORE_INSET_MM), uniform(rng, CORE_DROP_MM));
         let mut relief = whole.banded(band_mm);
         if rng.random::<f64>() < self.core_share {
             // A shell's core begins where the shell ends.
@@ -73,6 +82,10 @@ impl MazeBoards {
 
     /// Refuses boards that cannot be drawn or touched, naming the field.
     pub(super) fn validate(&self, sensor: &SensorSpec) -> Result<()> {
+        if self.n_boards > MOST_BOARDS {
+            let expected = format!("at most {MOST_BOARDS}, each kept in memory");
+            return Err(Error::invalid("parts.maze.n_boards", expected, self.n_boards.to_string()));
+        }
         if self.n_boards == 0 || self.n_held_out >= self.n_boards {
             let got = format!("{} of {}", self.n_held_out, self.n_boards);
             return Err(Error::invalid("parts.maze.n_held_out", "fewer than n_boards", got));
@@ -122,7 +135,7 @@ impl MazeBoards {
 mod tests {
     use super::*;
     use crate::scene::{Parts, Scene};
-    use crate::sensor::obstacle::obstacle;
+    use crate::sensor::obstacle::{Cells, obstacle};
     use crate::shape::relief::rectangle;
 
     fn boards(band_share: f64, core_share: f64) -> MazeBoards {
@@ -134,11 +147,16 @@ mod tests {
         rectangle([-30.0, -3.0, 30.0, 3.0])
     }
 
+    fn drawn(boards: &MazeBoards, board: usize, side: Side, clearance_mm: f64, seed: u64) -> Relief {
+        boards.side(wall(), side, clearance_mm, &mut MazeBoards::band_rng(seed, board, side))
+    }
+
     #[test]
     fn rims_and_shells_are_drawn_apart_each_as_often_as_asked() {
         let boards = boards(0.3, 0.5);
-        let built = |side| (0..400).map(move |board| boards.side(wall(), board, side, 0.15, 7).layers);
-        let [pegs, holes]: [Vec<_>; 2] = [Side::Peg, Side::Hole].map(|side| built.clone()(side).collect());
+        let boards = &boards;
+        let built = |side| (0..400).map(move |board| drawn(boards, board, side, 0.15, 7).layers);
+        let [pegs, holes]: [Vec<_>; 2] = [Side::Peg, Side::Hole].map(|side| built(side).collect());
         let is_band = |layers: &Vec<Layer>| matches!(&layers[0], Layer::Face(face) if face.band_mm.is_some());
         for side in [&pegs, &holes] {
             let (bands, cores): (Vec<_>, Vec<_>) = (
@@ -158,14 +176,15 @@ mod tests {
         let boards = MazeBoards { band_mm: [0.5, 0.5], ..boards(1.0, 1.0) };
         let (half_mm, cell_mm) = (6.0, 0.05);
         for board in 0..10 {
-            let felt =
-                |side: Side| obstacle(&[boards.side(wall(), board, side, 0.2, 3)], side, half_mm, cell_mm, None, 1.0);
+            let felt = |side: Side| {
+                obstacle(&[drawn(&boards, board, side, 0.2, 3)], side, Cells { half_mm, cell_mm }, None, 1.0)
+            };
             let at = |raster: &crate::shape::Raster, y: f64| {
                 let cell = |mm: f64| ((mm + half_mm) / cell_mm) as usize;
                 raster.values[cell(y) * raster.n + cell(0.0)]
             };
             let (peg, hole) = (felt(Side::Peg), felt(Side::Hole));
-            // A shell from 2.5 to 3 mm, a rim from 3.2 to 3.7, open beyond; a core in the middle, open beside the bands.
+            // A shell from 2.5 to 3 mm, a rim from 3.2 to 3.7, open beyond; a core in the middle, open next to the bands.
             assert_eq!([2.8, 3.1, 5.0].map(|y| at(&peg, y)), [1.0, 0.0, 0.0]);
             assert_eq!([3.1, 3.4, 4.0].map(|y| at(&hole, y)), [0.0, 1.0, 0.0]);
             assert!(at(&peg, 2.4) == 0.0 && at(&hole, 2.9) == 0.0);
@@ -176,7 +195,7 @@ mod tests {
     #[test]
     fn plain_boards_are_plates_and_solid_pegs() {
         let boards = boards(0.0, 1.0);
-        assert_eq!(boards.side(wall(), 3, Side::Peg, 0.2, 1), Relief::peg(wall()));
-        assert_eq!(boards.side(wall(), 3, Side::Hole, 0.2, 1), Relief::hole(wall(), 0.2));
+        assert_eq!(drawn(&boards, 3, Side::Peg, 0.2, 1), Relief::peg(wall()));
+        assert_eq!(drawn(&boards, 3, Side::Hole, 0.2, 1), Relief::hole(wall(), 0.2));
     }
 }

@@ -2,6 +2,7 @@
 
 mod board;
 mod maze_boards;
+mod origin;
 mod parts;
 mod preset;
 mod sensor_table;
@@ -16,6 +17,7 @@ use crate::grid::PoseGrid;
 use crate::sensor::{Fidelity, SensorSpec};
 use crate::shape::maze::maze;
 use crate::shape::{Relief, Shape};
+use crate::suggest::with_closest;
 use crate::touch::Side;
 
 pub use board::Board;
@@ -30,7 +32,7 @@ pub struct Scene {
     pub name: String,
     /// What is touched.
     pub parts: Parts,
-    /// The board that the parts share; without it each lies alone in an endless one.
+    /// The board that the parts share; without it each is alone in an endless one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<Board>,
     /// The poses at which each part is recorded; MAZE boards are touched anywhere.
@@ -41,7 +43,7 @@ pub struct Scene {
     pub clearance_mm: f64,
     /// By how much the pegs are recorded wider than they are on every side, mm: what is touched as a peg is a gauge
     /// that fills its hole more closely. Flat faces only.
-    #[serde(default, skip_serializing_if = "is_nought")]
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub gauge_mm: f64,
     /// How much of the sensor is computed.
     #[serde(default = "default_fidelity")]
@@ -51,7 +53,7 @@ pub struct Scene {
     pub sensor: SensorSpec,
 }
 
-fn is_nought(value: &f64) -> bool {
+fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 
@@ -64,8 +66,8 @@ fn default_fidelity() -> Fidelity {
 }
 
 impl Scene {
-    /// A preset, or a TOML file; paths in it start at its folder. Fails with the file, the line where it can
-    /// be told, and the field that is wrong.
+    /// A preset, or a TOML file; paths in it start at its folder. Fails with the file, the line where it is
+    /// known, and the field that is wrong.
     pub fn load(preset_or_file: &str) -> Result<Self> {
         if let Some(scene) = Self::preset(preset_or_file) {
             return Ok(scene);
@@ -73,7 +75,7 @@ impl Scene {
         let path = Path::new(preset_or_file);
         if !path.exists() {
             let expected = format!("a scene file or one of {}", Self::PRESETS.join(", "));
-            return Err(Error::invalid("--scene", expected, preset_or_file));
+            return Err(Error::invalid("--scene", expected, with_closest(preset_or_file, Self::PRESETS)));
         }
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let mut scene: Self = toml::from_str(&text).map_err(|e| {
@@ -160,14 +162,15 @@ impl Scene {
     }
 
     /// What the sensor meets on one side round a part, in the part's own frame: the part first, then what else
-    /// of the board is within reach. Pegs stand together: the highest is touched. Holes are plates, each with
-    /// its opening, and what one leaves open is open: the lowest counts. Connectors stand on their board on
+    /// of the board is within reach. Pegs are on one board: the highest is touched. Holes are plates, each with
+    /// its opening, and what one leaves open is open: the lowest counts. Connectors are mounted on their board on
     /// both sides: their receptacles are one relief. `seed` draws MAZE boards.
     pub fn reliefs(&self, part: usize, side: Side, seed: u64) -> Result<Vec<Relief>> {
         let kit = match &self.parts {
             Parts::Kit(kit) => kit,
             Parts::Maze(boards) => {
-                return Ok(vec![boards.side(self.shape(part, seed)?, part, side, self.clearance_mm, seed)]);
+                let rng = &mut MazeBoards::band_rng(seed, part, side);
+                return Ok(vec![boards.side(self.shape(part, seed)?, side, self.clearance_mm, rng)]);
             }
         };
         let own = kit.part(part, self.clearance_mm)?;

@@ -61,7 +61,7 @@ pub struct Connectors {
 pub struct PartFile {
     /// Name of the part.
     pub name: String,
-    /// What stands up; beside a scene file, its path starts there.
+    /// The raised part; in a scene file its path starts at the file's folder.
     pub peg: PathBuf,
     /// The opening (`svg`), or the surface of the plate with its pockets; without it, a plate with a through
     /// hole that is wider than the peg's outline by the scene's clearance.
@@ -87,7 +87,7 @@ pub(super) struct Part {
     taken: Shape,
     /// By how much the opening is widened on every side, mm.
     pub clearance_mm: f64,
-    /// Whether the hole's side stands on the board instead of being a plate with an opening.
+    /// Whether the hole's side is mounted on the board instead of being a plate with an opening.
     pub stands: bool,
     peg: Relief,
     hole: Relief,
@@ -227,7 +227,8 @@ impl Part {
         }
     }
 
-    /// What a peg goes into, and by how much it is widened on every side, mm; `None` where the hole's side stands.
+    /// What a peg goes into, and by how much it is widened on every side, mm; `None` where the hole's side
+    /// is mounted on the board.
     pub fn opening(self) -> Option<(Shape, f64)> {
         (!self.stands).then_some((self.taken, self.clearance_mm))
     }

@@ -9,7 +9,7 @@ use crate::shape::maze::MazeSpec;
 impl Scene {
     /// Names that [`Scene::load`] knows without a file. Those on `-dev` are for tuning; the others are
     /// never trained or tuned on. Those with `-hard` have the same parts and reach under a rough sensor, so that
-    /// one touch tells about as much as on the paper's robot.
+    /// one touch says about as much as on the paper's robot.
     pub const PRESETS: [&str; 11] = [
         "maze",
         "alphabet-small",
@@ -48,7 +48,7 @@ impl Scene {
             "alphabet-small-dev" | "alphabet-small-hard-dev" => letters("MNOPQRSTUVWX", 12.0, 16.0, PoseGrid::SMALL),
             "alphabet-large-dev" | "alphabet-large-hard-dev" => letters("MNOPQRSTUVWX", 32.0, 40.0, PoseGrid::LARGE),
             "connectors" | "connectors-dev" => {
-                // The paper tells neither its six connectors nor their poses; these are as small as its letters.
+                // The paper names neither its six connectors nor their poses; these are as small as its letters.
                 let names = if name == "connectors" { Connector::EVALUATION } else { Connector::TUNING };
                 let connectors = Some(Connectors { names: names.to_vec() });
                 (Parts::Kit(Kit { connectors, ..Kit::default() }), Some(PoseGrid::SMALL))

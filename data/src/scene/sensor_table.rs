@@ -6,6 +6,7 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 use crate::sensor::SensorSpec;
+use crate::suggest;
 
 /// Width and height in mm of what sensors of the same kind show under different drivers.
 const VIEWS: [(&str, [f64; 2]); 3] = [
@@ -20,15 +21,15 @@ const VIEWS: [(&str, [f64; 2]); 3] = [
 /// Two fields of view are the same to this share: scales are given with three digits.
 const SAME_VIEW: f64 = 0.005;
 
-/// Reads a sensor whose table may have, beside the fields of [`SensorSpec`], `preset = "gelsight-mini"` and
-/// `mm_per_px = [x, y]`. All that tell the field of view must agree.
+/// Reads a sensor whose table may have, in addition to the fields of [`SensorSpec`], `preset = "gelsight-mini"` and
+/// `mm_per_px = [x, y]`. All that give the field of view must agree.
 pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<SensorSpec, D::Error> {
     let mut table = Map::deserialize(deserializer)?;
     set_view(&mut table).map_err(D::Error::custom)?;
     SensorSpec::deserialize(Value::Object(table)).map_err(|e| D::Error::custom(format!("sensor: {e}")))
 }
 
-/// Replaces `preset` and `mm_per_px` by the field of view that they stand for.
+/// Replaces `preset` and `mm_per_px` by the field of view that they mean.
 fn set_view(table: &mut Map<String, Value>) -> Result<()> {
     if table.contains_key("light") && table.contains_key("calibration") {
         return Err(Error::invalid("sensor", "light or calibration", "both"));
@@ -43,9 +44,7 @@ fn set_view(table: &mut Map<String, Value>) -> Result<()> {
         views.push(("mm_per_px", [0, 1].map(|axis| mm_per_px[axis] * frame_px[axis] as f64)));
     }
     if let Some(name) = field::<String>(table, "preset", "a name")? {
-        let known = VIEWS.into_iter().find(|(known, _)| *known == name);
-        let names = || VIEWS.map(|(known, _)| known).join(", ");
-        views.push(("preset", known.ok_or_else(|| Error::invalid("sensor.preset", names(), &name))?.1));
+        views.push(("preset", suggest::named("sensor.preset", &name, &VIEWS, |(known, _)| known)?.1));
     }
     if let Some((name, [x, y])) = views.iter().find(|(_, view)| !view.iter().all(|mm| mm.is_finite() && *mm > 0.0)) {
         return Err(Error::invalid(format!("sensor.{name}"), "positive lengths", format!("a view of {x} x {y} mm")));

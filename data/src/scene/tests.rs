@@ -4,7 +4,7 @@ use super::*;
 use crate::se2::Se2;
 use crate::simulator::{Simulator, frame_rng};
 
-/// A folder with a scene file of these lines before `[reach]`, and with files beside it.
+/// A folder with a scene file of these lines before `[reach]`, and with files next to it.
 struct Written {
     folder: tempfile::TempDir,
 }
@@ -108,7 +108,7 @@ fn on_the_crowded_board_most_views_show_a_neighbour() {
         touch(&alone) != touch(&crowded)
     };
     let share = views().filter(shows).count() as f64 / views().count() as f64;
-    // 0.71 by the letters' boxes in the frame, worked out apart.
+    // 0.71 by the letters' boxes in the frame, computed apart.
     assert!((0.55..0.75).contains(&share), "{share}");
 }
 

@@ -7,6 +7,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
+use super::gel::TiltedPress;
 use super::rounding::to_byte;
 use super::{SensorSpec, jpeg};
 use crate::frame::Frame;
@@ -116,13 +117,13 @@ fn round(counts: &[f32], bytes: &mut [u8]) {
     bytes.iter_mut().zip(counts).for_each(|(byte, counts)| *byte = to_byte(*counts));
 }
 
-/// A depth above this share of the press is contact: the gel falls below it 0.04 mm beside an edge.
+/// A depth above this share of the press is contact: the gel falls below it 0.04 mm from an edge.
 const CONTACT: f32 = 0.97;
 
 /// The layer lines of one printed face: fixed for the part, in its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerLines {
-    /// Distance between lines, mm: 0.1 to 0.3, as printers lay them.
+    /// Distance between lines, mm: 0.1 to 0.3, as printers make them.
     pub pitch_mm: f64,
     /// Direction across the lines in the part's frame, radians.
     pub across_rad: f64,
@@ -134,44 +135,50 @@ impl LayerLines {
         Self { pitch_mm: 0.1 + 0.2 * rng.random::<f64>(), across_rad: std::f64::consts::PI * rng.random::<f64>() }
     }
 
-    /// Raises what is in contact by a wave, as a sensor turned by `sensor_rad` on the part sees it.
-    ///
-    /// `depths` is `[height + 2, width + 2]` in mm of a press of `depth_mm` with a `tilt` in mm a mm, as
-    /// [`Surface::depths`](super::gel::Surface::depths) gives it. Amplitude and phase of the wave are drawn:
-    /// the lines repeat every few pixels.
-    pub fn add(
-        &self,
-        depths: &mut [f32],
-        spec: &SensorSpec,
-        sensor_rad: f64,
-        depth_mm: f64,
-        tilt: [f64; 2],
-        rng: &mut ChaCha8Rng,
-    ) {
+    /// The wave that a sensor turned by `sensor_rad` on the part sees. Its amplitude and phase are drawn: the
+    /// lines repeat every few pixels.
+    pub fn seen(&self, spec: &SensorSpec, sensor_rad: f64, rng: &mut ChaCha8Rng) -> Wave {
         let [lowest, highest] = spec.texture_mm;
         let amplitude_mm = lowest + (highest - lowest) * rng.random::<f64>();
-        let phase = std::f64::consts::TAU * rng.random::<f64>();
-        let (width, mm_per_px) = (spec.frame_px[0] + 2, spec.mm_per_px());
+        let phase_rad = std::f64::consts::TAU * rng.random::<f64>();
+        let mm_per_px = spec.mm_per_px();
         let (sin, cos) = (self.across_rad - sensor_rad).sin_cos();
         let k = [cos * mm_per_px[0], sin * mm_per_px[1]].map(|v| v * std::f64::consts::TAU / self.pitch_mm);
         // A wave finer than two pixels is below what the camera resolves.
         let resolved = (1.0 - (k[0].abs().max(k[1].abs()) / std::f64::consts::PI)).clamp(0.0, 1.0);
-        let amplitude_mm = amplitude_mm * resolved;
+        Wave { amplitude_mm: amplitude_mm * resolved, phase_rad, rad_per_px: k }
+    }
+}
+
+/// Layer lines as one frame shows them.
+#[derive(Clone, Copy, Debug)]
+pub struct Wave {
+    amplitude_mm: f64,
+    phase_rad: f64,
+    /// How fast its angle grows in x and y, radians a pixel.
+    rad_per_px: [f64; 2],
+}
+
+impl Wave {
+    /// Raises what is in contact. `depths` is `[height + 2, width + 2]` in mm of a `press`, as
+    /// [`Surface::depths`](super::gel::Surface::depths) gives it.
+    pub fn raise(&self, depths: &mut [f32], spec: &SensorSpec, press: TiltedPress) {
+        let Self { amplitude_mm, phase_rad, rad_per_px: k } = *self;
         if amplitude_mm < 1e-5 {
             return;
         }
+        let (width, mm_per_px) = (spec.frame_px[0] + 2, spec.mm_per_px());
         // sin(a + n k) = sin a cos n k + cos a sin n k: one sine a row and one a column.
         let columns: Vec<[f32; 2]> = (0..width)
             .map(|column| (column as f64 * k[0]).sin_cos())
             .map(|(sin, cos)| [amplitude_mm * cos, amplitude_mm * sin].map(|v| v as f32))
             .collect();
-        let step = (tilt[0] * mm_per_px[0]) as f32;
+        let step = (press.tilt[0] * mm_per_px[0]) as f32;
         for (row, line) in depths.chunks_exact_mut(width).enumerate() {
             let y_mm = (row as f64 - 0.5 * (spec.frame_px[1] + 1) as f64) * mm_per_px[1];
             let x_mm = -0.5 * (width - 1) as f64 * mm_per_px[0];
-            let press = (depth_mm + tilt[0] * x_mm + tilt[1] * y_mm) as f32;
-            let (sin, cos) = (phase + row as f64 * k[1]).sin_cos();
-            raise(line, &columns, [sin as f32, cos as f32], [press, step]);
+            let (sin, cos) = (phase_rad + row as f64 * k[1]).sin_cos();
+            raise(line, &columns, [sin as f32, cos as f32], [press.at(x_mm, y_mm) as f32, step]);
         }
     }
 }

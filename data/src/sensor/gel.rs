@@ -1,11 +1,11 @@
 //! The gel: an obstacle membrane.
 //!
 //! Pressed onto a part, the gel's surface is pushed in by `D(x, y) >= 0` mm, which minimises the
-//! integral of `D^2 + l^2 |grad D|^2` subject to `D >= obstacle`. Beside a contact `D - l^2 lap D = 0`.
+//! integral of `D^2 + l^2 |grad D|^2` subject to `D >= obstacle`. Next to a contact `D - l^2 lap D = 0`.
 //! It is solved once for a part and side, over all that a scene's views can reach; a touch looks its view
 //! up in it.
 //!
-//! What can be touched of a flat part lies at one height: `D` is the press times the solution of a unit
+//! What can be touched of a flat part is at one height: `D` is the press times the solution of a unit
 //! press. Any other part is solved at three presses, and `D` between them is linear in the press. A tilt
 //! takes the press of each place.
 //!
@@ -18,13 +18,13 @@
 //! | cells half as large, a letter's peg | 0.002 mm | 0.024 mm |
 //! | cells half as large, a letter's hole | 0.002 mm | 0.038 mm |
 //!
-//! The worst lies where contact begins and at corners. A narrow slit, whose walls lie up to a cell behind its
+//! The worst is where contact begins and at corners. A narrow slit, whose walls are up to a cell behind its
 //! outline, is the worst for cells: 1 mm wide its middle is 1.5 % of the press too low.
 
 use multiversion::multiversion;
 
 use super::membrane::membrane;
-use super::obstacle::obstacle;
+use super::obstacle::{Cells, obstacle};
 use super::rounding::to_whole;
 use crate::error::{Error, Result};
 use crate::se2::Se2;
@@ -43,6 +43,27 @@ const MOST_CELLS: f64 = 2_048.0;
 /// The camera's and the gel's own blur, mm.
 const BLUR_MM: f64 = 0.06;
 
+/// How deep the gel is pressed in at each place of a view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TiltedPress {
+    /// How deep in the view's middle, mm.
+    pub depth_mm: f64,
+    /// How much deeper for each mm to the right and downwards, mm.
+    pub tilt: [f64; 2],
+}
+
+impl TiltedPress {
+    /// As deep everywhere.
+    pub fn level(depth_mm: f64) -> Self {
+        Self { depth_mm, tilt: [0.0; 2] }
+    }
+
+    /// How deep at a place of the view, from its middle, mm.
+    pub fn at(self, x_mm: f64, y_mm: f64) -> f64 {
+        self.depth_mm + self.tilt[0] * x_mm + self.tilt[1] * y_mm
+    }
+}
+
 /// The gel's surface pressed onto one side of one part.
 #[derive(Clone, Debug)]
 pub struct Surface {
@@ -53,7 +74,7 @@ pub struct Surface {
 impl Surface {
     /// Solves one side of a part within `half_mm` of its centre, for presses between the lowest and the
     /// highest of `depths_mm` (lowest, nominal, highest). Without a gel length only where there is contact
-    /// is worked out, the gel staying at rest elsewhere.
+    /// is computed, the gel staying at rest elsewhere.
     ///
     /// Fails where a length is not positive or not finite, and where the solver does not converge.
     pub fn solve(
@@ -72,19 +93,19 @@ impl Surface {
         if !depths_mm.iter().all(|depth| (0.0..=100.0).contains(depth)) || !depths_mm.is_sorted() {
             return Err(Error::invalid("press", "0 to 100 mm, rising", format!("{depths_mm:?} mm")));
         }
-        Self::on_cells(reliefs, side, half_mm, gel_length_mm, depths_mm, cell_mm(reliefs, half_mm, gel_length_mm))
+        let cells = Cells { half_mm, cell_mm: cell_mm(reliefs, half_mm, gel_length_mm) };
+        Self::on_cells(reliefs, side, cells, gel_length_mm, depths_mm)
     }
 
     fn on_cells(
         reliefs: &[Relief],
         side: Side,
-        half_mm: f64,
+        cells: Cells,
         gel_length_mm: Option<f64>,
         depths_mm: [f64; 3],
-        cell_mm: f64,
     ) -> Result<Self> {
         let press = |depth_mm: f64| {
-            let obstacle = obstacle(reliefs, side, half_mm, cell_mm, gel_length_mm, depth_mm);
+            let obstacle = obstacle(reliefs, side, cells, gel_length_mm, depth_mm);
             let Some(gel_length_mm) = gel_length_mm else { return Ok((depth_mm as f32, obstacle)) };
             let mut pushed = membrane(&obstacle, gel_length_mm, depth_mm)?;
             blur(&mut pushed);
@@ -96,16 +117,14 @@ impl Surface {
     }
 
     /// How far the gel is pushed in at each pixel of a view and one pixel round it, mm, never negative:
-    /// `[height + 2, width + 2]`, as a sensor at `part_from_sensor` sees it, pressed `depth_mm` deep in
-    /// its middle and `tilt` mm deeper for each mm to the right and downwards. Beyond the solved area the
-    /// surface goes on as at its border.
+    /// `[height + 2, width + 2]`, as a sensor at `part_from_sensor` sees it. Beyond the solved area the surface
+    /// continues as at its border.
     pub fn depths(
         &self,
         part_from_sensor: &Se2,
         frame_px: [usize; 2],
         mm_per_px: [f64; 2],
-        depth_mm: f64,
-        tilt: [f64; 2],
+        press: TiltedPress,
     ) -> Vec<f32> {
         let [width, height] = frame_px.map(|n| n + 2);
         let Some((_, raster)) = self.solved.first() else { return vec![0.0; width * height] };
@@ -118,9 +137,9 @@ impl Surface {
             let first = part_from_sensor
                 .apply([x_mm, y_mm])
                 .map(|mm| (mm / raster.cell_mm + 0.5 * raster.n as f64 - 0.5) as f32);
-            let press = [depth_mm + tilt[0] * x_mm + tilt[1] * y_mm, tilt[0] * mm_per_px[0]].map(|v| v as f32);
+            let press = [press.at(x_mm, y_mm), press.tilt[0] * mm_per_px[0]].map(|v| v as f32);
             match self.solved.as_slice() {
-                [(solved, raster)] => scaled(line, raster, first, step, press, *solved),
+                [solved] => scaled(line, solved, first, step, press),
                 solved => interpolated(line, solved, first, step, press),
             }
         }
@@ -142,7 +161,7 @@ fn cell_mm(reliefs: &[Relief], half_mm: f64, gel_length_mm: Option<f64>) -> f64 
 /// Pixels worked on together.
 const LANES: usize = 32;
 
-/// Where some pixels of a row lie on a raster: the cell to their upper left, and how far they are past its
+/// Where some pixels of a row are on a raster: the cell to their upper left, and how far they are past its
 /// centre in x and y. Written as loops over lanes, which become vectors.
 struct Places {
     cells: [i32; LANES],
@@ -150,7 +169,7 @@ struct Places {
     y: [f32; LANES],
 }
 
-/// The places of the pixels `from..from + LANES` of a row that starts at `first` and goes on by `step`,
+/// The places of the pixels `from..from + LANES` of a row that starts at `first` and continues by `step`,
 /// in cells, kept on the raster.
 #[inline(always)]
 fn places(n: usize, from: usize, first: [f32; 2], step: [f32; 2]) -> Places {
@@ -188,7 +207,8 @@ fn sample(raster: &Raster, places: &Places) -> [f32; LANES] {
 
 /// A row of a view of a surface solved at one press: scaled to the press at hand.
 #[multiversion(targets("x86_64+avx2"))]
-fn scaled(line: &mut [f32], raster: &Raster, first: [f32; 2], step: [f32; 2], press: [f32; 2], solved: f32) {
+fn scaled(line: &mut [f32], (solved, raster): &(f32, Raster), first: [f32; 2], step: [f32; 2], press: [f32; 2]) {
+    let solved = *solved;
     let scale = if solved > 0.0 { press.map(|p| p / solved) } else { [0.0; 2] };
     for (group, pixels) in line.chunks_mut(LANES).enumerate() {
         let unit = sample(raster, &places(raster.n, group * LANES, first, step));
@@ -220,7 +240,7 @@ fn interpolated(line: &mut [f32], solved: &[(f32, Raster)], first: [f32; 2], ste
     }
 }
 
-/// Gaussian blur, separable, to three and a half deviations; beyond its border the raster goes on.
+/// Gaussian blur, separable, to three and a half deviations; beyond its border the raster continues.
 fn blur(field: &mut Raster) {
     let sigma = BLUR_MM / field.cell_mm;
     let radius = (3.5 * sigma).ceil() as usize;
@@ -269,7 +289,7 @@ mod tests {
 
     /// How far the gel is pushed in at one place by a level press.
     fn at(surface: &Surface, x: f64, y: f64, depth_mm: f64) -> f64 {
-        f64::from(surface.depths(&Se2::new(x, y, 0.0), [1, 1], [0.1, 0.1], depth_mm, [0.0; 2])[4])
+        f64::from(surface.depths(&Se2::new(x, y, 0.0), [1, 1], [0.1, 0.1], TiltedPress::level(depth_mm))[4])
     }
 
     /// A dome on a step on a lower step: nothing flat about it.
@@ -318,8 +338,9 @@ mod tests {
             let solve = |reliefs: &[Relief], side| {
                 Surface::solve(reliefs, side, 8.0, Some(gel_length), [0.0, 0.6, 3.0]).unwrap()
             };
-            let view =
-                |surface: &Surface| surface.depths(&Se2::new(1.0, 2.0, 0.3), [40, 30], [0.3, 0.3], 3.0, [0.0; 2]);
+            let view = |surface: &Surface| {
+                surface.depths(&Se2::new(1.0, 2.0, 0.3), [40, 30], [0.3, 0.3], TiltedPress::level(3.0))
+            };
             assert!(view(&solve(&[], Side::Peg)).iter().all(|d| *d == 0.0));
             for surface in [solve(&[], Side::Hole), solve(std::slice::from_ref(&plate), Side::Peg)] {
                 assert!(view(&surface).iter().all(|d| (*d - 3.0).abs() < 1e-5));
@@ -341,7 +362,7 @@ mod tests {
             for (reliefs, side) in [(&walls, Side::Peg), (&walls, Side::Hole), (&pin, Side::Peg), (&slit, Side::Hole)] {
                 let surface = Surface::solve(reliefs, side, 5.0, Some(gel_length), [0.0, 1.0, 3.0]).unwrap();
                 for depth_mm in [0.0, 0.5, 3.0] {
-                    let view = surface.depths(&Se2::IDENTITY, [90, 90], [0.1, 0.1], depth_mm, [0.0; 2]);
+                    let view = surface.depths(&Se2::IDENTITY, [90, 90], [0.1, 0.1], TiltedPress::level(depth_mm));
                     let (low, high) = view.iter().fold((9.0_f32, -9.0_f32), |(l, h), d| (l.min(*d), h.max(*d)));
                     assert!(low >= 0.0 && f64::from(high) <= depth_mm * (1.0 + 1e-5), "{low}..{high} at {depth_mm}");
                     assert!(depth_mm == 0.0 || f64::from(high) > 0.2 * depth_mm);
@@ -366,9 +387,9 @@ mod tests {
     fn a_view_turns_with_the_sensor() {
         let surface = peg(box_of([0.0, 5.0], [-1.0, 1.0]), 15.0, L);
         // The bar points right; a sensor turned by 90 degrees sees it point up.
-        let view = surface.depths(&Se2::from_degrees(0.0, 0.0, 90.0), [40, 40], [0.25, 0.25], 1.0, [0.0; 2]);
+        let view = surface.depths(&Se2::from_degrees(0.0, 0.0, 90.0), [40, 40], [0.25, 0.25], TiltedPress::level(1.0));
         let at = |column: usize, row: usize| view[(row + 1) * 42 + column + 1];
-        // 2 mm beside the bar the gel is down to exp(-2 / 1.2) = 0.19.
+        // 2 mm from the bar the gel is down to exp(-2 / 1.2) = 0.19.
         assert!(at(20, 8) > 0.9 && at(20, 32) < 0.25 && at(8, 20) < 0.25 && at(32, 20) < 0.25);
     }
 
@@ -376,7 +397,7 @@ mod tests {
     fn a_view_reads_the_surface_where_arithmetic_says() {
         let surface = peg(box_of([-2.0, 2.0], [-1.0, 3.0]), 12.0, L);
         let (pose, mm_per_px, tilt) = (Se2::from_degrees(0.8, -0.5, 33.0), [0.17, 0.21], [0.004, -0.006]);
-        let view = surface.depths(&pose, [30, 20], mm_per_px, 0.6, tilt);
+        let view = surface.depths(&pose, [30, 20], mm_per_px, TiltedPress { depth_mm: 0.6, tilt });
         let (_, raster) = &surface.solved[0];
         for (i, got) in view.iter().enumerate() {
             let [x, y] = [((i % 32) as f64 - 15.5) * mm_per_px[0], ((i / 32) as f64 - 10.5) * mm_per_px[1]];
@@ -406,8 +427,9 @@ mod tests {
         let surface = Surface::solve(&knob, Side::Peg, 12.0, Some(L), [0.36, 0.6, 0.84]).unwrap();
         for depth_mm in [0.36, 0.42, 0.48, 0.54, 0.66, 0.72, 0.78] {
             let alone = Surface::solve(&knob, Side::Peg, 12.0, Some(L), [depth_mm; 3]).unwrap();
-            let view =
-                |surface: &Surface| surface.depths(&Se2::new(2.0, 0.0, 0.0), [120, 90], [0.13; 2], depth_mm, [0.0; 2]);
+            let view = |surface: &Surface| {
+                surface.depths(&Se2::new(2.0, 0.0, 0.0), [120, 90], [0.13; 2], TiltedPress::level(depth_mm))
+            };
             let [worst, mean] = difference(&view(&surface), &view(&alone));
             assert!(worst < 0.03 && mean < 0.008, "{worst} and {mean} mm at {depth_mm} mm");
         }
@@ -422,7 +444,7 @@ mod tests {
             let reliefs = [relief];
             let board = Surface::solve(&reliefs, side, 20.0, Some(L), [0.4, 0.6, 0.8]).unwrap();
             // The view alone: the tilted press where it touches, on a raster that ends a little beyond it.
-            let mut tilted = obstacle(&reliefs, side, 14.0, 0.1, Some(L), 1.0);
+            let mut tilted = obstacle(&reliefs, side, Cells { half_mm: 14.0, cell_mm: 0.1 }, Some(L), 1.0);
             let (n, back) = (tilted.n, pose.inverse());
             for (i, value) in tilted.values.iter_mut().enumerate() {
                 let [x, y] = back.apply([i % n, i / n].map(|k| (k as f64 - 0.5 * (n - 1) as f64) * 0.1));
@@ -431,8 +453,9 @@ mod tests {
             let mut alone = membrane(&tilted, L, depth_mm).unwrap();
             blur(&mut alone);
             let alone = Surface { solved: vec![(1.0, alone)] };
-            let expected = alone.depths(&pose, frame_px, mm_per_px, 1.0, [0.0; 2]);
-            let [worst, mean] = difference(&board.depths(&pose, frame_px, mm_per_px, depth_mm, tilt), &expected);
+            let expected = alone.depths(&pose, frame_px, mm_per_px, TiltedPress::level(1.0));
+            let [worst, mean] =
+                difference(&board.depths(&pose, frame_px, mm_per_px, TiltedPress { depth_mm, tilt }), &expected);
             assert!(worst < 0.012 && mean < 0.004, "{side:?}: {worst} and {mean} mm");
         }
     }
@@ -444,8 +467,10 @@ mod tests {
             for gel_length in [0.3, L, 4.0] {
                 let reliefs = [relief.clone()];
                 let view = |cell_mm| {
-                    let surface = Surface::on_cells(&reliefs, side, 10.0, Some(gel_length), [0.6; 3], cell_mm).unwrap();
-                    surface.depths(&Se2::IDENTITY, [160, 120], [0.11; 2], 0.6, [0.0; 2])
+                    let surface =
+                        Surface::on_cells(&reliefs, side, Cells { half_mm: 10.0, cell_mm }, Some(gel_length), [0.6; 3])
+                            .unwrap();
+                    surface.depths(&Se2::IDENTITY, [160, 120], [0.11; 2], TiltedPress::level(0.6))
                 };
                 let cell_mm = cell_mm(&reliefs, 10.0, Some(gel_length));
                 let [worst, mean] = difference(&view(cell_mm), &view(0.5 * cell_mm));

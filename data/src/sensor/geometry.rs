@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use super::obstacle::obstacle;
+use super::obstacle::{Cells, obstacle};
 use super::rounding::to_whole;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
@@ -29,19 +29,19 @@ pub struct ContactMask {
 }
 
 impl ContactMask {
-    /// Works out what is touched within `half_mm` of the part's centre by a press of `depth_mm`.
+    /// Computes what is touched within `half_mm` of the part's centre by a press of `depth_mm`.
     pub fn new(reliefs: &[Relief], side: Side, half_mm: f64, depth_mm: f64) -> Result<Self> {
         if !(0.5..=500.0).contains(&half_mm) {
             return Err(Error::invalid("contact mask", "0.5 to 500 mm", format!("{half_mm} mm")));
         }
         let cell_mm = CELL_MM.max(2.0 * half_mm / MOST_CELLS);
-        let board = obstacle(reliefs, side, half_mm, cell_mm, None, depth_mm);
+        let board = obstacle(reliefs, side, Cells { half_mm, cell_mm }, None, depth_mm);
         let greys = board.values.iter().map(|depth| LEVELS[usize::from(*depth > 0.0)]).collect();
         Ok(Self { n: board.n, cell_mm, greys })
     }
 
     /// The frame that a sensor at `part_from_sensor` takes: the cell under the middle of each pixel. Beyond
-    /// the mask its border goes on.
+    /// the mask its border is repeated.
     pub fn view(&self, part_from_sensor: &Se2, [width, height]: [usize; 2], mm_per_px: [f64; 2]) -> Frame {
         let (sin, cos) = part_from_sensor.theta_rad.sin_cos();
         let step = [cos * mm_per_px[0] / self.cell_mm, sin * mm_per_px[0] / self.cell_mm].map(|v| v as f32);
@@ -69,7 +69,7 @@ pub fn marked(mut rgb: Vec<u8>, [width, height]: [usize; 2]) -> Frame {
     Frame::from_parts(width, height, rgb)
 }
 
-/// Fills a row of pixels from the cells along a line that starts at `first` and goes on by `step`, in cells.
+/// Fills a row of pixels from the cells along a line that starts at `first` and continues by `step`, in cells.
 #[multiversion(targets("x86_64+avx2"))]
 fn look_up(line: &mut [u8], greys: &[u8], n: usize, first: [f32; 2], step: [f32; 2]) {
     const LANES: usize = 16;
@@ -101,7 +101,7 @@ mod tests {
         for (i, pixel) in frame.rgb().as_chunks::<3>().0.iter().enumerate().skip(1) {
             let [x, y] = pose.apply([((i % 60) as f64 - 29.5) * 0.2, ((i / 60) as f64 - 19.5) * 0.25]);
             let outside = (-x).max(x - 5.0).max(y.abs() - 1.0);
-            // A cell's diagonal beside the outline either grey will do.
+            // Within a cell's diagonal of the outline either grey is right.
             if outside.abs() > 0.08 {
                 assert_eq!(*pixel, [LEVELS[usize::from(outside < 0.0)]; 3], "{x} {y}");
             }

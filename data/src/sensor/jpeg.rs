@@ -25,11 +25,11 @@ const UNIT: usize = 16;
 /// Passes interleaved RGB counts through JPEG of a quality in 1..=100, chroma halved in x and y, to bytes.
 pub fn compress(rgb: &[f32], [width, height]: [usize; 2], quality: u8) -> Vec<u8> {
     let mut bytes = vec![0; 3 * width * height];
-    let (luma, chroma) = (Table::new(&LUMA, quality), Table::new(&CHROMA, quality));
+    let tables = [&LUMA, &CHROMA].map(|steps| Table::new(steps, quality));
     let mut band = Band::new(width);
     for top in (0..height).step_by(UNIT) {
         let rows = top * 3 * width..(top + UNIT).min(height) * 3 * width;
-        pass(&rgb[rows.clone()], &mut bytes[rows], width, &mut band, &luma, &chroma);
+        pass(&rgb[rows.clone()], &mut bytes[rows], width, &mut band, &tables);
     }
     bytes
 }
@@ -60,7 +60,7 @@ impl Band {
 
 /// Takes some rows of a picture, 16 at most, to bytes.
 #[multiversion(targets("x86_64+avx2"))]
-fn pass(rgb: &[f32], bytes: &mut [u8], width: usize, band: &mut Band, luma: &Table, chroma: &Table) {
+fn pass(rgb: &[f32], bytes: &mut [u8], width: usize, band: &mut Band, [luma, chroma]: &[Table; 2]) {
     let (stride, half) = (band.stride, band.stride / 2);
     let n_rows = rgb.len() / (3 * width);
     for pair in 0..UNIT / 2 {

@@ -14,8 +14,8 @@
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::shadow::Shadow;
 use crate::error::{Error, Result};
+use crate::suggest::with_closest;
 
 /// Factors of `1, x, y, x^2, x y, y^2` over the frame, x and y in -1..=1, x right and y down; counts.
 pub type Quadratic = [f32; 6];
@@ -64,6 +64,42 @@ pub struct Walls {
     pub diagonal: [Quadratic; 3],
 }
 
+/// How a rig's lamps cast shadows: one value for all lamps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Shadow {
+    /// How high the lamps are above the gel's plane, degrees, 1..=89.
+    pub elevation_deg: f64,
+    /// Share of a channel's light that full shadow takes away, 0..=1.
+    pub strength: f64,
+    /// How far below the line of the lamp the surface must be for full shadow, mm: the lamps are not points.
+    pub soft_mm: f64,
+}
+
+impl Default for Shadow {
+    fn default() -> Self {
+        Self { elevation_deg: 50.0, strength: 0.1, soft_mm: 0.3 }
+    }
+}
+
+impl Shadow {
+    /// Refuses what no lamp can do, naming the field.
+    pub fn validate(&self) -> Result<()> {
+        let within = [
+            ("elevation_deg", self.elevation_deg, 1.0..=89.0),
+            ("strength", self.strength, 0.0..=1.0),
+            ("soft_mm", self.soft_mm, 1e-3..=10.0),
+        ];
+        for (field, value, range) in within {
+            if !range.contains(&value) {
+                let expected = format!("{} to {}", range.start(), range.end());
+                return Err(Error::invalid(format!("light.shadow.{field}"), expected, value.to_string()));
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Default for LightRig {
     /// A GelSight Mini.
     fn default() -> Self {
@@ -99,7 +135,10 @@ impl LightRig {
         match name {
             "mini" => Ok(Self::default()),
             "cmu" => Ok(Self::lamps([65.0, 45.0, 47.0], [178.0, 62.0, -54.0])),
-            _ => Err(Error::invalid("light", format!("one of {}", Self::NAMES.join(", ")), name)),
+            _ => {
+                let got = with_closest(name, Self::NAMES);
+                Err(Error::invalid("light", format!("one of {}", Self::NAMES.join(", ")), got))
+            }
         }
     }
 

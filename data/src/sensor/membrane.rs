@@ -57,7 +57,7 @@ pub fn membrane(obstacle: &Raster, length_mm: f64, depth_mm: f64) -> Result<Rast
     Err(Error::invalid("gel", expected, format!("{worst:.1e} mm")))
 }
 
-/// The cells of one colour, `(row + column) % 2`, packed by rows; a ghost cell stands before and after each
+/// The cells of one colour, `(row + column) % 2`, packed by rows; a ghost cell is before and after each
 /// row, and a ghost row above and below.
 #[derive(Clone, Debug)]
 struct Colour {

@@ -1,6 +1,7 @@
 //! The simulated GelSight Mini, a tier a file: geometry, gel, optics, camera, shadow.
 
 pub mod camera;
+pub mod exposure;
 pub mod gel;
 pub mod geometry;
 pub mod jpeg;
@@ -15,13 +16,16 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use strum::{IntoStaticStr, VariantArray};
 
 use crate::error::{Error, Result};
+use crate::suggest;
 use light::LightRig;
 
 /// How much of the sensor is computed; each tier includes the ones before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, IntoStaticStr, VariantArray)]
 #[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
 pub enum Fidelity {
     /// Where the part touches the gel: two grey levels.
     Geometry,
@@ -37,17 +41,11 @@ pub enum Fidelity {
 
 impl Fidelity {
     /// All tiers, the cheapest first.
-    pub const ALL: [Self; 5] = [Self::Geometry, Self::Gel, Self::Optics, Self::Camera, Self::Shadow];
+    pub const ALL: &[Self] = Self::VARIANTS;
 
     /// The tier's name in scene files.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Geometry => "geometry",
-            Self::Gel => "gel",
-            Self::Optics => "optics",
-            Self::Camera => "camera",
-            Self::Shadow => "shadow",
-        }
+        self.into()
     }
 }
 
@@ -55,8 +53,7 @@ impl FromStr for Fidelity {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        let known = Self::ALL.into_iter().find(|tier| tier.name() == name);
-        known.ok_or_else(|| Error::invalid("fidelity", Self::ALL.map(Self::name).join(", "), name))
+        suggest::named("fidelity", name, Self::ALL, Self::name)
     }
 }
 
@@ -69,7 +66,7 @@ pub struct SensorSpec {
     pub frame_px: [usize; 2],
     /// Width and height of what a frame shows, mm (paper, Sec. V-A).
     pub field_of_view_mm: [f64; 2],
-    /// Decay length of the gel's surface beside a contact, mm.
+    /// Decay length of the gel's surface next to a contact, mm.
     pub gel_length_mm: f64,
     /// How deep a part is pressed in, mm.
     pub depth_mm: f64,
@@ -119,6 +116,9 @@ impl Default for SensorSpec {
     }
 }
 
+/// More specks of dust than this leave nothing of a frame.
+const MOST_SPECKS: usize = 10_000;
+
 impl SensorSpec {
     /// Refuses what no sensor can be, naming the field.
     pub fn validate(&self) -> Result<()> {
@@ -145,8 +145,12 @@ impl SensorSpec {
         }
         for (field, value) in not_negative {
             if !(value.is_finite() && value >= 0.0) {
-                return Err(Error::invalid(format!("sensor.{field}"), "nought or more, in order", value.to_string()));
+                return Err(Error::invalid(format!("sensor.{field}"), "0 or more, in order", value.to_string()));
             }
+        }
+        if self.n_specks > MOST_SPECKS {
+            let expected = format!("at most {MOST_SPECKS}");
+            return Err(Error::invalid("sensor.n_specks", expected, self.n_specks.to_string()));
         }
         let [worst, best] = self.jpeg_quality;
         if !(1..=100).contains(&worst) || !(worst..=100).contains(&best) {

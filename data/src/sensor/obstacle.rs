@@ -3,21 +3,24 @@
 use crate::shape::{Layer, Raster, Relief};
 use crate::touch::Side;
 
-/// How far each cell of a square raster must be pushed in for the gel not to enter the part, mm, over
-/// `-half_mm..half_mm` in x and y, pressed `depth_mm` deep; nought where nothing is touched.
+/// A square raster round a part's centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cells {
+    /// It reaches from `-half_mm` to `half_mm` in x and y.
+    pub half_mm: f64,
+    /// Side of a cell, mm.
+    pub cell_mm: f64,
+}
+
+/// How far each cell must be pushed in for the gel not to enter the part, mm, pressed `depth_mm` deep; zero
+/// where nothing is touched.
 ///
-/// Pegs stand together, so the highest is met; each hole is a plate with an opening, and an opening in
-/// one of them opens the board, so the lowest is. A cell whose centre lies less than a cell beside a
-/// face takes the fall beside a straight edge, `exp(-beside / gel_length_mm)`, so that outlines and
+/// Pegs are on one board, so the highest is met; each hole is a plate with an opening, and an opening in
+/// one of them opens the board, so the lowest is. A cell whose centre is less than one cell from a
+/// face is pushed in as next to a straight edge, by `exp(-distance / gel_length_mm)`, so that outlines and
 /// clearance count in fractions of a cell; without a gel length it is not touched.
-pub fn obstacle(
-    reliefs: &[Relief],
-    side: Side,
-    half_mm: f64,
-    cell_mm: f64,
-    gel_length_mm: Option<f64>,
-    depth_mm: f64,
-) -> Raster {
+pub fn obstacle(reliefs: &[Relief], side: Side, cells: Cells, gel_length_mm: Option<f64>, depth_mm: f64) -> Raster {
+    let Cells { half_mm, cell_mm } = cells;
     let n = (2.0 * half_mm / cell_mm).ceil() as usize;
     let rests_on = |relief: &Relief| {
         let mut highest = Raster { n, cell_mm, values: vec![0.0; n * n] };
@@ -49,11 +52,11 @@ fn raise(highest: &mut Raster, layer: &Layer, half_mm: f64, gel_length_mm: Optio
             let distances = Raster::distance(&face.outline, half_mm, cell_mm, limit_mm);
             let sign = if face.outside { -1.0 } else { 1.0 };
             for (value, distance) in highest.values.iter_mut().zip(distances.values) {
-                let beside = sign * (distance - face.grow_mm as f32);
-                // Beside a band is what lies beyond either of its edges.
-                let share = match face.band_mm.map_or(beside, |band| beside.max(-beside - band as f32)) {
+                let outside = sign * (distance - face.grow_mm as f32);
+                // Outside a band is what is beyond either of its edges.
+                let share = match face.band_mm.map_or(outside, |band| outside.max(-outside - band as f32)) {
                     ..=0.0 => 1.0,
-                    beside if beside < cell_mm as f32 => gel_length_mm.map_or(0.0, |l| (-beside / l as f32).exp()),
+                    outside if outside < cell_mm as f32 => gel_length_mm.map_or(0.0, |l| (-outside / l as f32).exp()),
                     _ => continue,
                 };
                 *value = value.max(depth * share);
@@ -90,21 +93,23 @@ mod tests {
         board.values[place(y) * board.n + place(x)]
     }
 
+    const CELLS: Cells = Cells { half_mm: 5.0, cell_mm: 0.1 };
+
     #[test]
     fn a_band_ends_at_both_its_edges() {
-        let shell = obstacle(&[Relief::peg(square(2.0)).banded(0.5)], Side::Peg, 5.0, 0.1, None, 0.5);
+        let shell = obstacle(&[Relief::peg(square(2.0)).banded(0.5)], Side::Peg, CELLS, None, 0.5);
         assert_eq!([1.0, 1.45, 1.55, 1.95, 2.05].map(|x| at(&shell, x, 0.0)), [0.0, 0.0, 0.5, 0.5, 0.0]);
-        let rim = obstacle(&[Relief::hole(square(2.0), 0.2).banded(0.5)], Side::Hole, 5.0, 0.1, None, 0.5);
+        let rim = obstacle(&[Relief::hole(square(2.0), 0.2).banded(0.5)], Side::Hole, CELLS, None, 0.5);
         assert_eq!([1.0, 2.15, 2.25, 2.65, 2.75, 4.0].map(|x| at(&rim, x, 0.0)), [0.0, 0.0, 0.5, 0.5, 0.0, 0.0]);
     }
 
     #[test]
     fn pegs_stand_together_and_openings_open_the_board() {
         let pegs = [Relief::peg(square(1.0)), Relief::peg(square(1.0)).shifted([3.0, 0.0])];
-        let board = obstacle(&pegs, Side::Peg, 5.0, 0.1, None, 0.5);
+        let board = obstacle(&pegs, Side::Peg, CELLS, None, 0.5);
         assert_eq!([at(&board, 0.0, 0.0), at(&board, 3.0, 0.0), at(&board, 1.5, 0.0)], [0.5, 0.5, 0.0]);
         let holes = [Relief::hole(square(1.0), 0.2), Relief::hole(square(1.0), 0.2).shifted([3.0, 0.0])];
-        let board = obstacle(&holes, Side::Hole, 5.0, 0.1, None, 0.5);
+        let board = obstacle(&holes, Side::Hole, CELLS, None, 0.5);
         assert_eq!([at(&board, 0.0, 0.0), at(&board, 3.0, 0.0), at(&board, 1.5, 0.0)], [0.0, 0.0, 0.5]);
         assert_eq!([at(&board, 0.0, 1.15), at(&board, 0.0, 1.25)], [0.0, 0.5]);
     }
@@ -115,13 +120,13 @@ mod tests {
             Layer::Face(Face { outline: square(half), grow_mm: 0.0, outside: false, drop_mm, band_mm: None })
         };
         let steps = [Relief { layers: vec![face(1.0, 0.0), face(2.0, 0.25)] }];
-        let board = obstacle(&steps, Side::Peg, 5.0, 0.1, None, 1.0);
+        let board = obstacle(&steps, Side::Peg, CELLS, None, 1.0);
         assert_eq!([at(&board, 0.0, 0.0), at(&board, 1.5, 0.0), at(&board, 2.5, 0.0)], [1.0, 0.75, 0.0]);
-        assert_eq!(at(&obstacle(&steps, Side::Peg, 5.0, 0.1, None, 0.2), 1.5, 0.0), 0.0);
+        assert_eq!(at(&obstacle(&steps, Side::Peg, CELLS, None, 0.2), 1.5, 0.0), 0.0);
         // Falls by 1 mm a mm from left to right.
         let slope: Vec<f32> = (0..400).map(|i| -0.1 * (i % 20) as f32).collect();
         let map = HeightMap::new([20, 20], [0.1, 0.1], &slope).unwrap();
-        let board = obstacle(&[Relief { layers: vec![Layer::Heights(map)] }], Side::Peg, 5.0, 0.1, None, 1.0);
+        let board = obstacle(&[Relief { layers: vec![Layer::Heights(map)] }], Side::Peg, CELLS, None, 1.0);
         assert!((at(&board, -0.93, 0.0) - 1.0).abs() < 0.01 && (at(&board, -0.43, 0.0) - 0.5).abs() < 0.01);
         assert_eq!([at(&board, 0.5, 0.0), at(&board, 0.0, 1.2)], [0.0, 0.0]);
     }

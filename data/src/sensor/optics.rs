@@ -17,7 +17,7 @@ pub struct Optics {
 }
 
 impl Optics {
-    /// Works out the frame at rest.
+    /// Computes the frame at rest.
     pub fn new(spec: &SensorSpec) -> Self {
         let [width, height] = spec.frame_px;
         let rest = |i: usize| {
@@ -83,7 +83,7 @@ impl Optics {
     }
 }
 
-/// Where the middle of one of `n` pixels lies in the frame, -1..=1.
+/// Where the middle of one of `n` pixels is in the frame, -1..=1.
 fn place(pixel: usize, n: usize) -> f32 {
     (pixel as f32 + 0.5) / n as f32 * 2.0 - 1.0
 }

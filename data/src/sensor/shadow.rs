@@ -1,54 +1,16 @@
 //! Shadows: light from one side that the gel's own surface keeps off.
 //!
 //! A place is in a lamp's shadow where the surface towards the lamp rises above the line at the lamp's
-//! elevation through it. The membrane's skirt already gives the soft dark side of a contact; what lies here
+//! elevation through it. The membrane's skirt already gives the soft dark side of a contact; what is here
 //! is the cast shadow alone, the tier above the optics.
 //!
 //! On recorded presses of a ball it adds nothing: the default, which fits them best, changes the error of the
 //! contact by less than 0.05 counts of 6, and lower or stronger lamps (10 degrees, 3 %) make it 0.7 counts
-//! worse, since the light of such a sensor is diffuse. The test `shadows_add_nothing_to_recorded_presses` of
-//! [`crate::calibrate::fit`] measures it again. A rig of few, hard lamps says so in its own [`Shadow`].
+//! worse, since the light of such a sensor is diffuse. The test `shadows_add_nothing_to_presses_of_a_ball` in
+//! `data/tests/real.rs` measures it again. A rig of few, hard lamps says so in its own [`Shadow`].
 
-use serde::{Deserialize, Serialize};
-
+use super::light::Shadow;
 use super::optics::Optics;
-use crate::error::{Error, Result};
-
-/// How a rig's lamps cast shadows: one value for all lamps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Shadow {
-    /// How high the lamps stand above the gel's plane, degrees, 1..=89.
-    pub elevation_deg: f64,
-    /// Share of a channel's light that full shadow takes away, 0..=1.
-    pub strength: f64,
-    /// How far below the line of the lamp the surface must lie for full shadow, mm: the lamps are not points.
-    pub soft_mm: f64,
-}
-
-impl Default for Shadow {
-    fn default() -> Self {
-        Self { elevation_deg: 50.0, strength: 0.1, soft_mm: 0.3 }
-    }
-}
-
-impl Shadow {
-    /// Refuses what no lamp can do, naming the field.
-    pub fn validate(&self) -> Result<()> {
-        let within = [
-            ("elevation_deg", self.elevation_deg, 1.0..=89.0),
-            ("strength", self.strength, 0.0..=1.0),
-            ("soft_mm", self.soft_mm, 1e-3..=10.0),
-        ];
-        for (field, value, range) in within {
-            if !range.contains(&value) {
-                let expected = format!("{} to {}", range.start(), range.end());
-                return Err(Error::invalid(format!("light.shadow.{field}"), expected, value.to_string()));
-            }
-        }
-        Ok(())
-    }
-}
 
 /// Darkens shaded RGB counts where depths `[height + 2, width + 2]` in mm keep a lamp's light off.
 pub fn cast(rgb: &mut [f32], depths: &[f32], optics: &Optics, mm_per_px: [f64; 2]) {
@@ -61,7 +23,7 @@ pub fn cast(rgb: &mut [f32], depths: &[f32], optics: &Optics, mm_per_px: [f64; 2
         if length == 0.0 || strength == 0.0 {
             continue;
         }
-        // Slopes that deepen away from a lamp face it: the lamp stands where the response is least.
+        // Slopes that deepen away from a lamp face it: the lamp is where the response is least.
         let lit = horizon(depths, [width + 2, height + 2], mm_per_px, [-x / length, -y / length], fall);
         for (row, line) in rgb.chunks_exact_mut(3 * width).enumerate() {
             let inner = (row + 1) * (width + 2) + 1..(row + 2) * (width + 2) - 1;
@@ -90,7 +52,7 @@ fn horizon(depths: &[f32], size_px: [usize; 2], mm_per_px: [f64; 2], towards_lam
         let back = towards_px[along] > 0.0;
         let line = if back { size_px[along] - 1 - step } else { step };
         let before = if back { line + 1 } else { line - 1 };
-        // Both neighbours towards the lamp must lie on the frame.
+        // Both neighbours towards the lamp must be on the frame.
         let first = (-whole).clamp(0, n[across]) as usize;
         let end = (n[across] - 1 - whole).clamp(0, n[across]) as usize;
         for place in first..end {
@@ -133,7 +95,7 @@ mod tests {
 
     #[test]
     fn a_flat_gel_has_no_shadow_and_a_step_has_one_on_the_far_side() {
-        // The red lamp's light travels along +x, so that it stands on the left.
+        // The red lamp's light travels along +x, so that it is on the left.
         let light = LightRig::lamps([80.0, 0.0, 0.0], [0.0; 3]);
         let shadow = Shadow { elevation_deg: 10.0, strength: 0.2, soft_mm: 0.05 };
         let light = LightRig { shadow, ..light };

@@ -2,18 +2,20 @@
 //!
 //! Dimensions are those of the plugs' public drawings as far as they are known; what is marked *assumed* is not
 //! in them, or was not found, and may be off by some tenths of a mm. A plug and its receptacle are seen in one
-//! orientation, the wide side of a trapezoid at the top. A receptacle's shell or block stands free: what it is
-//! mounted on lies deeper than a press. So the two sides are two rings of nearly one size, and the nearest peg
+//! orientation, the wide side of a trapezoid at the top. A receptacle's shell or block has nothing round it: what
+//! it is mounted on is deeper than a press. So the two sides are two rings of nearly one size, and the nearest peg
 //! by pixels is the right one for about half of the hole images, as in the paper (50.0 %); a panel
 //! flush with the shells takes that down to chance.
 
 use serde::{Deserialize, Serialize};
+use strum::{IntoStaticStr, VariantArray};
 
 mod drawing;
 
 use super::relief::rectangle;
 use super::{Contour, Face, HeightMap, Layer, Relief, Shape};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::suggest;
 use drawing::{Drawing, Inside};
 
 /// How far a tongue ends behind the face of its receptacle, mm.
@@ -26,66 +28,42 @@ const TIP_CELL_MM: f64 = 0.05;
 const OPEN_MM: f64 = 10.0;
 
 /// A connector.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr, VariantArray)]
+#[serde(try_from = "String", into = "&'static str")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Connector {
     /// USB type A, SuperSpeed or not.
-    #[serde(rename = "usb-a")]
     UsbA,
     /// HDMI type A.
-    #[serde(rename = "hdmi")]
     Hdmi,
     /// HDMI type D.
-    #[serde(rename = "micro-hdmi")]
     MicroHdmi,
     /// USB micro B.
-    #[serde(rename = "micro-usb-b")]
     MicroUsbB,
     /// USB type C: looks the same after half a turn.
-    #[serde(rename = "usb-c")]
     UsbC,
     /// The modular plug of Ethernet.
-    #[serde(rename = "rj45")]
     Rj45,
     /// The 3.5 mm audio jack: looks the same at any angle.
-    #[serde(rename = "jack-3.5mm")]
+    #[strum(serialize = "jack-3.5mm")]
     Jack,
     /// USB type B.
-    #[serde(rename = "usb-b")]
     UsbB,
     /// USB mini B.
-    #[serde(rename = "mini-usb-b")]
     MiniUsbB,
     /// DisplayPort.
-    #[serde(rename = "displayport")]
-    DisplayPort,
+    Displayport,
     /// Mini DisplayPort.
-    #[serde(rename = "mini-displayport")]
-    MiniDisplayPort,
+    MiniDisplayport,
     /// Lightning: looks the same after half a turn.
-    #[serde(rename = "lightning")]
     Lightning,
     /// The modular plug of telephones.
-    #[serde(rename = "rj11")]
     Rj11,
 }
 
 impl Connector {
     /// All of them.
-    pub const ALL: [Self; 13] = [
-        Self::UsbA,
-        Self::Hdmi,
-        Self::MicroHdmi,
-        Self::MicroUsbB,
-        Self::UsbC,
-        Self::Rj45,
-        Self::Jack,
-        Self::UsbB,
-        Self::MiniUsbB,
-        Self::DisplayPort,
-        Self::MiniDisplayPort,
-        Self::Lightning,
-        Self::Rj11,
-    ];
+    pub const ALL: &[Self] = Self::VARIANTS;
 
     /// Six of a single-board computer, for evaluation: never trained or tuned on.
     pub const EVALUATION: [Self; 6] =
@@ -93,30 +71,16 @@ impl Connector {
 
     /// Six others, for tuning.
     pub const TUNING: [Self; 6] =
-        [Self::UsbB, Self::MiniUsbB, Self::DisplayPort, Self::MiniDisplayPort, Self::Lightning, Self::Rj11];
+        [Self::UsbB, Self::MiniUsbB, Self::Displayport, Self::MiniDisplayport, Self::Lightning, Self::Rj11];
 
     /// Its name in scenes.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::UsbA => "usb-a",
-            Self::Hdmi => "hdmi",
-            Self::MicroHdmi => "micro-hdmi",
-            Self::MicroUsbB => "micro-usb-b",
-            Self::UsbC => "usb-c",
-            Self::Rj45 => "rj45",
-            Self::Jack => "jack-3.5mm",
-            Self::UsbB => "usb-b",
-            Self::MiniUsbB => "mini-usb-b",
-            Self::DisplayPort => "displayport",
-            Self::MiniDisplayPort => "mini-displayport",
-            Self::Lightning => "lightning",
-            Self::Rj11 => "rj11",
-        }
+        self.into()
     }
 
-    /// The connector of a name.
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|connector| connector.name() == name)
+    /// The connector of a name. Fails with the names that there are.
+    pub fn named(name: &str) -> Result<Self> {
+        suggest::named("connector", name, Self::ALL, Self::name)
     }
 
     /// The face of the plug.
@@ -133,7 +97,7 @@ impl Connector {
         })
     }
 
-    /// The receptacle: its shell or block round the opening, and what stands in it.
+    /// The receptacle: its shell or block round the opening, and what is in it.
     pub fn receptacle(self) -> Relief {
         let Drawing { opening, body, inside, .. } = Drawing::of(self);
         let rim = Shape { regions: vec![vec![body, opening]] };
@@ -181,6 +145,14 @@ fn rounded_tip(radius_mm: f64) -> Result<HeightMap> {
     HeightMap::new([n, n], [TIP_CELL_MM, TIP_CELL_MM], &heights)
 }
 
+impl TryFrom<String> for Connector {
+    type Error = Error;
+
+    fn try_from(name: String) -> Result<Self> {
+        Self::named(&name)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -201,7 +173,7 @@ mod tests {
 
     #[test]
     fn every_plug_goes_into_its_receptacle_and_round_its_tongue() {
-        for connector in Connector::ALL {
+        for &connector in Connector::ALL {
             let [plug, opening, body] = [connector.outline(), connector.opening(), connector.body()].map(one);
             for (inner, outer) in [(&plug, &opening), (&opening, &body)] {
                 let cells = covered(inner).into_iter().zip(covered(outer));
@@ -230,8 +202,8 @@ mod tests {
             (Connector::UsbC, 0.3),
             (Connector::UsbB, 0.4),
             (Connector::MiniUsbB, 0.3),
-            (Connector::DisplayPort, 0.4),
-            (Connector::MiniDisplayPort, 0.3),
+            (Connector::Displayport, 0.4),
+            (Connector::MiniDisplayport, 0.3),
         ] {
             let Drawing { plug, inside: Inside::Shell { cavity, .. }, .. } = Drawing::of(connector) else {
                 panic!("{connector:?} has no shell")
@@ -240,22 +212,22 @@ mod tests {
             let inside = covered(&one(cavity));
             let nearest = outside.values.iter().zip(&inside).filter(|(_, covered)| **covered >= 1.0);
             let wall = -nearest.map(|(distance, _)| f64::from(*distance)).fold(f64::NEG_INFINITY, f64::max);
-            // Cells' centres lie up to a cell inside the cavity.
+            // Cells' centres are up to a cell inside the cavity.
             assert!((wall_mm - 0.02..wall_mm + 1.5 * CELL_MM).contains(&wall), "{connector:?}: {wall}");
         }
     }
 
     #[test]
     fn names_are_those_of_scene_files() {
-        for connector in Connector::ALL {
+        for &connector in Connector::ALL {
             assert_eq!(serde_json::to_value(connector).unwrap(), connector.name());
-            assert_eq!(Connector::named(connector.name()), Some(connector));
+            assert_eq!(Connector::named(connector.name()).unwrap(), connector);
         }
     }
 
     #[test]
     fn only_usb_c_lightning_and_the_jack_look_the_same_upside_down() {
-        for connector in Connector::ALL {
+        for &connector in Connector::ALL {
             let symmetric = matches!(connector, Connector::UsbC | Connector::Lightning | Connector::Jack);
             assert_eq!(connector.plug().unwrap().is_half_turn_symmetric(), symmetric, "{connector:?}");
             assert_eq!(connector.receptacle().is_half_turn_symmetric(), symmetric, "{connector:?}");

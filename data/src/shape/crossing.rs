@@ -36,7 +36,7 @@ pub(super) fn signed_area(contour: &Contour) -> f64 {
     0.5 * contour.iter().zip(next).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum::<f64>()
 }
 
-/// Whether a point lies inside a contour, by the even-odd rule.
+/// Whether a point is inside a contour, by the even-odd rule.
 pub(super) fn is_inside(contour: &Contour, [x, y]: [f64; 2]) -> bool {
     let next = contour.iter().skip(1).chain(contour.first());
     let crosses = |(a, b): (&[f64; 2], &[f64; 2])| {

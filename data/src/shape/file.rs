@@ -80,7 +80,7 @@ impl Drawn {
         }
     }
 
-    /// As a peg: what is drawn stands up.
+    /// As a peg: what is drawn is raised.
     pub fn peg(self) -> Relief {
         match self {
             Self::Outline(shape) => Relief::peg(shape),
@@ -88,7 +88,7 @@ impl Drawn {
         }
     }
 
-    /// As a hole: what is drawn is open, or the plate is as measured and goes on round the map.
+    /// As a hole: what is drawn is open, or the plate is as measured and continues round the map.
     pub fn hole(self) -> Relief {
         match self {
             Self::Outline(shape) => Relief::hole(shape, 0.0),
@@ -113,7 +113,7 @@ mod tests {
     fn the_opening_of_a_measured_plate_is_its_pocket() {
         let opening = Raster::coverage(&Drawn::Heights(pocket()).opening(), 4.0, 0.05);
         let area: f32 = opening.values.iter().sum::<f32>() * 0.05 * 0.05;
-        // At 0.05 of 3 mm the line lies nearly a pixel outside the lowest pixels' centres: 2.1 mm a side.
+        // At 0.05 of 3 mm the line is nearly a pixel outside the lowest pixels' centres: 2.1 mm a side.
         assert!((area - 2.1 * 2.1).abs() < 0.15, "{area}");
     }
 

@@ -5,10 +5,10 @@ use super::raster::sides;
 use super::{Contour, Shape};
 use crate::se2::Se2;
 
-/// Points of a peg's outline that are held against a hole lie this close, mm.
+/// Points of a peg's outline that are compared with a hole are this close, mm.
 const OUTLINE_STEP_MM: f64 = 0.05;
 
-/// Points of a peg's inside that are held against a hole lie this close, mm.
+/// Points of a peg's inside that are compared with a hole are this close, mm.
 const INSIDE_STEP_MM: f64 = 0.2;
 
 /// What rounding makes of a length, mm: a peg fits into a hole of its own size.
@@ -16,18 +16,18 @@ const ROUNDING_MM: f64 = 1e-9;
 
 impl Shape {
     /// Whether a peg of this outline goes straight down into `hole`, an opening that is wider than drawn by
-    /// `clearance_mm` on every side (round its corners, as simulated holes are), where the peg's frame stands at
-    /// `hole_from_peg`: nothing of the peg lies over the plate, nor over an island left standing in the opening.
+    /// `clearance_mm` on every side (round its corners, as simulated holes are), where the peg's frame is at
+    /// `hole_from_peg`: nothing of the peg is over the plate, nor over an island left in the opening.
     ///
-    /// Judged at points 0.05 mm apart along the peg's outline and 0.2 mm apart inside; an island narrower than
+    /// Tested at points 0.05 mm apart along the peg's outline and 0.2 mm apart inside; an island narrower than
     /// that can be overlooked. Nothing fits at a pose that is not finite; an empty peg fits elsewhere.
     pub fn fits_in(&self, hole: &Shape, clearance_mm: f64, hole_from_peg: &Se2) -> bool {
         let goes_in = |point: [f64; 2]| hole.is_within(hole_from_peg.apply(point), clearance_mm + ROUNDING_MM);
-        // The outline first: it tells most of those that do not fit.
+        // The outline first: it finds most of those that do not fit.
         hole_from_peg.is_finite() && self.outline_points().all(goes_in) && self.inside_points().all(goes_in)
     }
 
-    /// Whether a point lies in the shape or no further than `reach_mm` outside.
+    /// Whether a point is in the shape or no further than `reach_mm` outside.
     fn is_within(&self, point: [f64; 2], reach_mm: f64) -> bool {
         self.contains(point)
             || self
@@ -123,7 +123,7 @@ mod tests {
         // A full disc covers the island, all of it and without touching it, until the clearance leaves none.
         assert!(!fits(of(vec![disc(9.0)]), 2.0, 0.0) && !fits(of(vec![disc(9.0)]), 4.5, 0.0));
         assert!(fits(of(vec![disc(9.0)]), 5.01, 0.0));
-        // A small one goes in beside it: between 3 and 12 mm.
+        // A small one goes in next to it: between 3 and 12 mm.
         let small = |x| fits(of(vec![disc(1.5)]), 2.0, x);
         assert!(small(7.5) && small(4.51) && small(10.49) && !small(4.49) && !small(10.51));
     }

@@ -13,7 +13,7 @@ const PIECES: usize = 12;
 /// centred on its own box.
 pub fn glyph(letter: char, height_mm: f64, max_width_mm: f64) -> Result<Shape> {
     let unknown = |got: String| Error::invalid("part", "a letter of the font", got);
-    let face = Face::parse(dejavu::sans::bold(), 0).map_err(|e| unknown(e.to_string()))?;
+    let face = font()?;
     let id = face.glyph_index(letter).ok_or_else(|| unknown(format!("'{letter}'")))?;
     let mut outline = Flatten::new(PIECES);
     face.outline_glyph(id, &mut outline).ok_or_else(|| unknown(format!("'{letter}', which has no outline")))?;
@@ -25,6 +25,27 @@ pub fn glyph(letter: char, height_mm: f64, max_width_mm: f64) -> Result<Shape> {
     let (x_mid, y_mid) = (0.5 * (x_min + x_max), 0.5 * (y_min + y_max));
     // The font's y points up, the sensor's down.
     Ok(shape.map(|[x, y]| [(x - x_mid) * scale_x, (y_mid - y) * scale_y]))
+}
+
+/// The outline of a line of text of size `em_px`, and its width, pixels. It begins at 0, 0,
+/// the left end of its base line; y points down. Letters that the font lacks are left out.
+pub(crate) fn line_of_text(text: &str, em_px: f64) -> Result<(Shape, f64)> {
+    let face = font()?;
+    let scale = em_px / f64::from(face.units_per_em());
+    let (mut shape, mut x_px) = (Shape::default(), 0.0);
+    for id in text.chars().filter_map(|letter| face.glyph_index(letter)) {
+        let mut outline = Flatten::new(PIECES);
+        // A blank has no outline.
+        face.outline_glyph(id, &mut outline);
+        let placed = Shape { regions: vec![outline.contours] }.map(|[x, y]| [x_px + x * scale, -y * scale]);
+        shape.regions.extend(placed.regions);
+        x_px += f64::from(face.glyph_hor_advance(id).unwrap_or_default()) * scale;
+    }
+    Ok((shape, x_px))
+}
+
+fn font() -> Result<Face<'static>> {
+    Face::parse(dejavu::sans::bold(), 0).map_err(|e| Error::invalid("font", "a TrueType font", e.to_string()))
 }
 
 impl OutlineBuilder for Flatten {

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 pub struct HeightMap {
     size_px: [usize; 2],
     mm_per_px: [f64; 2],
-    /// Where the raster's middle lies in the part's frame, mm.
+    /// Where the raster's middle is in the part's frame, mm.
     centre_mm: [f64; 2],
     drops_mm: Vec<f32>,
 }
@@ -45,7 +45,7 @@ impl HeightMap {
         self.mm_per_px
     }
 
-    /// How far each pixel lies below the highest one, mm.
+    /// How far each pixel is below the highest one, mm.
     pub fn drops_mm(&self) -> &[f32] {
         &self.drops_mm
     }
@@ -63,7 +63,7 @@ impl HeightMap {
         self
     }
 
-    /// How far a point lies below the highest one in mm, bilinear between the pixels' centres; none off
+    /// How far a point is below the highest one in mm, bilinear between the pixels' centres; none off
     /// the map.
     pub fn drop_at(&self, point_mm: [f64; 2]) -> Option<f32> {
         let [n_columns, n_rows] = self.size_px;

@@ -1,10 +1,10 @@
-//! Islands: closed outlines that stand alone on a MAZE board, each of another size and form.
+//! Islands: separate closed outlines on a MAZE board, each of another size and form.
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
-use super::maze::draw;
 use super::{Contour, Shape};
+use crate::random::uniform;
 
 /// Share of the nodes without an island.
 const EMPTY_SHARE: f64 = 0.15;
@@ -30,16 +30,16 @@ const TURN_RAD: f64 = 0.15;
 /// Straight pieces of a rounded corner.
 const ARC_PIECES: usize = 6;
 
-/// One island round each of most nodes, `pitch` mm apart, nearly all turned alike but for quarter turns.
+/// One island round each of most nodes, `pitch` mm apart, nearly all turned the same way, up to quarter turns.
 pub(super) fn islands(nodes: &[[f64; 2]], pitch: f64, rng: &mut ChaCha8Rng) -> Shape {
-    let board_rad = draw(rng, [0.0, std::f64::consts::FRAC_PI_2]);
+    let board_rad = uniform(rng, [0.0, std::f64::consts::FRAC_PI_2]);
     let mut regions = Vec::new();
     for node in nodes {
         if rng.random_bool(EMPTY_SHARE) {
             continue;
         }
         let quarter = f64::from(rng.random_range(0..4_u8)) * std::f64::consts::FRAC_PI_2;
-        let (sin, cos) = (board_rad + quarter + draw(rng, [-TURN_RAD, TURN_RAD])).sin_cos();
+        let (sin, cos) = (board_rad + quarter + uniform(rng, [-TURN_RAD, TURN_RAD])).sin_cos();
         let placed = |[x, y]: [f64; 2]| [node[0] + cos * x - sin * y, node[1] + sin * x + cos * y];
         let contours = island(pitch, rng);
         regions.extend(contours.into_iter().map(|contour| vec![contour.into_iter().map(placed).collect()]));
@@ -49,9 +49,9 @@ pub(super) fn islands(nodes: &[[f64; 2]], pitch: f64, rng: &mut ChaCha8Rng) -> S
 
 /// A rectangle with square, cut or round corners, perhaps narrower on one side, perhaps with a tab.
 fn island(pitch: f64, rng: &mut ChaCha8Rng) -> Vec<Contour> {
-    let length = pitch * draw(rng, LENGTH_SHARE);
-    let height = length * draw(rng, HEIGHT_SHARE);
-    let taper = if rng.random_bool(TAPER_SHARE) { draw(rng, [0.0, MOST_TAPER]) } else { 0.0 };
+    let length = pitch * uniform(rng, LENGTH_SHARE);
+    let height = length * uniform(rng, HEIGHT_SHARE);
+    let taper = if rng.random_bool(TAPER_SHARE) { uniform(rng, [0.0, MOST_TAPER]) } else { 0.0 };
     let [x, y] = [0.5 * length, 0.5 * height];
     let narrow = x * (1.0 - taper);
     let corners = [[-x, -y], [x, -y], [narrow, y], [-narrow, y]];
@@ -59,7 +59,7 @@ fn island(pitch: f64, rng: &mut ChaCha8Rng) -> Vec<Contour> {
     for at in 0..4 {
         let [before, corner, after] = [corners[(at + 3) % 4], corners[at], corners[(at + 1) % 4]];
         let kind: f64 = rng.random();
-        let leg = height.min(2.0 * narrow) * draw(rng, [0.1, 0.5]);
+        let leg = height.min(2.0 * narrow) * uniform(rng, [0.1, 0.5]);
         let toward = |other: [f64; 2]| {
             let d = [0, 1].map(|k| other[k] - corner[k]);
             let share = leg / d[0].hypot(d[1]);
@@ -80,9 +80,9 @@ fn island(pitch: f64, rng: &mut ChaCha8Rng) -> Vec<Contour> {
     }
     let mut contours = vec![outline];
     if rng.random_bool(TAB_SHARE) {
-        let half = length * draw(rng, [0.08, 0.25]);
-        let middle = draw(rng, [-0.3, 0.3]) * length;
-        let low = -y - length * draw(rng, [0.05, 0.15]);
+        let half = length * uniform(rng, [0.08, 0.25]);
+        let middle = uniform(rng, [-0.3, 0.3]) * length;
+        let low = -y - length * uniform(rng, [0.05, 0.15]);
         // Into the island, so that no slit is left between the two.
         contours.push(vec![[middle - half, low], [middle + half, low], [middle + half, 0.0], [middle - half, 0.0]]);
     }
@@ -115,7 +115,7 @@ mod tests {
         let shape = islands(&nodes, 14.0, &mut ChaCha8Rng::seed_from_u64(2));
         let raster = Raster::coverage(&shape, 30.0, 0.25);
         let column = |x: f64| ((x + 30.0) / 0.25) as usize;
-        // Between the nodes' columns nothing stands: 20 mm apart, at most 13.3 long and 15 across with a tab.
+        // Between the nodes' columns there is nothing: 20 mm apart, at most 13.3 long and 15 across with a tab.
         assert!((0..raster.n).all(|row| raster.values[row * raster.n + column(10.0)] == 0.0));
         assert!(raster.values.iter().sum::<f32>() > 0.0);
     }

@@ -4,7 +4,7 @@ use super::{Contour, HeightMap, Shape};
 
 const NONE: u32 = u32::MAX;
 
-/// Outline of the pixels that lie less than `drop_mm` below the map's top, in the part's frame; linear
+/// Outline of the pixels that are less than `drop_mm` below the map's top, in the part's frame; linear
 /// between the pixels' centres, and the map's edge where they reach it.
 pub fn outline(map: &HeightMap, drop_mm: f32) -> Shape {
     let [n_columns, n_rows] = map.size_px();
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn the_level_of_a_cone_is_a_circle() {
-        // Its top lies half a pixel off the nearest centre: 0.07 mm below the peak.
+        // Its top is half a pixel off the nearest centre: 0.07 mm below the peak.
         let cone = map([80, 60], |[x, y]| -x.hypot(y));
         let shape = outline(&cone.shifted([3.0, -2.0]), 2.0 - 0.0707);
         let contour = &shape.regions[0][0];

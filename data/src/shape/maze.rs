@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::island::islands;
 use super::{Contour, Shape};
+use crate::random::uniform;
 
 /// How MAZE boards are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,14 +18,14 @@ pub struct MazeSpec {
     pub pitch_mm: [f64; 2],
     /// Narrowest and widest wall as a share of the pitch, drawn for each board and jittered for each wall.
     pub wall_share: [f64; 2],
-    /// Least and greatest share of the maze's walls that stand, drawn for each board: what is left of a sparse
-    /// one are strokes that stand alone.
+    /// Least and greatest share of the maze's walls that are kept, drawn for each board: what is left of a sparse
+    /// one are separate strokes.
     pub kept_share: [f64; 2],
     /// How far a node is moved, as a share of the pitch.
     pub node_jitter: f64,
     /// Share of walls that are bent into an arc.
     pub bent_share: f64,
-    /// Share of the boards with islands instead of walls: closed outlines that stand alone, as plugs do.
+    /// Share of the boards with islands instead of walls: separate closed outlines, as plugs are.
     pub island_share: f64,
 }
 
@@ -49,12 +50,12 @@ pub fn maze(spec: &MazeSpec, seed: u64) -> Shape {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     // Log-uniform: as many fine boards as coarse ones in each octave.
     let pitch = spec.pitch_mm[0] * (spec.pitch_mm[1] / spec.pitch_mm[0]).powf(rng.random());
-    let width = pitch * draw(&mut rng, spec.wall_share);
+    let width = pitch * uniform(&mut rng, spec.wall_share);
     let n = (spec.side_mm / pitch).ceil() as usize + 1;
     let nodes: Vec<[f64; 2]> = (0..n * n)
         .map(|i| {
             [i % n, i / n].map(|k| {
-                let jitter = draw(&mut rng, [-spec.node_jitter, spec.node_jitter]);
+                let jitter = uniform(&mut rng, [-spec.node_jitter, spec.node_jitter]);
                 (k as f64 - 0.5 * (n - 1) as f64 + jitter) * pitch
             })
         })
@@ -62,22 +63,17 @@ pub fn maze(spec: &MazeSpec, seed: u64) -> Shape {
     if rng.random_bool(spec.island_share) {
         return islands(&nodes, pitch, &mut rng);
     }
-    let kept = draw(&mut rng, spec.kept_share);
+    let kept = uniform(&mut rng, spec.kept_share);
     let regions = tree(n, kept, &mut rng)
         .into_iter()
         .map(|(a, b)| {
-            let half_widths = [0, 1].map(|_| 0.5 * width * draw(&mut rng, [0.7, 1.3]));
-            let bend = if rng.random_bool(spec.bent_share) { draw(&mut rng, [-0.35, 0.35]) } else { 0.0 };
+            let half_widths = [0, 1].map(|_| 0.5 * width * uniform(&mut rng, [0.7, 1.3]));
+            let bend = if rng.random_bool(spec.bent_share) { uniform(&mut rng, [-0.35, 0.35]) } else { 0.0 };
             let round = rng.random_bool(0.5);
             vec![wall(nodes[a], nodes[b], half_widths, bend * pitch, round)]
         })
         .collect();
     Shape { regions }
-}
-
-/// A number between two, each as likely.
-pub(crate) fn draw(rng: &mut ChaCha8Rng, [low, high]: [f64; 2]) -> f64 {
-    low + (high - low) * rng.random::<f64>()
 }
 
 /// Edges of a random spanning tree of an `n` x `n` grid, by a random walk that backtracks, and a few

@@ -32,7 +32,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Smallest box `[x_min, y_min, x_max, y_max]` round all regions, mm; noughts for an empty shape.
+    /// Smallest box `[x_min, y_min, x_max, y_max]` round all regions, mm; zeros for an empty shape.
     pub fn bounds(&self) -> [f64; 4] {
         let points = || self.regions.iter().flatten().flatten();
         if points().next().is_none() {

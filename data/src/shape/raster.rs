@@ -52,7 +52,7 @@ impl Raster {
         let n = (2.0 * half_mm / cell_mm).ceil() as usize;
         let first_mm = 0.5 * (1.0 - n as f64) * cell_mm;
         let centre = |i: usize| first_mm + i as f64 * cell_mm;
-        // The cells whose centres lie within the limit of an interval.
+        // The cells whose centres are within the limit of an interval.
         let near = |low: f64, high: f64| {
             let first = ((low - limit_mm - first_mm) / cell_mm).ceil().clamp(0.0, n as f64) as usize;
             let last = ((high + limit_mm - first_mm) / cell_mm + 1.0).floor().clamp(0.0, n as f64) as usize;
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn covered_area_is_the_polygons_area() {
-        // 2.35 mm lies between cell borders in x; in y a quarter of a cell is the raster's own step.
+        // 2.35 mm is between cell borders in x; in y a quarter of a cell is the raster's own step.
         let raster = Raster::coverage(&square(2.35), 5.0, 0.1);
         assert!((area(&raster) - 4.7 * 4.7).abs() < 0.12, "{}", area(&raster));
     }

@@ -3,13 +3,13 @@
 use super::height_map::HeightMap;
 use super::{Raster, Shape};
 
-/// Deepest drop that counts when two halves of a side are compared, mm: what lies lower is hardly touched.
+/// Deepest drop that counts when two halves of a side are compared, mm: what is lower is hardly touched.
 const LOOK_MM: f32 = 1.0;
 
-/// One side of one part, seen from the sensor. Where no layer lies it is open and never touched.
+/// One side of one part, seen from the sensor. Where there is no layer it is open and never touched.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Relief {
-    /// What lies there; where layers overlap, the highest is touched.
+    /// What is there; where layers overlap, the highest is touched.
     pub layers: Vec<Layer>,
 }
 
@@ -29,16 +29,16 @@ pub struct Face {
     pub outline: Shape,
     /// By how much the outline is widened on every side before use, mm.
     pub grow_mm: f64,
-    /// Whether the face lies outside the outline instead of inside: a plate round an opening.
+    /// Whether the face is outside the outline instead of inside: a plate round an opening.
     pub outside: bool,
-    /// How far the face lies below the highest point of the side, mm.
+    /// How far the face is below the highest point of the side, mm.
     pub drop_mm: f64,
     /// The face is a band of this width along the outline instead of all on its side of it, mm: a shell, a rim.
     pub band_mm: Option<f64>,
 }
 
 impl Relief {
-    /// A peg: the outline's inside stands up.
+    /// A peg: the outline's inside is raised.
     pub fn peg(outline: Shape) -> Self {
         Self { layers: vec![Layer::Face(Face { outline, grow_mm: 0.0, outside: false, drop_mm: 0.0, band_mm: None })] }
     }
@@ -56,7 +56,7 @@ impl Relief {
         }
     }
 
-    /// A measured plate with its openings: off the map the plate goes on at the height of the map's top.
+    /// A measured plate with its openings: off the map the plate continues at the height of the map's top.
     pub fn plate(map: HeightMap) -> Self {
         let edge = Face { outline: rectangle(map.bounds()), grow_mm: 0.0, outside: true, drop_mm: 0.0, band_mm: None };
         Self { layers: vec![Layer::Heights(map), Layer::Face(edge)] }
@@ -91,7 +91,7 @@ impl Relief {
         Self { layers: self.layers.into_iter().map(moved).collect() }
     }
 
-    /// Whether all that can be touched lies at one height, so that a deeper press only scales the gel's
+    /// Whether all that can be touched is at one height, so that a deeper press only scales the gel's
     /// surface.
     pub fn is_flat(&self) -> bool {
         self.layers.iter().all(|layer| matches!(layer, Layer::Face(face) if face.drop_mm == 0.0))
@@ -151,7 +151,7 @@ mod tests {
         let symmetric = |side: fn(Shape) -> Relief| -> String {
             ('A'..='Z').filter(|c| side(glyph(*c, 32.0, 40.0).unwrap()).is_half_turn_symmetric()).collect()
         };
-        // This font draws H, S, X and Z a little heavier at the foot: their halves can be told apart.
+        // This font draws H, S, X and Z a little heavier at the foot: their halves differ.
         assert_eq!(symmetric(Relief::peg), "INO");
         assert_eq!(symmetric(|outline| Relief::hole(outline, 0.15)), "INO");
     }

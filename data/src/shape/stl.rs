@@ -8,7 +8,7 @@ use std::path::Path;
 use super::HeightMap;
 use crate::error::{Error, Result};
 
-/// How far below the top the map lies where there is no mesh, mm: deeper than any press.
+/// How far below the top the map is where there is no mesh, mm: deeper than any press.
 const OPEN_MM: f32 = 10.0;
 
 /// The longest side of a mesh, mm.
@@ -18,7 +18,7 @@ const MAX_SIDE_MM: f32 = 500.0;
 const MAX_PIXELS: usize = 1 << 24;
 
 /// The top surface of a closed mesh in mm, seen from +z with y up: a height map centred on the mesh's box, of
-/// pixels of about `cell_mm`. Where no mesh lies, at 10 mm below the top or deeper, it is open.
+/// pixels of about `cell_mm`. Where there is no mesh, at 10 mm below the top or deeper, it is open.
 ///
 /// Refuses a mesh with holes (an edge that is not shared by exactly two triangles), of zero height, or larger
 /// than 500 mm.
@@ -124,7 +124,7 @@ mod tests {
         let base = [[-4.0, -2.0, -0.0], [4.0, -2.0, 0.0], [4.0, 2.0, 0.0], [-4.0, 2.0, 0.0]];
         let tip = [1.0, 0.5, height];
         let mut triangles: Vec<_> = (0..4).map(|i| [base[i], base[(i + 1) % 4], tip]).collect();
-        // One corner is written with another nought, as programs do.
+        // One corner is written with another zero, as programs do.
         let first = [-4.0, -2.0, 0.0];
         triangles.extend([[first, base[2], base[1]], [first, base[3], base[2]]]);
         triangles
@@ -137,7 +137,7 @@ mod tests {
         write(&path, &pyramid(2.0));
         let map = height_map(&path, 0.05).unwrap();
         assert_eq!((map.size_px(), map.bounds()), ([160, 80], [-4.0, -2.0, 4.0, 2.0]));
-        // On the map y runs down. The tip lies within a pixel of a centre: the slope there is 4/3 at most.
+        // On the map y runs down. The tip is within a pixel of a centre: the slope there is 4/3 at most.
         let drop = |x, y| f64::from(map.drop_at([x, y]).unwrap());
         assert!(drop(1.0, -0.5) < 0.06);
         // Halfway from the tip to each corner and to the middle of the lower side it is half as high.

@@ -25,7 +25,7 @@ const MAX_SIDE_MM: f64 = 500.0;
 /// The outline of all elements of an SVG file in mm, centred on its own box: x right and y down, as drawn.
 ///
 /// Lengths are the document's: `width="40mm" viewBox="0 0 40 30"` makes a unit a mm; without a unit of length
-/// it is the px of CSS, 25.4/96 mm. Elements add up; each is filled by its own rule, whatever its colours; its
+/// it is the px of CSS, 25.4/96 mm. Elements add up; each is filled by its own rule, for any colours; its
 /// stroke has no width. Text is not drawn: turn it into paths first. Refuses a file without an outline, and an
 /// element that is open, crosses itself or encloses nothing, by its `id` or its place in the file; and a drawing
 /// wider than 500 mm.

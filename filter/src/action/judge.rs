@@ -4,13 +4,13 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use tactile_data::grid::NearestCell;
 use tactile_data::se2::Se2;
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
 use tactile_infer::similarity::peg_similarity;
 
 use super::{ActionRule, Expected, Situation};
 use crate::belief::Hypothesis;
 use crate::likelihood::LikelihoodConfig;
-use crate::lookup::{Nearest, trusted};
+use crate::nearest::{Nearest, trusted};
 
 /// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
 #[derive(Clone, Copy)]
@@ -70,7 +70,7 @@ impl<'a> Judge<'a> {
             states.into_iter().map(draw).collect()
         };
         // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
-        let tolerance = if likelihood.look_up.is_cubic(bank.grid()) { 1.0 } else { likelihood.lookup_tolerance };
+        let tolerance = if likelihood.interpolation.is_cubic(bank.grid()) { 1.0 } else { likelihood.nearest_tolerance };
         let stood = |cell: &usize| {
             let pose = belief.grid().pose(*cell) * first_from_sensor;
             (pose, pose.theta_rad.sin_cos().into())
@@ -204,7 +204,7 @@ struct Pairing<'a> {
     rule: ActionRule,
     likelihood: &'a LikelihoodConfig,
     bank: &'a Bank,
-    /// Mean of [`Self::look`] over two edged views at random.
+    /// Mean of [`Self::similarity`] over two edged views at random.
     average: f64,
 }
 
@@ -218,15 +218,15 @@ impl<'a> Pairing<'a> {
         let mut pairing = Self { rule, likelihood, bank, average: 1.0 };
         if !edged.is_empty() {
             let mut any = || edged[rng.random_range(0..edged.len())];
-            let looks = (0..Self::N_SAMPLED).map(|_| pairing.look(any(), any()));
-            pairing.average = looks.sum::<f64>() / Self::N_SAMPLED as f64;
+            let similarities = (0..Self::N_SAMPLED).map(|_| pairing.similarity(any(), any()));
+            pairing.average = similarities.sum::<f64>() / Self::N_SAMPLED as f64;
         }
         pairing
     }
 
     /// For the paper's rule 1 / f_PP, scaled so that it cannot overflow; else the filter's likelihood of
     /// seeing one view where the other is recorded, without its blank part.
-    fn look(&self, row_a: usize, row_b: usize) -> f64 {
+    fn similarity(&self, row_a: usize, row_b: usize) -> f64 {
         let cosine = f64::from(peg_similarity(self.bank, row_a, row_b)).clamp(-1.0, 1.0);
         match self.rule {
             ActionRule::Paper => (-(cosine + 1.0) / self.likelihood.temperature).exp(),
@@ -239,12 +239,12 @@ impl<'a> Pairing<'a> {
     fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
         let Some((row, trust)) = view else { return if self.rule == ActionRule::Paper { self.average } else { 1.0 } };
         if self.rule == ActionRule::Paper {
-            return self.look(row, touched);
+            return self.similarity(row, touched);
         }
         let is_blank = |row: usize| self.likelihood.is_blank(self.bank.edge_shares()[row]);
         let agreement = self.likelihood.blank_agreement;
         let ratio = match (is_blank(row), is_blank(touched)) {
-            (false, false) => agreement * self.look(row, touched) / self.average,
+            (false, false) => agreement * self.similarity(row, touched) / self.average,
             (true, true) => agreement,
             _ => 1.0 - agreement,
         };
@@ -258,8 +258,10 @@ mod tests {
     use super::super::{ActionConfig, judge};
     use super::*;
     use crate::belief::{Belief, EngineConfig};
-    use crate::likelihood::{Observation, TouchLikelihood};
+    use crate::likelihood::TouchLikelihood;
+    use crate::observation::Observation;
     use rand::SeedableRng;
+    use tactile_infer::rows::Rows;
 
     #[test]
     fn the_papers_score_agrees_with_hand_arithmetic() {
@@ -284,9 +286,9 @@ mod tests {
         let names: Vec<String> = (0..parts.len()).map(|part| part.to_string()).collect();
         let shares = vec![0.2; 3 * parts.len()];
         let rows = parts.concat().concat();
-        let bank = Bank::from_rows(names, GRID, 3, rows, shares, String::new()).unwrap();
+        let bank = Bank::from_rows(names, GRID, Rows::new(3, rows).unwrap(), shares, "").unwrap();
         let likelihood = LikelihoodConfig { outlier_floor: 0.0, ..LikelihoodConfig::default() };
-        let touch = Observation { query: X.to_vec(), edge_share: 0.2 };
+        let touch = Observation::new(X.to_vec(), 0.2);
         let belief =
             Belief::new(&bank, EngineConfig::Exact, 1, 1, TouchLikelihood::new(&touch, &bank, &likelihood).unwrap());
         // Enough draws that rounding a third of them matters little.

@@ -7,13 +7,13 @@
 //! ```no_run
 //! # use tactile_data::{frame::Frame, grid::PoseGrid};
 //! # use tactile_filter::budget::{Budget, Cost, Pace, Tradeoff};
-//! # use tactile_filter::episode::{EpisodeConfig, Eye};
-//! # use tactile_infer::{Model, bank::Bank};
+//! # use tactile_filter::{EpisodeConfig, Sensor};
+//! # use tactile_infer::{Bank, Model};
 //! # fn choose(
-//! #     measured: &str, model: &Model, bank: &Bank, eye: &Eye, rest: &Frame, reach: &PoseGrid,
+//! #     measured: &str, model: &Model, bank: &std::sync::Arc<Bank>, sensor: &Sensor, rest: &Frame, reach: &PoseGrid,
 //! # ) -> tactile_filter::Result<EpisodeConfig> {
 //! let tradeoff = Tradeoff::from_json("maze-small.frontier.json", measured)?;
-//! let pace = Pace { eye, frame: rest, bank, reach };
+//! let pace = Pace { sensor, frame: rest, bank, reach };
 //! let (begun, base) = (std::time::Instant::now(), EpisodeConfig::of(model));
 //! let mut here = |settings: &_, n_touches| {
 //!     if !tradeoff.settings_of(model.sha256(), bank.grid()).contains(&settings) {
@@ -37,6 +37,3 @@ mod tradeoff;
 pub use pace::Pace;
 pub use settings::{Knob, Settings};
 pub use tradeoff::{Budget, Choice, Cost, Point, SCHEMA, Tradeoff};
-
-#[cfg(test)]
-pub(crate) use settings::tests::settings as settings_for_tests;

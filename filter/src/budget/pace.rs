@@ -1,14 +1,18 @@
 //! How fast settings are on this machine with this bank: made-up episodes against a clock.
 
+use std::sync::Arc;
+
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
-use tactile_infer::bank::Bank;
+use tactile_infer::Bank;
 
-use crate::episode::{Decision, Episode, EpisodeConfig, Eye};
+use crate::config::EpisodeConfig;
+use crate::episode::{Decision, Episode};
 use crate::error::Result;
-use crate::likelihood::Observation;
+use crate::observation::Observation;
+use crate::sensor::Sensor;
 
 /// Touches of a made-up episode: later ones cost as much as these.
 const TOUCHES: usize = 5;
@@ -16,11 +20,11 @@ const TOUCHES: usize = 5;
 /// Times decisions. Libraries have no clock of their own: the caller lends one.
 pub struct Pace<'a> {
     /// The sensor.
-    pub eye: &'a Eye<'a>,
+    pub sensor: &'a Sensor,
     /// A frame of the size the sensor gives; what it shows does not matter.
     pub frame: &'a Frame,
     /// What the touches are held against.
-    pub bank: &'a Bank,
+    pub bank: &'a Arc<Bank>,
     /// The motions offered: those of this grid, seen from where the first touch was.
     pub reach: &'a PoseGrid,
 }
@@ -47,29 +51,29 @@ impl Pace<'_> {
         decisions: &mut Vec<f64>,
     ) -> Result<()> {
         // An episode that stops early would leave out the costly touches.
-        let config = EpisodeConfig { stop_probability: 1.0, none_fit: f64::MIN, max_touches: TOUCHES + 1, ..*config };
+        let config = EpisodeConfig { stop_probability: 1.0, none_fit: None, max_touches: TOUCHES + 1, ..*config };
         let grid = self.bank.grid();
         let part = rng.random_range(0..self.bank.parts().len());
         let first = grid.pose(rng.random_range(0..grid.len()));
         let mut part_from_sensor = first;
-        let mut episode: Option<Episode<'_>> = None;
+        let mut episode: Option<Episode> = None;
         let mut moved = None;
         for _ in 0..TOUCHES {
-            // Beyond the recorded poses: the nearest of them.
+            // Outside the recorded poses: the nearest of them.
             let cell = grid.nearest(&part_from_sensor).unwrap_or(0);
             let row = part * grid.len() + cell;
             let start = clock_s();
-            self.eye.observe(self.frame)?;
-            let felt = Observation { query: self.bank.row(row).into_owned(), edge_share: self.bank.edge_shares()[row] };
+            self.sensor.observe(self.frame)?;
+            let touch = Observation::new(self.bank.row(row).into_owned(), self.bank.edge_shares()[row]);
             match (&mut episode, moved) {
-                (Some(episode), Some(moved)) => episode.observe_with(moved, &felt)?,
-                _ => episode = Some(Episode::begin_with(&config, self.bank, &felt)?),
+                (Some(episode), Some(moved)) => episode.observe(moved, &touch)?,
+                _ => episode = Some(Episode::begin(config, self.bank.clone(), &touch)?),
             }
             let Some(episode) = &episode else { break };
             let sensor_from_part = part_from_sensor.inverse();
             let reach: Vec<_> =
                 (0..self.reach.len()).map(|pose| sensor_from_part * first * self.reach.pose(pose)).collect();
-            let decision = episode.decide(&reach);
+            let decision = episode.decide(&reach)?;
             decisions.push(clock_s() - start);
             let Decision::Touch(action) = decision else { break };
             part_from_sensor = part_from_sensor * action.sensor_from_next;

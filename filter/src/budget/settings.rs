@@ -2,13 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
+use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::bank::Bank;
 use tactile_infer::precision::Precision;
 
 use crate::action::ActionRule;
 use crate::belief::EngineConfig;
-use crate::episode::EpisodeConfig;
+use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
 
 /// A way to run an episode, with what it needs of a model and a bank.
@@ -37,7 +37,7 @@ pub struct Settings {
     /// States supposed true in turn.
     pub n_suppositions: usize,
     /// Candidates judged by all draws.
-    pub n_finalists: usize,
+    pub n_finalists: Option<usize>,
 }
 
 /// A knob of [`Settings`].
@@ -66,7 +66,7 @@ impl Settings {
         let config = EpisodeConfig::of(model);
         Self {
             model: model.provenance().name.clone(),
-            model_sha256: model.sha256().to_owned(),
+            model_sha256: model.sha256().to_string(),
             xy_step_mm: bank_grid.xy_step_mm,
             theta_step_deg: bank_grid.theta_step_deg,
             rows: Precision::F32,
@@ -130,11 +130,9 @@ impl Settings {
                 ActionRule::Random => "random touch".into(),
             },
             Knob::Effort if self.rule == ActionRule::Random => "no candidate judged".into(),
-            Knob::Effort if self.n_finalists == usize::MAX => {
-                format!("all candidates by {} draws x {}", self.n_draws, self.n_suppositions)
-            }
             Knob::Effort => {
-                format!("{} finalists by {} draws x {}", self.n_finalists, self.n_draws, self.n_suppositions)
+                let judged = self.n_finalists.map_or("all candidates".into(), |n| format!("{n} finalists"));
+                format!("{judged} by {} draws x {}", self.n_draws, self.n_suppositions)
             }
         }
     }
@@ -142,7 +140,7 @@ impl Settings {
     /// Megabytes (10^6 bytes) that an episode of `n_touches` holds: weights, bank, tables of each touch and belief.
     pub fn memory_mb(&self, n_parameters: usize, bank: &Bank, n_touches: usize) -> Result<f64> {
         let finer = bank.grid().subdivided(self.subdivisions);
-        finer.validate().map_err(|e| Error::invalid("subdivisions", "a grid of states", e.to_string()))?;
+        finer.validate().map_err(|e| Error::config("subdivisions", "a grid of states", e.to_string()))?;
         let n_states = bank.parts().len() * finer.len();
         // Rows, edge shares and nine cosines of neighbours; a cosine for each row of each touch; log-weight and
         // probability of each state, or of each particle with what each touch says of each state.
@@ -174,6 +172,7 @@ mod by_name {
 pub(crate) mod tests {
     use super::*;
     use crate::particle::ParticleConfig;
+    use tactile_infer::rows::Rows;
 
     pub(crate) fn settings() -> Settings {
         Settings {
@@ -187,7 +186,7 @@ pub(crate) mod tests {
             rule: ActionRule::Information,
             n_draws: 160,
             n_suppositions: 24,
-            n_finalists: 24,
+            n_finalists: Some(24),
         }
     }
 
@@ -196,19 +195,19 @@ pub(crate) mod tests {
         let some = Settings {
             rows: Precision::I8,
             engine: EngineConfig::Particle(ParticleConfig::paper()),
-            n_finalists: 7,
+            n_finalists: Some(7),
             ..settings()
         };
         let text = serde_json::to_string(&some).unwrap();
         assert!(text.contains(r#""rows":"i8""#), "{text}");
         assert_eq!(serde_json::from_str::<Settings>(&text).unwrap(), some);
         let config = some.applied_to(&EpisodeConfig { max_touches: 4, ..EpisodeConfig::default() });
-        assert_eq!((config.max_touches, config.action.n_finalists, config.engine), (4, 7, some.engine));
+        assert_eq!((config.max_touches, config.action.n_finalists, config.engine), (4, Some(7), some.engine));
     }
 
     #[test]
     fn a_turned_knob_is_named_once() {
-        let other = Settings { n_draws: 8, n_finalists: 4, xy_step_mm: 4.0, ..settings() };
+        let other = Settings { n_draws: 8, n_finalists: Some(4), xy_step_mm: 4.0, ..settings() };
         assert_eq!(settings().turned(&other), [Knob::BankStep, Knob::Effort]);
         assert!(settings().turned(&settings()).is_empty());
     }
@@ -218,8 +217,14 @@ pub(crate) mod tests {
     fn memory_is_the_sum_of_what_is_held() {
         let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 0.0, theta_step_deg: 15.0 };
         let rows = (0..2 * 9 * 6).map(|i| (i as f32).sin()).collect();
-        let bank =
-            Bank::from_rows(["A", "B"].map(String::from).into(), grid, 6, rows, vec![0.5; 18], "ab".into()).unwrap();
+        let bank = Bank::from_rows(
+            ["A", "B"].map(String::from).into(),
+            grid,
+            Rows::new(6, rows).unwrap(),
+            vec![0.5; 18],
+            "ab",
+        )
+        .unwrap();
         let bytes = |settings: &Settings| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
         let exact = 400 + 18 * (24 + 40) + 3 * 18 * 4 + 50 * 24;
         assert_eq!(bytes(&settings()), exact);

@@ -93,15 +93,15 @@ pub struct Choice {
 impl Tradeoff {
     /// Reads what [`serde_json`] wrote of one; `what` names it in an error.
     pub fn from_json(what: &str, text: &str) -> Result<Self> {
-        let found: Self = serde_json::from_str(text).map_err(|e| Error::invalid(what, "a trade-off", e.to_string()))?;
+        let found: Self = serde_json::from_str(text).map_err(|e| Error::config(what, "a trade-off", e.to_string()))?;
         if found.schema != SCHEMA {
-            return Err(Error::invalid(format!("{what}: schema"), SCHEMA, found.schema));
+            return Err(Error::config(format!("{what}: schema"), SCHEMA, found.schema));
         }
         let finite = |p: &Point| {
             [p.accuracy, p.decision_ms_p50, p.pace_ms, p.memory_mb].iter().all(|x| x.is_finite() && *x >= 0.0)
         };
         match found.points.iter().position(|point| !finite(point) || point.pace_ms == 0.0) {
-            Some(at) => Err(Error::invalid(format!("{what}: point {at}"), "numbers above nought", "another")),
+            Some(at) => Err(Error::config(format!("{what}: point {at}"), "numbers above zero", "another")),
             None => Ok(found),
         }
     }
@@ -139,7 +139,7 @@ impl Tradeoff {
         let (ms, mb) = (least(|c| c.decision_ms), least(|c| c.memory_mb));
         if choices.is_empty() {
             let expected = format!("a model and a bank that settings were measured with ({})", self.scene);
-            return Err(Error::invalid("budget", expected, "others"));
+            return Err(Error::config("budget", expected, "others"));
         }
         let fits = |choice: &Choice| {
             budget.decision_ms.is_none_or(|most| choice.decision_ms <= most)
@@ -152,7 +152,7 @@ impl Tradeoff {
         };
         choices.into_iter().filter(fits).reduce(better).ok_or_else(|| {
             let expected = format!("at least {ms:.2} ms, {mb:.1} MB and one touch, all within one setting");
-            Error::invalid("budget", expected, budget.to_string())
+            Error::config("budget", expected, budget.to_string())
         })
     }
 
@@ -314,7 +314,7 @@ mod tests {
         let broken = text.replace("\"pace_ms\":0.5", "\"pace_ms\":0.0");
         assert_eq!(
             Tradeoff::from_json("f", &broken).unwrap_err().to_string(),
-            "f: point 0: expected numbers above nought, got another"
+            "f: point 0: expected numbers above zero, got another"
         );
     }
 }

@@ -68,7 +68,7 @@ struct Row<'a> {
 impl EmbedArgs {
     /// Embeds and prints.
     pub fn run(&self) -> Result<()> {
-        let model = Model::load(&self.model, self.device.parse()?)?;
+        let model = Model::load_on(&self.model, self.device.parse()?)?;
         let images = self.tactile_images(&model)?;
         if let Some(path) = &self.dump_input {
             let [width, height] = model.config().input_px;

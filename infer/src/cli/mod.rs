@@ -13,9 +13,11 @@ use serde::Serialize;
 use tactile_data::scene::Scene;
 use tactile_data::store::Dataset;
 use tactile_infer::bank::Bank;
-use tactile_infer::calibration::{Calibration, Gap, calibrate};
+use tactile_infer::calibrate::calibrate;
+use tactile_infer::calibration::{Calibration, Gap};
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::matching::match_single_touches;
+use tactile_infer::recorded::bank_of_dataset;
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
@@ -198,7 +200,7 @@ fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
 /// A bank of a dataset's pegs, its rows in the format named; a bar shows how far it is.
 fn build(what: &'static str, model: &Model, pegs: &Dataset, rows: &str) -> Result<Bank> {
     let bar = progress(what);
-    let bank = Bank::build(model, pegs, &|done, total| {
+    let bank = bank_of_dataset(model, pegs, &|done, total| {
         bar.set_length(total as u64);
         bar.set_position(done as u64);
     })?;
@@ -254,7 +256,7 @@ fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
 }
 
 fn load(path: &Path, device: &str) -> Result<Model> {
-    Model::load(path, device.parse()?)
+    Model::load_on(path, device.parse()?)
 }
 
 /// Prints a result for programs.

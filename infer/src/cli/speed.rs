@@ -40,7 +40,7 @@ impl SpeedArgs {
         if !(0.01..=60.0).contains(&self.seconds) {
             return Err(Error::invalid("--seconds", "0.01..=60", self.seconds.to_string()));
         }
-        let model = Model::load(&self.model, self.device.parse()?)?;
+        let model = Model::load_on(&self.model, self.device.parse()?)?;
         let size_px = model.config().input_px;
         let planes = (0..3 * size_px[0] * size_px[1]).map(|i| (i as f32 * 0.7).sin()).collect();
         let image = TactileImage { size_px, planes, edge_share: 0.5 };

@@ -1,11 +1,13 @@
 //! Convolutions on the CPU: forward, gradient of the input, gradient of the weights.
 //!
 //! Written for this network because a general library's kernels lose half their time to copying windows
-//! (ARCHITECTURE.md has the figures). Plain slices, no tensors: [`op`] makes burn operations of them, and
-//! [`crate::folded`] an encoder without burn.
+//! (NOTES.md has the figures). Plain slices, no tensors: `op` makes burn operations of them, and
+//! [`crate::encoder`] an encoder without burn.
 
 mod maps;
+#[cfg(feature = "burn")]
 mod norm;
+#[cfg(feature = "burn")]
 pub mod op;
 mod plan;
 mod tile;
@@ -16,6 +18,8 @@ use rayon::prelude::*;
 use plan::Gather;
 pub use plan::Panels;
 use winograd::{Scratch, Windows};
+
+use crate::threads;
 
 /// Images that share one partial sum of the weights' gradient. A constant, so that the sum does not
 /// depend on the number of threads.
@@ -155,8 +159,8 @@ fn correlate(
 ) -> Vec<f32> {
     let n = packed.images_at_once();
     let mut out = vec![0.0; images.len() / lengths[0] * lengths[1]];
-    let lots = out.par_chunks_mut(n * lengths[1]).zip(images.par_chunks(n * lengths[0])).enumerate();
-    lots.for_each_init(Scratch::default, |scratch, (at, (out, images))| {
+    threads::for_each_block(&mut out, n * lengths[1], Scratch::default, |scratch, at, out| {
+        let images = &images[at * n * lengths[0]..][..out.len() / lengths[1] * lengths[0]];
         packed.correlate(images, scratch, out);
         out.chunks_exact_mut(lengths[1]).enumerate().for_each(|(i, out)| finish(n * at + i, out));
     });

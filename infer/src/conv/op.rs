@@ -102,13 +102,19 @@ fn forward(
     let (shape, kernel) = (images.shape(), weights.shape());
     let conv =
         Conv { n_in: shape[3], n_out: kernel[0], kernel: kernel[2], stride: layer.stride, size: [shape[1], shape[2]] };
-    let (before, statistics) = super::norm::forward_with_statistics(&conv, values(&images), values(&weights));
+    let (before, statistics) =
+        on_all_threads(|| super::norm::forward_with_statistics(&conv, values(&images), values(&weights)));
     let norm = Norm::new(&statistics, values(&gamma), values(&beta), layer.epsilon);
     let out = norm.apply(&before, layer.adds_input.then(|| values(&images)));
     let [rows, columns] = conv.out_size();
     let shape = [shape[0], rows, columns, conv.n_out];
     let (before, out) = (tensor(before, &shape), tensor(out, &shape));
     (out.clone(), Kept { conv, images, weights, gamma, before, out, statistics, layer })
+}
+
+/// Training takes the whole machine: runs `work` in rayon's global pool.
+fn on_all_threads<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    rayon::scope(|_| work())
 }
 
 /// The tensor with its values in order from the start of its storage.
@@ -156,7 +162,7 @@ mod gradient {
             };
             let [images, weights, gamma, beta] = ops.parents.map(|parent| parent.map(|node| node.id));
             register(images, &|| {
-                let mut gradient = conv.input_gradient(&back.before, values(&kept.weights));
+                let mut gradient = on_all_threads(|| conv.input_gradient(&back.before, values(&kept.weights)));
                 if kept.layer.adds_input {
                     norm.add_rectified(values(&kept.out), values(&out_gradient), &mut gradient);
                 }

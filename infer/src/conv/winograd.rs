@@ -7,6 +7,8 @@
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
+use crate::threads;
+
 use super::maps::{back_into_window, both_ways, into_window, narrow, out_of_window, widen};
 use super::plan::{Columns, with_rows};
 use super::tile::{Sums, columns, gather, lanes, outer, rows};
@@ -145,20 +147,26 @@ impl WithSimd for Pack<'_> {
         let Windows { n_in, n_out, .. } = self.windows;
         let width = columns::<S>();
         let mut panels = vec![0.0; N * n_out.div_ceil(width) * n_in * width];
-        panels.par_chunks_mut(N * n_in * width).enumerate().for_each(|(block, panels)| {
-            for (column, out) in (block * width..n_out.min((block + 1) * width)).enumerate() {
-                for c in 0..n_in {
-                    // G g G^T
-                    let kernel: [[f32; 3]; 3] =
-                        std::array::from_fn(|ky| std::array::from_fn(|kx| (self.weight)([ky, kx], c, out)));
-                    let lines = kernel.map(widen);
-                    let made: [[f32; 4]; 4] = std::array::from_fn(|x| widen([lines[0][x], lines[1][x], lines[2][x]]));
-                    for k in 0..N {
-                        panels[(k * n_in + c) * width + column] = made[k % 4][k / 4];
+        threads::for_each_block(
+            &mut panels,
+            N * n_in * width,
+            || (),
+            |(), block, panels| {
+                for (column, out) in (block * width..n_out.min((block + 1) * width)).enumerate() {
+                    for c in 0..n_in {
+                        // G g G^T
+                        let kernel: [[f32; 3]; 3] =
+                            std::array::from_fn(|ky| std::array::from_fn(|kx| (self.weight)([ky, kx], c, out)));
+                        let lines = kernel.map(widen);
+                        let made: [[f32; 4]; 4] =
+                            std::array::from_fn(|x| widen([lines[0][x], lines[1][x], lines[2][x]]));
+                        for k in 0..N {
+                            panels[(k * n_in + c) * width + column] = made[k % 4][k / 4];
+                        }
                     }
                 }
-            }
-        });
+            },
+        );
         panels
     }
 }

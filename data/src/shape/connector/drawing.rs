@@ -36,13 +36,7 @@ pub(super) enum Inside {
 impl Drawing {
     /// The drawing of a connector.
     pub fn of(connector: Connector) -> Self {
-        let shelled =
-            |outline: &dyn Fn(f64) -> Contour, plug_wall, opening: &dyn Fn(f64) -> Contour, wall: f64, tongue| Self {
-                plug: outline(0.0),
-                opening: opening(0.0),
-                body: opening(-wall),
-                inside: Inside::Shell { cavity: outline(plug_wall), insulator: None, tongue },
-            };
+        use Outline::{Chamfered, Stadium, Trapezoid};
         match connector {
             // USB 2.0, Series A plug 12.0 x 4.5 mm of 0.3 mm sheet; receptacle 12.6 x 5.08 in 13.25 x 6.5 mm. The insulator fills
             // one half, 1.95 mm thick (assumed), the tongue the other: 1.84 mm of 1.95, 11.1 of 11.4 (assumed).
@@ -57,94 +51,56 @@ impl Drawing {
                 },
             },
             // HDMI 1.4, type A: plug 13.9 x 4.45, receptacle 14.0 above, 10.0 below x 4.55 mm, walls of 0.5 mm,
-            // the plug's assumed.
-            // The tongue is assumed.
-            Connector::Hdmi => shelled(
-                &|wall| trapezoid([13.9, 9.9, 4.45], wall),
-                0.5,
-                &|wall| trapezoid([14.0, 10.0, 4.55], wall),
-                0.5,
-                box_of([10.0, 1.2], 0.0),
-            ),
+            // the plug's assumed. The tongue is assumed.
+            Connector::Hdmi => {
+                Self::shells(Trapezoid([13.9, 9.9, 4.45]), Trapezoid([14.0, 10.0, 4.55]), 0.5, [10.0, 1.2])
+            }
             // HDMI 1.4, type D: plug 5.83 x 2.20 mm. The receptacle, the lower side, the walls of 0.3 mm and the
             // tongue are assumed.
-            Connector::MicroHdmi => shelled(
-                &|wall| trapezoid([5.83, 4.15, 2.20], wall),
-                0.3,
-                &|wall| trapezoid([5.93, 4.25, 2.30], wall),
-                0.3,
-                box_of([3.9, 0.6], 0.0),
-            ),
+            Connector::MicroHdmi => {
+                Self::shells(Trapezoid([5.83, 4.15, 2.20]), Trapezoid([5.93, 4.25, 2.30]), 0.3, [3.9, 0.6])
+            }
             // Micro-USB 1.01, B plug 6.85 x 1.80 mm, receptacle 7.0 above, 5.7 below x 1.85 mm, walls of 0.4 mm.
             // The plug's lower side and the tongue are assumed.
-            Connector::MicroUsbB => shelled(
-                &|wall| trapezoid([6.85, 5.55, 1.80], wall),
-                0.4,
-                &|wall| trapezoid([7.0, 5.7, 1.85], wall),
-                0.4,
-                box_of([3.7, 0.6], 0.0),
-            ),
+            Connector::MicroUsbB => {
+                Self::shells(Trapezoid([6.85, 5.55, 1.80]), Trapezoid([7.0, 5.7, 1.85]), 0.4, [3.7, 0.6])
+            }
             // USB type C 1.0: plug 8.25 x 2.40, receptacle 8.34 x 2.56, tongue 6.7 x 0.7 mm. Walls of 0.3 mm assumed.
-            Connector::UsbC => shelled(
-                &|wall| stadium(8.25 - 2.0 * wall, 2.40 - 2.0 * wall),
-                0.3,
-                &|wall| stadium(8.34 - 2.0 * wall, 2.56 - 2.0 * wall),
-                0.3,
-                box_of([6.7, 0.7], 0.0),
-            ),
+            Connector::UsbC => Self::shells(Stadium([8.25, 2.40]), Stadium([8.34, 2.56]), 0.3, [6.7, 0.7]),
             // USB 2.0, Series B: receptacle 8.45 x 7.78 mm. The plug, the cut corners, the walls and the tongue are assumed.
-            Connector::UsbB => shelled(
-                &|wall| chamfered([8.0, 7.3], [1.6, 1.6, 0.0, 0.0], wall),
-                0.4,
-                &|wall| chamfered([8.45, 7.78], [1.6, 1.6, 0.0, 0.0], wall),
-                0.4,
-                box_of([5.6, 3.2], 0.0),
-            ),
+            Connector::UsbB => {
+                let cuts = [1.6, 1.6, 0.0, 0.0];
+                Self::shells(Chamfered([8.0, 7.3], cuts), Chamfered([8.45, 7.78], cuts), 0.4, [5.6, 3.2])
+            }
             // Mini-USB, B: plug 6.8 x 3.0 mm. The rest is assumed.
-            Connector::MiniUsbB => shelled(
-                &|wall| chamfered([6.8, 3.0], [0.0, 0.0, 0.9, 0.9], wall),
-                0.3,
-                &|wall| chamfered([6.9, 3.1], [0.0, 0.0, 0.9, 0.9], wall),
-                0.3,
-                box_of([4.2, 0.7], 0.0),
-            ),
+            Connector::MiniUsbB => {
+                let cuts = [0.0, 0.0, 0.9, 0.9];
+                Self::shells(Chamfered([6.8, 3.0], cuts), Chamfered([6.9, 3.1], cuts), 0.3, [4.2, 0.7])
+            }
             // DisplayPort: plug 16.1 x 4.76 mm, one corner cut. The rest is assumed.
-            Connector::DisplayPort => shelled(
-                &|wall| chamfered([16.1, 4.76], [0.0, 0.0, 2.0, 0.0], wall),
-                0.4,
-                &|wall| chamfered([16.25, 4.9], [0.0, 0.0, 2.0, 0.0], wall),
-                0.4,
-                box_of([12.4, 1.2], 0.0),
-            ),
+            Connector::Displayport => {
+                let cuts = [0.0, 0.0, 2.0, 0.0];
+                Self::shells(Chamfered([16.1, 4.76], cuts), Chamfered([16.25, 4.9], cuts), 0.4, [12.4, 1.2])
+            }
             // Mini DisplayPort: plug 7.4 x 4.5 mm. The rest is assumed.
-            Connector::MiniDisplayPort => shelled(
-                &|wall| chamfered([7.4, 4.5], [0.0, 0.0, 1.3, 1.3], wall),
-                0.3,
-                &|wall| chamfered([7.5, 4.6], [0.0, 0.0, 1.3, 1.3], wall),
-                0.3,
-                box_of([5.0, 0.9], 0.0),
-            ),
+            Connector::MiniDisplayport => {
+                let cuts = [0.0, 0.0, 1.3, 1.3];
+                Self::shells(Chamfered([7.4, 4.5], cuts), Chamfered([7.5, 4.6], cuts), 0.3, [5.0, 0.9])
+            }
             // Lightning: plug 6.7 x 1.5 mm, solid. The receptacle is assumed.
-            Connector::Lightning => Self {
-                plug: stadium(6.7, 1.5),
-                opening: stadium(6.9, 1.7),
-                body: stadium(7.9, 2.7),
-                inside: Inside::Solid,
-            },
+            Connector::Lightning => Self::solid(stadium(6.7, 1.5), stadium(6.9, 1.7), stadium(7.9, 2.7)),
             // IEC 60603-7: the modular plug is 11.68 mm wide; opening and block. Latch and slot: 4 mm wide, the rest assumed.
-            Connector::Rj45 => Self {
-                plug: latched([11.68, 6.5], [3.2, 1.2]),
-                opening: latched([12.0, 6.8], [4.0, 1.5]),
-                body: box_of([16.0, 13.5], 0.0),
-                inside: Inside::Solid,
-            },
+            Connector::Rj45 => Self::solid(
+                latched([11.68, 6.5], [3.2, 1.2]),
+                latched([12.0, 6.8], [4.0, 1.5]),
+                box_of([16.0, 13.5], 0.0),
+            ),
             // The same with six places: the plug is 9.65 mm wide. The rest is assumed.
-            Connector::Rj11 => Self {
-                plug: latched([9.65, 6.5], [3.2, 1.2]),
-                opening: latched([9.95, 6.8], [4.0, 1.5]),
-                body: box_of([13.2, 13.5], 0.0),
-                inside: Inside::Solid,
-            },
+            Connector::Rj11 => Self::solid(
+                latched([9.65, 6.5], [3.2, 1.2]),
+                latched([9.95, 6.8], [4.0, 1.5]),
+                box_of([13.2, 13.5], 0.0),
+            ),
             // IEC 60603-11: a sleeve of 3.5 mm, its tip half a ball (assumed), a bore of nominally the same
             // diameter in a barrel of 6 mm.
             Connector::Jack => Self {
@@ -155,9 +111,45 @@ impl Drawing {
             },
         }
     }
+
+    /// A plug's and a receptacle's shell of one wall, round a tongue in the middle.
+    fn shells(plug: Outline, opening: Outline, wall_mm: f64, tongue: [f64; 2]) -> Self {
+        let (cavity, tongue) = (plug.drawn_in(wall_mm), box_of(tongue, 0.0));
+        Self {
+            plug: plug.drawn_in(0.0),
+            opening: opening.drawn_in(0.0),
+            body: opening.drawn_in(-wall_mm),
+            inside: Inside::Shell { cavity, insulator: None, tongue },
+        }
+    }
+
+    fn solid(plug: Contour, opening: Contour, body: Contour) -> Self {
+        Self { plug, opening, body, inside: Inside::Solid }
+    }
 }
 
-/// A rectangle whose middle lies `y_mm` below the part's.
+/// An outline that can be drawn in or out.
+enum Outline {
+    /// [`trapezoid`].
+    Trapezoid([f64; 3]),
+    /// [`stadium`] of a width and a height.
+    Stadium([f64; 2]),
+    /// [`chamfered`].
+    Chamfered([f64; 2], [f64; 4]),
+}
+
+impl Outline {
+    /// The outline drawn in by `wall_mm` on every side.
+    fn drawn_in(&self, wall_mm: f64) -> Contour {
+        match self {
+            Self::Trapezoid(sides) => trapezoid(*sides, wall_mm),
+            Self::Stadium([width, height]) => stadium(width - 2.0 * wall_mm, height - 2.0 * wall_mm),
+            Self::Chamfered(sides, cuts_mm) => chamfered(*sides, *cuts_mm, wall_mm),
+        }
+    }
+}
+
+/// A rectangle whose middle is `y_mm` below the part's.
 fn box_of([width, height]: [f64; 2], y_mm: f64) -> Contour {
     let [x, y] = [0.5 * width, 0.5 * height];
     rectangle([-x, y_mm - y, x, y_mm + y]).regions.remove(0).remove(0)

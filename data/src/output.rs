@@ -1,0 +1,88 @@
+//! Outputs, checked before the work that fills them.
+
+use std::fs::{self, OpenOptions};
+use std::io::ErrorKind;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Checks that a file can be written at `out` and that it is none of `inputs`. A file that is there stays as it is.
+///
+/// # Errors
+/// An input, a folder, or a place where nothing can be written.
+pub fn check_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P>) -> Result<()> {
+    let path = out.canonicalize().ok();
+    let is_out = |input: &Path| input == out || (path.is_some() && input.canonicalize().ok() == path);
+    if inputs.into_iter().any(|input| is_out(input.as_ref())) {
+        let got = "one that this command reads or writes already";
+        return Err(Error::invalid(out.display().to_string(), "a file of its own", got));
+    }
+    match OpenOptions::new().write(true).create_new(true).open(out) {
+        Ok(_) => fs::remove_file(out),
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => OpenOptions::new().append(true).open(out).map(drop),
+        Err(error) => Err(error),
+    }
+    .map_err(Error::io(out))
+}
+
+/// Checks that the disk has room at `out`, which need not exist yet, for `n_frames` frames of `frame_px`.
+///
+/// # Errors
+/// Too little room: what is needed in frames and bytes, and what is free.
+pub fn check_room(out: &Path, n_frames: usize, frame_px: [usize; 2]) -> Result<()> {
+    let frame_bytes = 3.0 * frame_px[0] as f64 * frame_px[1] as f64;
+    let needed = n_frames as f64 * (frame_bytes + INDEX_LINE_BYTES);
+    // The nearest folder above that exists.
+    let above = std::path::absolute(out).map_err(Error::io(out))?;
+    let Some(folder) = above.ancestors().skip(1).find(|folder| folder.is_dir()) else { return Ok(()) };
+    let free = fs4::available_space(folder).map_err(Error::io(folder))? as f64;
+    if needed <= free {
+        return Ok(());
+    }
+    let expected = format!("room for {n_frames} frames of {}, {} in all", size(frame_bytes), size(needed));
+    Err(Error::invalid(out.display().to_string(), expected, format!("{} free", size(free))))
+}
+
+/// About what a touch with a part, a side and a pose takes in the index, bytes.
+const INDEX_LINE_BYTES: f64 = 130.0;
+
+/// A number of bytes for people.
+fn size(bytes: f64) -> String {
+    let units = [(1e18, "EB"), (1e15, "PB"), (1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB")];
+    let unit = units.into_iter().find(|(unit, _)| bytes >= *unit);
+    unit.map_or_else(|| format!("{bytes} B"), |(unit, name)| format!("{:.1} {name}", bytes / unit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_is_a_writable_file_that_is_no_input() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("rest.png"), "a picture").unwrap();
+        fs::write(at("old.png"), "old").unwrap();
+        let check = |out: &str| check_file(&at(out), [at("missing.png"), at("rest.png")]);
+        check("new.png").unwrap();
+        check("old.png").unwrap();
+        assert!(!at("new.png").exists() && fs::read(at("old.png")).unwrap() == b"old");
+        fs::create_dir(at("sub")).unwrap();
+        for (out, reason) in [("sub/../rest.png", "a file of its own"), ("nowhere/new.png", "nowhere"), ("sub", "sub")]
+        {
+            assert!(check(out).unwrap_err().to_string().contains(reason), "{out}");
+        }
+        assert_eq!(fs::read(at("rest.png")).unwrap(), b"a picture");
+    }
+
+    #[test]
+    fn a_dataset_beyond_the_disk_is_refused_with_what_it_needs() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("not/there/yet");
+        check_room(&out, 10, [80, 60]).unwrap();
+        for (n_frames, needs) in [(10_usize.pow(15), "14.5 EB"), (usize::MAX, "frames of 14.4 kB")] {
+            let error = check_room(&out, n_frames, [80, 60]).unwrap_err().to_string();
+            assert!(error.contains(needs) && error.contains("free"), "{error}");
+        }
+    }
+}

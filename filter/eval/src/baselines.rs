@@ -1,0 +1,68 @@
+//! What one touch alone tells, by nearest neighbour: the paper's Pixel and MoCo (Sec. V-B).
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use tactile_data::frame::{Background, Frame, Preprocessing};
+use tactile_data::simulator::Simulator;
+use tactile_data::store::Dataset;
+use tactile_infer::Bank;
+use tactile_infer::Model;
+use tactile_infer::matching::{best, nearest_by_pixel};
+use tactile_infer::recorded::{frames_by_row, tactile_images};
+use tactile_infer::similarity::part_mating;
+
+use crate::error::Result;
+use crate::evaluate::{Banks, Hole, Protocol, Scored, observe, score_row};
+use tactile_filter::Sensor;
+
+/// The nearest recorded embedding to the first touch of each episode.
+pub fn moco(simulator: &Simulator, sensor: &Sensor, bank: &Arc<Bank>, protocol: &Protocol) -> Result<Vec<Scored>> {
+    let banks = Banks::new(bank, protocol);
+    first_touches(simulator, bank, protocol, |hole, frame| {
+        let (bank, observation) = (banks.of(hole)?, observe(sensor, &frame)?);
+        let mut cosines = Vec::new();
+        part_mating(&observation.query, &bank, &mut cosines);
+        Ok(score_row(best(cosines.into_iter()), &bank, hole))
+    })
+}
+
+/// The nearest recorded frame to the first touch of each episode, by L1 distance of the difference
+/// images: to the frames as they are, and to the frames turned inside out. All parts of the bank compete.
+pub fn pixel(
+    simulator: &Simulator,
+    model: &Model,
+    bank: &Bank,
+    pegs: &Dataset,
+    no_contact: &Frame,
+    protocol: &Protocol,
+) -> Result<[Vec<Scored>; 2]> {
+    let counts = Preprocessing::counts(model.config().input_px);
+    let (_, frames) = frames_by_row(pegs, bank.grid())?;
+    let rest = Background::new(pegs.no_contact(), &counts)?;
+    let recorded = tactile_images(&rest, pegs, &frames)?;
+    let rest = Background::new(no_contact, &counts)?;
+    let scored = first_touches(simulator, bank, protocol, |hole, frame| {
+        let image = rest.tactile_image(&frame)?;
+        Ok([1.0, -1.0].map(|sign| score_row(nearest_by_pixel(&image, &recorded, sign), bank, hole)))
+    })?;
+    Ok([0, 1].map(|sign| scored.iter().map(|both| both[sign]).collect()))
+}
+
+fn first_touches<T: Send>(
+    simulator: &Simulator,
+    bank: &Bank,
+    protocol: &Protocol,
+    judge: impl Fn(&Hole<'_>, Frame) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
+    let episodes = protocol.episodes.clone();
+    episodes
+        .into_par_iter()
+        .map(|index| {
+            let seed = protocol.seeds[index % protocol.seeds.len()];
+            let mut hole = Hole::new(simulator, bank.grid(), protocol.poses, seed, index);
+            let frame = hole.touch()?;
+            judge(&hole, frame)
+        })
+        .collect()
+}

@@ -1,0 +1,378 @@
+//! Many episodes against a simulated robot, each driven as a robot would drive it.
+//!
+//! The estimator is shown frames and the motions actually made; true poses stay in [`Hole`], on this
+//! side of the episode's API.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+use rand::RngExt;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
+use tactile_infer::Bank;
+
+use crate::error::{Error, Result};
+use crate::result::Poses;
+use tactile_filter::action::Action;
+use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Observation, Sensor};
+
+/// What is run, how often.
+#[derive(Clone, Debug)]
+pub struct Protocol {
+    /// Episodes in all, shared out over the seeds.
+    pub n_episodes: usize,
+    /// Which of them are run here: all, or a shard.
+    pub episodes: Range<usize>,
+    /// Seeds of holes, poses and frames.
+    pub seeds: Vec<u64>,
+    /// On the grid, as the paper has it: the first touch is at a recorded pose and the motions offered lead
+    /// to recorded poses. Off it: the first touch is anywhere in the recorded range, and the motions
+    /// offered are those of the grid, seen from the first touch.
+    pub poses: Poses,
+    /// Whether the hole's own part is taken out of the bank: what is felt is then none of these.
+    pub absent: bool,
+    /// Parts that each hole may be of: its own and others drawn with the episode; `None`: all of the bank.
+    pub n_classes: Option<usize>,
+    /// Milliseconds for each choice of a touch; `None`: as many as it takes, the same on every machine.
+    pub choose_ms: Option<f64>,
+    /// Touches of each episode; the stopping rule is noted and not obeyed, so that every curve is whole.
+    pub n_touches: usize,
+}
+
+impl Protocol {
+    /// Refuses what cannot be run on a scene with a bank.
+    pub fn validate(&self, simulator: &Simulator, bank: &Bank) -> Result<()> {
+        if self.seeds.is_empty() || self.n_episodes == 0 || self.n_touches == 0 {
+            let got = format!("{} episodes of {} seeds", self.n_episodes, self.seeds.len());
+            return Err(Error::invalid("evaluation", "episodes, touches and seeds", got));
+        }
+        if self.episodes.end > self.n_episodes {
+            let got = format!("{:?}", self.episodes);
+            return Err(Error::invalid("evaluation", format!("some of {} episodes", self.n_episodes), got));
+        }
+        if simulator.parts() != bank.parts() {
+            let got = bank.parts().join(" ");
+            return Err(Error::invalid("bank", format!("the scene's parts {}", simulator.parts().join(" ")), got));
+        }
+        let n_parts = bank.parts().len();
+        match self.n_classes {
+            Some(_) if self.absent => Err(Error::invalid("evaluation", "classes or an absent part", "both")),
+            Some(n) if !(1..=n_parts).contains(&n) => {
+                Err(Error::invalid("classes", format!("1 to the bank's {n_parts}"), n.to_string()))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The bank that each hole is held against.
+#[derive(Debug)]
+pub struct Banks {
+    whole: Arc<Bank>,
+    absent: bool,
+    n_classes: Option<usize>,
+}
+
+impl Banks {
+    /// Prepares what a protocol asks for.
+    pub fn new(whole: &Arc<Bank>, protocol: &Protocol) -> Self {
+        Self { whole: whole.clone(), absent: protocol.absent, n_classes: protocol.n_classes }
+    }
+
+    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode. Made
+    /// anew for each hole, so that memory does not grow with the number of parts.
+    pub fn of(&self, hole: &Hole<'_>) -> Result<Arc<Bank>> {
+        if self.absent {
+            return Ok(Arc::new(self.whole.without(hole.part)?));
+        }
+        let Some(n_classes) = self.n_classes else { return Ok(self.whole.clone()) };
+        // Frames are drawn from other seeds, so that the touches are those of the whole bank.
+        let mut rng = frame_rng(hole.seed ^ 0x636c_6173, hole.stream >> 20);
+        let mut kept: Vec<usize> = (0..self.whole.parts().len()).collect();
+        let mut others: Vec<usize> = kept.iter().copied().filter(|part| *part != hole.part).collect();
+        while kept.len() > n_classes {
+            let out = others.swap_remove(rng.random_range(0..others.len()));
+            kept.retain(|part| *part != out);
+        }
+        Ok(Arc::new(self.whole.with_parts(&kept)?))
+    }
+}
+
+/// What a simulated frame shows.
+///
+/// # Errors
+/// A frame that the sensor refuses.
+pub fn observe(sensor: &Sensor, frame: &Frame) -> Result<Observation> {
+    Ok(sensor.observe(frame)?.of_simulation())
+}
+
+/// The no-contact frame of the robot's own session, not the bank's.
+pub fn at_rest(simulator: &Simulator, seeds: &[u64]) -> Frame {
+    simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374)
+}
+
+/// One simulated hole under the sensor: the robot's side of an episode.
+pub struct Hole<'a> {
+    simulator: &'a Simulator,
+    part: usize,
+    symmetric: bool,
+    first: Se2,
+    part_from_sensor: Se2,
+    seed: u64,
+    stream: u64,
+}
+
+impl<'a> Hole<'a> {
+    /// The hole of an episode: part and pose follow from the seed and the episode's number.
+    pub fn new(simulator: &'a Simulator, grid: &PoseGrid, poses: Poses, seed: u64, episode: usize) -> Self {
+        // A dataset's frames are drawn from small streams of its seed; an episode's from these.
+        let (seed, stream) = (seed ^ 0x686f_6c65, (episode as u64 + 1) << 20);
+        let mut rng = frame_rng(seed, stream);
+        let part = rng.random_range(0..simulator.parts().len());
+        let first = match poses {
+            Poses::OnGrid => grid.pose(rng.random_range(0..grid.len())),
+            Poses::OffGrid => {
+                let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+                Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
+            }
+        };
+        Self {
+            simulator,
+            part,
+            symmetric: simulator.is_half_turn_symmetric(part),
+            first,
+            part_from_sensor: first,
+            seed,
+            stream,
+        }
+    }
+
+    /// The hole of one part; the pose follows from the seed and the episode's number.
+    pub fn of_part(simulator: &'a Simulator, part: usize, grid: &PoseGrid, seed: u64, episode: usize) -> Self {
+        let symmetric = simulator.is_half_turn_symmetric(part);
+        Self { part, symmetric, ..Self::new(simulator, grid, Poses::OffGrid, seed, episode) }
+    }
+
+    /// Name of the part whose hole this is.
+    pub fn part(&self) -> &str {
+        &self.simulator.parts()[self.part]
+    }
+
+    /// Index in the scene of the part of a name.
+    fn index_of(&self, part: &str) -> usize {
+        self.simulator.parts().iter().position(|name| name == part).unwrap_or(0)
+    }
+
+    /// Index of the part in the scene.
+    pub fn part_index(&self) -> usize {
+        self.part
+    }
+
+    /// True pose of the first touch.
+    pub fn part_from_first(&self) -> Se2 {
+        self.first
+    }
+
+    /// True pose now.
+    pub fn part_from_sensor(&self) -> Se2 {
+        self.part_from_sensor
+    }
+
+    /// Touches the hole where the sensor is.
+    pub fn touch(&mut self) -> Result<Frame> {
+        self.stream += 1;
+        let mut rng = frame_rng(self.seed, self.stream);
+        Ok(self.simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
+    }
+
+    /// Moves the sensor; returns the motion actually made.
+    pub fn go(&mut self, action: &Action) -> Se2 {
+        self.part_from_sensor = self.part_from_sensor * action.sensor_from_next;
+        action.sensor_from_next
+    }
+
+    /// The motions that the reach allows from here: to the recorded poses, or off the grid those of the
+    /// scene's reach, seen from the first touch.
+    pub fn reach(&self, recorded: &PoseGrid, poses: Poses) -> Vec<Se2> {
+        let grid = match poses {
+            Poses::OnGrid => *recorded,
+            Poses::OffGrid => self.simulator.scene().reach.unwrap_or(*recorded),
+        };
+        let sensor_from_part = self.part_from_sensor.inverse();
+        let origin = match poses {
+            Poses::OnGrid => Se2::IDENTITY,
+            Poses::OffGrid => self.first,
+        };
+        (0..grid.len()).map(|cell| sensor_from_part * origin * grid.pose(cell)).collect()
+    }
+}
+
+/// What an episode knew after one of its touches, against the truth.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scored {
+    /// Whether the most probable part is the right one.
+    pub right: bool,
+    /// The part named, an index into the scene's parts.
+    pub named: usize,
+    /// Whether the first touch's pose was found to the cell as well.
+    pub exact_cell: bool,
+    /// Distance of the first touch's pose, mm.
+    pub xy_mm: f64,
+    /// Angle of the first touch's pose, degrees, modulo the part's symmetry.
+    pub theta_deg: f64,
+    /// Probability of the most probable part.
+    pub probability: f64,
+    /// How well that part explains what was felt.
+    pub fit: Option<f64>,
+    /// Squared difference of the class posterior from the truth, 0..=2.
+    pub brier: f64,
+}
+
+/// Milliseconds of each stage of one touch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageTimes {
+    /// Frame to query.
+    pub encode: f64,
+    /// Query to posterior.
+    pub update: f64,
+    /// Posterior to the next action; nought after the last touch.
+    pub select: f64,
+}
+
+/// One episode, touch by touch.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// The hole's own part, an index into the scene's parts.
+    pub part: usize,
+    /// After touch 1, 2, ...
+    pub scored: Vec<Scored>,
+    /// Stage times of touch 1, 2, ...
+    pub times: Vec<StageTimes>,
+}
+
+/// Who watches an episode: called after each touch with what was touched, seen and believed.
+pub type Watch<'w> = &'w mut dyn FnMut(&Hole<'_>, &Frame, &Episode, &Estimate);
+
+/// Runs all episodes of one configuration, in parallel; outcomes in order of the episodes.
+pub fn run(
+    simulator: &Simulator,
+    sensor: &Sensor,
+    bank: &Arc<Bank>,
+    config: &EpisodeConfig,
+    protocol: &Protocol,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Vec<Outcome>> {
+    protocol.validate(simulator, bank)?;
+    let banks = Banks::new(bank, protocol);
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let episodes = protocol.episodes.clone();
+    episodes
+        .into_par_iter()
+        .map(|index| {
+            let outcome = run_one(simulator, sensor, &banks, config, protocol, index, &mut |_, _, _, _| ());
+            progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, protocol.episodes.len());
+            outcome
+        })
+        .collect()
+}
+
+/// Runs one episode of a protocol. The same index gives the same hole, poses and frames, whichever others run.
+pub fn run_one(
+    simulator: &Simulator,
+    sensor: &Sensor,
+    banks: &Banks,
+    config: &EpisodeConfig,
+    protocol: &Protocol,
+    index: usize,
+    watch: Watch<'_>,
+) -> Result<Outcome> {
+    let seed = protocol.seeds[index % protocol.seeds.len()];
+    let mut hole = Hole::new(simulator, banks.whole.grid(), protocol.poses, seed, index);
+    let bank = banks.of(&hole)?;
+    // The curve goes on to the last touch; where the episode would have stopped is read off it.
+    let config = EpisodeConfig {
+        stop_probability: 1.0,
+        none_fit: None,
+        between_poses: protocol.poses == Poses::OffGrid,
+        max_touches: protocol.n_touches,
+        seed: seed.wrapping_add(index as u64),
+        ..*config
+    };
+    let mut frame = hole.touch()?;
+    let mut outcome = Outcome { part: hole.part_index(), ..Outcome::default() };
+    let (observation, encode) = timed(|| observe(sensor, &frame));
+    let observation = observation?;
+    let (episode, update) = timed(|| Episode::begin(config, bank.clone(), &observation));
+    let mut episode = episode?;
+    let mut times = StageTimes { encode, update, select: 0.0 };
+    loop {
+        let estimate = episode.estimate();
+        outcome.scored.push(score(&estimate, &bank, &hole));
+        watch(&hole, &frame, &episode, &estimate);
+        let reach = hole.reach(bank.grid(), protocol.poses);
+        let started = Instant::now();
+        let in_time = || protocol.choose_ms.is_none_or(|ms| started.elapsed().as_secs_f64() * 1e3 < ms);
+        let (decision, select) = timed(|| episode.decide_while(&reach, &mut { in_time }));
+        times.select = select;
+        outcome.times.push(times);
+        let Decision::Touch(action) = decision? else { break };
+        let moved = hole.go(&action);
+        frame = hole.touch()?;
+        let (observation, encode) = timed(|| observe(sensor, &frame));
+        let observation = observation?;
+        let (taken, update) = timed(|| episode.observe(moved, &observation));
+        taken?;
+        times = StageTimes { encode, update, select: 0.0 };
+    }
+    // Nothing left to touch: what is known stays known.
+    while let (Some(last), true) = (outcome.scored.last().copied(), outcome.scored.len() < protocol.n_touches) {
+        outcome.scored.push(last);
+    }
+    Ok(outcome)
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let started = Instant::now();
+    let result = work();
+    (result, started.elapsed().as_secs_f64() * 1e3)
+}
+
+fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
+    let brier = |(part, p): (&String, &f64)| (p - f64::from(u8::from(part == hole.part()))).powi(2);
+    Scored {
+        probability: estimate.probability,
+        fit: estimate.fit,
+        brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
+        named: hole.index_of(&estimate.part),
+        ..score_pose(&estimate.part, estimate.part_from_first, bank.grid(), hole)
+    }
+}
+
+/// How good it is to name one row of the bank, with certainty, after the first touch.
+pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Scored {
+    let (part, cell) = (row / bank.grid().len(), row % bank.grid().len());
+    let scored = score_pose(&bank.parts()[part], bank.grid().pose(cell), bank.grid(), hole);
+    let named = hole.index_of(&bank.parts()[part]);
+    Scored { named, probability: 1.0, brier: if scored.right { 0.0 } else { 2.0 }, ..scored }
+}
+
+fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>) -> Scored {
+    let truth = hole.part_from_first();
+    let half_turn = Se2::new(0.0, 0.0, std::f64::consts::PI);
+    let twins = [Some(truth), hole.symmetric.then_some(half_turn * truth)];
+    let off = |pose: Se2| {
+        let turned = wrap_angle(pose.theta_rad - part_from_first.theta_rad).to_degrees().abs();
+        (pose.distance_mm(&part_from_first), turned)
+    };
+    let nearer = |a: (f64, f64), b: (f64, f64)| if b.0 + b.1 < a.0 + a.1 { b } else { a };
+    let (xy_mm, theta_deg) = twins.into_iter().flatten().map(off).fold((f64::INFINITY, f64::INFINITY), nearer);
+    let right = part == hole.part();
+    let same_cell = xy_mm < 0.5 * grid.xy_step_mm && theta_deg < 0.5 * grid.theta_step_deg;
+    Scored { right, exact_cell: right && same_cell, xy_mm, theta_deg, ..Scored::default() }
+}

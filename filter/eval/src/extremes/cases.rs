@@ -1,0 +1,345 @@
+//! The cases, group by group.
+
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::{Se2, wrap_angle};
+use tactile_infer::Bank;
+use tactile_infer::rows::Rows;
+use tactile_infer::symmetry::Symmetry;
+
+use super::case::{Case, Group};
+use super::reference::{Pose, Touch, log_posterior};
+use super::sample::Sample;
+use crate::error::Result;
+use tactile_filter::Observation;
+use tactile_filter::belief::{Belief, EngineConfig};
+use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
+use tactile_filter::modes::modes;
+use tactile_filter::particle::ParticleConfig;
+
+/// Parts of the paper's boards, and length of an embedding.
+const N_PARTS: usize = 12;
+const DIM: usize = 128;
+
+/// One pose at thirteen angles, the first and the last the same.
+const RING: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 180.0, theta_step_deg: 30.0 };
+
+/// One pose.
+const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
+
+/// States of a smaller probability are not compared: f64 ends at 1e-308.
+const SMALLEST: f64 = 1e-250;
+
+/// The largest error of a cosine of unit vectors of [`DIM`] f32s, by Higham's bound (n + 1) u for a sum of n
+/// roundings: 8 in a lane, 16 over the lanes, and 6 for length, scale and difference.
+const COSINE_ERROR: f64 = 30.0 / (1 << 24) as f64;
+
+/// The same for rows kept in f16, relative 2^-11 a value, and 2^-25 for its smallest numbers times sqrt(128).
+const HALF_COSINE_ERROR: f64 = COSINE_ERROR + 1.0 / 2048.0 + 3.4e-7;
+
+/// Rounding of logs in f64: 1e4 nats, 2e-16 each, over some additions.
+const LOG_ROUNDING: f64 = 1e-11;
+
+/// tau from 1e-4 to 1e4 in half decades, with and without a floor, in f32 and in f16.
+pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
+    let n_touches = 3;
+    let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, n_touches, seed);
+    let halved = sample.halved();
+    let floors = [("", LikelihoodConfig::default().outlier_floor), (", no floor", 0.0)];
+    let mut cases = Vec::new();
+    for (of_floor, outlier_floor) in floors {
+        for (name, sample_of, cosine_error) in
+            [("f32 bank", &sample, COSINE_ERROR), ("f16 bank", &halved, HALF_COSINE_ERROR)]
+        {
+            for half_decades in -8..=8 {
+                let temperature = 10.0_f64.powf(f64::from(half_decades) / 2.0);
+                let config = LikelihoodConfig { temperature, outlier_floor, ..LikelihoodConfig::default() };
+                let belief = sample_of.belief(EngineConfig::Exact, seed, &config)?;
+                let error = relative_error(&belief, &sample.reference(&config));
+                let bound = rounding_bound(cosine_error, temperature, n_touches);
+                let expected = "as in f64, to the rounding of the cosines";
+                let case = Case::measured(Group::Temperature, format!("{name}{of_floor}"), expected, error, bound);
+                cases.push(case.at(temperature).right_part(names_truth(&belief)));
+            }
+        }
+    }
+    Ok(cases)
+}
+
+/// What the rounding of the cosines can do to a probability: each touch divides the look of a row by the mean
+/// look, and the states by their sum, and each of the four is off by `cosine_error / tau` at most.
+fn rounding_bound(cosine_error: f64, temperature: f64, n_touches: usize) -> f64 {
+    (4.0 * n_touches as f64 * cosine_error / temperature).exp_m1() + LOG_ROUNDING
+}
+
+/// K from 1 to 1e6 against the exact engine.
+pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
+    /// So warm that several parts stay probable.
+    const WARM: f64 = 0.12;
+    let config = LikelihoodConfig { temperature: WARM, ..LikelihoodConfig::default() };
+    let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, 3, seed);
+    let exact = sample.belief(EngineConfig::Exact, seed, &config)?;
+    let first = Sample { touches: sample.touches[..1].to_vec(), ..sample.clone() };
+    let first = masses(&first.belief(EngineConfig::Exact, seed, &config)?);
+    let deviation = deviation_of_one(&first, &masses(&exact), exact.class_posterior());
+    let mut cases = Vec::new();
+    for decades in 0..=if quick { 4 } else { 6 } {
+        let n_particles = 10_usize.pow(decades);
+        // Fewer runs of many: their error is small beside its bound anyway.
+        let n_runs = if decades <= 4 { 8 } else { 2 };
+        let engine =
+            EngineConfig::Particle(ParticleConfig { n_particles, adaptive: false, ..ParticleConfig::default() });
+        let mut squares = [0.0; N_PARTS];
+        let mut right = 0;
+        for run in 0..n_runs {
+            let belief = sample.belief(engine, seed + run, &config)?;
+            right += u64::from(names_truth(&belief));
+            for (square, (got, expected)) in
+                squares.iter_mut().zip(belief.class_posterior().iter().zip(exact.class_posterior()))
+            {
+                *square += (got - expected).powi(2) / n_runs as f64;
+            }
+        }
+        let error = largest(squares.iter().map(|square| square.sqrt()));
+        let bound = (4.0 * deviation / (n_particles as f64).sqrt()).min(1.0);
+        let expected = "the exact engine's probability of each part, to four standard errors";
+        let case = Case::measured(Group::Particles, "class posterior", expected, error, bound).at(n_particles as f64);
+        // Fewer may miss the part by chance.
+        cases.push(if n_particles >= 1000 { case.right_part(right == n_runs) } else { case });
+    }
+    Ok(cases)
+}
+
+/// The standard error of the likeliest-to-err part's probability from one draw of `first` weighed to stand for
+/// `last` (self-normalised importance sampling, Owen 2013, Eq. 9.8).
+fn deviation_of_one(first: &[f64], last: &[f64], class_posterior: &[f64]) -> f64 {
+    let n_cells = last.len() / class_posterior.len();
+    let of_class = |(class, posterior): (usize, &f64)| {
+        let each = first.iter().zip(last).enumerate().filter(|(_, (q, _))| **q > 0.0);
+        let inside = |state: usize| f64::from(u8::from(state / n_cells == class));
+        each.map(|(state, (q, p))| p * p / q * (inside(state) - posterior).powi(2)).sum::<f64>().sqrt()
+    };
+    largest(class_posterior.iter().enumerate().map(of_class))
+}
+
+/// One part to ten thousand, nine poses each.
+pub fn classes(seed: u64, quick: bool) -> Result<Vec<Case>> {
+    let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
+    let n_touches = 3;
+    let config = LikelihoodConfig::default();
+    let mut cases = Vec::new();
+    for decades in 0..=if quick { 3 } else { 4 } {
+        let n_parts = 10_usize.pow(decades);
+        let sample = Sample::draw(n_parts, grid, DIM, n_touches, seed);
+        let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
+        let error = relative_error(&belief, &sample.reference(&config));
+        let bound = rounding_bound(COSINE_ERROR, config.temperature, n_touches);
+        let expected = "as in f64, to the rounding of the cosines";
+        let case = Case::measured(Group::Classes, "exact engine", expected, error, bound);
+        cases.push(case.at(n_parts as f64).right_part(names_truth(&belief)));
+    }
+    Ok(cases)
+}
+
+/// Rows and queries that say nothing, that overflow, and that are not numbers.
+pub fn similarities() -> Result<Vec<Case>> {
+    let unit = |x: f32, y: f32| spread(x, y, 1.0);
+    let (east, north, between) = (unit(1.0, 0.0), unit(0.0, 1.0), unit(0.6, 0.8));
+    let (zero, huge) = (vec![0.0; DIM], 3e38);
+    let usual = [&east, &north, &between].map(Clone::clone);
+    let with = |row: Vec<f32>| vec![row, north.clone(), between.clone()];
+    let touches = [
+        ("all similarities equal", "every part as probable", vec![between.clone(); 3], east.clone(), [0.6; 3]),
+        ("all similarities -1", "every part as probable", vec![east.clone(); 3], unit(-1.0, 0.0), [-1.0; 3]),
+        ("one similarity +inf", "counts as -1", with(spread(huge, 0.0, 0.25)), unit(0.6, 0.8), [-1.0, 0.8, 1.0]),
+        ("one similarity -inf", "counts as -1", with(spread(-huge, 0.0, 0.25)), unit(0.6, 0.8), [-1.0, 0.8, 1.0]),
+        ("one similarity NaN", "counts as -1", with(spread(huge, -huge, 0.25)), unit(0.6, 0.8), [-1.0, 0.8, 1.0]),
+        ("a row of noughts", "cosine 0", with(zero.clone()), between.clone(), [0.0, 0.8, 1.0]),
+        ("every row noughts", "every part as probable", vec![zero.clone(); 3], east.clone(), [0.0; 3]),
+        ("a query of noughts", "every part as probable", usual.to_vec(), zero.clone(), [0.0; 3]),
+        ("a query of length 1e-15", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e-15), [1.0, 0.0, 0.6]),
+        ("a query of length 1e15", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e15), [1.0, 0.0, 0.6]),
+        ("a query of length 1e-30", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e-30), [1.0, 0.0, 0.6]),
+        ("a query of length 1e30", "its direction counts", usual.to_vec(), spread(1.0, 0.0, 1e30), [1.0, 0.0, 0.6]),
+    ];
+    let mut cases = Vec::new();
+    for (variant, expected, rows, query, cosines) in touches {
+        cases.push(by_hand(variant, expected, &rows, query, &cosines)?);
+    }
+    let bank = point_bank(&usual)?;
+    let config = LikelihoodConfig::default();
+    let touched = |query: Vec<f32>, edge_share: f32| -> Result<()> {
+        Ok(TouchLikelihood::new(&Observation::new(query, edge_share), &bank, &config).map(|_| ())?)
+    };
+    let with_value = |value: f32| {
+        let mut row = east.clone();
+        row[0] = value;
+        row
+    };
+    let refused = |variant: &str, came: Result<()>| Case::refused(Group::Similarity, variant, came);
+    for (name, value) in [("NaN", f32::NAN), ("+inf", f32::INFINITY), ("-inf", f32::NEG_INFINITY)] {
+        cases.push(refused(&format!("a row with {name}"), point_bank(&with(with_value(value))).map(|_| ())));
+        cases.push(refused(&format!("a query with {name}"), touched(with_value(value), 0.2)));
+    }
+    cases.push(refused("a query too short", touched(vec![1.0], 0.2)));
+    cases.push(refused("an edge share of NaN", touched(east.clone(), f32::NAN)));
+    for (name, temperature) in [("0", 0.0), ("NaN", f64::NAN), ("+inf", f64::INFINITY)] {
+        let config = LikelihoodConfig { temperature, ..config };
+        cases.push(refused(&format!("a temperature of {name}"), config.validate().map_err(Into::into)));
+    }
+    Ok(cases)
+}
+
+/// `x` and `y` as the first two of sixteen values, eight times over, the whole of length `scale * |(x, y)|`: each
+/// fills a lane of the inner product.
+fn spread(x: f32, y: f32, scale: f32) -> Vec<f32> {
+    let share = if x.abs().max(y.abs()) > 1e30 { 1.0 } else { scale / 8.0_f32.sqrt() };
+    (0..DIM).map(|at| share * [x, y].get(at % 16).copied().unwrap_or(0.0)).collect()
+}
+
+fn point_bank(rows: &[Vec<f32>]) -> Result<Bank> {
+    let names = (0..rows.len()).map(|part| part.to_string()).collect();
+    Ok(Bank::from_rows(names, POINT, Rows::new(DIM, rows.concat())?, vec![0.2; rows.len()], "")?)
+}
+
+/// One touch of parts of one row each, against the reference by these cosines.
+fn by_hand(variant: &str, expected: &str, rows: &[Vec<f32>], query: Vec<f32>, cosines: &[f64]) -> Result<Case> {
+    let bank = point_bank(rows)?;
+    let config = LikelihoodConfig::default();
+    let first = TouchLikelihood::new(&Observation::new(query, 0.2), &bank, &config)?;
+    let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, first);
+    let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec() };
+    let error = relative_error(&belief, &log_posterior(&POINT, bank.edge_shares(), &[touch], &config));
+    let bound = rounding_bound(COSINE_ERROR, config.temperature, 1);
+    Ok(Case::measured(Group::Similarity, variant, expected, error, bound))
+}
+
+/// Ten thousand motions one after the other: the pose against whole degrees and a compensated sum, and the
+/// belief after as many touches.
+pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
+    /// So warm that ten thousand touches leave other states a probability that f64 can hold.
+    const WARM: f64 = 10.0;
+    let n_actions = if quick { 1_000 } else { 10_000 };
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let steps: Vec<(f64, f64, i32)> = (0..n_actions)
+        .map(|_| (8.0 * rng.random::<f64>() - 4.0, 8.0 * rng.random::<f64>() - 4.0, rng.random_range(-180..=180)))
+        .collect();
+    let composed =
+        steps.iter().fold(Se2::IDENTITY, |pose, (x, y, degrees)| pose * Se2::from_degrees(*x, *y, f64::from(*degrees)));
+    let (place, degrees) = compensated(&steps);
+    let drift_mm = (composed.x_mm - place[0]).hypot(composed.y_mm - place[1]);
+    let drift_deg = wrap_angle(composed.theta_rad - f64::from(degrees).to_radians()).to_degrees().abs();
+    // Each step rounds the angle by up to an ulp of pi, which turns the 4 mm of each later step.
+    let n = n_actions as f64;
+    let bound_deg = n * (4.0 * f64::EPSILON).to_degrees();
+    let bound_mm = n * bound_deg.to_radians() * 4.0;
+    let at = |case: Case| case.at(n);
+    let mut cases = vec![
+        at(Case::measured(Group::Chain, "drift of the place, mm", "the sum of the steps", drift_mm, bound_mm)),
+        at(Case::measured(Group::Chain, "drift of the angle, degrees", "the sum of the turns", drift_deg, bound_deg)),
+    ];
+    let config =
+        LikelihoodConfig { temperature: WARM, blank_share: 0.0, overlap_mm: 0.0, ..LikelihoodConfig::default() };
+    let sample = Sample::draw(2, RING, 32, n_actions, seed);
+    let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
+    let error = relative_error(&belief, &sample.reference(&config));
+    let bound = rounding_bound(COSINE_ERROR, WARM, n_actions);
+    let expected = "as in f64, to the rounding of the cosines";
+    let case = Case::measured(Group::Chain, "belief after as many touches", expected, error, bound);
+    cases.push(at(case.right_part(names_truth(&belief))));
+    Ok(cases)
+}
+
+/// Where steps (mm, mm, whole degrees) lead: the degrees are exact, the sum is Kahan's.
+fn compensated(steps: &[(f64, f64, i32)]) -> ([f64; 2], i32) {
+    let (mut place, mut lost, mut degrees) = ([0.0_f64; 2], [0.0_f64; 2], 0_i32);
+    for (x, y, turn) in steps {
+        let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+        for (axis, step) in [cos * x - sin * y, sin * x + cos * y].into_iter().enumerate() {
+            let corrected = step - lost[axis];
+            let sum = place[axis] + corrected;
+            lost[axis] = (sum - place[axis]) - corrected;
+            place[axis] = sum;
+        }
+        degrees = (degrees + turn).rem_euclid(360);
+    }
+    (place, degrees)
+}
+
+/// Turns of about half a turn either way, and a hole that stands at half a turn.
+pub fn wrap(seed: u64) -> Result<Vec<Case>> {
+    let config = LikelihoodConfig::default();
+    let mut cases = Vec::new();
+    for degrees in [180.0, -180.0, 540.0, 180.0 - 1e-9, 180.0 + 1e-9, -179.0, 179.0, 360.0, 36_000.0] {
+        let first = Se2::from_degrees(0.0, 0.0, 180.0);
+        let motions = [Se2::from_degrees(0.0, 0.0, degrees), Se2::from_degrees(0.3, -0.2, 91.0)];
+        let sample = Sample::along(N_PARTS, RING, DIM, first, &motions, seed);
+        let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
+        let error = relative_error(&belief, &sample.reference(&config));
+        let bound = rounding_bound(COSINE_ERROR, config.temperature, sample.touches.len());
+        let expected = "as in f64 by matrices";
+        let case = Case::measured(Group::Wrap, "a turn of the sensor", expected, error, bound);
+        cases.push(case.at(degrees).right_part(names_truth(&belief)));
+        let truth = motions.iter().fold(Pose::from_degrees(0.0, 0.0, 180.0), |pose, moved| pose.then(&Pose::of(moved)));
+        let mean = modes(&belief, &|_| Symmetry::NONE)
+            .first()
+            .map_or(f64::NAN, |mode| truth.turned_deg(&Pose::of(&mode.part_from_sensor)));
+        // A linear mean of angles on both sides of half a turn would be off by some 180 degrees.
+        let case = Case::measured(Group::Wrap, "angle of the first mode, degrees", "the true angle", mean, 1.0);
+        cases.push(case.at(degrees));
+    }
+    Ok(cases)
+}
+
+/// The largest relative error of a state's probability.
+fn relative_error(belief: &Belief, expected: &[f64]) -> f64 {
+    let compared = masses(belief).into_iter().zip(expected.iter().map(|log| log.exp()));
+    largest(compared.filter(|(_, expected)| *expected > SMALLEST).map(|(got, expected)| (got / expected - 1.0).abs()))
+}
+
+/// The probability of each state, `[n_states]`.
+fn masses(belief: &Belief) -> Vec<f64> {
+    let n_cells = belief.grid().len();
+    let mut masses = vec![0.0; belief.class_posterior().len() * n_cells];
+    for (hypothesis, mass) in belief.states() {
+        masses[hypothesis.part * n_cells + hypothesis.cell] = mass;
+    }
+    masses
+}
+
+/// Whether the true part is the most probable, alone.
+fn names_truth(belief: &Belief) -> bool {
+    let posterior = belief.class_posterior();
+    let truth = posterior[Sample::TRUTH];
+    posterior.iter().enumerate().all(|(part, probability)| part == Sample::TRUTH || *probability < truth)
+}
+
+/// The largest value; NaN where there is one, and nought where there is none.
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |largest, value| if value > largest || value.is_nan() { value } else { largest })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_error_of_one_draw_is_that_of_a_coin_where_the_weights_are_equal() {
+        // Four states, two parts, nothing learnt since the first touch: sqrt(p (1 - p)).
+        let masses = [0.1, 0.2, 0.3, 0.4];
+        assert!((deviation_of_one(&masses, &masses, &[0.3, 0.7]) - 0.21_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_nan_is_not_overlooked() {
+        assert!(largest([1.0, f64::NAN, 2.0].into_iter()).is_nan());
+        assert_eq!(largest([1.0, 3.0, 2.0].into_iter()), 3.0);
+    }
+
+    #[test]
+    fn steps_round_a_square_come_home() {
+        let (place, degrees) = compensated(&[(4.0, 0.0, 90); 4]);
+        assert!(place[0].hypot(place[1]) < 1e-14 && degrees == 0);
+    }
+}

@@ -1,0 +1,21 @@
+//! Evaluations of the filter: episodes against simulated or recorded holes, figures, assembly, trade-off, and the pages.
+//!
+//! [`evaluate`] runs episodes through the same calls as a robot; true poses stay on its side of them. This crate must
+//! not know devices, ROS or command lines.
+
+pub mod assembly;
+pub mod baselines;
+pub mod error;
+pub mod evaluate;
+pub mod extremes;
+pub mod fits;
+pub mod gathered;
+pub mod replay;
+pub mod report;
+pub mod reproduction;
+pub mod result;
+pub mod story;
+pub mod summary;
+pub mod sweep;
+
+pub use error::{Error, Result};

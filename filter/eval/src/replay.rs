@@ -1,0 +1,131 @@
+//! Recordings played back through the filter, the same way as live touches.
+
+use std::sync::Arc;
+
+use serde::Serialize;
+use tactile_data::contact;
+use tactile_data::se2::Se2;
+use tactile_data::store::Dataset;
+use tactile_data::touch::{Side, Touch};
+use tactile_infer::Bank;
+
+use crate::error::{Error, Result};
+use tactile_filter::{Episode, EpisodeConfig, Sensor};
+
+/// One touch of a recording: the frame to look at, and the motion since the touch before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Played {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Motion since the touch before, in the sensor's frame there; `None` begins an episode.
+    pub moved: Option<Se2>,
+}
+
+/// What one recorded episode came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct Replayed {
+    /// Frames looked at, in order.
+    pub frames: Vec<usize>,
+    /// The most probable part.
+    pub part: String,
+    /// Its probability, 0..=1.
+    pub probability: f64,
+    /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
+    pub part_from_sensor: [f64; 3],
+    /// Turns of the part, none among them, that feel the same: 1 for a part without symmetry.
+    pub symmetry_order: usize,
+    /// The part that was touched, where the recording says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<String>,
+    /// Whether the filter would act on this: confident, and nothing to doubt it.
+    pub confident: bool,
+    /// Reasons to doubt it.
+    pub warnings: Vec<String>,
+}
+
+/// Cuts a recording into episodes.
+///
+/// A frame with `moved` continues the episode. Frames of one part whose poses are known follow each other
+/// by the motion between them. Frames of which neither is known are a film: each run of frames with
+/// contact is one touch, its most edged frame, and an episode of its own. Pegs are passed over.
+pub fn episodes(dataset: &Dataset) -> Result<Vec<Vec<Played>>> {
+    let is_film = |touch: &Touch| touch.moved.is_none() && touch.part_from_sensor.is_none();
+    let contacts = if dataset.touches().iter().any(is_film) { contact::measure(dataset)? } else { Vec::new() };
+    let mut episodes: Vec<Vec<Played>> = Vec::new();
+    let mut film: Option<(usize, f32)> = None;
+    for (frame, touch) in dataset.touches().iter().enumerate() {
+        if touch.side == Some(Side::Peg) {
+            continue;
+        }
+        if is_film(touch) {
+            let contact = contacts[frame].as_ref().map_err(|e| at_frame(frame, e))?;
+            match (&mut film, contact.is_contact()) {
+                (Some(best), true) if contact.edge_share > best.1 => *best = (frame, contact.edge_share),
+                (Some(_), true) => {}
+                (None, true) => film = Some((frame, contact.edge_share)),
+                (best, false) => episodes.extend(best.take().map(|(frame, _)| vec![Played { frame, moved: None }])),
+            }
+            continue;
+        }
+        episodes.extend(film.take().map(|(frame, _)| vec![Played { frame, moved: None }]));
+        let last = episodes.last_mut().and_then(|episode| Some((episode.last()?.frame, episode)));
+        let step = last.and_then(|(before, episode)| Some((motion(dataset.touch(before), touch)?, episode)));
+        match step {
+            Some((moved, episode)) => episode.push(Played { frame, moved: Some(moved) }),
+            None => episodes.push(vec![Played { frame, moved: None }]),
+        }
+    }
+    episodes.extend(film.take().map(|(frame, _)| vec![Played { frame, moved: None }]));
+    Ok(episodes)
+}
+
+/// The motion from one touch to the next, where the recording tells it.
+fn motion(before: &Touch, now: &Touch) -> Option<Se2> {
+    if now.moved.is_some() {
+        return now.moved;
+    }
+    let same = before.part == now.part && before.side == now.side;
+    let (from, to) = (before.part_from_sensor?, now.part_from_sensor?);
+    same.then(|| from.inverse() * to)
+}
+
+/// Plays one episode until its stopping rule ends it or the recording does.
+pub fn play(
+    dataset: &Dataset,
+    sensor: &Sensor,
+    bank: &Arc<Bank>,
+    config: &EpisodeConfig,
+    touches: &[Played],
+) -> Result<Replayed> {
+    let Some(first) = touches.first() else {
+        return Err(Error::invalid("recorded episode", "at least one touch", "none"));
+    };
+    let observe = |frame: usize| sensor.observe(&dataset.frame(frame)).map_err(|e| at_frame(frame, &e));
+    let begun = Episode::begin(*config, bank.clone(), &observe(first.frame)?);
+    let mut episode = begun.map_err(|e| at_frame(first.frame, &e))?;
+    let mut frames = vec![first.frame];
+    for next in &touches[1..] {
+        if episode.stop_reason().is_some() {
+            break;
+        }
+        let moved = next.moved.unwrap_or(Se2::IDENTITY);
+        episode.observe(moved, &observe(next.frame)?).map_err(|e| at_frame(next.frame, &e))?;
+        frames.push(next.frame);
+    }
+    let estimate = episode.estimate();
+    let pose = estimate.part_from_sensor;
+    Ok(Replayed {
+        truth: dataset.touch(first.frame).part.clone(),
+        confident: estimate.probability > config.stop_probability && estimate.warnings.is_empty(),
+        warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
+        part: estimate.part,
+        probability: estimate.probability,
+        part_from_sensor: [pose.x_mm, pose.y_mm, pose.theta_deg()],
+        symmetry_order: estimate.symmetry.order,
+        frames,
+    })
+}
+
+fn at_frame(frame: usize, error: &dyn std::fmt::Display) -> Error {
+    Error::invalid(format!("frame {frame}"), "a usable frame", error.to_string())
+}

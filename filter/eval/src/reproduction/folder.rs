@@ -1,0 +1,244 @@
+//! What a reproduction left in its folder.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Component, Path, PathBuf};
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use super::super::assembly::Assembly;
+use super::super::report::escape;
+use super::super::result::{Evaluation, SCHEMA};
+use crate::error::{Error, Result};
+use tactile_filter::budget::Tradeoff;
+
+/// The folders of evaluations, in the order of the page; those of robustness follow by name.
+const EVALUATIONS: [&str; 13] = [
+    "small",
+    "large",
+    "connectors",
+    "connectors-centred",
+    "small-anywhere",
+    "large-anywhere",
+    "large-4",
+    "large-8",
+    "small-hard",
+    "large-hard",
+    "small-absent",
+    "large-absent",
+    "small-anywhere-absent",
+];
+
+/// What the name of a robustness row's folder begins with.
+pub(super) const ROBUST: &str = "robust-";
+
+/// All that was found in a folder.
+#[derive(Clone, Debug, Default)]
+pub struct Reproduction {
+    /// The evaluations by their folder's name, in the order of the page.
+    pub(super) evaluations: Vec<(String, Evaluation)>,
+    pub(super) assembly: Option<Assembly>,
+    pub(super) tradeoff: Option<Tradeoff>,
+    /// The notes of each step, by name.
+    pub(super) steps: BTreeMap<String, Step>,
+    /// Pages to link to, relative to the folder.
+    pub(super) pages: BTreeSet<String>,
+    /// The way from the page's folder to this one, percent-encoded, with a slash at its end; empty where it is the same.
+    pub(super) way: String,
+}
+
+/// The notes of a step.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Step {
+    /// Its command line.
+    pub command: String,
+    /// Whether it came to its end.
+    pub finished: bool,
+    /// Wall time, s.
+    pub seconds: f64,
+    /// Most memory it held, MiB, where the system tells.
+    #[serde(default)]
+    pub peak_mib: Option<f64>,
+}
+
+impl Reproduction {
+    /// Reads a folder for a page that is to be `page`, whose own folder exists.
+    ///
+    /// # Errors
+    /// A file that is there and cannot be read or is something else; a folder without any result.
+    pub fn load(folder: &Path, page: &Path) -> Result<Self> {
+        let beside = page.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let absolute = |path: &Path| fs::canonicalize(path).map_err(Error::io(path));
+        let mut found = Self { way: way(&absolute(beside)?, &absolute(folder)?), ..Self::default() };
+        let mut names: Vec<String> = EVALUATIONS.map(String::from).into();
+        names.extend(robust_folders(folder)?);
+        for name in names {
+            let path = folder.join(&name).join("evaluation.json");
+            if let Some(evaluation) = read::<Evaluation>(&path, "an evaluation")? {
+                if evaluation.schema != SCHEMA {
+                    return Err(Error::invalid(format!("{}: schema", path.display()), SCHEMA, evaluation.schema));
+                }
+                found.note_page(folder, &format!("{name}/report.html"));
+                found.evaluations.push((name, evaluation));
+            }
+        }
+        found.assembly = read(&folder.join("assembly/assembly.json"), "an assembly")?;
+        let path = folder.join("tradeoff/tradeoff.json");
+        let tradeoff = text(&path)?.map(|text| Tradeoff::from_json(&path.display().to_string(), &text));
+        found.tradeoff = tradeoff.transpose()?;
+        found.steps = read(&folder.join("reproduce.json"), "notes of steps")?.unwrap_or_default();
+        found.note_page(folder, "assembly/report.html");
+        found.note_page(folder, "tradeoff/tradeoff.html");
+        if found.evaluations.is_empty() && found.assembly.is_none() && found.tradeoff.is_none() {
+            let expected = "results of cargo xtask reproduce, such as small/evaluation.json";
+            return Err(Error::invalid(folder.display().to_string(), expected, "none"));
+        }
+        Ok(found)
+    }
+
+    /// The evaluation in the folder of this name.
+    pub(super) fn evaluation(&self, name: &str) -> Option<&Evaluation> {
+        self.evaluations.iter().find(|(of, _)| of == name).map(|(_, evaluation)| evaluation)
+    }
+
+    /// `text` as HTML, a link to a page of the folder where it is there; `place` is a place in it, or nothing.
+    pub(super) fn link(&self, page: &str, place: &str, text: &str) -> String {
+        if !self.pages.contains(page) {
+            return escape(text);
+        }
+        let place = if place.is_empty() { String::new() } else { format!("#{place}") };
+        format!(r#"<a href="{}{}{place}">{}</a>"#, self.way, encode(page), escape(text))
+    }
+
+    /// A link to the report of an evaluation.
+    pub(super) fn report(&self, name: &str, text: &str) -> String {
+        self.link(&format!("{name}/report.html"), "", text)
+    }
+
+    fn note_page(&mut self, folder: &Path, page: &str) {
+        if folder.join(page).is_file() {
+            self.pages.insert(page.into());
+        }
+    }
+}
+
+/// What stands where a result is missing; `name` is its folder.
+pub(super) fn not_run(name: &str) -> String {
+    format!(r#"<p class="note">Not run: <code>{}/</code> is not there.</p>"#, escape(name))
+}
+
+/// The names of the robustness rows' folders, sorted.
+fn robust_folders(folder: &Path) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
+        let entry = entry.map_err(Error::io(folder))?;
+        let name = entry.file_name();
+        let name = name.to_str().filter(|name| name.starts_with(ROBUST) && entry.path().is_dir());
+        names.extend(name.map(String::from));
+    }
+    names.sort_unstable();
+    Ok(names)
+}
+
+/// The text of a file; `None` where there is no such file.
+fn text(path: &Path) -> Result<Option<String>> {
+    match fs::read_to_string(path) {
+        Ok(text) => Ok(Some(text)),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(Error::io(path)(error)),
+    }
+}
+
+fn read<T: DeserializeOwned>(path: &Path, what: &str) -> Result<Option<T>> {
+    let parse = |text: String| {
+        serde_json::from_str(&text).map_err(|e| Error::invalid(path.display().to_string(), what, e.to_string()))
+    };
+    text(path)?.map(parse).transpose()
+}
+
+/// The way from one absolute folder to another, percent-encoded.
+fn way(from: &Path, to: &Path) -> String {
+    let parts = |path: &Path| path.components().map(|part| part.as_os_str().to_owned()).collect::<Vec<_>>();
+    let (from, to) = (parts(from), parts(to));
+    let n_shared = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n(Component::ParentDir.as_os_str().to_owned(), from.len() - n_shared);
+    let path: PathBuf = up.chain(to[n_shared..].iter().cloned()).collect();
+    let steps = path.components().map(|part| encode(&part.as_os_str().to_string_lossy()) + "/");
+    steps.collect()
+}
+
+/// A path as part of an address (RFC 3986: unreserved characters and slashes stay).
+fn encode(path: &str) -> String {
+    let byte = |byte: u8| match byte {
+        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' | b'/' => char::from(byte).to_string(),
+        other => format!("%{other:02X}"),
+    };
+    path.bytes().map(byte).collect()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::super::result::tests::published;
+    use super::*;
+    use serde_json::{Value, json};
+
+    /// Writes a result into a folder.
+    pub fn put(folder: &Path, name: &str, value: &Value) {
+        let path = folder.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, value.to_string()).unwrap();
+    }
+
+    /// What is loaded of some evaluations.
+    pub fn of(evaluations: &[(&str, Evaluation)]) -> Reproduction {
+        let evaluations = evaluations.iter().map(|(name, evaluation)| (name.to_string(), evaluation.clone()));
+        Reproduction { evaluations: evaluations.collect(), ..Reproduction::default() }
+    }
+
+    #[test]
+    fn what_is_there_is_read_and_linked() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["robust-b", "small", "robust-a #1"] {
+            put(folder.path(), &format!("{name}/evaluation.json"), &published());
+        }
+        put(folder.path(), "robust-a #1/report.html", &json!(""));
+        put(folder.path(), "robust-a #1.bank", &json!("no folder"));
+        let step = json!({"s": {"command": "c", "finished": true, "seconds": 2.5}});
+        put(folder.path(), "reproduce.json", &step);
+        let found = Reproduction::load(folder.path(), &folder.path().join("page.html")).unwrap();
+        let names: Vec<_> = found.evaluations.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["small", "robust-a #1", "robust-b"]);
+        assert_eq!(found.steps["s"], Step { command: "c".into(), finished: true, seconds: 2.5, peak_mib: None });
+        assert_eq!(found.report("robust-a #1", "<a>"), r#"<a href="robust-a%20%231/report.html">&lt;a&gt;</a>"#);
+        assert_eq!(found.report("small", "small"), "small", "no page, no link");
+        let elsewhere = folder.path().join("robust-b/page.html");
+        let found = Reproduction::load(folder.path(), &elsewhere).unwrap();
+        assert!(found.report("robust-a #1", "a").contains(r#"href="../robust-a%20"#));
+    }
+
+    #[test]
+    fn what_is_broken_is_named_and_an_empty_folder_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let load = || Reproduction::load(folder.path(), &folder.path().join("page.html"));
+        let path = folder.path().display();
+        let empty =
+            format!("{path}: expected results of cargo xtask reproduce, such as small/evaluation.json, got none");
+        assert_eq!(load().unwrap_err().to_string(), empty);
+        let mut foreign = published();
+        foreign["schema"] = json!("other/1");
+        put(folder.path(), "small/evaluation.json", &foreign);
+        let expected = format!("{path}/small/evaluation.json: schema: expected {SCHEMA}, got other/1");
+        assert_eq!(load().unwrap_err().to_string(), expected);
+        put(folder.path(), "small/evaluation.json", &json!({}));
+        let start = format!("{path}/small/evaluation.json: expected an evaluation, got missing field");
+        assert!(load().unwrap_err().to_string().starts_with(&start));
+    }
+
+    #[test]
+    fn a_way_goes_up_and_down() {
+        assert_eq!(way(Path::new("/a/b"), Path::new("/a/b")), "");
+        assert_eq!(way(Path::new("/a/b/c"), Path::new("/a/d e")), "../../d%20e/");
+    }
+}

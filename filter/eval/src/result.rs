@@ -1,0 +1,325 @@
+//! What an evaluation found, as other programs read it: `evaluation.json`.
+
+use serde::{Deserialize, Serialize};
+use tactile_infer::Model;
+
+/// The value of [`Evaluation::schema`].
+pub const SCHEMA: &str = "tactile-filter/evaluation/1";
+
+/// A whole evaluation of one scene with one model. Fields that are `Option` are left out where absent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// Parts that the filter told apart.
+    pub n_classes: usize,
+    /// Episodes behind each row, over all seeds.
+    pub n_episodes: usize,
+    /// Seeds of the episodes.
+    pub seeds: Vec<u64>,
+    /// Whether each hole's own part was taken out of the bank: no answer is then right but "none of these".
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub absent: bool,
+    /// The model that embedded the touches.
+    pub model: ModelRecord,
+    /// Device of the network.
+    pub device: String,
+    /// Threads that worked.
+    pub n_threads: usize,
+    /// A figure for each way of inferring and number of touches.
+    pub rows: Vec<Row>,
+    /// What the stopping rule did.
+    pub stopping: Stopping,
+    /// How long each stage took, milliseconds.
+    pub latency_ms: Latency,
+    /// What the stopping rule did with each way of inferring and choosing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stops: Vec<Stops>,
+    /// Rules of choice compared on the same holes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub comparisons: Vec<Comparison>,
+    /// Whether what the filter is sure of is right: the first way of inferring, over all touches.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub reliability: Vec<ReliabilityBin>,
+    /// How each part fares: the first way of inferring, after its last touch.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts: Vec<PartFigures>,
+    /// The command line that makes this evaluation again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<String>,
+    /// What the settings promised, where they were chosen for a budget.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub promise: Option<Promise>,
+    /// Checksum of what each episode came to, without the times: the same however the work was shared out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checksum: Option<String>,
+}
+
+/// Settings chosen for a budget, and what they should cost on this machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Promise {
+    /// The settings, in words.
+    pub settings: String,
+    /// Median time of a decision on one core, ms.
+    pub decision_ms: f64,
+    /// What an episode holds, 10^6 bytes.
+    pub memory_mb: f64,
+    /// Touches of it.
+    pub n_touches: usize,
+}
+
+/// Which model it was.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelRecord {
+    /// Its name.
+    pub name: String,
+    /// SHA-256 of the checkpoint, hexadecimal.
+    pub sha256: String,
+    /// Trained numbers in it.
+    pub parameters: usize,
+    /// Width and height of its input, pixels.
+    pub input_px: [usize; 2],
+}
+
+impl ModelRecord {
+    /// What is recorded of a model.
+    pub fn of(model: &Model) -> Self {
+        Self {
+            name: model.provenance().name.clone(),
+            sha256: model.sha256().to_string(),
+            parameters: model.n_parameters(),
+            input_px: model.config().input_px,
+        }
+    }
+}
+
+/// How a part was named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// The nearest recorded frame, pixel by pixel; one touch.
+    Pixel,
+    /// The nearest recorded embedding; one touch.
+    Moco,
+    /// The filter over all touches.
+    Filter,
+}
+
+/// How the belief was kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Inference {
+    /// The probability of every state.
+    Exact,
+    /// A sample of the states.
+    Particle,
+    /// No belief: a single touch decides.
+    None,
+}
+
+/// How the next touch was chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Choice {
+    /// The paper's rule (Eq. 5 and 6).
+    Paper,
+    /// The largest expected gain of information.
+    Information,
+    /// Any, each equally likely.
+    Random,
+    /// No further touch.
+    None,
+}
+
+/// Where the true poses lay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Poses {
+    /// On the recorded grid, as the paper has it.
+    OnGrid,
+    /// Anywhere in the grid's range, at any angle.
+    OffGrid,
+}
+
+/// One way of inferring after one number of touches. Errors are those of episodes that named the right part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// How the part was named.
+    pub method: Method,
+    /// How the belief was kept.
+    pub inference: Inference,
+    /// How touches were chosen.
+    pub action: Choice,
+    /// Where the true poses lay.
+    pub poses: Poses,
+    /// Touches so far, the first included.
+    pub n_touches: usize,
+    /// Share of episodes that name the right part, 0..=1.
+    pub accuracy: f64,
+    /// Bounds of the 95 % interval of `accuracy`.
+    pub accuracy_ci95: [f64; 2],
+    /// Share of episodes that name the right part and the cell nearest to the true pose, 0..=1.
+    pub exact_cell: f64,
+    /// Mean distance to the true place, mm.
+    pub xy_mm_mean: f64,
+    /// Mean angle to the true angle, degrees, modulo the part's symmetry.
+    pub theta_deg_mean: f64,
+    /// Mean Brier score of the class posterior, 0 (certain and right) to 2 (certain and wrong).
+    pub brier: f64,
+    /// Median distance to the true place, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub xy_mm_median: Option<f64>,
+    /// Median angle to the true angle, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub theta_deg_median: Option<f64>,
+    /// Episodes that name the right part: those behind the errors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub n_correct: Option<usize>,
+}
+
+/// What the stopping rule did.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stopping {
+    /// Mean number of touches when the episode stopped.
+    pub mean_touches: f64,
+    /// Share of episodes that stopped as confident and named the wrong part, 0..=1.
+    pub confident_and_wrong: f64,
+}
+
+/// What the stopping rule did with one way of inferring and choosing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stops {
+    /// How the belief was kept.
+    pub inference: Inference,
+    /// How touches were chosen.
+    pub action: Choice,
+    /// Mean number of touches when the episode stopped.
+    pub mean_touches: f64,
+    /// Share of episodes that stopped as confident, 0..=1.
+    pub confident: f64,
+    /// Share of those that named the wrong part.
+    pub confident_and_wrong: f64,
+    /// Share of episodes that stopped because no part explains the touches.
+    pub none_of_these: f64,
+    /// Mean number of touches until a part is 95 % sure, whatever its fit; episodes that never are count
+    /// as one more than their touches.
+    pub touches_to_95: f64,
+}
+
+/// Two rules of choice on the same holes after the same number of touches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// How the belief was kept.
+    pub inference: Inference,
+    /// One rule.
+    pub action: Choice,
+    /// The other.
+    pub against: Choice,
+    /// Touches so far.
+    pub n_touches: usize,
+    /// Accuracy of the one less that of the other, -1..=1.
+    pub difference: f64,
+    /// Bounds of the 95 % interval of the paired difference.
+    pub ci95: [f64; 2],
+}
+
+/// Episodes whose most probable part had a probability in one range.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ReliabilityBin {
+    /// Range of the probability.
+    pub probability: [f64; 2],
+    /// Mean probability within it.
+    pub mean_probability: f64,
+    /// Share that was right.
+    pub right: f64,
+    /// Bounds of the 95 % interval of that share.
+    pub right_ci95: [f64; 2],
+    /// Touches counted, over all episodes.
+    pub n: usize,
+}
+
+/// The holes of one part after their last touch. Errors are those of holes whose part was named rightly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PartFigures {
+    /// Name of the part.
+    pub part: String,
+    /// Holes of it.
+    pub n: usize,
+    /// Those named rightly.
+    pub n_right: usize,
+    /// The part most often named instead, and how often; `None` where none was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mistaken_for: Option<(String, usize)>,
+    /// Mean distance to the true place, mm.
+    pub xy_mm_mean: f64,
+    /// Mean angle to the true angle, degrees, modulo the part's symmetry.
+    pub theta_deg_mean: f64,
+}
+
+/// How long each stage of one touch took, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Latency {
+    /// Frame to embedding.
+    pub encode: Quantiles,
+    /// Embedding to belief.
+    pub update: Quantiles,
+    /// Belief to the next touch.
+    pub select: Quantiles,
+    /// All three, where a next touch was chosen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decision: Option<Quantiles>,
+}
+
+/// Two quantiles of a duration, milliseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Quantiles {
+    /// Half take no longer.
+    pub p50: f64,
+    /// 99 in 100 take no longer.
+    pub p99: f64,
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use serde_json::{Value, json};
+
+    /// An evaluation in the schema as it is published, every optional field absent.
+    pub(crate) fn published() -> Value {
+        json!({
+            "schema": "tactile-filter/evaluation/1", "scene": "alphabet-small", "n_classes": 12, "n_episodes": 500,
+            "seeds": [1, 2, 3],
+            "model": {"name": "m", "sha256": "ab", "parameters": 7, "input_px": [80, 60]},
+            "device": "flex", "n_threads": 2,
+            "rows": [
+                {"method": "filter", "inference": "exact", "action": "information", "poses": "on-grid",
+                 "n_touches": 3, "accuracy": 0.9, "accuracy_ci95": [0.87, 0.92], "exact_cell": 0.8,
+                 "xy_mm_mean": 0.2, "theta_deg_mean": 0.9, "brier": 0.1},
+                {"method": "moco", "inference": "none", "action": "none", "poses": "off-grid",
+                 "n_touches": 1, "accuracy": 0.5, "accuracy_ci95": [0.46, 0.54], "exact_cell": 0.25,
+                 "xy_mm_mean": 1.0, "theta_deg_mean": 4.0, "brier": 0.75}],
+            "stopping": {"mean_touches": 2.5, "confident_and_wrong": 0.0625},
+            "latency_ms": {"encode": {"p50": 5.0, "p99": 7.0}, "update": {"p50": 0.5, "p99": 1.0},
+                           "select": {"p50": 3.0, "p99": 4.0}}
+        })
+    }
+
+    #[test]
+    fn json_has_exactly_the_published_keys_and_words() {
+        let evaluation: Evaluation = serde_json::from_value(published()).unwrap();
+        assert_eq!(evaluation.schema, SCHEMA);
+        assert_eq!(serde_json::to_value(&evaluation).unwrap(), published());
+    }
+
+    #[test]
+    fn optional_figures_are_kept() {
+        let mut more = published();
+        more["command"] = json!("tactile-filter evaluate");
+        more["absent"] = json!(true);
+        more["rows"][0]["n_correct"] = json!(450);
+        let evaluation: Evaluation = serde_json::from_value(more.clone()).unwrap();
+        assert_eq!(serde_json::to_value(&evaluation).unwrap(), more);
+    }
+}

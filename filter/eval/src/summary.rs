@@ -1,0 +1,259 @@
+//! Episodes to figures: accuracy with its interval, errors, stopping, latency.
+
+use serde::{Deserialize, Serialize};
+
+use crate::evaluate::{Outcome, Scored, StageTimes};
+use crate::result::{
+    Choice, Comparison, Inference, Latency, Method, PartFigures, Poses, Quantiles, ReliabilityBin, Row, Stops,
+};
+use tactile_filter::{EpisodeConfig, StopReason};
+
+/// What a row is about.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Label {
+    /// How the part was named.
+    pub method: Method,
+    /// How the belief was kept.
+    pub inference: Inference,
+    /// How touches were chosen.
+    pub action: Choice,
+    /// Where the true poses lay.
+    pub poses: Poses,
+}
+
+/// One row for each number of touches.
+pub fn rows(label: Label, outcomes: &[Outcome]) -> Vec<Row> {
+    let n_touches = outcomes.iter().map(|outcome| outcome.scored.len()).min().unwrap_or(0);
+    let after = |n: usize| -> Vec<Scored> { outcomes.iter().map(|outcome| outcome.scored[n]).collect() };
+    (0..n_touches).map(|n| row(label, n + 1, &after(n))).collect()
+}
+
+/// The figures of one number of touches. Pose errors are those of the episodes that name the right part.
+pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
+    let right: Vec<&Scored> = scored.iter().filter(|s| s.right).collect();
+    let n = scored.len().max(1) as f64;
+    let n_right = right.len().max(1) as f64;
+    let mean = |of: fn(&Scored) -> f64| right.iter().map(|s| of(s)).sum::<f64>() / n_right;
+    let median = |of: fn(&Scored) -> f64| quantile(right.iter().map(|s| of(s)).collect(), 0.5);
+    Row {
+        method: label.method,
+        inference: label.inference,
+        action: label.action,
+        poses: label.poses,
+        n_touches,
+        accuracy: right.len() as f64 / n,
+        accuracy_ci95: wilson_95(right.len(), scored.len()),
+        exact_cell: scored.iter().filter(|s| s.exact_cell).count() as f64 / n,
+        xy_mm_mean: mean(|s| s.xy_mm),
+        theta_deg_mean: mean(|s| s.theta_deg),
+        brier: scored.iter().map(|s| s.brier).sum::<f64>() / n,
+        xy_mm_median: Some(median(|s| s.xy_mm)),
+        theta_deg_median: Some(median(|s| s.theta_deg)),
+        n_correct: Some(right.len()),
+    }
+}
+
+/// Where each episode would have stopped by the rule of `config`, or at its last touch. The share of
+/// confident stops that name the wrong part is of those stops, not of all episodes.
+pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig) -> Stops {
+    let (mut touches, mut to_95, mut confident, mut wrong, mut none) = (0, 0, 0.0_f64, 0.0, 0.0);
+    for outcome in outcomes {
+        let reason = |(at, s): (usize, &Scored)| Some((at, config.stop(s.probability, s.fit, at + 1)?));
+        let stop = outcome.scored.iter().enumerate().find_map(reason);
+        touches += stop.map_or(outcome.scored.len(), |(at, _)| at + 1);
+        to_95 += outcome.scored.iter().position(|s| s.probability > 0.95).unwrap_or(outcome.scored.len()) + 1;
+        match stop {
+            Some((at, StopReason::Confident)) => {
+                confident += 1.0;
+                wrong += if outcome.scored[at].right { 0.0 } else { 1.0 };
+            }
+            Some((_, StopReason::NoneOfThese)) => none += 1.0,
+            _ => {}
+        }
+    }
+    let n = outcomes.len().max(1) as f64;
+    Stops {
+        inference: label.inference,
+        action: label.action,
+        mean_touches: touches as f64 / n,
+        confident: confident / n,
+        confident_and_wrong: wrong / confident.max(1.0),
+        none_of_these: none / n,
+        touches_to_95: to_95 as f64 / n,
+    }
+}
+
+/// Two rules on the same holes after each number of touches: the difference of their accuracies with the
+/// normal 95 % interval of the mean of the paired differences.
+pub fn compare(one: (Label, &[Outcome]), other: (Label, &[Outcome])) -> Vec<Comparison> {
+    let n_touches = one.1.iter().chain(other.1).map(|outcome| outcome.scored.len()).min().unwrap_or(0);
+    let after = |n: usize| {
+        let right = |outcome: &Outcome| f64::from(u8::from(outcome.scored[n].right));
+        let differences: Vec<f64> = one.1.iter().zip(other.1).map(|(a, b)| right(a) - right(b)).collect();
+        let count = differences.len() as f64;
+        let mean = differences.iter().sum::<f64>() / count;
+        let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+        let half = 1.959_963_985 * (variance / count).sqrt();
+        Comparison {
+            inference: one.0.inference,
+            action: one.0.action,
+            against: other.0.action,
+            n_touches: n + 1,
+            difference: mean,
+            ci95: [mean - half, mean + half],
+        }
+    };
+    (0..n_touches).map(after).collect()
+}
+
+/// Bounds of the ranges of probability: finer where it matters.
+const RELIABILITY: [f64; 9] = [0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0];
+
+/// How often the most probable part is right, for ranges of its probability, over all touches.
+pub fn reliability(outcomes: &[Outcome]) -> Vec<ReliabilityBin> {
+    let bin = |bounds: &[f64]| {
+        let within = |s: &&Scored| s.probability > bounds[0] && (s.probability <= bounds[1] || bounds[1] == 1.0);
+        let all = || outcomes.iter().flat_map(|outcome| &outcome.scored).filter(within);
+        let (n, n_right) = (all().count(), all().filter(|s| s.right).count());
+        (n > 0).then(|| ReliabilityBin {
+            probability: [bounds[0], bounds[1]],
+            mean_probability: all().map(|s| s.probability.min(1.0)).sum::<f64>() / n as f64,
+            right: n_right as f64 / n as f64,
+            right_ci95: wilson_95(n_right, n),
+            n,
+        })
+    };
+    RELIABILITY.windows(2).filter_map(bin).collect()
+}
+
+/// How the holes of each part fared after their last touch; parts without a hole are left out.
+pub fn parts(names: &[String], outcomes: &[Outcome]) -> Vec<PartFigures> {
+    let of_part = |(part, name): (usize, &String)| {
+        let of = outcomes.iter().filter(|outcome| outcome.part == part);
+        let last: Vec<&Scored> = of.filter_map(|outcome| outcome.scored.last()).collect();
+        let (right, wrong): (Vec<&Scored>, Vec<&Scored>) = last.iter().partition(|s| s.right);
+        let mean = |of: fn(&Scored) -> f64| right.iter().map(|s| of(s)).sum::<f64>() / right.len().max(1) as f64;
+        let times = |named: usize| wrong.iter().filter(|s| s.named == named).count();
+        // The first of equals.
+        let most = (0..names.len()).rev().max_by_key(|named| times(*named)).filter(|named| times(*named) > 0);
+        (!last.is_empty()).then(|| PartFigures {
+            part: name.clone(),
+            n: last.len(),
+            n_right: right.len(),
+            mistaken_for: most.map(|named| (names[named].clone(), times(named))),
+            xy_mm_mean: mean(|s| s.xy_mm),
+            theta_deg_mean: mean(|s| s.theta_deg),
+        })
+    };
+    names.iter().enumerate().filter_map(of_part).collect()
+}
+
+/// Median and 99th percentile of each stage and of whole decisions.
+pub fn latency(outcomes: &[Outcome]) -> Latency {
+    let times = || outcomes.iter().flat_map(|outcome| &outcome.times);
+    let stage = |of: fn(&StageTimes) -> f64| {
+        let values: Vec<f64> = times().map(of).filter(|ms| *ms > 0.0).collect();
+        Quantiles { p50: quantile(values.clone(), 0.5), p99: quantile(values, 0.99) }
+    };
+    let chosen = times().filter(|t| t.select > 0.0);
+    let whole: Vec<f64> = chosen.map(|t| t.encode + t.update + t.select).collect();
+    Latency {
+        encode: stage(|t| t.encode),
+        update: stage(|t| t.update),
+        select: stage(|t| t.select),
+        decision: Some(Quantiles { p50: quantile(whole.clone(), 0.5), p99: quantile(whole, 0.99) }),
+    }
+}
+
+/// Wilson's 95 % interval of a share (Wilson 1927): right at shares near nought and one.
+pub fn wilson_95(n_right: usize, n: usize) -> [f64; 2] {
+    if n == 0 {
+        return [0.0, 1.0];
+    }
+    let (z, n, share) = (1.959_963_985, n as f64, n_right as f64 / n as f64);
+    let centre = share + z * z / (2.0 * n);
+    let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
+    [centre - half, centre + half].map(|bound| (bound / (1.0 + z * z / n)).clamp(0.0, 1.0))
+}
+
+/// The value below which a share of the values lies: the nearest rank. Nought for no values.
+pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let rank = (share * values.len() as f64).ceil() as usize;
+    values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wilsons_interval_agrees_with_published_values() {
+        // 81 of 263: (0.2553, 0.3662), Newcombe 1998, Table I, method 3.
+        let [low, high] = wilson_95(81, 263);
+        assert!((low - 0.2553).abs() < 5e-5 && (high - 0.3662).abs() < 5e-5, "{low} {high}");
+        // 0 of 20: (0, 0.1611).
+        assert!(wilson_95(0, 20)[0] < 1e-12 && (wilson_95(0, 20)[1] - 0.1611).abs() < 5e-5);
+    }
+
+    #[test]
+    fn an_episode_stops_when_it_is_sure_and_is_counted_wrong_if_it_is() {
+        let scored = |probability, right| Scored { probability, right, fit: Some(0.0), ..Scored::default() };
+        let outcome = |scored| Outcome { scored, ..Outcome::default() };
+        let outcomes = [
+            outcome(vec![scored(0.5, true), scored(0.97, true), scored(0.99, false)]),
+            outcome(vec![scored(0.99, false), scored(0.2, true), scored(0.2, true)]),
+            outcome(vec![scored(0.2, true), scored(0.3, true), scored(0.95, true)]),
+        ];
+        let config = EpisodeConfig { max_touches: 3, fit_margin: 0.0, ..EpisodeConfig::default() };
+        let stops = stops(LABEL, &outcomes, &config);
+        assert_eq!(stops.mean_touches, (2 + 1 + 3) as f64 / 3.0);
+        assert_eq!((stops.confident, stops.confident_and_wrong, stops.none_of_these), (2.0 / 3.0, 0.5, 0.0));
+        assert_eq!(stops.touches_to_95, (2 + 1 + 4) as f64 / 3.0);
+    }
+
+    const LABEL: Label =
+        Label { method: Method::Filter, inference: Inference::Exact, action: Choice::Random, poses: Poses::OnGrid };
+
+    #[test]
+    fn a_comparison_is_of_the_same_holes() {
+        let outcomes = |rights: [bool; 4]| {
+            let scored = |right| vec![Scored { right, ..Scored::default() }];
+            rights.map(|right| Outcome { scored: scored(right), ..Outcome::default() })
+        };
+        let (one, other) = (outcomes([true, true, true, false]), outcomes([true, false, false, false]));
+        let [comparison] = compare((LABEL, &one), (LABEL, &other))[..] else { panic!() };
+        // Differences 0, 1, 1, 0: mean 1/2, variance 1/3, standard error sqrt(1/12).
+        assert_eq!(comparison.difference, 0.5);
+        assert!((comparison.ci95[1] - 0.5 - 1.959_963_985 / 12.0_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn reliability_counts_every_touch_once() {
+        let scored = |probability, right| Scored { probability, right, ..Scored::default() };
+        let scored = vec![scored(0.3, false), scored(0.96, true), scored(1.0, true)];
+        let outcome = Outcome { scored, ..Outcome::default() };
+        let bins = reliability(&[outcome]);
+        assert_eq!(bins.iter().map(|bin| (bin.n, bin.right)).collect::<Vec<_>>(), [(1, 0.0), (1, 1.0), (1, 1.0)]);
+    }
+
+    #[test]
+    fn a_part_is_told_with_what_it_is_mistaken_for() {
+        let names = ["A", "B", "C"].map(String::from);
+        let outcome = |part, named: usize, xy_mm| {
+            let last = Scored { named, right: part == named, xy_mm, ..Scored::default() };
+            Outcome { part, scored: vec![Scored::default(), last], times: Vec::new() }
+        };
+        let outcomes = [outcome(0, 0, 1.0), outcome(0, 2, 9.0), outcome(0, 0, 2.0), outcome(2, 2, 4.0)];
+        let [a, c] = &parts(&names, &outcomes)[..] else { panic!() };
+        assert_eq!((a.part.as_str(), a.n, a.n_right, a.xy_mm_mean), ("A", 3, 2, 1.5));
+        assert_eq!(a.mistaken_for, Some(("C".into(), 1)));
+        assert_eq!((c.n, c.n_right, c.mistaken_for.is_none(), c.xy_mm_mean), (1, 1, true, 4.0));
+    }
+
+    #[test]
+    fn quantiles_are_ranks() {
+        let values = || (1..=100).map(f64::from).collect::<Vec<_>>();
+        assert_eq!((quantile(values(), 0.5), quantile(values(), 0.99)), (50.0, 99.0));
+    }
+}

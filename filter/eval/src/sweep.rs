@@ -1,0 +1,228 @@
+//! What a trade-off measures: which settings, and each one's accuracy, time and memory.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
+use tactile_data::simulator::Simulator;
+use tactile_infer::Bank;
+use tactile_infer::Model;
+use tactile_infer::precision::Precision;
+
+use crate::error::{Error, Result};
+use crate::evaluate::{Banks, Protocol, run, run_one};
+use crate::result::{Choice, Inference, Method, Poses, Row};
+use crate::summary::{Label, quantile, rows};
+use tactile_filter::action::ActionRule;
+use tactile_filter::belief::EngineConfig;
+use tactile_filter::budget::{Pace, Point, Settings};
+use tactile_filter::particle::ParticleConfig;
+use tactile_filter::{EpisodeConfig, Sensor};
+
+/// Touches after which a point is taken.
+pub const TOUCHES: [usize; 6] = [1, 2, 3, 4, 6, 10];
+
+/// Episodes that are timed, one after the other on one core.
+const TIMED: usize = 10;
+
+/// Seconds of made-up decisions.
+const PACE_S: f64 = 0.5;
+
+/// The bank's steps that are tried: mm and degrees.
+const STEPS: [[f64; 2]; 5] = [[4.0, 30.0], [4.0, 15.0], [2.0, 30.0], [2.0, 15.0], [2.0, 10.0]];
+
+/// Draws, suppositions and finalists that are tried.
+const EFFORTS: [(usize, usize, Option<usize>); 7] = [
+    (8, 2, Some(2)),
+    (16, 4, Some(4)),
+    (40, 8, Some(8)),
+    (80, 12, Some(12)),
+    (160, 24, Some(24)),
+    (320, 48, Some(48)),
+    (160, 24, None),
+];
+
+/// One setting to measure, with the model that it takes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Planned {
+    /// Index of the model.
+    pub model: usize,
+    /// The setting.
+    pub settings: Settings,
+}
+
+/// The settings of a sweep over some models, the first of which is turned at every knob: from a lean and the default
+/// setting each knob alone, a rich one, and the leanest there are. None twice.
+pub fn plan(models: &[Arc<Model>]) -> Result<Vec<Planned>> {
+    let Some(first) = models.first() else {
+        return Err(Error::invalid("--model", "at least one model", "none"));
+    };
+    let of = |model: &Model, [xy_step_mm, theta_step_deg]: [f64; 2]| {
+        let default = Settings::of(model, &PoseGrid::SMALL);
+        Settings { xy_step_mm, theta_step_deg, ..default }
+    };
+    let with_effort = |base: &Settings, (n_draws, n_suppositions, n_finalists): (usize, usize, Option<usize>)| {
+        Settings { n_draws, n_suppositions, n_finalists, ..base.clone() }
+    };
+    let default = of(first, [2.0, 15.0]);
+    let lean = Settings { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), (16, 4, Some(4))) };
+    let rich = with_effort(&of(first, [2.0, 10.0]), (320, 48, Some(48)));
+    let particles = |n_particles| {
+        EngineConfig::Particle(ParticleConfig { n_particles, adaptive: false, ..ParticleConfig::default() })
+    };
+    let mut planned = Vec::new();
+    let mut add = |model: usize, settings: Settings| {
+        let new = Planned { model, settings };
+        if !planned.contains(&new) {
+            planned.push(new);
+        }
+    };
+    for base in [&default, &lean] {
+        add(0, base.clone());
+        for [xy_step_mm, theta_step_deg] in STEPS {
+            add(0, Settings { xy_step_mm, theta_step_deg, ..base.clone() });
+        }
+        for rows in [Precision::F16, Precision::I8] {
+            add(0, Settings { rows, ..base.clone() });
+        }
+        for subdivisions in [1, 2, 3] {
+            add(0, Settings { subdivisions, ..base.clone() });
+        }
+        for rule in [ActionRule::Random, ActionRule::Paper] {
+            add(0, Settings { rule, ..base.clone() });
+        }
+        for effort in EFFORTS {
+            add(0, with_effort(base, effort));
+        }
+    }
+    // A rich setting takes ten times as long to measure: it is turned down only.
+    for rich in [
+        rich.clone(),
+        Settings { xy_step_mm: 2.0, theta_step_deg: 15.0, ..rich.clone() },
+        Settings { subdivisions: 1, ..rich.clone() },
+        Settings { subdivisions: 3, ..rich.clone() },
+        with_effort(&rich, (160, 24, Some(24))),
+    ] {
+        add(0, rich);
+    }
+    for engine in
+        [particles(100), particles(1_000), particles(10_000), EngineConfig::Particle(ParticleConfig::default())]
+    {
+        add(0, Settings { engine, ..default.clone() });
+    }
+    // Lean where it costs little of what a fine bank knows.
+    for effort in [EFFORTS[1], EFFORTS[2], EFFORTS[4]] {
+        add(0, Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(&default, effort) });
+    }
+    // The least of everything: what can be had at once.
+    let least =
+        Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(&of(first, [4.0, 30.0]), (8, 2, Some(2))) };
+    add(0, Settings { rule: ActionRule::Random, ..least.clone() });
+    add(0, Settings { engine: particles(100), rule: ActionRule::Random, ..least.clone() });
+    add(0, least.clone());
+    add(0, Settings { rows: Precision::F32, ..least });
+    for (index, model) in models.iter().enumerate().skip(1) {
+        for base in [&default, &lean] {
+            let Settings { model, model_sha256, .. } = of(model, [2.0, 15.0]);
+            add(index, Settings { model, model_sha256, ..base.clone() });
+        }
+    }
+    Ok(planned)
+}
+
+/// What a setting is measured on.
+pub struct Bench<'a> {
+    /// The scene.
+    pub simulator: &'a Simulator,
+    /// The model.
+    pub model: &'a Arc<Model>,
+    /// A bank of the setting's steps, its rows in f32.
+    pub bank: &'a Bank,
+    /// The sensor at rest.
+    pub no_contact: &'a Frame,
+    /// The episodes.
+    pub protocol: &'a Protocol,
+}
+
+/// Measures one setting: accuracy on all cores, then time on one. A point for each of [`TOUCHES`] that the protocol reaches.
+pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
+    let Bench { simulator, model, no_contact, protocol, .. } = bench;
+    let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
+    let sensor = Sensor::new(Arc::clone(model), no_contact)?;
+    let config = settings.applied_to(&EpisodeConfig::of(model));
+    let outcomes = run(simulator, &sensor, &bank, &config, protocol, &|_, _| ())?;
+    let label =
+        Label { method: Method::Filter, inference: Inference::None, action: Choice::None, poses: protocol.poses };
+    let reach = match protocol.poses {
+        Poses::OnGrid => *bank.grid(),
+        Poses::OffGrid => simulator.scene().reach.unwrap_or(*bank.grid()),
+    };
+    let (decisions, pace_ms) = on_one_core(|| {
+        let banks = Banks::new(&bank, protocol);
+        let mut decisions = Vec::new();
+        for index in 0..TIMED.min(protocol.n_episodes) {
+            let outcome = run_one(simulator, &sensor, &banks, &config, protocol, index, &mut |_, _, _, _| ())?;
+            // After the last touch nothing is chosen.
+            let whole = outcome.times.iter().filter(|times| times.select > 0.0);
+            decisions.extend(whole.map(|times| times.encode + times.update + times.select));
+        }
+        let begun = Instant::now();
+        let pace = Pace { sensor: &sensor, frame: no_contact, bank: &bank, reach: &reach };
+        let config = EpisodeConfig { between_poses: protocol.poses == Poses::OffGrid, ..config };
+        let pace_ms = pace.decision_ms(&config, PACE_S, &mut || begun.elapsed().as_secs_f64())?;
+        Ok((decisions, pace_ms))
+    })?;
+    let reached = rows(label, &outcomes).into_iter().filter(|row| TOUCHES.contains(&row.n_touches));
+    let point = |row: Row| {
+        Ok(Point {
+            settings: settings.clone(),
+            n_touches: row.n_touches,
+            accuracy: row.accuracy,
+            accuracy_ci95: row.accuracy_ci95,
+            xy_mm_mean: row.xy_mm_mean,
+            theta_deg_mean: row.theta_deg_mean,
+            decision_ms_p50: quantile(decisions.clone(), 0.5),
+            decision_ms_p99: quantile(decisions.clone(), 0.99),
+            pace_ms,
+            memory_mb: settings.memory_mb(model.n_parameters(), &bank, row.n_touches)?,
+            dominated: false,
+        })
+    };
+    reached.map(point).collect()
+}
+
+/// Runs some work with one thread for whatever it shares out.
+fn on_one_core<T: Send>(work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    pool.map_err(|e| Error::invalid("threads", "one", e.to_string()))?.install(work)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tactile_data::frame::Preprocessing;
+    use tactile_filter::budget::Knob;
+    use tactile_infer::DeviceKind;
+    use tactile_infer::architecture::NetworkConfig;
+    use tactile_infer::checkpoint::{Checkpoint, Provenance};
+
+    #[test]
+    fn a_sweep_has_forty_settings_none_twice_and_turns_every_knob() {
+        let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 6 };
+        let model = |sha256: &str| {
+            let network = config.init(3, &DeviceKind::Flex.tensor_device());
+            let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+            Arc::new(Model::new(checkpoint, sha256.into(), DeviceKind::Flex).unwrap())
+        };
+        let planned = plan(&[model("a"), model("b")]).unwrap();
+        assert!(planned.len() >= 40, "{}", planned.len());
+        assert!((0..planned.len()).all(|i| !planned[..i].contains(&planned[i])));
+        let turned = |knob| planned.iter().any(|p| planned[0].settings.turned(&p.settings) == [knob]);
+        let knobs =
+            [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort];
+        assert!(knobs.into_iter().all(turned));
+        assert!(plan(&[]).is_err());
+    }
+}

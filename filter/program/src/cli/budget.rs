@@ -1,0 +1,126 @@
+//! Flags of a budget, as they are shared by the commands.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args;
+use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
+use tactile_eval::result::Promise;
+use tactile_eval::{Error, Result};
+use tactile_filter::budget::{Budget, Choice, Cost, Pace, Settings, Tradeoff};
+use tactile_filter::{EpisodeConfig, Sensor};
+use tactile_infer::Bank;
+use tactile_infer::Model;
+
+use super::tradeoff::told;
+
+/// Seconds to find how fast this machine is.
+const CALIBRATION_S: f64 = 10.0;
+
+/// What there is to spend.
+#[derive(Args)]
+pub struct BudgetArgs {
+    /// Choose the settings: the most accurate whose decisions take at most this (median, one core), ms. Ten seconds go
+    /// into finding how fast this machine is.
+    #[arg(long)]
+    budget_ms: Option<f64>,
+    /// Choose the settings: the most accurate that hold at most this, 10^6 bytes.
+    #[arg(long)]
+    budget_mb: Option<f64>,
+    /// Stop after this many touches.
+    #[arg(long)]
+    pub max_touches: Option<usize>,
+    /// What tactile-filter tradeoff measured [default: beside the model, MODEL.frontier.json]
+    #[arg(long, value_name = "FILE")]
+    frontier: Option<PathBuf>,
+}
+
+/// What the settings were chosen for.
+pub struct Task<'a> {
+    /// File of the model.
+    pub model_path: &'a Path,
+    /// The model.
+    pub model: &'a Arc<Model>,
+    /// The bank, as it was loaded.
+    pub bank: &'a Arc<Bank>,
+    /// A frame of the sensor at rest.
+    pub no_contact: &'a Frame,
+    /// The motions that will be offered.
+    pub reach: PoseGrid,
+    /// Whether poses lie between recorded ones.
+    pub between_poses: bool,
+}
+
+impl BudgetArgs {
+    /// Whether settings are to be chosen.
+    pub fn is_asked(&self) -> bool {
+        self.budget_ms.is_some() || self.budget_mb.is_some()
+    }
+
+    /// Chooses settings; returns the bank in the format that they take, what they are, and what they promise.
+    pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Arc<Bank>, EpisodeConfig, Promise)> {
+        let beside = || task.model_path.with_extension("frontier.json");
+        let path = self.frontier.clone().unwrap_or_else(beside);
+        if !path.exists() {
+            let expected = "a frontier of this model, as tactile-filter tradeoff measures it";
+            return Err(Error::invalid(path.display().to_string(), expected, "no such file"));
+        }
+        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
+        let paces = self.paces(&tradeoff, task, base)?;
+        let budget = Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
+        let choice = tradeoff.choose(&budget, &mut |settings, n_touches| {
+            let Some((_, pace_ms)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
+            let memory_mb = settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?;
+            Ok(Some(Cost { pace_ms: *pace_ms, memory_mb }))
+        })?;
+        tell(&choice, &tradeoff);
+        let settings = &choice.point.settings;
+        let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
+        config.validate()?;
+        let promise = Promise {
+            settings: told(settings),
+            decision_ms: choice.decision_ms,
+            memory_mb: choice.memory_mb,
+            n_touches: config.max_touches,
+        };
+        Ok((with_rows(task.bank, settings)?, config, promise))
+    }
+
+    /// How long a made-up decision takes here, for each setting that can be had.
+    fn paces(&self, tradeoff: &Tradeoff, task: &Task<'_>, base: &EpisodeConfig) -> Result<Vec<(Settings, f64)>> {
+        let settings = tradeoff.settings_of(task.model.sha256(), task.bank.grid());
+        let sensor = Sensor::new(task.model.clone(), task.no_contact)?;
+        let begun = Instant::now();
+        let share_s = CALIBRATION_S / settings.len().max(1) as f64;
+        let of = |settings: &Settings| {
+            let bank = with_rows(task.bank, settings)?;
+            let config = EpisodeConfig { between_poses: task.between_poses, ..settings.applied_to(base) };
+            let pace = Pace { sensor: &sensor, frame: task.no_contact, bank: &bank, reach: &task.reach };
+            let pace_ms = pace.decision_ms(&config, share_s, &mut || begun.elapsed().as_secs_f64())?;
+            Ok((settings.clone(), pace_ms))
+        };
+        settings.into_iter().map(of).collect()
+    }
+}
+
+/// The bank with its rows in the format of some settings.
+fn with_rows(bank: &Bank, settings: &Settings) -> Result<Arc<Bank>> {
+    Ok(Arc::new(bank.clone().with_precision(settings.rows)?))
+}
+
+fn tell(choice: &Choice, tradeoff: &Tradeoff) {
+    let point = &choice.point;
+    eprintln!(
+        "budget: {:.2} ms a decision and {:.1} MB here, {} touches; {:.1} % right on {}, {}: {}",
+        choice.decision_ms,
+        choice.memory_mb,
+        point.n_touches,
+        100.0 * point.accuracy,
+        tradeoff.scene,
+        tradeoff.poses,
+        told(&point.settings)
+    );
+}

@@ -1,0 +1,127 @@
+//! `tactile-filter replay`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+use tactile_data::store::Dataset;
+use tactile_eval::replay::{Replayed, episodes, play};
+use tactile_eval::{Error, Result};
+use tactile_filter::Sensor;
+use tactile_filter::action::ActionRule;
+use tactile_infer::Bank;
+use tactile_infer::{DeviceKind, Model};
+
+use super::budget::{BudgetArgs, Task};
+use super::tuning::Tuning;
+
+/// Play a recorded dataset of hole touches back through the filter.
+#[derive(Args)]
+#[command(
+    after_help = "Example:\n  tactile-data import presses --out recorded\n  tactile-filter replay --model infer/models/maze-small.safetensors --bank pegs.bank --data recorded"
+)]
+pub struct Replay {
+    /// Checkpoint written by tactile-train.
+    #[arg(long)]
+    model: PathBuf,
+    /// Bank of the pegs that may fit, made by tactile-infer bank with the same model.
+    #[arg(long)]
+    bank: PathBuf,
+    /// Recorded dataset: imported, or generated with its holes.
+    #[arg(long)]
+    data: PathBuf,
+    /// Play at most this many episodes.
+    #[arg(long)]
+    limit: Option<usize>,
+    /// Engine: exact, particle or paper.
+    #[arg(long, default_value = "exact", value_parser = ["exact", "particle", "paper"])]
+    engine: String,
+    /// Where the network is computed: flex or ndarray.
+    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
+    device: String,
+    /// One line of JSON an episode.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    budget: BudgetArgs,
+    #[command(flatten)]
+    tuning: Tuning,
+}
+
+/// Scales that differ by more than this share are told: an edge's shape means another thing.
+const SCALE_TOLERANCE: f64 = 0.05;
+
+impl Replay {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let model = Arc::new(Model::load_on(&self.model, self.device.parse()?)?);
+        let mut bank = Arc::new(Bank::load(&self.bank, &model)?);
+        let dataset = Dataset::open(&self.data)?;
+        self.warn_of_scale(&model, &dataset);
+        let sensor = Sensor::new(model.clone(), dataset.no_contact())?;
+        let mut config = self.tuning.config(&self.engine, ActionRule::Paper, &model)?;
+        config.max_touches = self.budget.max_touches.unwrap_or(config.max_touches);
+        config.validate()?;
+        if self.budget.is_asked() {
+            let (model_path, model, no_contact) = (self.model.as_path(), &model, dataset.no_contact());
+            let (reach, between_poses) = (*bank.grid(), config.between_poses);
+            let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
+            (bank, config, _) = self.budget.choose(&task, &config)?;
+        }
+        let recorded = episodes(&dataset)?;
+        let limit = self.limit.unwrap_or(recorded.len());
+        let mut n_right = [0, 0];
+        for (number, touches) in recorded.iter().take(limit).enumerate() {
+            let replayed = play(&dataset, &sensor, &bank, &config, touches)?;
+            if let Some(truth) = &replayed.truth {
+                n_right[0] += usize::from(*truth == replayed.part);
+                n_right[1] += 1;
+            }
+            self.print(number, &replayed)?;
+        }
+        if recorded.is_empty() {
+            println!("no touch: no frame of {} shows contact", self.data.display());
+        } else if n_right[1] > 0 && !self.json {
+            println!("{} of {} episodes named right", n_right[0], n_right[1]);
+        }
+        Ok(())
+    }
+
+    fn warn_of_scale(&self, model: &Model, dataset: &Dataset) {
+        let meta = dataset.meta();
+        let view = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+        let trained = model.preprocessing().field_of_view_mm;
+        if (0..2).any(|axis| (view[axis] / trained[axis] - 1.0).abs() > SCALE_TOLERANCE) {
+            eprintln!(
+                "warning: {} shows {:.1} x {:.1} mm, the model was trained on {:.1} x {:.1} mm",
+                self.data.display(),
+                view[0],
+                view[1],
+                trained[0],
+                trained[1]
+            );
+        }
+    }
+
+    fn print(&self, number: usize, replayed: &Replayed) -> Result<()> {
+        if self.json {
+            let line = serde_json::to_string(replayed).map_err(|e| Error::invalid("result", "JSON", e.to_string()))?;
+            println!("{line}");
+            return Ok(());
+        }
+        let [x, y, theta] = replayed.part_from_sensor;
+        let truth = replayed.truth.as_ref().map_or(String::new(), |part| format!(", truth {part}"));
+        let order = replayed.symmetry_order;
+        let twins = if order > 1 { format!(" or turned by {} deg", 360 / order) } else { String::new() };
+        println!(
+            "episode {number}: {} touches, {} with {:.1} %, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
+            replayed.frames.len(),
+            replayed.part,
+            100.0 * replayed.probability
+        );
+        for warning in &replayed.warnings {
+            println!("  warning: {warning}");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,69 @@
+//! An evaluation as a table on the terminal.
+
+use tactile_eval::result::{Evaluation, Row};
+
+/// Prints it; `inside_out` is the Pixel baseline with its pictures turned inside out.
+pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
+    println!("{}: {} episodes, {} parts", evaluation.scene, evaluation.n_episodes, evaluation.n_classes);
+    println!(
+        "  {:28} {:>2} {:>8} {:>15} {:>8} {:>7} {:>7}",
+        "method", "n", "right %", "95 % interval", "cell %", "xy mm", "deg"
+    );
+    let print = |name: &str, row: &Row| {
+        println!(
+            "  {name:28} {:2} {:8.1} {:7.1}-{:<7.1} {:8.1} {:7.2} {:7.2}",
+            row.n_touches,
+            100.0 * row.accuracy,
+            100.0 * row.accuracy_ci95[0],
+            100.0 * row.accuracy_ci95[1],
+            100.0 * row.exact_cell,
+            row.xy_mm_mean,
+            row.theta_deg_mean
+        );
+    };
+    for row in evaluation.rows.iter().filter(|row| [1, 2, 3, 5, 10].contains(&row.n_touches)) {
+        print(&format!("{:?}, {:?}, {:?}", row.method, row.inference, row.action).to_lowercase(), row);
+    }
+    for row in inside_out {
+        print("pixel, sign-flipped", row);
+    }
+    for stops in &evaluation.stops {
+        println!(
+            "  {:28} stops after {:.2} touches; confident {:.1} %, of these wrong {:.1} %; none of these {:.1} %; 95 % sure after {:.2}",
+            format!("{:?}, {:?}", stops.inference, stops.action).to_lowercase(),
+            stops.mean_touches,
+            100.0 * stops.confident,
+            100.0 * stops.confident_and_wrong,
+            100.0 * stops.none_of_these,
+            stops.touches_to_95,
+        );
+    }
+    for c in evaluation.comparisons.iter().filter(|c| [1, 2, 3, 5, 10].contains(&c.n_touches)) {
+        let name = format!("{:?}, {:?} less {:?}", c.inference, c.action, c.against).to_lowercase();
+        let [low, high] = c.ci95.map(|bound| 100.0 * bound);
+        println!("  {name:38} n = {:2}: {:+.1} points ({low:+.1} to {high:+.1})", c.n_touches, 100.0 * c.difference);
+    }
+    for bin in &evaluation.reliability {
+        let [low, high] = bin.right_ci95.map(|bound| 100.0 * bound);
+        println!(
+            "  {:5.1} % sure: {:5.1} % right ({low:.1}-{high:.1}), {} touches",
+            100.0 * bin.mean_probability,
+            100.0 * bin.right,
+            bin.n
+        );
+    }
+    for of in &evaluation.parts {
+        let mistaken = of.mistaken_for.as_ref().map_or_else(String::new, |(part, n)| format!(", {n} taken for {part}"));
+        let (n, right, part) = (of.n, of.n_right, &of.part);
+        let (xy, theta) = (of.xy_mm_mean, of.theta_deg_mean);
+        println!("  {part:28} {right} of {n} right{mistaken}; {xy:.2} mm, {theta:.2} degrees");
+    }
+    let ms = &evaluation.latency_ms;
+    println!(
+        "  ms p50/p99: encode {:.1}/{:.1}, update {:.2}/{:.2}, choose {:.1}/{:.1}",
+        ms.encode.p50, ms.encode.p99, ms.update.p50, ms.update.p99, ms.select.p50, ms.select.p99
+    );
+    if let Some(checksum) = &evaluation.checksum {
+        println!("  checksum {checksum}");
+    }
+}

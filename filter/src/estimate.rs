@@ -1,0 +1,65 @@
+//! What is known of a hole after the touches so far.
+
+use tactile_data::se2::Se2;
+use tactile_infer::symmetry::Symmetry;
+
+use crate::modes::Mode;
+
+/// A reason to doubt an estimate, however probable it is: the filter only weighs the parts of its bank.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Warning {
+    /// No edged touch looks like any recorded view: perhaps none of these parts.
+    LowSimilarity {
+        /// The largest cosine of any edged touch with any recorded view.
+        best: f32,
+        /// What [`crate::EpisodeConfig::low_similarity`] asks for.
+        floor: f32,
+    },
+    /// Every touch was blank: no edge was ever seen.
+    NothingSeen,
+}
+
+impl std::fmt::Display for Warning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::LowSimilarity { best, floor } => {
+                write!(f, "no touch looks like any recorded view (best cosine {best:.2}, expected {floor:.2} or more)")
+            }
+            Self::NothingSeen => write!(f, "no touch showed an edge"),
+        }
+    }
+}
+
+/// What is known after the touches so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// Name of the most probable part; the first of equals.
+    pub part: String,
+    /// Its probability, 0..=1.
+    pub probability: f64,
+    /// Pose of the sensor now, around the likeliest state of that part.
+    pub part_from_sensor: Se2,
+    /// Pose of the sensor at its first touch: the mean around that state, or its recorded pose where
+    /// [`crate::EpisodeConfig::between_poses`] is off.
+    pub part_from_first: Se2,
+    /// The turns after which that part feels the same. Touch cannot tell the poses of
+    /// `symmetry.twins(&part_from_sensor)` apart; insert at any of them.
+    pub symmetry: Symmetry,
+    /// Covariance of that pose: (x mm, y mm, theta rad); zeros for a recorded pose.
+    pub covariance: [[f64; 3]; 3],
+    /// How well that part explains what was felt: the mean log-likelihood of its match with each edged touch, 0 for
+    /// the best recorded view each time; `None` where no edge was felt.
+    pub fit: Option<f64>,
+    /// Probability of each part of the bank, `[n_parts]`.
+    pub class_posterior: Vec<f64>,
+    /// Where else it may be: the belief's modes, the heaviest first.
+    pub modes: Vec<Mode>,
+    /// Entropy over all states, nats.
+    pub entropy_nats: f64,
+    /// [`crate::belief::Belief::log_evidence`] of all touches, nats.
+    pub log_evidence: f64,
+    /// Touches made.
+    pub n_touches: usize,
+    /// Reasons to doubt all this.
+    pub warnings: Vec<Warning>,
+}

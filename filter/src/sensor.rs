@@ -1,0 +1,53 @@
+//! The camera, the gel and its frame at rest, bound to a model.
+
+use std::sync::Arc;
+
+use tactile_data::frame::{Background, Frame};
+use tactile_infer::Model;
+
+use crate::error::Result;
+use crate::observation::Observation;
+
+/// Makes observations of frames.
+#[derive(Clone, Debug)]
+pub struct Sensor {
+    model: Arc<Model>,
+    background: Background,
+}
+
+impl Sensor {
+    /// A sensor whose frame at rest, without contact, is `no_contact`.
+    ///
+    /// # Errors
+    /// [`Error::Frame`](crate::Error::Frame) where that frame is dark, saturated, uniform or smaller than the model's input.
+    pub fn new(model: Arc<Model>, no_contact: &Frame) -> Result<Self> {
+        let background = model.background(no_contact)?;
+        Ok(Self { model, background })
+    }
+
+    /// The model that embeds its frames.
+    pub fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    /// What a frame of a touched hole shows. Runs on the caller's thread, or on the rayon pool that it runs in.
+    ///
+    /// # Errors
+    /// [`Error::Frame`](crate::Error::Frame) where the frame is dark, saturated, uniform or of another size.
+    pub fn observe(&self, frame: &Frame) -> Result<Observation> {
+        let image = self.background.tactile_image(frame)?;
+        let edge_share = image.edge_share;
+        let query = self.model.embed_holes(&[image])?;
+        let model_sha256 = Some(self.model.sha256().clone());
+        Ok(Observation { query, edge_share, frame_hash: Some(hash(frame.rgb())), model_sha256 })
+    }
+}
+
+/// FNV-1a over words of eight bytes: to tell two frames apart, not to withstand forgery.
+fn hash(bytes: &[u8]) -> u64 {
+    const PRIME: u64 = 0x0000_0100_0000_01b3;
+    let (words, rest) = bytes.as_chunks::<8>();
+    let words = words.iter().map(|word| u64::from_le_bytes(*word));
+    let all = words.chain(rest.iter().map(|byte| u64::from(*byte)));
+    all.fold(0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ word).wrapping_mul(PRIME))
+}

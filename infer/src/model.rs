@@ -1,0 +1,265 @@
+//! A trained model ready to embed frames.
+
+use std::path::Path;
+use std::sync::Arc;
+
+#[cfg(feature = "burn")]
+use burn::tensor::{Device, Tensor, TensorData};
+use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
+
+use crate::architecture::NetworkConfig;
+use crate::calibration::Calibration;
+use crate::checkpoint::{Checkpoint, Provenance};
+use crate::device::DeviceKind;
+use crate::encoder::Encoder;
+use crate::error::{Error, Result};
+#[cfg(feature = "burn")]
+use crate::network::{Network, with_tensors};
+use crate::similarity::normalize_rows;
+
+/// Images embedded in one pass of the network; larger batches gain nothing on a CPU.
+const BATCH: usize = 64;
+
+/// A model ready to embed frames: f_HP's two towers.
+#[derive(Debug)]
+pub struct Model {
+    towers: Towers,
+    n_parameters: usize,
+    config: NetworkConfig,
+    preprocessing: Preprocessing,
+    provenance: Provenance,
+    calibration: Option<Calibration>,
+    sha256: Arc<str>,
+}
+
+/// How the network is computed.
+#[derive(Debug)]
+enum Towers {
+    /// On the CPU, without tensors.
+    Cpu(Encoder),
+    /// By burn, on another device.
+    #[cfg(feature = "burn")]
+    Tensors { network: Box<Network>, device: Device },
+}
+
+/// Which of the two embeddings is asked for.
+#[derive(Clone, Copy)]
+enum Tower {
+    Query,
+    Key,
+}
+
+impl Model {
+    /// Loads a checkpoint onto the CPU. The embedding of the same frame is the same on each load.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is damaged, or weights that make no network.
+    pub fn load(path: &Path) -> Result<Self> {
+        Self::load_on(path, DeviceKind::default())
+    }
+
+    /// Loads a checkpoint onto a device.
+    ///
+    /// # Errors
+    /// As [`Self::load`], and for a device that this build or machine does not have.
+    pub fn load_on(path: &Path, device: DeviceKind) -> Result<Self> {
+        let (checkpoint, sha256) = Checkpoint::load(path)?;
+        Self::new(checkpoint, sha256, device).map_err(|error| error.within(path.display()))
+    }
+
+    /// A model from a checkpoint in memory; `sha256` is what [`Checkpoint::save`] returned.
+    pub fn new(checkpoint: Checkpoint, sha256: String, device: DeviceKind) -> Result<Self> {
+        // Before any is allocated: a config may ask for terabytes that the file does not hold.
+        let n_held: usize = checkpoint.tensors.iter().map(|tensor| tensor.values.len()).sum();
+        let n_asked = checkpoint.config.n_weights_at_least();
+        if n_asked > n_held {
+            return Err(Error::invalid("network", format!("{n_asked} weights or more"), n_held.to_string()));
+        }
+        let n_parameters = n_held;
+        let towers = match device {
+            DeviceKind::Flex => Towers::Cpu(Encoder::new(&checkpoint.config, &checkpoint.tensors)?),
+            #[cfg(feature = "burn")]
+            other => {
+                let device = other.open()?;
+                let network = with_tensors(checkpoint.config.init(0, &device), checkpoint.tensors)?;
+                Towers::Tensors { network: Box::new(network), device }
+            }
+            #[cfg(not(feature = "burn"))]
+            other => {
+                return Err(Error::invalid("device", "flex in a build without the feature burn", other.to_string()));
+            }
+        };
+        Ok(Self {
+            towers,
+            n_parameters,
+            config: checkpoint.config,
+            preprocessing: checkpoint.preprocessing,
+            provenance: checkpoint.provenance,
+            calibration: checkpoint.calibration,
+            sha256: sha256.into(),
+        })
+    }
+
+    /// SHA-256 of the checkpoint but for its calibration: banks are bound to it.
+    pub fn sha256(&self) -> &Arc<str> {
+        &self.sha256
+    }
+
+    /// How frames become inputs of this model.
+    pub fn preprocessing(&self) -> &Preprocessing {
+        &self.preprocessing
+    }
+
+    /// How this model came to be.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// How far its cosines can be believed, where that was measured (`tactile-infer calibrate`).
+    pub fn calibration(&self) -> Option<&Calibration> {
+        self.calibration.as_ref()
+    }
+
+    /// Sizes of the network.
+    pub fn config(&self) -> &NetworkConfig {
+        &self.config
+    }
+
+    /// Number of weights and running statistics.
+    pub fn n_parameters(&self) -> usize {
+        self.n_parameters
+    }
+
+    /// Length of an embedding.
+    pub fn dim(&self) -> usize {
+        self.config.dim
+    }
+
+    /// Prepares a sensor's no-contact frame for this model.
+    pub fn background(&self, no_contact: &Frame) -> Result<Background> {
+        Ok(Background::new(no_contact, &self.preprocessing)?)
+    }
+
+    /// Queries of hole images: `[n, dim]`, rows of unit length.
+    ///
+    /// # Errors
+    /// Images of another size than the network's input, or values that are not finite.
+    pub fn embed_holes(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
+        self.embed(images, Tower::Query)
+    }
+
+    /// Keys of peg images: `[n, dim]`, rows of unit length.
+    ///
+    /// # Errors
+    /// As [`Self::embed_holes`].
+    pub fn embed_pegs(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
+        self.embed(images, Tower::Key)
+    }
+
+    fn embed(&self, images: &[TactileImage], tower: Tower) -> Result<Vec<f32>> {
+        let mut rows = Vec::with_capacity(images.len() * self.dim());
+        for batch in images.chunks(BATCH) {
+            let planes = planes(batch, self.config.input_px)?;
+            rows.extend(match (&self.towers, tower) {
+                (Towers::Cpu(encoder), Tower::Query) => encoder.query(&planes),
+                (Towers::Cpu(encoder), Tower::Key) => encoder.key(&planes),
+                #[cfg(feature = "burn")]
+                (Towers::Tensors { network, device }, tower) => {
+                    let [width, height] = self.config.input_px;
+                    let batch = Tensor::from_data(TensorData::new(planes, [batch.len(), 3, height, width]), device);
+                    let embedded = match tower {
+                        Tower::Query => network.query(batch),
+                        Tower::Key => network.key(batch),
+                    };
+                    let values = embedded.into_data().try_into_vec::<f32>();
+                    values.map_err(|e| Error::invalid("embedding", "f32", format!("{e:?}")))?
+                }
+            });
+        }
+        if let Some(at) = rows.iter().position(|value| !value.is_finite()) {
+            return Err(Error::invalid(format!("embedding of image {}", at / self.dim()), "finite values", "NaN"));
+        }
+        normalize_rows(&mut rows, self.dim());
+        Ok(rows)
+    }
+}
+
+/// Images of one size, one behind the other: `[n, 3, height, width]`.
+fn planes(images: &[TactileImage], [width, height]: [usize; 2]) -> Result<Vec<f32>> {
+    let mut values = Vec::with_capacity(images.len() * 3 * width * height);
+    for image in images {
+        if image.size_px != [width, height] {
+            return Err(Error::invalid("image", format!("{width}x{height} px"), format!("{:?}", image.size_px)));
+        }
+        values.extend_from_slice(&image.planes);
+    }
+    Ok(values)
+}
+
+#[cfg(all(test, feature = "burn"))]
+mod tests {
+    use super::*;
+    use crate::precision::Precision;
+
+    #[test]
+    fn a_saved_model_embeds_as_before() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let sha256 = checkpoint.save(&path).unwrap();
+        let saved = Model::load(&path).unwrap();
+        let kept = Model::new(checkpoint, sha256.clone(), DeviceKind::Flex).unwrap();
+        assert_eq!(**saved.sha256(), *sha256);
+        let image = TactileImage {
+            size_px: [16, 12],
+            planes: (0..3 * 16 * 12).map(|i| (i as f32 * 0.7).sin()).collect(),
+            edge_share: 0.5,
+        };
+        let images = vec![image; 70];
+        let rows = saved.embed_holes(&images).unwrap();
+        assert_eq!(rows, kept.embed_holes(&images).unwrap());
+        let first = crate::similarity::dot(&rows[..6], &rows[..6]);
+        assert!((first - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn weights_of_half_precision_make_a_model_of_its_own_near_the_first() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let planes = (0..3 * 16 * 12).map(|i| (i as f32 * 0.7).sin()).collect();
+        let image = [TactileImage { size_px: [16, 12], planes, edge_share: 0.5 }];
+        let full = checkpoint.save(&path).unwrap();
+        let expected = Model::load(&path).unwrap().embed_holes(&image).unwrap();
+        // Ten layers, each with errors of half a unit in the last of 11 or 8 digits, some of which cancel.
+        for (precision, bound) in
+            [(Precision::F16, 10.0 * 2.0_f32.powi(-11)), (Precision::Bf16, 10.0 * 2.0_f32.powi(-8))]
+        {
+            let identity = checkpoint.clone().with_weights(precision).unwrap().save(&path).unwrap();
+            let (loaded, loaded_identity) = Checkpoint::load(&path).unwrap();
+            assert!(loaded.weights == precision && loaded_identity == identity && identity != full);
+            // Saved again, as `calibrate` does, it stays the model it was.
+            assert_eq!(loaded.save(&path).unwrap(), identity);
+            let rows = Model::load(&path).unwrap().embed_holes(&image).unwrap();
+            let largest = rows.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(largest > 0.0 && largest < bound, "{precision}: {largest}");
+        }
+    }
+
+    #[test]
+    fn weights_that_f16_cannot_hold_are_refused_by_name() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let mut checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let half = checkpoint.tensors.iter_mut().find(|tensor| tensor.name == "encoder.half.conv.weight").unwrap();
+        half.values[7] = -70_000.0;
+        let error = checkpoint.clone().with_weights(Precision::F16).unwrap_err().to_string();
+        assert_eq!(error, "encoder.half.conv.weight: expected values in the range of f16, got -7e4");
+        assert!(checkpoint.clone().with_weights(Precision::Bf16).is_ok());
+        assert!(checkpoint.with_weights(Precision::I8).is_err());
+    }
+}

@@ -1,0 +1,356 @@
+//! The network as a burn module: one encoder for holes and pegs, one predictor for queries. For training, and for devices
+//! other than the CPU; a robot runs [`crate::encoder`].
+//!
+//! `query = predictor(encoder(hole))`, `key = encoder(peg)` (MoCo-v3, Sec. 3). The encoder keeps the
+//! layout of the view to its last layer, because where an edge lies is as telling as that it is there:
+//! a global average would throw the pose away.
+
+use crate::architecture::{ConvLayer, NetworkConfig};
+use crate::conv;
+use crate::error::{Error, Result};
+use crate::safefile::NamedTensor;
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::nn::conv::{Conv2d, Conv2dConfig};
+use burn::nn::{BatchNorm, BatchNormConfig, Linear, LinearConfig, PaddingConfig2d};
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+
+impl NetworkConfig {
+    /// A network with weights drawn from `seed`: the same on every backend.
+    pub fn init(&self, seed: u64, device: &Device) -> Network {
+        let linear = |n_in, n_out| LinearConfig::new(n_in, n_out).with_bias(false).init(device);
+        let network = Network {
+            encoder: Encoder {
+                convs: self.conv_layers().iter().map(|layer| ConvBn::new(layer, device)).collect(),
+                project_1: linear(self.n_flattened(), self.hidden),
+                norm_1: BatchNormConfig::new(self.hidden).init(device),
+                project_2: linear(self.hidden, self.dim),
+                norm_2: BatchNormConfig::new(self.dim).init(device),
+            },
+            predictor: Predictor {
+                predict_1: linear(self.dim, self.hidden),
+                norm_1: BatchNormConfig::new(self.hidden).init(device),
+                predict_2: linear(self.hidden, self.dim),
+            },
+        };
+        network.map(&mut DrawWeights { rng: ChaCha8Rng::seed_from_u64(seed) })
+    }
+}
+
+/// Encoder and predictor together: what is trained and what a checkpoint holds.
+#[derive(Module, Debug)]
+pub struct Network {
+    /// Shared by holes and pegs.
+    pub encoder: Encoder,
+    /// Applied to queries only.
+    pub predictor: Predictor,
+}
+
+impl Network {
+    /// `[n, 3, height, width]` -> `[n, dim]`: the query, not normalised.
+    pub fn query(&self, images: Tensor<4>) -> Tensor<2> {
+        self.predictor.forward(self.encoder.forward(images))
+    }
+
+    /// `[n, 3, height, width]` -> `[n, dim]`: the key, not normalised.
+    pub fn key(&self, images: Tensor<4>) -> Tensor<2> {
+        self.encoder.forward(images)
+    }
+}
+
+/// Backbone and projector: [`NetworkConfig::conv_layers`], then two linear layers.
+#[derive(Module, Debug)]
+pub struct Encoder {
+    convs: Vec<ConvBn>,
+    project_1: Linear, // [n, flattened] -> [n, hidden]
+    norm_1: BatchNorm,
+    project_2: Linear, // -> [n, dim]
+    norm_2: BatchNorm,
+}
+
+impl Encoder {
+    /// `[n, 3, height, width]` -> `[n, dim]`.
+    pub fn forward(&self, images: Tensor<4>) -> Tensor<2> {
+        let device = images.device();
+        let x = if device.is_autodiff() && conv::op::is_supported(&device) {
+            // By our own kernels, in training on the CPU: the same numbers but for rounding.
+            let x = images.permute([0, 2, 3, 1]); // [n, height, width, channels]
+            self.convs.iter().fold(x, |x, conv| conv.train_on_cpu(x)).permute([0, 3, 1, 2])
+        } else {
+            self.convs.iter().fold(images, |x, conv| conv.forward(x))
+        };
+        let x = x.flatten::<2>(1, 3); // [n, channels * rows * columns]
+        let x = relu(self.norm_1.forward(self.project_1.forward(x)));
+        self.norm_2.forward(self.project_2.forward(x))
+    }
+}
+
+/// The query's extra two layers (MoCo-v3: they keep the two sides from collapsing onto each other).
+#[derive(Module, Debug)]
+pub struct Predictor {
+    predict_1: Linear,
+    norm_1: BatchNorm,
+    predict_2: Linear,
+}
+
+impl Predictor {
+    /// `[n, dim]` -> `[n, dim]`.
+    pub fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        self.predict_2.forward(relu(self.norm_1.forward(self.predict_1.forward(x))))
+    }
+}
+
+/// `relu(norm(conv(x)) [+ x])`: a convolution without bias, its batch normalisation, the skip and the rectifier.
+#[derive(Module, Debug)]
+pub struct ConvBn {
+    conv: Conv2d,
+    norm: BatchNorm,
+    adds_input: bool,
+}
+
+impl ConvBn {
+    fn new(layer: &ConvLayer, device: &Device) -> Self {
+        let pad = layer.kernel / 2;
+        Self {
+            conv: Conv2dConfig::new([layer.n_in, layer.n_out], [layer.kernel; 2])
+                .with_stride([layer.stride; 2])
+                .with_padding(PaddingConfig2d::Explicit(pad, pad, pad, pad))
+                .with_bias(false)
+                .init(device),
+            norm: BatchNormConfig::new(layer.n_out).init(device),
+            adds_input: layer.adds_input,
+        }
+    }
+
+    /// By burn's kernels, on any device: `[n, channels, height, width]`.
+    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        let out = self.norm.forward(self.conv.forward(x.clone()));
+        relu(if self.adds_input { x + out } else { out })
+    }
+
+    /// By our own kernels, `[n, height, width, channels]`; the running statistics follow the batch's.
+    fn train_on_cpu(&self, x: Tensor<4>) -> Tensor<4> {
+        let norm = &self.norm;
+        let layer = conv::op::Layer { stride: self.conv.stride[0], adds_input: self.adds_input, epsilon: norm.epsilon };
+        let (out, mean, variance) =
+            conv::op::train_layer(x, self.conv.weight.val(), norm.gamma.val(), norm.beta.val(), layer);
+        for (running, batch) in [(&norm.running_mean, mean), (&norm.running_var, variance)] {
+            let old = running.value_sync().to_device(&out.device());
+            running.update((old * (1.0 - norm.momentum) + batch.detach() * norm.momentum).detach());
+        }
+        out
+    }
+}
+
+/// Draws each matrix and kernel from N(0, 2 / fan-in) (He et al. 2015); vectors keep their ones and zeros.
+struct DrawWeights {
+    rng: ChaCha8Rng,
+}
+
+impl ModuleMapper for DrawWeights {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        if D == 1 {
+            return param;
+        }
+        param.map(|tensor| {
+            let shape = tensor.dims();
+            // Convolutions are [out, in, k, k]; linear layers are [in, out].
+            let fan_in: usize = if D == 2 { shape[0] } else { shape[1..].iter().product() };
+            let scale = (2.0 / fan_in as f64).sqrt();
+            let values: Vec<f32> =
+                (0..shape.iter().product()).map(|_| (scale * normal(&mut self.rng)) as f32).collect();
+            let device = tensor.device();
+            let requires_grad = tensor.is_require_grad();
+            Tensor::from_data(TensorData::new(values, shape), &device).set_require_grad(requires_grad)
+        })
+    }
+}
+
+/// One standard normal variate by Box and Muller's method.
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.random::<f64>()).cos()
+}
+
+/// Every float tensor of a module, running statistics included, in the order of its fields.
+pub fn tensors_of<M: Module>(module: &M) -> Vec<NamedTensor> {
+    let mut collect = Collect { path: Vec::new(), tensors: Vec::new() };
+    module.visit(&mut collect);
+    collect.tensors
+}
+
+/// The name of a tensor from the fields that lead to it: a convolution has its layer's name instead of its place in the list.
+fn tensor_name(path: &[String]) -> String {
+    let layers = NetworkConfig::TINY.conv_layers();
+    let mut parts: Vec<&str> = path.iter().map(String::as_str).collect();
+    if let Some(list) = parts.iter().position(|part| *part == "convs") {
+        let layer = parts.get(list + 1).and_then(|index| layers.get(index.parse::<usize>().ok()?));
+        parts.splice(list..=list + 1, layer.map(|layer| layer.name));
+    }
+    parts.join(".")
+}
+
+struct Collect {
+    path: Vec<String>,
+    tensors: Vec<NamedTensor>,
+}
+
+impl ModuleVisitor for Collect {
+    fn enter_module(&mut self, name: &str, _container_type: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _name: &str, _container_type: &str) {
+        self.path.pop();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let tensor = param.val();
+        let shape = tensor.dims().to_vec();
+        // The tensors of this module are f32 by construction.
+        let values = tensor.into_data().convert::<f32>().try_into_vec::<f32>().unwrap_or_default();
+        self.tensors.push(NamedTensor { name: tensor_name(&self.path), shape, values });
+    }
+}
+
+/// Puts named tensors into a module of the same layout. Fails where one is missing or of another shape.
+pub fn with_tensors<M: Module>(module: M, tensors: Vec<NamedTensor>) -> Result<M> {
+    let mut replace = Replace { path: Vec::new(), tensors, error: None };
+    let module = module.map(&mut replace);
+    if let Some(error) = replace.error {
+        return Err(error);
+    }
+    if let Some(extra) = replace.tensors.first() {
+        return Err(Error::invalid(&extra.name, "no such tensor in this network", format!("shape {:?}", extra.shape)));
+    }
+    Ok(module)
+}
+
+struct Replace {
+    path: Vec<String>,
+    tensors: Vec<NamedTensor>,
+    error: Option<Error>,
+}
+
+impl ModuleMapper for Replace {
+    fn enter_module(&mut self, name: &str, _container_type: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _name: &str, _container_type: &str) {
+        self.path.pop();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let name = tensor_name(&self.path);
+        let shape = param.val().dims().to_vec();
+        let Some(at) = self.tensors.iter().position(|t| t.name == name) else {
+            self.error.get_or_insert(Error::invalid(name, format!("a tensor of shape {shape:?}"), "nothing"));
+            return param;
+        };
+        let found = self.tensors.swap_remove(at);
+        if found.shape != shape || found.values.len() != shape.iter().product::<usize>() {
+            self.error.get_or_insert(Error::invalid(name, format!("shape {shape:?}"), format!("{:?}", found.shape)));
+            return param;
+        }
+        param.map(|tensor| {
+            let requires_grad = tensor.is_require_grad();
+            Tensor::from_data(TensorData::new(found.values, tensor.dims()), &tensor.device())
+                .set_require_grad(requires_grad)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::DeviceKind;
+
+    fn tiny() -> NetworkConfig {
+        NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 }
+    }
+
+    fn image(n: usize, device: &Device) -> Tensor<4> {
+        let values: Vec<f32> = (0..n * 3 * 12 * 16).map(|i| ((i * 37 % 101) as f32 - 50.0) / 30.0).collect();
+        Tensor::from_data(TensorData::new(values, [n, 3, 12, 16]), device)
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_network_on_every_backend() {
+        let embed = |kind: DeviceKind| {
+            let device = kind.tensor_device();
+            let network = tiny().init(7, &device);
+            network.query(image(2, &device)).into_data().try_into_vec::<f32>().unwrap()
+        };
+        let (flex, ndarray) = (embed(DeviceKind::Flex), embed(DeviceKind::Ndarray));
+        assert_eq!(flex.len(), 12);
+        // The two backends sum in another order: some 1e-6 a layer on values of order 1.
+        assert!(flex.iter().zip(&ndarray).all(|(a, b)| (a - b).abs() < 1e-4), "{flex:?} {ndarray:?}");
+    }
+
+    #[test]
+    fn tensors_taken_out_and_put_back_give_the_same_embedding() {
+        let device = DeviceKind::Flex.tensor_device();
+        let network = tiny().init(1, &device);
+        let other = with_tensors(tiny().init(2, &device), tensors_of(&network)).unwrap();
+        let embed = |n: &Network| n.query(image(3, &device)).into_data().try_into_vec::<f32>().unwrap();
+        assert_eq!(embed(&network), embed(&other));
+    }
+
+    /// One step of training by our kernels and by burn's own: outputs, running statistics and every gradient.
+    #[cfg(feature = "autodiff")]
+    #[test]
+    fn our_kernels_train_as_burns_own_do() {
+        let run = |kind: DeviceKind| {
+            let device = kind.tensor_device().autodiff();
+            let network = tiny().init(7, &device);
+            let out = network.query(image(4, &device));
+            let weights: Vec<f32> = (0..24).map(|i| (i as f32 * 1.3).cos()).collect();
+            let weights = Tensor::<2>::from_data(TensorData::new(weights, [4, 6]), &device);
+            let mut gradients = (out.clone() * weights).sum().backward();
+            let mut found = Vec::new();
+            let mut collect = CollectGradients { gradients: &mut gradients, found: &mut found };
+            network.visit(&mut collect);
+            (out.into_data().try_into_vec::<f32>().unwrap(), tensors_of(&network), found)
+        };
+        let close = |a: &[f32], b: &[f32]| {
+            let largest = b.iter().fold(0.05_f32, |m, v| m.max(v.abs())); // some gradients are zero but for rounding
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-4 * largest)
+        };
+        let (ours, burns) = (run(DeviceKind::Flex), run(DeviceKind::Ndarray));
+        assert!(close(&ours.0, &burns.0), "{:?} {:?}", ours.0, burns.0);
+        for (a, b) in ours.1.iter().zip(&burns.1) {
+            assert!(close(&a.values, &b.values), "{} {:?} {:?}", a.name, a.values, b.values);
+        }
+        assert!(ours.2.len() > 20 && ours.2.len() == burns.2.len());
+        for (a, b) in ours.2.iter().zip(&burns.2) {
+            assert!(close(a, b), "{a:?} {b:?}");
+        }
+    }
+
+    #[cfg(feature = "autodiff")]
+    struct CollectGradients<'a> {
+        gradients: &'a mut burn::tensor::Gradients,
+        found: &'a mut Vec<Vec<f32>>,
+    }
+
+    #[cfg(feature = "autodiff")]
+    impl ModuleVisitor for CollectGradients<'_> {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            if let Some(gradient) = param.val().grad_remove(self.gradients) {
+                self.found.push(gradient.into_data().try_into_vec::<f32>().unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn a_tensor_of_another_shape_is_named() {
+        let device = DeviceKind::Flex.tensor_device();
+        let mut tensors = tensors_of(&tiny().init(1, &device));
+        tensors[0].shape[0] += 1;
+        let error = with_tensors(tiny().init(2, &device), tensors).unwrap_err().to_string();
+        assert!(error.contains("encoder.stem.conv.weight"), "{error}");
+    }
+}
