@@ -1,7 +1,7 @@
 //! Whether a bank fits what it is used for.
 
 use tactile_data::scene::Scene;
-use tactile_filter::likelihood::Interpolation;
+use tactile_filter::interpolation::Interpolation;
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
