@@ -36,7 +36,7 @@ pub fn bank_of_dataset(model: &Model, dataset: &Dataset, progress: &(dyn Fn(usiz
     Ok(bank.with_origin(origin))
 }
 
-/// What a dataset's touches were made of: as its scene says where it was simulated, else as far as its scale tells.
+/// What a dataset's touches were made of: as its scene says where it was simulated, else only its scale is known.
 fn origin(dataset: &Dataset, parts: &[String]) -> Origin {
     let meta = dataset.meta();
     #[cfg(feature = "sim")]

@@ -1,7 +1,7 @@
 //! Whether a bank fits what it is used for.
 
 use tactile_data::scene::Scene;
-use tactile_filter::likelihood::Interpolation;
+use tactile_filter::interpolation::Interpolation;
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
@@ -62,7 +62,11 @@ mod tests {
         let bank = bank(&small, one_pose);
         check_bank(&bank, &small, false).unwrap();
         let error = |scene: &str| check_bank(&bank, &Scene::preset(scene).unwrap(), false).unwrap_err().to_string();
-        assert!(error("connectors").starts_with("bank: expected the parts of scene connectors"), "{}", error("connectors"));
+        assert!(
+            error("connectors").starts_with("bank: expected the parts of scene connectors"),
+            "{}",
+            error("connectors")
+        );
         let large = error("alphabet-large");
         assert!(large.starts_with("bank of alphabet-small: size of part A: expected"), "{large}");
         let mut wide = small.clone();
