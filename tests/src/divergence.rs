@@ -100,31 +100,15 @@ fn temperatures_from_a_hundredth_to_ten_train() {
 }
 
 #[test]
-fn a_learning_rate_a_hundred_times_too_high_is_stopped() {
+fn a_learning_rate_far_too_high_is_stopped() {
     let (_sample, dataset) = maze();
-    for optimizer in [Optimizer::Adamw, Optimizer::Lamb] {
-        for factor in [1.0, 100.0, 1000.0] {
-            for (weight_decay, temperature) in [(0.05, 0.1), (0.0, 0.1), (0.05, 1.0)] {
-                let folder = tempfile::tempdir().unwrap();
-                let learning_rate = factor * optimizer.learning_rate();
-                let config = TrainConfig {
-                    learning_rate,
-                    optimizer,
-                    n_steps: 400,
-                    save_every: 50,
-                    weight_decay,
-                    temperature,
-                    ..twelve_steps()
-                };
-                match train_soundly(&dataset, folder.path(), &config) {
-                    Ok(outcome) => println!(
-                        "{optimizer:?} {factor} {weight_decay} {temperature}: finished {:?}",
-                        outcome.validation
-                    ),
-                    Err(error) => println!("{optimizer:?} {factor} {weight_decay} {temperature}: {error}"),
-                }
-            }
-        }
+    // AdamW limits each step, so that it takes a higher rate to diverge.
+    for (optimizer, factor) in [(Optimizer::Lamb, 100.0), (Optimizer::Adamw, 1_000.0)] {
+        let folder = tempfile::tempdir().unwrap();
+        let learning_rate = factor * optimizer.learning_rate();
+        let config = TrainConfig { learning_rate, optimizer, n_steps: 400, save_every: 50, ..twelve_steps() };
+        let error = train_soundly(&dataset, folder.path(), &config).unwrap_err();
+        assert!(matches!(error, Error::Diverged { .. }), "{optimizer:?}: {error}");
     }
 }
 
