@@ -1,6 +1,6 @@
 //! A robot controller that finds by touch which peg fits a hole, and where the hole is. Robot and camera are simulated.
 //!
-//!     cargo run --release --package tactile-filter --example controller
+//!     cargo run --release --example controller
 
 use std::error::Error;
 use std::sync::Arc;

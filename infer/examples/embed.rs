@@ -1,6 +1,6 @@
 //! Embeds frames of touches: two touches of one part are alike, two of different parts are not.
 //!
-//!     cargo run --release --package tactile-infer --example embed [MODEL]
+//!     cargo run --release --example embed [MODEL]
 //!
 //! The frames are simulated here; `tactile_data::picture::read` reads yours from PNG or JPEG.
 
