@@ -1,6 +1,6 @@
 //! `tactile-filter merge`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tactile_data::grid::PoseGrid;
@@ -8,44 +8,32 @@ use tactile_eval::gathered::Gathered;
 use tactile_eval::report::Board;
 use tactile_eval::{Error, Result};
 
-use super::{evaluate, table};
+use super::arguments::Output;
+use super::evaluate;
 
 /// Make one evaluation of the shards that tactile-filter evaluate --shard wrote.
 #[derive(Args)]
-#[command(
-    after_help = "Example:\n  tactile-filter evaluate ... --shard 1/2 --out evaluation\n  tactile-filter evaluate ... --shard 2/2 --out evaluation\n  tactile-filter merge evaluation --out evaluation"
-)]
+#[command(after_help = "Example:\n  tactile-filter evaluate ... --shard 1/2 --out evaluation\n  \
+                        tactile-filter evaluate ... --shard 2/2 --out evaluation\n  \
+                        tactile-filter merge evaluation --out evaluation")]
 pub struct Merge {
-    /// Folders of shards, or single ones.
-    #[arg(required = true)]
+    /// Folders of shards, or single ones
+    #[arg(required = true, value_name = "SHARD|DIR")]
     shards: Vec<PathBuf>,
-    /// Folder for evaluation.json and report.html.
-    #[arg(long)]
-    out: PathBuf,
-    /// Print evaluation.json instead of a table.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 impl Merge {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let mut shards = Vec::new();
-        for path in self.files()? {
-            shards.push((path.clone(), Gathered::load(&path)?));
-        }
+        let files = self.files()?;
+        let shards = files.iter().map(|path| Ok((path.clone(), Gathered::load(path)?))).collect::<Result<_>>()?;
         let gathered = Gathered::merge(shards)?;
-        let evaluation = gathered.evaluation()?;
-        // Stories are told where the frames are, by a single run.
+        evaluate::prepare(&self.output, &files.iter().map(PathBuf::as_path).collect::<Vec<&Path>>())?;
+        // Single episodes are shown where the frames are, by a run that is not cut into shards.
         let board = Board { parts: Vec::new(), grid: PoseGrid::SMALL, field_of_view_mm: [1.0; 2] };
-        evaluate::write(&self.out, &evaluation, &board, &[])?;
-        if self.json {
-            println!("{}", evaluate::to_json(&evaluation)?);
-        } else {
-            table::print(&evaluation, &gathered.single_rows(true));
-            println!("  {}", self.out.join("report.html").display());
-        }
-        Ok(())
+        evaluate::write(&self.output, &gathered, &gathered.evaluation()?, &board, &[])
     }
 
     /// The shards named, and those in the folders named.
