@@ -6,10 +6,11 @@ use std::sync::Arc;
 use clap::Args;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
-use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html, tell};
+use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
 use tactile_eval::evaluate::at_rest;
+use tactile_eval::narrative::{Board, trial};
+use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::result::ModelRecord;
-use tactile_eval::story;
 use tactile_eval::{Error, Result};
 use tactile_filter::Sensor;
 use tactile_filter::action::ActionRule;
@@ -70,6 +71,8 @@ pub struct Assemble {
 impl Assemble {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        let page = self.out.join("report.html");
+        check_page(&page)?;
         let model = Arc::new(Model::load_on(&self.model, self.device.parse()?)?);
         let bank = Arc::new(Bank::load(&self.bank, &model)?);
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
@@ -101,10 +104,8 @@ impl Assemble {
             command: Some(command_line()),
         };
         let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
-        let page = self.out.join("report.html");
-        let told =
-            html(&assembly, &story::board(&simulator, &bank)?, &tell(&workcell, 0)?).map_err(Error::io(&page))?;
-        write_whole(&page, told.as_bytes())?;
+        let episodes = trial::play_again(&workcell, 0)?;
+        write_page(&page, &html(&assembly, &Board::new(&simulator, &bank)?, &episodes)?)?;
         let json =
             serde_json::to_string_pretty(&assembly).map_err(|e| Error::invalid("assembly", "JSON", e.to_string()))?;
         // Last: whoever finds the figures finds the report too.

@@ -14,7 +14,7 @@ use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::Model;
 
-use super::tradeoff::told;
+use tactile_eval::report::tradeoff::in_words;
 
 /// Seconds to find how fast this machine is.
 const CALIBRATION_S: f64 = 10.0;
@@ -81,7 +81,7 @@ impl BudgetArgs {
         let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
         config.validate()?;
         let promise = Promise {
-            settings: told(settings),
+            settings: in_words(settings),
             decision_ms: choice.decision_ms,
             memory_mb: choice.memory_mb,
             n_touches: config.max_touches,
@@ -121,6 +121,6 @@ fn tell(choice: &Choice, tradeoff: &Tradeoff) {
         100.0 * point.accuracy,
         tradeoff.scene,
         tradeoff.poses,
-        told(&point.settings)
+        in_words(&point.settings)
     );
 }

@@ -10,12 +10,15 @@ use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
-use tactile_eval::evaluate::{Protocol, at_rest, run};
-use tactile_eval::gathered::{GATHERED_SCHEMA, Gathered, Run, Setup, Single};
-use tactile_eval::report::{Board, EpisodeStory, PaperNumbers, write_report};
+use tactile_eval::episodes::{EPISODES_SCHEMA, Episodes, RunResult, Setup, Single};
+use tactile_eval::evaluate::{Protocol, Run, at_rest, run_all};
+use tactile_eval::narrative::episodes::{pick, play_again};
+use tactile_eval::narrative::{Board, Narrative};
+use tactile_eval::page::shell::check_page;
+use tactile_eval::report::write_report;
 use tactile_eval::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses};
 use tactile_eval::{Error, Result};
-use tactile_eval::{baselines, story, summary};
+use tactile_eval::{baselines, summary};
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::{EpisodeConfig, Sensor};
@@ -97,6 +100,7 @@ pub struct Evaluate {
 impl Evaluate {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        check_page(&self.out.join("report.html"))?;
         let model = Arc::new(Model::load_on(&self.model, self.device.parse()?)?);
         let mut bank = Arc::new(Bank::load(&self.bank, &model)?);
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
@@ -116,19 +120,20 @@ impl Evaluate {
         if let Some(shard) = self.shard {
             return self.run_shard(shard, &simulator, &model, &bank, (&protocol, &configs));
         }
-        let gathered = self.gather(&simulator, &model, &bank, (&protocol, &configs))?;
-        let evaluation = Evaluation { promise, ..gathered.evaluation()? };
+        let episodes = self.run_episodes(&simulator, &model, &bank, (&protocol, &configs))?;
+        let evaluation = Evaluation { promise, ..episodes.evaluation()? };
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
         let sensor = Sensor::new(model.clone(), &at_rest(&simulator, &self.seeds))?;
-        let told = &gathered.runs[0];
-        let picks = story::pick(&told.outcomes, &told.config, n_stories);
-        let stories = story::tell(&simulator, &sensor, &bank, &told.config, &protocol, &picks)?;
-        write(&self.out, &evaluation, &story::board(&simulator, &bank)?, &stories)?;
+        let lead = &episodes.runs[0];
+        let picks = pick(&lead.outcomes, &lead.config, n_stories);
+        let run =
+            Run { simulator: &simulator, sensor: &sensor, bank: &bank, config: &lead.config, protocol: &protocol };
+        write(&self.out, &evaluation, &Board::new(&simulator, &bank)?, &play_again(&run, &picks)?)?;
         if self.json {
             println!("{}", to_json(&evaluation)?);
         } else {
-            table::print(&evaluation, &gathered.single_rows(true));
+            table::print(&evaluation, &episodes.single_rows(true));
             println!("  {}", self.out.join("report.html").display());
         }
         Ok(())
@@ -146,9 +151,9 @@ impl Evaluate {
         let path = self.out.join(format!("shard-{}-of-{}.json", shard.index() + 1, shard.count()));
         let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
         if path.exists() {
-            let there = Gathered::load(&path)?;
+            let there = Episodes::load(&path)?;
             if there.episodes == protocol.episodes
-                && there.is_of(&self.gather(simulator, model, bank, (&nothing, configs))?)
+                && there.is_of(&self.run_episodes(simulator, model, bank, (&nothing, configs))?)
             {
                 println!("{} is there already", path.display());
                 return Ok(());
@@ -157,7 +162,7 @@ impl Evaluate {
             return Err(Error::invalid(path.display().to_string(), expected, "one of another evaluation"));
         }
         std::fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
-        self.gather(simulator, model, bank, (protocol, configs))?.save(&path)?;
+        self.run_episodes(simulator, model, bank, (protocol, configs))?.save(&path)?;
         println!("episodes {:?} in {}", protocol.episodes, path.display());
         Ok(())
     }
@@ -176,13 +181,13 @@ impl Evaluate {
     }
 
     /// Runs every way of inferring on the protocol's episodes.
-    fn gather(
+    fn run_episodes(
         &self,
         simulator: &Simulator,
         model: &Arc<Model>,
         bank: &Arc<Bank>,
         (protocol, configs): (&Protocol, &[(String, EpisodeConfig)]),
-    ) -> Result<Gathered> {
+    ) -> Result<Episodes> {
         let no_contact = at_rest(simulator, &self.seeds);
         let sensor = Sensor::new(model.clone(), &no_contact)?;
         let mut singles = Vec::new();
@@ -195,15 +200,16 @@ impl Evaluate {
         singles.push(Single { method: Method::Moco, inside_out: false, scored });
         let run_one = |(name, config): &(String, EpisodeConfig)| {
             let bar = progress(name);
-            let outcomes = run(simulator, &sensor, bank, config, protocol, &|done, total| {
+            let run = Run { simulator, sensor: &sensor, bank, config, protocol };
+            let outcomes = run_all(&run, &|done, total| {
                 bar.set_length(total as u64);
                 bar.set_position(done as u64);
             })?;
             bar.finish_and_clear();
-            Ok(Run { label: label(config, protocol.poses), config: *config, outcomes })
+            Ok(RunResult { label: label(config, protocol.poses), config: *config, outcomes })
         };
-        Ok(Gathered {
-            schema: GATHERED_SCHEMA.into(),
+        Ok(Episodes {
+            schema: EPISODES_SCHEMA.into(),
             setup: Setup {
                 scene: simulator.scene().name.clone(),
                 parts: simulator.parts().to_vec(),
@@ -251,11 +257,10 @@ impl Evaluate {
 }
 
 /// Writes the report and the figures into a folder.
-pub fn write(out: &Path, evaluation: &Evaluation, board: &Board, stories: &[EpisodeStory]) -> Result<()> {
+pub fn write(out: &Path, evaluation: &Evaluation, board: &Board, episodes: &[Narrative]) -> Result<()> {
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
     let report = out.join("report.html");
-    let paper = PaperNumbers::of(evaluation);
-    write_report(&report, evaluation, board, stories, &paper).map_err(Error::io(&report))?;
+    write_report(&report, evaluation, board, episodes)?;
     // Last: whoever finds the figures finds the report too.
     Ok(write_whole(&out.join("evaluation.json"), to_json(evaluation)?.as_bytes())?)
 }

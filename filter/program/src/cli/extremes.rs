@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_eval::extremes::{Case, Extremes, Group, html, run};
+use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::{Error, Result};
 use tactile_infer::safefile::write_whole;
 
@@ -30,12 +31,13 @@ pub struct ExtremesArgs {
 impl ExtremesArgs {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        let page = self.out.join("extremes.html");
+        check_page(&page)?;
         let extremes = run(self.seed, self.quick, &mut |group| eprintln!("extremes: {}", group.title()))?;
         let json =
             serde_json::to_string_pretty(&extremes).map_err(|e| Error::invalid("extremes", "JSON", e.to_string()))?;
         write_whole(&self.out.join("extremes.json"), json.as_bytes())?;
-        let page = self.out.join("extremes.html");
-        write_whole(&page, html(&extremes).as_bytes())?;
+        write_page(&page, &html(&extremes))?;
         if self.json {
             println!("{json}");
         } else {

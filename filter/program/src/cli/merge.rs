@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::grid::PoseGrid;
-use tactile_eval::gathered::Gathered;
-use tactile_eval::report::Board;
+use tactile_eval::episodes::Episodes;
+use tactile_eval::narrative::Board;
 use tactile_eval::{Error, Result};
 
 use super::{evaluate, table};
@@ -32,17 +31,16 @@ impl Merge {
     pub fn run(self) -> Result<()> {
         let mut shards = Vec::new();
         for path in self.files()? {
-            shards.push((path.clone(), Gathered::load(&path)?));
+            shards.push((path.clone(), Episodes::load(&path)?));
         }
-        let gathered = Gathered::merge(shards)?;
-        let evaluation = gathered.evaluation()?;
-        // Stories are told where the frames are, by a single run.
-        let board = Board { parts: Vec::new(), grid: PoseGrid::SMALL, field_of_view_mm: [1.0; 2] };
-        evaluate::write(&self.out, &evaluation, &board, &[])?;
+        let episodes = Episodes::merge(shards)?;
+        let evaluation = episodes.evaluation()?;
+        // Episodes are shown touch by touch where the frames are, by a single run.
+        evaluate::write(&self.out, &evaluation, &Board::empty(), &[])?;
         if self.json {
             println!("{}", evaluate::to_json(&evaluation)?);
         } else {
-            table::print(&evaluation, &gathered.single_rows(true));
+            table::print(&evaluation, &episodes.single_rows(true));
             println!("  {}", self.out.join("report.html").display());
         }
         Ok(())

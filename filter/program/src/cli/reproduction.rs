@@ -4,9 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use tactile_eval::page::shell::write_page;
 use tactile_eval::reproduction;
 use tactile_eval::{Error, Result};
-use tactile_infer::safefile::write_whole;
 
 /// Make one page of the paper's tables and figures, ours beside them, from what cargo xtask reproduce left.
 ///
@@ -27,7 +27,7 @@ impl Reproduction {
         let beside = self.out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(beside).map_err(Error::io(beside))?;
         let found = reproduction::Reproduction::load(&self.folder, &self.out)?;
-        write_whole(&self.out, reproduction::html(&found).as_bytes())?;
+        write_page(&self.out, &reproduction::html(&found))?;
         reproduction::summary(&found).iter().for_each(|line| println!("{line}"));
         println!("  {}", self.out.display());
         Ok(())

@@ -13,8 +13,8 @@ use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_eval::evaluate::{Protocol, at_rest};
-use tactile_eval::report::tradeoff as page;
-pub use tactile_eval::report::tradeoff::told;
+use tactile_eval::page::shell::{check_page, write_page};
+use tactile_eval::report::tradeoff::{self as page, in_words};
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_eval::{Error, Result};
@@ -91,6 +91,7 @@ impl TradeoffArgs {
         if let Some(n) = self.settings.filter(|n| *n < planned.len()) {
             planned = (0..n).map(|i| planned[i * planned.len() / n].clone()).collect();
         }
+        check_page(&self.out.join("tradeoff.html"))?;
         let folder = self.out.join("settings");
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         let mine = self.shard.map_or(0..planned.len(), |shard| shard.range(planned.len()));
@@ -175,14 +176,14 @@ impl TradeoffArgs {
             protocol.validate(&simulator, &bank)?;
             for index in same_bank {
                 let settings = &planned[*index].settings;
-                bar.set_message(told(settings));
+                bar.set_message(in_words(settings));
                 let bench =
                     Bench { simulator: &simulator, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
                 let measured = self.measured(&planned[*index], simulator.scene(), measure(&bench, settings)?);
                 write_whole(&Self::path(folder, *index), json(&measured)?.as_bytes())?;
                 bar.inc(1);
                 if bar.is_hidden() {
-                    eprintln!("{}", told(settings));
+                    eprintln!("{}", in_words(settings));
                 }
             }
         }
@@ -232,7 +233,7 @@ impl TradeoffArgs {
         let frontier = self.out.join("frontier.json");
         write_whole(&frontier, json(&tradeoff.frontier(model.sha256()))?.as_bytes())?;
         let html = self.out.join("tradeoff.html");
-        write_whole(&html, page::html(tradeoff).as_bytes())?;
+        write_page(&html, &page::html(tradeoff))?;
         write_whole(&self.out.join("tradeoff.json"), json(tradeoff)?.as_bytes())?;
         if self.json {
             println!("{}", json(tradeoff)?);
@@ -247,7 +248,7 @@ impl TradeoffArgs {
                     point.decision_ms_p50,
                     point.decision_ms_p99,
                     point.memory_mb,
-                    told(&point.settings)
+                    in_words(&point.settings)
                 );
             };
             println!(
