@@ -47,6 +47,10 @@ pub mod origin;
 pub mod output;
 #[cfg(feature = "datasets")]
 pub mod picture;
+#[cfg(feature = "cli")]
+pub mod program;
+#[cfg(feature = "cli")]
+pub mod progress;
 #[cfg(feature = "sim")]
 mod random;
 #[cfg(feature = "datasets")]

@@ -1,5 +1,6 @@
 //! Outputs, checked before the work that fills them.
 
+use std::fmt::Display;
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -23,6 +24,44 @@ pub fn check_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P
         Err(error) => Err(error),
     }
     .map_err(Error::io(out))
+}
+
+/// Makes the folder in which the file `out` will lie, and checks the file as [`check_file`] does.
+///
+/// # Errors
+/// As [`check_file`].
+pub fn prepare_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P>) -> Result<()> {
+    if let Some(folder) = out.parent() {
+        fs::create_dir_all(folder).map_err(Error::io(folder))?;
+    }
+    check_file(out, inputs)
+}
+
+/// Makes the folder `out` and checks, as [`check_file`] does, the page and then the figures that will be written there.
+///
+/// # Errors
+/// As [`check_file`]; a page without figures: another program made it, for ours is never without.
+pub fn prepare_folder<P: AsRef<Path>>(out: &Path, page: &str, figures: &str, inputs: &[P]) -> Result<()> {
+    let (page, figures) = (out.join(page), out.join(figures));
+    if page.exists() && !figures.exists() {
+        let expected = format!("no file, or one of an earlier run with its {}", figures.display());
+        return Err(Error::invalid(page.display().to_string(), expected, "a page of something else"));
+    }
+    [page, figures].iter().try_for_each(|file| prepare_file(file, inputs))
+}
+
+/// Refuses work that this machine's memory cannot hold.
+///
+/// # Errors
+/// `what`, the flag or setting that is to blame, with its value and the memory that it would take.
+pub fn check_memory(what: &str, value: impl Display, n_bytes: f64) -> Result<()> {
+    /// More than any machine that this is meant for has: some systems promise any amount.
+    const MOST_BYTES: f64 = 1e12;
+    if n_bytes <= MOST_BYTES && Vec::<u8>::new().try_reserve_exact(n_bytes as usize).is_ok() {
+        return Ok(());
+    }
+    let got = format!("{value}, which takes {} of memory or more", size(n_bytes));
+    Err(Error::invalid(what, "work that fits into this machine's memory", got))
 }
 
 /// Checks that the disk has room at `out`, which need not exist yet, for `n_frames` frames of `frame_px`.
@@ -73,6 +112,29 @@ mod tests {
             assert!(check(out).unwrap_err().to_string().contains(reason), "{out}");
         }
         assert_eq!(fs::read(at("rest.png")).unwrap(), b"a picture");
+    }
+
+    #[test]
+    fn a_folder_is_made_and_a_page_of_something_else_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("new/evaluation");
+        let prepare = |inputs: &[&Path]| prepare_folder(&out, "report.html", "evaluation.json", inputs);
+        prepare(&[]).unwrap();
+        assert!(out.is_dir());
+        fs::write(out.join("report.html"), "mine").unwrap();
+        assert!(prepare(&[]).unwrap_err().to_string().contains("a page of something else"));
+        fs::write(out.join("evaluation.json"), "{}").unwrap();
+        prepare(&[]).unwrap();
+        assert!(prepare(&[&out.join("evaluation.json")]).unwrap_err().to_string().contains("a file of its own"));
+    }
+
+    #[test]
+    fn work_beyond_the_memory_is_refused_with_what_it_takes() {
+        check_memory("--touches", 10, 1e6).unwrap();
+        for (n_bytes, takes) in [(6.4e13, "takes 64.0 TB"), (1e40, "EB"), (f64::INFINITY, "inf")] {
+            let error = check_memory("--touches", 1_000_000_000, n_bytes).unwrap_err().to_string();
+            assert!(error.starts_with("--touches") && error.contains(takes), "{error}");
+        }
     }
 
     #[test]

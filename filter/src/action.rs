@@ -128,9 +128,9 @@ pub struct Judged {
 pub struct Expected {
     /// In all: which part it is and where on it.
     pub nats: f64,
-    /// The share of `nats` that tells which part it is; the rest tells where on it.
+    /// The share of `nats` about which part it is; the rest is about where on it.
     pub part_nats: f64,
-    /// The two likeliest parts of the bank and the share of `part_nats` that tells which of the two it is; `None`
+    /// The two likeliest parts of the bank and the share of `part_nats` about which of the two it is; `None`
     /// where the bank has one part.
     pub pair: Option<([usize; 2], f64)>,
 }
@@ -153,7 +153,7 @@ pub struct Judgement {
 /// Every candidate is judged by a few draws, the best `n_finalists` by all. `keep_going` is asked before
 /// each candidate; once it says no, the best found so far is taken.
 ///
-/// Where every candidate lies too close to an earlier touch, the separation is halved until one does not.
+/// Where every candidate is too close to an earlier touch, the separation is halved until one does not.
 /// `None` where no candidate is left even so: none offered, none finite, or all where a touch was made.
 pub fn choose(situation: &Situation, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Action> {
     pick(situation, seed, keep_going).map(|picked| picked.action)
@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn travel_counts_against_what_is_learnt() {
         let bank = bank(0.2);
-        // Both tell the same; one lies 1 mm away, which the grid's one place still holds.
+        // Both give the same information; one is 1 mm away, which the grid's one place still holds.
         let [near, far] = [0.0, 1.0].map(|x| Se2::from_degrees(x, 0.0, 60.0));
         for (travel_nats_per_mm, expected) in [(0.0, far), (0.5, near)] {
             let config = ActionConfig { rule: ActionRule::Information, travel_nats_per_mm, ..ANY_PLACE };

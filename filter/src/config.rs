@@ -37,7 +37,7 @@ pub struct EpisodeConfig {
     /// part explains any touches.
     pub none_fit: Option<f64>,
     /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / n`; not
-    /// negative. Large: parts that are not in the bank are told from those in it, at the price of touches.
+    /// negative. Large: parts that are not in the bank are recognised, at the price of touches.
     pub fit_margin: f64,
     /// A fit below `none_fit` means none of these parts from this many touches on; at least 1.
     pub none_touches: usize,
@@ -72,9 +72,9 @@ impl Default for EpisodeConfig {
     }
 }
 
-/// How much worse than the defaults expect a part in the bank explains its touches, at least 1: by one standard deviation
-/// more than on average, four touches of which rarely all fall.
-fn rougher(gap: &Gap, temperature: f64) -> f64 {
+/// By how much the thresholds of fit widen for a sensor with this gap, at least 1: the view that was touched then matches
+/// worse than the defaults expect, on average plus one standard deviation, below which four touches rarely all fall.
+fn threshold_scale(gap: &Gap, temperature: f64) -> f64 {
     ((gap.mean + gap.sd) / temperature / -NONE_FIT).max(1.0)
 }
 
@@ -85,8 +85,8 @@ impl EpisodeConfig {
         let low_similarity = model.calibration().map_or(default.low_similarity, |c| c.low_similarity);
         let likelihood = LikelihoodConfig::of(model);
         let gap = model.calibration().and_then(|calibration| calibration.gap);
-        let rougher = gap.map_or(1.0, |gap| rougher(&gap, likelihood.temperature));
-        let (none_fit, fit_margin) = (Some(rougher * NONE_FIT), rougher * default.fit_margin);
+        let scale = gap.map_or(1.0, |gap| threshold_scale(&gap, likelihood.temperature));
+        let (none_fit, fit_margin) = (Some(scale * NONE_FIT), scale * default.fit_margin);
         Self { likelihood, low_similarity, none_fit, fit_margin, ..default }
     }
 
@@ -163,5 +163,34 @@ impl EpisodeConfig {
             check("engine.resample_share", "0..=1", resample_share, (0.0..=1.0).contains(&resample_share))?;
         }
         self.likelihood.validate()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_widen_in_proportion_to_the_gap_and_never_narrow() {
+        // (0.05 + 0.04) / 0.05 = 1.8 nats where the defaults allow 0.9.
+        assert!((threshold_scale(&Gap { mean: 0.05, sd: 0.04 }, 0.05) - 2.0).abs() < 1e-12);
+        // 0.02 / 0.05 = 0.4 nats: less than the defaults allow.
+        assert_eq!(threshold_scale(&Gap { mean: 0.01, sd: 0.01 }, 0.05), 1.0);
+    }
+
+    #[test]
+    fn a_fit_is_asked_for_less_the_more_touches_there_are() {
+        let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 2.5, none_touches: 4, ..Default::default() };
+        let stop = |fit: Option<f64>, n: usize| config.stop(0.99, fit, n);
+        // -0.9 + 2.5 / n: 1.6 after one touch, above any fit; 0.35 after two; -0.067 after three; -0.275 after four.
+        assert_eq!([stop(Some(0.0), 1), stop(Some(0.0), 2)], [None, None]);
+        assert_eq!([stop(Some(-0.06), 3), stop(Some(-0.07), 3)], [Some(StopReason::Confident), None]);
+        assert_eq!([stop(Some(-0.27), 4), stop(Some(-0.28), 4)], [Some(StopReason::Confident), None]);
+        // Below the threshold no part explains the touches, from the fourth on.
+        assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
+        // Without an edge nothing is confident; without a threshold everything may be.
+        assert_eq!(stop(None, 5), None);
+        let any = EpisodeConfig { none_fit: None, ..config };
+        assert_eq!(any.stop(0.99, None, 1), Some(StopReason::Confident));
     }
 }

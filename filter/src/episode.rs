@@ -336,7 +336,7 @@ mod tests {
         let shares = accuracy(&world, &config, 40);
         assert!(shares[4] >= 0.9 && shares[4] > shares[0], "{shares:?}");
         let (_, estimate, start) = play(&world, &config, 2, 2);
-        // Between recorded poses: the mean lies within half a step of the truth, which is recorded.
+        // Between recorded poses: the mean is within half a step of the truth, which is recorded.
         assert!(estimate.part_from_first.distance_mm(&start) < 2.0);
         let recorded = EpisodeConfig { between_poses: false, ..config };
         assert_eq!(play(&world, &recorded, 2, 2).1.part_from_first, start);
@@ -413,10 +413,10 @@ mod tests {
                 assert!(closely.len() <= n_finalists && judgement.judged.len() <= GRID.len());
                 let best = closely.iter().find(|judged| judged.sensor_from_next == action.sensor_from_next);
                 assert!(closely.iter().all(|judged| judged.score <= best.unwrap().score));
-                let told = judgement.expected.map(|expected| expected.nats);
+                let nats = judgement.expected.map(|expected| expected.nats);
                 let score = best.filter(|_| rule == ActionRule::Information).and_then(|best| best.score);
-                assert!(told.zip(score).is_none_or(|(told, score)| (told - score).abs() < 1e-12));
-                assert_eq!(told.is_some(), score.is_some());
+                assert!(nats.zip(score).is_none_or(|(nats, score)| (nats - score).abs() < 1e-12));
+                assert_eq!(nats.is_some(), score.is_some());
                 pose = pose * action.sensor_from_next;
                 episode.observe(action.sensor_from_next, &world.touch(1, &pose, &mut rng)).unwrap();
             }

@@ -72,7 +72,7 @@ impl Around {
         Self::new(turn, grid.theta_half_deg, grid.theta_step_deg, grid.n_theta())
     }
 
-    /// The interpolated value of what lies at each index.
+    /// The interpolated value of what is at each index.
     fn value(&self, at: impl Fn(usize) -> f32) -> f32 {
         let ([a, b, c, d], w) = (self.indices, &self.weights);
         w[0] * at(a) + w[1] * at(b) + w[2] * at(c) + w[3] * at(d)
@@ -99,8 +99,8 @@ impl Around {
         [(a, 1), (b, 1), (c, 1), (a, 2), (b, 2), (a, 3)]
     }
 
-    /// The squared length of the embedding interpolated along this axis, from the cosine of what lies at an index with
-    /// what lies some steps further.
+    /// The squared length of the embedding interpolated along this axis, from the cosine of what is at an index with
+    /// what is some steps further.
     fn square(&self, cosine: impl Fn(usize, usize) -> f32) -> f32 {
         let (constant, weights) = self.square_weights();
         let sum: f32 = weights.iter().zip(self.pairs()).map(|(weight, (index, k))| weight * cosine(index, k)).sum();
@@ -131,7 +131,7 @@ fn directed(cosine: f32, square: f32) -> f32 {
 /// see it just inside, and the pose would be drawn inwards.
 const FADE: f64 = 0.5;
 
-/// How far a view is trusted that lies this far outside along each axis, steps; `None` more than one step outside.
+/// How far a view is trusted this far outside along each axis, steps; `None` more than one step outside.
 fn trust(outside: [f64; 3]) -> Option<f64> {
     let square: f64 = outside.iter().map(|steps| steps * steps).sum();
     match square.sqrt() / FADE {
@@ -292,7 +292,7 @@ fn cosines(lattice: &LatticeWeights, planes: &[f32], neighbours: Option<&Neighbo
     cosines
 }
 
-/// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what lies together is
+/// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what is stored together is
 /// interpolated at once.
 pub fn in_planes(cells: &[f32], grid: &PoseGrid) -> Vec<f32> {
     let (n, n_theta) = (grid.n_xy(), grid.n_theta());
@@ -321,7 +321,7 @@ fn catmull_rom(f: f32) -> [f32; 4] {
     [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, -0.5 * f2 + 0.5 * f3]
 }
 
-/// Weights where the first or the last of the four points lies beyond the border: what a parabola through
+/// Weights where the first or the last of the four points is outside the border: what a parabola through
 /// the last three recorded points (a line through two) would have there.
 fn at_border([a, b, c, d]: [f32; 4], first: bool, last: bool, n: usize) -> [f32; 4] {
     match (first, last) {

@@ -1,4 +1,4 @@
-//! What must be so whatever the numbers, and bugs that other filters had and no other file names.
+//! What must hold for any numbers, and bugs of other filters that no other file tests.
 
 use proptest::prelude::*;
 use tactile_data::grid::PoseGrid;

@@ -13,7 +13,7 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::calibration::BLANK_SHARE;
 use tactile_infer::neighbours::Neighbours;
-use tactile_infer::similarity::{dot, part_mating};
+use tactile_infer::similarity::dot;
 
 use crate::error::{Error, Result};
 use crate::interpolation::{Interpolation, LatticeWeights, ViewWeights};
@@ -127,7 +127,7 @@ impl LikelihoodConfig {
 /// By how much the temperature of several touches exceeds that of one.
 const SHARED_ERROR: f64 = 2.0;
 
-/// Probability that a view outside the recorded area is blank. Beside a small part nearly all are and on a
+/// Probability that a view outside the recorded area is blank. Around a small part nearly all are and on a
 /// large one few; were it the recorded views' own share, a blank touch outside would speak for a wrong
 /// state that sees the touch at one of the few blank views inside.
 const UNKNOWN_IS_BLANK: f64 = 0.5;
@@ -146,7 +146,7 @@ pub struct TouchLikelihood {
     pub blank: bool,
     /// Whether each row of the bank shows an edge, `[n_rows]`.
     edged: Vec<bool>,
-    /// How alike the bank's views beside each other are, `[n_parts]`; `None` where none are interpolated.
+    /// How alike the bank's neighbouring views are, `[n_parts]`; `None` where none are interpolated.
     neighbours: Option<Arc<[Neighbours]>>,
     /// Log of the mean of `exp((s - best) / tau) + eps` over the edged rows.
     log_mean: f64,
@@ -197,7 +197,7 @@ impl TouchLikelihood {
         self.log_between(self.similarities[row], row)
     }
 
-    /// The log-likelihood at a view of a given cosine, near one row of the bank that tells whether it is
+    /// The log-likelihood at a view of a given cosine, near one row of the bank that says whether it is
     /// blank; about 0 where the touch says nothing.
     pub fn log_between(&self, similarity: f32, row: usize) -> f64 {
         if self.edged[row] == self.blank {
@@ -306,7 +306,7 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     let largest = query.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
     let query: Vec<f32> = query.iter().map(|value| if largest > 0.0 { value / largest } else { *value }).collect();
     let mut similarities = Vec::new();
-    part_mating(&query, bank, &mut similarities);
+    bank.similarities(&query, &mut similarities);
     if similarities.iter().all(|s| !s.is_finite()) {
         return Err(Error::observation("a finite similarity with some part", "none"));
     }
@@ -400,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn a_query_of_noughts_says_nothing() {
+    fn a_query_of_zeros_says_nothing() {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0]], &[0.2, 0.2]);
         let seen = TouchLikelihood::new(&touch([0.0, 0.0], 0.2), &bank, &LikelihoodConfig::default()).unwrap();
         assert_eq!(log_rows(&seen)[0], log_rows(&seen)[1]);

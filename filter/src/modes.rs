@@ -93,9 +93,9 @@ fn likeliest_neighbours(grid: &PoseGrid, states: &[(Hypothesis, f64)]) -> Vec<us
     for (index, (hypothesis, _)) in (0..).zip(states) {
         index_of[hypothesis.part * n_cells + hypothesis.cell] = Some(index);
     }
-    let beside = Beside::on(grid);
+    let neighbours = NeighbourCells::on(grid);
     let uphill = |(at, (hypothesis, _)): (usize, &(Hypothesis, f64))| {
-        let held = beside.of(hypothesis.cell).filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
+        let held = neighbours.of(hypothesis.cell).filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
         let higher = |a: usize, b: usize| states[b].1 > states[a].1 || (states[b].1 == states[a].1 && b < a);
         held.map(|index| index as usize).fold(at, |best, next| if higher(best, next) { next } else { best })
     };
@@ -103,13 +103,13 @@ fn likeliest_neighbours(grid: &PoseGrid, states: &[(Hypothesis, f64)]) -> Vec<us
 }
 
 /// The cells within one step of a cell in x, y and theta.
-struct Beside {
+struct NeighbourCells {
     n_xy: usize,
-    /// The angles one step below, at and above each angle, round half a turn too; `None` outside the grid.
+    /// The angles one step below, at and above each angle, across half a turn too; `None` outside the grid.
     angles: Vec<[Option<usize>; 3]>,
 }
 
-impl Beside {
+impl NeighbourCells {
     fn on(grid: &PoseGrid) -> Self {
         let nearest = NearestCell::on(grid);
         let at = |index: usize, steps: f64| {
@@ -176,11 +176,11 @@ mod tests {
     }
 
     #[test]
-    fn cells_beside_are_one_step_away_round_half_a_turn_too() {
+    fn neighbour_cells_are_one_step_away_across_half_a_turn_too() {
         let half = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
         let ring = PoseGrid { theta_half_deg: 180.0, ..half };
         for grid in [half, ring] {
-            let beside = Beside::on(&grid);
+            let neighbours = NeighbourCells::on(&grid);
             for cell in 0..grid.len() {
                 let (here, nearest) = (grid.pose(cell), NearestCell::on(&grid));
                 let steps = [-1.0, 0.0, 1.0];
@@ -191,7 +191,7 @@ mod tests {
                     let theta = here.theta_rad + 30.0_f64.to_radians() * turn;
                     expected.extend(nearest.of(&Se2::new(here.x_mm + 4.0 * x, here.y_mm + 4.0 * y, theta)));
                 }
-                let mut found: Vec<usize> = beside.of(cell).collect();
+                let mut found: Vec<usize> = neighbours.of(cell).collect();
                 found.sort_unstable();
                 expected.sort_unstable();
                 assert_eq!(found, expected);
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn angles_round_half_a_turn_average_to_half_a_turn() {
+    fn angles_across_half_a_turn_average_to_half_a_turn() {
         // navigation#1161: a linear covariance of +-180 degrees is huge.
         let poses = [(Se2::new(1.0, 0.0, PI - 0.1), 0.2), (Se2::new(3.0, 0.0, -PI + 0.1), 0.2)];
         let mode = summarise(0, &poses);

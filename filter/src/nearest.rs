@@ -1,9 +1,9 @@
-//! The recorded view nearest to a pose, and how far it stands for what would be seen there.
+//! The recorded view nearest to a pose, and how far it can be trusted for what would be seen there.
 
 use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 
-/// The recorded view that stands for a pose, and how far it is trusted to.
+/// The recorded view used for a pose, and how far it is trusted to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
     /// The nearest cell of the grid.

@@ -11,7 +11,7 @@ pub struct Observation {
     pub query: Vec<f32>,
     /// Share of the view that shows an edge, 0..=1.
     pub edge_share: f32,
-    /// A hash of the frame's bytes: the same picture after a motion means a camera that stands still. `None`: not checked.
+    /// A hash of the frame's bytes: the same picture after a motion means a camera that has stopped. `None`: not checked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame_hash: Option<u64>,
     /// The model that made the query; `None`: not checked.

@@ -17,7 +17,7 @@ pub struct ParticleConfig {
     /// Whether a resampling keeps only as many particles as the states still occupied ask for (KLD
     /// sampling, Fox 2003), between 100 and `n_particles`; else always `n_particles`.
     pub adaptive: bool,
-    /// Metropolis-Hastings moves of each particle after each touch; nought leaves duplicates as they are.
+    /// Metropolis-Hastings moves of each particle after each touch; zero leaves duplicates as they are.
     pub n_moves: usize,
 }
 
@@ -131,7 +131,7 @@ impl Particle {
     }
 }
 
-/// Draws after which, with probability 0.99, the sampled distribution over `n_bins` lies within a
+/// Draws after which, with probability 0.99, the sampled distribution over `n_bins` is within a
 /// Kullback-Leibler distance of 0.05 of the true one (Fox 2003, Eq. 13).
 fn kld_bound(n_bins: usize) -> usize {
     const DISTANCE: f64 = 0.05;
@@ -149,7 +149,7 @@ fn stream(seed: u64, step: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed.wrapping_add(step.wrapping_mul(0x9E37_79B9_7F4A_7C15)))
 }
 
-/// A draw from a cumulative distribution; states of probability nought never come up.
+/// A draw from a cumulative distribution; states of probability zero never come up.
 fn draw_one(cumulative: &[f64], rng: &mut ChaCha8Rng) -> usize {
     let total = cumulative.last().copied().unwrap_or(0.0);
     let position = rng.random::<f64>() * total;

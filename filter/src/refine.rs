@@ -8,10 +8,10 @@ use crate::evidence::Evidence;
 /// Lattice points along each axis.
 const N_POINTS: usize = 5;
 
-/// Lattices, each round the mean of the one before.
+/// Lattices, each around the mean of the one before.
 const N_ROUNDS: usize = 5;
 
-/// Power of the posterior of which the mean is taken. The look-ups round one pose share their error, so
+/// Power of the posterior of which the mean is taken. Interpolated views around one pose share their error, so
 /// that the touches tell less of the pose than of the part: on small tuning letters the mean error after
 /// ten touches was 0.36 mm at the filter's own temperature of 0.03, 0.34 at 0.05 and 0.31 at 0.1.
 const POWER: f64 = 0.3;
@@ -26,7 +26,7 @@ pub struct Refined {
 }
 
 /// The mean pose around `start`, a state's pose, under all touches: a lattice of one grid step either way,
-/// then finer ones round its mean. Deterministic; on a grid of one pose an axis it stays there.
+/// then finer ones around its mean. Deterministic; on a grid of one pose an axis it stays there.
 pub fn refine(grid: &PoseGrid, touches: &[Evidence], part: usize, start: &Se2) -> Refined {
     let spans = [
         if grid.n_xy() > 1 { grid.xy_step_mm } else { 0.0 },

@@ -26,7 +26,7 @@ pub fn normalize(log_weights: &mut [f64], weights: &mut Vec<f64>) -> Option<f64>
     if !largest.is_finite() {
         return None;
     }
-    // Beside weights of e^-1e300 the log of their number would be lost: the largest goes first.
+    // Next to weights of e^-1e300 the log of their number would be lost: the largest goes first.
     simd::lower(log_weights, largest, weights);
     let sum = simd::sum(weights);
     let log_sum = sum.ln();

@@ -55,12 +55,12 @@ pub fn lower(logs: &mut [f64], by: f64, exps: &mut Vec<f64>) {
 }
 
 /// e^x for x at most 0, to 2 units in the last place: `2^k e^r` with `r` within half a binary order of 0, by the
-/// series of e^r up to the 13th power, whose next term is 4e-18. Nought where e^x is no normal number.
+/// series of e^r up to the 13th power, whose next term is 4e-18. Zero where e^x is no normal number.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
     /// Added, it leaves a whole number in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52
-    /// ln 2 in two parts, the first with so many noughts at the end that its multiples are exact.
+    /// ln 2 in two parts, the first with so many zeros at the end that its multiples are exact.
     const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
     const FACTORIALS: [f64; 14] = {
         let mut of = [1.0; 14];

@@ -14,7 +14,7 @@ static TABLE: LazyLock<Vec<[f64; 2]>> = LazyLock::new(|| {
     (0..n).map(|i| i as f64 / PER_UNIT - EDGE).map(|z| [exactly(z), 1.0 / (1.0 + (-z).exp())]).collect()
 });
 
-/// ln(1 + e^z), to within 4e-10: a cubic through value and slope at the two entries beside z, whose error is at most
+/// ln(1 + e^z), to within 4e-10: a cubic through value and slope at the two entries around z, whose error is at most
 /// `h^4 / 384` times the fourth derivative, which is at most 1 / 8, with `h` a 32nd.
 pub fn softplus(z: f64) -> f64 {
     let place = (z + EDGE) * PER_UNIT;
@@ -47,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn far_out_it_is_a_line_or_nought() {
+    fn far_out_it_is_a_line_or_zero() {
         assert_eq!([softplus(1e9), softplus(-1e9), softplus(f64::NEG_INFINITY)], [1e9, 0.0, 0.0]);
         assert!(softplus(f64::NAN).is_nan());
     }

@@ -17,6 +17,7 @@ use crate::rows::Rows;
 use crate::safefile::{NamedTensor, SafeFile};
 use crate::symmetry::{Symmetry, symmetry};
 use crate::threads;
+use crate::views::Views;
 
 /// The version of the bank's layout.
 pub const SCHEMA: &str = "tactile-filter/bank/2";
@@ -53,8 +54,8 @@ impl Bank {
         model_sha256: impl Into<Arc<str>>,
     ) -> Result<Self> {
         let mut bank = Self::checked(parts, grid, rows, edge_shares, model_sha256.into())?;
-        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank, part));
-        bank.neighbours = neighbours(&bank).into();
+        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank.views(), part));
+        bank.neighbours = neighbours(&bank.views()).into();
         Ok(bank)
     }
 
@@ -212,7 +213,7 @@ impl Bank {
             (None, _) => return Err(Error::invalid("rows", "a shape [n, dim]", format!("{:?}", rows.shape))),
         };
         let bank = Self::checked(parts, grid, rows, edge_shares.values, model_sha256)?;
-        let neighbours = neighbours(&bank).into();
+        let neighbours = neighbours(&bank.views()).into();
         Ok(Self { origin, symmetries, neighbours, ..bank })
     }
 
@@ -256,12 +257,31 @@ impl Bank {
         Some(part * self.grid.len() + cell)
     }
 
+    /// f_HP (paper, Eq. 2): the cosine of one query with each row. `query`: `[dim]`, of unit length; `out` is cleared and
+    /// filled with `[n_rows]` values in -1..=1.
+    pub fn similarities(&self, query: &[f32], out: &mut Vec<f32>) {
+        self.rows.similarities(query, out);
+    }
+
+    /// f_PP (paper, Eq. 6): the cosine of two rows, -1..=1. One network serves both functions: the contrastive loss
+    /// spreads keys apart wherever the peg views differ.
+    ///
+    /// # Panics
+    /// Where a row is not below [`Self::n_rows`].
+    pub fn peg_similarity(&self, row_a: usize, row_b: usize) -> f32 {
+        self.rows.cosine(row_a, row_b)
+    }
+
+    fn views(&self) -> Views<'_> {
+        Views { grid: &self.grid, rows: &self.rows, edge_shares: &self.edge_shares }
+    }
+
     /// For each row, the share of the view that shows an edge, 0..=1; zero for a blank view.
     pub fn edge_shares(&self) -> &[f32] {
         &self.edge_shares
     }
 
-    /// The turns under which a part stays the same ([`symmetry`]).
+    /// The turns under which a part stays the same.
     ///
     /// # Panics
     /// Where `part` is not below the number of parts.

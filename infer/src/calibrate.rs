@@ -11,7 +11,6 @@ use crate::calibration::{BLANK_SHARE, Calibration, Gap};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::recorded::tactile_images;
-use crate::similarity::part_mating;
 
 /// Fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -26,7 +25,7 @@ fn gap_of(values: &[f64]) -> Gap {
     Gap { mean, sd: mean_of(&|v| (v - mean).powi(2)).sqrt() }
 }
 
-/// One hole against all recorded pegs, by how far each cosine lies below the best.
+/// One hole against all recorded pegs, by how far each cosine is below the best.
 struct Compared {
     /// Edged rows of the bank in each range of [`GAP`], the best first.
     rows_by_gap: Vec<u32>,
@@ -36,7 +35,7 @@ struct Compared {
     best: f32,
 }
 
-/// Ranges of cosine that are told apart: a tenth of the smallest temperature tried.
+/// Ranges of cosine that are distinguished: a tenth of the smallest temperature tried.
 const GAP: f32 = 0.0005;
 
 impl Compared {
@@ -48,7 +47,7 @@ impl Compared {
         Self { rows_by_gap, near: near.iter().map(|at| best - cosines[*at]).collect(), best }
     }
 
-    /// How far the best of the rows around the true pose lies below the best.
+    /// How far the best of the rows around the true pose is below the best.
     fn gap(&self) -> f64 {
         f64::from(self.near.iter().copied().fold(f32::INFINITY, f32::min))
     }
@@ -102,7 +101,7 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
         });
         let near: Vec<usize> = near.collect();
         if !near.is_empty() {
-            part_mating(query, bank, &mut all);
+            bank.similarities(query, &mut all);
             let cosines: Vec<f32> = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).collect();
             compared.push(Compared::new(&cosines, &near));
         }
@@ -128,7 +127,7 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
     })
 }
 
-/// Whether a recorded pose lies within one step of another pose on every axis.
+/// Whether a recorded pose is within one step of another pose on every axis.
 fn is_near(grid: &PoseGrid, recorded: &Se2, pose: &Se2) -> bool {
     let turn = wrap_angle(recorded.theta_rad - pose.theta_rad).to_degrees().abs();
     let shift = (recorded.x_mm - pose.x_mm).abs().max((recorded.y_mm - pose.y_mm).abs());

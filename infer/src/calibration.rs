@@ -16,11 +16,11 @@ pub struct Calibration {
     pub blank_agreement: f64,
     /// 99 in 100 holes with an edge reach this cosine with some recorded peg.
     pub low_similarity: f32,
-    /// Mean negative log-probability of the recorded poses round the true one, nats.
+    /// Mean negative log-probability of the recorded poses around the true one, nats.
     pub nll_nats: f64,
     /// The same where every recorded pose is equally likely.
     pub chance_nats: f64,
-    /// How far the cosine with the view that was touched lies below the best with any; `None` in models calibrated before
+    /// How far the cosine with the view that was touched is below the best with any; `None` in models calibrated before
     /// it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap: Option<Gap>,

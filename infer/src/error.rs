@@ -30,7 +30,7 @@ impl Error {
         Self::Data(tactile_data::Error::invalid(what, expected, got))
     }
 
-    /// The same error with the file that it lies in before what is wrong.
+    /// The same error with the file in front of what is wrong.
     pub fn within(self, place: impl std::fmt::Display) -> Self {
         match self {
             Self::Data(error) => Self::Data(error.within(place)),

@@ -130,7 +130,7 @@ fn odd() -> impl Strategy<Value = serde_json::Value> {
     prop::sample::select(texts.to_vec()).prop_map(|text| serde_json::from_str(text).unwrap())
 }
 
-/// Replaces the leaf of this number, counted round.
+/// Replaces the leaf of this number, counted cyclically.
 fn replace_leaf(value: &mut serde_json::Value, number: usize, by: &serde_json::Value) {
     fn leaves<'a>(value: &'a mut serde_json::Value, found: &mut Vec<&'a mut serde_json::Value>) {
         match value {

@@ -62,6 +62,7 @@ pub mod similarity;
 pub mod simulated;
 pub mod symmetry;
 mod threads;
+mod views;
 
 pub use bank::Bank;
 pub use checkpoint::Checkpoint;

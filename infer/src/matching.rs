@@ -11,7 +11,6 @@ use crate::bank::Bank;
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::recorded::{frames_by_row, tactile_images};
-use crate::similarity::{part_mating, peg_similarity};
 
 /// What one touch alone tells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -103,7 +102,7 @@ fn nearest_by_model(
     let (mut nearest, mut best_cosines) = (Vec::new(), Vec::new());
     let mut cosines = Vec::new();
     for ((query, frame), image) in queries.chunks_exact(bank.dim()).zip(chosen).zip(&images) {
-        part_mating(query, bank, &mut cosines);
+        bank.similarities(query, &mut cosines);
         let row = best(cosines.iter().copied());
         nearest.push(row);
         if image.edge_share >= EDGED {
@@ -111,7 +110,7 @@ fn nearest_by_model(
         }
         if let Some(row) = true_row(bank, holes, *frame) {
             for (j, cosine) in cosines.iter().enumerate() {
-                correlation.add(f64::from(peg_similarity(bank, row, j)), f64::from(*cosine));
+                correlation.add(f64::from(bank.peg_similarity(row, j)), f64::from(*cosine));
             }
         }
     }

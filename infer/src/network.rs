@@ -2,7 +2,7 @@
 //! other than the CPU; a robot runs [`crate::encoder`].
 //!
 //! `query = predictor(encoder(hole))`, `key = encoder(peg)` (MoCo-v3, Sec. 3). The encoder keeps the
-//! layout of the view to its last layer, because where an edge lies is as telling as that it is there:
+//! layout of the view to its last layer, because where an edge is says as much as that it is there:
 //! a global average would throw the pose away.
 
 use crate::architecture::{ConvLayer, NetworkConfig};

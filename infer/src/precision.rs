@@ -49,7 +49,7 @@ impl Precision {
         [Self::F32, Self::F16, Self::Bf16, Self::I8].into_iter().find(|precision| precision.dtype() == dtype)
     }
 
-    /// The nearest value that the format holds; infinite where `value` lies beyond its range.
+    /// The nearest value that the format holds; infinite where `value` is beyond its range.
     pub fn round(self, value: f32) -> f32 {
         match self {
             Self::F32 => value,

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 use tactile_data::frame::{Background, TactileImage};
 use tactile_data::grid::PoseGrid;
+use tactile_data::origin::{Origin, PartOrigin, SensorOrigin};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
@@ -30,7 +31,22 @@ pub fn bank_of_dataset(model: &Model, dataset: &Dataset, progress: &(dyn Fn(usiz
         edge_shares.extend(images.iter().map(|image| image.edge_share));
     }
     progress(frame_of_row.len(), frame_of_row.len());
-    Bank::from_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
+    let origin = origin(dataset, &parts);
+    let bank = Bank::from_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())?;
+    Ok(bank.with_origin(origin))
+}
+
+/// What a dataset's touches were made of: as its scene says where it was simulated, else only its scale is known.
+fn origin(dataset: &Dataset, parts: &[String]) -> Origin {
+    let meta = dataset.meta();
+    #[cfg(feature = "sim")]
+    if let Some(Ok(scene)) = meta.scene.clone().map(serde_json::from_value::<tactile_data::scene::Scene>) {
+        return scene.origin();
+    }
+    let field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+    let part = |name: &String| PartOrigin { name: name.clone(), size_mm: None };
+    let sensor = SensorOrigin { field_of_view_mm, light: None };
+    Origin { name: meta.name.clone(), parts: parts.iter().map(part).collect(), sensor }
 }
 
 /// What the network sees of some frames of a dataset, in their order.

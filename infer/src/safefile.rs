@@ -1,4 +1,4 @@
-//! Files of named tensors: safetensors with text beside them, checksummed, written whole or not at all.
+//! Files of named tensors: safetensors with text entries, checksummed, written whole or not at all.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -66,7 +66,7 @@ impl SafeFile {
         hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
-    /// Writes the file beside its place and renames it there, so that a crash or a full disk leaves
+    /// Writes a temporary file and renames it, so that a crash or a full disk leaves
     /// the old file as it was.
     pub fn save(&self, path: &Path, schema: &str) -> Result<()> {
         self.save_as(path, schema, Precision::F32)
@@ -277,7 +277,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.safetensors");
         file().save(&path, "test/1").unwrap();
-        // The partial file cannot be created where a folder of its name stands.
+        // The partial file cannot be created where a folder has its name.
         std::fs::create_dir(folder.path().join("x.safetensors.partial")).unwrap();
         assert!(file().save(&path, "test/1").is_err());
         assert!(SafeFile::load(&path, "test/1").is_ok());

@@ -1,21 +1,4 @@
-//! How well a peg fits a hole (f_HP) and how alike two peg views are (f_PP).
-//!
-//! One model serves both: f_PP is the cosine of two keys, which the contrastive loss already spreads
-//! apart wherever the peg views differ.
-
-use crate::bank::Bank;
-
-/// f_HP (paper, Eq. 2): the cosine of one query with each row of the bank.
-///
-/// `query`: `[dim]`, of unit length. `out` is cleared and filled with `[n_rows]` values in -1..=1.
-pub fn part_mating(query: &[f32], bank: &Bank, out: &mut Vec<f32>) {
-    bank.rows().similarities(query, out);
-}
-
-/// f_PP (paper, Eq. 6): the cosine of two rows of the bank, -1..=1.
-pub fn peg_similarity(bank: &Bank, row_a: usize, row_b: usize) -> f32 {
-    bank.rows().cosine(row_a, row_b)
-}
+//! Inner products of embeddings, and rows of unit length.
 
 /// The inner product, summed in sixteen lanes so that it vectorises; the shorter length counts.
 pub fn dot(a: &[f32], b: &[f32]) -> f32 {
@@ -30,7 +13,7 @@ pub fn dot(a: &[f32], b: &[f32]) -> f32 {
     lanes.iter().sum::<f32>() + rest
 }
 
-/// Scales each row of `[n, dim]` to unit length; a row of noughts stays as it is.
+/// Scales each row of `[n, dim]` to unit length; a row of zeros stays as it is.
 pub fn normalize_rows(rows: &mut [f32], dim: usize) {
     for row in rows.chunks_exact_mut(dim) {
         let norm = dot(row, row).sqrt();
@@ -54,7 +37,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_of_noughts_stays_finite() {
+    fn a_row_of_zeros_stays_finite() {
         let mut rows = [3.0, 4.0, 0.0, 0.0];
         normalize_rows(&mut rows, 2);
         assert_eq!(rows, [0.6, 0.8, 0.0, 0.0]);

@@ -43,7 +43,8 @@ pub fn bank_of_scene(
     }
     progress(planned.len(), planned.len());
     let parts = simulator.parts().to_vec();
-    Bank::from_rows(parts, reach, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
+    let bank = Bank::from_rows(parts, reach, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())?;
+    Ok(bank.with_origin(scene.origin()))
 }
 
 #[cfg(all(test, feature = "burn"))]

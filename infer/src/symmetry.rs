@@ -5,9 +5,8 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
 
-use crate::bank::Bank;
 use crate::calibration::BLANK_SHARE;
-use crate::similarity::peg_similarity;
+use crate::views::Views;
 
 /// A part feels the same after a turn by `360 / order` degrees about its centre.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,16 +52,16 @@ const N_PAIRS: [usize; 3] = [4, 64, 1_024];
 /// Two poses count as one within this share of a step of the grid.
 const TOLERANCE: f64 = 0.26;
 
-/// The turns under which a part of the bank stays the same, as far as its recorded views can tell: those of the
+/// The turns under which a part stays the same, as far as its recorded views can tell: those of the
 /// highest order, about the centre where they fit best. Centres are looked for within one step of the part's own.
-pub fn symmetry(bank: &Bank, part: usize) -> Symmetry {
-    let places = [0.0, -0.5, 0.5, -1.0, 1.0].map(|steps| steps * bank.grid().xy_step_mm);
+pub(crate) fn symmetry(views: &Views<'_>, part: usize) -> Symmetry {
+    let places = [0.0, -0.5, 0.5, -1.0, 1.0].map(|steps| steps * views.grid.xy_step_mm);
     let centres = || places.into_iter().flat_map(|x| places.map(|y| [x, y]));
     let of_order = |order: usize| {
         let alike = |centre_mm| {
             let symmetry = Symmetry { order, centre_mm };
-            likeness(bank, part, &symmetry, N_PAIRS[1]).filter(|rough| *rough >= SAME - 0.1)?;
-            Some((symmetry, likeness(bank, part, &symmetry, N_PAIRS[2])?))
+            likeness(views, part, &symmetry, N_PAIRS[1]).filter(|rough| *rough >= SAME - 0.1)?;
+            Some((symmetry, likeness(views, part, &symmetry, N_PAIRS[2])?))
         };
         let best = centres().filter_map(alike).reduce(|best, next| if next.1 > best.1 { next } else { best });
         best.filter(|(_, alike)| *alike >= SAME).map(|(symmetry, _)| symmetry)
@@ -73,10 +72,10 @@ pub fn symmetry(bank: &Bank, part: usize) -> Symmetry {
 /// The least, over the turns of a symmetry, of the mean cosine of the views that the turn brings together,
 /// -1..=1, from about `n_pairs` of them; `None` where the smallest brings too few together. A view with an edge is
 /// not like one without.
-fn likeness(bank: &Bank, part: usize, symmetry: &Symmetry, n_pairs: usize) -> Option<f64> {
-    let grid = bank.grid();
+fn likeness(views: &Views<'_>, part: usize, symmetry: &Symmetry, n_pairs: usize) -> Option<f64> {
+    let grid = views.grid;
     let (n_theta, start) = (grid.n_theta(), part * grid.len());
-    let is_edged = |cell: usize| bank.edge_shares()[start + cell] >= BLANK_SHARE;
+    let is_edged = |cell: usize| views.edge_shares[start + cell] >= BLANK_SHARE;
     let (mm, deg) = (TOLERANCE * grid.xy_step_mm, TOLERANCE * grid.theta_step_deg);
     let of_turn = |k: usize| {
         let turn = symmetry.turn(k);
@@ -91,7 +90,7 @@ fn likeness(bank: &Bank, part: usize, symmetry: &Symmetry, n_pairs: usize) -> Op
         let (mut sum, mut n) = (0.0, 0);
         for (cell, twin) in cells.step_by(every).filter_map(|cell| Some((cell, twin(cell)?))) {
             match (is_edged(cell), is_edged(twin)) {
-                (true, true) => sum += f64::from(peg_similarity(bank, start + cell, start + twin)),
+                (true, true) => sum += f64::from(views.rows.cosine(start + cell, start + twin)),
                 (false, false) => continue,
                 _ => {}
             }
@@ -107,6 +106,7 @@ fn likeness(bank: &Bank, part: usize, symmetry: &Symmetry, n_pairs: usize) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bank::Bank;
     use crate::rows::Rows;
     use tactile_data::grid::PoseGrid;
 
@@ -137,23 +137,23 @@ mod tests {
     fn turns_that_change_nothing_are_found_with_their_centre() {
         for (order, centre_mm) in [(1, [0.0; 2]), (2, [0.0; 2]), (2, [1.0, -2.0]), (4, [0.0; 2]), (6, [0.0, 0.0])] {
             let truth = Symmetry { order, centre_mm };
-            assert_eq!(symmetry(&bank(truth, GRID), 0), truth);
+            assert_eq!(bank(truth, GRID).symmetry(0), truth);
         }
     }
 
     #[test]
     fn a_coarse_bank_tells_half_turns_too() {
         let truth = Symmetry { order: 2, centre_mm: [0.0; 2] };
-        assert_eq!(symmetry(&bank(truth, PoseGrid::SMALL), 0), truth);
-        assert_eq!(symmetry(&bank(Symmetry::NONE, PoseGrid::SMALL), 0), Symmetry::NONE);
+        assert_eq!(bank(truth, PoseGrid::SMALL).symmetry(0), truth);
+        assert_eq!(bank(Symmetry::NONE, PoseGrid::SMALL).symmetry(0), Symmetry::NONE);
     }
 
     #[test]
     fn what_no_recorded_view_tells_is_no_symmetry() {
         let narrow = PoseGrid { theta_half_deg: 15.0, ..GRID };
-        assert_eq!(symmetry(&bank(Symmetry { order: 2, centre_mm: [0.0; 2] }, narrow), 0), Symmetry::NONE);
+        assert_eq!(bank(Symmetry { order: 2, centre_mm: [0.0; 2] }, narrow).symmetry(0), Symmetry::NONE);
         let one = PoseGrid { xy_half_mm: 0.0, theta_half_deg: 0.0, ..GRID };
-        assert_eq!(symmetry(&bank(Symmetry::NONE, one), 0), Symmetry::NONE);
+        assert_eq!(bank(Symmetry::NONE, one).symmetry(0), Symmetry::NONE);
     }
 
     #[test]

@@ -208,7 +208,7 @@ fn a_batch_of_only_blank_pairs_trains_without_nan() {
 #[test]
 fn frames_that_show_no_lamps_cannot_be_relit() {
     let folder = tempfile::tempdir().unwrap();
-    // Grey edges: every channel changes alike, as under one lamp from above.
+    // Grey edges: every channel changes equally, as under one lamp from above.
     let dataset =
         pairs(folder.path(), |pair, _| edge(4 + pair), |pair| Some(Se2::from_degrees(3.0 * pair as f64, 0.0, 0.0)));
     let config = TrainConfig { flips: Flips::Relit, ..twelve_steps() };

@@ -1,5 +1,7 @@
 //! The filter on a bank of embedded pegs, as a robot uses it.
 
+use std::sync::Arc;
+
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::scene::Scene;
@@ -7,17 +9,16 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::episode::{Decision, Episode, EpisodeConfig, Estimate, Eye, StopReason};
 use tactile_filter::particle::ParticleConfig;
-use tactile_infer::Bank;
-use tactile_infer::{DeviceKind, Model};
+use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Estimate, FrameFault, Sensor, StopReason};
+use tactile_infer::{Bank, Model};
 use tactile_tests::samples::Sample;
 
 /// A model, its bank and a simulated hole.
 struct Bench {
     simulator: Simulator,
-    model: Model,
-    bank: Bank,
+    model: Arc<Model>,
+    bank: Arc<Bank>,
 }
 
 impl Bench {
@@ -25,11 +26,11 @@ impl Bench {
         let model = Model::load(&sample.folder().join("model/model.safetensors")).unwrap();
         let bank = Bank::load(&sample.folder().join("pegs.bank"), &model).unwrap();
         let simulator = Simulator::new(Scene::load(&sample.at("two.toml")).unwrap(), 1).unwrap();
-        Self { simulator, model, bank }
+        Self { simulator, model: Arc::new(model), bank: Arc::new(bank) }
     }
 
-    fn eye(&self) -> Eye<'_> {
-        Eye::new(&self.model, &self.simulator.no_contact(9)).unwrap()
+    fn sensor(&self) -> Sensor {
+        Sensor::new(self.model.clone(), &self.simulator.no_contact(9)).unwrap()
     }
 
     fn touch(&self, part_from_sensor: &Se2, number: u64) -> Frame {
@@ -44,12 +45,13 @@ impl Bench {
 
     /// Three touches along a fixed path; what is known then.
     fn along_a_path(&self, config: &EpisodeConfig) -> Estimate {
-        let eye = self.eye();
+        let sensor = self.sensor();
         let mut pose = self.bank.grid().pose(4);
-        let mut episode = Episode::begin(config, &eye, &self.bank, &self.touch(&pose, 1)).unwrap();
+        let begun = Episode::begin(*config, self.bank.clone(), &sensor.observe(&self.touch(&pose, 1)).unwrap());
+        let mut episode = begun.unwrap();
         for (number, moved) in [(2, Se2::from_degrees(4.0, 0.0, 0.0)), (3, Se2::from_degrees(0.0, -4.0, 30.0))] {
             pose = pose * moved;
-            episode.observe(moved, &self.touch(&pose, number)).unwrap();
+            episode.observe(moved, &sensor.observe(&self.touch(&pose, number)).unwrap()).unwrap();
         }
         episode.estimate()
     }
@@ -89,24 +91,27 @@ fn the_same_seed_gives_the_same_estimate() {
 fn a_robot_is_led_from_touch_to_touch_until_the_limit() {
     let sample = Sample::shared();
     let bench = Bench::new(&sample);
-    let eye = bench.eye();
+    let sensor = bench.sensor();
     let mut config =
-        EpisodeConfig { stop_probability: 1.0, none_fit: f64::MIN, max_touches: 4, ..EpisodeConfig::default() };
+        EpisodeConfig { stop_probability: 1.0, none_fit: None, max_touches: 4, ..EpisodeConfig::default() };
     // The sample's reach is smaller than the distance kept by default.
     config.action.min_separation_mm = 3.0;
     let first = bench.bank.grid().pose(13);
     let mut pose = first;
-    let mut episode = Episode::begin(&config, &eye, &bench.bank, &bench.touch(&pose, 1)).unwrap();
+    let begun = Episode::begin(config, bench.bank.clone(), &sensor.observe(&bench.touch(&pose, 1)).unwrap());
+    let mut episode = begun.unwrap();
     let mut n_touches = 1;
     let (estimate, reason) = loop {
-        let action = match episode.decide(&bench.reach(&pose)) {
+        let action = match episode.decide(&bench.reach(&pose)).unwrap() {
             Decision::Touch(action) => action,
             Decision::Done(estimate, reason) => break (estimate, reason),
         };
-        assert_eq!(episode.decide(&bench.reach(&pose)), Decision::Touch(action), "deciding changes nothing");
+        let again = episode.decide(&bench.reach(&pose)).unwrap();
+        assert_eq!(again, Decision::Touch(action), "deciding changes nothing");
         pose = pose * action.sensor_from_next;
         n_touches += 1;
-        episode.observe(action.sensor_from_next, &bench.touch(&pose, n_touches)).unwrap();
+        let observation = sensor.observe(&bench.touch(&pose, n_touches)).unwrap();
+        episode.observe(action.sensor_from_next, &observation).unwrap();
     };
     assert_eq!((reason, estimate.n_touches, n_touches), (StopReason::TouchLimit, 4, 4));
     assert!((estimate.class_posterior.iter().sum::<f64>() - 1.0).abs() < 1e-9);
@@ -120,16 +125,19 @@ fn a_robot_is_led_from_touch_to_touch_until_the_limit() {
 fn a_frame_that_shows_nothing_leaves_the_episode_as_it_was() {
     let sample = Sample::shared();
     let bench = Bench::new(&sample);
-    let eye = bench.eye();
-    let frame = bench.touch(&Se2::IDENTITY, 1);
-    let mut episode = Episode::begin(&EpisodeConfig::default(), &eye, &bench.bank, &frame).unwrap();
+    let sensor = bench.sensor();
+    let observation = sensor.observe(&bench.touch(&Se2::IDENTITY, 1)).unwrap();
+    let mut episode = Episode::begin(EpisodeConfig::default(), bench.bank.clone(), &observation).unwrap();
     let before = episode.estimate();
-    let black = Frame::new(80, 60, vec![0; 3 * 80 * 60]).unwrap();
+    let black = Frame::new(80, 60, (0..3 * 80 * 60).map(|i| (i * 7 % 17) as u8).collect()).unwrap();
     let small = Frame::new(40, 30, (0..3 * 40 * 30).map(|i| i as u8).collect()).unwrap();
-    for (bad, word) in [(black, "dark"), (small, "80x60")] {
-        let error = episode.observe(Se2::IDENTITY, &bad).unwrap_err().to_string();
-        assert!(error.contains(word), "{error}");
-    }
-    assert!(episode.observe(Se2::from_degrees(f64::NAN, 0.0, 0.0), &frame).is_err());
+    let fault = |frame: &Frame| match sensor.observe(frame) {
+        Err(Error::Frame { fault, .. }) => fault,
+        other => panic!("{other:?}"),
+    };
+    assert!(matches!(fault(&black), FrameFault::Dark { .. }));
+    assert_eq!(fault(&small), FrameFault::WrongSize { expected: [80, 60], got: [40, 30] });
+    let nowhere = Se2::from_degrees(f64::NAN, 0.0, 0.0);
+    assert!(matches!(episode.observe(nowhere, &observation), Err(Error::Motion { .. })));
     assert_eq!(episode.estimate(), before);
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 use tactile_data::picture;
 use tactile_data::store::Dataset;
 use tactile_infer::Bank;
-use tactile_infer::{DeviceKind, Model};
+use tactile_infer::Model;
 use tactile_tests::programs::run;
 use tactile_tests::samples::{Sample, text};
 

@@ -270,8 +270,8 @@ fn gigabytes(n_bytes: usize) -> String {
 /// Steps that see `n_training` pairs `n_epochs` times in batches of `n_pairs`; at least one.
 pub fn steps_of(n_epochs: f64, n_training: usize, n_pairs: usize) -> usize {
     let steps = (n_epochs * n_training as f64 / n_pairs.max(1) as f64).ceil();
-    // NaN becomes 0 and a huge number usize::MAX, which `validate` refuses.
-    (steps as usize).max(1)
+    // NaN becomes 0 and what is too large the most that TOML can hold, which `validate` refuses.
+    (steps as i64).max(1) as usize
 }
 
 #[cfg(test)]

@@ -47,13 +47,13 @@ mod tests {
         assert!((value(info_nce(queries, keys, 0.5)) - expected).abs() < 1e-6);
     }
 
-    /// Symmetrised MoCo-v3 losses, 4 tau x cross-entropy: all alike gives 4 tau ln n; perfect and
+    /// Symmetrised MoCo-v3 losses, 4 tau x cross-entropy: equal rows give 4 tau ln n; perfect and
     /// orthogonal gives 4 tau ln(1 + (n - 1) exp(-1 / tau)).
     #[test]
     fn published_batch_sizes_give_the_known_values() {
-        for (n, tau, alike, orthogonal) in [(256, 1.0, 22.18, 18.21), (256, 0.2, 4.44, 0.80), (512, 0.2, 4.99, 1.19)] {
+        for (n, tau, equal, orthogonal) in [(256, 1.0, 22.18, 18.21), (256, 0.2, 4.44, 0.80), (512, 0.2, 4.99, 1.19)] {
             let same = Tensor::<2>::ones([n, n], &device());
-            assert!((2.0 * value(info_nce(same.clone(), same, tau)) - alike).abs() < 0.005);
+            assert!((2.0 * value(info_nce(same.clone(), same, tau)) - equal).abs() < 0.005);
             let eye = Tensor::<2>::from_data(
                 TensorData::new((0..n * n).map(|i| f32::from(i % (n + 1) == 0)).collect::<Vec<_>>(), [n, n]),
                 &device(),

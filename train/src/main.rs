@@ -1,6 +1,5 @@
 //! `tactile-train`: trains the part-mating model on a dataset of pairs.
 
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -8,7 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use clap::Parser;
-use indicatif::{ProgressBar, ProgressStyle};
+use tactile_data::program;
+use tactile_data::progress::Progress;
 use tactile_data::store::Dataset;
 use tactile_infer::DeviceKind;
 use tactile_train::output_folder::OutputFolder;
@@ -58,15 +58,10 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    tactile_data::closed_output::fail_in_one_line();
     let cli = Cli::parse();
-    let ended = match cli.time_batches {
+    program::run(|| match cli.time_batches {
         Some(n_batches) => time_batches(&cli, n_batches).map(|()| ExitCode::SUCCESS),
         None => run(&cli),
-    };
-    ended.unwrap_or_else(|error| {
-        eprintln!("error: {error}");
-        ExitCode::FAILURE
     })
 }
 
@@ -89,7 +84,7 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed))
         .map_err(|e| Error::invalid("ctrl-C handler", "one in this process", e.to_string()))?;
 
-    let mut display = Display::new(config.n_steps);
+    let mut display = Display { progress: Progress::new("steps"), last: None };
     let run =
         Run { dataset: &dataset, tuning: tuning.as_ref(), out: &out, config: &config, device, resume: cli.resume };
     let outcome = train(&run, &|| stop.load(Ordering::Relaxed), &mut |event| display.show(event))?;
@@ -145,50 +140,32 @@ fn measures(found: &Validation) -> String {
     format!("held-out retrieval@1 {first}, @5 {five} of {}{near}{tuning}", found.n_holes)
 }
 
-/// Progress: a bar on a terminal, a line for each checkpoint elsewhere.
+/// A run as it is shown: a bar on a terminal, and a line for each checkpoint.
 struct Display {
-    bar: Option<ProgressBar>,
+    progress: Progress,
     /// Loss, pairs per second and seconds left of the last step.
     last: Option<(f64, f64, f64)>,
 }
 
 impl Display {
-    fn new(n_steps: usize) -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
-            let style = ProgressStyle::with_template("training {bar:30} {pos}/{len} {msg}");
-            ProgressBar::new(n_steps as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-        });
-        Self { bar, last: None }
-    }
-
     fn show(&mut self, event: Event<'_>) {
         match event {
-            Event::Step { step, loss, pairs_per_second, seconds_left, .. } => {
+            Event::Step { step, n_steps, loss, pairs_per_second, seconds_left } => {
                 self.last = Some((loss, pairs_per_second, seconds_left));
-                if let Some(bar) = &self.bar {
-                    bar.set_position(step as u64);
-                    let left = duration(seconds_left);
-                    bar.set_message(format!("loss {loss:.3}, {pairs_per_second:.0} pairs/s, {left} left"));
-                }
+                let words = format!("loss {loss:.3}, {pairs_per_second:.0} pairs/s");
+                self.progress.on_bar(step, n_steps, &words);
             }
             Event::Saved { step, validation } => {
                 let (loss, speed, left) = self.last.unwrap_or_default();
                 let Validation { cosine_gap, spread, .. } = validation;
-                self.line(&format!(
+                self.progress.line(&format!(
                     "step {step}: loss {loss:.3}, {}, cosine gap {cosine_gap:.2}, spread {spread:.2}, {speed:.0} pairs/s, \
                      {} left",
                     measures(validation),
                     duration(left)
                 ));
             }
-            Event::Warning { step, text } => self.line(&format!("warning at step {step}: {text}")),
-        }
-    }
-
-    fn line(&self, line: &str) {
-        match &self.bar {
-            Some(bar) => bar.println(line),
-            None => eprintln!("{line}"),
+            Event::Warning { step, text } => self.progress.line(&format!("warning at step {step}: {text}")),
         }
     }
 }

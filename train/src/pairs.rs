@@ -15,7 +15,10 @@ use crate::relighting::Relighting;
 /// repeatability hide.
 const ALIKE: (f64, f64) = (1.0, 5.0);
 
-/// Frames in which the lamps are searched.
+/// Most frames whose mean and variance are measured.
+const STATISTICS_FRAMES: usize = 2_000;
+
+/// Most frames in which the lamps are searched.
 const LAMP_FRAMES: usize = 400;
 
 /// The frames of one mating pair in a dataset.
@@ -138,19 +141,26 @@ fn mate(first: usize, a: &Touch, second: usize, b: &Touch) -> Option<Pair> {
     }
 }
 
+/// About `n_frames` training frames, evenly spaced, as difference images in counts.
+fn sample<'a>(
+    dataset: &'a Dataset,
+    training: &'a [Pair],
+    input_px: [usize; 2],
+    n_frames: usize,
+) -> Result<impl ParallelIterator<Item = Result<TactileImage>> + 'a> {
+    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
+    let pairs = training.par_iter().step_by(training.len().div_ceil(n_frames / 2));
+    let frames = pairs.flat_map_iter(|pair| [pair.hole, pair.peg]);
+    Ok(frames.map(move |frame| Ok(background.tactile_image(&dataset.frame(frame))?)))
+}
+
 /// Mean and standard deviation of each channel over training frames, f64 sums.
 fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result<Preprocessing> {
-    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
-    let stride = training.len().div_ceil(1_000);
-    let sums = training
-        .par_iter()
-        .step_by(stride)
-        .flat_map_iter(|pair| [pair.hole, pair.peg])
-        .map(|frame| {
-            let image = background.tactile_image(&dataset.frame(frame))?;
+    let sums = sample(dataset, training, input_px, STATISTICS_FRAMES)?
+        .map(|image| {
             let n_pixels = input_px[0] * input_px[1];
             let mut sums = [[0.0_f64; 2]; 3];
-            for (sum, plane) in sums.iter_mut().zip(image.planes.chunks_exact(n_pixels)) {
+            for (sum, plane) in sums.iter_mut().zip(image?.planes.chunks_exact(n_pixels)) {
                 for &value in plane {
                     sum[0] += f64::from(value) / n_pixels as f64;
                     sum[1] += f64::from(value).powi(2) / n_pixels as f64;
@@ -233,14 +243,7 @@ fn is_apart(a: &Place, b: &Place) -> bool {
 /// The lamps, found in evenly spaced training frames.
 fn fit_lamps(dataset: &Dataset, training: &[Pair], preprocessing: &Preprocessing) -> Result<Relighting> {
     let input_px = preprocessing.input_px;
-    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
-    let stride = training.len().div_ceil(LAMP_FRAMES / 2);
-    let images: Vec<TactileImage> = training
-        .par_iter()
-        .step_by(stride)
-        .flat_map_iter(|pair| [pair.hole, pair.peg])
-        .map(|frame| Ok(background.tactile_image(&dataset.frame(frame))?))
-        .collect::<Result<_>>()?;
+    let images: Vec<_> = sample(dataset, training, input_px, LAMP_FRAMES)?.collect::<Result<_>>()?;
     let mm_per_px = [0, 1].map(|axis| preprocessing.field_of_view_mm[axis] / input_px[axis] as f64);
     Relighting::fit(&images, mm_per_px, preprocessing)
 }

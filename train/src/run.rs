@@ -1,8 +1,8 @@
 //! The training run: the visible loop, its checkpoints, and resuming.
 
 use std::path::PathBuf;
-use std::sync::mpsc::sync_channel;
-use std::time::Instant;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::time::{Duration, Instant};
 
 use burn::module::Module;
 use burn::tensor::Device;
@@ -171,7 +171,7 @@ fn steps(
         });
         while state.step < config.n_steps && !should_stop() {
             let started = Instant::now();
-            let Ok(batch) = batches.recv() else { break };
+            let Some(batch) = next(&batches) else { break };
             let micro_batches = batch?.micro_batches(config.n_micro_batches, config.network.input_px, &device);
             let (loss, gradients) = state.moco.gradients(micro_batches, config.temperature);
             let gradient_norm = gradient::norm(&state.moco.online, &gradients);
@@ -200,6 +200,19 @@ fn steps(
         drop(batches);
         Ok(state)
     })
+}
+
+/// The next batch; `None` after the last. A thread of a rayon pool helps to make it while it waits: a pool of one thread
+/// would wait for ever otherwise.
+fn next(batches: &Receiver<Result<Batch>>) -> Option<Result<Batch>> {
+    const PATIENCE: Duration = Duration::from_micros(100);
+    loop {
+        match batches.recv_timeout(PATIENCE) {
+            Ok(batch) => return Some(batch),
+            Err(RecvTimeoutError::Disconnected) => return None,
+            Err(RecvTimeoutError::Timeout) => while rayon::yield_now() == Some(rayon::Yield::Executed) {},
+        }
+    }
 }
 
 /// What a run writes, and what of it is safe on disk.

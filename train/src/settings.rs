@@ -8,8 +8,8 @@ use toml::Table;
 use crate::config::{Flips, Optimizer, Preset, TrainConfig, steps_of};
 use crate::error::{Error, Result};
 
-/// How alike a word must be to one that exists, for the question whether that was meant (clap's own bound).
-const ALIKE: f64 = 0.7;
+/// Least Jaro similarity of a wrong word to the one that was probably meant, as in clap.
+const SIMILAR: f64 = 0.7;
 
 /// Settings that may each be given or left to the preset: the flags of `tactile-train`, and the entries of a
 /// TOML file under the same names with `_` for `-`.
@@ -157,7 +157,7 @@ fn not_toml(error: impl std::fmt::Display) -> Error {
     Error::invalid("settings", "numbers that TOML can hold, at most 2^63 - 1", error.to_string())
 }
 
-/// What serde says of a wrong entry, in one line: instead of all names that exist only the one most alike.
+/// What serde says of a wrong entry, in one line, with the most similar name instead of all that exist.
 fn explanation(message: &str) -> String {
     let message = message.replace('\n', " ");
     let mut words = message.split('`').skip(1).step_by(2);
@@ -165,8 +165,9 @@ fn explanation(message: &str) -> String {
         Some("false_negatives") => "'false_negatives', a setting that no longer exists".into(),
         Some("shards") => "'shards', which is now called 'micro_batches'".into(),
         Some(wrong) if message.starts_with("unknown ") => {
-            let likeness = |word: &&str| strsim::jaro(wrong, word);
-            match words.max_by(|a, b| likeness(a).total_cmp(&likeness(b))).filter(|word| likeness(word) > ALIKE) {
+            let similarity = |word: &&str| strsim::jaro(wrong, word);
+            match words.max_by(|a, b| similarity(a).total_cmp(&similarity(b))).filter(|word| similarity(word) > SIMILAR)
+            {
                 Some(meant) => format!("'{wrong}'; did you mean '{meant}'?"),
                 None => message,
             }

@@ -5,10 +5,9 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::recorded::{bank_of_dataset, frames_by_row, tactile_images};
 use tactile_infer::Model;
 use tactile_infer::matching::best;
-use tactile_infer::similarity::part_mating;
+use tactile_infer::recorded::{bank_of_dataset, frames_by_row, tactile_images};
 
 use crate::error::{Error, Result};
 
@@ -87,7 +86,7 @@ impl<'a> Tuning<'a> {
             let queries = model.embed_holes(&tactile_images(&background, self.holes, frames)?)?;
             let is_right = |(query, frame): (&[f32], &usize)| {
                 let mut cosines = Vec::new();
-                part_mating(query, &bank, &mut cosines);
+                bank.similarities(query, &mut cosines);
                 let row = best(cosines.iter().copied());
                 Some(&bank.parts()[row / bank.grid().len()]) == self.holes.touch(*frame).part.as_ref()
             };

@@ -3,7 +3,7 @@
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_infer::network::{Network};
+use tactile_infer::network::Network;
 use tactile_infer::similarity::{dot, normalize_rows};
 
 use crate::batch::Batch;

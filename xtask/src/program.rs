@@ -24,6 +24,13 @@ pub struct Usage {
     pub peak_mib: Option<f64>,
 }
 
+impl fmt::Display for Usage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.1} s", self.seconds)?;
+        self.peak_mib.map_or(Ok(()), |mib| write!(f, ", at most {mib:.0} MiB of memory"))
+    }
+}
+
 /// A program and its arguments.
 #[derive(Clone, Debug)]
 pub struct Program {

@@ -44,7 +44,6 @@ pub fn run_all(chore: &str, steps: &[Step], workspace: &Workspace, out: &Path) -
     for (n, step) in steps.iter().enumerate() {
         step.run(&format!("step {} of {}, {}", n + 1, steps.len(), step.name), out, &mut notes)?;
     }
-    println!("{}", notes.times(steps));
     println!("all of it this time, building included: {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
 }
@@ -88,6 +87,7 @@ impl Step {
         }
         println!("== {title}: {program}");
         let usage = program.run(out)?;
+        println!("== {title}: {usage}");
         notes.note(self, true, usage)
     }
 
@@ -126,19 +126,6 @@ impl Notes {
         Ok(Self { path, steps: Map::new() })
     }
 
-    /// The wall time and peak memory of each step, in one line.
-    fn times(&self, steps: &[Step]) -> String {
-        let time = |step: &Step| {
-            self.steps.get(&step.name).map(|note| format!("{} {:.0} s", step.name, number(&note["seconds"])))
-        };
-        let times: Vec<_> = steps.iter().filter_map(time).collect();
-        let peaks =
-            steps.iter().filter_map(|step| Some((self.steps.get(&step.name)?["peak_mib"].as_f64()?, &step.name)));
-        let peak = peaks.max_by(|a, b| a.0.total_cmp(&b.0));
-        let peak = peak.map_or(String::new(), |(mib, name)| format!("; most memory {mib:.0} MiB, in {name}"));
-        format!("times: {}{peak}", times.join(", "))
-    }
-
     /// Whether a run with the step's command line came to its end; `None` where there was none.
     fn finished(&self, step: &Step) -> Option<bool> {
         let note = self.steps.get(&step.name).filter(|note| note["command"] == step.program.to_string())?;
@@ -147,8 +134,8 @@ impl Notes {
 
     /// Notes that a step began or finished; one that continued an earlier run adds to its time.
     fn note(&mut self, step: &Step, finished: bool, usage: Usage) -> Result<()> {
-        let earlier = self.steps.get(&step.name).filter(|_| finished).map_or(0.0, |note| number(&note["seconds"]));
-        let (command, seconds) = (step.program.to_string(), earlier + usage.seconds);
+        let earlier = self.steps.get(&step.name).and_then(|note| note["seconds"].as_f64()).filter(|_| finished);
+        let (command, seconds) = (step.program.to_string(), earlier.unwrap_or(0.0) + usage.seconds);
         let note = json!({ "command": command, "finished": finished, "seconds": seconds, "peak_mib": usage.peak_mib });
         self.steps.insert(step.name.clone(), note);
         let text = format!("{:#}\n", Value::Object(self.steps.clone()));
@@ -156,10 +143,6 @@ impl Notes {
         fs::write(&temporary, text).map_err(Error::io(&temporary))?;
         fs::rename(&temporary, &self.path).map_err(Error::io(&self.path))
     }
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or(0.0)
 }
 
 fn modified(path: &Path) -> Option<SystemTime> {
@@ -236,6 +219,7 @@ mod tests {
         notes.note(&step("a"), false, Usage::default()).unwrap();
         notes.note(&step("a"), true, usage).unwrap();
         notes.note(&step("a"), true, usage).unwrap();
-        assert_eq!(notes.times(&[step("a")]), "times: a step 4 s; most memory 64 MiB, in a step");
+        let note = json::read(&folder.0.join("demo.json")).unwrap()["a step"].clone();
+        assert_eq!((&note["seconds"], &note["peak_mib"]), (&json!(4.0), &json!(64.0)));
     }
 }

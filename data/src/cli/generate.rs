@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard};
+use tactile_data::progress;
 use tactile_data::scene::{Parts, Scene};
 use tactile_data::sensor::Fidelity;
 use tactile_data::shard::Shard;
 use tactile_data::touch::Side;
 use tactile_data::{Error, Result};
-
-use super::progress;
 
 /// Simulate the touches of a scene and write them as a dataset.
 ///

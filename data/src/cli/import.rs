@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::Result;
+use tactile_data::progress;
 use tactile_data::recording::folder::{self, FIELD_OF_VIEW_MM, NoContact};
-
-use super::progress;
 
 /// Import a recording, a folder of PNG, JPEG and GIF frames, as a dataset.
 ///

@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use tactile_data::Result;
 use tactile_data::dataset_merge::merge;
-
-use super::progress;
+use tactile_data::progress;
 
 /// Join the shards of a dataset, given in any order, into the dataset that a single run would write.
 #[derive(Args)]

@@ -6,7 +6,6 @@ mod generate;
 mod import;
 mod inspect;
 mod merge;
-mod progress;
 mod render;
 mod speed;
 mod validate;

@@ -2,6 +2,7 @@
 
 mod board;
 mod maze_boards;
+mod origin;
 mod parts;
 mod preset;
 mod sensor_table;

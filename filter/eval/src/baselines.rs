@@ -10,7 +10,6 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::matching::{best, nearest_by_pixel};
 use tactile_infer::recorded::{frames_by_row, tactile_images};
-use tactile_infer::similarity::part_mating;
 
 use crate::error::Result;
 use crate::evaluate::{Banks, Hole, Protocol, Scored, observe, score_row};
@@ -22,7 +21,7 @@ pub fn moco(simulator: &Simulator, sensor: &Sensor, bank: &Arc<Bank>, protocol: 
     first_touches(simulator, bank, protocol, |hole, frame| {
         let (bank, observation) = (banks.of(hole)?, observe(sensor, &frame)?);
         let mut cosines = Vec::new();
-        part_mating(&observation.query, &bank, &mut cosines);
+        bank.similarities(&observation.query, &mut cosines);
         Ok(score_row(best(cosines.into_iter()), &bank, hole))
     })
 }

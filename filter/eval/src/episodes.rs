@@ -219,7 +219,7 @@ impl Episodes {
 mod tests {
     use super::*;
 
-    fn episodes(episodes: Range<usize>) -> Episodes {
+    fn shard(episodes: Range<usize>) -> Episodes {
         let scored =
             |i: usize| Scored { right: !i.is_multiple_of(3), probability: 0.1 + 0.01 * i as f64, ..Scored::default() };
         let outcome = |i| Outcome { part: i % 2, scored: vec![scored(i), scored(i + 1)], times: Vec::new() };
@@ -267,11 +267,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let saved = [5..10, 0..3, 3..5].map(|episodes| {
             let path = folder.path().join(format!("{episodes:?}"));
-            episodes(episodes).save(&path).unwrap();
+            shard(episodes).save(&path).unwrap();
             let loaded = Episodes::load(&path).unwrap();
             (path, loaded)
         });
-        let (merged, single) = (Episodes::merge(saved.into()).unwrap(), episodes(0..10));
+        let (merged, single) = (Episodes::merge(saved.into()).unwrap(), shard(0..10));
         assert_eq!(merged.checksum().unwrap(), single.checksum().unwrap());
         assert_eq!(merged.evaluation().unwrap().rows, single.evaluation().unwrap().rows);
         assert_eq!((merged.runs, merged.singles), (single.runs, single.singles));
@@ -279,10 +279,10 @@ mod tests {
 
     #[test]
     fn a_checksum_is_of_what_was_found_and_not_of_how_long_it_took() {
-        let (mut slow, mut other) = (episodes(0..10), episodes(0..10));
+        let (mut slow, mut other) = (shard(0..10), shard(0..10));
         slow.runs[0].outcomes[0].times.push(crate::evaluate::StageTimes { encode: 9.0, ..Default::default() });
         other.runs[0].outcomes[0].scored[1].xy_mm += 1e-15;
-        let checksum = episodes(0..10).checksum().unwrap();
+        let checksum = shard(0..10).checksum().unwrap();
         assert_eq!(slow.checksum().unwrap(), checksum);
         assert_ne!(other.checksum().unwrap(), checksum);
     }
@@ -291,15 +291,13 @@ mod tests {
     fn what_is_missing_twice_or_foreign_is_named() {
         let error = |parts| merge(parts).unwrap_err().to_string();
         assert_eq!(error(vec![]), "merge: expected at least one shard, got none");
-        assert!(error(vec![episodes(0..3), episodes(5..10)]).contains("begins with episode 3, got 5"));
-        assert!(error(vec![episodes(0..6), episodes(5..10)]).contains("begins with episode 6, got 5"));
-        assert!(error(vec![episodes(2..10)]).contains("shard-0: expected a shard that begins with episode 0"));
-        assert_eq!(error(vec![episodes(0..9)]), "merge: expected all 10 episodes, got the first 9");
-        let mut foreign = episodes(5..10);
+        assert!(error(vec![shard(0..3), shard(5..10)]).contains("begins with episode 3, got 5"));
+        assert!(error(vec![shard(0..6), shard(5..10)]).contains("begins with episode 6, got 5"));
+        assert!(error(vec![shard(2..10)]).contains("shard-0: expected a shard that begins with episode 0"));
+        assert_eq!(error(vec![shard(0..9)]), "merge: expected all 10 episodes, got the first 9");
+        let mut foreign = shard(5..10);
         foreign.runs[0].config.seed = 9;
-        assert!(
-            error(vec![episodes(0..5), foreign]).contains("shard-1: expected a shard of the evaluation of shard-0")
-        );
+        assert!(error(vec![shard(0..5), foreign]).contains("shard-1: expected a shard of the evaluation of shard-0"));
     }
 
     #[test]
@@ -308,7 +306,7 @@ mod tests {
         let path = folder.path().join("shard");
         std::fs::write(&path, "{\"schema\": 1}").unwrap();
         assert!(Episodes::load(&path).unwrap_err().to_string().contains("a shard of an evaluation"));
-        let mut short = episodes(0..10);
+        let mut short = shard(0..10);
         short.runs[0].outcomes.pop();
         short.save(&path).unwrap();
         assert!(Episodes::load(&path).unwrap_err().to_string().contains("expected 10 episodes of each kind, got 9"));

@@ -9,6 +9,7 @@ pub mod episodes;
 pub mod error;
 pub mod evaluate;
 pub mod extremes;
+pub mod fits;
 pub mod hole;
 pub mod narrative;
 pub mod page;

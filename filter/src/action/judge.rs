@@ -5,7 +5,6 @@ use rand::rngs::ChaCha8Rng;
 use tactile_data::grid::NearestCell;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
-use tactile_infer::similarity::peg_similarity;
 
 use super::{ActionRule, Expected, Situation};
 use crate::belief::Hypothesis;
@@ -101,10 +100,10 @@ impl<'a> Judge<'a> {
         (n_contacts > 0).then(|| total / n_supposed - self.travel_nats(candidate))
     }
 
-    /// What a candidate is expected to tell, by the sums of [`Self::score`] told apart: which part it is, and of
+    /// What a candidate is expected to tell, by the sums of [`Self::score`] taken separately: which part it is, and of
     /// that, which of `pair`. By Bayes' rule a true state's log-probability grows by log(own / mean of all), the sum
-    /// of log(mean of its part / mean of all), which tells the part, and log(own / mean of its part), which tells
-    /// where; which of two parts it is grows likewise by log(mean of its part / mean of both).
+    /// of log(mean of its part / mean of all), which is about the part, and log(own / mean of its part), which is about
+    /// where; which of two parts it is grows in the same way by log(mean of its part / mean of both).
     ///
     /// `None` for other rules than expected information, and where no contact is expected.
     pub(super) fn expected(&self, candidate: &Se2, pair: Option<[usize; 2]>) -> Option<Expected> {
@@ -115,8 +114,8 @@ impl<'a> Judge<'a> {
         let mut counts = vec![0.0; n_parts];
         self.draws.iter().for_each(|draw| counts[draw.hypothesis.part] += draw.count);
         let mut sums = vec![0.0; self.supposed.len() * n_parts];
-        let told = |truth: usize, draw: &Draw, value: f64| sums[truth * n_parts + draw.hypothesis.part] += value;
-        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, told);
+        let report = |truth: usize, draw: &Draw, value: f64| sums[truth * n_parts + draw.hypothesis.part] += value;
+        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, report);
         let (mut part_nats, mut pair_nats) = (0.0, 0.0);
         for (truth, sums) in self.supposed.iter().zip(sums.chunks_exact(n_parts)) {
             let own = truth.hypothesis.part;
@@ -125,7 +124,7 @@ impl<'a> Judge<'a> {
                 sum(sums) / sum(&counts)
             };
             let all: Vec<usize> = (0..n_parts).collect();
-            // A supposed state without contact was not weighed: it tells nothing.
+            // A supposed state without contact was not weighed: it gives no information.
             if mean(&[own]) > 0.0 {
                 part_nats += (mean(&[own]) / mean(&all)).ln();
                 let both = pair.filter(|pair| pair.contains(&own));
@@ -147,9 +146,9 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Weighs the views from the draws against the view from each supposed state. `told` hears of each pair:
+    /// Weighs the views from the draws against the view from each supposed state. `report` is given each pair:
     /// which supposed state, which draw, and how much it counts.
-    fn weigh(&self, candidate: &Se2, mut told: impl FnMut(usize, &Draw, f64)) -> Weighed {
+    fn weigh(&self, candidate: &Se2, mut report: impl FnMut(usize, &Draw, f64)) -> Weighed {
         let Situation { config, bank, only_recorded, .. } = *self.situation;
         let grid = bank.grid();
         // The product of both motions, its sine and cosine at hand.
@@ -163,7 +162,7 @@ impl<'a> Judge<'a> {
         let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
         for (index, truth) in self.supposed.iter().enumerate() {
             let Some((row, trust)) = view(truth) else {
-                // What is not recorded tells nothing.
+                // What is not recorded gives no information.
                 n_supposed += if only_recorded { 0.0 } else { 1.0 };
                 continue;
             };
@@ -178,7 +177,7 @@ impl<'a> Judge<'a> {
                     continue; // S without s*
                 }
                 let value = draw.count * self.pairing.value(view(draw), row);
-                told(index, draw, value);
+                report(index, draw, value);
                 sum += value;
                 n_states += draw.count;
             }
@@ -227,7 +226,7 @@ impl<'a> Pairing<'a> {
     /// For the paper's rule 1 / f_PP, scaled so that it cannot overflow; else the filter's likelihood of
     /// seeing one view where the other is recorded, without its blank part.
     fn similarity(&self, row_a: usize, row_b: usize) -> f64 {
-        let cosine = f64::from(peg_similarity(self.bank, row_a, row_b)).clamp(-1.0, 1.0);
+        let cosine = f64::from(self.bank.peg_similarity(row_a, row_b)).clamp(-1.0, 1.0);
         match self.rule {
             ActionRule::Paper => (-(cosine + 1.0) / self.likelihood.temperature).exp(),
             _ => ((cosine - 1.0) / self.likelihood.temperature).exp() + self.likelihood.outlier_floor,

@@ -96,7 +96,7 @@ impl Settings {
         (self.xy_step_mm - grid.xy_step_mm).abs() < 1e-6 && (self.theta_step_deg - grid.theta_step_deg).abs() < 1e-6
     }
 
-    /// The knobs that stand otherwise in `other`.
+    /// The knobs whose values differ in `other`.
     pub fn turned(&self, other: &Self) -> Vec<Knob> {
         let effort = |of: &Self| (of.n_draws, of.n_suppositions, of.n_finalists);
         let knobs = [
@@ -111,7 +111,7 @@ impl Settings {
         knobs.into_iter().filter(|(_, turned)| *turned).map(|(knob, _)| knob).collect()
     }
 
-    /// How a knob stands, in words.
+    /// The value of a knob, in words.
     pub fn tell(&self, knob: Knob) -> String {
         match knob {
             Knob::Model => self.model.clone(),

@@ -18,7 +18,7 @@ pub struct Tradeoff {
     pub scene: String,
     /// Where holes were touched: `on-grid` or `off-grid`.
     pub poses: String,
-    /// Parts told apart.
+    /// Parts to choose from.
     pub n_classes: usize,
     /// Episodes behind each point.
     pub n_episodes: usize,
@@ -166,7 +166,7 @@ impl Tradeoff {
         }
     }
 
-    /// The points that none dominates, of one model: what is shipped beside it.
+    /// The points that none dominates, of one model: what is shipped with it.
     pub fn frontier(&self, model_sha256: &str) -> Self {
         let keep = |p: &&Point| p.settings.model_sha256 == model_sha256;
         let mut of_model = Self { points: self.points.iter().filter(keep).cloned().collect(), ..self.clone() };

@@ -3,32 +3,34 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tactile_data::output;
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::{Error, Precision, Result};
 
 #[derive(Args)]
 pub struct ConvertArgs {
-    /// Checkpoint to convert.
-    #[arg(long)]
+    /// Checkpoint to convert
+    #[arg(long, value_name = "FILE")]
     model: PathBuf,
-    /// Format of the weights in the new file; computing stays f32.
-    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(Precision::WEIGHTS))]
-    weights: String,
-    /// The checkpoint to write.
-    #[arg(long)]
+    /// Format of the weights in the new file; the network computes in f32 in any case
+    #[arg(long, value_name = "FORMAT", value_parser = super::precision(Precision::WEIGHTS))]
+    weights: Precision,
+    /// The checkpoint to write
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
 }
 
 impl ConvertArgs {
-    /// Converts, writes and says what it came to.
+    /// Converts, writes and prints the size of the result.
     pub fn run(&self) -> Result<()> {
-        let weights = self.weights.parse()?;
+        let weights = self.weights;
+        output::prepare_file(&self.out, [&self.model])?;
         let (checkpoint, _) = Checkpoint::load(&self.model)?;
         let path = |error: Error| error.within(self.model.display());
         let sha256 = checkpoint.with_weights(weights).map_err(path)?.save(&self.out)?;
         let size = std::fs::metadata(&self.out).map_err(Error::io(&self.out))?.len();
         println!("{}: weights {weights}, {:.2} MB, model {sha256:.12}", self.out.display(), size as f64 / 1e6);
-        println!("  its banks are its own: make them again with `tactile-infer bank`");
+        println!("  it needs banks of its own: make them again with `tactile-infer bank`");
         Ok(())
     }
 }

@@ -5,33 +5,29 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use tactile_data::frame::TactileImage;
-use tactile_data::{npy, picture};
+use tactile_data::{npy, output, picture};
 use tactile_infer::similarity::dot;
-use tactile_infer::{DeviceKind, Error, Model, Result};
+use tactile_infer::{Model, Result};
 
-use super::print_json;
+use super::{ModelArgs, print_json};
 
 #[derive(Args)]
 pub struct EmbedArgs {
-    /// Pictures of touches, PNG or JPEG, all of the size of the no-contact frame.
-    #[arg(required = true)]
+    /// Pictures of touches, PNG or JPEG, all of the size of the no-contact frame
+    #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// Checkpoint written by tactile-train.
-    #[arg(long)]
-    model: PathBuf,
-    /// The sensor at rest, from the same camera: what a touch changed is told from it.
-    #[arg(long)]
-    no_contact: Option<PathBuf>,
-    /// Embed as touches of holes (queries) or as views of pegs (keys).
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Picture of the sensor at rest, from the same camera; the network sees the difference from it
+    #[arg(long, value_name = "IMAGE")]
+    no_contact: PathBuf,
+    /// Embed as touches of holes (queries) or as views of pegs (keys)
     #[arg(long, value_enum, default_value_t = Tower::Hole)]
     side: Tower,
-    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
-    /// Also write what the network sees, f4 of [n, 3, height, width], for a check by another program.
+    /// Also write what the network sees, f4 of [n, 3, height, width], for a check by another program
     #[arg(long, value_name = "FILE.npy")]
     dump_input: Option<PathBuf>,
-    /// Print the embeddings as JSON.
+    /// Print the embeddings as JSON
     #[arg(long)]
     json: bool,
 }
@@ -68,7 +64,10 @@ struct Row<'a> {
 impl EmbedArgs {
     /// Embeds and prints.
     pub fn run(&self) -> Result<()> {
-        let model = Model::load_on(&self.model, self.device.parse()?)?;
+        if let Some(path) = &self.dump_input {
+            output::check_file(path, self.images.iter().chain([&self.no_contact, &self.model.path]))?;
+        }
+        let model = self.model.load()?;
         let images = self.tactile_images(&model)?;
         if let Some(path) = &self.dump_input {
             let [width, height] = model.config().input_px;
@@ -95,10 +94,7 @@ impl EmbedArgs {
 
     /// What the network sees of each picture.
     fn tactile_images(&self, model: &Model) -> Result<Vec<TactileImage>> {
-        let rest = self.no_contact.as_ref().ok_or_else(|| {
-            let expected = "a picture of the sensor at rest, which a touch is told from";
-            Error::invalid("--no-contact", expected, "none")
-        })?;
+        let rest = &self.no_contact;
         let background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
         let seen = |path: &PathBuf| {
             let image = background.tactile_image(&picture::read(path)?);
@@ -108,7 +104,7 @@ impl EmbedArgs {
     }
 }
 
-/// A line an image: its name and its embedding; behind them the cosines of the images with each other.
+/// A line an image: its name and its embedding; after them the cosines of the images with each other.
 fn print_rows(rows: &[Row<'_>]) {
     let width = rows.iter().map(|row| row.file.chars().count()).max().unwrap_or(0);
     for Row { file, embedding, .. } in rows {

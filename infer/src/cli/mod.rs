@@ -4,14 +4,15 @@ mod convert;
 mod embed;
 mod speed;
 
-use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use tactile_data::output;
+use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
-use tactile_data::store::Dataset;
+use tactile_data::store::{Dataset, FILES};
 use tactile_infer::bank::Bank;
 use tactile_infer::calibrate::calibrate;
 use tactile_infer::calibration::{Calibration, Gap};
@@ -21,9 +22,13 @@ use tactile_infer::recorded::bank_of_dataset;
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
-/// The part-mating model at work: peg banks and single-touch matches.
+/// The part-mating model at work: banks of pegs, embeddings and matches of single touches.
+///
+/// Exit codes: 0 done, 1 failed, 2 misused.
 #[derive(Parser)]
-#[command(version)]
+#[command(name = "tactile-infer", version)]
+#[command(after_help = "Example:\n  tactile-infer bank --model infer/models/maze-small.safetensors \
+                        --scene alphabet-small --out pegs.bank")]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -31,21 +36,21 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Embed the pegs of a dataset or a scene into one bank file, bound to the model.
+    #[command(
+        after_help = "Examples:\n  tactile-infer bank --model model/model.safetensors --data pegs --out pegs.bank\n  \
+                            tactile-infer bank --model infer/models/maze-small.safetensors --scene alphabet-small \
+                            --xy-step-mm 2 --theta-step-deg 15 --out fine.bank"
+    )]
+    Bank(BankArgs),
+    /// Match each hole touch of a dataset with the pegs of another: one touch, nearest neighbour.
+    #[command(after_help = "Example:\n  tactile-infer match --model model/model.safetensors --pegs pegs --holes holes")]
+    Match(MatchArgs),
     /// Embed pictures of touches: one row of numbers an image, of unit length.
     #[command(
         after_help = "Example:\n  tactile-infer embed touch.png --model model/model.safetensors --no-contact rest.png"
     )]
     Embed(embed::EmbedArgs),
-    /// Embed a dataset of peg touches into one bank file, bound to the model.
-    #[command(
-        after_help = "Example:\n  tactile-infer bank --model model/model.safetensors --data pegs --out pegs.bank"
-    )]
-    Bank(BankArgs),
-    /// Match each hole touch of a dataset against the pegs of another: one touch, nearest neighbour.
-    #[command(
-        after_help = "Example:\n  tactile-infer match --model model/model.safetensors --pegs pegs --holes holes --json"
-    )]
-    Match(MatchArgs),
     /// Fit the likelihood's temperature and floor on parts for tuning, and store them with the model.
     #[command(
         after_help = "Example:\n  tactile-infer calibrate --model model/model.safetensors --bank dev.bank --holes dev-holes"
@@ -56,85 +61,108 @@ enum Command {
         after_help = "Example:\n  tactile-infer convert --model model.safetensors --weights f16 --out half.safetensors"
     )]
     Convert(convert::ConvertArgs),
+    // For `cargo xtask bench` alone.
     /// How long the encoder takes: one image, and a batch of them.
+    #[command(hide = true)]
     #[command(after_help = "Example:\n  tactile-infer speed --model infer/models/maze-small.safetensors")]
     Speed(speed::SpeedArgs),
 }
 
+/// The model, and where it is computed.
+#[derive(Args)]
+struct ModelArgs {
+    /// Checkpoint written by tactile-train
+    #[arg(long = "model", value_name = "FILE")]
+    path: PathBuf,
+    /// Where to compute: the CPU, an older CPU backend that is much slower, or a graphics card
+    #[arg(long, value_name = "DEVICE", default_value_t, value_parser = device(), help_heading = "Machine")]
+    device: DeviceKind,
+}
+
+impl ModelArgs {
+    fn load(&self) -> Result<Model> {
+        Model::load_on(&self.path, self.device)
+    }
+}
+
+/// The parser of `--device`.
+fn device() -> impl TypedValueParser<Value = DeviceKind> {
+    PossibleValuesParser::new(DeviceKind::NAMES).try_map(|name| name.parse::<DeviceKind>())
+}
+
+/// The parser of a format of numbers.
+fn precision(names: impl Into<PossibleValuesParser>) -> impl TypedValueParser<Value = Precision> {
+    names.into().try_map(|name| name.parse::<Precision>())
+}
+
+/// The format of a bank's rows.
+#[derive(Args)]
+struct RowsArgs {
+    /// Format of the bank's rows, on disk and in memory: 4, 2, 2 or 1 byte a value
+    #[arg(long, value_name = "FORMAT", default_value_t = Precision::F32, value_parser = precision(Precision::ROWS))]
+    rows: Precision,
+}
+
 #[derive(Args)]
 struct CalibrateArgs {
-    /// Checkpoint written by tactile-train; the calibration is stored in it, its identity stays.
-    #[arg(long)]
-    model: PathBuf,
-    /// Bank of pegs made by the model: parts for tuning, never those of an evaluation.
-    #[arg(long)]
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Bank of pegs made by the model: parts for tuning, never those of an evaluation
+    #[arg(long, value_name = "FILE")]
     bank: PathBuf,
-    /// Dataset of hole touches of the same parts, between the recorded poses.
-    #[arg(long)]
+    /// Dataset of hole touches of the same parts, between the recorded poses
+    #[arg(long, value_name = "DIR")]
     holes: PathBuf,
-    /// Write the calibrated checkpoint here instead.
-    #[arg(long)]
+    /// Write the calibrated checkpoint here [default: into the model's own file, whose identity stays the same]
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
-    /// Print the calibration as JSON.
+    /// Print the calibration as JSON
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Args)]
 struct BankArgs {
-    /// Checkpoint written by tactile-train.
-    #[arg(long)]
-    model: PathBuf,
-    /// Dataset with each peg touched at each pose of its reach.
-    #[arg(long, required_unless_present = "scene", conflicts_with = "scene")]
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Dataset with each peg touched at each pose of its reach
+    #[arg(long, value_name = "DIR", required_unless_present = "scene", conflicts_with = "scene")]
     data: Option<PathBuf>,
-    /// Simulate the touches of a scene (preset or TOML file) instead, and keep no dataset of them.
+    /// Simulate the touches of a scene instead, and keep no dataset of them
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: Option<String>,
-    /// With --scene: step of the recorded places in x and y, mm [default: the scene's]
-    #[arg(long, value_name = "MM", requires = "scene")]
-    xy_step_mm: Option<f64>,
-    /// With --scene: step of the recorded angles, degrees [default: the scene's]
-    #[arg(long, value_name = "DEG", requires = "scene")]
-    theta_step_deg: Option<f64>,
-    /// With --scene: draws jitter and noise.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// The bank file to write.
-    #[arg(long)]
+    /// The bank file to write
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Format of the bank's rows, on disk and in memory: 4, 2, 2 or 1 byte a value.
-    #[arg(long, default_value = "f32", value_parser = clap::builder::PossibleValuesParser::new(Precision::ROWS))]
-    rows: String,
-    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
+    #[command(flatten)]
+    rows: RowsArgs,
+    /// Step of the recorded places in x and y, mm [default: the scene's]
+    #[arg(long, value_name = "MM", requires = "scene", help_heading = "With --scene")]
+    xy_step_mm: Option<f64>,
+    /// Step of the recorded angles, degrees [default: the scene's]
+    #[arg(long, value_name = "DEG", requires = "scene", help_heading = "With --scene")]
+    theta_step_deg: Option<f64>,
+    /// Draws jitter and noise
+    #[arg(long, default_value_t = 1, help_heading = "With --scene")]
+    seed: u64,
 }
 
 #[derive(Args)]
 struct MatchArgs {
-    /// Checkpoint written by tactile-train.
-    #[arg(long)]
-    model: PathBuf,
-    /// Dataset with each peg touched at each pose of its reach.
-    #[arg(long)]
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Dataset with each peg touched at each pose of its reach
+    #[arg(long, value_name = "DIR")]
     pegs: PathBuf,
-    /// Dataset of hole touches whose part is known.
-    #[arg(long)]
+    /// Dataset of hole touches whose part is known
+    #[arg(long, value_name = "DIR")]
     holes: PathBuf,
-    /// Match at most this many holes, evenly spread over the dataset.
-    #[arg(long, default_value_t = 500)]
+    /// Match at most this many holes, evenly spread over the dataset
+    #[arg(long, value_name = "N", default_value_t = 500)]
     limit: usize,
-    /// Format of the bank's rows, on disk and in memory: 4, 2, 2 or 1 byte a value.
-    #[arg(long, default_value = "f32", value_parser = clap::builder::PossibleValuesParser::new(Precision::ROWS))]
-    rows: String,
-    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
-    /// Print the result as JSON.
+    #[command(flatten)]
+    rows: RowsArgs,
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
 }
@@ -154,11 +182,15 @@ impl Cli {
 }
 
 fn bank(args: &BankArgs) -> Result<()> {
-    let model = load(&args.model, &args.device)?;
+    let data_files = args.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
+    let scene_file = args.scene.as_ref().map(PathBuf::from);
+    output::prepare_file(&args.out, data_files.chain(scene_file).chain([args.model.path.clone()]))?;
+    let model = args.model.load()?;
     let bank = match (&args.data, &args.scene) {
-        (Some(data), _) => build("embedding", &model, &Dataset::open(data)?, &args.rows)?,
+        (Some(data), _) => bank_of_dataset(&model, &Dataset::open(data)?, &reporter("pegs"))?,
         (_, scene) => simulate(args, &model, scene.as_deref().unwrap_or_default())?,
     };
+    let bank = bank.with_precision(args.rows.rows)?;
     bank.save(&args.out)?;
     let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
     println!(
@@ -182,36 +214,24 @@ fn bank(args: &BankArgs) -> Result<()> {
 
 /// A bank of the pegs of a scene, touched as they are embedded.
 fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
+    /// A planned touch, without its row.
+    const TOUCH_BYTES: usize = 64;
     let mut scene = Scene::load(scene)?;
     if let Some(reach) = &mut scene.reach {
         reach.xy_step_mm = args.xy_step_mm.unwrap_or(reach.xy_step_mm);
         reach.theta_step_deg = args.theta_step_deg.unwrap_or(reach.theta_step_deg);
     }
     scene.validate()?;
-    let bar = progress("touching");
-    let bank = bank_of_scene(model, &scene, args.seed, &|done, total| {
-        bar.set_length(total as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    bank.with_precision(args.rows.parse()?)
-}
-
-/// A bank of a dataset's pegs, its rows in the format named; a bar shows how far it is.
-fn build(what: &'static str, model: &Model, pegs: &Dataset, rows: &str) -> Result<Bank> {
-    let bar = progress(what);
-    let bank = bank_of_dataset(model, pegs, &|done, total| {
-        bar.set_length(total as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    bank.with_precision(rows.parse()?)
+    let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
+    let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
+    output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
+    bank_of_scene(model, &scene, args.seed, &reporter("touches"))
 }
 
 fn matches(args: &MatchArgs) -> Result<()> {
-    let model = load(&args.model, &args.device)?;
+    let model = args.model.load()?;
     let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
-    let bank = build("matching", &model, &pegs, &args.rows)?;
+    let bank = bank_of_dataset(&model, &pegs, &reporter("pegs"))?.with_precision(args.rows.rows)?;
     let found = match_single_touches(&model, &bank, &pegs, &holes, args.limit)?;
     if args.json {
         return print_json(&found);
@@ -233,11 +253,15 @@ fn matches(args: &MatchArgs) -> Result<()> {
 }
 
 fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
-    let model = load(&args.model, &args.device)?;
+    let path = &args.model.path;
+    let out = args.out.as_ref().unwrap_or(path);
+    let holes_files = FILES.map(|file| args.holes.join(file)).into_iter();
+    // A calibration may be written into the model that it is of.
+    output::prepare_file(out, holes_files.chain([args.bank.clone()]))?;
+    let model = args.model.load()?;
     let bank = Bank::load(&args.bank, &model)?;
     let calibration = calibrate(&model, &bank, &Dataset::open(&args.holes)?)?;
-    let (checkpoint, _) = Checkpoint::load(&args.model)?;
-    let out = args.out.as_ref().unwrap_or(&args.model);
+    let (checkpoint, _) = Checkpoint::load(path)?;
     Checkpoint { calibration: Some(calibration), ..checkpoint }.save(out)?;
     if args.json {
         return print_json(&calibration);
@@ -250,13 +274,9 @@ fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
         calibration.nll_nats, calibration.chance_nats, calibration.n_holes
     );
     if let Some(Gap { mean, sd }) = calibration.gap {
-        println!("  the view touched lies {mean:.3} below the best, standard deviation {sd:.3}");
+        println!("  the view touched is {mean:.3} below the best, standard deviation {sd:.3}");
     }
     Ok(())
-}
-
-fn load(path: &Path, device: &str) -> Result<Model> {
-    Model::load_on(path, device.parse()?)
 }
 
 /// Prints a result for programs.
@@ -266,11 +286,13 @@ fn print_json(result: &impl Serialize) -> Result<()> {
     Ok(())
 }
 
-/// A bar on a terminal, silence elsewhere.
-fn progress(what: &str) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
     }
-    let style = ProgressStyle::with_template(&format!("{what} {{bar:30}} {{pos}}/{{len}} {{eta}} left"));
-    ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

@@ -1,28 +1,25 @@
 //! `tactile-infer speed`: how long the encoder takes.
 
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde::Serialize;
 use tactile_data::frame::TactileImage;
-use tactile_infer::{DeviceKind, Error, Model, Result};
+use tactile_infer::{Error, Result};
+
+use super::ModelArgs;
 
 /// Images in the large batch.
 const BATCH: usize = 64;
 
 #[derive(Args)]
 pub struct SpeedArgs {
-    /// Checkpoint written by tactile-train.
-    #[arg(long)]
-    model: PathBuf,
-    /// Where to compute.
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
-    /// How long to measure each, s.
+    #[command(flatten)]
+    model: ModelArgs,
+    /// How long to measure each, s
     #[arg(long, default_value_t = 1.0)]
     seconds: f64,
-    /// Print the figures as JSON.
+    /// Print the figures as JSON
     #[arg(long)]
     json: bool,
 }
@@ -40,7 +37,7 @@ impl SpeedArgs {
         if !(0.01..=60.0).contains(&self.seconds) {
             return Err(Error::invalid("--seconds", "0.01..=60", self.seconds.to_string()));
         }
-        let model = Model::load_on(&self.model, self.device.parse()?)?;
+        let model = self.model.load()?;
         let size_px = model.config().input_px;
         let planes = (0..3 * size_px[0] * size_px[1]).map(|i| (i as f32 * 0.7).sin()).collect();
         let image = TactileImage { size_px, planes, edge_share: 0.5 };

@@ -6,14 +6,14 @@ use pulp::Simd;
 /// the array's own `map` are not compiled for the wide vectors of their caller.
 macro_rules! both_ways {
     ($simd:ident: $s:ty, $map:ident, $square:ident, $m:literal -> $k:literal) => {{
-        let nought = $simd.splat_f32s(0.0);
-        let mut lines = [[nought; $k]; $m];
+        let zero = $simd.splat_f32s(0.0);
+        let mut lines = [[zero; $k]; $m];
         for y in 0..$m {
             lines[y] = $map::<$s>($simd, $square[y]);
         }
-        let mut made = [[nought; $k]; $k];
+        let mut made = [[zero; $k]; $k];
         for x in 0..$k {
-            let mut column = [nought; $m];
+            let mut column = [zero; $m];
             for y in 0..$m {
                 column[y] = lines[y][x];
             }

@@ -99,7 +99,7 @@ impl Conv {
         Panels::new(vec![Gather::forward(self)], self.n_out, weight)
     }
 
-    /// Where a weight lies in `[n_out, n_in, kernel, kernel]`.
+    /// Where a weight is in `[n_out, n_in, kernel, kernel]`.
     fn place(&self, [ky, kx]: [usize; 2], c: usize, out: usize) -> usize {
         ((out * self.n_in + c) * self.kernel + ky) * self.kernel + kx
     }
@@ -112,7 +112,7 @@ impl Conv {
 
     /// Gradient of the input from that of the output, both NHWC.
     pub fn input_gradient(&self, gradient: &[f32], weights: &[f32]) -> Vec<f32> {
-        // At stride 1 it is the convolution with the weights turned round, inputs and outputs exchanged.
+        // At stride 1 it is the convolution with the weights rotated by half a turn, inputs and outputs exchanged.
         let packed = match Windows::of(&Self { n_in: self.n_out, n_out: self.n_in, ..*self }) {
             Some(windows) => {
                 let turned = |[ky, kx]: [usize; 2], c, out| weights[self.place([2 - ky, 2 - kx], out, c)];

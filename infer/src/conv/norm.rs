@@ -19,7 +19,7 @@ pub struct Statistics {
     pub variance: Vec<f32>,
 }
 
-/// The convolution of a batch and the statistics of its output, taken image by image while each lies in
+/// The convolution of a batch and the statistics of its output, taken image by image while each is in
 /// the cache and joined in order (Chan et al. 1979): the same bits on any number of threads.
 pub fn forward_with_statistics(conv: &Conv, images: &[f32], weights: &[f32]) -> (Vec<f32>, Statistics) {
     let parts: Mutex<Vec<(usize, Vec<[f32; 2]>)>> = Mutex::new(Vec::new());
@@ -165,7 +165,7 @@ impl Norm {
 // The loops below are plain, over slices of one length: so the compiler makes wide vectors of them. They are no
 // closures, because those are not compiled for the vectors of `dispatch`.
 
-/// `gradient` where `out` is above nought, else nought.
+/// `gradient` where `out` is above zero, else zero.
 #[inline(always)]
 fn passed(out: f32, gradient: f32) -> f32 {
     if out > 0.0 { gradient } else { 0.0 }

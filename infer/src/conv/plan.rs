@@ -23,7 +23,7 @@ pub struct Gather {
     bases: Vec<usize>,
     /// For each output, which pixel of the result it is.
     targets: Vec<usize>,
-    /// Where each run lies behind the base.
+    /// Where each run is behind the base.
     starts: Vec<usize>,
     /// Taps of each run: rows of the kernel.
     taps_y: Vec<usize>,
@@ -69,7 +69,7 @@ impl Gather {
         for phase in 0..stride * stride {
             let (taps_y, taps_x) = (taps(phase / stride), taps(phase % stride));
             if taps_y.is_empty() || taps_x.is_empty() {
-                continue; // A pixel that no window meets: its gradient stays nought.
+                continue; // A pixel that no window meets: its gradient stays zero.
             }
             let lies_in = |at: usize, phase: usize| (at + half) % stride == phase;
             let pixels: Vec<[usize; 2]> = (0..conv.size[0] * conv.size[1])
@@ -98,7 +98,7 @@ impl Gather {
         (self.source[0] + 2 * self.pad) * (self.source[1] + 2 * self.pad) * self.source[2]
     }
 
-    /// Copies an image into the middle of `padded`, which is all noughts elsewhere.
+    /// Copies an image into the middle of `padded`, which is all zeros elsewhere.
     fn fill(&self, image: &[f32], padded: &mut [f32]) {
         let row = (self.source[1] + 2 * self.pad) * self.source[2];
         let length = self.source[1] * self.source[2];
@@ -115,7 +115,7 @@ impl Gather {
 }
 
 /// Weights in panels: for each block of output channels, each run and each place in it, the block's
-/// weights side by side, noughts beyond the last channel.
+/// weights side by side, zeros beyond the last channel.
 #[derive(Clone, Debug)]
 pub struct Panels {
     plans: Vec<(Gather, Vec<f32>)>,

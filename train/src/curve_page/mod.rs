@@ -85,74 +85,74 @@ impl CurvePage<'_> {
         self.rows.iter().rev().find_map(|row| row.validation.as_ref())
     }
 
+    /// The loss, then what shows how good the model is, then how it was trained.
     fn charts(&self) -> Vec<Chart<'_>> {
-        let steps = |class, label, of: fn(&Row) -> f64| Line {
+        let mut charts = self.charts_of_steps();
+        charts.splice(1..1, self.charts_of_validations());
+        charts
+    }
+
+    fn chart<'a>(&self, [title, look]: [&'a str; 2], level: Option<(&'a str, f64)>, lines: Vec<Line<'a>>) -> Chart<'a> {
+        Chart { title, look, level, lines, n_steps: self.config.n_steps }
+    }
+
+    fn charts_of_steps(&self) -> Vec<Chart<'_>> {
+        let line = |class, label, of: fn(&Row) -> f64| Line {
             label,
             class,
             points: self.rows.iter().map(|row| (row.step, of(row))).collect(),
         };
-        let saves = |class, label, of: fn(&Validation) -> Option<f64>| {
+        let mut rate = line("first", "rate", |row| row.learning_rate);
+        rate.points.iter_mut().for_each(|(_, value)| *value /= self.config.learning_rate);
+        let chance = ("nothing learned: 4 \u{3c4} ln N", self.config.chance_loss());
+        vec![
+            self.chart([
+    "Loss",
+    "It should fall well below the dashed line in the first tenth of the run. On the line, the network cannot \
+     distinguish one pair from another; above it, the learning rate is too high. A low loss alone does not make a good \
+     model.",
+], Some(chance), vec![line("first", "loss", |row| row.loss)]),
+            self.chart(["Length of the gradient", "Single spikes are harmless; growth by powers of ten comes before divergence."], None, vec![line("first", "gradient", |row| row.gradient_norm)]),
+            self.chart([
+    "Learning rate, as a share of its peak, and momentum of the key encoder",
+    "As set: the rate rises over the warm-up and falls to zero on half a cosine, the momentum rises to one.",
+], None, vec![rate, line("second", "momentum", |row| row.momentum)]),
+            self.chart([
+    "Pairs per second",
+    "Mean of the last 50 steps, without validation. A fall means that something else uses the machine.",
+], None, vec![line("first", "speed", |row| row.pairs_per_second)]),
+        ]
+    }
+
+    fn charts_of_validations(&self) -> [Chart<'_>; 4] {
+        let line = |class, label, of: fn(&Validation) -> Option<f64>| {
             let measured = self.rows.iter().filter_map(|row| Some((row.step, of(row.validation.as_ref()?)?)));
             Line { label, class, points: measured.collect() }
         };
-        let mut rate = steps("first", "rate", |row| row.learning_rate);
-        rate.points.iter_mut().for_each(|(_, value)| *value /= self.config.learning_rate);
-        let chart = |title, look, level, lines| Chart { title, look, level, lines, n_steps: self.config.n_steps };
-        vec![
-            chart(
-                "Loss",
-                "It should fall well below the dashed line in the first tenth of the run. On the line, the network cannot \
-                 distinguish one pair from another; above it, the learning rate is too high. A low loss alone does not \
-                 make a good model.",
-                Some(("nothing learned: 4 \u{3c4} ln N", self.config.chance_loss())),
-                vec![steps("first", "loss", |row| row.loss)],
-            ),
-            chart(
-                "Parts never trained on, one touch, share right",
-                "Choose a model by this figure: it should still rise when the loss no longer falls.",
-                self.tuning_chance.map(|chance| ("chance", chance)),
-                vec![saves("first", "accuracy", |v| v.tuning_accuracy)],
-            ),
-            chart(
-                "Own peg among near ones (6 mm, 40\u{b0}), share found",
-                "Neighbours look similar, so this still rises when retrieval on the whole board is complete. It decides how \
-                 precisely the filter finds the pose.",
-                Some(("chance", self.latest().and_then(|found| found.near_chance).unwrap_or(0.0))),
-                vec![saves("first", "near", |v| v.near_1)],
-            ),
-            chart(
-                "Own peg among all of its held-out board, share found",
-                "Rises first and is complete early. If it stays at zero, nothing is learned.",
-                None,
-                vec![
-                    saves("first", "first", |v| Some(v.retrieval_1)),
-                    saves("second", "among five", |v| Some(v.retrieval_5)),
-                ],
-            ),
-            chart(
-                "Gap of cosines, and spread of the embedding",
-                "Both should rise and stay high. A spread that falls to zero is a collapse: all views get one embedding.",
-                None,
-                vec![saves("first", "gap", |v| Some(v.cosine_gap)), saves("second", "spread", |v| Some(v.spread))],
-            ),
-            chart(
-                "Length of the gradient",
-                "Single spikes are harmless; growth by powers of ten comes before divergence.",
-                None,
-                vec![steps("first", "gradient", |row| row.gradient_norm)],
-            ),
-            chart(
-                "Learning rate, as a share of its peak, and momentum of the key encoder",
-                "As set: the rate rises over the warm-up and falls to zero on half a cosine, the momentum rises to one.",
-                None,
-                vec![rate, steps("second", "momentum", |row| row.momentum)],
-            ),
-            chart(
-                "Pairs per second",
-                "Mean of the last 50 steps, without validation. A fall means that something else uses the machine.",
-                None,
-                vec![steps("first", "speed", |row| row.pairs_per_second)],
-            ),
+        let chance = |value| ("chance", value);
+        let near_chance = self.latest().and_then(|found| found.near_chance).unwrap_or(0.0);
+        let [first, five] =
+            [line("first", "first", |v| Some(v.retrieval_1)), line("second", "among five", |v| Some(v.retrieval_5))];
+        let [gap, spread] =
+            [line("first", "gap", |v| Some(v.cosine_gap)), line("second", "spread", |v| Some(v.spread))];
+        [
+            self.chart([
+    "Parts never trained on, one touch, share right",
+    "Choose a model by this figure: it should still rise when the loss no longer falls.",
+], self.tuning_chance.map(chance), vec![line("first", "accuracy", |v| v.tuning_accuracy)]),
+            self.chart([
+    "Own peg among near ones (6 mm, 40\u{b0}), share found",
+    "Neighbours look similar, so this still rises when retrieval on the whole board is complete. It decides how precisely \
+     the filter finds the pose.",
+], Some(chance(near_chance)), vec![line("first", "near", |v| v.near_1)]),
+            self.chart([
+    "Own peg among all of its held-out board, share found",
+    "Rises first and is complete early. If it stays at zero, nothing is learned.",
+], None, vec![first, five]),
+            self.chart([
+    "Gap of cosines, and spread of the embedding",
+    "Both should rise and stay high. A spread that falls to zero is a collapse: all views get one embedding.",
+], None, vec![gap, spread]),
         ]
     }
 

@@ -49,9 +49,7 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
             let out = absolute(out).map_err(Error::io(out))?;
             let quick = if *quick { "--quick" } else { "" };
             let program = workspace.program("tactile-filter").words(format!("extremes --seed {seed} {quick} --out"));
-            let usage = program.arg(out).run(&workspace.root)?;
-            let peak = usage.peak_mib.map_or(String::new(), |mib| format!(", at most {mib:.0} MiB"));
-            println!("extremes: {:.1} s{peak}", usage.seconds);
+            println!("extremes: {}", program.arg(out).run(&workspace.root)?);
             Ok(())
         }
     }

@@ -63,12 +63,8 @@ fn to_disk(workspace: &Workspace, args: &SensorArgs, folder: &Path) -> Result<()
     ));
     let usage = generate.run(folder)?;
     let n_images = 2 * pairs;
-    println!(
-        "to disk: {:.0} images/s at 320x240 ({n_images} images, boards: {boards}, {:.1} s, {:.0} MiB of memory)",
-        n_images as f64 / usage.seconds,
-        usage.seconds,
-        usage.peak_mib.unwrap_or(f64::NAN)
-    );
+    let speed = n_images as f64 / usage.seconds;
+    println!("to disk: {speed:.0} images/s at 320x240 ({n_images} images, boards: {boards}, {usage})");
     Ok(())
 }
 

@@ -49,8 +49,11 @@ const BANKS: [(&str, Kind, &str); 15] = [
     ("robust-attachment", Kind::Plain, "robust/attachment.toml"),
 ];
 
-/// The evaluations: part, name, bank, the scene where it is not the bank's, ways and settings.
-const EVALUATIONS: [(Part, &str, &str, Option<&str>, &str, &str); 21] = [
+/// Part, name, bank, the scene where it is not the bank's, ways and settings.
+type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
+
+/// The evaluations.
+const EVALUATIONS: [Evaluation; 21] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),

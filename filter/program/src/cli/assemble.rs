@@ -1,69 +1,57 @@
 //! `tactile-filter assemble`.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use tactile_data::output;
+use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
+use tactile_eval::Result;
 use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
 use tactile_eval::evaluate::at_rest;
 use tactile_eval::narrative::{Board, trial};
-use tactile_eval::page::shell::{check_page, write_page};
-use tactile_eval::result::ModelRecord;
-use tactile_eval::{Error, Result};
-use tactile_filter::Sensor;
+use tactile_eval::result::{ModelRecord, Poses};
 use tactile_filter::action::ActionRule;
-use tactile_infer::Bank;
-use tactile_infer::safefile::write_whole;
-use tactile_infer::{DeviceKind, Model};
+use tactile_filter::{EpisodeConfig, Sensor};
+use tactile_infer::Model;
 
-use super::evaluate::{command_line, progress};
+use super::arguments::{Engine, Inputs, Output, Seeds, command_line, positive, to_json};
 use super::tuning::Tuning;
+
+/// Names of the page and of the figures.
+const FILES: [&str; 2] = ["report.html", "assembly.json"];
 
 /// Name, find and fill every hole of a scene in simulation; write assembly.json and report.html.
 #[derive(Args)]
-#[command(
-    after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors --bank four.bank --scene data/scenes/four-letters.toml --out assembly"
-)]
+#[command(after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors \
+                        --bank four.bank --scene data/scenes/four-letters.toml --out assembly")]
 pub struct Assemble {
-    /// Checkpoint written by tactile-train.
-    #[arg(long)]
-    model: PathBuf,
-    /// Bank of the scene's pegs, made by tactile-infer bank with the same model.
-    #[arg(long)]
-    bank: PathBuf,
-    /// Scene preset or TOML file whose holes are filled; its clearance_mm is the play of a peg.
-    #[arg(long)]
+    #[command(flatten)]
+    inputs: Inputs,
+    /// Scene whose holes are filled: the name of a preset, or a TOML file; its clearance_mm is the play of a peg
+    #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
-    /// Folder for assembly.json and report.html.
-    #[arg(long)]
-    out: PathBuf,
-    /// Trials in all, shared out over the seeds; in each all holes are tried in turn.
-    #[arg(long, default_value_t = 200)]
+    #[command(flatten)]
+    output: Output,
+    /// Trials in all, shared out over the seeds; in each all holes are tried in turn
+    #[arg(long, value_name = "N", default_value_t = 200, help_heading = "Trials")]
     trials: usize,
-    /// Seeds of the holes' order, of first touches, frames and grasps.
-    #[arg(long, value_delimiter = ',', default_value = "1,2,3")]
-    seeds: Vec<u64>,
-    /// A held peg is off by up to this in x and in y, mm.
-    #[arg(long, default_value_t = 0.5)]
+    #[command(flatten, next_help_heading = "Trials")]
+    seeds: Seeds,
+    /// A held peg is off by up to this in x and in y, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.5, help_heading = "Trials")]
     grasp_error_mm: f64,
-    /// A held peg is turned by up to this, degrees.
-    #[arg(long, default_value_t = 1.0)]
+    /// A held peg is turned by up to this, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 1.0, help_heading = "Trials")]
     grasp_error_deg: f64,
     /// How well the place must be known before a peg is tried, mm: the standard deviation along x and along y
-    /// [default: half the scene's clearance_mm].
-    #[arg(long)]
+    /// [default: half the scene's clearance_mm]
+    #[arg(long, value_name = "MM", value_parser = positive, help_heading = "Trials")]
     place_mm: Option<f64>,
-    /// Let the robot give up a hole as none of the pegs on the table, though each has its peg there.
-    #[arg(long)]
+    /// Let the robot give up a hole as none of the pegs on the table, though each has its peg there
+    #[arg(long, help_heading = "Trials")]
     strangers: bool,
-    /// Where the network is computed: flex or ndarray.
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
-    /// Print assembly.json instead of a table.
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
     tuning: Tuning,
 }
@@ -71,52 +59,55 @@ pub struct Assemble {
 impl Assemble {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let page = self.out.join("report.html");
-        check_page(&page)?;
-        let model = Arc::new(Model::load_on(&self.model, self.device.parse()?)?);
-        let bank = Arc::new(Bank::load(&self.bank, &model)?);
+        let (model, bank) = self.inputs.load()?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        let no_contact = at_rest(&simulator, &self.seeds);
-        let sensor = Sensor::new(model.clone(), &no_contact)?;
-        let mut config = self.tuning.config("exact", ActionRule::Information, &model)?;
+        self.inputs.check_scene(&bank, simulator.scene(), Poses::OffGrid)?;
+        let sensor = Sensor::new(model.clone(), &at_rest(&simulator, &self.seeds.seeds))?;
+        let config = self.config(&simulator, &model)?;
+        let task = self.task(&simulator)?;
+        let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
+        self.output.prepare(FILES[0], FILES[1], &self.inputs.files(&self.scene))?;
+
+        let trials = workcell.run(&reporter("trials"))?;
+        let run = Run {
+            scene: simulator.scene().name.clone(),
+            clearance_mm: simulator.scene().clearance_mm,
+            model: ModelRecord::of(&model),
+            device: self.inputs.device.to_string(),
+            recorded: *bank.grid(),
+            command: Some(command_line()),
+        };
+        let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
+        let page = html(&assembly, &Board::new(&simulator, &bank)?, &trial::play_again(&workcell, 0)?)?;
+        let page = self.output.write(FILES[0], &page)?;
+        let json = to_json("assembly", &assembly)?;
+        // Last: whoever finds the figures finds the report too.
+        self.output.write(FILES[1], &json)?;
+        self.output.print(&json, &page, || print_table(&assembly));
+        Ok(())
+    }
+
+    fn config(&self, simulator: &Simulator, model: &Arc<Model>) -> Result<EpisodeConfig> {
+        let mut config = self.tuning.config(Engine::Exact, ActionRule::Information, model)?;
         if !self.strangers {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             config.none_touches = config.max_touches + 1;
         }
         config.stop_place_mm = Some(self.place_mm.unwrap_or(0.5 * simulator.scene().clearance_mm));
-        let (n_trials, seeds) = (self.trials, self.seeds.clone());
-        let (grasp_error_mm, grasp_error_deg) = (self.grasp_error_mm, self.grasp_error_deg);
-        let task = Task { n_trials, seeds, grasp_error_mm, grasp_error_deg };
-        let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
+        Ok(config)
+    }
 
-        let bar = progress("assembly");
-        let trials = workcell.run(&|done, total| {
-            bar.set_length(total as u64);
-            bar.set_position(done as u64);
-        })?;
-        bar.finish_and_clear();
-        let run = Run {
-            scene: simulator.scene().name.clone(),
-            clearance_mm: simulator.scene().clearance_mm,
-            model: ModelRecord::of(&model),
-            device: self.device.clone(),
-            recorded: *bank.grid(),
-            command: Some(command_line()),
-        };
-        let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
-        let episodes = trial::play_again(&workcell, 0)?;
-        write_page(&page, &html(&assembly, &Board::new(&simulator, &bank)?, &episodes)?)?;
-        let json =
-            serde_json::to_string_pretty(&assembly).map_err(|e| Error::invalid("assembly", "JSON", e.to_string()))?;
-        // Last: whoever finds the figures finds the report too.
-        write_whole(&self.out.join("assembly.json"), json.as_bytes())?;
-        if self.json {
-            println!("{json}");
-        } else {
-            print_table(&assembly);
-            println!("  {}", page.display());
-        }
-        Ok(())
+    fn task(&self, simulator: &Simulator) -> Result<Task> {
+        /// What is noted of a hole: part, touches, errors, the time of each decision.
+        const HOLE_BYTES: f64 = 256.0;
+        let n_bytes = self.trials as f64 * simulator.parts().len() as f64 * HOLE_BYTES;
+        output::check_memory("--trials", self.trials, n_bytes)?;
+        Ok(Task {
+            n_trials: self.trials,
+            seeds: self.seeds.seeds.clone(),
+            grasp_error_mm: self.grasp_error_mm,
+            grasp_error_deg: self.grasp_error_deg,
+        })
     }
 }
 

@@ -1,4 +1,4 @@
-//! Flags of a budget, as they are shared by the commands.
+//! Flags of a budget, and the choice of settings for it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,6 +7,7 @@ use std::time::Instant;
 use clap::Args;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
+use tactile_eval::report::tradeoff::in_words;
 use tactile_eval::result::Promise;
 use tactile_eval::{Error, Result};
 use tactile_filter::budget::{Budget, Choice, Cost, Pace, Settings, Tradeoff};
@@ -14,25 +15,26 @@ use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::Model;
 
-use tactile_eval::report::tradeoff::in_words;
+use super::arguments::positive;
 
 /// Seconds to find how fast this machine is.
 const CALIBRATION_S: f64 = 10.0;
 
 /// What there is to spend.
 #[derive(Args)]
+#[command(next_help_heading = "Budget")]
 pub struct BudgetArgs {
     /// Choose the settings: the most accurate whose decisions take at most this (median, one core), ms. Ten seconds go
-    /// into finding how fast this machine is.
-    #[arg(long)]
+    /// into finding how fast this machine is
+    #[arg(long, value_name = "MS", value_parser = positive)]
     budget_ms: Option<f64>,
-    /// Choose the settings: the most accurate that hold at most this, 10^6 bytes.
-    #[arg(long)]
+    /// Choose the settings: the most accurate that take at most this much memory, 10^6 bytes
+    #[arg(long, value_name = "MB", value_parser = positive)]
     budget_mb: Option<f64>,
-    /// Stop after this many touches.
-    #[arg(long)]
-    pub max_touches: Option<usize>,
-    /// What tactile-filter tradeoff measured [default: beside the model, MODEL.frontier.json]
+    /// Stop after this many touches [default: 10]
+    #[arg(long, value_name = "N")]
+    max_touches: Option<usize>,
+    /// What tactile-filter tradeoff measured [default: the model's file with the ending .frontier.json]
     #[arg(long, value_name = "FILE")]
     frontier: Option<PathBuf>,
 }
@@ -55,14 +57,20 @@ pub struct Task<'a> {
 
 impl BudgetArgs {
     /// Whether settings are to be chosen.
-    pub fn is_asked(&self) -> bool {
+    pub fn is_given(&self) -> bool {
         self.budget_ms.is_some() || self.budget_mb.is_some()
+    }
+
+    /// A config with this budget's limit on touches.
+    pub fn limited(&self, config: EpisodeConfig) -> Result<EpisodeConfig> {
+        let config = EpisodeConfig { max_touches: self.max_touches.unwrap_or(config.max_touches), ..config };
+        config.validate()?;
+        Ok(config)
     }
 
     /// Chooses settings; returns the bank in the format that they take, what they are, and what they promise.
     pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Arc<Bank>, EpisodeConfig, Promise)> {
-        let beside = || task.model_path.with_extension("frontier.json");
-        let path = self.frontier.clone().unwrap_or_else(beside);
+        let path = self.frontier.clone().unwrap_or_else(|| task.model_path.with_extension("frontier.json"));
         if !path.exists() {
             let expected = "a frontier of this model, as tactile-filter tradeoff measures it";
             return Err(Error::invalid(path.display().to_string(), expected, "no such file"));
@@ -76,7 +84,7 @@ impl BudgetArgs {
             let memory_mb = settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?;
             Ok(Some(Cost { pace_ms: *pace_ms, memory_mb }))
         })?;
-        tell(&choice, &tradeoff);
+        print(&choice, &tradeoff);
         let settings = &choice.point.settings;
         let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
         config.validate()?;
@@ -111,7 +119,7 @@ fn with_rows(bank: &Bank, settings: &Settings) -> Result<Arc<Bank>> {
     Ok(Arc::new(bank.clone().with_precision(settings.rows)?))
 }
 
-fn tell(choice: &Choice, tradeoff: &Tradeoff) {
+fn print(choice: &Choice, tradeoff: &Tradeoff) {
     let point = &choice.point;
     eprintln!(
         "budget: {:.2} ms a decision and {:.1} MB here, {} touches; {:.1} % right on {}, {}: {}",

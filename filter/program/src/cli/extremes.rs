@@ -1,49 +1,36 @@
 //! `tactile-filter extremes`.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use tactile_eval::extremes::{Case, Extremes, Group, html, run};
-use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::{Error, Result};
-use tactile_infer::safefile::write_whole;
+
+use super::arguments::{Output, to_json};
 
 /// Drive the filter's arithmetic to its extremes; write extremes.json and extremes.html.
 ///
-/// Fails where a case is not as expected. Times are told and not judged.
+/// Fails where a case is not as expected. Times are reported and not judged.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter extremes --out extremes")]
 pub struct ExtremesArgs {
-    /// Folder for extremes.json and extremes.html.
-    #[arg(long)]
-    out: PathBuf,
-    /// Smaller largest cases: seconds instead of minutes.
+    #[command(flatten)]
+    output: Output,
+    /// Smaller largest cases: seconds instead of minutes
     #[arg(long)]
     quick: bool,
-    /// Seed of every random draw.
+    /// Seed of every random draw
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print extremes.json instead of a summary.
-    #[arg(long)]
-    json: bool,
 }
 
 impl ExtremesArgs {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let page = self.out.join("extremes.html");
-        check_page(&page)?;
+        self.output.prepare("extremes.html", "extremes.json", &[])?;
         let extremes = run(self.seed, self.quick, &mut |group| eprintln!("extremes: {}", group.title()))?;
-        let json =
-            serde_json::to_string_pretty(&extremes).map_err(|e| Error::invalid("extremes", "JSON", e.to_string()))?;
-        write_whole(&self.out.join("extremes.json"), json.as_bytes())?;
-        write_page(&page, &html(&extremes))?;
-        if self.json {
-            println!("{json}");
-        } else {
-            print_summary(&extremes);
-            println!("  {}", page.display());
-        }
+        let page = self.output.write("extremes.html", &html(&extremes))?;
+        let json = to_json("extremes", &extremes)?;
+        self.output.write("extremes.json", &json)?;
+        self.output.print(&json, &page, || print_summary(&extremes));
         match extremes.n_failed() {
             0 => Ok(()),
             n => Err(Error::invalid("extremes", "every case within its bound", format!("{n} that are not"))),

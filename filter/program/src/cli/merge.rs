@@ -1,49 +1,37 @@
 //! `tactile-filter merge`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tactile_eval::episodes::Episodes;
 use tactile_eval::narrative::Board;
 use tactile_eval::{Error, Result};
 
-use super::{evaluate, table};
+use super::arguments::Output;
+use super::evaluate;
 
 /// Make one evaluation of the shards that tactile-filter evaluate --shard wrote.
 #[derive(Args)]
-#[command(
-    after_help = "Example:\n  tactile-filter evaluate ... --shard 1/2 --out evaluation\n  tactile-filter evaluate ... --shard 2/2 --out evaluation\n  tactile-filter merge evaluation --out evaluation"
-)]
+#[command(after_help = "Example:\n  tactile-filter evaluate ... --shard 1/2 --out evaluation\n  \
+                        tactile-filter evaluate ... --shard 2/2 --out evaluation\n  \
+                        tactile-filter merge evaluation --out evaluation")]
 pub struct Merge {
-    /// Folders of shards, or single ones.
-    #[arg(required = true)]
+    /// Folders of shards, or single ones
+    #[arg(required = true, value_name = "SHARD|DIR")]
     shards: Vec<PathBuf>,
-    /// Folder for evaluation.json and report.html.
-    #[arg(long)]
-    out: PathBuf,
-    /// Print evaluation.json instead of a table.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 impl Merge {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let mut shards = Vec::new();
-        for path in self.files()? {
-            shards.push((path.clone(), Episodes::load(&path)?));
-        }
+        let files = self.files()?;
+        let shards = files.iter().map(|path| Ok((path.clone(), Episodes::load(path)?))).collect::<Result<_>>()?;
         let episodes = Episodes::merge(shards)?;
-        let evaluation = episodes.evaluation()?;
-        // Episodes are shown touch by touch where the frames are, by a single run.
-        evaluate::write(&self.out, &evaluation, &Board::empty(), &[])?;
-        if self.json {
-            println!("{}", evaluate::to_json(&evaluation)?);
-        } else {
-            table::print(&evaluation, &episodes.single_rows(true));
-            println!("  {}", self.out.join("report.html").display());
-        }
-        Ok(())
+        evaluate::prepare(&self.output, &files.iter().map(PathBuf::as_path).collect::<Vec<&Path>>())?;
+        // Single episodes are shown where the frames are, by a run that is not cut into shards.
+        evaluate::write(&self.output, &episodes, &episodes.evaluation()?, &Board::empty(), &[])
     }
 
     /// The shards named, and those in the folders named.

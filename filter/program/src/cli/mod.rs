@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod arguments;
 mod assemble;
 mod budget;
 mod evaluate;
@@ -19,6 +20,10 @@ use tactile_eval::Result;
 /// Exit codes: 0 done, 1 failed, 2 misused.
 #[derive(Parser)]
 #[command(name = "tactile-filter", version)]
+#[command(after_help = "Example:\n  tactile-infer bank --model infer/models/maze-small.safetensors \
+                        --scene alphabet-small --out pegs.bank\n  \
+                        tactile-filter evaluate --model infer/models/maze-small.safetensors --bank pegs.bank \
+                        --scene alphabet-small --out evaluation")]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -26,13 +31,16 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Assemble(assemble::Assemble),
     Evaluate(evaluate::Evaluate),
-    Extremes(extremes::ExtremesArgs),
-    Merge(merge::Merge),
     Replay(replay::Replay),
-    Reproduction(reproduction::Reproduction),
+    Assemble(assemble::Assemble),
     Tradeoff(tradeoff::TradeoffArgs),
+    Merge(merge::Merge),
+    // For `cargo xtask bench` and `cargo xtask reproduce` alone.
+    #[command(hide = true)]
+    Extremes(extremes::ExtremesArgs),
+    #[command(hide = true)]
+    Reproduction(reproduction::Reproduction),
 }
 
 impl Cli {
@@ -47,5 +55,16 @@ impl Cli {
             Command::Reproduction(reproduction) => reproduction.run(),
             Command::Tradeoff(tradeoff) => tradeoff.run(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
     }
 }

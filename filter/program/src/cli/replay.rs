@@ -1,7 +1,6 @@
 //! `tactile-filter replay`.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use clap::Args;
 use tactile_data::store::Dataset;
@@ -9,37 +8,30 @@ use tactile_eval::replay::{Replayed, episodes, play};
 use tactile_eval::{Error, Result};
 use tactile_filter::Sensor;
 use tactile_filter::action::ActionRule;
-use tactile_infer::Bank;
-use tactile_infer::{DeviceKind, Model};
+use tactile_infer::Model;
 
+use super::arguments::{Engine, Inputs};
 use super::budget::{BudgetArgs, Task};
 use super::tuning::Tuning;
 
 /// Play a recorded dataset of hole touches back through the filter.
 #[derive(Args)]
-#[command(
-    after_help = "Example:\n  tactile-data import presses --out recorded\n  tactile-filter replay --model infer/models/maze-small.safetensors --bank pegs.bank --data recorded"
-)]
+#[command(after_help = "Example:\n  tactile-data import presses --out recorded\n  \
+                        tactile-filter replay --model infer/models/maze-small.safetensors --bank pegs.bank \
+                        --data recorded")]
 pub struct Replay {
-    /// Checkpoint written by tactile-train.
-    #[arg(long)]
-    model: PathBuf,
-    /// Bank of the pegs that may fit, made by tactile-infer bank with the same model.
-    #[arg(long)]
-    bank: PathBuf,
-    /// Recorded dataset: imported, or generated with its holes.
-    #[arg(long)]
+    #[command(flatten)]
+    inputs: Inputs,
+    /// Recorded dataset: imported, or generated with its holes
+    #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// Play at most this many episodes.
-    #[arg(long)]
+    /// Play at most this many episodes [default: all]
+    #[arg(long, value_name = "N")]
     limit: Option<usize>,
-    /// Engine: exact, particle or paper.
-    #[arg(long, default_value = "exact", value_parser = ["exact", "particle", "paper"])]
-    engine: String,
-    /// Where the network is computed: flex or ndarray.
-    #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
-    device: String,
-    /// One line of JSON an episode.
+    /// How states are inferred
+    #[arg(long, value_enum, default_value_t = Engine::Exact)]
+    engine: Engine,
+    /// Print a line of JSON for each episode
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -48,22 +40,19 @@ pub struct Replay {
     tuning: Tuning,
 }
 
-/// Scales that differ by more than this share are told: an edge's shape means another thing.
+/// Scales that differ by more than this share are reported: an edge's shape then means another thing.
 const SCALE_TOLERANCE: f64 = 0.05;
 
 impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let model = Arc::new(Model::load_on(&self.model, self.device.parse()?)?);
-        let mut bank = Arc::new(Bank::load(&self.bank, &model)?);
+        let (model, mut bank) = self.inputs.load()?;
         let dataset = Dataset::open(&self.data)?;
         self.warn_of_scale(&model, &dataset);
         let sensor = Sensor::new(model.clone(), dataset.no_contact())?;
-        let mut config = self.tuning.config(&self.engine, ActionRule::Paper, &model)?;
-        config.max_touches = self.budget.max_touches.unwrap_or(config.max_touches);
-        config.validate()?;
-        if self.budget.is_asked() {
-            let (model_path, model, no_contact) = (self.model.as_path(), &model, dataset.no_contact());
+        let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model)?)?;
+        if self.budget.is_given() {
+            let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
             let (reach, between_poses) = (*bank.grid(), config.between_poses);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             (bank, config, _) = self.budget.choose(&task, &config)?;

@@ -1,69 +1,65 @@
 //! `tactile-filter tradeoff`.
 
 use std::fs;
-use std::io::IsTerminal;
-use std::ops::Range;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
+use tactile_data::grid::PoseGrid;
+use tactile_data::progress::Progress;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_eval::evaluate::{Protocol, at_rest};
-use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::report::tradeoff::{self as page, in_words};
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_eval::{Error, Result};
 use tactile_filter::budget::{Point, SCHEMA, Settings, Tradeoff};
-use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::simulated::bank_of_scene;
 
-use super::evaluate::command_line;
+use super::arguments::{Output, Seeds, check_episodes, command_line, poses, to_json};
+
+/// Names of the page and of the figures.
+const FILES: [&str; 2] = ["tradeoff.html", "tradeoff.json"];
 
 /// Measure how speed, memory and touches trade against accuracy; write tradeoff.json, frontier.json and a page.
 ///
-/// Each setting is kept as soon as it is measured: the same command goes on where it was stopped.
+/// Each setting is saved as soon as it is measured: the same command continues where it was stopped.
 #[derive(Args)]
-#[command(
-    after_help = "Example:\n  tactile-filter tradeoff --model infer/models/maze-small.safetensors --scene alphabet-small-dev --out tradeoff"
-)]
+#[command(after_help = "Example:\n  tactile-filter tradeoff --model infer/models/maze-small.safetensors \
+                        --scene alphabet-small-dev --out tradeoff")]
 pub struct TradeoffArgs {
-    /// Checkpoints; the first is turned at every knob, the others are compared with it.
+    /// Checkpoint, once or several times: the first is measured with every setting, the others are compared with it
     #[arg(long = "model", required = true, value_name = "FILE")]
     models: Vec<PathBuf>,
-    /// Scene preset or TOML file. What is shipped or used must be measured on parts for tuning.
-    #[arg(long, default_value = "alphabet-small-dev")]
+    /// Scene, preset or TOML file. What is shipped or used must be measured on parts for tuning
+    #[arg(long, value_name = "PRESET|FILE.toml", default_value = "alphabet-small-dev")]
     scene: String,
-    /// Folder for what is found.
-    #[arg(long)]
-    out: PathBuf,
-    /// Episodes of each setting, shared out over the seeds.
-    #[arg(long, default_value_t = 300)]
+    #[command(flatten)]
+    output: Output,
+    /// Episodes of each setting, shared out over the seeds
+    #[arg(long, value_name = "N", default_value_t = 300, help_heading = "Episodes")]
     episodes: usize,
-    /// Seeds of holes, poses and frames.
-    #[arg(long, value_delimiter = ',', default_value = "1,2,3")]
-    seeds: Vec<u64>,
-    /// Seed of the touches of pegs.
-    #[arg(long, default_value_t = 1)]
+    #[command(flatten, next_help_heading = "Episodes")]
+    seeds: Seeds,
+    /// Seed of the touches of pegs
+    #[arg(long, value_name = "SEED", default_value_t = 1, help_heading = "Episodes")]
     bank_seed: u64,
-    /// Where holes are touched.
-    #[arg(long, default_value = "off-grid", value_parser = ["on-grid", "off-grid"])]
-    poses: String,
+    /// Where holes are touched: at recorded poses, as in the paper, or anywhere
+    #[arg(long, value_name = "POSES", value_parser = poses(), default_value = "off-grid", help_heading = "Episodes")]
+    poses: Poses,
     /// Measure only this many settings, evenly chosen [default: all]
-    #[arg(long)]
-    settings: Option<usize>,
-    /// Measure one part of the settings: I/N with I from 1, or env; the command without it puts all together.
-    #[arg(long, value_name = "I/N|env")]
+    #[arg(long, value_name = "N", help_heading = "Episodes")]
+    settings: Option<NonZeroUsize>,
+    /// Measure one part of the settings: I/N with I from 1, or env, which reads the array index of Slurm or
+    /// Kubernetes; the command without it puts all together
+    #[arg(long, value_name = "I/N|env", help_heading = "Machine")]
     shard: Option<Shard>,
-    /// Print tradeoff.json instead of the findings.
-    #[arg(long)]
-    json: bool,
 }
 
 /// A setting as it was measured, with all that its figures depend on.
@@ -71,132 +67,131 @@ pub struct TradeoffArgs {
 struct Measured {
     planned: Planned,
     scene: Scene,
-    poses: String,
+    poses: Poses,
     n_episodes: usize,
     seeds: Vec<u64>,
     bank_seed: u64,
     points: Vec<Point>,
 }
 
+/// The settings to measure, and what they are measured on.
+struct Sweep {
+    models: Vec<Arc<Model>>,
+    scene: Scene,
+    reach: PoseGrid,
+    planned: Vec<Planned>,
+    /// Where each setting has its file.
+    folder: PathBuf,
+}
+
 impl TradeoffArgs {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        check_episodes(self.episodes, TOUCHES[TOUCHES.len() - 1], 1)?;
+        let sweep = self.sweep()?;
+        let n_settings = sweep.planned.len();
+        let mine = self.shard.map_or(0..n_settings, |shard| shard.range(n_settings));
+        let mut todo = Vec::new();
+        for index in mine.clone() {
+            if self.saved(&sweep, index)?.is_none() {
+                todo.push(index);
+            }
+        }
+        self.measure(&sweep, todo)?;
+        if self.shard.is_some() {
+            println!("settings {mine:?} of {n_settings} in {}", sweep.folder.display());
+            return Ok(());
+        }
+        let tradeoff = self.gather(&sweep)?;
+        self.write(&tradeoff, &sweep.models[0])
+    }
+
+    /// Loads what is measured, plans, and checks that the results can be written.
+    fn sweep(&self) -> Result<Sweep> {
         let models = self.models.iter().map(|path| Ok(Arc::new(Model::load(path)?))).collect::<Result<Vec<_>>>()?;
         let scene = Scene::load(&self.scene)?;
+        let no_reach = || Error::invalid(&self.scene, "a scene of parts with a reach", "one without");
+        let reach = scene.reach.ok_or_else(no_reach)?;
         let mut planned = plan(&models)?;
         for planned in &mut planned {
             let stem = self.models[planned.model].file_stem().unwrap_or_default();
             planned.settings.model = stem.to_string_lossy().into_owned();
         }
-        if let Some(n) = self.settings.filter(|n| *n < planned.len()) {
+        if let Some(n) = self.settings.map(NonZeroUsize::get).filter(|n| *n < planned.len()) {
             planned = (0..n).map(|i| planned[i * planned.len() / n].clone()).collect();
         }
-        check_page(&self.out.join("tradeoff.html"))?;
-        let folder = self.out.join("settings");
+        let folder = self.output.out.join("settings");
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        let mine = self.shard.map_or(0..planned.len(), |shard| shard.range(planned.len()));
-        let mut todo = Vec::new();
-        for index in mine.clone() {
-            if self.read(&folder, index, &planned[index], &scene)?.is_none() {
-                todo.push(index);
-            }
+        if self.shard.is_none() {
+            let inputs: Vec<&Path> = self.models.iter().map(PathBuf::as_path).chain([Path::new(&self.scene)]).collect();
+            self.output.prepare(FILES[0], FILES[1], &inputs)?;
         }
-        self.measure(&folder, &planned, &todo, &models, &scene)?;
-        if self.shard.is_some() {
-            println!("settings {mine:?} of {} in {}", planned.len(), folder.display());
-            return Ok(());
-        }
-        let tradeoff = self.gather(&folder, &planned, &scene)?;
-        self.write(&tradeoff, &models[0])
+        Ok(Sweep { models, scene, reach, planned, folder })
     }
 
-    fn path(folder: &Path, index: usize) -> PathBuf {
-        folder.join(format!("{index:03}.json"))
-    }
-
-    /// What is known of a setting; `None` where nothing is, or something of another sweep.
-    fn read(&self, folder: &Path, index: usize, planned: &Planned, scene: &Scene) -> Result<Option<Measured>> {
-        let path = Self::path(folder, index);
+    /// What is saved of a setting; `None` where nothing is, or something of another sweep.
+    fn saved(&self, sweep: &Sweep, index: usize) -> Result<Option<Measured>> {
+        let path = sweep.path(index);
         if !path.exists() {
             return Ok(None);
         }
         let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
         let found: Measured = serde_json::from_str(&text)
             .map_err(|e| Error::invalid(path.display().to_string(), "a measured setting", e.to_string()))?;
-        let expected = self.measured(planned, scene, found.points.clone());
+        let expected = self.measured(sweep, index, found.points.clone());
         Ok((found == expected).then_some(found))
     }
 
-    fn measured(&self, planned: &Planned, scene: &Scene, points: Vec<Point>) -> Measured {
+    fn measured(&self, sweep: &Sweep, index: usize, points: Vec<Point>) -> Measured {
         Measured {
-            planned: planned.clone(),
-            scene: scene.clone(),
-            poses: self.poses.clone(),
+            planned: sweep.planned[index].clone(),
+            scene: sweep.scene.clone(),
+            poses: self.poses,
             n_episodes: self.episodes,
-            seeds: self.seeds.clone(),
+            seeds: self.seeds.seeds.clone(),
             bank_seed: self.bank_seed,
             points,
         }
     }
 
-    /// Measures what is left to do, model by model and bank by bank.
-    fn measure(
-        &self,
-        folder: &Path,
-        planned: &[Planned],
-        todo: &[usize],
-        models: &[Arc<Model>],
-        scene: &Scene,
-    ) -> Result<()> {
-        let Some(reach) = scene.reach else {
-            return Err(Error::invalid(&self.scene, "a scene of parts with a reach", "one without"));
-        };
-        let bank_of = |index: usize| {
-            let Settings { xy_step_mm, theta_step_deg, .. } = planned[index].settings;
-            (planned[index].model, xy_step_mm.to_bits(), theta_step_deg.to_bits())
-        };
-        let mut todo = todo.to_vec();
-        todo.sort_by_key(|index| bank_of(*index));
-        let simulator = Simulator::new(scene.clone(), 1)?;
-        let no_contact = at_rest(&simulator, &self.seeds);
-        let protocol = self.protocol(0..self.episodes);
-        let bar = bar(todo.len());
-        for same_bank in todo.chunk_by(|a, b| bank_of(*a) == bank_of(*b)) {
-            let Planned { model, settings } = &planned[same_bank[0]];
-            let model = &models[*model];
-            let mut scene = scene.clone();
-            let reach = tactile_data::grid::PoseGrid {
-                xy_step_mm: settings.xy_step_mm,
-                theta_step_deg: settings.theta_step_deg,
-                ..reach
-            };
+    /// Measures the settings of these numbers, model by model and bank by bank.
+    fn measure(&self, sweep: &Sweep, mut todo: Vec<usize>) -> Result<()> {
+        todo.sort_by_key(|index| sweep.bank_of(*index));
+        let simulator = Simulator::new(sweep.scene.clone(), 1)?;
+        let no_contact = at_rest(&simulator, &self.seeds.seeds);
+        let protocol = self.protocol();
+        let progress = Progress::new("settings");
+        let mut done = 0;
+        for same_bank in todo.chunk_by(|a, b| sweep.bank_of(*a) == sweep.bank_of(*b)) {
+            let Planned { model, settings } = &sweep.planned[same_bank[0]];
+            let (model, [xy_step_mm, theta_step_deg]) =
+                (&sweep.models[*model], [settings.xy_step_mm, settings.theta_step_deg]);
+            progress.on_bar(done, todo.len(), &format!("bank of {xy_step_mm} mm, {theta_step_deg}°"));
+            let reach = PoseGrid { xy_step_mm, theta_step_deg, ..sweep.reach };
+            let mut scene = sweep.scene.clone();
             scene.reach = Some(reach);
-            bar.set_message(format!("bank of {} mm, {}°", settings.xy_step_mm, settings.theta_step_deg));
-            let bank: Bank = bank_of_scene(model, &scene, self.bank_seed, &|_, _| ())?;
+            let bank = bank_of_scene(model, &scene, self.bank_seed, &|_, _| ())?;
             protocol.validate(&simulator, &bank)?;
+            let bench =
+                Bench { simulator: &simulator, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
             for index in same_bank {
-                let settings = &planned[*index].settings;
-                bar.set_message(in_words(settings));
-                let bench =
-                    Bench { simulator: &simulator, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
-                let measured = self.measured(&planned[*index], simulator.scene(), measure(&bench, settings)?);
-                write_whole(&Self::path(folder, *index), json(&measured)?.as_bytes())?;
-                bar.inc(1);
-                if bar.is_hidden() {
-                    eprintln!("{}", in_words(settings));
-                }
+                let settings = &sweep.planned[*index].settings;
+                progress.on_bar(done, todo.len(), &in_words(settings));
+                let measured = self.measured(sweep, *index, measure(&bench, settings)?);
+                write_whole(&sweep.path(*index), to_json("setting", &measured)?.as_bytes())?;
+                done += 1;
+                progress.line(&format!("{done}/{} settings: {}", todo.len(), in_words(settings)));
             }
         }
-        bar.finish_and_clear();
         Ok(())
     }
 
-    fn protocol(&self, episodes: Range<usize>) -> Protocol {
+    fn protocol(&self) -> Protocol {
         Protocol {
             n_episodes: self.episodes,
-            episodes,
-            seeds: self.seeds.clone(),
-            poses: if self.poses == "on-grid" { Poses::OnGrid } else { Poses::OffGrid },
+            episodes: 0..self.episodes,
+            seeds: self.seeds.seeds.clone(),
+            poses: self.poses,
             absent: false,
             n_classes: None,
             choose_ms: None,
@@ -205,22 +200,24 @@ impl TradeoffArgs {
     }
 
     /// All settings' points together.
-    fn gather(&self, folder: &Path, planned: &[Planned], scene: &Scene) -> Result<Tradeoff> {
+    fn gather(&self, sweep: &Sweep) -> Result<Tradeoff> {
         let mut points = Vec::new();
-        for (index, setting) in planned.iter().enumerate() {
-            let found = self.read(folder, index, setting, scene)?;
-            let missing =
-                || Error::invalid(folder.display().to_string(), "every setting", format!("none of {index:03}"));
-            points.extend(found.ok_or_else(missing)?.points);
+        for index in 0..sweep.planned.len() {
+            let missing = || Error::invalid(sweep.path(index).display().to_string(), "a measured setting", "none");
+            points.extend(self.saved(sweep, index)?.ok_or_else(missing)?.points);
         }
+        let poses = match self.poses {
+            Poses::OnGrid => "on-grid",
+            Poses::OffGrid => "off-grid",
+        };
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let mut tradeoff = Tradeoff {
             schema: SCHEMA.into(),
-            scene: scene.name.clone(),
-            poses: self.poses.clone(),
-            n_classes: scene.part_names().len(),
+            scene: sweep.scene.name.clone(),
+            poses: poses.into(),
+            n_classes: sweep.scene.part_names().len(),
             n_episodes: self.episodes,
-            seeds: self.seeds.clone(),
+            seeds: self.seeds.seeds.clone(),
             machine: format!("{}, {threads} threads", std::env::consts::ARCH),
             command: command_line(),
             points,
@@ -230,49 +227,49 @@ impl TradeoffArgs {
     }
 
     fn write(&self, tradeoff: &Tradeoff, model: &Model) -> Result<()> {
-        let frontier = self.out.join("frontier.json");
-        write_whole(&frontier, json(&tradeoff.frontier(model.sha256()))?.as_bytes())?;
-        let html = self.out.join("tradeoff.html");
-        write_page(&html, &page::html(tradeoff))?;
-        write_whole(&self.out.join("tradeoff.json"), json(tradeoff)?.as_bytes())?;
-        if self.json {
-            println!("{}", json(tradeoff)?);
-            return Ok(());
-        }
-        if let Some(verdict) = page::verdict(tradeoff) {
-            let tell = |name: &str, point: &Point| {
-                println!(
-                    "{name}: {:.1} % after {} touches, {:.2} ms a decision (99 %: {:.2}), {:.1} MB: {}",
-                    100.0 * point.accuracy,
-                    point.n_touches,
-                    point.decision_ms_p50,
-                    point.decision_ms_p99,
-                    point.memory_mb,
-                    in_words(&point.settings)
-                );
-            };
-            println!(
-                "{} settings, {} points on the frontier, spanning {:.0} times in time a decision",
-                verdict.n_settings, verdict.n_frontier, verdict.span
-            );
-            tell("most accurate", verdict.best);
-            tell("fastest within 2 points of it", verdict.fast);
-        }
-        println!("for --frontier: {}", frontier.display());
-        println!("{}", html.display());
+        let frontier = to_json("frontier", &tradeoff.frontier(model.sha256()))?;
+        let frontier = self.output.write("frontier.json", &frontier)?;
+        let html = self.output.write(FILES[0], &page::html(tradeoff))?;
+        let json = to_json("trade-off", tradeoff)?;
+        self.output.write(FILES[1], &json)?;
+        self.output.print(&json, &html, || {
+            print_findings(tradeoff);
+            println!("  for --frontier: {}", frontier.display());
+        });
         Ok(())
     }
 }
 
-fn json<T: Serialize>(value: &T) -> Result<String> {
-    serde_json::to_string_pretty(value).map_err(|e| Error::invalid("trade-off", "JSON", e.to_string()))
+impl Sweep {
+    /// The file of a setting.
+    fn path(&self, index: usize) -> PathBuf {
+        self.folder.join(format!("{index:03}.json"))
+    }
+
+    /// What the bank of a setting depends on: model and steps.
+    fn bank_of(&self, index: usize) -> (usize, u64, u64) {
+        let Planned { model, settings: Settings { xy_step_mm, theta_step_deg, .. } } = &self.planned[index];
+        (*model, xy_step_mm.to_bits(), theta_step_deg.to_bits())
+    }
 }
 
-/// A bar on a terminal, plain lines elsewhere.
-fn bar(n: usize) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {eta} left  {msg}");
-    ProgressBar::new(n as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+fn print_findings(tradeoff: &Tradeoff) {
+    let Some(verdict) = page::verdict(tradeoff) else { return };
+    let print = |name: &str, point: &Point| {
+        println!(
+            "{name}: {:.1} % after {} touches, {:.2} ms a decision (99 %: {:.2}), {:.1} MB: {}",
+            100.0 * point.accuracy,
+            point.n_touches,
+            point.decision_ms_p50,
+            point.decision_ms_p99,
+            point.memory_mb,
+            in_words(&point.settings)
+        );
+    };
+    println!(
+        "{} settings, {} points on the frontier, spanning {:.0} times in time a decision",
+        verdict.n_settings, verdict.n_frontier, verdict.span
+    );
+    print("most accurate", verdict.best);
+    print("fastest within 2 points of it", verdict.fast);
 }

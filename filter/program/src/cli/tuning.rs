@@ -1,113 +1,122 @@
 //! Settings of an episode, as flags shared by the commands.
 
 use clap::Args;
-use tactile_eval::{Error, Result};
+use tactile_data::output;
+use tactile_eval::Result;
 use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::particle::ParticleConfig;
 use tactile_infer::Model;
+
+use super::arguments::Engine;
 
 /// Flags that change an episode's settings; what is left out keeps its default.
 #[derive(Args)]
+#[command(next_help_heading = "Tuning [default: as the model was calibrated]")]
 pub struct Tuning {
-    /// Similarity temperature tau of the likelihood.
-    #[arg(long)]
+    /// Temperature tau: how much the likelihood makes of a difference in similarity
+    #[arg(long, value_name = "TAU")]
     temperature: Option<f64>,
-    /// Likelihood of a quite different view, relative to the best match.
-    #[arg(long)]
+    /// Likelihood of a quite different view, relative to that of the best match
+    #[arg(long, value_name = "SHARE")]
     outlier_floor: Option<f64>,
-    /// Probability that hole and peg at one pose are both blank or both not.
-    #[arg(long)]
+    /// Probability that hole and peg at one pose are both blank or both not
+    #[arg(long, value_name = "P")]
     blank_agreement: Option<f64>,
-    /// A view with a smaller share of edge pixels is blank.
-    #[arg(long)]
+    /// A view with a smaller share of edge pixels is blank
+    #[arg(long, value_name = "SHARE")]
     blank_share: Option<f32>,
     /// Touches keep at least this far apart, mm ...
-    #[arg(long)]
+    #[arg(long, value_name = "MM")]
     min_separation_mm: Option<f64>,
-    /// ... or are turned by at least this much, degrees.
-    #[arg(long)]
+    /// ... or are turned by at least this much, degrees
+    #[arg(long, value_name = "DEG")]
     min_separation_deg: Option<f64>,
-    /// States drawn from the belief to judge an action by.
-    #[arg(long)]
+    /// States drawn from the belief to judge a motion by
+    #[arg(long, value_name = "N")]
     draws: Option<usize>,
-    /// States supposed true in turn when an action is judged.
-    #[arg(long)]
+    /// States supposed true, one after the other, when a motion is judged
+    #[arg(long, value_name = "N")]
     suppositions: Option<usize>,
-    /// Actions judged by all draws, after a first look at each.
-    #[arg(long)]
+    /// Motions judged by all draws, the best of a first pass over all
+    #[arg(long, value_name = "N")]
     finalists: Option<usize>,
-    /// Least fit of a part that explains the touches.
-    #[arg(long)]
+    /// The least goodness of fit of a part that explains the touches
+    #[arg(long, value_name = "FIT")]
     none_fit: Option<f64>,
-    /// How much better the fit must be after one touch, half as much after two, to be confident.
-    #[arg(long)]
+    /// How much better the fit must be after one touch, half as much after two, for the filter to be confident
+    #[arg(long, value_name = "FIT")]
     fit_margin: Option<f64>,
-    /// Touches nearer than this share evidence, mm.
-    #[arg(long)]
+    /// Touches nearer than this to each other share evidence, mm
+    #[arg(long, value_name = "MM")]
     overlap_mm: Option<f64>,
-    /// What a millimetre of travel must tell to be worth it, nats.
-    #[arg(long)]
+    /// Information that a millimetre of travel must bring, nats
+    #[arg(long, value_name = "NATS")]
     travel_nats_per_mm: Option<f64>,
-    /// States between two recorded poses of a bank that is interpolated, on each axis.
-    #[arg(long)]
+    /// States between two recorded poses of a bank that is interpolated, on each axis
+    #[arg(long, value_name = "N")]
     subdivisions: Option<usize>,
-    /// Stop when a part is more probable than this (delta_prob).
-    #[arg(long)]
+    /// Stop when a part is more probable than this (delta_prob)
+    #[arg(long, value_name = "P")]
     stop_probability: Option<f64>,
-    /// Warn where no touch reaches this cosine with any recorded view.
-    #[arg(long)]
+    /// Warn where no touch reaches this cosine with any recorded view
+    #[arg(long, value_name = "COSINE")]
     low_similarity: Option<f32>,
-    /// Particles of the particle engine.
-    #[arg(long)]
+    /// Particles of the particle engine
+    #[arg(long, value_name = "N")]
     particles: Option<usize>,
 }
 
 impl Tuning {
-    /// The settings of an engine (`exact`, `particle` or `paper`: Alg. 1 as printed) and a rule, with what was
-    /// measured of the model.
-    pub fn config(&self, engine: &str, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
-        let mut config = match engine {
-            "exact" => EpisodeConfig::of(model),
-            "particle" => {
-                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..EpisodeConfig::of(model) }
-            }
-            "paper" => EpisodeConfig::paper(),
-            other => return Err(Error::invalid("--engine", "exact, particle or paper", other)),
-        };
+    /// The settings of an engine and a rule.
+    pub fn config(&self, engine: Engine, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
+        let mut config = engine.config(model);
         config.action.rule = rule;
-        let set = |to: &mut f64, from: Option<f64>| *to = from.unwrap_or(*to);
-        set(&mut config.likelihood.temperature, self.temperature);
-        set(&mut config.likelihood.outlier_floor, self.outlier_floor);
-        set(&mut config.likelihood.blank_agreement, self.blank_agreement);
-        set(&mut config.action.min_separation_mm, self.min_separation_mm);
-        config.action.min_separation_deg = self.min_separation_deg.or(config.action.min_separation_deg);
+        let (likelihood, action) = (&mut config.likelihood, &mut config.action);
+        set(&mut likelihood.temperature, self.temperature);
+        set(&mut likelihood.outlier_floor, self.outlier_floor);
+        set(&mut likelihood.blank_agreement, self.blank_agreement);
+        set(&mut likelihood.blank_share, self.blank_share);
+        set(&mut likelihood.overlap_mm, self.overlap_mm);
+        set(&mut action.min_separation_mm, self.min_separation_mm);
+        set(&mut action.travel_nats_per_mm, self.travel_nats_per_mm);
+        set(&mut action.n_draws, self.draws);
+        set(&mut action.n_suppositions, self.suppositions);
+        action.min_separation_deg = self.min_separation_deg.or(action.min_separation_deg);
+        action.n_finalists = self.finalists.or(action.n_finalists);
         set(&mut config.stop_probability, self.stop_probability);
-        set(&mut config.action.travel_nats_per_mm, self.travel_nats_per_mm);
-        config.none_fit = self.none_fit.or(config.none_fit);
         set(&mut config.fit_margin, self.fit_margin);
-        set(&mut config.likelihood.overlap_mm, self.overlap_mm);
-        config.subdivisions = self.subdivisions.unwrap_or(config.subdivisions);
-        config.action.n_finalists = self.finalists.or(config.action.n_finalists);
-        config.likelihood.blank_share = self.blank_share.unwrap_or(config.likelihood.blank_share);
-        config.low_similarity = self.low_similarity.unwrap_or(config.low_similarity);
-        config.action.n_draws = self.draws.unwrap_or(config.action.n_draws);
-        config.action.n_suppositions = self.suppositions.unwrap_or(config.action.n_suppositions);
-        if let (EngineConfig::Particle(particles), Some(n)) = (&mut config.engine, self.particles) {
-            particles.n_particles = n;
+        set(&mut config.subdivisions, self.subdivisions);
+        set(&mut config.low_similarity, self.low_similarity);
+        config.none_fit = self.none_fit.or(config.none_fit);
+        if let EngineConfig::Particle(particles) = &mut config.engine {
+            set(&mut particles.n_particles, self.particles);
         }
         config.validate()?;
+        self.check_memory()?;
         Ok(config)
+    }
+
+    /// Refuses numbers of states and particles that no memory holds.
+    fn check_memory(&self) -> Result<()> {
+        /// A state and its weight, both twice while particles are resampled.
+        const PARTICLE_BYTES: f64 = 32.0;
+        /// What is kept of a state that was drawn, its cosines among it.
+        const STATE_BYTES: f64 = 64.0;
+        for (flag, number, n_bytes_each) in [
+            ("--particles", self.particles, PARTICLE_BYTES),
+            ("--draws", self.draws, STATE_BYTES),
+            ("--suppositions", self.suppositions, STATE_BYTES),
+        ] {
+            let number = number.unwrap_or(0);
+            output::check_memory(flag, number, number as f64 * n_bytes_each)?;
+        }
+        Ok(())
     }
 }
 
-/// The rule of a name.
-pub fn rule(name: &str) -> Result<ActionRule> {
-    match name {
-        "paper" => Ok(ActionRule::Paper),
-        "information" => Ok(ActionRule::Information),
-        "random" => Ok(ActionRule::Random),
-        other => Err(Error::invalid("--actions", "paper, information or random", other)),
+fn set<T>(to: &mut T, from: Option<T>) {
+    if let Some(from) = from {
+        *to = from;
     }
 }

@@ -1,0 +1,30 @@
+//! What the `main` of every program does with its work: threads, the error in one line, the exit code.
+
+use std::fmt::Display;
+use std::process::{ExitCode, Termination};
+
+use crate::closed_output;
+
+/// Stack of a thread, bytes: as large as that of a main thread.
+const STACK_BYTES: usize = 8 << 20;
+
+/// Runs `work` inside the global rayon pool, so that the libraries, which share their work among the threads of the pool
+/// that they are called in, use all cores.
+///
+/// An error is one line on standard error and exit code 1. Nobody reading standard output ends the program in silence
+/// ([`closed_output`]). Call it once, from `main`, when the command line is understood.
+pub fn run<T: Termination + Send, E: Display + Send>(work: impl FnOnce() -> Result<T, E> + Send) -> ExitCode {
+    closed_output::fail_in_one_line();
+    if let Err(error) = rayon::ThreadPoolBuilder::new().stack_size(STACK_BYTES).build_global() {
+        return failed(error);
+    }
+    match rayon::scope(|_| work()) {
+        Ok(done) => done.report(),
+        Err(error) => failed(error),
+    }
+}
+
+fn failed(error: impl Display) -> ExitCode {
+    eprintln!("error: {error}");
+    ExitCode::FAILURE
+}

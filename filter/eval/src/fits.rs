@@ -1,0 +1,88 @@
+//! Whether a bank fits what it is used for.
+
+use tactile_data::scene::Scene;
+use tactile_filter::interpolation::Interpolation;
+use tactile_infer::Bank;
+
+use crate::error::{Error, Result};
+use crate::result::Poses;
+
+/// Refuses a bank whose parts, sizes, scale or lamps are not those of a scene. `other_sensor`: whether another sensor than
+/// the bank's is wanted.
+///
+/// # Errors
+/// What differs, in the bank and in the scene.
+pub fn check_bank(bank: &Bank, scene: &Scene, other_sensor: bool) -> Result<()> {
+    let wanted = scene.origin();
+    let names = scene.part_names();
+    if names != bank.parts() {
+        let expected = format!("the parts of scene {}, {}", scene.name, names.join(" "));
+        return Err(Error::invalid("bank", expected, bank.parts().join(" ")));
+    }
+    let Some(origin) = bank.origin() else { return Ok(()) };
+    let sensor = if other_sensor { None } else { origin.other_sensor(&wanted) };
+    match origin.other_parts(&wanted).or(sensor) {
+        Some([what, in_bank, in_scene]) => {
+            let place = format!("bank of {}: {what}", origin.name);
+            Err(Error::invalid(place, format!("{in_scene} as in scene {}", scene.name), in_bank))
+        }
+        None => Ok(()),
+    }
+}
+
+/// A warning where touches lie between recorded poses that are too far from each other to be interpolated.
+pub fn warn_of_coarse_grid(bank: &Bank, poses: Poses) -> Option<String> {
+    let grid = bank.grid();
+    (poses == Poses::OffGrid && !Interpolation::Auto.is_cubic(grid)).then(|| {
+        format!(
+            "touches lie anywhere, but the bank's poses are {} mm and {} degrees apart, too far to interpolate: expect \
+             errors; record it every 2 mm and 15 degrees",
+            grid.xy_step_mm, grid.theta_step_deg
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tactile_data::grid::PoseGrid;
+    use tactile_infer::rows::Rows;
+
+    fn bank(scene: &Scene, grid: PoseGrid) -> Bank {
+        let names = scene.part_names();
+        let n_rows = names.len() * grid.len();
+        let rows = Rows::new(2, [1.0, 0.0].repeat(n_rows)).unwrap();
+        Bank::from_rows(names, grid, rows, vec![0.5; n_rows], "").unwrap().with_origin(scene.origin())
+    }
+
+    #[test]
+    fn a_bank_of_another_scene_is_refused_with_what_differs() {
+        let small = Scene::preset("alphabet-small").unwrap();
+        let one_pose = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
+        let bank = bank(&small, one_pose);
+        check_bank(&bank, &small, false).unwrap();
+        let error = |scene: &str| check_bank(&bank, &Scene::preset(scene).unwrap(), false).unwrap_err().to_string();
+        assert!(
+            error("connectors").starts_with("bank: expected the parts of scene connectors"),
+            "{}",
+            error("connectors")
+        );
+        let large = error("alphabet-large");
+        assert!(large.starts_with("bank of alphabet-small: size of part A: expected"), "{large}");
+        let mut wide = small.clone();
+        wide.sensor.field_of_view_mm = [20.3, 15.2];
+        let scale = check_bank(&bank, &wide, false).unwrap_err().to_string();
+        assert!(scale.contains("field of view: expected 20.3 x 15.2 mm"), "{scale}");
+        check_bank(&bank, &wide, true).unwrap();
+    }
+
+    #[test]
+    fn only_touches_between_coarse_poses_are_warned_of() {
+        let small = Scene::preset("alphabet-small").unwrap();
+        let coarse = bank(&small, PoseGrid::SMALL);
+        assert!(warn_of_coarse_grid(&coarse, Poses::OffGrid).is_some());
+        assert!(warn_of_coarse_grid(&coarse, Poses::OnGrid).is_none());
+        let fine = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 15.0, theta_step_deg: 15.0 };
+        assert!(warn_of_coarse_grid(&bank(&small, fine), Poses::OffGrid).is_none());
+    }
+}

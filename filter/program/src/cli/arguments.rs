@@ -1,0 +1,190 @@
+//! Flags that several commands share, each declared once.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use tactile_data::output;
+use tactile_data::scene::Scene;
+use tactile_eval::fits::{check_bank, warn_of_coarse_grid};
+use tactile_eval::page::shell::check_page;
+use tactile_eval::result::Poses;
+use tactile_eval::{Error, Result};
+use tactile_filter::EpisodeConfig;
+use tactile_filter::action::ActionRule;
+use tactile_filter::belief::EngineConfig;
+use tactile_filter::particle::ParticleConfig;
+use tactile_infer::safefile::write_whole;
+use tactile_infer::{Bank, DeviceKind, Model};
+
+/// The model and the bank, and where the network is computed.
+#[derive(Args)]
+pub struct Inputs {
+    /// Checkpoint written by tactile-train
+    #[arg(long, value_name = "FILE")]
+    pub model: PathBuf,
+    /// Bank of the pegs that may fit, made by tactile-infer bank with the same model
+    #[arg(long, value_name = "FILE")]
+    pub bank: PathBuf,
+    /// Where the network is computed: the CPU, an older CPU backend that is much slower, or a graphics card
+    #[arg(long, value_name = "DEVICE", default_value_t, value_parser = device(), help_heading = "Machine")]
+    pub device: DeviceKind,
+    /// Allow a scene whose sensor has other lamps or another scale than the one the bank was made with
+    #[arg(long, help_heading = "Machine")]
+    pub other_sensor: bool,
+}
+
+impl Inputs {
+    /// Refuses a bank that was not made of a scene's parts by its sensor, and warns of one too coarse for its touches.
+    pub fn check_scene(&self, bank: &Bank, scene: &Scene, poses: Poses) -> Result<()> {
+        check_bank(bank, scene, self.other_sensor)?;
+        if let Some(warning) = warn_of_coarse_grid(bank, poses) {
+            eprintln!("warning: {warning}");
+        }
+        Ok(())
+    }
+
+    /// Loads both.
+    pub fn load(&self) -> Result<(Arc<Model>, Arc<Bank>)> {
+        let model = Arc::new(Model::load_on(&self.model, self.device)?);
+        let bank = Arc::new(Bank::load(&self.bank, &model)?);
+        Ok((model, bank))
+    }
+
+    /// The files that they are read from, and the scene's: none of them may be written.
+    pub fn files<'a>(&'a self, scene: &'a str) -> [&'a Path; 3] {
+        [&self.model, &self.bank, Path::new(scene)]
+    }
+}
+
+/// The parser of `--device`.
+fn device() -> impl TypedValueParser<Value = DeviceKind> {
+    PossibleValuesParser::new(DeviceKind::NAMES).try_map(|name| name.parse::<DeviceKind>())
+}
+
+/// Where the results go.
+#[derive(Args)]
+pub struct Output {
+    /// Folder for the results; made where it does not exist
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Print the figures as JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Output {
+    /// Makes the folder and checks that the page and the figures can be written and are none of the inputs.
+    pub fn prepare(&self, page: &str, figures: &str, inputs: &[&Path]) -> Result<()> {
+        output::prepare_folder(&self.out, page, figures, inputs)?;
+        check_page(&self.out.join(page))
+    }
+
+    /// Writes a file of the folder, whole or not at all; returns its path.
+    pub fn write(&self, file: &str, content: &str) -> Result<PathBuf> {
+        let path = self.out.join(file);
+        write_whole(&path, content.as_bytes())?;
+        Ok(path)
+    }
+
+    /// Prints the figures: as JSON where it was asked for, else by `table`, with the page's path behind it.
+    pub fn print(&self, json: &str, page: &Path, table: impl FnOnce()) {
+        if self.json {
+            println!("{json}");
+        } else {
+            table();
+            println!("  {}", page.display());
+        }
+    }
+}
+
+/// JSON for programs; `what` is named in an error.
+pub fn to_json(what: &str, value: &impl Serialize) -> Result<String> {
+    serde_json::to_string_pretty(value).map_err(|e| Error::invalid(what, "numbers that JSON can hold", e.to_string()))
+}
+
+/// Repetitions, shared out over seeds.
+#[derive(Args)]
+pub struct Seeds {
+    /// Seeds of holes, poses, frames and everything else that is drawn
+    #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "1,2,3")]
+    pub seeds: Vec<u64>,
+}
+
+/// How states are inferred.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Engine {
+    /// Every state of the bank is weighed.
+    Exact,
+    /// States are sampled.
+    Particle,
+    /// Alg. 1 as printed: 100 particles, plain cosine, its own rule of choice.
+    Paper,
+}
+
+impl Engine {
+    /// Its settings, with what was measured of the model.
+    pub fn config(self, model: &Model) -> EpisodeConfig {
+        match self {
+            Self::Exact => EpisodeConfig::of(model),
+            Self::Particle => {
+                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..EpisodeConfig::of(model) }
+            }
+            Self::Paper => EpisodeConfig::paper(),
+        }
+    }
+}
+
+/// The parser of a value that files note under the same names.
+fn named<T: DeserializeOwned + Clone + Send + Sync + 'static>(
+    names: &'static [&'static str],
+) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(names).try_map(|name| serde_json::from_value::<T>(name.into()))
+}
+
+/// The parser of rules: how the next touch is chosen.
+pub fn rule() -> impl TypedValueParser<Value = ActionRule> {
+    named(&["information", "paper", "random"])
+}
+
+/// The parser of `--poses`.
+pub fn poses() -> impl TypedValueParser<Value = Poses> {
+    named(&["on-grid", "off-grid"])
+}
+
+/// Reads a number above zero.
+pub fn positive(text: &str) -> std::result::Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
+    number.ok_or_else(|| "expected a number above 0".into())
+}
+
+/// Refuses more episodes than this machine can hold the figures of.
+pub fn check_episodes(n_episodes: usize, n_touches: usize, n_ways: usize) -> Result<()> {
+    /// What is noted of a touch: errors, probabilities, times.
+    const TOUCH_BYTES: f64 = 128.0;
+    let n_bytes = n_episodes as f64 * n_touches as f64 * n_ways as f64 * TOUCH_BYTES;
+    let value = format!("{n_episodes} episodes of {n_touches} touches");
+    Ok(output::check_memory("--episodes and --touches", value, n_bytes)?)
+}
+
+/// The command line as it was typed, without the folder of the program.
+pub fn command_line() -> String {
+    let words = std::env::args().skip(1);
+    std::iter::once("tactile-filter".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_is_a_finite_number_above_zero() {
+        assert_eq!(positive("4.5"), Ok(4.5));
+        for bad in ["nan", "inf", "-inf", "0", "-1", "1e999", "four", ""] {
+            assert!(positive(bad).is_err(), "{bad}");
+        }
+    }
+}
