@@ -1,4 +1,4 @@
-//! What one touch alone tells, by nearest neighbour: the paper's Pixel and MoCo (Sec. V-B).
+//! What one touch alone finds, by nearest neighbour: the paper's Pixel and MoCo (Sec. V-B).
 
 use std::sync::Arc;
 

@@ -1,10 +1,11 @@
 //! Many episodes against a simulated robot, each driven as a robot would drive it.
 //!
-//! The estimator is shown frames and the motions actually made; true poses stay in [`Hole`], on this
+//! The estimator is given frames and the motions actually made; true poses stay in [`Hole`], on this
 //! side of the episode's API.
 
 use std::ops::Range;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use rand::RngExt;
@@ -14,13 +15,12 @@ use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
+pub use crate::hole::{Hole, at_rest, observe};
 use crate::result::Poses;
-use tactile_filter::action::Action;
-use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Observation, Sensor};
 
 /// What is run, how often.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ pub struct Protocol {
     pub n_classes: Option<usize>,
     /// Milliseconds for each choice of a touch; `None`: as many as it takes, the same on every machine.
     pub choose_ms: Option<f64>,
-    /// Touches of each episode; the stopping rule is noted and not obeyed, so that every curve is whole.
+    /// Touches of each episode; the stopping rule is recorded and not obeyed, so that every curve is whole.
     pub n_touches: usize,
 }
 
@@ -71,7 +71,7 @@ impl Protocol {
     }
 }
 
-/// The bank that each hole is held against.
+/// The bank that each hole is compared with.
 #[derive(Debug)]
 pub struct Banks {
     whole: Arc<Bank>,
@@ -89,127 +89,18 @@ impl Banks {
     /// anew for each hole, so that memory does not grow with the number of parts.
     pub fn of(&self, hole: &Hole<'_>) -> Result<Arc<Bank>> {
         if self.absent {
-            return Ok(Arc::new(self.whole.without(hole.part)?));
+            return Ok(Arc::new(self.whole.without(hole.part_index())?));
         }
         let Some(n_classes) = self.n_classes else { return Ok(self.whole.clone()) };
         // Frames are drawn from other seeds, so that the touches are those of the whole bank.
-        let mut rng = frame_rng(hole.seed ^ 0x636c_6173, hole.stream >> 20);
+        let mut rng = frame_rng(hole.seed() ^ 0x636c_6173, hole.episode_stream());
         let mut kept: Vec<usize> = (0..self.whole.parts().len()).collect();
-        let mut others: Vec<usize> = kept.iter().copied().filter(|part| *part != hole.part).collect();
+        let mut others: Vec<usize> = kept.iter().copied().filter(|part| *part != hole.part_index()).collect();
         while kept.len() > n_classes {
             let out = others.swap_remove(rng.random_range(0..others.len()));
             kept.retain(|part| *part != out);
         }
         Ok(Arc::new(self.whole.with_parts(&kept)?))
-    }
-}
-
-/// What a simulated frame shows.
-///
-/// # Errors
-/// A frame that the sensor refuses.
-pub fn observe(sensor: &Sensor, frame: &Frame) -> Result<Observation> {
-    Ok(sensor.observe(frame)?.of_simulation())
-}
-
-/// The no-contact frame of the robot's own session, not the bank's.
-pub fn at_rest(simulator: &Simulator, seeds: &[u64]) -> Frame {
-    simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374)
-}
-
-/// One simulated hole under the sensor: the robot's side of an episode.
-pub struct Hole<'a> {
-    simulator: &'a Simulator,
-    part: usize,
-    symmetric: bool,
-    first: Se2,
-    part_from_sensor: Se2,
-    seed: u64,
-    stream: u64,
-}
-
-impl<'a> Hole<'a> {
-    /// The hole of an episode: part and pose follow from the seed and the episode's number.
-    pub fn new(simulator: &'a Simulator, grid: &PoseGrid, poses: Poses, seed: u64, episode: usize) -> Self {
-        // A dataset's frames are drawn from small streams of its seed; an episode's from these.
-        let (seed, stream) = (seed ^ 0x686f_6c65, (episode as u64 + 1) << 20);
-        let mut rng = frame_rng(seed, stream);
-        let part = rng.random_range(0..simulator.parts().len());
-        let first = match poses {
-            Poses::OnGrid => grid.pose(rng.random_range(0..grid.len())),
-            Poses::OffGrid => {
-                let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-                Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
-            }
-        };
-        Self {
-            simulator,
-            part,
-            symmetric: simulator.is_half_turn_symmetric(part),
-            first,
-            part_from_sensor: first,
-            seed,
-            stream,
-        }
-    }
-
-    /// The hole of one part; the pose follows from the seed and the episode's number.
-    pub fn of_part(simulator: &'a Simulator, part: usize, grid: &PoseGrid, seed: u64, episode: usize) -> Self {
-        let symmetric = simulator.is_half_turn_symmetric(part);
-        Self { part, symmetric, ..Self::new(simulator, grid, Poses::OffGrid, seed, episode) }
-    }
-
-    /// Name of the part whose hole this is.
-    pub fn part(&self) -> &str {
-        &self.simulator.parts()[self.part]
-    }
-
-    /// Index in the scene of the part of a name.
-    fn index_of(&self, part: &str) -> usize {
-        self.simulator.parts().iter().position(|name| name == part).unwrap_or(0)
-    }
-
-    /// Index of the part in the scene.
-    pub fn part_index(&self) -> usize {
-        self.part
-    }
-
-    /// True pose of the first touch.
-    pub fn part_from_first(&self) -> Se2 {
-        self.first
-    }
-
-    /// True pose now.
-    pub fn part_from_sensor(&self) -> Se2 {
-        self.part_from_sensor
-    }
-
-    /// Touches the hole where the sensor is.
-    pub fn touch(&mut self) -> Result<Frame> {
-        self.stream += 1;
-        let mut rng = frame_rng(self.seed, self.stream);
-        Ok(self.simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
-    }
-
-    /// Moves the sensor; returns the motion actually made.
-    pub fn go(&mut self, action: &Action) -> Se2 {
-        self.part_from_sensor = self.part_from_sensor * action.sensor_from_next;
-        action.sensor_from_next
-    }
-
-    /// The motions that the reach allows from here: to the recorded poses, or off the grid those of the
-    /// scene's reach, seen from the first touch.
-    pub fn reach(&self, recorded: &PoseGrid, poses: Poses) -> Vec<Se2> {
-        let grid = match poses {
-            Poses::OnGrid => *recorded,
-            Poses::OffGrid => self.simulator.scene().reach.unwrap_or(*recorded),
-        };
-        let sensor_from_part = self.part_from_sensor.inverse();
-        let origin = match poses {
-            Poses::OnGrid => Se2::IDENTITY,
-            Poses::OffGrid => self.first,
-        };
-        (0..grid.len()).map(|cell| sensor_from_part * origin * grid.pose(cell)).collect()
     }
 }
 
@@ -241,7 +132,7 @@ pub struct StageTimes {
     pub encode: f64,
     /// Query to posterior.
     pub update: f64,
-    /// Posterior to the next action; nought after the last touch.
+    /// Posterior to the next action; zero after the last touch.
     pub select: f64,
 }
 
@@ -259,39 +150,45 @@ pub struct Outcome {
 /// Who watches an episode: called after each touch with what was touched, seen and believed.
 pub type Watch<'w> = &'w mut dyn FnMut(&Hole<'_>, &Frame, &Episode, &Estimate);
 
-/// Runs all episodes of one configuration, in parallel; outcomes in order of the episodes.
-pub fn run(
-    simulator: &Simulator,
-    sensor: &Sensor,
-    bank: &Arc<Bank>,
-    config: &EpisodeConfig,
-    protocol: &Protocol,
-    progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<Vec<Outcome>> {
-    protocol.validate(simulator, bank)?;
-    let banks = Banks::new(bank, protocol);
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    let episodes = protocol.episodes.clone();
-    episodes
-        .into_par_iter()
-        .map(|index| {
-            let outcome = run_one(simulator, sensor, &banks, config, protocol, index, &mut |_, _, _, _| ());
-            progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, protocol.episodes.len());
-            outcome
-        })
-        .collect()
+/// One configuration on one scene.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    /// The scene with its simulated sensor.
+    pub simulator: &'a Simulator,
+    /// The sensor, as the filter knows it.
+    pub sensor: &'a Sensor,
+    /// The pegs.
+    pub bank: &'a Arc<Bank>,
+    /// How the filter infers and chooses.
+    pub config: &'a EpisodeConfig,
+    /// The episodes.
+    pub protocol: &'a Protocol,
+}
+
+/// Runs all episodes of one configuration, in parallel; outcomes in order of the episodes. `progress` is called with
+/// the episodes done and all of them.
+///
+/// # Errors
+/// A protocol that does not fit scene and bank, a touch that cannot be made or seen.
+pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Vec<Outcome>> {
+    let protocol = run.protocol;
+    protocol.validate(run.simulator, run.bank)?;
+    let banks = Banks::new(run.bank, protocol);
+    let done = AtomicUsize::new(0);
+    let one = |index| {
+        let outcome = run_one(run, &banks, index, &mut |_, _, _, _| ());
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1, protocol.episodes.len());
+        outcome
+    };
+    protocol.episodes.clone().into_par_iter().map(one).collect()
 }
 
 /// Runs one episode of a protocol. The same index gives the same hole, poses and frames, whichever others run.
-pub fn run_one(
-    simulator: &Simulator,
-    sensor: &Sensor,
-    banks: &Banks,
-    config: &EpisodeConfig,
-    protocol: &Protocol,
-    index: usize,
-    watch: Watch<'_>,
-) -> Result<Outcome> {
+///
+/// # Errors
+/// A touch that cannot be made or seen.
+pub fn run_one(run: &Run<'_>, banks: &Banks, index: usize, watch: Watch<'_>) -> Result<Outcome> {
+    let Run { simulator, sensor, config, protocol, .. } = *run;
     let seed = protocol.seeds[index % protocol.seeds.len()];
     let mut hole = Hole::new(simulator, banks.whole.grid(), protocol.poses, seed, index);
     let bank = banks.of(&hole)?;
@@ -365,7 +262,7 @@ pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Scored {
 fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>) -> Scored {
     let truth = hole.part_from_first();
     let half_turn = Se2::new(0.0, 0.0, std::f64::consts::PI);
-    let twins = [Some(truth), hole.symmetric.then_some(half_turn * truth)];
+    let twins = [Some(truth), hole.is_symmetric().then_some(half_turn * truth)];
     let off = |pose: Se2| {
         let turned = wrap_angle(pose.theta_rad - part_from_first.theta_rad).to_degrees().abs();
         (pose.distance_mm(&part_from_first), turned)

@@ -5,16 +5,18 @@
 
 pub mod assembly;
 pub mod baselines;
+pub mod episodes;
 pub mod error;
 pub mod evaluate;
 pub mod extremes;
 pub mod fits;
-pub mod gathered;
+pub mod hole;
+pub mod narrative;
+pub mod page;
 pub mod replay;
 pub mod report;
 pub mod reproduction;
 pub mod result;
-pub mod story;
 pub mod summary;
 pub mod sweep;
 

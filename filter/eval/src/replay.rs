@@ -79,7 +79,7 @@ pub fn episodes(dataset: &Dataset) -> Result<Vec<Vec<Played>>> {
     Ok(episodes)
 }
 
-/// The motion from one touch to the next, where the recording tells it.
+/// The motion from one touch to the next, where the recording has it.
 fn motion(before: &Touch, now: &Touch) -> Option<Se2> {
     if now.moved.is_some() {
         return now.moved;

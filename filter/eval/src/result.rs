@@ -13,7 +13,7 @@ pub struct Evaluation {
     pub schema: String,
     /// Name of the scene.
     pub scene: String,
-    /// Parts that the filter told apart.
+    /// Parts that the filter chose from.
     pub n_classes: usize,
     /// Episodes behind each row, over all seeds.
     pub n_episodes: usize,
@@ -52,7 +52,7 @@ pub struct Evaluation {
     /// What the settings promised, where they were chosen for a budget.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub promise: Option<Promise>,
-    /// Checksum of what each episode came to, without the times: the same however the work was shared out.
+    /// Checksum of what each episode came to, without the times: the same however the work was divided.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksum: Option<String>,
 }
@@ -133,7 +133,7 @@ pub enum Choice {
     None,
 }
 
-/// Where the true poses lay.
+/// Where the true poses were.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Poses {
@@ -152,7 +152,7 @@ pub struct Row {
     pub inference: Inference,
     /// How touches were chosen.
     pub action: Choice,
-    /// Where the true poses lay.
+    /// Where the true poses were.
     pub poses: Poses,
     /// Touches so far, the first included.
     pub n_touches: usize,

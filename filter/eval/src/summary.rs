@@ -17,7 +17,7 @@ pub struct Label {
     pub inference: Inference,
     /// How touches were chosen.
     pub action: Choice,
-    /// Where the true poses lay.
+    /// Where the true poses were.
     pub poses: Poses,
 }
 
@@ -165,7 +165,7 @@ pub fn latency(outcomes: &[Outcome]) -> Latency {
     }
 }
 
-/// Wilson's 95 % interval of a share (Wilson 1927): right at shares near nought and one.
+/// Wilson's 95 % interval of a share (Wilson 1927): right at shares near zero and one.
 pub fn wilson_95(n_right: usize, n: usize) -> [f64; 2] {
     if n == 0 {
         return [0.0, 1.0];
@@ -176,7 +176,7 @@ pub fn wilson_95(n_right: usize, n: usize) -> [f64; 2] {
     [centre - half, centre + half].map(|bound| (bound / (1.0 + z * z / n)).clamp(0.0, 1.0))
 }
 
-/// The value below which a share of the values lies: the nearest rank. Nought for no values.
+/// The value below which a share of the values lies: the nearest rank. Zero for no values.
 pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let rank = (share * values.len() as f64).ceil() as usize;
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_told_with_what_it_is_mistaken_for() {
+    fn a_part_comes_with_what_it_is_mistaken_for() {
         let names = ["A", "B", "C"].map(String::from);
         let outcome = |part, named: usize, xy_mm| {
             let last = Scored { named, right: part == named, xy_mm, ..Scored::default() };

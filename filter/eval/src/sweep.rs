@@ -12,7 +12,7 @@ use tactile_infer::Model;
 use tactile_infer::precision::Precision;
 
 use crate::error::{Error, Result};
-use crate::evaluate::{Banks, Protocol, run, run_one};
+use crate::evaluate::{Banks, Protocol, Run, run_all, run_one};
 use crate::result::{Choice, Inference, Method, Poses, Row};
 use crate::summary::{Label, quantile, rows};
 use tactile_filter::action::ActionRule;
@@ -55,6 +55,9 @@ pub struct Planned {
 
 /// The settings of a sweep over some models, the first of which is turned at every knob: from a lean and the default
 /// setting each knob alone, a rich one, and the leanest there are. None twice.
+///
+/// # Errors
+/// No model.
 pub fn plan(models: &[Arc<Model>]) -> Result<Vec<Planned>> {
     let Some(first) = models.first() else {
         return Err(Error::invalid("--model", "at least one model", "none"));
@@ -63,73 +66,74 @@ pub fn plan(models: &[Arc<Model>]) -> Result<Vec<Planned>> {
         let default = Settings::of(model, &PoseGrid::SMALL);
         Settings { xy_step_mm, theta_step_deg, ..default }
     };
-    let with_effort = |base: &Settings, (n_draws, n_suppositions, n_finalists): (usize, usize, Option<usize>)| {
-        Settings { n_draws, n_suppositions, n_finalists, ..base.clone() }
-    };
     let default = of(first, [2.0, 15.0]);
-    let lean = Settings { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), (16, 4, Some(4))) };
-    let rich = with_effort(&of(first, [2.0, 10.0]), (320, 48, Some(48)));
-    let particles = |n_particles| {
-        EngineConfig::Particle(ParticleConfig { n_particles, adaptive: false, ..ParticleConfig::default() })
-    };
+    let lean = Settings { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), EFFORTS[1]) };
+    let of_first = [turned(&default), turned(&lean), rich(&default), engines(&default), least(&default)].concat();
+    let of_others = models.iter().enumerate().skip(1).flat_map(|(index, model)| {
+        let Settings { model, model_sha256, .. } = of(model, [2.0, 15.0]);
+        [&default, &lean]
+            .map(|base| (index, Settings { model: model.clone(), model_sha256: model_sha256.clone(), ..base.clone() }))
+    });
     let mut planned = Vec::new();
-    let mut add = |model: usize, settings: Settings| {
+    for (model, settings) in of_first.into_iter().map(|settings| (0, settings)).chain(of_others) {
         let new = Planned { model, settings };
         if !planned.contains(&new) {
             planned.push(new);
         }
-    };
-    for base in [&default, &lean] {
-        add(0, base.clone());
-        for [xy_step_mm, theta_step_deg] in STEPS {
-            add(0, Settings { xy_step_mm, theta_step_deg, ..base.clone() });
-        }
-        for rows in [Precision::F16, Precision::I8] {
-            add(0, Settings { rows, ..base.clone() });
-        }
-        for subdivisions in [1, 2, 3] {
-            add(0, Settings { subdivisions, ..base.clone() });
-        }
-        for rule in [ActionRule::Random, ActionRule::Paper] {
-            add(0, Settings { rule, ..base.clone() });
-        }
-        for effort in EFFORTS {
-            add(0, with_effort(base, effort));
-        }
-    }
-    // A rich setting takes ten times as long to measure: it is turned down only.
-    for rich in [
-        rich.clone(),
-        Settings { xy_step_mm: 2.0, theta_step_deg: 15.0, ..rich.clone() },
-        Settings { subdivisions: 1, ..rich.clone() },
-        Settings { subdivisions: 3, ..rich.clone() },
-        with_effort(&rich, (160, 24, Some(24))),
-    ] {
-        add(0, rich);
-    }
-    for engine in
-        [particles(100), particles(1_000), particles(10_000), EngineConfig::Particle(ParticleConfig::default())]
-    {
-        add(0, Settings { engine, ..default.clone() });
-    }
-    // Lean where it costs little of what a fine bank knows.
-    for effort in [EFFORTS[1], EFFORTS[2], EFFORTS[4]] {
-        add(0, Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(&default, effort) });
-    }
-    // The least of everything: what can be had at once.
-    let least =
-        Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(&of(first, [4.0, 30.0]), (8, 2, Some(2))) };
-    add(0, Settings { rule: ActionRule::Random, ..least.clone() });
-    add(0, Settings { engine: particles(100), rule: ActionRule::Random, ..least.clone() });
-    add(0, least.clone());
-    add(0, Settings { rows: Precision::F32, ..least });
-    for (index, model) in models.iter().enumerate().skip(1) {
-        for base in [&default, &lean] {
-            let Settings { model, model_sha256, .. } = of(model, [2.0, 15.0]);
-            add(index, Settings { model, model_sha256, ..base.clone() });
-        }
     }
     Ok(planned)
+}
+
+fn with_effort(base: &Settings, (n_draws, n_suppositions, n_finalists): (usize, usize, Option<usize>)) -> Settings {
+    Settings { n_draws, n_suppositions, n_finalists, ..base.clone() }
+}
+
+/// A setting and each knob of it turned alone.
+fn turned(base: &Settings) -> Vec<Settings> {
+    let new = || base.clone();
+    let mut all = vec![new()];
+    all.extend(STEPS.map(|[xy_step_mm, theta_step_deg]| Settings { xy_step_mm, theta_step_deg, ..new() }));
+    all.extend([Precision::F16, Precision::I8].map(|rows| Settings { rows, ..new() }));
+    all.extend([1, 2, 3].map(|subdivisions| Settings { subdivisions, ..new() }));
+    all.extend([ActionRule::Random, ActionRule::Paper].map(|rule| Settings { rule, ..new() }));
+    all.extend(EFFORTS.map(|effort| with_effort(base, effort)));
+    all
+}
+
+/// A rich setting takes ten times as long to measure: it is turned down only.
+fn rich(default: &Settings) -> Vec<Settings> {
+    let rich = Settings { theta_step_deg: 10.0, ..with_effort(default, EFFORTS[5]) };
+    vec![
+        rich.clone(),
+        Settings { theta_step_deg: 15.0, ..rich.clone() },
+        Settings { subdivisions: 1, ..rich.clone() },
+        Settings { subdivisions: 3, ..rich.clone() },
+        with_effort(&rich, EFFORTS[4]),
+    ]
+}
+
+fn particles(n_particles: usize) -> EngineConfig {
+    EngineConfig::Particle(ParticleConfig { n_particles, adaptive: false, ..ParticleConfig::default() })
+}
+
+/// The default with particles, and lean where it costs little of what a fine bank knows.
+fn engines(default: &Settings) -> Vec<Settings> {
+    let all = [particles(100), particles(1_000), particles(10_000), EngineConfig::Particle(ParticleConfig::default())];
+    let all = all.map(|engine| Settings { engine, ..default.clone() });
+    let lean = |effort| Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(default, effort) };
+    all.into_iter().chain([EFFORTS[1], EFFORTS[2], EFFORTS[4]].map(lean)).collect()
+}
+
+/// The least of everything: what can be had at once.
+fn least(default: &Settings) -> Vec<Settings> {
+    let least = with_effort(default, EFFORTS[0]);
+    let least = Settings { xy_step_mm: 4.0, theta_step_deg: 30.0, rows: Precision::I8, subdivisions: 1, ..least };
+    vec![
+        Settings { rule: ActionRule::Random, ..least.clone() },
+        Settings { engine: particles(100), rule: ActionRule::Random, ..least.clone() },
+        least.clone(),
+        Settings { rows: Precision::F32, ..least },
+    ]
 }
 
 /// What a setting is measured on.
@@ -152,7 +156,8 @@ pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
     let sensor = Sensor::new(Arc::clone(model), no_contact)?;
     let config = settings.applied_to(&EpisodeConfig::of(model));
-    let outcomes = run(simulator, &sensor, &bank, &config, protocol, &|_, _| ())?;
+    let run = Run { simulator, sensor: &sensor, bank: &bank, config: &config, protocol };
+    let outcomes = run_all(&run, &|_, _| ())?;
     let label =
         Label { method: Method::Filter, inference: Inference::None, action: Choice::None, poses: protocol.poses };
     let reach = match protocol.poses {
@@ -163,7 +168,7 @@ pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
         let banks = Banks::new(&bank, protocol);
         let mut decisions = Vec::new();
         for index in 0..TIMED.min(protocol.n_episodes) {
-            let outcome = run_one(simulator, &sensor, &banks, &config, protocol, index, &mut |_, _, _, _| ())?;
+            let outcome = run_one(&run, &banks, index, &mut |_, _, _, _| ())?;
             // After the last touch nothing is chosen.
             let whole = outcome.times.iter().filter(|times| times.select > 0.0);
             decisions.extend(whole.map(|times| times.encode + times.update + times.select));
@@ -193,7 +198,7 @@ pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
     reached.map(point).collect()
 }
 
-/// Runs some work with one thread for whatever it shares out.
+/// Runs some work with one thread for all that it divides.
 fn on_one_core<T: Send>(work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     pool.map_err(|e| Error::invalid("threads", "one", e.to_string()))?.install(work)

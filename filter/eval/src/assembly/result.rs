@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 
-use super::super::result::{ModelRecord, Quantiles};
-use super::super::summary::{quantile, wilson_95};
-use super::{Attempt, Task};
 use tactile_filter::StopReason;
+
+use super::attempt::{Attempt, STOPS, Task};
+use crate::result::{ModelRecord, Quantiles};
+use crate::summary::{quantile, wilson_95};
 
 /// The value of [`Assembly::schema`].
 pub const SCHEMA: &str = "tactile-filter/assembly/1";
@@ -68,14 +69,14 @@ pub struct Share {
     pub n: usize,
     /// Of how many.
     pub of: usize,
-    /// `n / of`, 0..=1; nought of none.
+    /// `n / of`, 0..=1; zero of none.
     pub share: f64,
     /// Bounds of its 95 % interval (Wilson's).
     pub ci95: [f64; 2],
 }
 
-/// How some of the holes fared. Errors are of the pegs of the right part, where they were brought: grasp errors
-/// included, those that did not go in too; nought where there are none.
+/// What happened at some of the holes. Errors are of the pegs of the right part, where they were brought: grasp errors
+/// included, those that did not go in too; zero where there are none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Group {
     /// What they have in common: a part, a reason, a number.
@@ -174,19 +175,6 @@ impl Assembly {
     }
 }
 
-/// Why the touching ended, in words.
-const STOPS: [(StopReason, &str); 4] = [
-    (StopReason::Confident, "confident"),
-    (StopReason::NoneOfThese, "none of these"),
-    (StopReason::TouchLimit, "touch limit"),
-    (StopReason::NothingToLearn, "nothing to learn"),
-];
-
-/// Why the touching ended, in words.
-pub(super) fn stop_name(stop: StopReason) -> &'static str {
-    STOPS.iter().find(|(known, _)| *known == stop).map_or("", |(_, name)| name)
-}
-
 impl Share {
     /// `n` of `of`, with its interval.
     pub fn new(n: usize, of: usize) -> Self {
@@ -240,13 +228,13 @@ fn failure(trial: usize, hole: usize, attempt: &Attempt, parts: &[String]) -> Fa
     }
 }
 
-/// Nought of none.
+/// Zero of none.
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
 
     fn attempt(part: usize, named: usize, went_in: bool, n_touches: usize) -> Attempt {
@@ -267,7 +255,7 @@ pub(super) mod tests {
     }
 
     /// Four trials with two holes: all in, a wrong place, a wrong part that goes in and leaves the other out.
-    pub fn made() -> Assembly {
+    pub(crate) fn example() -> Assembly {
         let trials = [
             vec![attempt(0, 0, true, 3), Attempt { n_pegs: 1, ..attempt(1, 1, true, 4) }],
             vec![attempt(0, 0, false, 10), attempt(1, 1, true, 3)],
@@ -288,7 +276,7 @@ pub(super) mod tests {
 
     #[test]
     fn every_hole_is_counted_where_it_belongs() {
-        let made = made();
+        let made = example();
         assert_eq!(made.all_inserted, Share { n: 2, of: 4, share: 0.5, ci95: wilson_95(2, 4) });
         assert_eq!((made.holes.inserted.n, made.holes.inserted.of), (5, 8));
         // 2, 3, 3, 3, 3, 4, 5, 10.
@@ -306,8 +294,8 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn each_failure_is_told_with_its_trial_and_hole() {
-        let failures = made().failures;
+    fn each_failure_comes_with_its_trial_and_hole() {
+        let failures = example().failures;
         let of = |f: &Failure| (f.trial, f.hole, f.part.clone(), f.named.clone(), f.went_in);
         let (m, l) = ("M".to_owned(), "L<".to_owned());
         let expected = [(2, 1, m.clone(), m.clone(), false), (3, 1, l.clone(), m.clone(), true), (3, 2, m, l, false)];
@@ -316,8 +304,8 @@ pub(super) mod tests {
 
     #[test]
     fn it_comes_back_from_json() {
-        let json = serde_json::to_string(&made()).unwrap();
+        let json = serde_json::to_string(&example()).unwrap();
         assert!(json.starts_with(r#"{"schema":"tactile-filter/assembly/1","scene":"two <letters>""#));
-        assert_eq!(serde_json::from_str::<Assembly>(&json).unwrap(), made());
+        assert_eq!(serde_json::from_str::<Assembly>(&json).unwrap(), example());
     }
 }

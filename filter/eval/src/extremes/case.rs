@@ -14,7 +14,7 @@ pub enum Group {
     Particles,
     /// Parts in the bank.
     Classes,
-    /// Similarities that say nothing or are not numbers.
+    /// Similarities that carry no information or are not numbers.
     Similarity,
     /// Motions one after the other.
     Chain,

@@ -1,8 +1,7 @@
-//! How far the filter's arithmetic can be trusted at its extremes: each case beside an f64 reference.
+//! How far the filter's arithmetic can be trusted at its extremes: each case next to an f64 reference.
 
 mod case;
 mod cases;
-mod half;
 mod page;
 mod plot;
 mod reference;
@@ -42,7 +41,7 @@ impl Extremes {
     }
 }
 
-/// Computes every case. `progress` is told each group that begins.
+/// Computes every case. `progress` is called with each group that begins.
 ///
 /// `quick`: 10,000 particles, 1,000 parts and 1,000 chained actions at most, and a tenth of the timings.
 ///

@@ -82,7 +82,7 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
 
 /// The probability of each state's log, `[n_states]`, normalised: of every part at every pose of the first touch.
 ///
-/// Views are looked up by the nearest recorded pose. Equal parts of a full turn's grid that meet at half a turn
+/// The view at a pose is that of the nearest recorded one. Equal parts of a full turn's grid that meet at half a turn
 /// must be recorded alike.
 pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], config: &LikelihoodConfig) -> Vec<f64> {
     let recorded = poses(grid);
@@ -119,7 +119,7 @@ pub fn normalise(logs: &mut [f64]) {
     logs.iter_mut().for_each(|log| *log -= largest + sum.ln());
 }
 
-/// The log-likelihood at each row: agreement about blankness, and among edged views the look beside its mean.
+/// The log-likelihood at each row: agreement about blankness, and among edged views the match relative to its mean.
 fn log_rows(edge_shares: &[f32], touch: &Touch, config: &LikelihoodConfig) -> Vec<f64> {
     let is_blank = |share: f32| share < config.blank_share;
     let best = (0..edge_shares.len())
@@ -127,14 +127,14 @@ fn log_rows(edge_shares: &[f32], touch: &Touch, config: &LikelihoodConfig) -> Ve
         .map(|row| touch.cosines[row])
         .fold(-1.0, f64::max);
     let floor = config.outlier_floor.ln();
-    let log_look = |row: usize| log_sum((touch.cosines[row] - best) / config.temperature, floor);
+    let log_match = |row: usize| log_sum((touch.cosines[row] - best) / config.temperature, floor);
     let edged: Vec<usize> = (0..edge_shares.len()).filter(|row| !is_blank(edge_shares[*row])).collect();
-    // No look is above 1 + floor: its plain mean is safe.
-    let log_mean = (edged.iter().map(|row| log_look(*row).exp()).sum::<f64>() / edged.len() as f64).ln();
+    // No match is above 1 + floor: its plain mean is safe.
+    let log_mean = (edged.iter().map(|row| log_match(*row).exp()).sum::<f64>() / edged.len() as f64).ln();
     let agreement = config.blank_agreement;
     (0..edge_shares.len())
         .map(|row| match (is_blank(edge_shares[row]), is_blank(touch.edge_share)) {
-            (false, false) => agreement.ln() + log_look(row) - log_mean,
+            (false, false) => agreement.ln() + log_match(row) - log_mean,
             (true, true) => agreement.ln(),
             _ => (1.0 - agreement).ln(),
         })
@@ -173,7 +173,12 @@ fn nearest(grid: &PoseGrid, recorded: &[Pose], pose: &Pose, tolerance: f64) -> O
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::Sample;
     use super::*;
+    use tactile_filter::Observation;
+    use tactile_filter::belief::{Belief, EngineConfig};
+    use tactile_filter::interpolation::Interpolation;
+    use tactile_filter::likelihood::TouchLikelihood;
 
     const ONE_POSE: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
 
@@ -194,6 +199,159 @@ mod tests {
             let expected = grid.pose(cell);
             assert!((pose.x - expected.x_mm).abs() + (pose.y - expected.y_mm).abs() < 1e-12);
             assert!(pose.turned_deg(&Pose::of(&expected)) < 1e-9);
+        }
+    }
+
+    /// Fine enough for views to be interpolated between its poses.
+    const FINE: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
+
+    /// Where a value is among the recorded ones of an axis.
+    struct Place {
+        /// How much each recorded value counts, `[n]`.
+        weights: Vec<f64>,
+        nearest: usize,
+        /// Steps outside the recorded range.
+        outside: f64,
+    }
+
+    /// Catmull and Rom's spline from its definition: Hermite's cubic between two points, whose slopes are half the
+    /// difference of their neighbours; beyond a border the parabola through the last three points goes on.
+    fn spline(value: f64, half: f64, step: f64) -> Place {
+        let n = (2.0 * half / step).round() as usize + 1;
+        let place = (value + half) / step;
+        let inside = place.clamp(0.0, (n - 1) as f64);
+        let low = (inside.floor() as usize).min(n - 2);
+        let t = inside - low as f64;
+        let weight = |of: usize| {
+            let at = |index: usize| f64::from(u8::from(index == of));
+            let before = if low == 0 { 3.0 * at(0) - 3.0 * at(1) + at(2) } else { at(low - 1) };
+            let after = if low + 2 == n { 3.0 * at(n - 1) - 3.0 * at(n - 2) + at(n - 3) } else { at(low + 2) };
+            let (from, to) = (at(low), at(low + 1));
+            let (from_slope, to_slope) = ((to - before) / 2.0, (after - from) / 2.0);
+            (2.0 * t.powi(3) - 3.0 * t * t + 1.0) * from
+                + (t.powi(3) - 2.0 * t * t + t) * from_slope
+                + (3.0 * t * t - 2.0 * t.powi(3)) * to
+                + (t.powi(3) - t * t) * to_slope
+        };
+        Place {
+            weights: (0..n).map(weight).collect(),
+            nearest: (inside + 0.5).floor() as usize,
+            outside: place - inside,
+        }
+    }
+
+    /// The embedding at a pose, from weights of the recorded ones of one part along x, y and theta.
+    fn embedding(rows: &[f32], dim: usize, [x, y, theta]: [&[f64]; 3]) -> Vec<f64> {
+        let mut sum = vec![0.0; dim];
+        for (cell, row) in rows.chunks_exact(dim).enumerate() {
+            let (place, k) = (cell / theta.len(), cell % theta.len());
+            let weight = x[place / y.len()] * y[place % y.len()] * theta[k];
+            sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * f64::from(*value));
+        }
+        sum
+    }
+
+    fn length(vector: &[f64]) -> f64 {
+        vector.iter().map(|value| value * value).sum::<f64>().sqrt()
+    }
+
+    /// The log-posterior of each state where views are interpolated: the cosine with the interpolated embedding, whose
+    /// length is the product of its lengths along each axis through the nearest recorded pose.
+    fn log_posterior_between(sample: &Sample, states: &PoseGrid, config: &LikelihoodConfig) -> Vec<f64> {
+        let n_views = sample.grid.len();
+        let mut logs = vec![0.0; sample.n_parts * states.len()];
+        let mut first_from_sensor: Vec<Pose> = Vec::new();
+        for (moved, observation) in &sample.touches {
+            let now = first_from_sensor.last().map_or(Pose::of(moved), |before| before.then(&Pose::of(moved)));
+            let weight = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
+            first_from_sensor.push(now);
+            let query: Vec<f64> = observation.query.iter().map(|value| f64::from(*value)).collect();
+            let (edge_share, recorded) = (observation.edge_share, cosines(&sample.rows, &observation.query));
+            let touch = Touch { moved: *moved, edge_share, cosines: recorded };
+            let of_row = log_rows(&sample.edge_shares, &touch, config);
+            let edged = || (0..of_row.len()).filter(|row| sample.edge_shares[*row] >= config.blank_share);
+            let best = edged().map(|row| touch.cosines[row]).fold(-1.0, f64::max);
+            // What a row of the best cosine has, so that log_mean need not be found again.
+            let at_best = edged().map(|row| of_row[row]).fold(f64::NEG_INFINITY, f64::max);
+            let floor = config.outlier_floor.ln();
+            for (cell, first) in poses(states).iter().enumerate() {
+                let pose = first.then(&now);
+                let degrees = pose.turn[1].atan2(pose.turn[0]).to_degrees();
+                let [x, y] = [pose.x, pose.y].map(|mm| spline(mm, sample.grid.xy_half_mm, sample.grid.xy_step_mm));
+                let theta = spline(degrees, sample.grid.theta_half_deg, sample.grid.theta_step_deg);
+                let steps = (x.outside.powi(2) + y.outside.powi(2) + theta.outside.powi(2)).sqrt();
+                let trust = if steps > 1.0 { 0.0 } else { (-0.5 * (steps / 0.5).powi(2)).exp() };
+                let row = (x.nearest * y.weights.len() + y.nearest) * theta.weights.len() + theta.nearest;
+                for part in 0..sample.n_parts {
+                    let rows = &sample.rows[part * n_views * sample.dim..][..n_views * sample.dim];
+                    let mut log = of_row[part * n_views + row];
+                    let is_edged = sample.edge_shares[part * n_views + row] >= config.blank_share;
+                    if is_edged && edge_share >= config.blank_share {
+                        let one = |of: &Place| -> Vec<f64> {
+                            (0..of.weights.len()).map(|index| f64::from(u8::from(index == of.nearest))).collect()
+                        };
+                        let of = |weights| embedding(rows, sample.dim, weights);
+                        let (w, ones) = ([&x.weights[..], &y.weights, &theta.weights], [one(&x), one(&y), one(&theta)]);
+                        let along_x = length(&of([w[0], &ones[1], &ones[2]]));
+                        let along_y = length(&of([&ones[0], w[1], &ones[2]]));
+                        let along_theta = length(&of([&ones[0], &ones[1], w[2]]));
+                        let inner: f64 = of(w).iter().zip(&query).map(|(a, b)| a * b).sum();
+                        let cosine = inner / length(&query) / (along_x * along_y * along_theta).max(0.3);
+                        let match_log = |cosine: f64| log_sum((cosine - best) / config.temperature, floor);
+                        log = at_best + match_log(cosine.clamp(-1.0, 1.0)) - match_log(best);
+                    }
+                    let unknown = 0.5_f64.ln();
+                    let mixed =
+                        if trust > 0.0 { log_sum(trust.ln() + log, (1.0 - trust).ln() + unknown) } else { unknown };
+                    logs[part * states.len() + cell] += unknown + weight * (mixed - unknown);
+                }
+            }
+        }
+        normalise(&mut logs);
+        logs
+    }
+
+    /// The largest relative error of the library's probabilities against the reference with another configuration.
+    fn error_between(config: &LikelihoodConfig) -> f64 {
+        let first = Se2::from_degrees(0.7, -1.1, 4.0);
+        let motions = [Se2::from_degrees(1.9, 0.8, -7.0), Se2::from_degrees(-2.3, 1.7, 12.0)];
+        let sample = Sample::along(2, FINE, 32, first, &motions, 5);
+        let bank = sample.bank().unwrap();
+        let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, config).unwrap();
+        // Thirds of a step: no state is as near to one recorded pose as to the next.
+        let mut belief = Belief::new(&bank, EngineConfig::Exact, 3, 1, likelihood(&sample.touches[0].1));
+        sample.touches[1..].iter().for_each(|(moved, touch)| {
+            belief.update(moved, likelihood(touch));
+        });
+        let expected = log_posterior_between(&sample, belief.grid(), config);
+        let mut masses = vec![0.0; expected.len()];
+        for (state, mass) in belief.states() {
+            masses[state.part * belief.grid().len() + state.cell] = mass;
+        }
+        masses.iter().zip(expected).map(|(got, log)| (got / log.exp() - 1.0).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn between_recorded_poses_the_posterior_is_that_of_the_spline() {
+        // A cosine of 32 values is good to 2^-20; the spline's weights, whose sizes sum to 1.5 along an axis at most, make
+        // that 1.5^3 times as much, and the three lengths, of 0.7 and more each, are as uncertain: 16 times 2^-20 in all.
+        // Each of three touches divides twice and takes part in the sum of states.
+        let config =
+            LikelihoodConfig { temperature: 0.1, interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
+        let bound = (4.0 * 3.0 * 16.0 / (1 << 20) as f64 / config.temperature).exp_m1();
+        let error = error_between(&config);
+        assert!(error <= bound, "{error} > {bound}");
+        let nearest = LikelihoodConfig { interpolation: Interpolation::Nearest, ..config };
+        assert!(error_between(&nearest) > 100.0 * bound, "the nearest view is something else");
+    }
+
+    #[test]
+    fn the_spline_goes_through_its_points_and_follows_parabolas() {
+        for at in 0..=40 {
+            let place = 0.1 * f64::from(at) - 2.0;
+            let weights = spline(place, 2.0, 1.0).weights;
+            let value: f64 = weights.iter().enumerate().map(|(k, weight)| weight * (k as f64 - 1.3).powi(2)).sum();
+            assert!((value - (place + 0.7).powi(2)).abs() < 1e-12, "{place}");
         }
     }
 }

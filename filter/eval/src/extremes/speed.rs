@@ -14,7 +14,7 @@ use tactile_filter::belief::{Belief, EngineConfig};
 use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
 use tactile_filter::particle::ParticleConfig;
 
-/// So warm that the belief, and with it the particles, lie on hundreds of states, as after a robot's first touch.
+/// So warm that the belief, and with it the particles, are on hundreds of states, as after a robot's first touch.
 const WARM: f64 = 0.12;
 
 /// Times of one thing done again and again.

@@ -1,6 +1,6 @@
 //! The paper's numbers, for comparison: its tables of accuracy and error on a real robot.
 
-use super::super::result::Evaluation;
+use crate::result::Evaluation;
 
 /// What the paper measured on one of its boards.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,7 +65,7 @@ impl PaperNumbers {
         Self { pixel: numbers.first().copied(), rows: numbers.iter().skip(1).copied().collect() }
     }
 
-    /// The numbers beside which an evaluation may stand: those of its scene, where it told as many parts apart as
+    /// The numbers that an evaluation may be compared with: those of its scene, where it chose from as many parts as
     /// the paper and all of them were in the bank; else none.
     pub fn of(evaluation: &Evaluation) -> Self {
         let n_parts = if evaluation.scene == "connectors" { 6 } else { 12 };
@@ -81,8 +81,8 @@ impl PaperNumbers {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::result::tests::published;
     use super::*;
+    use crate::result::tests::published;
 
     #[test]
     fn fewer_parts_or_strangers_have_no_number_of_the_paper() {

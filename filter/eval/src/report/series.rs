@@ -1,7 +1,7 @@
-//! The rows of an evaluation, gathered into curves.
+//! The rows of an evaluation as curves.
 
-use super::super::result::{Choice, Evaluation, Inference, Method, Poses, Row};
-use super::curves::{Line, Marker, Point};
+use crate::page::curves::{Line, Marker, Point};
+use crate::result::{Choice, Evaluation, Inference, Method, Poses, Row, Stops};
 
 /// One way of inferring over its numbers of touches.
 pub struct Series<'a> {
@@ -15,7 +15,7 @@ pub struct Series<'a> {
     pub rows: Vec<&'a Row>,
 }
 
-impl Series<'_> {
+impl<'a> Series<'a> {
     /// Its name in a legend.
     pub fn label(&self) -> String {
         match self.method {
@@ -42,7 +42,7 @@ impl Series<'_> {
     }
 
     /// Its row of one number of touches.
-    pub fn at(&self, n_touches: usize) -> Option<&Row> {
+    pub fn at(&self, n_touches: usize) -> Option<&'a Row> {
         self.rows.iter().copied().find(|row| row.n_touches == n_touches)
     }
 
@@ -99,8 +99,7 @@ pub fn series(evaluation: &Evaluation, poses: Poses) -> Vec<Series<'_>> {
     .collect()
 }
 
-/// The filter that the evaluation is about: the one its rows name first, for which stopping and latency
-/// are told.
+/// The filter that the evaluation is about: the one that its rows name first, whose stopping and latency it has.
 pub fn leading_filter(evaluation: &Evaluation, poses: Poses) -> Option<Series<'_>> {
     let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter && row.poses == poses)?;
     let is_lead = |series: &Series| {
@@ -109,13 +108,19 @@ pub fn leading_filter(evaluation: &Evaluation, poses: Poses) -> Option<Series<'_
     series(evaluation, poses).into_iter().find(is_lead)
 }
 
+/// What the stopping rule did with the leading filter.
+pub fn leading_stops(evaluation: &Evaluation) -> Option<&Stops> {
+    let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter)?;
+    evaluation.stops.iter().find(|stops| (stops.inference, stops.action) == (lead.inference, lead.action))
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::super::result;
     use super::*;
+    use crate::result;
 
     #[test]
-    fn rows_are_gathered_by_way_and_the_first_leads() {
+    fn rows_are_grouped_by_way_and_the_first_leads() {
         let mut evaluation: Evaluation = serde_json::from_value(result::tests::published()).unwrap();
         let row = evaluation.rows[0].clone();
         let other = |action, n_touches, accuracy| Row { action, n_touches, accuracy, ..row.clone() };

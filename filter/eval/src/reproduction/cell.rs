@@ -1,17 +1,14 @@
-//! A cell of a table: our figure, the paper's beside it, and which is better.
+//! A cell of a table: our figure, the paper's next to it, and which is better.
 
-use super::super::report::series::{Series, leading_filter, series};
-use super::super::report::{PaperNumbers, PaperRow, escape, number, signed};
-use super::super::result::{Choice, Evaluation, Inference, Method, Poses, Row};
+use maud::{Markup, html};
+
+use crate::page::numbers::{interval, number, percent, signed, signed_interval};
+use crate::report::series::{Series, leading_filter, series};
+use crate::report::{PaperNumbers, PaperRow};
+use crate::result::{Choice, Evaluation, Inference, Method, Poses, Row};
 
 /// The numbers of touches after which the paper reports the filter.
 pub const TOUCHES: [usize; 3] = [3, 5, 10];
-
-/// CSS of these tables.
-pub const STYLE: &str = ".beside td { min-width: 94px; } .beside td:first-child { min-width: 132px; }
-.beside td b { font-weight: 650; } .beside .theirs { color: var(--soft); margin-left: 7px; }
-@media (max-width: 640px) { .beside { font-size: .8rem; } .beside th, .beside td { padding: 4px 2px; white-space: normal; }
-.beside td, .beside td:first-child { min-width: 0; } .beside .theirs { display: block; margin: 0; } }";
 
 /// Ours against the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,7 +81,7 @@ impl Tally {
     }
 
     /// In words: `5 of 6 better than the paper, 1 equal, 0 worse`.
-    pub fn told(self) -> String {
+    pub fn in_words(self) -> String {
         format!(
             "{} of {} better than the paper, {} equal, {} worse",
             self.n_better,
@@ -110,8 +107,8 @@ impl Cell {
     pub fn accuracy(ours: Option<&Row>, theirs: Option<f64>) -> Self {
         let bounds = ours.map(|row| row.accuracy_ci95.map(|bound| 100.0 * bound));
         Self {
-            ours: ours.map(|row| number(100.0 * row.accuracy, 1)),
-            interval: bounds.map(|[low, high]| format!("{}–{}", number(low, 1), number(high, 1))),
+            ours: ours.map(|row| percent(row.accuracy)),
+            interval: ours.map(|row| interval(row.accuracy_ci95)),
             theirs: theirs.map(|percent| number(percent, 1)),
             verdict: bounds.zip(theirs).map(|(bounds, theirs)| Verdict::of_interval(bounds, theirs)),
         }
@@ -127,14 +124,16 @@ impl Cell {
         }
     }
 
-    /// A difference in points of a per cent, the higher the better.
+    /// A difference of shares, the higher the better; the paper's in points of a per cent.
     pub fn gain(ours: Option<(f64, [f64; 2])>, theirs: Option<f64>) -> Self {
-        let points = |value| signed(value, 1);
+        let verdict = |((_, bounds), theirs): ((f64, [f64; 2]), f64)| {
+            Verdict::of_interval(bounds.map(|bound| 100.0 * bound), theirs)
+        };
         Self {
-            ours: ours.map(|(value, _)| points(value)),
-            interval: ours.map(|(_, [low, high])| format!("{} to {}", points(low), points(high))),
-            theirs: theirs.map(points),
-            verdict: ours.zip(theirs).map(|((_, bounds), theirs)| Verdict::of_interval(bounds, theirs)),
+            ours: ours.map(|(share, _)| signed(100.0 * share, 1)),
+            interval: ours.map(|(_, ci95)| signed_interval(ci95)),
+            theirs: theirs.map(|points| signed(points, 1)),
+            verdict: ours.zip(theirs).map(verdict),
         }
     }
 
@@ -148,23 +147,20 @@ impl Cell {
         self.ours.is_some()
     }
 
-    /// The cell as HTML: ours in bold, the paper's beside it, below them the interval and the verdict.
-    pub fn html(&self) -> String {
-        let ours = self.ours.as_ref().map_or(String::new(), |ours| format!("<b>{ours}</b>"));
-        let theirs = self.theirs.as_ref().map(|theirs| format!(r#"<span class="theirs">{theirs}</span>"#));
-        let interval = self.interval.as_ref().map(|interval| format!("<small>{interval}</small>"));
-        let verdict = self.verdict.map(Verdict::word_and_class);
-        let verdict = verdict.map(|(word, class)| format!(r#"<small class="{class}">{word}</small>"#));
-        format!(
-            "<td>{ours}{}{}{}</td>",
-            theirs.unwrap_or_default(),
-            interval.unwrap_or_default(),
-            verdict.unwrap_or_default()
-        )
+    /// The cell of a table: ours in bold, the paper's next to it, below them the interval and the verdict.
+    pub fn html(&self) -> Markup {
+        html! {
+            td {
+                @if let Some(ours) = &self.ours { b { (ours) } }
+                @if let Some(theirs) = &self.theirs { span.theirs { (theirs) } }
+                @if let Some(interval) = &self.interval { small { (interval) } }
+                @if let Some((word, class)) = self.verdict.map(Verdict::word_and_class) { small class=(class) { (word) } }
+            }
+        }
     }
 }
 
-/// A row of a table: its label, which is text, and its cells.
+/// A row of a table: its label and its cells.
 pub struct Line {
     /// What it is.
     pub label: String,
@@ -172,49 +168,41 @@ pub struct Line {
     pub cells: Vec<Cell>,
 }
 
-impl Line {
-    fn html(&self) -> String {
-        let cells: String = self.cells.iter().map(Cell::html).collect();
-        format!("<tr><td>{}</td>{cells}</tr>", escape(&self.label))
-    }
-}
-
 /// A table of groups of lines with heads over the columns; lines without a figure of ours are left out.
-pub fn table(heads: &[&str], groups: &[(&str, Vec<Line>)]) -> String {
-    let head: String = heads.iter().map(|head| format!(r#"<th scope="col">{head}</th>"#)).collect();
-    let group = |(title, lines): &(&str, Vec<Line>)| {
-        let lines: String =
-            lines.iter().filter(|line| line.cells.iter().any(Cell::is_measured)).map(Line::html).collect();
-        let span = heads.len() + 1;
-        let title = format!(r#"<tr class="group"><th colspan="{span}">{title}</th></tr>"#);
-        if lines.is_empty() { String::new() } else { title + &lines }
+pub fn table(heads: &[&str], groups: &[(&str, Vec<Line>)]) -> Markup {
+    let shown = |lines: &'_ [Line]| -> Vec<usize> {
+        (0..lines.len()).filter(|at| lines[*at].cells.iter().any(Cell::is_measured)).collect()
     };
-    let body: String = groups.iter().map(group).collect();
-    format!(
-        r#"<div class="scroll"><table class="beside"><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table></div>"#
-    )
+    html! {
+        div.scroll { table.compared {
+            thead { tr { th {} @for head in heads { th scope="col" { (head) } } } }
+            tbody {
+                @for (title, lines) in groups.iter().filter(|(_, lines)| !shown(lines).is_empty()) {
+                    tr.group { th colspan=(heads.len() + 1) { (title) } }
+                    @for line in shown(lines).into_iter().map(|at| &lines[at]) {
+                        tr { td { (line.label) } @for cell in &line.cells { (cell.html()) } }
+                    }
+                }
+            }
+        } }
+    }
 }
 
 /// The rows of an evaluation in the paper's columns: Pixel, MoCo, then the filter at [`TOUCHES`].
 pub fn columns(evaluation: &Evaluation, poses: Poses) -> [Option<&Row>; 5] {
     let of = |method| evaluation.rows.iter().find(|row| row.method == method && row.poses == poses);
     let lead = leading_filter(evaluation, poses);
-    let at = |n| row_of(lead.as_ref()?, n);
+    let at = |n| lead.as_ref()?.at(n);
     let [three, five, ten] = TOUCHES.map(at);
     [of(Method::Pixel), of(Method::Moco), three, five, ten]
 }
 
-/// Particles with the paper's rule in the same columns, where they ran beside another way.
+/// Particles with the paper's rule in the same columns, where they ran as well as another way.
 pub fn particle_columns(evaluation: &Evaluation, poses: Poses) -> Option<[Option<&Row>; 5]> {
     let is_it = |of: &Series<'_>| (of.inference, of.action) == (Inference::Particle, Choice::Paper);
     let particles = series(evaluation, poses).into_iter().find(is_it)?;
-    let [three, five, ten] = TOUCHES.map(|n| row_of(&particles, n));
+    let [three, five, ten] = TOUCHES.map(|n| particles.at(n));
     Some([None, None, three, five, ten])
-}
-
-/// The row of one number of touches, with the evaluation's own life.
-pub fn row_of<'a>(series: &Series<'a>, n_touches: usize) -> Option<&'a Row> {
-    series.rows.iter().copied().find(|row| row.n_touches == n_touches)
 }
 
 /// The paper's numbers in the same columns.
@@ -225,8 +213,9 @@ pub fn papers(paper: &PaperNumbers) -> [Option<PaperRow>; 5] {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::super::result::tests::published;
     use super::*;
+    use crate::result::tests::published;
+    use crate::summary::wilson_95;
 
     /// An evaluation on the grid: MoCo and the filter with these shares of 500 right.
     pub fn evaluation(scene: &str, moco: f64, filter: &[(usize, f64)]) -> Evaluation {
@@ -236,7 +225,7 @@ pub(super) mod tests {
             method,
             n_touches,
             accuracy,
-            accuracy_ci95: super::super::super::summary::wilson_95((500.0 * accuracy).round() as usize, 500),
+            accuracy_ci95: wilson_95((500.0 * accuracy).round() as usize, 500),
             ..template.clone()
         };
         made.scene = scene.into();
@@ -252,7 +241,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn errors_are_held_against_each_other_at_the_papers_decimal() {
+    fn errors_are_compared_at_the_papers_decimal() {
         let verdicts = [0.0, 0.04, 0.06, 0.14, 0.16].map(|ours| Verdict::of_error(ours, 0.1));
         use Verdict::{Better, Equal, Worse};
         assert_eq!(verdicts, [Better, Better, Equal, Equal, Worse]);
@@ -263,11 +252,11 @@ pub(super) mod tests {
         let made = evaluation("alphabet-small", 0.5, &[(3, 0.9)]);
         let [pixel, moco, three, five, _] = columns(&made, Poses::OnGrid);
         assert!(pixel.is_none() && five.is_none() && moco.is_some());
-        let html = Cell::accuracy(three, Some(81.8)).html();
+        let html = Cell::accuracy(three, Some(81.8)).html().0;
         // Wilson, 450 of 500: 87.1 to 92.3.
         let expected = r#"<td><b>90.0</b><span class="theirs">81.8</span><small>87.1–92.3</small><small class="right">better</small></td>"#;
         assert_eq!(html, expected);
-        assert_eq!(Cell::accuracy(five, Some(1.0)).html(), r#"<td><span class="theirs">1.0</span></td>"#);
+        assert_eq!(Cell::accuracy(five, Some(1.0)).html().0, r#"<td><span class="theirs">1.0</span></td>"#);
     }
 
     #[test]
@@ -275,6 +264,6 @@ pub(super) mod tests {
         let cell = |ours| Cell::error(Some(ours), None, Some(0.1));
         let tally = Tally::of(&[cell(0.0), cell(0.1), cell(0.5), cell(0.0), cell(0.0).unjudged()]);
         assert_eq!(tally, Tally { n_better: 2, n_equal: 1, n_worse: 1 });
-        assert_eq!(tally.told(), "2 of 4 better than the paper, 1 equal, 1 worse");
+        assert_eq!(tally.in_words(), "2 of 4 better than the paper, 1 equal, 1 worse");
     }
 }

@@ -8,11 +8,12 @@ use std::path::{Component, Path, PathBuf};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::super::assembly::Assembly;
-use super::super::report::escape;
-use super::super::result::{Evaluation, SCHEMA};
-use crate::error::{Error, Result};
+use maud::{Markup, html};
 use tactile_filter::budget::Tradeoff;
+
+use crate::assembly::Assembly;
+use crate::error::{Error, Result};
+use crate::result::{Evaluation, SCHEMA};
 
 /// The folders of evaluations, in the order of the page; those of robustness follow by name.
 const EVALUATIONS: [&str; 13] = [
@@ -103,17 +104,19 @@ impl Reproduction {
         self.evaluations.iter().find(|(of, _)| of == name).map(|(_, evaluation)| evaluation)
     }
 
-    /// `text` as HTML, a link to a page of the folder where it is there; `place` is a place in it, or nothing.
-    pub(super) fn link(&self, page: &str, place: &str, text: &str) -> String {
-        if !self.pages.contains(page) {
-            return escape(text);
+    /// `text`, a link to a page of the folder where it is there; `place` is a place in it, or nothing.
+    pub(super) fn link(&self, page: &str, place: &str, text: &str) -> Markup {
+        html! {
+            @if self.pages.contains(page) {
+                a href={ (self.way) (encode(page)) @if !place.is_empty() { "#" (place) } } { (text) }
+            } @else {
+                (text)
+            }
         }
-        let place = if place.is_empty() { String::new() } else { format!("#{place}") };
-        format!(r#"<a href="{}{}{place}">{}</a>"#, self.way, encode(page), escape(text))
     }
 
     /// A link to the report of an evaluation.
-    pub(super) fn report(&self, name: &str, text: &str) -> String {
+    pub(super) fn report(&self, name: &str, text: &str) -> Markup {
         self.link(&format!("{name}/report.html"), "", text)
     }
 
@@ -122,11 +125,6 @@ impl Reproduction {
             self.pages.insert(page.into());
         }
     }
-}
-
-/// What stands where a result is missing; `name` is its folder.
-pub(super) fn not_run(name: &str) -> String {
-    format!(r#"<p class="note">Not run: <code>{}/</code> is not there.</p>"#, escape(name))
 }
 
 /// The names of the robustness rows' folders, sorted.
@@ -180,8 +178,8 @@ fn encode(path: &str) -> String {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::super::result::tests::published;
     use super::*;
+    use crate::result::tests::published;
     use serde_json::{Value, json};
 
     /// Writes a result into a folder.
@@ -211,11 +209,11 @@ pub(super) mod tests {
         let names: Vec<_> = found.evaluations.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["small", "robust-a #1", "robust-b"]);
         assert_eq!(found.steps["s"], Step { command: "c".into(), finished: true, seconds: 2.5, peak_mib: None });
-        assert_eq!(found.report("robust-a #1", "<a>"), r#"<a href="robust-a%20%231/report.html">&lt;a&gt;</a>"#);
-        assert_eq!(found.report("small", "small"), "small", "no page, no link");
+        assert_eq!(found.report("robust-a #1", "<a>").0, r#"<a href="robust-a%20%231/report.html">&lt;a&gt;</a>"#);
+        assert_eq!(found.report("small", "small").0, "small", "no page, no link");
         let elsewhere = folder.path().join("robust-b/page.html");
         let found = Reproduction::load(folder.path(), &elsewhere).unwrap();
-        assert!(found.report("robust-a #1", "a").contains(r#"href="../robust-a%20"#));
+        assert!(found.report("robust-a #1", "a").0.contains(r#"href="../robust-a%20"#));
     }
 
     #[test]

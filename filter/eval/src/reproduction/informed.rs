@@ -1,15 +1,14 @@
 //! Informed touches against random ones, on the same holes.
 
-use super::super::report::comparison::{clearly, range};
-use super::super::report::curves::{Line, Marker, Point, chart, legend_mark};
-use super::super::report::table::sortable;
-use super::super::report::{escape, signed};
-use super::super::result::{Choice, Comparison, Evaluation, Method};
-use super::Told;
-use super::folder::{Reproduction, not_run};
+use maud::html;
 
-/// CSS of these curves.
-pub const STYLE: &str = ".small-board { color: var(--information); } .large-board { color: var(--paper-rule); }";
+use super::folder::Reproduction;
+use super::section::{Finding, not_run};
+use crate::page::curves::{Line, Marker, chart, legend};
+use crate::page::numbers::{signed, signed_interval};
+use crate::page::shell::figure;
+use crate::report::comparison::{clearly, points, range, table};
+use crate::result::{Choice, Comparison, Evaluation, Method};
 
 /// Folder, name, class of the style and mark of a curve; dashed (particle) where touched anywhere.
 const CURVES: [(&str, &str, &str, Marker); 4] = [
@@ -23,45 +22,58 @@ const CURVES: [(&str, &str, &str, Marker); 4] = [
 const SHORT: &str = "Informed or random";
 
 /// The section.
-pub fn tell(found: &Reproduction) -> Told {
+pub fn finding(found: &Reproduction) -> Finding {
     let title = "Informed against random touches";
     let all: Vec<_> = CURVES
         .iter()
         .filter_map(|of| Some((of, against_random(found.evaluation(of.0)?))))
         .filter(|(_, comparisons)| !comparisons.is_empty())
         .collect();
-    let missing: String = CURVES
-        .iter()
-        .filter(|of| all.iter().all(|(there, _)| there.0 != of.0))
-        .map(|of| match found.evaluation(of.0) {
-            Some(_) => format!(r#"<p class="note">Not run: <code>{}/</code> compares nothing with random.</p>"#, of.0),
-            None => not_run(of.0),
-        })
-        .collect();
+    let missing = html! {
+        @for of in CURVES.iter().filter(|of| all.iter().all(|(there, _)| there.0 != of.0)) {
+            @if found.evaluation(of.0).is_some() {
+                p.note { "Not run: " code { (of.0) "/" } " compares nothing with random." }
+            } @else {
+                (not_run(of.0))
+            }
+        }
+    };
     if all.is_empty() {
-        return Told::new(SHORT, title, missing, format!("{SHORT}: not run"));
+        return Finding::missing(SHORT, title, missing);
     }
-    let lines: Vec<Line> = all.iter().map(|(of, comparisons)| line(of, comparisons)).collect();
-    let legend: String = lines
-        .iter()
-        .map(|line| format!("<li>{}{}</li>", legend_mark(&line.class, line.marker, true), escape(&line.label)))
-        .collect();
-    let verdicts: String =
-        all.iter().map(|(of, comparisons)| format!("<li>{}: {}.</li>", escape(of.1), clearly(comparisons))).collect();
+    let line = |((_, name, class, marker), comparisons): &(&(&str, &str, &str, Marker), Vec<&Comparison>)| Line {
+        label: (*name).into(),
+        class: (*class).into(),
+        marker: *marker,
+        points: points(comparisons),
+    };
+    let lines: Vec<Line> = all.iter().map(line).collect();
+    let columns: Vec<(String, &[&Comparison])> =
+        all.iter().map(|(of, of_board)| (of.1.into(), &of_board[..])).collect();
     let every: Vec<&Comparison> = all.iter().flat_map(|(_, comparisons)| comparisons.iter().copied()).collect();
-    let body = format!(
-        r#"<p>Informed touches are, against random ones:</p><ul>{verdicts}</ul><figure><div class="charts two"><div><p>Informed less random, points</p>{}<ul class="legend">{legend}</ul></div>{}</div>
-<figcaption>The same holes from the same first touch, by the most informative touch and by any; the accuracy of the one less that of the
-other, with the 95&nbsp;% interval of the paired difference. Above nought informed touches are better; where the band holds nought, these
-episodes cannot tell. No number of the paper stands beside this.</figcaption></figure>{missing}"#,
-        chart("Informed less random", &lines, Some(range(&every))),
-        numbers(&all),
-    );
-    let told: Vec<String> = all.iter().filter_map(|(of, comparisons)| at_three(of.1, comparisons)).collect();
-    Told::new(SHORT, title, body, format!("{SHORT}: after 3 touches {}", told.join("; ")))
+    let content = html! {
+        div.charts.two {
+            div {
+                p { "Informed minus random, points" }
+                (chart("Informed minus random", &lines, Some(range(&every))))
+                (legend(&lines))
+            }
+            (table(&columns))
+        }
+    };
+    let body = html! {
+        p { "Informed touches are, against random ones:" }
+        ul { @for (of, comparisons) in &all { li { (of.1) ": " (clearly(comparisons)) "." } } }
+        (figure(content, "The same holes from the same first touch, by the most informative touch and by any; the accuracy of the one \
+            minus that of the other, with the 95\u{a0}% interval of the paired difference. Above zero informed touches are better; \
+            where the band contains zero, these episodes cannot decide. The paper has no number for this."))
+        (missing)
+    };
+    let at_three: Vec<String> = all.iter().filter_map(|(of, comparisons)| at_three(of.1, comparisons)).collect();
+    Finding::new(SHORT, title, body, &format!("after 3 touches {}", at_three.join("; ")))
 }
 
-/// The leading rule less chance, by touches.
+/// The leading rule minus chance, by touches.
 fn against_random(evaluation: &Evaluation) -> Vec<&Comparison> {
     let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter);
     let is_it = |c: &&Comparison| {
@@ -74,36 +86,7 @@ fn against_random(evaluation: &Evaluation) -> Vec<&Comparison> {
 
 fn at_three(name: &str, comparisons: &[&Comparison]) -> Option<String> {
     let c = comparisons.iter().find(|c| c.n_touches == 3)?;
-    let [low, high] = c.ci95.map(|bound| signed(100.0 * bound, 1));
-    Some(format!("{name} {} points ({low} to {high})", signed(100.0 * c.difference, 1)))
-}
-
-fn line((_, name, class, marker): &(&str, &str, &str, Marker), comparisons: &[&Comparison]) -> Line {
-    let point = |c: &&Comparison| Point {
-        n_touches: c.n_touches,
-        value: 100.0 * c.difference,
-        interval: Some(c.ci95.map(|bound| 100.0 * bound)),
-    };
-    let points = comparisons.iter().map(point).collect();
-    Line { label: (*name).into(), class: (*class).into(), marker: *marker, points }
-}
-
-type Curve<'a> = (&'a (&'a str, &'a str, &'a str, Marker), Vec<&'a Comparison>);
-
-/// A row for each number of touches, a column for each board.
-fn numbers(all: &[Curve<'_>]) -> String {
-    let mut n_touches: Vec<usize> = all.iter().flat_map(|(_, of)| of).map(|c| c.n_touches).collect();
-    n_touches.sort_unstable();
-    n_touches.dedup();
-    let cell = |comparisons: &[&Comparison], n: usize| {
-        comparisons.iter().find(|c| c.n_touches == n).map_or(String::new(), |c| {
-            let [low, high] = c.ci95.map(|bound| signed(100.0 * bound, 1));
-            format!("{}<small>{low} to {high}</small>", signed(100.0 * c.difference, 1))
-        })
-    };
-    let row = |n: &usize| std::iter::once(n.to_string()).chain(all.iter().map(|(_, of)| cell(of, *n))).collect();
-    let heads: Vec<&str> = std::iter::once("Touches").chain(all.iter().map(|(of, _)| of.1)).collect();
-    sortable(&heads, &n_touches.iter().map(row).collect::<Vec<_>>())
+    Some(format!("{name} {} points ({})", signed(100.0 * c.difference, 1), signed_interval(c.ci95)))
 }
 
 #[cfg(test)]
@@ -112,9 +95,10 @@ mod tests {
     use super::super::folder::tests::of;
     use super::*;
     use crate::result::Inference;
+    use maud::Render;
 
     #[test]
-    fn only_the_leading_rule_against_chance_is_told() {
+    fn only_the_leading_rule_against_chance_is_shown() {
         let mut made = evaluation("alphabet-small", 0.5, &[(1, 0.5), (3, 0.9)]);
         let comparison = |action, against, n_touches, difference: f64| Comparison {
             inference: Inference::Exact,
@@ -129,12 +113,12 @@ mod tests {
             comparison(Choice::Information, Choice::Random, 3, 0.125),
             comparison(Choice::Information, Choice::Random, 1, 0.0),
         ];
-        let told = tell(&of(&[("small", made.clone())]));
-        assert_eq!(told.line, "Informed or random: after 3 touches small +12.5 points (+9.4 to +15.6)");
-        let html = told.section.html();
+        let finding = finding(&of(&[("small", made.clone())]));
+        assert_eq!(finding.line, "Informed or random: after 3 touches small +12.5 points (+9.4 to +15.6)");
+        let html = finding.section.render().0;
         assert!(html.contains("clearly better after 3 touches") && !html.contains("50.0"));
         made.comparisons.clear();
-        let html = tell(&of(&[("small", made)])).section.html();
+        let html = super::finding(&of(&[("small", made)])).section.render().0;
         assert!(html.contains("<code>small/</code> compares nothing") && html.contains("<code>large/</code> is not"));
     }
 }

@@ -1,13 +1,15 @@
 //! Speed against accuracy: the verdict, the planes, the default setting.
 
-use super::super::report::number;
-use super::super::report::tradeoff::{Verdict, planes, tiles, verdict};
-use super::Told;
-use super::folder::Reproduction;
+use maud::{Markup, html};
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::budget::{Point, Settings, Tradeoff};
 use tactile_infer::precision::Precision;
+
+use super::folder::Reproduction;
+use super::section::{Finding, met};
+use crate::page::numbers::{number, percent};
+use crate::report::tradeoff::{Verdict, planes, tiles, verdict};
 
 /// Its entry in the contents.
 const SHORT: &str = "Speed";
@@ -19,27 +21,29 @@ const AIM_FASTER: f64 = 5.0;
 const AIM_FRONTIER: (usize, usize, f64) = (40, 8, 20.0);
 
 /// The section.
-pub fn tell(found: &Reproduction) -> Told {
+pub fn finding(found: &Reproduction) -> Finding {
     let title = "Speed against accuracy";
-    let Some(tradeoff) = &found.tradeoff else { return Told::not_run(SHORT, title, "tradeoff") };
+    let Some(tradeoff) = &found.tradeoff else { return Finding::not_run(SHORT, title, "tradeoff") };
     let Some(verdict) = verdict(tradeoff) else {
-        let body = r#"<p class="note">Not run: no setting was measured.</p>"#;
-        return Told::new(SHORT, title, body.into(), format!("{SHORT}: not run"));
+        return Finding::missing(SHORT, title, html! { p.note { "Not run: no setting was measured." } });
     };
     let model = found.evaluations.first().map(|(_, evaluation)| evaluation.model.sha256.as_str());
-    let default = default_setting(tradeoff, model)
-        .map_or_else(|| "The default setting is not among those measured.".into(), of_default);
-    let body = format!(
-        r#"<div class="tiles">{}</div><p>{}</p><p>{default}</p>{}<p>Which knob buys most, and every point: {}. {} episodes of {}, timed on {}.</p>"#,
-        tiles(&verdict),
-        aims(&verdict),
-        planes(tradeoff),
-        found.link("tradeoff/tradeoff.html", "", "the trade-off’s own page"),
-        tradeoff.n_episodes,
-        super::super::report::escape(&tradeoff.scene),
-        super::super::report::escape(&tradeoff.machine),
-    );
-    Told::new(SHORT, title, body, format!("{SHORT}: {}", fastest(&verdict)))
+    let body = html! {
+        div.tiles { (tiles(&verdict)) }
+        p { (aims(&verdict)) }
+        p {
+            @match default_setting(tradeoff, model) {
+                Some(point) => (of_default(point)),
+                None => "The default setting is not among those measured.",
+            }
+        }
+        (planes(tradeoff))
+        p {
+            "Which knob buys most, and every point: " (found.link("tradeoff/tradeoff.html", "", "the trade-off’s own page")) ". "
+            (tradeoff.n_episodes) " episodes of " (tradeoff.scene) ", timed on " (tradeoff.machine) "."
+        }
+    };
+    Finding::new(SHORT, title, body, &fastest(&verdict))
 }
 
 /// The fastest setting near the best, in words.
@@ -48,8 +52,8 @@ pub fn fastest(verdict: &Verdict<'_>) -> String {
     format!(
         "{} ms a decision within 2 points of the best ({} % against {} %), {} times as fast (aim {}: {})",
         number(fast.decision_ms_p50, 2),
-        number(100.0 * fast.accuracy, 1),
-        number(100.0 * best.accuracy, 1),
+        percent(fast.accuracy),
+        percent(best.accuracy),
         number(best.decision_ms_p50 / fast.decision_ms_p50, 1),
         number(AIM_FASTER, 0),
         met(best.decision_ms_p50 >= AIM_FASTER * fast.decision_ms_p50)
@@ -71,21 +75,14 @@ fn aims(verdict: &Verdict<'_>) -> String {
     )
 }
 
-fn of_default(point: &Point) -> String {
+fn of_default(point: &Point) -> Markup {
     let [half, most] = AIM_MS;
     let (p50, p99) = (point.decision_ms_p50, point.decision_ms_p99);
-    format!(
-        "<b>The default setting</b> takes {} ms for a whole decision (encode, update, choose) on one core, median (aim {half}: {}), and 99 in 100 \
-         take no more than {} ms (aim {most}: {}); the paper takes about 600 ms on a GPU (0.3 s for the weights, 0.3 s for the action).",
-        number(p50, 1),
-        met(p50 <= half),
-        number(p99, 1),
-        met(p99 <= most)
-    )
-}
-
-fn met(is_met: bool) -> &'static str {
-    if is_met { "met" } else { "not met" }
+    html! {
+        b { "The default setting" } " takes " (number(p50, 1)) " ms for a whole decision (encode, update, choose) on one core, median "
+        "(aim " (half) ": " (met(p50 <= half)) "), and 99 in 100 take no more than " (number(p99, 1)) " ms (aim " (most) ": "
+        (met(p99 <= most)) "); the paper takes about 600 ms on a GPU (0.3 s for the weights, 0.3 s for the action)."
+    }
 }
 
 /// The default of the filter with the bank for poses anywhere: of the model of the evaluations, where it was measured.
@@ -104,7 +101,9 @@ fn default_setting<'a>(tradeoff: &'a Tradeoff, model_sha256: Option<&str>) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_filter::budget::{SCHEMA, settings_for_tests as settings};
+    use crate::report::tradeoff::tests::settings;
+    use maud::Render;
+    use tactile_filter::budget::SCHEMA;
 
     fn tradeoff() -> Tradeoff {
         let point = |settings, accuracy, ms: f64| Point {
@@ -136,14 +135,14 @@ mod tests {
     }
 
     #[test]
-    fn the_default_setting_is_held_against_its_aims() {
+    fn the_default_setting_is_compared_with_its_aims() {
         let found = Reproduction { tradeoff: Some(tradeoff()), ..Reproduction::default() };
-        let told = tell(&found);
+        let finding = finding(&found);
         assert_eq!(
-            told.line,
+            finding.line,
             "Speed: 5.00 ms a decision within 2 points of the best (95.0 % against 96.0 %), 8.0 times as fast (aim 5: met)"
         );
-        let html = told.section.html();
+        let html = finding.section.render().0;
         assert!(
             html.contains("takes 5.0 ms for")
                 && html.contains("(aim 6: met)")

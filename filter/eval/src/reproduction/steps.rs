@@ -2,57 +2,53 @@
 
 use std::collections::BTreeSet;
 
-use super::super::report::table::sortable;
-use super::super::report::{escape, number};
-use super::super::result::Evaluation;
+use maud::{Markup, html};
+
 use super::folder::{Reproduction, Step};
-use super::{Told, page};
+use super::section::Finding;
+use crate::page::numbers::{capital, number, seeds};
+use crate::page::shell::figure;
+use crate::page::table::{cells, sortable};
+use crate::result::Evaluation;
 
 /// Its entry in the contents.
 const SHORT: &str = "Every step";
-/// CSS of these tables: command lines are long.
-pub const STYLE: &str = ".steps td { vertical-align: top; } .steps td:last-child, .steps th:last-child { text-align: left; white-space: normal;
-overflow-wrap: anywhere; min-width: 20rem; }";
 
 /// The section.
-pub fn tell(found: &Reproduction) -> Told {
-    let title = "Every step, its command and its time";
-    let steps = if found.steps.is_empty() {
-        r#"<p class="note">Not known: <code>reproduce.json</code> is not there.</p>"#.into()
-    } else {
-        of_steps(found)
-    };
+pub fn finding(found: &Reproduction) -> Finding {
     let models: BTreeSet<(&str, &str)> = models(found);
-    let names: String = models
-        .iter()
-        .map(|(name, sha256)| format!("<dt>Model {}</dt><dd><code>{}</code></dd>", escape(name), escape(sha256)))
-        .collect();
-    let caution = if models.len() > 1 {
-        r#"<p class="caution">Not all was measured with the same model: the tables are not of one kind.</p>"#
-    } else {
-        ""
+    let body = html! {
+        @if found.steps.is_empty() {
+            p.note { "Not known: " code { "reproduce.json" } " is not there." }
+        } @else {
+            (of_steps(found))
+        }
+        @if models.len() > 1 {
+            p.caution { "Not all was measured with the same model: the tables are not of one kind." }
+        }
+        dl { @for (name, sha256) in &models { dt { "Model " (name) } dd { code { (sha256) } } } }
+        (of_evaluations(found))
     };
-    let body = format!("{steps}{caution}<dl>{names}</dl>{}", of_evaluations(found));
-    Told::new(SHORT, title, body, format!("{SHORT}: {}", total(found).unwrap_or_else(|| "time not known".into())))
+    let title = "Every step, its command and its time";
+    Finding::new(SHORT, title, body, &total(found).unwrap_or_else(|| "time not known".into()))
 }
 
-fn of_steps(found: &Reproduction) -> String {
+fn of_steps(found: &Reproduction) -> Markup {
     let row = |(name, step): (&String, &Step)| {
-        let unfinished = if step.finished { "" } else { "<small>not finished</small>" };
-        vec![
-            escape(name) + unfinished,
+        cells![
+            html! { (name) @if !step.finished { small { "not finished" } } },
             number(step.seconds, 1),
             step.peak_mib.map_or("–".into(), |mib| number(mib, 0)),
-            format!("<code>{}</code>", escape(&step.command)),
+            html! { code { (step.command) } },
         ]
     };
     let rows: Vec<_> = found.steps.iter().map(row).collect();
-    format!(
-        r#"<p>{}.</p><figure class="steps">{}<figcaption>Each command makes its step again. Sort by seconds to see where the time went. A step that was cut short
-and gone on with has the sum of its times.</figcaption></figure>"#,
-        page::capital(&total(found).unwrap_or_default()),
-        sortable(&["Step", "seconds", "peak, MiB", "command"], &rows)
-    )
+    let table = html! { div.steps { (sortable(&["Step", "seconds", "peak, MiB", "command"], &rows)) } };
+    html! {
+        p { (capital(&total(found).unwrap_or_default())) "." }
+        (figure(table, "Each command makes its step again. Sort by seconds to see where the time went. A step that was cut short and \
+            continued has the sum of its times."))
+    }
 }
 
 /// Steps, time in all and most memory; `None` where no step is known.
@@ -82,28 +78,25 @@ fn models(found: &Reproduction) -> BTreeSet<(&str, &str)> {
     all.map(|model| (model.name.as_str(), model.sha256.as_str())).collect()
 }
 
-fn of_evaluations(found: &Reproduction) -> String {
+fn of_evaluations(found: &Reproduction) -> Markup {
     if found.evaluations.is_empty() {
-        return String::new();
+        return html! {};
     }
     let row = |(name, evaluation): &(String, Evaluation)| {
-        let seeds: Vec<_> = evaluation.seeds.iter().map(u64::to_string).collect();
-        vec![
+        cells![
             found.report(name, name),
-            escape(&evaluation.scene),
-            evaluation.n_classes.to_string(),
-            evaluation.n_episodes.to_string(),
-            seeds.join(", "),
-            format!("<code>{}</code>", escape(&evaluation.model.sha256.chars().take(8).collect::<String>())),
-            evaluation.command.as_ref().map_or("–".into(), |line| format!("<code>{}</code>", escape(line))),
+            evaluation.scene,
+            evaluation.n_classes,
+            evaluation.n_episodes,
+            seeds(&evaluation.seeds),
+            html! { code { (evaluation.model.sha256.chars().take(8).collect::<String>()) } },
+            html! { @if let Some(line) = &evaluation.command { code { (line) } } @else { "–" } },
         ]
     };
     let rows: Vec<_> = found.evaluations.iter().map(row).collect();
     let heads = ["Evaluation", "scene", "classes", "episodes", "seeds", "model", "command"];
-    format!(
-        r#"<figure class="steps">{}<figcaption>What stands behind each evaluation of this page; its name leads to its own report.</figcaption></figure>"#,
-        sortable(&heads, &rows)
-    )
+    let table = html! { div.steps { (sortable(&heads, &rows)) } };
+    figure(table, "What each evaluation of this page was made with; its name leads to its own report.")
 }
 
 #[cfg(test)]
@@ -111,17 +104,18 @@ mod tests {
     use super::super::cell::tests::evaluation;
     use super::super::folder::tests::of;
     use super::*;
+    use maud::Render;
 
     #[test]
     fn times_add_up_and_what_was_cut_short_is_said() {
         let step = |finished, seconds, peak_mib| Step { command: "a < b".into(), finished, seconds, peak_mib };
         let mut found = of(&[("small", evaluation("s", 0.5, &[]))]);
-        assert!(tell(&found).section.html().contains("reproduce.json"));
+        assert!(super::finding(&found).section.render().0.contains("reproduce.json"));
         found.steps.insert("one".into(), step(true, 3_599.5, Some(64.0)));
         found.steps.insert("two".into(), step(false, 61.0, None));
-        let told = tell(&found);
-        assert_eq!(told.line, "Every step: 1 of 2 steps done in 1 h 1 min, at most 64 MiB");
-        let html = told.section.html();
+        let finding = finding(&found);
+        assert_eq!(finding.line, "Every step: 1 of 2 steps done in 1 h 1 min, at most 64 MiB");
+        let html = finding.section.render().0;
         assert!(html.contains("two<small>not finished</small>") && html.contains("a &lt; b"));
     }
 
@@ -130,8 +124,8 @@ mod tests {
         let one = evaluation("s", 0.5, &[]);
         let mut other = one.clone();
         other.model.sha256 = "cd".into();
-        assert!(!tell(&of(&[("small", one.clone())])).section.html().contains("caution"));
-        assert!(tell(&of(&[("small", one), ("large", other)])).section.html().contains("caution"));
+        assert!(!finding(&of(&[("small", one.clone())])).section.render().0.contains("class=\"caution\""));
+        assert!(finding(&of(&[("small", one), ("large", other)])).section.render().0.contains("class=\"caution\""));
     }
 
     #[test]

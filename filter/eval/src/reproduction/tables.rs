@@ -1,12 +1,15 @@
 //! Tables I, II and III in the paper's form.
 
-use super::super::report::PaperNumbers;
-use super::super::result::{Evaluation, Poses, Row};
-use super::cell::{Cell, Line, Tally, columns, papers, particle_columns, table};
-use super::folder::{Reproduction, not_run};
-use super::{Told, page};
+use maud::html;
 
-/// A table of the paper, and the folders of what stands in it.
+use super::cell::{Cell, Line, Tally, columns, papers, particle_columns, table};
+use super::folder::Reproduction;
+use super::section::{Finding, made_of, not_run};
+use crate::page::shell::figure;
+use crate::report::PaperNumbers;
+use crate::result::{Evaluation, Poses, Row};
+
+/// A table of the paper, and the folders of its figures.
 pub struct Board {
     /// Its number in the paper, which is its entry in the contents.
     pub name: &'static str,
@@ -16,7 +19,7 @@ pub struct Board {
     pub on_grid: &'static str,
     /// The same parts touched elsewhere.
     pub elsewhere: Elsewhere,
-    /// Whether the paper's filter stands in it; else its one touch is what counts.
+    /// Whether it has the paper's filter; else its one touch is what counts.
     pub has_filter: bool,
 }
 
@@ -27,7 +30,7 @@ pub struct Elsewhere {
     /// What the line is called.
     label: &'static str,
     poses: Poses,
-    /// Whether the paper's numbers stand beside it.
+    /// Whether the paper's numbers are of the same kind.
     has_paper: bool,
 }
 
@@ -69,57 +72,56 @@ pub const CONNECTORS: Board = Board {
 const HEADS: [&str; 5] = ["Pixel", "MoCo, 1 touch", "3 touches", "5", "10"];
 
 /// The section of a table.
-pub fn tell(found: &Reproduction, board: &Board) -> Told {
+pub fn finding(found: &Reproduction, board: &Board) -> Finding {
     let Some(evaluation) = found.evaluation(board.on_grid) else {
-        return Told::not_run(board.name, board.title, board.on_grid);
+        return Finding::not_run(board.name, board.title, board.on_grid);
     };
     let [accuracy, errors] = tallies(evaluation, board);
     let elsewhere = found.evaluation(board.elsewhere.folder);
-    let missing = if elsewhere.is_none() { not_run(board.elsewhere.folder) } else { String::new() };
     let lines = lines(board, evaluation, elsewhere);
     let groups = [
         ("Right part, %", lines.iter().map(|line| line.accuracy()).collect()),
         ("Mean error of the place, mm", lines.iter().map(Way::place).collect()),
         ("Mean error of the angle, degrees", lines.iter().map(Way::angle).collect()),
     ];
-    let reports: String = [board.on_grid, board.elsewhere.folder]
-        .into_iter()
-        .filter_map(|name| Some((name, found.evaluation(name)?)))
-        .map(|(name, evaluation)| format!(" {}: {}", found.report(name, name), page::made_of(evaluation)))
-        .collect();
-    let n = if board.has_filter { "3, 5 and 10 touches" } else { "one touch" };
+    let reports = [(board.on_grid, Some(evaluation)), (board.elsewhere.folder, elsewhere)];
     let line = verdict(&accuracy, &errors);
-    let body = format!(
-        "<p>After {n}: {line}.</p><figure>{}<figcaption>{}{reports}</figcaption></figure>{}",
-        table(&HEADS, &groups),
-        caption(board),
-        missing
-    );
-    Told::new(board.name, board.title, body, format!("{}: {line}", board.name))
+    let caption = html! {
+        (caption(board))
+        @for (name, evaluation) in reports {
+            @if let Some(evaluation) = evaluation { " " (found.report(name, name)) ": " (made_of(evaluation)) }
+        }
+    };
+    let body = html! {
+        p { "After " @if board.has_filter { "3, 5 and 10 touches" } @else { "one touch" } ": " (line) "." }
+        (figure(table(&HEADS, &groups), caption))
+        @if elsewhere.is_none() { (not_run(board.elsewhere.folder)) }
+    };
+    Finding::new(board.name, board.title, body, &line)
 }
 
 /// What a table comes to, in words.
 fn verdict(accuracy: &Tally, errors: &Tally) -> String {
     match (accuracy.n(), errors.n()) {
-        (0, _) => "nothing to hold against the paper".into(),
-        (_, 0) => format!("accuracy {}", accuracy.told()),
-        _ => format!("accuracy {}; mean errors {}", accuracy.told(), errors.told()),
+        (0, _) => "nothing to compare with the paper".into(),
+        (_, 0) => format!("accuracy {}", accuracy.in_words()),
+        _ => format!("accuracy {}; mean errors {}", accuracy.in_words(), errors.in_words()),
     }
 }
 
 fn caption(board: &Board) -> &'static str {
     if board.has_filter {
-        "Ours in bold, the paper’s in grey beside it. Right parts: our 95 % interval below; better or worse where the paper’s number is \
+        "Ours in bold, the paper’s in grey next to it. Right parts: our 95 % interval below; better or worse where the paper’s number is \
          outside it, equal where it is not. Errors: means of the episodes that name the right part, judged at the paper’s one decimal. \
-         Particles, the paper’s rule: its Alg. 1 as printed, K = 100. Evidence anywhere: off the recorded poses, at any angle, which the paper did not do."
+         Particles, the paper’s rule: its Alg. 1 as printed, K = 100, at a temperature of its own and not at the one measured of our model. Evidence anywhere: off the recorded poses, at any angle, which the paper did not do."
     } else {
-        "Ours in bold, the paper’s in grey beside it, our 95 % interval below; better or worse where the paper’s number is outside it. The \
-         paper touches once, where it does not say: first at 175 poses a part, then at the middle of each. What more touches bring stands after it, \
-         without a number of the paper."
+        "Ours in bold, the paper’s in grey next to it, our 95 % interval below; better or worse where the paper’s number is outside it. The \
+         paper touches once, where it does not say: first at 175 poses a part, then at the middle of each. What more touches bring is shown after it, \
+         without a number of the paper. How the connectors are mounted was chosen on figures like these."
     }
 }
 
-/// The verdicts on accuracy and on errors where the paper's own method stands: at 3, 5 and 10 touches, or at one
+/// The verdicts on accuracy and on errors where the paper has its own method: at 3, 5 and 10 touches, or at one
 /// where the table has no more.
 pub fn tallies(evaluation: &Evaluation, board: &Board) -> [Tally; 2] {
     let [on_grid, ..] = &lines(board, evaluation, None)[..] else { return [Tally::default(); 2] };
@@ -129,7 +131,7 @@ pub fn tallies(evaluation: &Evaluation, board: &Board) -> [Tally; 2] {
     [Tally::of(&on_grid.accuracy().cells[counted.clone()]), Tally::of(errors)]
 }
 
-/// A way of inferring in the paper's columns, beside its numbers where they are of the same kind.
+/// A way of inferring in the paper's columns, with its numbers where they are of the same kind.
 struct Way<'a> {
     label: &'static str,
     ours: [Option<&'a Row>; 5],
@@ -186,14 +188,17 @@ mod tests {
     use super::super::cell::tests::evaluation;
     use super::super::folder::tests::of;
     use super::*;
+    use maud::Render;
 
     #[test]
-    fn a_shortfall_stands_in_the_table_like_a_victory() {
+    fn a_shortfall_is_in_the_table_like_a_victory() {
         // The paper: 81.8, 90.7, 95.0 %; intervals of 500 are about 1 to 4 points to each side.
         let made = evaluation("alphabet-small", 0.5, &[(3, 0.95), (5, 0.91), (10, 0.8)]);
-        let told = tell(&of(&[("small", made)]), &SMALL);
-        assert!(told.line.starts_with("Table I: accuracy 1 of 3 better than the paper, 1 equal, 1 worse; mean errors"));
-        let html = told.section.html();
+        let finding = super::finding(&of(&[("small", made)]), &SMALL);
+        assert!(
+            finding.line.starts_with("Table I: accuracy 1 of 3 better than the paper, 1 equal, 1 worse; mean errors")
+        );
+        let html = finding.section.render().0;
         assert!(html.contains(r#"<b>80.0</b><span class="theirs">95.0</span>"#));
         assert!(
             html.contains(r#"<small class="wrong">worse</small>"#) && html.contains("<code>small-anywhere/</code>")
@@ -201,29 +206,29 @@ mod tests {
     }
 
     #[test]
-    fn the_paper_stands_only_beside_what_it_measured() {
+    fn the_paper_is_compared_only_with_what_it_measured() {
         let mut anywhere = evaluation("alphabet-small", 0.5, &[(3, 0.97)]);
         anywhere.rows.iter_mut().for_each(|row| row.poses = Poses::OffGrid);
         let made = evaluation("alphabet-small", 0.5, &[(3, 0.96)]);
-        let html = tell(&of(&[("small", made), ("small-anywhere", anywhere)]), &SMALL).section.html();
-        assert_eq!(html.matches(r#"<b>97.0</b><small>"#).count(), 1, "no number of the paper beside it");
+        let html = finding(&of(&[("small", made), ("small-anywhere", anywhere)]), &SMALL).section.render().0;
+        assert_eq!(html.matches(r#"<b>97.0</b><small>"#).count(), 1, "no number of the paper next to it");
         let other = evaluation("own-parts", 0.5, &[(3, 0.96)]);
-        assert_eq!(tell(&of(&[("small", other)]), &SMALL).line, "Table I: nothing to hold against the paper");
+        assert_eq!(super::finding(&of(&[("small", other)]), &SMALL).line, "Table I: nothing to hold against the paper");
     }
 
     #[test]
     fn connectors_are_judged_by_one_touch() {
         let mut made = evaluation("connectors", 0.9, &[(3, 0.99)]);
         made.n_classes = 6;
-        let told = tell(&of(&[("connectors", made)]), &CONNECTORS);
-        assert_eq!(told.line, "Table III: accuracy 1 of 1 better than the paper, 0 equal, 0 worse");
-        assert_eq!(tell(&of(&[]), &CONNECTORS).line, "Table III: not run");
-        // At the middle alone the paper's numbers stand beside them too, but do not count.
+        let finding = super::finding(&of(&[("connectors", made)]), &CONNECTORS);
+        assert_eq!(finding.line, "Table III: accuracy 1 of 1 better than the paper, 0 equal, 0 worse");
+        assert_eq!(super::finding(&of(&[]), &CONNECTORS).line, "Table III: not run");
+        // At the middle alone the paper's numbers are shown too, but do not count.
         let [mut made, mut centred] =
             [("connectors", 0.7), ("connectors-centred", 0.9)].map(|(scene, one)| evaluation(scene, one, &[(3, 0.99)]));
         (made.n_classes, centred.n_classes) = (6, 6);
-        let told = tell(&of(&[("connectors", made), ("connectors-centred", centred)]), &CONNECTORS);
-        assert_eq!(told.line, "Table III: accuracy 0 of 1 better than the paper, 0 equal, 1 worse");
-        assert_eq!(told.section.html().matches(r#"<span class="theirs">83.3</span>"#).count(), 2);
+        let finding = super::finding(&of(&[("connectors", made), ("connectors-centred", centred)]), &CONNECTORS);
+        assert_eq!(finding.line, "Table III: accuracy 0 of 1 better than the paper, 0 equal, 1 worse");
+        assert_eq!(finding.section.render().0.matches(r#"<span class="theirs">83.3</span>"#).count(), 2);
     }
 }

@@ -10,6 +10,7 @@ use serde::de::DeserializeOwned;
 use tactile_data::output;
 use tactile_data::scene::Scene;
 use tactile_eval::fits::{check_bank, warn_of_coarse_grid};
+use tactile_eval::page::shell::check_page;
 use tactile_eval::result::Poses;
 use tactile_eval::{Error, Result};
 use tactile_filter::EpisodeConfig;
@@ -78,7 +79,8 @@ pub struct Output {
 impl Output {
     /// Makes the folder and checks that the page and the figures can be written and are none of the inputs.
     pub fn prepare(&self, page: &str, figures: &str, inputs: &[&Path]) -> Result<()> {
-        Ok(output::prepare_folder(&self.out, page, figures, inputs)?)
+        output::prepare_folder(&self.out, page, figures, inputs)?;
+        check_page(&self.out.join(page))
     }
 
     /// Writes a file of the folder, whole or not at all; returns its path.

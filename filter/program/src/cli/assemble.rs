@@ -7,11 +7,11 @@ use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
-use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html, tell};
+use tactile_eval::Result;
+use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
 use tactile_eval::evaluate::at_rest;
+use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
-use tactile_eval::story;
-use tactile_eval::{Error, Result};
 use tactile_filter::action::ActionRule;
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Model;
@@ -78,8 +78,7 @@ impl Assemble {
             command: Some(command_line()),
         };
         let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
-        let page = html(&assembly, &story::board(&simulator, &bank)?, &tell(&workcell, 0)?)
-            .map_err(Error::io(self.output.out.join(FILES[0])))?;
+        let page = html(&assembly, &Board::new(&simulator, &bank)?, &trial::play_again(&workcell, 0)?)?;
         let page = self.output.write(FILES[0], &page)?;
         let json = to_json("assembly", &assembly)?;
         // Last: whoever finds the figures finds the report too.

@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::Args;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
-use tactile_eval::report::tradeoff::told;
+use tactile_eval::report::tradeoff::in_words;
 use tactile_eval::result::Promise;
 use tactile_eval::{Error, Result};
 use tactile_filter::budget::{Budget, Choice, Cost, Pace, Settings, Tradeoff};
@@ -89,7 +89,7 @@ impl BudgetArgs {
         let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
         config.validate()?;
         let promise = Promise {
-            settings: told(settings),
+            settings: in_words(settings),
             decision_ms: choice.decision_ms,
             memory_mb: choice.memory_mb,
             n_touches: config.max_touches,
@@ -129,6 +129,6 @@ fn print(choice: &Choice, tradeoff: &Tradeoff) {
         100.0 * point.accuracy,
         tradeoff.scene,
         tradeoff.poses,
-        told(&point.settings)
+        in_words(&point.settings)
     );
 }

@@ -10,12 +10,14 @@ use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
-use tactile_eval::evaluate::{Protocol, at_rest, run};
-use tactile_eval::gathered::{GATHERED_SCHEMA, Gathered, Run, Setup, Single};
-use tactile_eval::report::{Board, EpisodeStory, PaperNumbers, write_report};
+use tactile_eval::episodes::{EPISODES_SCHEMA, Episodes, RunResult, Setup, Single};
+use tactile_eval::evaluate::{Protocol, Run, at_rest, run_all};
+use tactile_eval::narrative::episodes::{pick, play_again};
+use tactile_eval::narrative::{Board, Narrative};
+use tactile_eval::report::write_report;
 use tactile_eval::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses, Promise};
 use tactile_eval::{Error, Result};
-use tactile_eval::{baselines, story, summary};
+use tactile_eval::{baselines, summary};
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::{EpisodeConfig, Sensor};
@@ -105,15 +107,15 @@ impl Evaluate {
         if let Some(shard) = self.shard {
             return self.run_shard(shard, &subject);
         }
-        let gathered = self.gather(&subject, &subject.protocol)?;
+        let episodes = self.run_episodes(&subject, &subject.protocol)?;
         let Subject { simulator, bank, sensor, protocol, .. } = &subject;
-        let evaluation = Evaluation { promise: subject.promise.clone(), ..gathered.evaluation()? };
+        let evaluation = Evaluation { promise: subject.promise.clone(), ..episodes.evaluation()? };
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
-        let first = &gathered.runs[0];
-        let picks = story::pick(&first.outcomes, &first.config, n_stories);
-        let stories = story::tell(simulator, sensor, bank, &first.config, protocol, &picks)?;
-        write(&self.output, &gathered, &evaluation, &story::board(simulator, bank)?, &stories)
+        let first = &episodes.runs[0];
+        let picks = pick(&first.outcomes, &first.config, n_stories);
+        let run = Run { simulator, sensor, bank, config: &first.config, protocol };
+        write(&self.output, &episodes, &evaluation, &Board::new(simulator, bank)?, &play_again(&run, &picks)?)
     }
 
     /// Loads everything, checks that it belongs together and that the results can be written, and chooses the settings.
@@ -149,16 +151,16 @@ impl Evaluate {
         let protocol = &subject.protocol;
         let path = self.shard_file(shard);
         if path.exists() {
-            let there = Gathered::load(&path)?;
+            let there = Episodes::load(&path)?;
             let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
-            if there.episodes == protocol.episodes && there.is_of(&self.gather(subject, &nothing)?) {
+            if there.episodes == protocol.episodes && there.is_of(&self.run_episodes(subject, &nothing)?) {
                 println!("{} is there already", path.display());
                 return Ok(());
             }
             let expected = "no file, or this shard of this evaluation";
             return Err(Error::invalid(path.display().to_string(), expected, "one of another evaluation"));
         }
-        self.gather(subject, protocol)?.save(&path)?;
+        self.run_episodes(subject, protocol)?.save(&path)?;
         println!("episodes {:?} in {}", protocol.episodes, path.display());
         Ok(())
     }
@@ -198,7 +200,7 @@ impl Evaluate {
     }
 
     /// Runs every way on the protocol's episodes.
-    fn gather(&self, subject: &Subject, protocol: &Protocol) -> Result<Gathered> {
+    fn run_episodes(&self, subject: &Subject, protocol: &Protocol) -> Result<Episodes> {
         let Subject { simulator, model, bank, sensor, .. } = subject;
         let mut singles = Vec::new();
         if let Some(path) = &self.pegs {
@@ -211,11 +213,11 @@ impl Evaluate {
         singles.push(Single { method: Method::Moco, inside_out: false, scored });
         let run_one = |(name, config): &(String, EpisodeConfig)| {
             let progress = reporter(format!("episodes, {name}"));
-            let outcomes = run(simulator, sensor, bank, config, protocol, &progress)?;
-            Ok(Run { label: label(config, protocol.poses), config: *config, outcomes })
+            let outcomes = run_all(&Run { simulator, sensor, bank, config, protocol }, &progress)?;
+            Ok(RunResult { label: label(config, protocol.poses), config: *config, outcomes })
         };
-        Ok(Gathered {
-            schema: GATHERED_SCHEMA.into(),
+        Ok(Episodes {
+            schema: EPISODES_SCHEMA.into(),
             setup: self.setup(subject)?,
             episodes: protocol.episodes.clone(),
             n_threads: std::thread::available_parallelism().map_or(1, usize::from),
@@ -247,18 +249,17 @@ impl Evaluate {
 /// Writes the report and the figures, and prints them.
 pub fn write(
     output: &Output,
-    gathered: &Gathered,
+    episodes: &Episodes,
     evaluation: &Evaluation,
     board: &Board,
-    stories: &[EpisodeStory],
+    narratives: &[Narrative],
 ) -> Result<()> {
     let report = output.out.join(FILES[0]);
-    let paper = PaperNumbers::of(evaluation);
-    write_report(&report, evaluation, board, stories, &paper).map_err(Error::io(&report))?;
+    write_report(&report, evaluation, board, narratives)?;
     let json = to_json("evaluation", evaluation)?;
     // Last: whoever finds the figures finds the report too.
     output.write(FILES[1], &json)?;
-    output.print(&json, &report, || table::print(evaluation, &gathered.single_rows(true)));
+    output.print(&json, &report, || table::print(evaluation, &episodes.single_rows(true)));
     Ok(())
 }
 

@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use tactile_data::grid::PoseGrid;
-use tactile_eval::gathered::Gathered;
-use tactile_eval::report::Board;
+use tactile_eval::episodes::Episodes;
+use tactile_eval::narrative::Board;
 use tactile_eval::{Error, Result};
 
 use super::arguments::Output;
@@ -28,12 +27,11 @@ impl Merge {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         let files = self.files()?;
-        let shards = files.iter().map(|path| Ok((path.clone(), Gathered::load(path)?))).collect::<Result<_>>()?;
-        let gathered = Gathered::merge(shards)?;
+        let shards = files.iter().map(|path| Ok((path.clone(), Episodes::load(path)?))).collect::<Result<_>>()?;
+        let episodes = Episodes::merge(shards)?;
         evaluate::prepare(&self.output, &files.iter().map(PathBuf::as_path).collect::<Vec<&Path>>())?;
         // Single episodes are shown where the frames are, by a run that is not cut into shards.
-        let board = Board { parts: Vec::new(), grid: PoseGrid::SMALL, field_of_view_mm: [1.0; 2] };
-        evaluate::write(&self.output, &gathered, &gathered.evaluation()?, &board, &[])
+        evaluate::write(&self.output, &episodes, &episodes.evaluation()?, &Board::empty(), &[])
     }
 
     /// The shards named, and those in the folders named.

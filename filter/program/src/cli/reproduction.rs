@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use tactile_data::output;
 use tactile_eval::Result;
+use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::reproduction;
-use tactile_infer::safefile::write_whole;
 
 /// Make one page of the paper's tables and figures, with ours next to them, from what cargo xtask reproduce left.
 ///
@@ -25,8 +25,9 @@ impl Reproduction {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         output::prepare_file(&self.out, [] as [&Path; 0])?;
+        check_page(&self.out)?;
         let found = reproduction::Reproduction::load(&self.folder, &self.out)?;
-        write_whole(&self.out, reproduction::html(&found).as_bytes())?;
+        write_page(&self.out, &reproduction::html(&found))?;
         reproduction::summary(&found).iter().for_each(|line| println!("{line}"));
         println!("  {}", self.out.display());
         Ok(())

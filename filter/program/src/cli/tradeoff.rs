@@ -13,7 +13,7 @@ use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_eval::evaluate::{Protocol, at_rest};
-use tactile_eval::report::tradeoff::{self as page, told};
+use tactile_eval::report::tradeoff::{self as page, in_words};
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_eval::{Error, Result};
@@ -176,11 +176,11 @@ impl TradeoffArgs {
                 Bench { simulator: &simulator, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
             for index in same_bank {
                 let settings = &sweep.planned[*index].settings;
-                progress.on_bar(done, todo.len(), &told(settings));
+                progress.on_bar(done, todo.len(), &in_words(settings));
                 let measured = self.measured(sweep, *index, measure(&bench, settings)?);
                 write_whole(&sweep.path(*index), to_json("setting", &measured)?.as_bytes())?;
                 done += 1;
-                progress.line(&format!("{done}/{} settings: {}", todo.len(), told(settings)));
+                progress.line(&format!("{done}/{} settings: {}", todo.len(), in_words(settings)));
             }
         }
         Ok(())
@@ -263,7 +263,7 @@ fn print_findings(tradeoff: &Tradeoff) {
             point.decision_ms_p50,
             point.decision_ms_p99,
             point.memory_mb,
-            told(&point.settings)
+            in_words(&point.settings)
         );
     };
     println!(

@@ -1,4 +1,4 @@
-//! What the episodes of an evaluation came to, before it is figures: a shard's file, and how shards become one.
+//! What happened in the episodes of an evaluation, before it becomes figures: a shard's file, and how shards become one.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -13,14 +13,14 @@ use crate::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses, R
 use crate::summary::{self, Label};
 use tactile_filter::EpisodeConfig;
 
-/// The value of [`Gathered::schema`].
-pub const GATHERED_SCHEMA: &str = "tactile-filter/episodes/1";
+/// The value of [`Episodes::schema`].
+pub const EPISODES_SCHEMA: &str = "tactile-filter/episodes/1";
 
 /// Episodes, one after the other, of every way of inferring that an evaluation compares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Gathered {
-    /// [`GATHERED_SCHEMA`].
+pub struct Episodes {
+    /// [`EPISODES_SCHEMA`].
     pub schema: String,
     /// What was evaluated: the same in every shard.
     pub setup: Setup,
@@ -30,10 +30,10 @@ pub struct Gathered {
     pub n_threads: usize,
     /// The command line that made this.
     pub command: String,
-    /// What the first touch alone tells.
+    /// What the first touch alone finds.
     pub singles: Vec<Single>,
     /// Each way of inferring.
-    pub runs: Vec<Run>,
+    pub runs: Vec<RunResult>,
 }
 
 /// What was evaluated.
@@ -79,7 +79,7 @@ pub struct Single {
 
 /// One way of inferring and choosing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Run {
+pub struct RunResult {
     /// What it is.
     pub label: Label,
     /// Its settings.
@@ -88,21 +88,21 @@ pub struct Run {
     pub outcomes: Vec<Outcome>,
 }
 
-impl Gathered {
+impl Episodes {
     /// Reads a shard.
     pub fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-        let gathered: Self = serde_json::from_str(&text)
+        let shard: Self = serde_json::from_str(&text)
             .map_err(|e| Error::invalid(path.display().to_string(), "a shard of an evaluation", e.to_string()))?;
-        let n = gathered.episodes.len();
-        let lengths = gathered.singles.iter().map(|single| single.scored.len());
-        let lengths = lengths.chain(gathered.runs.iter().map(|run| run.outcomes.len()));
-        match (gathered.schema == GATHERED_SCHEMA, lengths.into_iter().find(|length| *length != n)) {
-            (false, _) => Err(Error::invalid(path.display().to_string(), GATHERED_SCHEMA, gathered.schema)),
+        let n = shard.episodes.len();
+        let lengths = shard.singles.iter().map(|single| single.scored.len());
+        let lengths = lengths.chain(shard.runs.iter().map(|run| run.outcomes.len()));
+        match (shard.schema == EPISODES_SCHEMA, lengths.into_iter().find(|length| *length != n)) {
+            (false, _) => Err(Error::invalid(path.display().to_string(), EPISODES_SCHEMA, shard.schema)),
             (_, Some(got)) => {
                 Err(Error::invalid(path.display().to_string(), format!("{n} episodes of each kind"), got.to_string()))
             }
-            _ => Ok(gathered),
+            _ => Ok(shard),
         }
     }
 
@@ -159,7 +159,7 @@ impl Gathered {
         Ok(whole)
     }
 
-    /// SHA-256 of what each episode came to, without the times: the same however the work was shared out.
+    /// SHA-256 of what each episode came to, without the times: the same however the work was divided.
     pub fn checksum(&self) -> Result<String> {
         let mut hash = Sha256::new();
         let runs = self.runs.iter().map(|run| run.outcomes.iter().map(|o| (o.part, &o.scored)).collect::<Vec<_>>());
@@ -178,16 +178,16 @@ impl Gathered {
 
     /// All figures. Fails where there is no way of inferring.
     pub fn evaluation(&self) -> Result<Evaluation> {
-        let Some(told) = self.runs.first() else {
+        let Some(lead) = self.runs.first() else {
             return Err(Error::invalid("--engines and --actions", "at least one of each", "none"));
         };
         let setup = &self.setup;
-        let of_run = |run: &Run| summary::rows(run.label, &run.outcomes);
+        let of_run = |run: &RunResult| summary::rows(run.label, &run.outcomes);
         let stops: Vec<_> = self.runs.iter().map(|run| summary::stops(run.label, &run.outcomes, &run.config)).collect();
         let others = self.runs[1..]
             .iter()
-            .filter(|run| run.label.inference == told.label.inference && run.label.action != told.label.action);
-        let compare = |run: &Run| summary::compare((told.label, &told.outcomes), (run.label, &run.outcomes));
+            .filter(|run| run.label.inference == lead.label.inference && run.label.action != lead.label.action);
+        let compare = |run: &RunResult| summary::compare((lead.label, &lead.outcomes), (run.label, &run.outcomes));
         Ok(Evaluation {
             schema: SCHEMA.into(),
             scene: setup.scene.clone(),
@@ -203,11 +203,11 @@ impl Gathered {
                 mean_touches: stops[0].mean_touches,
                 confident_and_wrong: stops[0].confident_and_wrong,
             },
-            latency_ms: summary::latency(&told.outcomes),
+            latency_ms: summary::latency(&lead.outcomes),
             stops,
             comparisons: others.flat_map(compare).collect(),
-            reliability: summary::reliability(&told.outcomes),
-            parts: if setup.absent { Vec::new() } else { summary::parts(&setup.parts, &told.outcomes) },
+            reliability: summary::reliability(&lead.outcomes),
+            parts: if setup.absent { Vec::new() } else { summary::parts(&setup.parts, &lead.outcomes) },
             command: Some(self.command.clone()),
             promise: None,
             checksum: Some(self.checksum()?),
@@ -219,14 +219,14 @@ impl Gathered {
 mod tests {
     use super::*;
 
-    fn gathered(episodes: Range<usize>) -> Gathered {
+    fn shard(episodes: Range<usize>) -> Episodes {
         let scored =
             |i: usize| Scored { right: !i.is_multiple_of(3), probability: 0.1 + 0.01 * i as f64, ..Scored::default() };
         let outcome = |i| Outcome { part: i % 2, scored: vec![scored(i), scored(i + 1)], times: Vec::new() };
         let label =
             Label { method: Method::Filter, inference: Inference::Exact, action: Choice::Random, poses: Poses::OnGrid };
-        Gathered {
-            schema: GATHERED_SCHEMA.into(),
+        Episodes {
+            schema: EPISODES_SCHEMA.into(),
             setup: Setup {
                 scene: "s".into(),
                 parts: vec!["A".into(), "B".into()],
@@ -248,7 +248,7 @@ mod tests {
                 inside_out: false,
                 scored: episodes.clone().map(scored).collect(),
             }],
-            runs: vec![Run {
+            runs: vec![RunResult {
                 label,
                 config: EpisodeConfig::paper(),
                 outcomes: episodes.clone().map(outcome).collect(),
@@ -257,9 +257,9 @@ mod tests {
         }
     }
 
-    fn merge(parts: Vec<Gathered>) -> Result<Gathered> {
+    fn merge(parts: Vec<Episodes>) -> Result<Episodes> {
         let named = parts.into_iter().enumerate().map(|(i, part)| (PathBuf::from(format!("shard-{i}")), part));
-        Gathered::merge(named.collect())
+        Episodes::merge(named.collect())
     }
 
     #[test]
@@ -267,11 +267,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let saved = [5..10, 0..3, 3..5].map(|episodes| {
             let path = folder.path().join(format!("{episodes:?}"));
-            gathered(episodes).save(&path).unwrap();
-            let loaded = Gathered::load(&path).unwrap();
+            shard(episodes).save(&path).unwrap();
+            let loaded = Episodes::load(&path).unwrap();
             (path, loaded)
         });
-        let (merged, single) = (Gathered::merge(saved.into()).unwrap(), gathered(0..10));
+        let (merged, single) = (Episodes::merge(saved.into()).unwrap(), shard(0..10));
         assert_eq!(merged.checksum().unwrap(), single.checksum().unwrap());
         assert_eq!(merged.evaluation().unwrap().rows, single.evaluation().unwrap().rows);
         assert_eq!((merged.runs, merged.singles), (single.runs, single.singles));
@@ -279,10 +279,10 @@ mod tests {
 
     #[test]
     fn a_checksum_is_of_what_was_found_and_not_of_how_long_it_took() {
-        let (mut slow, mut other) = (gathered(0..10), gathered(0..10));
+        let (mut slow, mut other) = (shard(0..10), shard(0..10));
         slow.runs[0].outcomes[0].times.push(crate::evaluate::StageTimes { encode: 9.0, ..Default::default() });
         other.runs[0].outcomes[0].scored[1].xy_mm += 1e-15;
-        let checksum = gathered(0..10).checksum().unwrap();
+        let checksum = shard(0..10).checksum().unwrap();
         assert_eq!(slow.checksum().unwrap(), checksum);
         assert_ne!(other.checksum().unwrap(), checksum);
     }
@@ -291,15 +291,13 @@ mod tests {
     fn what_is_missing_twice_or_foreign_is_named() {
         let error = |parts| merge(parts).unwrap_err().to_string();
         assert_eq!(error(vec![]), "merge: expected at least one shard, got none");
-        assert!(error(vec![gathered(0..3), gathered(5..10)]).contains("begins with episode 3, got 5"));
-        assert!(error(vec![gathered(0..6), gathered(5..10)]).contains("begins with episode 6, got 5"));
-        assert!(error(vec![gathered(2..10)]).contains("shard-0: expected a shard that begins with episode 0"));
-        assert_eq!(error(vec![gathered(0..9)]), "merge: expected all 10 episodes, got the first 9");
-        let mut foreign = gathered(5..10);
+        assert!(error(vec![shard(0..3), shard(5..10)]).contains("begins with episode 3, got 5"));
+        assert!(error(vec![shard(0..6), shard(5..10)]).contains("begins with episode 6, got 5"));
+        assert!(error(vec![shard(2..10)]).contains("shard-0: expected a shard that begins with episode 0"));
+        assert_eq!(error(vec![shard(0..9)]), "merge: expected all 10 episodes, got the first 9");
+        let mut foreign = shard(5..10);
         foreign.runs[0].config.seed = 9;
-        assert!(
-            error(vec![gathered(0..5), foreign]).contains("shard-1: expected a shard of the evaluation of shard-0")
-        );
+        assert!(error(vec![shard(0..5), foreign]).contains("shard-1: expected a shard of the evaluation of shard-0"));
     }
 
     #[test]
@@ -307,10 +305,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("shard");
         std::fs::write(&path, "{\"schema\": 1}").unwrap();
-        assert!(Gathered::load(&path).unwrap_err().to_string().contains("a shard of an evaluation"));
-        let mut short = gathered(0..10);
+        assert!(Episodes::load(&path).unwrap_err().to_string().contains("a shard of an evaluation"));
+        let mut short = shard(0..10);
         short.runs[0].outcomes.pop();
         short.save(&path).unwrap();
-        assert!(Gathered::load(&path).unwrap_err().to_string().contains("expected 10 episodes of each kind, got 9"));
+        assert!(Episodes::load(&path).unwrap_err().to_string().contains("expected 10 episodes of each kind, got 9"));
     }
 }

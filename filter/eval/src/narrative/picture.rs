@@ -1,6 +1,6 @@
 //! Small pictures inside the page, as data URIs.
 
-use std::io::{self, Cursor};
+use std::io::Cursor;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -9,19 +9,21 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, imageops};
 use tactile_data::frame::{Frame, TactileImage};
 
+use crate::error::{Error, Result};
+
 /// Widest picture in the page, pixels: twice what the page shows, for fine screens.
 const WIDEST_PX: u32 = 240;
 /// JPEG quality of camera frames; their noise makes a PNG six times as large.
 const QUALITY: u8 = 85;
 
 /// A camera frame, shrunk where it is large.
-pub fn frame(frame: &Frame) -> io::Result<String> {
+pub fn frame(frame: &Frame) -> Result<String> {
     picture(frame.width_px(), frame.height_px(), frame.rgb().to_vec())
 }
 
 /// A signed difference as a picture: grey where nothing changed, each channel brighter or darker by
 /// 127 counts at a difference of `full_scale`.
-pub fn difference(image: &TactileImage, full_scale: f32) -> io::Result<String> {
+pub fn difference(image: &TactileImage, full_scale: f32) -> Result<String> {
     let [width, height] = image.size_px;
     let n_pixels = width * height;
     let count = |value: f32| (128.0 + 127.0 * value / full_scale).clamp(0.0, 255.0) as u8;
@@ -44,7 +46,7 @@ pub fn full_scale<'a>(images: impl Iterator<Item = &'a TactileImage>) -> f32 {
 /// opaque, the more probable, wholly opaque at `most`.
 ///
 /// The square root makes places visible that are a hundredth as probable as the likeliest.
-pub fn belief(places: &[f64], n_xy: usize, most: f64) -> io::Result<String> {
+pub fn belief(places: &[f64], n_xy: usize, most: f64) -> Result<String> {
     const BLUE: [u8; 3] = [0x1f, 0x7f, 0xd6];
     let opacity = |place: f64| (255.0 * (place / most).clamp(0.0, 1.0).sqrt()).round() as u8;
     let pixel = |i: usize| [BLUE[0], BLUE[1], BLUE[2], opacity(places[i % n_xy * n_xy + i / n_xy])];
@@ -52,12 +54,12 @@ pub fn belief(places: &[f64], n_xy: usize, most: f64) -> io::Result<String> {
     let mut png = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::NoFilter);
     let side = n_xy as u32;
-    encoder.write_image(&rgba, side, side, ExtendedColorType::Rgba8).map_err(io::Error::other)?;
+    encoder.write_image(&rgba, side, side, ExtendedColorType::Rgba8).map_err(undrawn)?;
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }
 
-fn picture(width: usize, height: usize, rgb: Vec<u8>) -> io::Result<String> {
-    let too_large = || io::Error::new(io::ErrorKind::InvalidInput, format!("a picture of {width}x{height} pixels"));
+fn picture(width: usize, height: usize, rgb: Vec<u8>) -> Result<String> {
+    let too_large = || Error::invalid("picture", "one that can be drawn", format!("{width}x{height} pixels"));
     let (Ok(width_px), Ok(height_px)) = (u32::try_from(width), u32::try_from(height)) else {
         return Err(too_large());
     };
@@ -67,8 +69,13 @@ fn picture(width: usize, height: usize, rgb: Vec<u8>) -> io::Result<String> {
         image = imageops::thumbnail(&image, WIDEST_PX, shrunk_px);
     }
     let mut jpeg = Cursor::new(Vec::new());
-    JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(&image).map_err(io::Error::other)?;
+    JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(&image).map_err(undrawn)?;
     Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg.into_inner())))
+}
+
+/// What an encoder refused.
+fn undrawn(error: image::ImageError) -> Error {
+    Error::invalid("picture", "one that can be drawn", error.to_string())
 }
 
 #[cfg(test)]
