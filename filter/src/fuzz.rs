@@ -104,7 +104,7 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
             rule,
             n_draws,
             n_suppositions,
-            n_finalists,
+            n_finalists: Some(n_finalists),
             contact_threshold,
             min_separation_mm,
             ..ActionConfig::default()
