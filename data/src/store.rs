@@ -292,7 +292,9 @@ fn map_frames(path: &Path, content: &MetaFile) -> Result<Mmap> {
     // SAFETY: the map is read-only, and u8 has no invalid value. What the type system cannot promise is
     // that no other program shortens or rewrites the file meanwhile; datasets take their name only when
     // they are complete and are not written again.
-    unsafe { Mmap::map(&file) }.map_err(Error::io(path))
+    #[expect(unsafe_code, reason = "a file can only be mapped so")]
+    let mapped = unsafe { Mmap::map(&file) };
+    mapped.map_err(Error::io(path))
 }
 
 fn read_index(path: &Path) -> Result<Vec<Touch>> {

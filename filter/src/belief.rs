@@ -1,4 +1,4 @@
-//! Where the sensor may have touched first, and on which part: the belief over all hypotheses.
+//! Where the sensor may have evidence first, and on which part: the belief over all hypotheses.
 //!
 //! A state is a part and the grid cell of the FIRST touch; later touches follow from the motions the
 //! controller reports, `part_from_sensor = part_from_first * first_from_sensor` (paper, Sec. IV-D). The
@@ -75,7 +75,7 @@ impl Belief {
         let grid = views.subdivided(subdivisions.max(1));
         let mut exact = Exact::uniform(n_parts * grid.len());
         let mut log_states = Vec::new();
-        let touched = Evidence::new(&views, &grid, Se2::IDENTITY, 1.0, first, &mut |log_part| {
+        let evidence = Evidence::new([&views, &grid], Se2::IDENTITY, 1.0, first, &mut |log_part| {
             exact.weigh(log_part);
             if engine != EngineConfig::Exact {
                 log_states.extend_from_slice(log_part);
@@ -90,7 +90,7 @@ impl Belief {
             }
         };
         let class_posterior = engine.of_parts(n_parts, grid.len());
-        Self { views, grid, n_parts, overlap, touches: vec![touched], engine, class_posterior, log_evidence }
+        Self { views, grid, n_parts, overlap, touches: vec![evidence], engine, class_posterior, log_evidence }
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
@@ -101,7 +101,7 @@ impl Belief {
         let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
         let (grid, n_cells) = (&self.grid, self.grid.len());
         let judge = |take: &mut dyn FnMut(&[f64])| {
-            Evidence::new(&self.views, grid, first_from_sensor, weight, likelihood, take)
+            Evidence::new([&self.views, grid], first_from_sensor, weight, likelihood, take)
         };
         let log_evidence = match &mut self.engine {
             Engine::Exact(exact) => {
@@ -147,7 +147,7 @@ impl Belief {
 
     /// The sensor's motion since the first touch.
     pub fn first_from_sensor(&self) -> Se2 {
-        self.touches.last().map_or(Se2::IDENTITY, |touched| touched.first_from_sensor)
+        self.touches.last().map_or(Se2::IDENTITY, |evidence| evidence.first_from_sensor)
     }
 
     /// The distinct states of positive probability in ascending order, with their probabilities, which sum to 1.
@@ -321,7 +321,7 @@ mod tests {
         let Evidence { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
         let mut log_states = Vec::new();
         let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
-        Evidence::new(&belief.views, &belief.grid, *first_from_sensor, *weight, likelihood.clone(), &mut take);
+        Evidence::new([&belief.views, &belief.grid], *first_from_sensor, *weight, likelihood.clone(), &mut take);
         log_states
     }
 

@@ -23,11 +23,11 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Judges a touch from every state: each part at each pose of `states`, with the views of a bank whose
-    /// grid is `grid`. `take` is given log p(touch | state) of one part after the other, `[n_cells]`.
+    /// Judges a touch, with the share of its evidence that counts, from every state: each part at each pose of `states`,
+    /// with the views of a bank whose grid is `grid`. `take` is given log p(touch | state) of one part after the other,
+    /// `[n_cells]`.
     pub fn new(
-        grid: &PoseGrid,
-        states: &PoseGrid,
+        [grid, states]: [&PoseGrid; 2],
         first_from_sensor: Se2,
         weight: f64,
         likelihood: TouchLikelihood,
@@ -36,13 +36,13 @@ impl Evidence {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.interpolation.is_cubic(grid), config.nearest_tolerance);
         let best_similarity = likelihood.best_similarity;
-        let mut touched = Self { first_from_sensor, likelihood, weight, best_similarity, cubic, tolerance };
+        let mut evidence = Self { first_from_sensor, likelihood, weight, best_similarity, cubic, tolerance };
         if cubic {
-            touched.best_similarity = touched.judge_between(grid, states, take);
+            evidence.best_similarity = evidence.judge_between(grid, states, take);
         } else {
-            touched.judge_nearest(grid, states, take);
+            evidence.judge_nearest(grid, states, take);
         }
-        touched
+        evidence
     }
 
     /// Does what [`Self::new`] says by the nearest recorded views.
@@ -215,8 +215,8 @@ mod tests {
             let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
             let moved = Se2::from_degrees(1.7, -0.9, 21.0);
             let mut judged = Vec::new();
-            let touched =
-                Evidence::new(&grid, &states, moved, 0.7, likelihood, &mut |part| judged.extend_from_slice(part));
+            let evidence =
+                Evidence::new([&grid, &states], moved, 0.7, likelihood, &mut |part| judged.extend_from_slice(part));
             let at = |cells: usize, stride: usize, value: &dyn Fn(Se2) -> f64| -> Vec<f64> {
                 (0..cells).map(|index| value(states.pose(index * stride))).collect()
             };
@@ -226,7 +226,7 @@ mod tests {
             let thetas = at(n_theta, 1, &|pose| pose.theta_rad);
             for (part, judged) in judged.chunks_exact(states.len()).enumerate() {
                 let mut sums = vec![10.0; states.len()];
-                touched.add_logs(&grid, part, [&xs, &ys, &thetas], &mut sums);
+                evidence.add_logs(&grid, part, [&xs, &ys, &thetas], &mut sums);
                 for (sum, log) in sums.iter().zip(judged) {
                     // Looks of all states are in f32.
                     assert!((sum - 10.0 - log).abs() < 1e-4, "{interpolation:?}: {sum} {log}");

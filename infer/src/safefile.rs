@@ -57,7 +57,12 @@ impl SafeFile {
         }
         for tensor in tensors {
             hash.update(format!("{}\0{:?}\0", tensor.name, tensor.shape));
-            tensor.values.iter().for_each(|value| hash.update(value.to_le_bytes()));
+            let mut bytes = [0; 4_096];
+            for values in tensor.values.chunks(bytes.len() / 4) {
+                let places = bytes.as_chunks_mut::<4>().0.iter_mut();
+                places.zip(values).for_each(|(place, value)| *place = value.to_le_bytes());
+                hash.update(&bytes[..4 * values.len()]);
+            }
         }
         for (name, bytes) in &self.blobs {
             hash.update(format!("{name}\0{}\0", bytes.len()));

@@ -301,6 +301,7 @@ impl WithSimd for Outer<'_> {
     }
 }
 
+#[expect(clippy::too_many_arguments, reason = "an inner loop: everything in registers")]
 #[inline(always)]
 fn outer_tile<S: Simd, const ROWS: usize>(
     simd: S,

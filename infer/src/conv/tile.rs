@@ -29,6 +29,7 @@ pub fn lanes<S: Simd>(vectors: &[S::f32s]) -> &[f32] {
 pub type Sums<S, const ROWS: usize> = [[<S as Simd>::f32s; VECTORS]; ROWS];
 
 /// `sums[i][j] = sum over runs r and places k of image[bases[i] + starts[r] + k] * panel[r, k, j]`.
+#[expect(clippy::too_many_arguments, reason = "an inner loop: everything in registers")]
 #[inline(always)]
 pub fn gather<S: Simd, const ROWS: usize>(
     simd: S,

@@ -235,6 +235,7 @@ impl WithSimd for Correlate<'_> {
 }
 
 /// Some rows of a matrix times one panel of another.
+#[expect(clippy::too_many_arguments, reason = "an inner loop: everything in registers")]
 #[inline(always)]
 fn multiply_tile<S: Simd, const ROWS: usize>(
     simd: S,
@@ -342,6 +343,7 @@ impl WithSimd for Outer<'_> {
     }
 }
 
+#[expect(clippy::too_many_arguments, reason = "an inner loop: everything in registers")]
 #[inline(always)]
 fn outer_tile<S: Simd, const ROWS: usize>(
     simd: S,
