@@ -55,7 +55,8 @@ pub struct ActionConfig {
     pub contact_threshold: f32,
     /// A touch keeps at least this far from every earlier one, mm, not negative ...
     pub min_separation_mm: f64,
-    /// ... or is turned against it by at least this much, degrees. `None`: only the distance counts.
+    /// ... or is turned against it by at least this much, degrees. `None`: by a full turn, which counts only once the
+    /// separation was halved.
     pub min_separation_deg: Option<f64>,
     /// What a millimetre of travel must tell to be worth it, nats, not negative; expected information only.
     pub travel_nats_per_mm: f64,
@@ -222,6 +223,9 @@ fn judge_again(judge: &Judge, candidate: &mut Judged) -> bool {
     score.is_some()
 }
 
+/// What no turn reaches.
+const FULL_TURN_DEG: f64 = 360.0;
+
 /// The candidates apart from every earlier touch, by the smallest halving of the separation that leaves any.
 fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) -> Vec<Se2> {
     let first_from_sensor = belief.first_from_sensor();
@@ -230,7 +234,7 @@ fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) ->
         belief.touches().iter().all(|touched| {
             let turn = wrap_angle(touched.first_from_sensor.theta_rad - first_from_next.theta_rad).to_degrees();
             touched.first_from_sensor.distance_mm(&first_from_next) >= share * config.min_separation_mm
-                || config.min_separation_deg.is_some_and(|deg| turn.abs() >= share * deg)
+                || turn.abs() >= share * config.min_separation_deg.unwrap_or(FULL_TURN_DEG)
         })
     };
     // The tenth halving asks for 0.1 % of the separation: what is nearer is the same place.

@@ -213,7 +213,7 @@ mod tests {
         let html = finding(&of(&[("small", made), ("small-anywhere", anywhere)]), &SMALL).section.render().0;
         assert_eq!(html.matches(r#"<b>97.0</b><small>"#).count(), 1, "no number of the paper next to it");
         let other = evaluation("own-parts", 0.5, &[(3, 0.96)]);
-        assert_eq!(super::finding(&of(&[("small", other)]), &SMALL).line, "Table I: nothing to hold against the paper");
+        assert_eq!(super::finding(&of(&[("small", other)]), &SMALL).line, "Table I: nothing to compare with the paper");
     }
 
     #[test]
