@@ -1,5 +1,6 @@
 //! What one frame of each tier of the simulated sensor costs on one core, at a Mini's full size.
 
+#![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a bench ends by a panic")]
 // The macros' function has no documentation.
 #![allow(missing_docs)]
 

@@ -3,6 +3,8 @@
 //! The recordings are not part of this project. The tests look for them where `TACTILE_REAL_GELSIGHT` says; a test
 //! whose recordings are missing counts as ignored.
 
+#![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic")]
+
 use std::env;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};

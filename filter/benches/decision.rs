@@ -1,5 +1,6 @@
 //! What a whole decision costs on one thread: the belief after a touch, and where to touch next.
 
+#![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a bench ends by a panic")]
 // The macros' function has no documentation; a benchmark without its bank cannot go on.
 #![allow(missing_docs, clippy::expect_used)]
 

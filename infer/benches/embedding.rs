@@ -1,5 +1,6 @@
 //! What an embedding and a start cost with the shipped model: one image, a batch on all cores, loading model and bank.
 
+#![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a bench ends by a panic")]
 // The macros' function has no documentation; a benchmark without its files cannot go on.
 #![allow(missing_docs, clippy::expect_used)]
 

@@ -12,8 +12,8 @@ pub enum Error {
     /// A value, frame or file that cannot be used.
     #[error(transparent)]
     Data(#[from] tactile_data::Error),
-    /// Something that belongs to one model was used with another.
-    #[error("{what}: expected one made by model {:.12}, got one made by {:.12}", expected, got)]
+    /// A bank that belongs to one model was used with another.
+    #[error("{what}: expected a bank made by model {:.12}, got one made by {:.12}", expected, got)]
     WrongModel {
         /// The bank, sensor or file.
         what: String,

@@ -32,6 +32,8 @@
 //! # fn main() {}
 //! ```
 
+#![cfg_attr(test, allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic"))]
+
 pub mod architecture;
 pub mod bank;
 #[cfg(feature = "datasets")]

@@ -36,7 +36,7 @@ pub struct Model {
 #[derive(Debug)]
 enum Towers {
     /// On the CPU, without tensors.
-    Cpu(Encoder),
+    Cpu(Box<Encoder>),
     /// By burn, on another device.
     #[cfg(feature = "burn")]
     Tensors { network: Box<Network>, device: Device },
@@ -77,7 +77,7 @@ impl Model {
         }
         let n_parameters = n_held;
         let towers = match device {
-            DeviceKind::Flex => Towers::Cpu(Encoder::new(&checkpoint.config, &checkpoint.tensors)?),
+            DeviceKind::Flex => Towers::Cpu(Box::new(Encoder::new(&checkpoint.config, &checkpoint.tensors)?)),
             #[cfg(feature = "burn")]
             other => {
                 let device = other.open()?;

@@ -67,9 +67,10 @@ fn what_cannot_be_embedded_is_named() {
     let rest = picture::read(&sample.folder().join("pegs/no_contact.png")).unwrap();
     picture::write_png(&small, &picture::resize(&rest, [60, 50]).unwrap()).unwrap();
     let small = text(small);
+    let without = run("tactile-infer", sample.folder(), &["embed", "--model", "model/model.safetensors", &image]);
+    assert!(without.misused().contains("--no-contact"), "{without:#?}");
     let rest = ["--no-contact", "pegs/no_contact.png"];
     for (args, words) in [
-        (vec![image.as_str()], ["--no-contact", "at rest"]),
         (vec!["none.png", rest[0], rest[1]], ["none.png", "No such file"]),
         (vec![&image, "--no-contact", "none.png"], ["none.png", "No such file"]),
         (vec![&image, &small, rest[0], rest[1]], ["small.png", "expected 80x60 pixels"]),

@@ -61,12 +61,12 @@ impl Assemble {
     pub fn run(self) -> Result<()> {
         let (model, bank) = self.inputs.load()?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        self.inputs.check_scene(&bank, simulator.scene(), Poses::OffGrid)?;
         let sensor = Sensor::new(model.clone(), &at_rest(&simulator, &self.seeds.seeds))?;
         let config = self.config(&simulator, &model)?;
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
         self.output.prepare(FILES[0], FILES[1], &self.inputs.files(&self.scene))?;
+        self.inputs.check_scene(&bank, simulator.scene(), Poses::OffGrid)?;
 
         let trials = workcell.run(&reporter("trials"))?;
         let run = Run {
