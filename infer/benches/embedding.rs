@@ -2,7 +2,7 @@
 
 #![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a bench ends by a panic")]
 // The macros' function has no documentation; a benchmark without its files cannot go on.
-#![allow(missing_docs, clippy::expect_used)]
+#![allow(missing_docs)]
 
 use std::path::Path;
 

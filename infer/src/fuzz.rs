@@ -230,7 +230,7 @@ proptest! {
 
     #[test]
     fn fuzz_a_damaged_checkpoint_is_refused_or_whole(all in prop::collection::vec(damage(), 1..4)) {
-        match read(&damaged(&WHOLE.checkpoint, &all), |path| Model::load(path)) {
+        match read(&damaged(&WHOLE.checkpoint, &all), Model::load) {
             Ok(model) => prop_assert_eq!(model.sha256(), WHOLE.model.sha256()),
             Err(error) => prop_assert!(!error.to_string().contains('\n'), "{}", error),
         }
@@ -248,7 +248,7 @@ proptest! {
     #[test]
     fn fuzz_a_forged_checkpoint_is_refused_or_a_model(all in prop::collection::vec(forgery(), 1..4)) {
         if let Some(bytes) = forged(&WHOLE.checkpoint, checkpoint::SCHEMA, &all)
-            && let Ok(model) = read(&bytes, |path| Model::load(path))
+            && let Ok(model) = read(&bytes, Model::load)
         {
             check_model(&model)?;
         }

@@ -28,6 +28,7 @@ pub fn moco(simulator: &Simulator, sensor: &Sensor, bank: &Arc<Bank>, protocol: 
 
 /// The nearest recorded frame to the first touch of each episode, by L1 distance of the difference
 /// images: to the frames as they are, and to the frames turned inside out. All parts of the bank compete.
+#[expect(clippy::too_many_arguments, reason = "the inputs of one baseline, used once")]
 pub fn pixel(
     simulator: &Simulator,
     model: &Model,

@@ -60,6 +60,7 @@ impl Sample {
     }
 
     /// Random rows, touched at `first` and after each of the motions.
+    #[expect(clippy::too_many_arguments, reason = "each is one number of the sample")]
     pub fn along(n_parts: usize, grid: PoseGrid, dim: usize, first: Se2, motions: &[Se2], seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let n_rows = n_parts * grid.len();
