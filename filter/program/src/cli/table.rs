@@ -3,6 +3,7 @@
 use tactile_eval::result::{Evaluation, Row};
 
 /// Prints it; `inside_out` is the Pixel baseline with its pictures turned inside out.
+#[expect(clippy::too_many_lines, reason = "one table, line by line")]
 pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
     println!("{}: {} episodes, {} parts", evaluation.scene, evaluation.n_episodes, evaluation.n_classes);
     println!(
