@@ -65,7 +65,7 @@ pub use episode::{Decision, Episode};
 pub use error::{Error, Result};
 pub use estimate::{Estimate, Warning};
 pub use observation::Observation;
-pub use record::EpisodeRecord;
+pub use record::{EpisodeRecord, VERSION};
 pub use sensor::Sensor;
 pub use stop::StopReason;
 pub use tactile_data::FrameFault;
