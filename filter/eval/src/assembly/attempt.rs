@@ -30,7 +30,7 @@ pub struct Attempt {
     pub n_touches: usize,
     /// Probability of the part that was named, 0..=1.
     pub probability: f64,
-    /// How well it explains what was felt ([`Estimate::fit`]).
+    /// How well it explains what was felt (`Estimate::fit`).
     pub fit: Option<f64>,
     /// Whether the peg went in.
     pub went_in: bool,

@@ -81,7 +81,7 @@ fn top(assembly: &Assembly) -> Markup {
     }
 }
 
-/// The cells of a group: its name and then [`GROUP_HEADS`].
+/// The cells of a group: its name and then `GROUP_HEADS`.
 pub fn group_cells(group: &Group) -> Vec<Markup> {
     cells![
         group.name,

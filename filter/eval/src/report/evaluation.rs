@@ -24,7 +24,7 @@ const KINDS: [(Poses, &str); 2] = [(Poses::OnGrid, "on grid"), (Poses::OffGrid, 
 /// Writes the report of an evaluation with some of its episodes, whole or not at all.
 ///
 /// # Errors
-/// As [`html`], and a file at `path` that is no page of this program, or cannot be written.
+/// As [`html()`], and a file at `path` that is no page of this program, or cannot be written.
 pub fn write_report(path: &Path, evaluation: &Evaluation, board: &Board, episodes: &[Narrative]) -> Result<()> {
     write_page(path, &html(evaluation, board, episodes)?)
 }
