@@ -268,7 +268,7 @@ impl MatchModel {
     }
 
     fn log(self, above_best: f64) -> f64 {
-        let log = (above_best / self.temperature).min(HIGHEST);
+        let log = (above_best / self.temperature).clamp(LOWEST, HIGHEST);
         if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log }
     }
 
@@ -292,6 +292,10 @@ impl MatchModel {
 
 /// Between recorded views a cosine may rise above the best of them, but by no more than this says anything, nats.
 const HIGHEST: f64 = 30.0;
+
+/// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite views
+/// are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
+const LOWEST: f64 = -1e12;
 
 fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     let query = &observation.query;
