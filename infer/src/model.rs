@@ -70,12 +70,11 @@ impl Model {
     /// A model from a checkpoint in memory; `sha256` is what [`Checkpoint::save`] returned.
     pub fn new(checkpoint: Checkpoint, sha256: String, device: DeviceKind) -> Result<Self> {
         // Before any is allocated: a config may ask for terabytes that the file does not hold.
-        let n_held: usize = checkpoint.tensors.iter().map(|tensor| tensor.values.len()).sum();
+        let n_parameters: usize = checkpoint.tensors.iter().map(|tensor| tensor.values.len()).sum();
         let n_asked = checkpoint.config.n_weights_at_least();
-        if n_asked > n_held {
-            return Err(Error::invalid("network", format!("{n_asked} weights or more"), n_held.to_string()));
+        if n_asked > n_parameters {
+            return Err(Error::invalid("network", format!("{n_asked} weights or more"), n_parameters.to_string()));
         }
-        let n_parameters = n_held;
         let towers = match device {
             DeviceKind::Flex => Towers::Cpu(Box::new(Encoder::new(&checkpoint.config, &checkpoint.tensors)?)),
             #[cfg(feature = "burn")]

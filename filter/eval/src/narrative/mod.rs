@@ -1,5 +1,6 @@
 //! Single episodes touch by touch, for people: what was touched, what was seen, what was believed, why it went on there.
 
+mod drawing;
 pub mod episodes;
 mod next_touch;
 mod picture;

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use tactile_data::se2::Se2;
 use tactile_filter::action::{ActionRule, Expected, Judged};
 
-use super::rows::{mm, outline, transform, view_box};
+use super::drawing::{mm, outline, transform, view_box};
 use super::{Board, NarrativeTouch, NextTouch};
 use crate::page::numbers::number;
 

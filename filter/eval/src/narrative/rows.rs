@@ -1,9 +1,10 @@
 //! The rows of an episode, one for each touch, as the paper's last figure has them: what was touched, what was seen and
 //! how probable each place is.
 
-use maud::{Markup, PreEscaped, html};
+use maud::{Markup, html};
 use tactile_data::se2::Se2;
 
+use super::drawing::{mm, outline, transform, view_box};
 use super::next_touch::Candidates;
 use super::{Board, Narrative, NarrativeTouch, PartPicture, next_touch, picture};
 use crate::error::Result;
@@ -212,27 +213,6 @@ fn half_view_mm(episode: &Narrative, board: &Board) -> f64 {
     });
     let outline = board.parts[episode.truth].outline_mm.iter().flatten().copied();
     corners.chain(outline).flatten().map(f64::abs).fold(0.0, f64::max) + 1.0
-}
-
-/// A reference to the outline of a part, which [`outlines`] defines.
-pub fn outline(part: usize) -> Markup {
-    PreEscaped(format!(r##"<use href="#part-{part}" class="part"></use>"##))
-}
-
-/// A square view around the part's origin.
-pub fn view_box(half_mm: f64) -> String {
-    format!("{0:.1} {0:.1} {1:.1} {1:.1}", -half_mm, 2.0 * half_mm)
-}
-
-/// Where something of the sensor is drawn on the part.
-pub fn transform(part_from_sensor: &Se2) -> String {
-    let Se2 { x_mm, y_mm, .. } = part_from_sensor;
-    format!("translate({x_mm:.2} {y_mm:.2}) rotate({:.1})", part_from_sensor.theta_deg())
-}
-
-/// A length on a part, mm.
-pub fn mm(value: f64) -> String {
-    format!("{value:.2}")
 }
 
 fn footprint(part_from_sensor: &Se2, [width, height]: [f64; 2], is_newest: bool) -> Markup {
