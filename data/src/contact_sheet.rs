@@ -102,7 +102,7 @@ mod tests {
             part: Some(part.into()),
             side: Some(side),
             part_from_sensor: Some(Se2::from_degrees(x_mm, 0.0, 0.0)),
-            moved: None,
+            ..Touch::default()
         }
     }
 

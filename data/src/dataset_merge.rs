@@ -24,7 +24,9 @@ pub fn merge(shards: &[PathBuf], out: &Path, progress: &dyn Fn(usize, usize)) ->
     };
     let n_planned = first.fragment.n_planned;
     output::check_room(out, n_planned, first.meta.frame_px)?;
-    let mut writer = DatasetWriter::create(out, first.meta.clone(), &first.no_contact)?.expecting(n_planned);
+    // Poses come out of the shards as they were moved already.
+    let meta = Meta { peg_from_hole: None, ..first.meta.clone() };
+    let mut writer = DatasetWriter::create(out, meta, &first.no_contact)?.expecting(n_planned);
     let mut n_frames = 0;
     for head in &heads {
         let shard = Dataset::open(head.path)?;

@@ -189,6 +189,8 @@ impl Job {
             scene: Some(description),
             seed: Some(seed),
             source: "simulated".into(),
+            recording: None,
+            peg_from_hole: None,
         };
         Ok(Self { simulator, planned, seed, meta })
     }
@@ -228,7 +230,7 @@ impl Job {
                 part: Some(self.simulator.parts()[touch.part].clone()),
                 side: Some(touch.side),
                 part_from_sensor: Some(touch.part_from_sensor),
-                moved: None,
+                ..Touch::default()
             };
             writer.push(frame, &touch)
         })

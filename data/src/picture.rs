@@ -42,6 +42,12 @@ pub fn read(path: &Path) -> Result<Frame> {
     Ok(read_all(path)?.swap_remove(0))
 }
 
+/// The frame that the bytes of a PNG or JPEG hold; `place` names them in an error.
+pub fn decode(bytes: &[u8], place: &str) -> Result<Frame> {
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(place))?;
+    frame_from(reader.decode().map_err(Error::picture(Path::new(place)))?)
+}
+
 /// Writes a frame as an 8-bit RGB PNG.
 pub fn write_png(path: &Path, frame: &Frame) -> Result<()> {
     let mut png = Cursor::new(Vec::new());

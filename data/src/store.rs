@@ -17,8 +17,9 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::picture;
+use crate::se2::Se2;
 use crate::shard::Fragment;
-use crate::touch::Touch;
+use crate::touch::{Side, Touch};
 
 /// Name and version of the layout on disk.
 pub const SCHEMA: &str = "tactile-filter/dataset/1";
@@ -54,6 +55,26 @@ pub struct Meta {
     pub seed: Option<u64>,
     /// Where the frames come from, for people.
     pub source: String,
+    /// How a recording became this dataset; `None` for simulated touches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording: Option<Recording>,
+    /// The pose of the hole board in the peg board's frame, as it was estimated or given. [`Dataset::open`] moves the
+    /// poses of holes by it, so that a hole and its peg touched at one place have one pose.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub peg_from_hole: Option<Se2>,
+}
+
+/// How a recording became a dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recording {
+    /// SHA-256 of what was read: the index and every picture, in order, or the bag.
+    pub source_sha256: String,
+    /// Size of the source's pictures, pixels.
+    pub source_px: [usize; 2],
+    /// What was kept of each picture, after turning: left, top, width and height, pixels.
+    pub crop_px: [usize; 4],
+    /// Quarter turns counter-clockwise made before cropping, 0..=3.
+    pub quarter_turns: u8,
 }
 
 /// `meta.json` as it is on disk.
@@ -184,7 +205,11 @@ impl Dataset {
         let content = read_meta(path)?;
         let frames = map_frames(&path.join(FRAMES), &content)?;
         check_sha256(&path.join(INDEX), &content.index_sha256)?;
-        let touches = read_index(&path.join(INDEX))?;
+        let mut touches = read_index(&path.join(INDEX))?;
+        if let Some(peg_from_hole) = content.meta.peg_from_hole {
+            let holes = touches.iter_mut().filter(|touch| touch.side == Some(Side::Hole));
+            holes.filter_map(|touch| touch.part_from_sensor.as_mut()).for_each(|pose| *pose = peg_from_hole * *pose);
+        }
         if touches.len() != content.n_frames {
             let got = format!("{} lines", touches.len());
             return Err(Error::invalid(name(&path.join(INDEX)), format!("{} lines", content.n_frames), got));
@@ -430,8 +455,6 @@ fn json_error(path: &Path, expected: &str) -> impl FnOnce(serde_json::Error) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::se2::Se2;
-    use crate::touch::Side;
 
     fn meta() -> Meta {
         Meta {
@@ -443,6 +466,8 @@ mod tests {
             scene: Some(serde_json::json!({"parts": 3})),
             seed: Some(u64::MAX),
             source: "a test".into(),
+            recording: None,
+            peg_from_hole: None,
         }
     }
 
@@ -455,7 +480,7 @@ mod tests {
             part: Some("B".into()),
             side: (i > 0).then_some(Side::Hole),
             part_from_sensor: Some(Se2::from_degrees(f64::from(i) / 3.0, -4.0, 30.0)),
-            moved: None,
+            ..Touch::default()
         }
     }
 

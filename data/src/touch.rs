@@ -15,7 +15,7 @@ pub enum Side {
 }
 
 /// What is known of one frame of a dataset: a line of its index.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Touch {
     /// Name of the part (a letter, a board, a connector); `None` where nobody knows.
@@ -31,4 +31,13 @@ pub struct Touch {
     /// for a first touch.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<Se2>,
+    /// The mating pair that this touch is one of: the hole and the peg of one name were touched at one place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pair: Option<String>,
+    /// The episode that this touch is of: touches of one hole, in order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub episode: Option<String>,
+    /// When the frame was taken, seconds on the recording's clock.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_s: Option<f64>,
 }

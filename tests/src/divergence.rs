@@ -58,6 +58,8 @@ fn pairs(folder: &Path, rgb: impl Fn(usize, Side) -> Vec<u8>, place: impl Fn(usi
         scene: None,
         seed: None,
         source: "a test".into(),
+        recording: None,
+        peg_from_hole: None,
     };
     let frame = |rgb| Frame::new(32, 24, rgb).unwrap();
     let out = folder.join("pairs");
@@ -65,7 +67,7 @@ fn pairs(folder: &Path, rgb: impl Fn(usize, Side) -> Vec<u8>, place: impl Fn(usi
     for pair in 0..12 {
         for side in [Side::Hole, Side::Peg] {
             let part_from_sensor = place(pair);
-            let touch = Touch { part: Some("board".into()), side: Some(side), part_from_sensor, moved: None };
+            let touch = Touch { part: Some("board".into()), side: Some(side), part_from_sensor, ..Touch::default() };
             writer.push(&frame(rgb(pair, side)), &touch).unwrap();
         }
     }

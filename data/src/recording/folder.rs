@@ -9,6 +9,7 @@ use serde::Deserialize;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::picture;
+use crate::recording::pipeline::{Item, Picture, check_px, push};
 use crate::se2::Se2;
 use crate::store::{self, DatasetWriter, Meta};
 use crate::suggest::with_closest;
@@ -84,27 +85,24 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
         scene: None,
         seed: None,
         source: format!("imported from {}", source.display()),
+        recording: None,
+        peg_from_hole: None,
     };
     store::check_meta(&meta, out)?;
     let mut writer = DatasetWriter::create(out, meta, &picture::resize(&no_contact, frame_px)?)?;
-    let mut n_frames = 0;
-    for (done, (file, touch)) in files.iter().enumerate() {
-        for (i, frame) in picture::read_all(file)?.iter().enumerate() {
-            check_px(frame, native_px, file)?;
-            // The sensor does not move within an animation.
-            let moved = touch.moved.map(|moved| if i == 0 { moved } else { Se2::IDENTITY });
-            writer.push(&picture::resize(frame, frame_px)?, &Touch { moved, ..touch.clone() })?;
-            n_frames += 1;
-        }
-        progress(done + 1, files.len());
-    }
+    let n_files = files.len();
+    let mut items = files.into_iter().map(|(file, touch)| {
+        let place = file.display().to_string();
+        Ok(Item { picture: Picture::File(file), touch, place })
+    });
+    let n_frames = push(&mut items, n_files, native_px, frame_px, &mut writer, progress)?;
     writer.finish()?;
     Ok(Imported { n_frames, warnings })
 }
 
 /// The picture files in order, with what the index says of each.
 fn list_files(source: &Path, how: &Import) -> Result<Vec<(PathBuf, Touch)>> {
-    let unknown = Touch { part: None, side: None, part_from_sensor: None, moved: None };
+    let unknown = Touch::default();
     let is_file = fs::metadata(source).map_err(Error::io(source))?.is_file();
     let found = ["index.csv", "index.jsonl"].map(|file| source.join(file)).into_iter().find(|path| path.exists());
     let files = match how.index.clone().or(found) {
@@ -193,6 +191,7 @@ fn read_index(index: &Path, folder: &Path) -> Result<Vec<(PathBuf, Touch)>> {
             moved: pose(&place, "moved_*", [row.moved_x_mm, row.moved_y_mm, row.moved_theta_deg])?,
             part: row.part,
             side: row.side,
+            ..Touch::default()
         };
         files.push((path, touch));
     }
@@ -274,7 +273,7 @@ fn no_contact(files: &[(PathBuf, Touch)], how: &Import, warnings: &mut Vec<Strin
     'files: for (file, _) in files {
         for frame in picture::read_all(file)? {
             if let Some(first) = frames.first() {
-                check_px(&frame, [first.width_px(), first.height_px()], file)?;
+                check_px(&frame, [first.width_px(), first.height_px()], &file.display().to_string())?;
                 if matches!(how.no_contact, NoContact::Guess) && mean_difference(first, &frame) > REST_COUNTS {
                     break 'files;
                 }
@@ -313,15 +312,6 @@ fn median(frames: &[Frame]) -> Result<Frame> {
         *values.select_nth_unstable(middle).1
     });
     Frame::new(frames[0].width_px(), frames[0].height_px(), rgb.collect())
-}
-
-fn check_px(frame: &Frame, expected: [usize; 2], file: &Path) -> Result<()> {
-    let got = [frame.width_px(), frame.height_px()];
-    if got == expected {
-        return Ok(());
-    }
-    let show = |[width, height]: [usize; 2]| format!("{width}x{height} pixels");
-    Err(Error::invalid(file.display().to_string(), format!("{}, as the no-contact frame", show(expected)), show(got)))
 }
 
 #[cfg(test)]

@@ -1,3 +1,4 @@
 //! Recordings of real sensors, brought into the native format of [`crate::store`].
 
 pub mod folder;
+pub mod pipeline;
