@@ -155,7 +155,7 @@ mod tests {
 
     /// `n` drawn places of each letter.
     fn drawn(sides: &[Side], n: usize, seed: u64) -> Sampling<'_> {
-        Sampling { sides, places: Places::Anywhere(n), seed }
+        Sampling { sides, places: Places::Anywhere(n), seed, lab: None }
     }
 
     /// What is written to `out`: shard `text`.
@@ -176,7 +176,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let scene = maze(Fidelity::Camera);
-        let sampling = Sampling { sides: &[], places: Places::EachPose, seed: 4 };
+        let sampling = Sampling { sides: &[], places: Places::EachPose, seed: 4, lab: None };
         generate(&scene, &sampling, &at("single"), &|_, _| ()).unwrap();
         let shards = ["3/3", "1/3", "2/3"].map(|text| {
             let out = at(&text.replace('/', "-of-"));
@@ -243,7 +243,7 @@ mod tests {
         write(&at("length"), "4/4", &letters(), &drawn(pegs, 3, 1)).unwrap();
         write(&at("sides"), "4/4", &letters(), &drawn(&[Side::Hole], 2, 1)).unwrap();
         write(&at("size"), "4/4", &small, &drawn(pegs, 2, 1)).unwrap();
-        let sampling = Sampling { sides: pegs, places: Places::Anywhere(2), seed: 1 };
+        let sampling = Sampling { sides: pegs, places: Places::Anywhere(2), seed: 1, lab: None };
         generate(&letters(), &sampling, &at("whole"), &|_, _| ()).unwrap();
         write(&at("cut"), "4/4", &letters(), &drawn(pegs, 2, 1)).unwrap();
         let frames = fs::read(at("cut/frames.npy")).unwrap();

@@ -11,6 +11,7 @@ use sha2::{Digest, Sha256};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
+use crate::lab::Lab;
 use crate::output;
 use crate::random::{around_zero, frame_rng};
 use crate::scene::{MazeBoards, Parts, Scene};
@@ -32,6 +33,8 @@ pub struct Planned {
     pub side: Side,
     /// Where the sensor is.
     pub part_from_sensor: Se2,
+    /// Where the recording says that it is: the same, but in a simulated lab.
+    pub stated: Se2,
 }
 
 /// Where the parts of a kit are touched.
@@ -52,6 +55,8 @@ pub struct Sampling<'a> {
     pub places: Places,
     /// Draws boards, places, jitter and noise.
     pub seed: u64,
+    /// What the recording gets wrong; `None`: nothing.
+    pub lab: Option<Lab>,
 }
 
 /// The most touches of one dataset: each draws from a stream of random numbers of its own.
@@ -98,7 +103,8 @@ pub fn plan(scene: &Scene, sides: &[Side], places: Places, seed: u64) -> Result<
     let mut planned = Vec::new();
     for part in 0..scene.part_names().len() {
         for side in sides {
-            planned.extend((0..n_poses).map(|i| Planned { part, side: *side, part_from_sensor: pose(part, *side, i) }));
+            let touch = |at: Se2| Planned { part, side: *side, part_from_sensor: at, stated: at };
+            planned.extend((0..n_poses).map(|i| touch(pose(part, *side, i))));
         }
     }
     Ok(planned)
@@ -145,6 +151,9 @@ pub fn generate_shard(
         let expected = format!("at most {n_planned} shards, one for each touch");
         return Err(Error::invalid("shard", expected, shard.to_string()));
     }
+    if sampling.lab.is_some() {
+        return Err(Error::invalid("shard", "touches without a simulated lab's errors", "a lab"));
+    }
     let is_there = std::fs::symlink_metadata(out).is_ok();
     if !is_there {
         output::check_room(out, shard.range(n_planned).len(), scene.sensor.frame_px)?;
@@ -172,11 +181,15 @@ struct Job {
 
 impl Job {
     fn new(scene: &Scene, sampling: &Sampling) -> Result<Self> {
-        let Sampling { sides, places, seed } = *sampling;
+        let Sampling { sides, places, seed, lab } = *sampling;
         let simulator = Simulator::new(scene.clone(), seed)?;
-        let planned = plan(scene, sides, places, seed)?;
+        let mut planned = plan(scene, sides, places, seed)?;
+        if let Some(lab) = lab {
+            lab.validate()?;
+            planned = lab.record(planned, seed);
+        }
         let held_out = match &scene.parts {
-            Parts::Maze(boards) => scene.part_names().split_off(boards.n_boards - boards.n_held_out),
+            Parts::Maze(boards) if lab.is_none() => scene.part_names().split_off(boards.n_boards - boards.n_held_out),
             _ => Vec::new(),
         };
         let description = serde_json::to_value(scene).map_err(|e| Error::invalid("scene", "JSON", e.to_string()))?;
@@ -184,11 +197,12 @@ impl Job {
             name: scene.name.clone(),
             frame_px: scene.sensor.frame_px,
             mm_per_px: scene.sensor.mm_per_px(),
-            reach: scene.reach,
+            // Nobody tells a lab which grid it touched, or what it holds out.
+            reach: scene.reach.filter(|_| lab.is_none()),
             held_out,
-            scene: Some(description),
+            scene: Some(description).filter(|_| lab.is_none()),
             seed: Some(seed),
-            source: "simulated".into(),
+            source: if lab.is_none() { "simulated".into() } else { "a simulated lab".into() },
             recording: None,
             peg_from_hole: None,
         };
@@ -229,7 +243,7 @@ impl Job {
             let touch = Touch {
                 part: Some(self.simulator.parts()[touch.part].clone()),
                 side: Some(touch.side),
-                part_from_sensor: Some(touch.part_from_sensor),
+                part_from_sensor: Some(touch.stated),
                 ..Touch::default()
             };
             writer.push(frame, &touch)
@@ -240,7 +254,7 @@ impl Job {
 /// SHA-256 of a plan, 64 hex digits: what is touched, where, in which order.
 fn fingerprint(planned: &[Planned]) -> String {
     let mut hash = Sha256::new();
-    for Planned { part, side, part_from_sensor: Se2 { x_mm, y_mm, theta_rad } } in planned {
+    for Planned { part, side, part_from_sensor: Se2 { x_mm, y_mm, theta_rad }, .. } in planned {
         hash.update((*part as u64).to_le_bytes());
         hash.update([u8::from(*side == Side::Peg)]);
         [x_mm, y_mm, theta_rad].into_iter().for_each(|number| hash.update(number.to_le_bytes()));
@@ -279,7 +293,7 @@ fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> Vec<Planned> {
             let mut around = |half| around_zero(&mut rng, half);
             let part_from_sensor = Se2::new(around(half), around(half), around(std::f64::consts::PI));
             let part = pair * boards.n_boards / boards.n_pairs;
-            [Side::Hole, Side::Peg].map(|side| Planned { part, side, part_from_sensor })
+            [Side::Hole, Side::Peg].map(|side| Planned { part, side, part_from_sensor, stated: part_from_sensor })
         })
         .collect()
 }
@@ -298,7 +312,7 @@ mod tests {
     }
 
     fn boards(seed: u64) -> Sampling<'static> {
-        Sampling { sides: &[], places: Places::EachPose, seed }
+        Sampling { sides: &[], places: Places::EachPose, seed, lab: None }
     }
 
     #[test]

@@ -40,6 +40,9 @@ pub mod frame;
 #[cfg(feature = "sim")]
 pub mod generate;
 pub mod grid;
+pub mod grid_fit;
+#[cfg(feature = "sim")]
+pub mod lab;
 #[cfg(feature = "sim")]
 pub mod npy;
 pub mod origin;

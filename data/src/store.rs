@@ -272,6 +272,22 @@ impl Dataset {
     }
 }
 
+/// Notes the pose of the hole board in the peg board's frame with a dataset, whole or not at all; frames and index stay as
+/// they are.
+///
+/// # Errors
+/// No dataset, or a folder that cannot be written to.
+pub fn set_peg_from_hole(dataset: &Path, peg_from_hole: Se2) -> Result<()> {
+    let mut content = read_meta(dataset)?;
+    content.meta.peg_from_hole = Some(peg_from_hole);
+    let (path, new) = (dataset.join(META), dataset.join("meta.json.new"));
+    let json = serde_json::to_vec_pretty(&content).map_err(json_error(&path, "meta data"))?;
+    let mut file = create_file(&new)?;
+    file.write_all(&json).map_err(Error::io(&new))?;
+    sync(&mut file, &new)?;
+    fs::rename(&new, &path).map_err(Error::io(&path))
+}
+
 /// What a dataset says of itself, without a look at its frames.
 pub(crate) fn read_meta(dataset: &Path) -> Result<MetaFile> {
     let path = &dataset.join(META);

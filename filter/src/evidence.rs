@@ -134,7 +134,7 @@ impl Evidence {
             return None;
         }
         let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor))?;
-        let is_known = !self.cubic || seen.trust == 1.0;
+        let is_known = self.likelihood.is_recorded(seen.row) && (!self.cubic || seen.trust == 1.0);
         let log = || self.likelihood.log_below(seen.similarity - self.best_similarity).min(0.0);
         is_known.then(|| if self.likelihood.is_edged(seen.row) { log() } else { MISMATCH })
     }

@@ -132,6 +132,17 @@ const SHARED_ERROR: f64 = 2.0;
 /// state that sees the touch at one of the few blank views inside.
 const UNKNOWN_IS_BLANK: f64 = 0.5;
 
+/// What a row of the bank shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shows {
+    /// An edge.
+    Edge,
+    /// No edge.
+    Nothing,
+    /// It was not recorded.
+    Unknown,
+}
+
 /// The log-likelihood of one touch at each recorded view and between them, up to a constant of the touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TouchLikelihood {
@@ -144,8 +155,8 @@ pub struct TouchLikelihood {
     pub best_similarity: f32,
     /// Whether the touch showed no edge.
     pub blank: bool,
-    /// Whether each row of the bank shows an edge, `[n_rows]`.
-    edged: Vec<bool>,
+    /// What each row of the bank shows, `[n_rows]`.
+    shows: Vec<Shows>,
     /// How alike the bank's neighbouring views are, `[n_parts]`; `None` where none are interpolated.
     neighbours: Option<Arc<[Neighbours]>>,
     /// Log of the mean of `exp((s - best) / tau) + eps` over the edged rows.
@@ -165,9 +176,11 @@ impl TouchLikelihood {
     /// edge share that is not a number.
     pub fn new(observation: &Observation, bank: &Bank, config: &LikelihoodConfig) -> Result<Self> {
         let similarities = cosines(observation, bank)?; // [n_rows]
-        let edged: Vec<bool> = bank.edge_shares().iter().map(|share| !config.is_blank(*share)).collect();
+        let of_share = |share: &f32| if config.is_blank(*share) { Shows::Nothing } else { Shows::Edge };
+        let mut shows: Vec<Shows> = bank.edge_shares().iter().map(of_share).collect();
+        bank.missing().iter().for_each(|row| shows[*row] = Shows::Unknown);
         let blank = config.is_blank(observation.edge_share);
-        let of_edged = similarities.iter().zip(&edged).filter(|(_, edged)| **edged);
+        let of_edged = similarities.iter().zip(&shows).filter(|(_, shows)| **shows == Shows::Edge);
         let mut above_best: Vec<f64> = of_edged.map(|(similarity, _)| f64::from(*similarity)).collect();
         let best_similarity = simd::largest(&above_best).max(-1.0) as f32;
         above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(best_similarity));
@@ -182,7 +195,7 @@ impl TouchLikelihood {
             log_unknown,
             best_similarity,
             blank,
-            edged,
+            shows,
             neighbours,
             log_mean,
             log_agrees,
@@ -200,11 +213,14 @@ impl TouchLikelihood {
     /// The log-likelihood at a view of a given cosine, near one row of the bank that says whether it is
     /// blank; about 0 where the touch says nothing.
     pub fn log_between(&self, similarity: f32, row: usize) -> f64 {
-        if self.edged[row] == self.blank {
-            return self.log_disagrees;
+        match (self.shows[row], self.blank) {
+            (Shows::Unknown, _) => self.log_unknown,
+            (Shows::Edge, true) | (Shows::Nothing, false) => self.log_disagrees,
+            (Shows::Nothing, true) => self.log_agrees,
+            (Shows::Edge, false) => {
+                self.log_agrees + (self.log_below(similarity - self.best_similarity) - self.log_mean)
+            }
         }
-        let log = if self.blank { 0.0 } else { self.log_below(similarity - self.best_similarity) - self.log_mean };
-        self.log_agrees + log
     }
 
     /// The same of an edged touch at views of these cosines, near rows that show an edge too.
@@ -240,7 +256,12 @@ impl TouchLikelihood {
 
     /// Whether the view of a row shows an edge.
     pub fn is_edged(&self, row: usize) -> bool {
-        self.edged[row]
+        self.shows[row] == Shows::Edge
+    }
+
+    /// Whether the view of a row was recorded.
+    pub fn is_recorded(&self, row: usize) -> bool {
+        self.shows[row] != Shows::Unknown
     }
 }
 

@@ -35,6 +35,8 @@ pub struct Bank {
     grid: PoseGrid,
     rows: Rows,
     edge_shares: Vec<f32>,
+    /// Rows that were not recorded, in order; what they hold is interpolated from those around them.
+    missing: Vec<usize>,
     model_sha256: Arc<str>,
     origin: Option<Origin>,
     symmetries: Vec<Symmetry>,
@@ -80,8 +82,29 @@ impl Bank {
             let got = edge_shares[row].to_string();
             return Err(Error::invalid(format!("bank row {row}"), "an edge share in 0..=1", got));
         }
-        let (origin, symmetries, neighbours) = (None, Vec::new(), Arc::default());
-        Ok(Self { parts, grid, rows, edge_shares, model_sha256, origin, symmetries, neighbours })
+        let (origin, missing, symmetries, neighbours) = (None, Vec::new(), Vec::new(), Arc::default());
+        Ok(Self { parts, grid, rows, edge_shares, missing, model_sha256, origin, symmetries, neighbours })
+    }
+
+    /// The same bank, of which some rows were not recorded: the filter takes what is seen there as unknown. What they
+    /// hold serves only the interpolation between the views around them.
+    ///
+    /// # Errors
+    /// A row that the bank does not hold, or a part none of whose rows was recorded.
+    pub fn with_missing(mut self, mut missing: Vec<usize>) -> Result<Self> {
+        missing.sort_unstable();
+        missing.dedup();
+        if let Some(odd) = missing.iter().find(|row| **row >= self.n_rows()) {
+            return Err(Error::invalid("bank", format!("one of {} rows", self.n_rows()), format!("row {odd}")));
+        }
+        let n_cells = self.grid.len();
+        let n_missing = |part: usize| missing.iter().filter(|row| **row / n_cells == part).count();
+        if let Some(part) = (0..self.parts.len()).find(|part| n_missing(*part) == n_cells) {
+            return Err(Error::invalid("bank", format!("a recorded view of part {}", self.parts[part]), "none"));
+        }
+        self.missing = missing;
+        self.symmetries = threads::map(self.parts.len(), |part| symmetry(&self.views(), part));
+        Ok(self)
     }
 
     /// The same bank, with what its touches were made of.
@@ -101,7 +124,7 @@ impl Bank {
         }
         let rows = self.rows.to_precision(precision)?;
         let bank = Self::from_rows(self.parts, self.grid, rows, self.edge_shares, self.model_sha256)?;
-        Ok(Self { origin: self.origin, ..bank })
+        Ok(Self { origin: self.origin, ..bank.with_missing(self.missing)? })
     }
 
     /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept.
@@ -125,7 +148,12 @@ impl Bank {
         });
         let symmetries = parts.iter().map(|part| self.symmetries[*part]).collect();
         let neighbours = parts.iter().map(|part| self.neighbours[*part].clone()).collect();
-        Ok(Self { origin, symmetries, neighbours, ..some })
+        let mut missing = Vec::new();
+        for (new, part) in parts.iter().enumerate() {
+            let of_part = self.missing.iter().filter(|row| range(part).contains(*row));
+            missing.extend(of_part.map(|row| row - part * n_cells + new * n_cells));
+        }
+        Ok(Self { origin, missing, symmetries, neighbours, ..some })
     }
 
     /// The bank without one part, by its index.
@@ -170,11 +198,14 @@ impl Bank {
             tensor("edge_shares", vec![n_rows], self.edge_shares.clone()),
         ];
         tensors.extend(scales.map(|scales| tensor("scales", vec![n_rows], scales)));
-        let text = vec![
+        let mut text = vec![
             ("parts".into(), to_json(&self.parts)?),
             ("grid".into(), to_json(&self.grid)?),
             ("model_sha256".into(), self.model_sha256.to_string()),
         ];
+        if !self.missing.is_empty() {
+            text.push(("missing".into(), to_json(&self.missing)?));
+        }
         Ok(SafeFile { tensors, blobs: Vec::new(), text })
     }
 
@@ -201,6 +232,7 @@ impl Bank {
             return Err(Error::invalid("symmetries", format!("one for each of {} parts", parts.len()), "others"));
         }
         let origin = file.text("origin").ok().map(from_json).transpose()?;
+        let missing: Vec<usize> = file.text("missing").ok().map(from_json).transpose()?.unwrap_or_default();
         let mut take = |name: &str| {
             let at = file.tensors.iter().position(|tensor| tensor.name == name);
             at.map(|at| file.tensors.swap_remove(at)).ok_or_else(|| Error::invalid(name, "a tensor", "none"))
@@ -214,7 +246,8 @@ impl Bank {
         };
         let bank = Self::checked(parts, grid, rows, edge_shares.values, model_sha256)?;
         let neighbours = neighbours(&bank.views()).into();
-        Ok(Self { origin, symmetries, neighbours, ..bank })
+        let whole = Self { origin, symmetries: symmetries.clone(), neighbours, ..bank };
+        if missing.is_empty() { Ok(whole) } else { Ok(Self { symmetries, ..whole.with_missing(missing)? }) }
     }
 
     /// Names of the parts, in row order.
@@ -237,6 +270,16 @@ impl Bank {
         self.edge_shares.len()
     }
 
+    /// The rows that were not recorded, in order: their views are unknown.
+    pub fn missing(&self) -> &[usize] {
+        &self.missing
+    }
+
+    /// Whether a row was recorded; `row` is below [`Self::n_rows`].
+    pub fn is_recorded(&self, row: usize) -> bool {
+        self.missing.binary_search(&row).is_err()
+    }
+
     /// All rows, `[n_rows, dim]`, in the format they are kept in.
     pub fn rows(&self) -> &Rows {
         &self.rows
@@ -254,7 +297,7 @@ impl Bank {
     pub fn row_at(&self, part: &str, part_from_sensor: &Se2) -> Option<usize> {
         let part = self.parts.iter().position(|name| name == part)?;
         let cell = self.grid.exact(part_from_sensor, POSE_TOLERANCE.0, POSE_TOLERANCE.1)?;
-        Some(part * self.grid.len() + cell)
+        Some(part * self.grid.len() + cell).filter(|row| self.is_recorded(*row))
     }
 
     /// f_HP (paper, Eq. 2): the cosine of one query with each row. `query`: `[dim]`, of unit length; `out` is cleared and
@@ -273,7 +316,7 @@ impl Bank {
     }
 
     fn views(&self) -> Views<'_> {
-        Views { grid: &self.grid, rows: &self.rows, edge_shares: &self.edge_shares }
+        Views { grid: &self.grid, rows: &self.rows, edge_shares: &self.edge_shares, missing: &self.missing }
     }
 
     /// For each row, the share of the view that shows an edge, 0..=1; zero for a blank view.

@@ -78,7 +78,8 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
     let images = tactile_images(&model.background(holes.no_contact())?, holes, &frames)?;
     let queries = model.embed_holes(&images)?;
     let is_edged = |share: f32| share >= BLANK_SHARE;
-    let edged: Vec<usize> = (0..bank.n_rows()).filter(|row| is_edged(bank.edge_shares()[*row])).collect();
+    let edged: Vec<usize> =
+        (0..bank.n_rows()).filter(|row| is_edged(bank.edge_shares()[*row]) && bank.is_recorded(*row)).collect();
     let (mut n_agree, mut n_placed, mut compared, mut all) = (0, 0, Vec::new(), Vec::new());
     for (i, frame) in frames.iter().enumerate() {
         let touch = holes.touch(*frame);
@@ -87,7 +88,8 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
             let expected = "holes of the bank's parts, with their poses";
             return Err(Error::invalid(format!("{name}: index row {frame}"), expected, format!("{:?}", touch.part)));
         };
-        let Some(cell) = bank.grid().nearest(&pose) else { continue };
+        let nearest = bank.grid().nearest(&pose);
+        let Some(cell) = nearest.filter(|cell| bank.is_recorded(part * bank.grid().len() + cell)) else { continue };
         let shows_edge = is_edged(images[i].edge_share);
         n_placed += 1;
         n_agree += usize::from(is_edged(bank.edge_shares()[part * bank.grid().len() + cell]) == shows_edge);

@@ -54,9 +54,13 @@ pub mod model;
 pub mod neighbours;
 #[cfg(feature = "burn")]
 pub mod network;
+#[cfg(feature = "datasets")]
+pub mod offset;
 pub mod precision;
 #[cfg(feature = "datasets")]
 pub mod recorded;
+#[cfg(feature = "datasets")]
+mod resampling;
 pub mod rows;
 pub mod safefile;
 pub mod similarity;

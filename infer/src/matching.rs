@@ -72,8 +72,7 @@ pub fn match_single_touches(
     let (nearest, similarities) = nearest_by_model(model, bank, holes, &chosen)?;
 
     let counts = Preprocessing::counts(model.config().input_px);
-    let (_, frames) = frames_by_row(pegs, bank.grid())?;
-    let peg_images = tactile_images(&Background::new(pegs.no_contact(), &counts)?, pegs, &frames)?;
+    let peg_images = images_by_row(&Background::new(pegs.no_contact(), &counts)?, pegs, bank)?;
     let hole_images = tactile_images(&Background::new(holes.no_contact(), &counts)?, holes, &chosen)?;
     let by_pixel = |sign: f32| {
         let nearest = hole_images.par_iter().map(|hole| nearest_by_pixel(hole, &peg_images, sign));
@@ -85,6 +84,26 @@ pub fn match_single_touches(
         moco: report(bank, holes, &chosen, &nearest),
         similarities,
     })
+}
+
+/// What recorded each row of a bank, where something did.
+///
+/// # Errors
+/// Pegs whose part or pose is not known, or frames that cannot be used.
+pub fn images_by_row(background: &Background, pegs: &Dataset, bank: &Bank) -> Result<Vec<Option<TactileImage>>> {
+    let image = |frame: &Option<usize>| match frame {
+        Some(frame) => Ok(Some(background.tactile_image(&pegs.frame(*frame))?)),
+        None => Ok(None),
+    };
+    frames_by_row(pegs, bank)?.par_iter().map(image).collect()
+}
+
+/// The cosine of a query with each row of a bank that was recorded; NaN, which is no match, with the others.
+pub fn recorded_cosines(bank: &Bank, query: &[f32]) -> Vec<f32> {
+    let mut cosines = Vec::new();
+    bank.similarities(query, &mut cosines);
+    bank.missing().iter().for_each(|row| cosines[*row] = f32::NAN);
+    cosines
 }
 
 /// A view with fewer edge pixels shows no edge to judge a similarity by.
@@ -100,16 +119,15 @@ fn nearest_by_model(
     let queries = model.embed_holes(&images)?;
     let mut correlation = Correlation::default();
     let (mut nearest, mut best_cosines) = (Vec::new(), Vec::new());
-    let mut cosines = Vec::new();
     for ((query, frame), image) in queries.chunks_exact(bank.dim()).zip(chosen).zip(&images) {
-        bank.similarities(query, &mut cosines);
+        let cosines = recorded_cosines(bank, query);
         let row = best(cosines.iter().copied());
         nearest.push(row);
         if image.edge_share >= EDGED {
             best_cosines.push(f64::from(cosines[row]));
         }
         if let Some(row) = true_row(bank, holes, *frame) {
-            for (j, cosine) in cosines.iter().enumerate() {
+            for (j, cosine) in cosines.iter().enumerate().filter(|(_, cosine)| !cosine.is_nan()) {
                 correlation.add(f64::from(bank.peg_similarity(row, j)), f64::from(*cosine));
             }
         }
@@ -120,10 +138,10 @@ fn nearest_by_model(
 }
 
 /// The peg image nearest to a hole image by L1 distance; `sign` -1 turns the pegs inside out first.
-pub fn nearest_by_pixel(hole: &TactileImage, pegs: &[TactileImage], sign: f32) -> usize {
+pub fn nearest_by_pixel(hole: &TactileImage, pegs: &[Option<TactileImage>], sign: f32) -> usize {
     let distance =
         |peg: &TactileImage| hole.planes.iter().zip(&peg.planes).map(|(h, p)| (h - sign * p).abs()).sum::<f32>();
-    best(pegs.iter().map(|peg| -distance(peg)))
+    best(pegs.iter().map(|peg| peg.as_ref().map_or(f32::NAN, |peg| -distance(peg))))
 }
 
 /// The first index of the largest score; a NaN never wins.

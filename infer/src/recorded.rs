@@ -3,37 +3,159 @@
 use rayon::prelude::*;
 use tactile_data::frame::{Background, TactileImage};
 use tactile_data::grid::PoseGrid;
+use tactile_data::grid_fit::{self, Tolerance};
 use tactile_data::origin::{Origin, PartOrigin, SensorOrigin};
+use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
-use crate::bank::{Bank, POSE_TOLERANCE};
+use crate::bank::Bank;
 use crate::error::{Error, Result};
 use crate::model::Model;
+use crate::resampling::{Recordings, Resampled};
 use crate::rows::Rows;
 
-/// Embeds a dataset of peg touches: each part at each pose of the dataset's reach, once.
+/// Which poses a bank gets from recorded touches.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BankPoses {
+    /// Steps in mm and degrees to resample to; `None`: the dataset's own grid, stated or found from its poses.
+    pub resample: Option<[f64; 2]>,
+    /// How far a touch may lie from its place on the grid.
+    pub tolerance: Tolerance,
+}
+
+/// A bank made of recorded touches, and what a person should know of it.
+#[derive(Clone, Debug)]
+pub struct RecordedBank {
+    /// The bank; views that were not recorded are unknown in it.
+    pub bank: Bank,
+    /// What it lacks and what was not used, a line each.
+    pub notes: Vec<String>,
+}
+
+/// Embeds a dataset of peg touches: each part at each pose of a grid, the touch nearest to it.
+///
+/// What was not recorded at a pose is unknown to the filter; for the interpolation between the views around it, its row
+/// is a local linear fit through them. With [`BankPoses::resample`] the poses of the grid are such fits wherever
+/// touches lie near enough.
 ///
 /// # Errors
-/// A dataset without a reach, with a pose missing or off the grid, or frames that the model cannot take.
-pub fn bank_of_dataset(model: &Model, dataset: &Dataset, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Bank> {
+/// A dataset without pegs, with a peg whose part or pose is not known, with poses on no grid, or frames that the
+/// model cannot take.
+pub fn bank_of_dataset(
+    model: &Model,
+    dataset: &Dataset,
+    poses: BankPoses,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<RecordedBank> {
     let name = &dataset.meta().name;
-    let grid = dataset.meta().reach.ok_or_else(|| {
-        Error::invalid(format!("{name}: meta.json"), "a reach: the grid at which each peg was touched", "none")
-    })?;
-    let (parts, frame_of_row) = frames_by_row(dataset, &grid)?;
+    let pegs = pegs(dataset)?;
+    let grid = grid(dataset, &pegs, poses)?;
     let background = model.background(dataset.no_contact())?;
-    let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
-    for (done, frames) in frame_of_row.chunks(256).enumerate() {
-        progress(done * 256, frame_of_row.len());
+    let frames: Vec<usize> = pegs.iter().map(|peg| peg.frame).collect();
+    let (mut keys, mut shares) = (Vec::new(), Vec::new());
+    for (done, frames) in frames.chunks(256).enumerate() {
+        progress(done * 256, pegs.len());
         let images = tactile_images(&background, dataset, frames)?;
-        rows.extend(model.embed_pegs(&images)?);
-        edge_shares.extend(images.iter().map(|image| image.edge_share));
+        keys.extend(model.embed_pegs(&images)?);
+        shares.extend(images.iter().map(|image| image.edge_share));
     }
-    progress(frame_of_row.len(), frame_of_row.len());
+    progress(pegs.len(), pegs.len());
+    let parts = parts(&pegs);
+    let (mut rows, mut edge_shares, mut missing) = (Vec::new(), Vec::new(), Vec::new());
+    let mut notes = Notes::default();
+    for part in &parts {
+        let of_part: Vec<usize> = (0..pegs.len()).filter(|i| pegs[*i].part == *part).collect();
+        let recordings = Recordings {
+            poses: of_part.iter().map(|i| pegs[*i].pose).collect(),
+            rows: of_part.iter().flat_map(|i| &keys[i * model.dim()..][..model.dim()]).copied().collect(),
+            edge_shares: of_part.iter().map(|i| shares[*i]).collect(),
+        };
+        let Resampled { touch_of_cell, is_known, .. } = recordings.at_cells(&grid, poses, &mut rows, &mut edge_shares);
+        let first = edge_shares.len() - grid.len();
+        missing.extend((0..grid.len()).filter(|cell| !is_known[*cell]).map(|cell| first + cell));
+        notes.add(part, &is_known, of_part.len() - used(&touch_of_cell), poses);
+    }
+    let parts: Vec<String> = parts.into_iter().map(str::to_owned).collect();
     let origin = origin(dataset, &parts);
-    let bank = Bank::from_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())?;
-    Ok(bank.with_origin(origin))
+    let bank = Bank::from_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
+        .and_then(|bank| if missing.is_empty() { Ok(bank) } else { bank.with_missing(missing) });
+    let bank = bank.map_err(|error| error.within(name))?.with_origin(origin);
+    Ok(RecordedBank { bank, notes: notes.lines })
+}
+
+/// Distinct touches that are taken for a cell.
+fn used(touch_of_cell: &[Option<usize>]) -> usize {
+    let mut used: Vec<usize> = touch_of_cell.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    used.len()
+}
+
+/// What a person should know of a bank.
+#[derive(Default)]
+struct Notes {
+    lines: Vec<String>,
+}
+
+impl Notes {
+    fn add(&mut self, part: &str, is_known: &[bool], n_unused: usize, poses: BankPoses) {
+        let n_missing = is_known.iter().filter(|known| !**known).count();
+        if n_missing > 0 {
+            self.lines.push(format!("part {part}: {n_missing} of {} poses not recorded; unknown", is_known.len()));
+        }
+        if n_unused > 0 && poses.resample.is_none() {
+            let Tolerance { mm, deg } = poses.tolerance;
+            self.lines.push(format!(
+                "part {part}: {n_unused} touches not used: further than {mm} mm or {deg} degrees from the grid, or a pose \
+                 touched before"
+            ));
+        }
+    }
+}
+
+/// A recorded touch of a peg.
+struct Peg<'a> {
+    frame: usize,
+    part: &'a str,
+    pose: Se2,
+}
+
+fn pegs(dataset: &Dataset) -> Result<Vec<Peg<'_>>> {
+    let is_peg = |index: &usize| dataset.touch(*index).side == Some(Side::Peg);
+    let known = |frame: usize| {
+        let touch = dataset.touch(frame);
+        match (&touch.part, touch.part_from_sensor) {
+            (Some(part), Some(pose)) => Ok(Peg { frame, part, pose }),
+            _ => Err(Error::invalid(format!("index row {frame}"), "a part and a pose for each peg", "none")),
+        }
+    };
+    let pegs = (0..dataset.len()).filter(is_peg).map(known).collect::<Result<Vec<_>>>()?;
+    if pegs.is_empty() {
+        return Err(Error::invalid(dataset.meta().name.clone(), "touches of pegs", "none"));
+    }
+    Ok(pegs)
+}
+
+/// The parts in order of appearance.
+fn parts<'a>(pegs: &[Peg<'a>]) -> Vec<&'a str> {
+    let mut parts: Vec<&str> = Vec::new();
+    for peg in pegs {
+        if !parts.contains(&peg.part) {
+            parts.push(peg.part);
+        }
+    }
+    parts
+}
+
+fn grid(dataset: &Dataset, pegs: &[Peg<'_>], poses: BankPoses) -> Result<PoseGrid> {
+    let all = || pegs.iter().map(|peg| peg.pose).collect::<Vec<_>>();
+    let found = match (poses.resample, dataset.meta().reach) {
+        (Some([mm, deg]), _) => grid_fit::covering(&all(), mm, deg),
+        (None, Some(reach)) => return Ok(reach),
+        (None, None) => grid_fit::fit(&all(), poses.tolerance),
+    };
+    found.map_err(|error| Error::from(error).within(&dataset.meta().name))
 }
 
 /// What a dataset's touches were made of: as its scene says where it was simulated, else only its scale is known.
@@ -54,37 +176,51 @@ pub fn tactile_images(background: &Background, dataset: &Dataset, frames: &[usiz
     frames.par_iter().map(|frame| Ok(background.tactile_image(&dataset.frame(*frame))?)).collect()
 }
 
-/// The parts of a dataset in order of appearance, and for each (part, cell) the frame that recorded it.
-pub fn frames_by_row(dataset: &Dataset, grid: &PoseGrid) -> Result<(Vec<String>, Vec<usize>)> {
-    let mut parts: Vec<String> = Vec::new();
-    let mut frames: Vec<Option<usize>> = Vec::new();
-    for index in 0..dataset.len() {
-        let touch = dataset.touch(index);
-        if touch.side != Some(Side::Peg) {
-            continue;
+/// The parts of a dataset's pegs, in order of appearance.
+///
+/// # Errors
+/// Pegs that make no bank: none, of unknown part or pose, or on no grid.
+pub fn parts_on_grid(dataset: &Dataset, poses: BankPoses) -> Result<Vec<String>> {
+    let pegs = pegs(dataset)?;
+    grid(dataset, &pegs, poses)?;
+    Ok(parts(&pegs).into_iter().map(str::to_owned).collect())
+}
+
+/// For each row of a bank of a dataset's pegs the frame that recorded it, where one did.
+///
+/// # Errors
+/// A peg whose part or pose is not known, or no pegs.
+pub fn frames_by_row(dataset: &Dataset, bank: &Bank) -> Result<Vec<Option<usize>>> {
+    let pegs = pegs(dataset)?;
+    let mut frames = Vec::new();
+    for part in bank.parts() {
+        let of_part: Vec<&Peg<'_>> = pegs.iter().filter(|peg| peg.part == part).collect();
+        let poses: Vec<Se2> = of_part.iter().map(|peg| peg.pose).collect();
+        let touches = nearest_touches(bank.grid(), &poses, Tolerance::default());
+        frames.extend(touches.into_iter().map(|touch| touch.map(|at| of_part[at].frame)));
+    }
+    Ok(frames)
+}
+
+/// For each cell of a grid the touch nearest to it of those within the tolerance; the first of equals.
+pub(crate) fn nearest_touches(grid: &PoseGrid, poses: &[Se2], tolerance: Tolerance) -> Vec<Option<usize>> {
+    let mut touches: Vec<Option<(f64, usize)>> = vec![None; grid.len()];
+    let n_theta = grid.n_theta();
+    // Where the grid goes round, its first and its last angle are one.
+    let is_round = grid.theta_half_deg >= 180.0;
+    for (index, pose) in poses.iter().enumerate() {
+        let Some(cell) = grid.nearest(pose) else { continue };
+        let place = cell - cell % n_theta;
+        let twin = if is_round && cell == place { place + n_theta - 1 } else { place };
+        let is_end = is_round && (cell == place || cell == place + n_theta - 1);
+        for cell in [Some(cell), Some(twin).filter(|_| is_end)].into_iter().flatten() {
+            let at = grid.pose(cell);
+            let turned = wrap_angle(at.theta_rad - pose.theta_rad).to_degrees().abs();
+            let off = (at.distance_mm(pose) / tolerance.mm).max(turned / tolerance.deg);
+            if off <= 1.0 && touches[cell].is_none_or(|(before, _)| off < before) {
+                touches[cell] = Some((off, index));
+            }
         }
-        let (Some(part), Some(pose)) = (&touch.part, &touch.part_from_sensor) else {
-            return Err(Error::invalid(format!("index row {index}"), "a part and a pose for each peg", "none"));
-        };
-        let cell = grid.exact(pose, POSE_TOLERANCE.0, POSE_TOLERANCE.1).ok_or_else(|| {
-            Error::invalid(format!("index row {index}"), "a pose on the dataset's reach grid", format!("{pose:?}"))
-        })?;
-        let at = parts.iter().position(|p| p == part).unwrap_or_else(|| {
-            parts.push(part.clone());
-            frames.resize(frames.len() + grid.len(), None);
-            parts.len() - 1
-        });
-        frames[at * grid.len() + cell] = Some(index);
     }
-    if parts.is_empty() {
-        return Err(Error::invalid(dataset.meta().name.clone(), "touches of pegs", "none"));
-    }
-    let missing = |row: usize| {
-        let (part, pose) = (&parts[row / grid.len()], grid.pose(row % grid.len()));
-        let pose = format!("x {} mm, y {} mm, theta {:.0} deg", pose.x_mm, pose.y_mm, pose.theta_deg());
-        Error::invalid(dataset.meta().name.clone(), format!("a peg touch of '{part}' at {pose}"), "none")
-    };
-    let frames =
-        frames.iter().enumerate().map(|(row, frame)| frame.ok_or_else(|| missing(row))).collect::<Result<_>>()?;
-    Ok((parts, frames))
+    touches.into_iter().map(|touch| touch.map(|(_, index)| index)).collect()
 }

@@ -53,6 +53,7 @@ mod tests {
     use crate::architecture::NetworkConfig;
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
+    use crate::recorded::{BankPoses, bank_of_dataset};
     use tactile_data::frame::Preprocessing;
     use tactile_data::generate::{Sampling, generate};
     use tactile_data::grid::PoseGrid;
@@ -71,9 +72,11 @@ mod tests {
         let model = Model::new(checkpoint, "ab".into(), DeviceKind::Flex).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("pegs");
-        let sampling = Sampling { sides: &[Side::Peg], places: Places::EachPose, seed: 5 };
+        let sampling = Sampling { sides: &[Side::Peg], places: Places::EachPose, seed: 5, lab: None };
         generate(&scene, &sampling, &out, &|_, _| ()).unwrap();
-        let recorded = crate::recorded::bank_of_dataset(&model, &Dataset::open(&out).unwrap(), &|_, _| ()).unwrap();
-        assert_eq!(bank_of_scene(&model, &scene, 5, &|_, _| ()).unwrap(), recorded);
+        let dataset = Dataset::open(&out).unwrap();
+        let recorded = bank_of_dataset(&model, &dataset, BankPoses::default(), &|_, _| ()).unwrap();
+        assert_eq!(bank_of_scene(&model, &scene, 5, &|_, _| ()).unwrap(), recorded.bank);
+        assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
     }
 }

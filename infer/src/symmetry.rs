@@ -76,6 +76,7 @@ fn likeness(views: &Views<'_>, part: usize, symmetry: &Symmetry, n_pairs: usize)
     let grid = views.grid;
     let (n_theta, start) = (grid.n_theta(), part * grid.len());
     let is_edged = |cell: usize| views.edge_shares[start + cell] >= BLANK_SHARE;
+    let is_known = |cell: usize| views.missing.binary_search(&(start + cell)).is_err();
     let (mm, deg) = (TOLERANCE * grid.xy_step_mm, TOLERANCE * grid.theta_step_deg);
     let of_turn = |k: usize| {
         let turn = symmetry.turn(k);
@@ -88,7 +89,8 @@ fn likeness(views: &Views<'_>, part: usize, symmetry: &Symmetry, n_pairs: usize)
         let cells = thetas.iter().flat_map(|theta| (0..grid.len()).skip(*theta).step_by(n_theta));
         let every = (thetas.len() * grid.len() / n_theta).div_ceil(n_pairs).max(1);
         let (mut sum, mut n) = (0.0, 0);
-        for (cell, twin) in cells.step_by(every).filter_map(|cell| Some((cell, twin(cell)?))) {
+        let pairs = cells.step_by(every).filter_map(|cell| Some((cell, twin(cell)?)));
+        for (cell, twin) in pairs.filter(|(cell, twin)| is_known(*cell) && is_known(*twin)) {
             match (is_edged(cell), is_edged(twin)) {
                 (true, true) => sum += f64::from(views.rows.cosine(start + cell, start + twin)),
                 (false, false) => continue,

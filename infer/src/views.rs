@@ -13,4 +13,6 @@ pub(crate) struct Views<'a> {
     pub rows: &'a Rows,
     /// Share of each view that shows an edge, 0..=1.
     pub edge_shares: &'a [f32],
+    /// Rows that were not recorded, in order.
+    pub missing: &'a [usize],
 }

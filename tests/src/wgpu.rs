@@ -69,7 +69,7 @@ fn training_begins_alike_on_cpu_and_card() {
     let Parts::Maze(boards) = &mut scene.parts else { panic!("the maze preset has boards") };
     (boards.n_boards, boards.n_held_out, boards.n_pairs) = (3, 1, 48);
     scene.sensor.frame_px = [48, 36];
-    let sampling = Sampling { sides: &[], places: Places::EachPose, seed: 1 };
+    let sampling = Sampling { sides: &[], places: Places::EachPose, seed: 1, lab: None };
     generate(&scene, &sampling, &maze, &|_, _| {}).unwrap();
     let dataset = Dataset::open(&maze).unwrap();
     let [cpu, card] = [DeviceKind::Flex, DeviceKind::Wgpu].map(|device| losses(&dataset, folder.path(), device));

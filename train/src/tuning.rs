@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 use tactile_infer::Model;
-use tactile_infer::matching::best;
-use tactile_infer::recorded::{bank_of_dataset, frames_by_row, tactile_images};
+use tactile_infer::matching::{best, recorded_cosines};
+use tactile_infer::recorded::{BankPoses, bank_of_dataset, parts_on_grid, tactile_images};
 
 use crate::error::{Error, Result};
 
@@ -29,11 +29,7 @@ impl<'a> Tuning<'a> {
     /// # Errors
     /// Pegs that fill no grid, no holes of known part, or holes of a part without pegs.
     pub fn new(pegs: &'a Dataset, holes: &'a Dataset) -> Result<Self> {
-        let name = &pegs.meta().name;
-        let reach = pegs.meta().reach.ok_or_else(|| {
-            Error::invalid(format!("tune-pegs {name}"), "a reach: the grid at which each peg was touched", "none")
-        })?;
-        let (parts, _) = frames_by_row(pegs, &reach)?;
+        let parts = parts_on_grid(pegs, BankPoses::default())?;
         let holes_of_parts: Vec<usize> = (0..holes.len())
             .filter(|index| holes.touch(*index).side == Some(Side::Hole) && holes.touch(*index).part.is_some())
             .collect();
@@ -79,15 +75,13 @@ impl<'a> Tuning<'a> {
 
     /// Share of holes whose nearest peg by cosine, of all parts at all poses, is of the right part, 0..=1.
     pub fn accuracy(&self, model: &Model) -> Result<f64> {
-        let bank = bank_of_dataset(model, self.pegs, &|_, _| ())?;
+        let bank = bank_of_dataset(model, self.pegs, BankPoses::default(), &|_, _| ())?.bank;
         let background = model.background(self.holes.no_contact())?;
         let mut n_right = 0;
         for frames in self.chosen.chunks(256) {
             let queries = model.embed_holes(&tactile_images(&background, self.holes, frames)?)?;
             let is_right = |(query, frame): (&[f32], &usize)| {
-                let mut cosines = Vec::new();
-                bank.similarities(query, &mut cosines);
-                let row = best(cosines.iter().copied());
+                let row = best(recorded_cosines(&bank, query).into_iter());
                 Some(&bank.parts()[row / bank.grid().len()]) == self.holes.touch(*frame).part.as_ref()
             };
             let queries = queries.par_chunks_exact(bank.dim()).zip(frames);

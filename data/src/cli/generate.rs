@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard};
+use tactile_data::lab::Lab;
 use tactile_data::progress;
 use tactile_data::scene::{Parts, Scene};
+use tactile_data::se2::Se2;
 use tactile_data::sensor::Fidelity;
 use tactile_data::shard::Shard;
 use tactile_data::touch::Side;
@@ -56,10 +58,43 @@ pub struct Generate {
     /// geometry, gel, optics, camera or shadow [default: the scene's]
     #[arg(long, value_name = "TIER", help_heading = "Sensor")]
     fidelity: Option<Fidelity>,
+    #[command(flatten)]
+    lab: LabArgs,
     /// Only part i of n, for `tactile-data merge`; one that is complete already is left as it is. `env` takes i and
     /// n from a Slurm job array, or from JOB_COMPLETION_INDEX (from 0) and JOB_COMPLETION_COUNT
     #[arg(long, value_name = "i/n|env", help_heading = "Cluster")]
     shard: Option<Shard>,
+}
+
+/// What a simulated lab gets wrong.
+#[derive(Args)]
+#[command(next_help_heading = "A simulated lab, which states no grid and no held-out boards")]
+struct LabArgs {
+    /// Pose of the hole board in the peg board's frame, of which the stated poses know nothing, mm and degrees
+    #[arg(long, value_name = "X,Y,DEG", value_parser = super::parse_numbers::<3>, allow_hyphen_values = true)]
+    hole_offset: Option<[f64; 3]>,
+    /// Standard deviation of each stated pose, mm and degrees
+    #[arg(long, value_name = "MM,DEG", value_parser = super::parse_numbers::<2>)]
+    pose_noise: Option<[f64; 2]>,
+    /// Share of touches that are missing
+    #[arg(long, value_name = "SHARE")]
+    missing: Option<f64>,
+}
+
+impl LabArgs {
+    fn lab(&self) -> Option<Lab> {
+        if self.hole_offset.is_none() && self.pose_noise.is_none() && self.missing.is_none() {
+            return None;
+        }
+        let [x, y, turn] = self.hole_offset.unwrap_or_default();
+        let [noise_mm, noise_deg] = self.pose_noise.unwrap_or_default();
+        Some(Lab {
+            peg_from_hole: Se2::from_degrees(x, y, turn),
+            noise_mm,
+            noise_deg,
+            missing: self.missing.unwrap_or(0.0),
+        })
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -79,7 +114,7 @@ impl Generate {
             Sides::Both => &[Side::Hole, Side::Peg],
         };
         let places = self.anywhere.map_or(Places::EachPose, Places::Anywhere);
-        let sampling = Sampling { sides, places, seed: self.seed };
+        let sampling = Sampling { sides, places, seed: self.seed, lab: self.lab.lab() };
         let (out, progress) = (self.out.display(), progress::reporter("frames"));
         let Some(shard) = self.shard else {
             let n_frames = generate(&scene, &sampling, &self.out, &progress)?;

@@ -8,8 +8,7 @@ use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::matching::{best, nearest_by_pixel};
-use tactile_infer::recorded::{frames_by_row, tactile_images};
+use tactile_infer::matching::{best, images_by_row, nearest_by_pixel, recorded_cosines};
 
 use crate::error::Result;
 use crate::evaluate::{Banks, Hole, Protocol, Scored, observe, score_row};
@@ -20,8 +19,7 @@ pub fn moco(simulator: &Simulator, sensor: &Sensor, bank: &Arc<Bank>, protocol: 
     let banks = Banks::new(bank, protocol);
     first_touches(simulator, bank, protocol, |hole, frame| {
         let (bank, observation) = (banks.of(hole)?, observe(sensor, &frame)?);
-        let mut cosines = Vec::new();
-        bank.similarities(&observation.query, &mut cosines);
+        let cosines = recorded_cosines(&bank, &observation.query);
         Ok(score_row(best(cosines.into_iter()), &bank, hole))
     })
 }
@@ -38,9 +36,7 @@ pub fn pixel(
     protocol: &Protocol,
 ) -> Result<[Vec<Scored>; 2]> {
     let counts = Preprocessing::counts(model.config().input_px);
-    let (_, frames) = frames_by_row(pegs, bank.grid())?;
-    let rest = Background::new(pegs.no_contact(), &counts)?;
-    let recorded = tactile_images(&rest, pegs, &frames)?;
+    let recorded = images_by_row(&Background::new(pegs.no_contact(), &counts)?, pegs, bank)?;
     let rest = Background::new(no_contact, &counts)?;
     let scored = first_touches(simulator, bank, protocol, |hole, frame| {
         let image = rest.tactile_image(&frame)?;

@@ -158,12 +158,14 @@ impl<'a> Judge<'a> {
         };
         let seen: Vec<Option<Nearest>> =
             self.part_from_sensor.iter().map(|from| trusted(grid, &self.cells, &moved(from), self.tolerance)).collect();
-        let view = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
+        let near = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
+        let view = |draw: &Draw| near(draw).filter(|(row, _)| bank.is_recorded(*row));
         let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
         for (index, truth) in self.supposed.iter().enumerate() {
             let Some((row, trust)) = view(truth) else {
                 // What is not recorded gives no information.
-                n_supposed += if only_recorded { 0.0 } else { 1.0 };
+                let is_wrong = only_recorded && near(truth).is_none();
+                n_supposed += if is_wrong { 0.0 } else { 1.0 };
                 continue;
             };
             n_supposed += 1.0;
@@ -213,7 +215,8 @@ impl<'a> Pairing<'a> {
 
     fn new(rule: ActionRule, likelihood: &'a LikelihoodConfig, bank: &'a Bank, rng: &mut ChaCha8Rng) -> Self {
         let shares = bank.edge_shares();
-        let edged: Vec<usize> = (0..shares.len()).filter(|row| !likelihood.is_blank(shares[*row])).collect();
+        let is_edged = |row: &usize| !likelihood.is_blank(shares[*row]) && bank.is_recorded(*row);
+        let edged: Vec<usize> = (0..shares.len()).filter(is_edged).collect();
         let mut pairing = Self { rule, likelihood, bank, average: 1.0 };
         if !edged.is_empty() {
             let mut any = || edged[rng.random_range(0..edged.len())];

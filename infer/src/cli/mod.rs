@@ -1,5 +1,6 @@
 //! The command line of `tactile-infer`.
 
+mod align;
 mod convert;
 mod embed;
 mod speed;
@@ -9,6 +10,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use serde::Serialize;
+use tactile_data::grid_fit::Tolerance;
 use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
@@ -18,7 +20,7 @@ use tactile_infer::calibrate::calibrate;
 use tactile_infer::calibration::{Calibration, Gap};
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::matching::match_single_touches;
-use tactile_infer::recorded::bank_of_dataset;
+use tactile_infer::recorded::{BankPoses, bank_of_dataset};
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
@@ -51,6 +53,7 @@ enum Command {
         after_help = "Example:\n  tactile-infer embed touch.png --model model/model.safetensors --no-contact rest.png"
     )]
     Embed(embed::EmbedArgs),
+    Align(align::AlignArgs),
     /// Fit the likelihood's temperature and floor on parts for tuning, and store them with the model.
     #[command(
         after_help = "Example:\n  tactile-infer calibrate --model model/model.safetensors --bank dev.bank --holes dev-holes"
@@ -103,6 +106,38 @@ struct RowsArgs {
     rows: Precision,
 }
 
+/// The poses of a bank.
+#[derive(Args)]
+struct PosesArgs {
+    /// Step of the bank's places in x and y, mm: recorded touches are resampled to it [default: as touched]
+    #[arg(long, value_name = "MM", help_heading = "Poses")]
+    xy_step_mm: Option<f64>,
+    /// Step of the bank's angles, degrees [default: as touched]
+    #[arg(long, value_name = "DEG", help_heading = "Poses")]
+    theta_step_deg: Option<f64>,
+    /// How far a recorded touch may lie from its place on the grid, mm
+    #[arg(long, value_name = "MM", default_value_t = Tolerance::default().mm, help_heading = "Poses")]
+    tolerance_mm: f64,
+    /// The same, degrees
+    #[arg(long, value_name = "DEG", default_value_t = Tolerance::default().deg, help_heading = "Poses")]
+    tolerance_deg: f64,
+}
+
+impl PosesArgs {
+    fn poses(&self) -> Result<BankPoses> {
+        let tolerance = Tolerance { mm: self.tolerance_mm, deg: self.tolerance_deg };
+        if !(tolerance.mm > 0.0 && tolerance.deg > 0.0 && tolerance.mm.is_finite() && tolerance.deg.is_finite()) {
+            let got = format!("{} mm and {} degrees", tolerance.mm, tolerance.deg);
+            return Err(Error::invalid("--tolerance-mm, --tolerance-deg", "numbers above 0", got));
+        }
+        match (self.xy_step_mm, self.theta_step_deg) {
+            (Some(mm), Some(deg)) => Ok(BankPoses { resample: Some([mm, deg]), tolerance }),
+            (None, None) => Ok(BankPoses { resample: None, tolerance }),
+            _ => Err(Error::invalid("--xy-step-mm, --theta-step-deg", "both steps, to resample touches", "one")),
+        }
+    }
+}
+
 #[derive(Args)]
 struct CalibrateArgs {
     #[command(flatten)]
@@ -125,7 +160,7 @@ struct CalibrateArgs {
 struct BankArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// Dataset with each peg touched at each pose of its reach
+    /// Dataset of pegs touched on a grid of poses, simulated or recorded; what was not recorded is unknown
     #[arg(long, value_name = "DIR", required_unless_present = "scene", conflicts_with = "scene")]
     data: Option<PathBuf>,
     /// Simulate the touches of a scene instead, and keep no dataset of them
@@ -136,14 +171,10 @@ struct BankArgs {
     out: PathBuf,
     #[command(flatten)]
     rows: RowsArgs,
-    /// Step of the recorded places in x and y, mm [default: the scene's]
-    #[arg(long, value_name = "MM", requires = "scene", help_heading = "With --scene")]
-    xy_step_mm: Option<f64>,
-    /// Step of the recorded angles, degrees [default: the scene's]
-    #[arg(long, value_name = "DEG", requires = "scene", help_heading = "With --scene")]
-    theta_step_deg: Option<f64>,
-    /// Draws jitter and noise
-    #[arg(long, default_value_t = 1, help_heading = "With --scene")]
+    #[command(flatten)]
+    poses: PosesArgs,
+    /// With --scene: draws jitter and noise
+    #[arg(long, default_value_t = 1, help_heading = "Poses")]
     seed: u64,
 }
 
@@ -151,7 +182,7 @@ struct BankArgs {
 struct MatchArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// Dataset with each peg touched at each pose of its reach
+    /// Dataset of pegs touched on a grid of poses, simulated or recorded
     #[arg(long, value_name = "DIR")]
     pegs: PathBuf,
     /// Dataset of hole touches whose part is known
@@ -162,6 +193,8 @@ struct MatchArgs {
     limit: usize,
     #[command(flatten)]
     rows: RowsArgs,
+    #[command(flatten)]
+    poses: PosesArgs,
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
@@ -176,6 +209,7 @@ impl Cli {
             Command::Match(args) => matches(args),
             Command::Calibrate(args) => calibrate_model(args),
             Command::Convert(args) => args.run(),
+            Command::Align(args) => args.run(),
             Command::Speed(args) => args.run(),
         }
     }
@@ -187,7 +221,7 @@ fn bank(args: &BankArgs) -> Result<()> {
     output::prepare_file(&args.out, data_files.chain(scene_file).chain([args.model.path.clone()]))?;
     let model = args.model.load()?;
     let bank = match (&args.data, &args.scene) {
-        (Some(data), _) => bank_of_dataset(&model, &Dataset::open(data)?, &reporter("pegs"))?,
+        (Some(data), _) => embed_pegs(&model, &Dataset::open(data)?, &args.poses)?,
         (_, scene) => simulate(args, &model, scene.as_deref().unwrap_or_default())?,
     };
     let bank = bank.with_precision(args.rows.rows)?;
@@ -212,14 +246,21 @@ fn bank(args: &BankArgs) -> Result<()> {
     Ok(())
 }
 
+/// A bank of recorded pegs; what it lacks is said.
+fn embed_pegs(model: &Model, pegs: &Dataset, poses: &PosesArgs) -> Result<Bank> {
+    let recorded = bank_of_dataset(model, pegs, poses.poses()?, &reporter("pegs"))?;
+    recorded.notes.iter().for_each(|note| eprintln!("note: {note}"));
+    Ok(recorded.bank)
+}
+
 /// A bank of the pegs of a scene, touched as they are embedded.
 fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
     /// A planned touch, without its row.
     const TOUCH_BYTES: usize = 64;
     let mut scene = Scene::load(scene)?;
     if let Some(reach) = &mut scene.reach {
-        reach.xy_step_mm = args.xy_step_mm.unwrap_or(reach.xy_step_mm);
-        reach.theta_step_deg = args.theta_step_deg.unwrap_or(reach.theta_step_deg);
+        reach.xy_step_mm = args.poses.xy_step_mm.unwrap_or(reach.xy_step_mm);
+        reach.theta_step_deg = args.poses.theta_step_deg.unwrap_or(reach.theta_step_deg);
     }
     scene.validate()?;
     let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
@@ -231,7 +272,7 @@ fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
 fn matches(args: &MatchArgs) -> Result<()> {
     let model = args.model.load()?;
     let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
-    let bank = bank_of_dataset(&model, &pegs, &reporter("pegs"))?.with_precision(args.rows.rows)?;
+    let bank = embed_pegs(&model, &pegs, &args.poses)?.with_precision(args.rows.rows)?;
     let found = match_single_touches(&model, &bank, &pegs, &holes, args.limit)?;
     if args.json {
         return print_json(&found);
