@@ -43,6 +43,7 @@ pub mod grid;
 pub mod grid_fit;
 #[cfg(feature = "sim")]
 pub mod lab;
+pub mod moved_view;
 #[cfg(feature = "sim")]
 pub mod npy;
 pub mod origin;

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 use tactile_data::frame::{Background, Frame, TactileImage};
+use tactile_data::moved_view::difference_at;
 use tactile_data::picture;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
@@ -219,31 +220,11 @@ fn middle(rest: &Frame, frame: Option<&Frame>, moved: &Se2, mm_per_px: [f64; 2])
             let mm = [0, 1].map(|axis| (at[axis] as f64 - centre[axis]) * mm_per_px[axis]);
             let there = moved.apply(mm);
             let px = [0, 1].map(|axis| there[axis] / mm_per_px[axis] + centre[axis]);
-            let added = difference(rest, frame, px);
+            let added = difference_at(rest, frame, px);
             rgb.extend((0..3).map(|c| (f32::from(rest.rgb()[base + c]) + added[c]).round().clamp(0.0, 255.0) as u8));
         }
     }
     Ok(Frame::new(size[0], size[1], rgb)?)
-}
-
-/// What a frame adds to rest between pixels, by their bilinear mean; nothing outside.
-fn difference(rest: &Frame, frame: &Frame, [x, y]: [f64; 2]) -> [f32; 3] {
-    let (width, height) = (rest.width_px(), rest.height_px());
-    if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64) {
-        return [0.0; 3];
-    }
-    let (left, top) = ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
-    let (fx, fy) = ((x - left as f64) as f32, (y - top as f64) as f32);
-    let mut sum = [0.0; 3];
-    for (dx, dy, weight) in
-        [(0, 0, (1.0 - fx) * (1.0 - fy)), (1, 0, fx * (1.0 - fy)), (0, 1, (1.0 - fx) * fy), (1, 1, fx * fy)]
-    {
-        let at = 3 * ((top + dy).min(height - 1) * width + (left + dx).min(width - 1));
-        for (c, sum) in sum.iter_mut().enumerate() {
-            *sum += weight * (f32::from(frame.rgb()[at + c]) - f32::from(rest.rgb()[at + c]));
-        }
-    }
-    sum
 }
 
 /// The offsets around one, x slowest.

@@ -25,7 +25,7 @@ fn twelve_steps() -> TrainConfig {
 /// Trains, and asserts that each reported loss is finite and that all weights on disk are.
 fn train_soundly(dataset: &Dataset, out: &Path, config: &TrainConfig) -> Result<Outcome> {
     let claimed = OutputFolder::claim(out, &[]).unwrap();
-    let run = Run { dataset, tuning: None, out: &claimed, config, device: DeviceKind::Flex, resume: false };
+    let run = Run { dataset, tuning: None, out: &claimed, config, device: DeviceKind::Flex, resume: false, from: None };
     let mut losses = Vec::new();
     let outcome = train(&run, &|| false, &mut |event| {
         if let Event::Step { loss, .. } = event {

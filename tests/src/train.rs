@@ -33,7 +33,7 @@ fn train_to(
     resume: bool,
 ) -> (Outcome, Vec<f64>) {
     let claimed = OutputFolder::claim(out, &[]).unwrap();
-    let run = Run { dataset, tuning: None, out: &claimed, config, device: DeviceKind::Flex, resume };
+    let run = Run { dataset, tuning: None, out: &claimed, config, device: DeviceKind::Flex, resume, from: None };
     let (made, losses) = (Cell::new(0), RefCell::new(Vec::new()));
     let mut count = |event: Event<'_>| {
         if let Event::Step { step, loss, .. } = event {
@@ -103,7 +103,8 @@ fn both_devices_begin_with_the_same_loss() {
     let first_loss = |device: DeviceKind| {
         let config = TrainConfig { n_steps: 1, n_pairs: 8, n_warmup: 1, ..TrainConfig::tiny() };
         let out = OutputFolder::claim(&folder.path().join(device.to_string()), &[]).unwrap();
-        let run = Run { dataset: &dataset, tuning: None, out: &out, config: &config, device, resume: false };
+        let run =
+            Run { dataset: &dataset, tuning: None, out: &out, config: &config, device, resume: false, from: None };
         let mut first = f64::NAN;
         let mut note = |event: Event<'_>| {
             if let Event::Step { loss, .. } = event {

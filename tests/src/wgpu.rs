@@ -56,7 +56,7 @@ fn losses(dataset: &Dataset, out: &Path, device: DeviceKind) -> Vec<f64> {
         }
     };
     let out = OutputFolder::claim(&out.join(device.to_string()), &[]).unwrap();
-    let run = Run { dataset, tuning: None, out: &out, config: &config, device, resume: false };
+    let run = Run { dataset, tuning: None, out: &out, config: &config, device, resume: false, from: None };
     train(&run, &|| false, &mut note).unwrap();
     losses
 }

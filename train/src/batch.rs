@@ -4,11 +4,13 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
+use tactile_data::touch::Side;
 
 use crate::augmentation::Augmentation;
 use crate::config::{Flips, TrainConfig};
 use crate::error::{Error, Result};
-use crate::pairs::{Pair, Pairs};
+use crate::mating::Pair;
+use crate::pairs::Pairs;
 
 /// One batch in memory: `[n, 3, height, width]` each, row `i` of one mates with row `i` of the other.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,8 +102,8 @@ impl Pairs<'_> {
 
     fn load(&self, drawn: &[(Pair, Augmentation)]) -> Result<Batch> {
         let input_px = self.preprocessing.input_px;
-        let load = |frame: usize, augmentation: &Augmentation| -> Result<Vec<f32>> {
-            let image = self.background.tactile_image(&self.dataset.frame(frame))?;
+        let load = |pair: &Pair, side: Side, augmentation: &Augmentation| -> Result<Vec<f32>> {
+            let image = self.background.tactile_image(&self.frame(pair, side))?;
             let mut values = Vec::with_capacity(3 * input_px[0] * input_px[1]);
             augmentation.apply(&image, input_px, &mut values);
             if let Some(relighting) = &self.relighting {
@@ -111,7 +113,9 @@ impl Pairs<'_> {
         };
         let loaded = drawn
             .par_iter()
-            .map(|(pair, augmentation)| Ok((load(pair.hole, augmentation)?, load(pair.peg, augmentation)?)))
+            .map(|(pair, augmentation)| {
+                Ok((load(pair, Side::Hole, augmentation)?, load(pair, Side::Peg, augmentation)?))
+            })
             .collect::<Result<Vec<_>>>()?;
         let (holes, pegs): (Vec<_>, Vec<_>) = loaded.into_iter().unzip();
         Ok(Batch { n_pairs: drawn.len(), holes: holes.concat(), pegs: pegs.concat() })

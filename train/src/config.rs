@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use tactile_infer::architecture::NetworkConfig;
 
 use crate::error::{Error, Result};
+use crate::mating::Within;
 
 /// How much to train.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -108,6 +109,10 @@ pub struct TrainConfig {
     pub near_share: f64,
     /// Largest share of a batch that may be pairs without an edge in either view, 0..=1; 1 is no limit.
     pub max_blank: f64,
+    /// How far apart a hole and its peg may have been touched, mm ...
+    pub mate_mm: f64,
+    /// ... and degrees.
+    pub mate_deg: f64,
     /// Steps between checkpoints and validations.
     pub save_every: usize,
     /// Seed of weights, batches and augmentation.
@@ -139,6 +144,8 @@ impl TrainConfig {
             min_crop: 0.9,
             near_share: 0.5,
             max_blank: 1.0,
+            mate_mm: 1.5,
+            mate_deg: 4.0,
             save_every: 50,
             seed: 1,
         }
@@ -197,6 +204,11 @@ impl TrainConfig {
         toml::to_string(self).map_err(|e| Error::invalid("settings", "values that TOML can hold", e.to_string()))
     }
 
+    /// How far apart a hole and its peg may have been touched.
+    pub fn mating(&self) -> Within {
+        Within { mm: self.mate_mm, deg: self.mate_deg }
+    }
+
     /// Refuses settings out of range, by the name that flags and files give them.
     pub fn validate(&self) -> Result<()> {
         let network = &self.network;
@@ -227,6 +239,8 @@ impl TrainConfig {
             ("min_crop", f64::from(self.min_crop), 0.1, 1.0),
             ("near_share", self.near_share, 0.0, 1.0),
             ("max_blank", self.max_blank, 0.0, 1.0),
+            ("mate_mm", self.mate_mm, 1e-6, 10.0),
+            ("mate_deg", self.mate_deg, 1e-6, 45.0),
         ];
         for (name, value, least, most) in numbers {
             // min_crop is an f32, in which 0.1 is rounded.

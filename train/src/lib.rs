@@ -42,6 +42,7 @@ pub mod error;
 mod gradient;
 mod history;
 mod info_nce;
+pub mod mating;
 mod moco;
 pub mod output_folder;
 pub mod pairs;

@@ -10,7 +10,8 @@ use clap::Parser;
 use tactile_data::program;
 use tactile_data::progress::Progress;
 use tactile_data::store::Dataset;
-use tactile_infer::DeviceKind;
+use tactile_infer::{Checkpoint, DeviceKind};
+use tactile_train::config::TrainConfig;
 use tactile_train::output_folder::OutputFolder;
 use tactile_train::pairs::{Pairs, n_training};
 use tactile_train::run::{Event, Outcome, Run, train};
@@ -38,6 +39,10 @@ struct Cli {
     /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
+    /// Fine-tune this trained model instead of beginning with random weights; its sizes are kept, and the learning rate
+    /// is a fifth of the preset's unless it is given.
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    from: Option<PathBuf>,
     /// Continue from the state in --out, with the settings it began with.
     #[arg(long)]
     resume: bool,
@@ -68,14 +73,15 @@ fn main() -> ExitCode {
 fn run(cli: &Cli) -> Result<ExitCode> {
     let settings = settings(cli)?;
     // Wrong settings, devices and folders are found before the datasets are read.
-    settings.resolve(1)?;
+    let within = settings.resolve(1)?.mating();
     let device: DeviceKind = cli.device.parse()?;
     let config_file = cli.config.as_ref().filter(|_| !cli.resume);
-    let inputs = [Some(&cli.data), cli.tune_pegs.as_ref(), cli.tune_holes.as_ref(), config_file];
+    let inputs = [Some(&cli.data), cli.tune_pegs.as_ref(), cli.tune_holes.as_ref(), config_file, cli.from.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     let out = OutputFolder::claim(&cli.out, &inputs)?;
+    let from = cli.from.as_deref().map(Checkpoint::load).transpose()?.map(|(checkpoint, _)| checkpoint);
     let dataset = Dataset::open(&cli.data)?;
-    let config = settings.resolve(n_training(&dataset))?;
+    let config = fine_tuned(settings.resolve(n_training(&dataset, within))?, &settings, from.as_ref());
     let open = |path: &Option<PathBuf>| path.as_deref().map(Dataset::open).transpose();
     let parts = open(&cli.tune_pegs)?.zip(open(&cli.tune_holes)?);
     let tuning = parts.as_ref().map(|(pegs, holes)| Tuning::new(pegs, holes)).transpose()?;
@@ -85,8 +91,15 @@ fn run(cli: &Cli) -> Result<ExitCode> {
         .map_err(|e| Error::invalid("ctrl-C handler", "one in this process", e.to_string()))?;
 
     let mut display = Display { progress: Progress::new("steps"), last: None };
-    let run =
-        Run { dataset: &dataset, tuning: tuning.as_ref(), out: &out, config: &config, device, resume: cli.resume };
+    let run = Run {
+        dataset: &dataset,
+        tuning: tuning.as_ref(),
+        out: &out,
+        config: &config,
+        device,
+        resume: cli.resume,
+        from: from.as_ref(),
+    };
     let outcome = train(&run, &|| stop.load(Ordering::Relaxed), &mut |event| display.show(event))?;
     print(&outcome, cli.json);
     if outcome.finished {
@@ -96,10 +109,23 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     Ok(ExitCode::FAILURE)
 }
 
+/// The settings of a run that fine-tunes a model: its sizes where none are given, and small steps.
+fn fine_tuned(config: TrainConfig, given: &Settings, from: Option<&Checkpoint>) -> TrainConfig {
+    /// By how much smaller the steps are: those of a fresh network would undo what was learnt.
+    const GENTLER: f64 = 5.0;
+    let Some(from) = from else { return config };
+    let has_sizes = [given.width, given.hidden, given.dim].iter().any(Option::is_some) || given.input_px.is_some();
+    let network = if has_sizes { config.network } else { from.config };
+    let learning_rate = given.learning_rate.unwrap_or(config.learning_rate / GENTLER);
+    TrainConfig { network, learning_rate, ..config }
+}
+
 /// Prints how many pairs per second batches are made with, without training.
 fn time_batches(cli: &Cli, n_batches: usize) -> Result<()> {
     let dataset = Dataset::open(&cli.data)?;
-    let config = settings(cli)?.resolve(n_training(&dataset))?;
+    let settings = settings(cli)?;
+    let within = settings.resolve(1)?.mating();
+    let config = settings.resolve(n_training(&dataset, within))?;
     let pairs = Pairs::new(&dataset, &config)?;
     let started = Instant::now();
     let mut n_pairs = 0;
@@ -165,6 +191,7 @@ impl Display {
                     duration(left)
                 ));
             }
+            Event::Note(text) => self.progress.line(&format!("pairs: {text}")),
             Event::Warning { step, text } => self.progress.line(&format!("warning at step {step}: {text}")),
         }
     }

@@ -12,6 +12,7 @@ use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Tensor};
 use tactile_infer::architecture::NetworkConfig;
 use tactile_infer::network::{Encoder, Network, tensors_of, with_tensors};
+use tactile_infer::safefile::NamedTensor;
 
 use crate::error::Result;
 use crate::info_nce::info_nce;
@@ -32,6 +33,13 @@ impl Moco {
         // Not a clone: running statistics of a clone would be shared with the original.
         let momentum = config.init(seed, device).encoder;
         let momentum = with_tensors(momentum, tensors_of(&online.encoder))?.no_grad();
+        Ok(Self { online, momentum })
+    }
+
+    /// A pair that starts from a trained network's tensors, by name.
+    pub fn with_weights(self, tensors: &[NamedTensor]) -> Result<Self> {
+        let online = with_tensors(self.online, tensors.to_vec())?;
+        let momentum = with_tensors(self.momentum, tensors_of(&online.encoder))?.no_grad();
         Ok(Self { online, momentum })
     }
 

@@ -1,14 +1,16 @@
 //! The pairs of a dataset, and what is computed from them once before training.
 
 use rayon::prelude::*;
-use tactile_data::frame::{Background, Preprocessing, TactileImage};
+use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
+use tactile_data::moved_view::moved_view;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, Touch};
+use tactile_data::touch::Side;
 use tactile_infer::calibration::BLANK_SHARE;
 
 use crate::config::{Flips, TrainConfig};
 use crate::error::{Error, Result};
+use crate::mating::{Mating, Pair, Within, find};
 use crate::relighting::Relighting;
 
 /// Views from places nearer than this look alike, mm and degrees: twice what the camera's noise and the robot's
@@ -20,15 +22,6 @@ const STATISTICS_FRAMES: usize = 2_000;
 
 /// Most frames in which the lamps are searched.
 const LAMP_FRAMES: usize = 400;
-
-/// The frames of one mating pair in a dataset.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pair {
-    /// Index of the hole's frame.
-    pub hole: usize,
-    /// Index of the peg's frame.
-    pub peg: usize,
-}
 
 /// Where a pair was touched.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +43,17 @@ impl Place {
     }
 }
 
+impl Pairs<'_> {
+    /// A frame of a pair: the peg's as it would be seen from where the hole was touched.
+    pub(crate) fn frame(&self, pair: &Pair, side: Side) -> Frame {
+        let frame = self.dataset.frame(if side == Side::Hole { pair.hole } else { pair.peg });
+        match pair.sensor_from_hole.filter(|_| side == Side::Peg) {
+            Some(moved) => moved_view(self.dataset.no_contact(), &frame, &moved, self.dataset.meta().mm_per_px),
+            None => frame,
+        }
+    }
+}
+
 /// The pairs of a dataset, split by board, and the statistics of its training frames.
 #[derive(Debug)]
 pub struct Pairs<'a> {
@@ -65,23 +69,29 @@ pub struct Pairs<'a> {
     pub held_out: Vec<Vec<Pair>>,
     pub(crate) neighbours: Vec<Vec<u32>>,
     pub(crate) relighting: Option<Relighting>,
+    /// How the pairs were found, and what did not mate: [`Mating::notes`].
+    pub notes: Vec<String>,
     /// A warning about these pairs, for people.
     pub warning: Option<String>,
 }
 
 impl<'a> Pairs<'a> {
-    /// Finds the pairs: a hole frame and a peg frame of one part at one pose, next to each other in the
-    /// index. Measures mean and variance over at most 2,000 training frames, finds the blank views, and
+    /// Finds the pairs ([`find`]). Measures mean and variance over at most 2,000 training frames, finds the blank views, and
     /// the lamps for relit flips.
     ///
     /// # Errors
     /// No pairs, or pairs from which nothing can be learned: all blank, or all of one place.
     pub fn new(dataset: &'a Dataset, config: &TrainConfig) -> Result<Self> {
         let input_px = config.network.input_px;
-        let (training, held_out) = find(dataset);
+        let Mating { training, held_out, notes } = find(dataset, config.mating());
         let name = &dataset.meta().name;
         if training.is_empty() {
-            return Err(Error::invalid(name, "mating pairs of hole and peg frames to train on", "0 pairs"));
+            let why = notes.iter().map(|note| format!("; {note}")).collect::<String>();
+            return Err(Error::invalid(
+                name,
+                "mating pairs of hole and peg frames to train on",
+                format!("0 pairs{why}"),
+            ));
         }
         let frame_px = dataset.meta().frame_px;
         if (0..2).any(|axis| frame_px[axis] < 2 * input_px[axis]) {
@@ -106,39 +116,24 @@ impl<'a> Pairs<'a> {
                 Err(why) => (None, Some(format!("mirrored pictures are not relit, {why}"))),
             },
         };
-        Ok(Self { dataset, background, preprocessing, training, places, held_out, neighbours, relighting, warning })
+        Ok(Self {
+            dataset,
+            background,
+            preprocessing,
+            training,
+            places,
+            held_out,
+            neighbours,
+            relighting,
+            notes,
+            warning,
+        })
     }
 }
 
-/// Number of pairs of the training boards of a dataset.
-pub fn n_training(dataset: &Dataset) -> usize {
-    find(dataset).0.len()
-}
-
-/// The pairs of the training boards, and those of each held-out board.
-fn find(dataset: &Dataset) -> (Vec<Pair>, Vec<Vec<Pair>>) {
-    let held_out_boards = &dataset.meta().held_out;
-    let mut training = Vec::new();
-    let mut held_out = vec![Vec::new(); held_out_boards.len()];
-    for index in 1..dataset.len() {
-        let (first, second) = (dataset.touch(index - 1), dataset.touch(index));
-        let Some(pair) = mate(index - 1, first, index, second) else { continue };
-        match held_out_boards.iter().position(|board| Some(board) == first.part.as_ref()) {
-            Some(board) => held_out[board].push(pair),
-            None => training.push(pair),
-        }
-    }
-    (training, held_out)
-}
-
-/// The pair that two neighbouring frames make, if they do.
-fn mate(first: usize, a: &Touch, second: usize, b: &Touch) -> Option<Pair> {
-    let same_place = a.part.is_some() && a.part == b.part && a.part_from_sensor == b.part_from_sensor;
-    match (a.side?, b.side?) {
-        (Side::Hole, Side::Peg) if same_place => Some(Pair { hole: first, peg: second }),
-        (Side::Peg, Side::Hole) if same_place => Some(Pair { hole: second, peg: first }),
-        _ => None,
-    }
+/// Number of pairs of a dataset to train on.
+pub fn n_training(dataset: &Dataset, within: Within) -> usize {
+    find(dataset, within).training.len()
 }
 
 /// About `n_frames` training frames, evenly spaced, as difference images in counts.

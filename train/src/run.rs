@@ -8,6 +8,7 @@ use burn::module::Module;
 use burn::tensor::Device;
 use tactile_data::store::Dataset;
 use tactile_infer::Model;
+use tactile_infer::architecture::NetworkConfig;
 use tactile_infer::checkpoint::Provenance;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{Checkpoint, DeviceKind};
@@ -42,6 +43,9 @@ pub struct Run<'a> {
     pub device: DeviceKind,
     /// Continue from the state in `out`.
     pub resume: bool,
+    /// Start from the weights of this trained model instead of random ones; of the settings' sizes. A resumed run has its
+    /// own.
+    pub from: Option<&'a Checkpoint>,
 }
 
 /// What happens during a run.
@@ -67,6 +71,8 @@ pub enum Event<'a> {
         /// Measured on the held-out boards.
         validation: &'a Validation,
     },
+    /// Something about the pairs that a person should know.
+    Note(&'a str),
     /// The run continues, but a person should look at it.
     Warning {
         /// Steps made so far.
@@ -108,6 +114,9 @@ pub fn train(run: &Run<'_>, should_stop: &dyn Fn() -> bool, on_event: &mut dyn F
     config.check_memory(pairs.training.len())?;
     let state = begin(run, &device)?;
     write_whole(&run.out.file(SETTINGS), config.to_toml()?.as_bytes())?;
+    for text in &pairs.notes {
+        on_event(Event::Note(text));
+    }
     if let Some(text) = &pairs.warning {
         on_event(Event::Warning { step: state.step, text });
     }
@@ -145,7 +154,13 @@ fn begin(run: &Run<'_>, device: &Device) -> Result<State> {
             return Err(Error::invalid(path.display().to_string(), "an empty --out, or --resume to continue", got));
         }
     }
-    State::new(run.config, device)
+    let state = State::new(run.config, device)?;
+    let Some(from) = run.from else { return Ok(state) };
+    if from.config != run.config.network {
+        let sizes = |of: &NetworkConfig| format!("{of:?}");
+        return Err(Error::invalid("sizes of the network", sizes(&from.config), sizes(&run.config.network)));
+    }
+    Ok(State { moco: state.moco.with_weights(&from.tensors)?, ..state })
 }
 
 /// The loop: batch, loss, gradient, step, momentum, log.

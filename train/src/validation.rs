@@ -8,7 +8,8 @@ use tactile_infer::similarity::{dot, normalize_rows};
 
 use crate::batch::Batch;
 use crate::error::{Error, Result};
-use crate::pairs::{Pair, Pairs};
+use crate::mating::Pair;
+use crate::pairs::Pairs;
 
 /// At most this many pairs of a held-out board are compared with each other.
 const MAX_PAIRS: usize = 400;
