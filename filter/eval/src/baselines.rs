@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use tactile_data::frame::{Background, Frame, Preprocessing};
-use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_infer::Bank;
 use tactile_infer::Model;
@@ -12,12 +11,13 @@ use tactile_infer::matching::{best, images_by_row, nearest_by_pixel, recorded_co
 
 use crate::error::Result;
 use crate::evaluate::{Banks, Hole, Protocol, Scored, observe, score_row};
+use crate::holes::Holes;
 use tactile_filter::Sensor;
 
 /// The nearest recorded embedding to the first touch of each episode.
-pub fn moco(simulator: &Simulator, sensor: &Sensor, bank: &Arc<Bank>, protocol: &Protocol) -> Result<Vec<Scored>> {
+pub fn moco(holes: Holes<'_>, sensor: &Sensor, bank: &Arc<Bank>, protocol: &Protocol) -> Result<Vec<Scored>> {
     let banks = Banks::new(bank, protocol);
-    first_touches(simulator, bank, protocol, |hole, frame| {
+    first_touches(holes, bank, protocol, |hole, frame| {
         let (bank, observation) = (banks.of(hole)?, observe(sensor, &frame)?);
         let cosines = recorded_cosines(&bank, &observation.query);
         Ok(score_row(best(cosines.into_iter()), &bank, hole))
@@ -28,7 +28,7 @@ pub fn moco(simulator: &Simulator, sensor: &Sensor, bank: &Arc<Bank>, protocol: 
 /// images: to the frames as they are, and to the frames turned inside out. All parts of the bank compete.
 #[expect(clippy::too_many_arguments, reason = "the inputs of one baseline, used once")]
 pub fn pixel(
-    simulator: &Simulator,
+    holes: Holes<'_>,
     model: &Model,
     bank: &Bank,
     pegs: &Dataset,
@@ -38,7 +38,7 @@ pub fn pixel(
     let counts = Preprocessing::counts(model.config().input_px);
     let recorded = images_by_row(&Background::new(pegs.no_contact(), &counts)?, pegs, bank)?;
     let rest = Background::new(no_contact, &counts)?;
-    let scored = first_touches(simulator, bank, protocol, |hole, frame| {
+    let scored = first_touches(holes, bank, protocol, |hole, frame| {
         let image = rest.tactile_image(&frame)?;
         Ok([1.0, -1.0].map(|sign| score_row(nearest_by_pixel(&image, &recorded, sign), bank, hole)))
     })?;
@@ -46,7 +46,7 @@ pub fn pixel(
 }
 
 fn first_touches<T: Send>(
-    simulator: &Simulator,
+    holes: Holes<'_>,
     bank: &Bank,
     protocol: &Protocol,
     judge: impl Fn(&Hole<'_>, Frame) -> Result<T> + Sync,
@@ -56,7 +56,7 @@ fn first_touches<T: Send>(
         .into_par_iter()
         .map(|index| {
             let seed = protocol.seeds[index % protocol.seeds.len()];
-            let mut hole = Hole::new(simulator, bank.grid(), protocol.poses, seed, index);
+            let mut hole = Hole::new(holes, bank.grid(), protocol.poses, seed, index);
             let frame = hole.touch()?;
             judge(&hole, frame)
         })

@@ -56,6 +56,9 @@ pub struct Setup {
     pub poses: Poses,
     /// Whether each hole's own part was taken out of the bank.
     pub absent: bool,
+    /// Whether the holes were recorded; else they were simulated.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub recorded: bool,
     /// Limit on each choice of a touch, ms.
     pub choose_ms: Option<f64>,
     /// The model.
@@ -64,6 +67,11 @@ pub struct Setup {
     pub bank_sha256: String,
     /// Device of the network.
     pub device: String,
+}
+
+/// Left out of the file, as before there were recordings.
+pub(crate) fn is_false(value: &bool) -> bool {
+    !value
 }
 
 /// A nearest neighbour of the first touch of each episode.
@@ -195,6 +203,7 @@ impl Episodes {
             n_episodes: setup.n_episodes,
             seeds: setup.seeds.clone(),
             absent: setup.absent,
+            recorded: setup.recorded,
             model: setup.model.clone(),
             device: setup.device.clone(),
             n_threads: self.n_threads,
@@ -236,6 +245,7 @@ mod tests {
                 n_touches: 2,
                 poses: Poses::OnGrid,
                 absent: false,
+                recorded: false,
                 choose_ms: None,
                 model: ModelRecord { name: "m".into(), sha256: "ab".into(), parameters: 7, input_px: [8, 6] },
                 bank_sha256: "cd".into(),

@@ -1,4 +1,4 @@
-//! Many episodes against a simulated robot, each driven as a robot would drive it.
+//! Many episodes against a simulated or recorded robot, each driven as a robot would drive it.
 //!
 //! The estimator is given frames and the motions actually made; true poses stay in [`Hole`], on this
 //! side of the episode's API.
@@ -14,12 +14,13 @@ use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::simulator::frame_rng;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
-pub use crate::hole::{Hole, at_rest, observe};
+pub use crate::hole::{Hole, observe};
+use crate::holes::Holes;
 use crate::result::Poses;
 
 /// What is run, how often.
@@ -47,7 +48,7 @@ pub struct Protocol {
 
 impl Protocol {
     /// Refuses what cannot be run on a scene with a bank.
-    pub fn validate(&self, simulator: &Simulator, bank: &Bank) -> Result<()> {
+    pub fn validate(&self, holes: Holes<'_>, bank: &Bank) -> Result<()> {
         if self.seeds.is_empty() || self.n_episodes == 0 || self.n_touches == 0 {
             let got = format!("{} episodes of {} seeds", self.n_episodes, self.seeds.len());
             return Err(Error::invalid("evaluation", "episodes, touches and seeds", got));
@@ -56,9 +57,9 @@ impl Protocol {
             let got = format!("{:?}", self.episodes);
             return Err(Error::invalid("evaluation", format!("some of {} episodes", self.n_episodes), got));
         }
-        if simulator.parts() != bank.parts() {
+        if holes.parts() != bank.parts() {
             let got = bank.parts().join(" ");
-            return Err(Error::invalid("bank", format!("the scene's parts {}", simulator.parts().join(" ")), got));
+            return Err(Error::invalid("bank", format!("the scene's parts {}", holes.parts().join(" ")), got));
         }
         let n_parts = bank.parts().len();
         match self.n_classes {
@@ -153,8 +154,8 @@ pub type Watch<'w> = &'w mut dyn FnMut(&Hole<'_>, &Frame, &Episode, &Estimate);
 /// One configuration on one scene.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
-    /// The scene with its simulated sensor.
-    pub simulator: &'a Simulator,
+    /// What is touched.
+    pub holes: Holes<'a>,
     /// The sensor, as the filter knows it.
     pub sensor: &'a Sensor,
     /// The pegs.
@@ -172,7 +173,7 @@ pub struct Run<'a> {
 /// A protocol that does not fit scene and bank, a touch that cannot be made or seen.
 pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Vec<Outcome>> {
     let protocol = run.protocol;
-    protocol.validate(run.simulator, run.bank)?;
+    protocol.validate(run.holes, run.bank)?;
     let banks = Banks::new(run.bank, protocol);
     let done = AtomicUsize::new(0);
     let one = |index| {
@@ -188,9 +189,9 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
 /// # Errors
 /// A touch that cannot be made or seen.
 pub fn run_one(run: &Run<'_>, banks: &Banks, index: usize, watch: Watch<'_>) -> Result<Outcome> {
-    let Run { simulator, sensor, config, protocol, .. } = *run;
+    let Run { holes, sensor, config, protocol, .. } = *run;
     let seed = protocol.seeds[index % protocol.seeds.len()];
-    let mut hole = Hole::new(simulator, banks.whole.grid(), protocol.poses, seed, index);
+    let mut hole = Hole::new(holes, banks.whole.grid(), protocol.poses, seed, index);
     let bank = banks.of(&hole)?;
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = EpisodeConfig {

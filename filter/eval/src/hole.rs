@@ -1,67 +1,71 @@
-//! The simulated robot's side of an episode: the hole under the sensor, with its true part and pose.
+//! The robot's side of an episode: the hole under the sensor, with its true part and pose.
 
 use rand::RngExt;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::simulator::frame_rng;
 use tactile_data::touch::Side;
 use tactile_filter::action::Action;
 use tactile_filter::{Observation, Sensor};
 
 use crate::error::Result;
+use crate::holes::Holes;
 use crate::result::Poses;
 
-/// One simulated hole under the sensor: the robot's side of an episode.
+/// One hole under the sensor: the robot's side of an episode.
 pub struct Hole<'a> {
-    simulator: &'a Simulator,
+    holes: Holes<'a>,
     part: usize,
     symmetric: bool,
     first: Se2,
     part_from_sensor: Se2,
     seed: u64,
     stream: u64,
+    /// Of a recording: the frame under the sensor, and all that were looked at.
+    frame: usize,
+    touched: Vec<usize>,
 }
 
 impl<'a> Hole<'a> {
     /// The hole of an episode: part and pose follow from the seed and the episode's number.
-    pub fn new(simulator: &'a Simulator, grid: &PoseGrid, poses: Poses, seed: u64, episode: usize) -> Self {
+    pub fn new(holes: Holes<'a>, grid: &PoseGrid, poses: Poses, seed: u64, episode: usize) -> Self {
         // A dataset's frames are drawn from small streams of its seed; an episode's from these.
         let (seed, stream) = (seed ^ 0x686f_6c65, (episode as u64 + 1) << 20);
         let mut rng = frame_rng(seed, stream);
-        let part = rng.random_range(0..simulator.parts().len());
-        let first = match poses {
-            Poses::OnGrid => grid.pose(rng.random_range(0..grid.len())),
-            Poses::OffGrid => {
+        let part = rng.random_range(0..holes.parts().len());
+        let (frame, first) = match (holes, poses) {
+            (Holes::Recorded(recorded), _) => {
+                let frames = recorded.frames(part);
+                let frame = frames[rng.random_range(0..frames.len())];
+                (frame, recorded.pose(frame))
+            }
+            (_, Poses::OnGrid) => (0, grid.pose(rng.random_range(0..grid.len()))),
+            (_, Poses::OffGrid) => {
                 let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-                Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
+                let at =
+                    Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg));
+                (0, at)
             }
         };
-        Self {
-            simulator,
-            part,
-            symmetric: simulator.is_half_turn_symmetric(part),
-            first,
-            part_from_sensor: first,
-            seed,
-            stream,
-        }
+        let symmetric = holes.is_symmetric(part);
+        Self { holes, part, symmetric, first, part_from_sensor: first, seed, stream, frame, touched: Vec::new() }
     }
 
-    /// The hole of one part; the pose follows from the seed and the episode's number.
-    pub fn of_part(simulator: &'a Simulator, part: usize, grid: &PoseGrid, seed: u64, episode: usize) -> Self {
-        let symmetric = simulator.is_half_turn_symmetric(part);
-        Self { part, symmetric, ..Self::new(simulator, grid, Poses::OffGrid, seed, episode) }
+    /// The simulated hole of one part; the pose follows from the seed and the episode's number.
+    pub fn of_part(holes: Holes<'a>, part: usize, grid: &PoseGrid, seed: u64, episode: usize) -> Self {
+        let symmetric = holes.is_symmetric(part);
+        Self { part, symmetric, ..Self::new(holes, grid, Poses::OffGrid, seed, episode) }
     }
 
     /// Name of the part whose hole this is.
     pub fn part(&self) -> &str {
-        &self.simulator.parts()[self.part]
+        &self.holes.parts()[self.part]
     }
 
     /// Index in the scene of the part of a name; 0 for another name.
     pub fn index_of(&self, part: &str) -> usize {
-        self.simulator.parts().iter().position(|name| name == part).unwrap_or(0)
+        self.holes.parts().iter().position(|name| name == part).unwrap_or(0)
     }
 
     /// Index of the part in the scene.
@@ -84,7 +88,7 @@ impl<'a> Hole<'a> {
         self.seed
     }
 
-    /// True pose of the first touch.
+    /// True pose of the first touch; of a recording, the stated one.
     pub fn part_from_first(&self) -> Se2 {
         self.first
     }
@@ -97,41 +101,61 @@ impl<'a> Hole<'a> {
     /// Touches the hole where the sensor is.
     pub fn touch(&mut self) -> Result<Frame> {
         self.stream += 1;
-        let mut rng = frame_rng(self.seed, self.stream);
-        Ok(self.simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
+        match self.holes {
+            Holes::Simulated(simulator) => {
+                let mut rng = frame_rng(self.seed, self.stream);
+                Ok(simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
+            }
+            Holes::Recorded(recorded) => {
+                self.touched.push(self.frame);
+                Ok(recorded.dataset().frame(self.frame))
+            }
+        }
     }
 
     /// Moves the sensor; returns the motion actually made.
     pub fn go(&mut self, action: &Action) -> Se2 {
         self.part_from_sensor = self.part_from_sensor * action.sensor_from_next;
+        if let Holes::Recorded(recorded) = self.holes {
+            let off = |frame: &usize| {
+                let pose = recorded.pose(*frame);
+                pose.distance_mm(&self.part_from_sensor)
+                    + wrap_angle(pose.theta_rad - self.part_from_sensor.theta_rad).abs()
+            };
+            let left = self.left().min_by(|a, b| off(a).total_cmp(&off(b)));
+            self.frame = left.unwrap_or(self.frame);
+        }
         action.sensor_from_next
     }
 
-    /// The motions that the reach allows from here: to the recorded poses, or off the grid those of the
-    /// scene's reach, seen from the first touch.
-    pub fn reach(&self, recorded: &PoseGrid, poses: Poses) -> Vec<Se2> {
-        let grid = match poses {
-            Poses::OnGrid => *recorded,
-            Poses::OffGrid => self.simulator.scene().reach.unwrap_or(*recorded),
+    /// The frames of a recorded hole that were not looked at yet.
+    fn left(&self) -> impl Iterator<Item = usize> {
+        let frames = match self.holes {
+            Holes::Recorded(recorded) => recorded.frames(self.part),
+            Holes::Simulated(_) => &[],
         };
+        frames.iter().copied().filter(|frame| !self.touched.contains(frame))
+    }
+
+    /// The motions that the reach allows from here: to the recorded poses that were not touched yet, or of a simulated
+    /// hole off the grid to those of the scene's reach, seen from the first touch.
+    pub fn reach(&self, recorded: &PoseGrid, poses: Poses) -> Vec<Se2> {
         let sensor_from_part = self.part_from_sensor.inverse();
-        let origin = match poses {
-            Poses::OnGrid => Se2::IDENTITY,
-            Poses::OffGrid => self.first,
+        let (grid, origin) = match (self.holes, poses) {
+            (Holes::Recorded(holes), _) => {
+                return self.left().map(|frame| sensor_from_part * holes.pose(frame)).collect();
+            }
+            (Holes::Simulated(_), Poses::OnGrid) => (*recorded, Se2::IDENTITY),
+            (Holes::Simulated(simulator), Poses::OffGrid) => (simulator.scene().reach.unwrap_or(*recorded), self.first),
         };
         (0..grid.len()).map(|cell| sensor_from_part * origin * grid.pose(cell)).collect()
     }
 }
 
-/// What a simulated frame shows.
+/// What a frame shows, without a look at whether it was seen before: an evaluation may draw one twice.
 ///
 /// # Errors
 /// A frame that the sensor refuses.
 pub fn observe(sensor: &Sensor, frame: &Frame) -> Result<Observation> {
     Ok(sensor.observe(frame)?.of_simulation())
-}
-
-/// The no-contact frame of the robot's own session, not the bank's.
-pub fn at_rest(simulator: &Simulator, seeds: &[u64]) -> Frame {
-    simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374)
 }

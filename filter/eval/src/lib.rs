@@ -11,6 +11,7 @@ pub mod evaluate;
 pub mod extremes;
 pub mod fits;
 pub mod hole;
+pub mod holes;
 pub mod narrative;
 pub mod page;
 pub mod replay;

@@ -22,6 +22,9 @@ pub struct Evaluation {
     /// Whether each hole's own part was taken out of the bank: no answer is then right but "none of these".
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub absent: bool,
+    /// Whether the holes were recorded; else they were simulated.
+    #[serde(default, skip_serializing_if = "crate::episodes::is_false")]
+    pub recorded: bool,
     /// The model that embedded the touches.
     pub model: ModelRecord,
     /// Device of the network.

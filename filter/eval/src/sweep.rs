@@ -6,13 +6,13 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
-use tactile_data::simulator::Simulator;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::precision::Precision;
 
 use crate::error::{Error, Result};
 use crate::evaluate::{Banks, Protocol, Run, run_all, run_one};
+use crate::holes::Holes;
 use crate::result::{Choice, Inference, Method, Poses, Row};
 use crate::summary::{Label, quantile, rows};
 use tactile_filter::action::ActionRule;
@@ -139,7 +139,7 @@ fn least(default: &Settings) -> Vec<Settings> {
 /// What a setting is measured on.
 pub struct Bench<'a> {
     /// The scene.
-    pub simulator: &'a Simulator,
+    pub holes: Holes<'a>,
     /// The model.
     pub model: &'a Arc<Model>,
     /// A bank of the setting's steps, its rows in f32.
@@ -152,17 +152,17 @@ pub struct Bench<'a> {
 
 /// Measures one setting: accuracy on all cores, then time on one. A point for each of [`TOUCHES`] that the protocol reaches.
 pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
-    let Bench { simulator, model, no_contact, protocol, .. } = bench;
+    let Bench { holes, model, no_contact, protocol, .. } = bench;
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
     let sensor = Sensor::new(Arc::clone(model), no_contact)?;
     let config = settings.applied_to(&EpisodeConfig::of(model));
-    let run = Run { simulator, sensor: &sensor, bank: &bank, config: &config, protocol };
+    let run = Run { holes: *holes, sensor: &sensor, bank: &bank, config: &config, protocol };
     let outcomes = run_all(&run, &|_, _| ())?;
     let label =
         Label { method: Method::Filter, inference: Inference::None, action: Choice::None, poses: protocol.poses };
     let reach = match protocol.poses {
         Poses::OnGrid => *bank.grid(),
-        Poses::OffGrid => simulator.scene().reach.unwrap_or(*bank.grid()),
+        Poses::OffGrid => holes.reach(&bank),
     };
     let (decisions, pace_ms) = on_one_core(|| {
         let banks = Banks::new(&bank, protocol);

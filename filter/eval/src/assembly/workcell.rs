@@ -22,6 +22,7 @@ use tactile_infer::Bank;
 use super::attempt::{Attempt, Task};
 use crate::error::{Error, Result};
 use crate::hole::{Hole, observe};
+use crate::holes::Holes;
 use crate::result::Poses;
 
 /// What a watcher is shown after each touch.
@@ -131,7 +132,7 @@ impl<'a> Workcell<'a> {
             let (mm, deg) = (self.task.grasp_error_mm, self.task.grasp_error_deg);
             in_hand.held_from_peg = Se2::from_degrees(up_to(mm), up_to(mm), up_to(deg));
             let number = index * n_parts + turn;
-            let hole = Hole::of_part(self.simulator, part, &self.reach, seed, number);
+            let hole = Hole::of_part(Holes::Simulated(self.simulator), part, &self.reach, seed, number);
             let config = EpisodeConfig { seed: seed.wrapping_add(number as u64), ..*self.config };
             let attempt = self.attempt(hole, &in_hand, config, watch)?;
             let bank = &in_hand.bank;

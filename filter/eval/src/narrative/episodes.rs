@@ -61,7 +61,7 @@ fn lesson(outcome: &Outcome, config: &EpisodeConfig) -> (usize, usize) {
 pub fn play_again(run: &Run<'_>, picks: &[Pick]) -> Result<Vec<Narrative>> {
     let protocol = Protocol { choose_ms: None, ..run.protocol.clone() };
     let run = Run { protocol: &protocol, ..*run };
-    let rest = shown_background(run.simulator)?;
+    let rest = shown_background(&run.holes.at_rest(&run.protocol.seeds))?;
     let banks = Banks::new(run.bank, &protocol);
     let play = |pick: &Pick| {
         let mut recorder = Recorder::new(run, &rest, pick);

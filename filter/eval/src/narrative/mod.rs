@@ -11,13 +11,13 @@ pub mod viewer;
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_data::simulator::Simulator;
 use tactile_filter::action::{ActionRule, Judgement};
 use tactile_filter::belief::Belief;
 use tactile_filter::{EpisodeConfig, Estimate};
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
+use crate::holes::Holes;
 
 /// What all episodes of an evaluation share.
 #[derive(Clone, Debug)]
@@ -96,20 +96,18 @@ pub struct NextTouch {
 }
 
 impl Board {
-    /// What all episodes of a scene share.
+    /// What all episodes of some holes share.
     ///
     /// # Errors
     /// A part whose shape cannot be made.
-    pub fn new(simulator: &Simulator, bank: &Bank) -> Result<Self> {
-        let scene = simulator.scene();
+    pub fn new(holes: Holes<'_>, bank: &Bank) -> Result<Self> {
         let part = |(index, name): (usize, &String)| {
-            let outline_mm = scene.shape(index, 0)?.regions.into_iter().flatten().collect();
-            Ok(PartPicture { name: name.clone(), outline_mm })
+            Ok(PartPicture { name: name.clone(), outline_mm: holes.outline_mm(index)? })
         };
         Ok(Self {
-            parts: simulator.parts().iter().enumerate().map(part).collect::<Result<_>>()?,
+            parts: holes.parts().iter().enumerate().map(part).collect::<Result<_>>()?,
             grid: *bank.grid(),
-            field_of_view_mm: scene.sensor.field_of_view_mm,
+            field_of_view_mm: holes.field_of_view_mm(),
         })
     }
 
@@ -144,8 +142,9 @@ impl Narrative {
 }
 
 /// What the network sees of frames, at the size that a page shows.
-fn shown_background(simulator: &Simulator) -> Result<Background> {
-    Ok(Background::new(&simulator.no_contact(0), &Preprocessing::counts([80, 60]))?)
+fn shown_background(at_rest: &Frame) -> Result<Background> {
+    let size = [80.min(at_rest.width_px()), 60.min(at_rest.height_px())];
+    Ok(Background::new(at_rest, &Preprocessing::counts(size))?)
 }
 
 /// The fit that [`EpisodeConfig::stop`] asks for to be confident, where it asks at all.

@@ -12,7 +12,7 @@ use crate::error::Result;
 /// # Errors
 /// As [`Workcell::trial`].
 pub fn play_again(workcell: &Workcell<'_>, trial: usize) -> Result<Vec<Narrative>> {
-    let rest = shown_background(workcell.simulator())?;
+    let rest = shown_background(&workcell.simulator().no_contact(0))?;
     // A hole's touches follow each other; with its first touch a new hole begins.
     let mut touches: Vec<Vec<NarrativeTouch>> = Vec::new();
     let attempts = workcell.trial(trial, &mut |moment: &Moment<'_>| {

@@ -59,7 +59,8 @@ fn top(evaluation: &Evaluation, paper: &PaperNumbers) -> Markup {
     html! {
         h1 { "Which peg fits this hole? " (scene) }
         p {
-            "A simulated tactile sensor touches the hole of one of " (n_classes) " parts, whose pegs it has touched before. "
+            @if evaluation.recorded { "Recorded touches are chosen from: " } @else { "A simulated tactile sensor touches " }
+            "the hole of one of " (n_classes) " parts, whose pegs were touched before. "
             @if evaluation.absent {
                 "Here each hole’s own part was taken out of the bank: no part is right, and the filter should say “none of these parts”."
             } @else {
@@ -67,12 +68,19 @@ fn top(evaluation: &Evaluation, paper: &PaperNumbers) -> Markup {
             }
             " " (n_episodes) " episodes, " (seeds(&evaluation.seeds)) "."
         }
-        p.caution {
+        @if evaluation.recorded {
+            p.caution {
+                b { "The touches are recorded:" } " the filter chooses the next among those that the recording holds, each at most once, "
+                "and is told the motion between their stated poses. How good these poses are, and what was recorded by which sensor, "
+                "is not known here. The 95 % intervals cover which of the touches an episode draws, not other sensors, parts or prints: "
+                "episodes share their touches, so that many of them say little more than the recording holds."
+            }
+        } @else { p.caution {
             b { "All of it is simulated:" } " the boards, the robot, each touch. What was compared with reality is the sensor’s "
             "optics and gel, by real images of a ball, grooves, a cuboid and a digit (" code { "cargo xtask validate" } "). No real "
             "hole, peg or letter was touched: how these figures carry over to a real board is not known. The 95 % intervals cover "
             "other poses and frames of this one model and one simulated print of each part, not other models or prints."
-        }
+        } }
         div.tiles { @if evaluation.absent { (absent_tiles(evaluation)) } @else { (tiles(evaluation, paper)) } }
     }
 }

@@ -9,7 +9,7 @@ use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_eval::Result;
 use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
-use tactile_eval::evaluate::at_rest;
+use tactile_eval::holes::Holes;
 use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
 use tactile_filter::action::ActionRule;
@@ -61,7 +61,7 @@ impl Assemble {
     pub fn run(self) -> Result<()> {
         let (model, bank) = self.inputs.load()?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        let sensor = Sensor::new(model.clone(), &at_rest(&simulator, &self.seeds.seeds))?;
+        let sensor = Sensor::new(model.clone(), &Holes::Simulated(&simulator).at_rest(&self.seeds.seeds))?;
         let config = self.config(&simulator, &model)?;
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
@@ -78,7 +78,8 @@ impl Assemble {
             command: Some(command_line()),
         };
         let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
-        let page = html(&assembly, &Board::new(&simulator, &bank)?, &trial::play_again(&workcell, 0)?)?;
+        let page =
+            html(&assembly, &Board::new(Holes::Simulated(&simulator), &bank)?, &trial::play_again(&workcell, 0)?)?;
         let page = self.output.write(FILES[0], &page)?;
         let json = to_json("assembly", &assembly)?;
         // Last: whoever finds the figures finds the report too.

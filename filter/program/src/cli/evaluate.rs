@@ -9,9 +9,11 @@ use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
-use tactile_data::store::Dataset;
+use tactile_data::store::{self, Dataset};
 use tactile_eval::episodes::{EPISODES_SCHEMA, Episodes, RunResult, Setup, Single};
-use tactile_eval::evaluate::{Protocol, Run, at_rest, run_all};
+use tactile_eval::evaluate::{Protocol, Run, run_all};
+use tactile_eval::fits::warn_of_coarse_grid;
+use tactile_eval::holes::{Holes, RecordedHoles};
 use tactile_eval::narrative::episodes::{pick, play_again};
 use tactile_eval::narrative::{Board, Narrative};
 use tactile_eval::report::write_report;
@@ -31,16 +33,20 @@ use super::tuning::Tuning;
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["report.html", "evaluation.json"];
 
-/// Run episodes against simulated holes; write evaluation.json and report.html.
+/// Run episodes against simulated or recorded holes; write evaluation.json and report.html.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter evaluate --model infer/models/maze-small.safetensors \
-                        --bank pegs.bank --scene alphabet-small --out evaluation")]
+                        --bank pegs.bank --scene alphabet-small --out evaluation\n  tactile-filter evaluate --model \
+                        infer/models/maze-small.safetensors --bank pegs.bank --holes recorded --out evaluation")]
 pub struct Evaluate {
     #[command(flatten)]
     inputs: Inputs,
-    /// Scene whose holes are touched: the name of a preset, or a TOML file
-    #[arg(long, value_name = "PRESET|FILE.toml")]
-    scene: String,
+    /// Scene whose holes are simulated: the name of a preset, or a TOML file
+    #[arg(long, value_name = "PRESET|FILE.toml", required_unless_present = "holes", conflicts_with = "holes")]
+    scene: Option<String>,
+    /// Recorded holes instead: the filter chooses among the touches of this dataset, each at most once
+    #[arg(long, value_name = "DIR")]
+    holes: Option<PathBuf>,
     #[command(flatten)]
     output: Output,
     /// Episodes in all, shared out over the seeds
@@ -88,7 +94,7 @@ pub struct Evaluate {
 
 /// All that the episodes depend on.
 struct Subject {
-    simulator: Simulator,
+    touched: Touched,
     model: Arc<Model>,
     bank: Arc<Bank>,
     sensor: Sensor,
@@ -96,6 +102,21 @@ struct Subject {
     /// Each way to infer and choose, with its name.
     ways: Vec<(String, EpisodeConfig)>,
     promise: Option<Promise>,
+}
+
+/// What holds the holes.
+enum Touched {
+    Scene(Box<Simulator>),
+    Recording(RecordedHoles),
+}
+
+impl Touched {
+    fn holes(&self) -> Holes<'_> {
+        match self {
+            Self::Scene(simulator) => Holes::Simulated(simulator),
+            Self::Recording(recorded) => Holes::Recorded(recorded),
+        }
+    }
 }
 
 impl Evaluate {
@@ -108,34 +129,31 @@ impl Evaluate {
             return self.run_shard(shard, &subject);
         }
         let episodes = self.run_episodes(&subject, &subject.protocol)?;
-        let Subject { simulator, bank, sensor, protocol, .. } = &subject;
+        let Subject { bank, sensor, protocol, .. } = &subject;
+        let holes = subject.touched.holes();
         let evaluation = Evaluation { promise: subject.promise.clone(), ..episodes.evaluation()? };
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
         let first = &episodes.runs[0];
         let picks = pick(&first.outcomes, &first.config, n_stories);
-        let run = Run { simulator, sensor, bank, config: &first.config, protocol };
-        write(&self.output, &episodes, &evaluation, &Board::new(simulator, bank)?, &play_again(&run, &picks)?)
+        let run = Run { holes, sensor, bank, config: &first.config, protocol };
+        write(&self.output, &episodes, &evaluation, &Board::new(holes, bank)?, &play_again(&run, &picks)?)
     }
 
     /// Loads everything, checks that it belongs together and that the results can be written, and chooses the settings.
     fn subject(&self) -> Result<Subject> {
         let (model, mut bank) = self.inputs.load()?;
-        let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
         let protocol = self.protocol();
-        self.inputs.check_scene(&bank, simulator.scene(), protocol.poses)?;
-        protocol.validate(&simulator, &bank)?;
+        let touched = self.touched(&bank, protocol.poses)?;
+        let holes = touched.holes();
+        protocol.validate(holes, &bank)?;
         let mut ways = self.ways(&model)?;
-        let inputs = self.inputs.files(&self.scene);
-        match self.shard {
-            Some(shard) => output::prepare_file(&self.shard_file(shard), inputs)?,
-            None => prepare(&self.output, &inputs)?,
-        }
-        let no_contact = at_rest(&simulator, &self.seeds.seeds);
+        self.prepare_output()?;
+        let no_contact = holes.at_rest(&self.seeds.seeds);
         let mut promise = None;
         if self.budget.is_given() {
             let between_poses = protocol.poses == Poses::OffGrid;
-            let reach = simulator.scene().reach.filter(|_| between_poses).unwrap_or(*bank.grid());
+            let reach = if between_poses { holes.reach(&bank) } else { *bank.grid() };
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, &no_contact);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             let base = self.tuning.config(Engine::Exact, ActionRule::Information, model)?;
@@ -143,7 +161,42 @@ impl Evaluate {
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
         let sensor = Sensor::new(model.clone(), &no_contact)?;
-        Ok(Subject { simulator, model, bank, sensor, protocol, ways, promise })
+        Ok(Subject { touched, model, bank, sensor, protocol, ways, promise })
+    }
+
+    /// Loads what is touched, and refuses a bank that does not fit it.
+    fn touched(&self, bank: &Bank, poses: Poses) -> Result<Touched> {
+        if let Some(scene) = &self.scene {
+            let simulator = Simulator::new(Scene::load(scene)?, 1)?;
+            self.inputs.check_scene(bank, simulator.scene(), poses)?;
+            return Ok(Touched::Scene(Box::new(simulator)));
+        }
+        let path = self.holes.as_deref().unwrap_or(Path::new(""));
+        let recorded = RecordedHoles::new(Dataset::open(path)?, bank, self.inputs.other_sensor)?;
+        recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
+        match (poses, recorded.on_grid(bank)) {
+            (Poses::OnGrid, [on, all]) if on < all => {
+                eprintln!("warning: {} of {all} touches lie between the bank's poses: use --poses off-grid", all - on);
+            }
+            (Poses::OffGrid, _) => {
+                warn_of_coarse_grid(bank, poses).into_iter().for_each(|warning| eprintln!("warning: {warning}"));
+            }
+            _ => {}
+        }
+        Ok(Touched::Recording(recorded))
+    }
+
+    /// Checks that the results can be written and are none of the inputs.
+    fn prepare_output(&self) -> Result<()> {
+        let of_holes = self.holes.iter().flat_map(|holes| store::FILES.map(|file| holes.join(file)));
+        let of_holes: Vec<PathBuf> = of_holes.collect();
+        let scene = self.scene.as_deref().unwrap_or_default();
+        let inputs: Vec<&Path> =
+            self.inputs.files(scene).into_iter().chain(of_holes.iter().map(PathBuf::as_path)).collect();
+        match self.shard {
+            Some(shard) => Ok(output::prepare_file(&self.shard_file(shard), inputs)?),
+            None => prepare(&self.output, &inputs),
+        }
     }
 
     /// Runs the episodes of a shard, unless its file is there already.
@@ -201,19 +254,20 @@ impl Evaluate {
 
     /// Runs every way on the protocol's episodes.
     fn run_episodes(&self, subject: &Subject, protocol: &Protocol) -> Result<Episodes> {
-        let Subject { simulator, model, bank, sensor, .. } = subject;
+        let Subject { touched, model, bank, sensor, .. } = subject;
+        let holes = touched.holes();
         let mut singles = Vec::new();
         if let Some(path) = &self.pegs {
-            let no_contact = at_rest(simulator, &protocol.seeds);
-            let scored = baselines::pixel(simulator, model, bank, &Dataset::open(path)?, &no_contact, protocol)?;
+            let no_contact = holes.at_rest(&protocol.seeds);
+            let scored = baselines::pixel(holes, model, bank, &Dataset::open(path)?, &no_contact, protocol)?;
             let single = |(scored, inside_out)| Single { method: Method::Pixel, inside_out, scored };
             singles.extend(scored.into_iter().zip([false, true]).map(single));
         }
-        let scored = baselines::moco(simulator, sensor, bank, protocol)?;
+        let scored = baselines::moco(holes, sensor, bank, protocol)?;
         singles.push(Single { method: Method::Moco, inside_out: false, scored });
         let run_one = |(name, config): &(String, EpisodeConfig)| {
             let progress = reporter(format!("episodes, {name}"));
-            let outcomes = run_all(&Run { simulator, sensor, bank, config, protocol }, &progress)?;
+            let outcomes = run_all(&Run { holes, sensor, bank, config, protocol }, &progress)?;
             Ok(RunResult { label: label(config, protocol.poses), config: *config, outcomes })
         };
         Ok(Episodes {
@@ -228,16 +282,18 @@ impl Evaluate {
     }
 
     fn setup(&self, subject: &Subject) -> Result<Setup> {
-        let Subject { simulator, model, bank, protocol, .. } = subject;
+        let Subject { touched, model, bank, protocol, .. } = subject;
+        let holes = touched.holes();
         Ok(Setup {
-            scene: simulator.scene().name.clone(),
-            parts: simulator.parts().to_vec(),
+            scene: holes.name().to_owned(),
+            parts: holes.parts().to_vec(),
             n_classes: self.classes.unwrap_or(bank.parts().len()),
             n_episodes: protocol.n_episodes,
             seeds: protocol.seeds.clone(),
             n_touches: protocol.n_touches,
             poses: protocol.poses,
             absent: protocol.absent,
+            recorded: holes.is_recorded(),
             choose_ms: protocol.choose_ms,
             model: ModelRecord::of(model),
             bank_sha256: bank.sha256()?,

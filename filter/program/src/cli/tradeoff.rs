@@ -12,7 +12,8 @@ use tactile_data::progress::Progress;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
-use tactile_eval::evaluate::{Protocol, at_rest};
+use tactile_eval::evaluate::Protocol;
+use tactile_eval::holes::Holes;
 use tactile_eval::report::tradeoff::{self as page, in_words};
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
@@ -158,7 +159,8 @@ impl TradeoffArgs {
     fn measure(&self, sweep: &Sweep, mut todo: Vec<usize>) -> Result<()> {
         todo.sort_by_key(|index| sweep.bank_of(*index));
         let simulator = Simulator::new(sweep.scene.clone(), 1)?;
-        let no_contact = at_rest(&simulator, &self.seeds.seeds);
+        let holes = Holes::Simulated(&simulator);
+        let no_contact = holes.at_rest(&self.seeds.seeds);
         let protocol = self.protocol();
         let progress = Progress::new("settings");
         let mut done = 0;
@@ -171,9 +173,8 @@ impl TradeoffArgs {
             let mut scene = sweep.scene.clone();
             scene.reach = Some(reach);
             let bank = bank_of_scene(model, &scene, self.bank_seed, &|_, _| ())?;
-            protocol.validate(&simulator, &bank)?;
-            let bench =
-                Bench { simulator: &simulator, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
+            protocol.validate(holes, &bank)?;
+            let bench = Bench { holes, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
             for index in same_bank {
                 let settings = &sweep.planned[*index].settings;
                 progress.on_bar(done, todo.len(), &in_words(settings));

@@ -1,0 +1,180 @@
+//! Whose holes are touched: those of a simulated scene, or those of a recording.
+
+use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::Se2;
+use tactile_data::simulator::Simulator;
+use tactile_data::store::Dataset;
+use tactile_data::touch::Side;
+use tactile_infer::Bank;
+
+use crate::error::{Error, Result};
+
+/// The holes of an evaluation.
+#[derive(Clone, Copy)]
+pub enum Holes<'a> {
+    /// Touched anew each time, by a simulated sensor.
+    Simulated(&'a Simulator),
+    /// Touched once, by somebody's sensor.
+    Recorded(&'a RecordedHoles),
+}
+
+/// A dataset's holes, of the parts of a bank.
+#[derive(Debug)]
+pub struct RecordedHoles {
+    dataset: Dataset,
+    /// The bank's parts.
+    parts: Vec<String>,
+    /// The frames of each part's hole.
+    frames: Vec<Vec<usize>>,
+    /// Whether the bank has found each part to look the same after half a turn.
+    symmetric: Vec<bool>,
+    notes: Vec<String>,
+}
+
+impl RecordedHoles {
+    /// The hole touches of a dataset whose poses are known, for the parts of a bank.
+    ///
+    /// # Errors
+    /// A dataset of another scale than the bank's, no holes, a part of the bank without any, or holes of other parts.
+    pub fn new(dataset: Dataset, bank: &Bank, other_sensor: bool) -> Result<Self> {
+        let name = dataset.meta().name.clone();
+        check_scale(&dataset, bank, other_sensor)?;
+        let parts = bank.parts().to_vec();
+        let mut frames = vec![Vec::new(); parts.len()];
+        let mut n_unknown = 0;
+        for (frame, touch) in dataset.touches().iter().enumerate().filter(|(_, t)| t.side == Some(Side::Hole)) {
+            let (Some(part), Some(_)) = (&touch.part, touch.part_from_sensor) else {
+                n_unknown += 1;
+                continue;
+            };
+            let Some(part) = parts.iter().position(|name| name == part) else {
+                let place = format!("{name}: index row {frame}");
+                return Err(Error::invalid(place, format!("one of the bank's parts, {}", parts.join(" ")), part));
+            };
+            frames[part].push(frame);
+        }
+        if let Some(part) = frames.iter().position(Vec::is_empty) {
+            let expected = format!("touches of the hole of {}, with their poses", parts[part]);
+            return Err(Error::invalid(name, expected, "none"));
+        }
+        let mut notes = Vec::new();
+        if n_unknown > 0 {
+            notes.push(format!("{n_unknown} touches of holes are not used: part or pose is not known"));
+        }
+        let symmetric = (0..parts.len()).map(|part| bank.symmetry(part).order.is_multiple_of(2)).collect();
+        Ok(Self { dataset, parts, frames, symmetric, notes })
+    }
+
+    /// The recording.
+    pub fn dataset(&self) -> &Dataset {
+        &self.dataset
+    }
+
+    /// What of it is not used, a line each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// How many of its touches lie on a bank's poses, and how many there are.
+    pub fn on_grid(&self, bank: &Bank) -> [usize; 2] {
+        let mut counts = [0, 0];
+        for (part, frames) in self.parts.iter().zip(&self.frames) {
+            counts[1] += frames.len();
+            counts[0] += frames.iter().filter(|frame| bank.row_at(part, &self.pose(**frame)).is_some()).count();
+        }
+        counts
+    }
+
+    /// The frames of a part's hole.
+    pub(crate) fn frames(&self, part: usize) -> &[usize] {
+        &self.frames[part]
+    }
+
+    /// Where a frame of a hole was touched.
+    pub(crate) fn pose(&self, frame: usize) -> Se2 {
+        self.dataset.touch(frame).part_from_sensor.unwrap_or(Se2::IDENTITY)
+    }
+}
+
+/// Refuses a recording of another scale than the bank's.
+fn check_scale(dataset: &Dataset, bank: &Bank, other_sensor: bool) -> Result<()> {
+    let Some(origin) = bank.origin().filter(|_| !other_sensor) else { return Ok(()) };
+    let meta = dataset.meta();
+    let mut here = origin.clone();
+    here.sensor.light = None;
+    here.sensor.field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+    match origin.other_sensor(&here) {
+        Some([what, in_bank, here]) => {
+            let place = format!("bank of {}: {what}", origin.name);
+            Err(Error::invalid(place, format!("{here} as in {}", meta.name), in_bank))
+        }
+        None => Ok(()),
+    }
+}
+
+impl<'a> Holes<'a> {
+    /// Name of the scene or of the recording.
+    pub fn name(&self) -> &'a str {
+        match self {
+            Self::Simulated(simulator) => &simulator.scene().name,
+            Self::Recorded(recorded) => &recorded.dataset.meta().name,
+        }
+    }
+
+    /// The parts whose holes they are.
+    pub fn parts(&self) -> &'a [String] {
+        match self {
+            Self::Simulated(simulator) => simulator.parts(),
+            Self::Recorded(recorded) => &recorded.parts,
+        }
+    }
+
+    /// Whether they were recorded.
+    pub fn is_recorded(&self) -> bool {
+        matches!(self, Self::Recorded(_))
+    }
+
+    /// Whether a part looks the same after half a turn: by its outline, or of a recording by the bank's own views.
+    pub fn is_symmetric(&self, part: usize) -> bool {
+        match self {
+            Self::Simulated(simulator) => simulator.is_half_turn_symmetric(part),
+            Self::Recorded(recorded) => recorded.symmetric[part],
+        }
+    }
+
+    /// The poses that a scene says its holes may be touched at; of a recording, those of the bank.
+    pub fn reach(&self, bank: &Bank) -> PoseGrid {
+        match self {
+            Self::Simulated(simulator) => simulator.scene().reach.unwrap_or(*bank.grid()),
+            Self::Recorded(_) => *bank.grid(),
+        }
+    }
+
+    /// The sensor at rest in the robot's own session, which is not the bank's.
+    pub fn at_rest(&self, seeds: &[u64]) -> Frame {
+        match self {
+            Self::Simulated(simulator) => simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374),
+            Self::Recorded(recorded) => recorded.dataset.no_contact().clone(),
+        }
+    }
+
+    /// Width and height of what a frame shows, mm.
+    pub fn field_of_view_mm(&self) -> [f64; 2] {
+        match self {
+            Self::Simulated(simulator) => simulator.scene().sensor.field_of_view_mm,
+            Self::Recorded(recorded) => {
+                let meta = recorded.dataset.meta();
+                [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64)
+            }
+        }
+    }
+
+    /// Closed contours of a part in its own frame, mm; none of a recorded one.
+    pub fn outline_mm(&self, part: usize) -> Result<Vec<Vec<[f64; 2]>>> {
+        match self {
+            Self::Simulated(simulator) => Ok(simulator.scene().shape(part, 0)?.regions.into_iter().flatten().collect()),
+            Self::Recorded(_) => Ok(Vec::new()),
+        }
+    }
+}
