@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::grid::PoseGrid;
 use crate::se2::Se2;
 
-/// How far a recorded pose may lie from its place on the grid, mm and degrees: the robot's own repeatability.
+/// How far a recorded pose may lie from its place on the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
     /// Distance, mm.
@@ -15,7 +15,7 @@ pub struct Tolerance {
 
 impl Default for Tolerance {
     fn default() -> Self {
-        Self { mm: 0.5, deg: 2.0 }
+        Self { mm: 1.0, deg: 3.0 }
     }
 }
 
@@ -148,6 +148,8 @@ fn line(points: impl Iterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
 
+    const TOLERANCE: Tolerance = Tolerance { mm: 0.5, deg: 1.5 };
+
     /// Poses of a grid, each moved by up to a share of the tolerance, every `skip`th left out.
     fn poses(grid: PoseGrid, noise: f64, skip: usize) -> Vec<Se2> {
         let wave = |i: usize, k: f64| noise * (i as f64 * k).sin();
@@ -164,14 +166,14 @@ mod tests {
         let turn = PoseGrid { theta_half_deg: 180.0, ..PoseGrid::SMALL };
         let place = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 1.0, theta_half_deg: 30.0, theta_step_deg: 2.5 };
         for grid in [PoseGrid::SMALL, PoseGrid::LARGE, fine, turn] {
-            assert_eq!(fit(&poses(grid, 0.15, 31), Tolerance::default()).unwrap(), grid);
+            assert_eq!(fit(&poses(grid, 0.15, 31), TOLERANCE).unwrap(), grid);
         }
         assert_eq!(fit(&poses(place, 0.02, 1_000), Tolerance { mm: 0.1, deg: 0.2 }).unwrap(), place);
     }
 
     #[test]
     fn scattered_and_shifted_poses_are_refused_with_what_helps() {
-        let tolerance = Tolerance::default();
+        let tolerance = TOLERANCE;
         let scattered: Vec<Se2> =
             (0..500).map(|i| Se2::from_degrees(f64::from(i * 37 % 160) / 10.0 - 8.0, 0.0, 0.0)).collect();
         let shifted: Vec<Se2> = poses(PoseGrid::SMALL, 0.1, 900).iter().map(|p| Se2::new(1.5, 0.0, 0.0) * *p).collect();

@@ -4,7 +4,8 @@ use crate::frame::Frame;
 use crate::se2::Se2;
 
 /// The frame that the sensor would see had it been moved by `sensor_from_view`: what the touch adds to rest, taken from
-/// where it then is, on rest. Nothing comes in from outside the frame. Both frames have one size, pixels of `mm_per_px`.
+/// where it then is, on rest. What lies outside the frame is taken to go on as at its border: an edge that is not there
+/// would say more than it hides. Both frames have one size, pixels of `mm_per_px`.
 pub fn moved_view(rest: &Frame, frame: &Frame, sensor_from_view: &Se2, mm_per_px: [f64; 2]) -> Frame {
     let (width, height) = (rest.width_px(), rest.height_px());
     let centre = [width, height].map(|n| 0.5 * (n as f64 - 1.0));
@@ -18,12 +19,10 @@ pub fn moved_view(rest: &Frame, frame: &Frame, sensor_from_view: &Se2, mm_per_px
     Frame::from_parts(width, height, rgb)
 }
 
-/// What a frame adds to rest between pixels, by their bilinear mean, counts; nothing outside.
+/// What a frame adds to rest between pixels, by their bilinear mean, counts; outside, what it adds at its border.
 pub fn difference_at(rest: &Frame, frame: &Frame, [x, y]: [f64; 2]) -> [f32; 3] {
     let (width, height) = (rest.width_px(), rest.height_px());
-    if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64) {
-        return [0.0; 3];
-    }
+    let (x, y) = (x.clamp(0.0, (width - 1) as f64), y.clamp(0.0, (height - 1) as f64));
     let (left, top) = (x as usize, y as usize);
     let (fx, fy) = ((x - left as f64) as f32, (y - top as f64) as f32);
     let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
@@ -73,7 +72,8 @@ mod tests {
         let rest = Frame::new(40, 30, (0..3_600).map(|i| (i % 200) as u8).collect()).unwrap();
         let frame = blob(3.0, -2.0);
         assert_eq!(moved_view(&rest, &frame, &Se2::IDENTITY, MM), frame);
-        let far = Se2::new(100.0, 0.0, 0.0);
-        assert_eq!(moved_view(&rest, &frame, &far, MM), rest);
+        // Far outside, a level touch goes on.
+        let level = Frame::new(40, 30, rest.rgb().iter().map(|v| v + 20).collect()).unwrap();
+        assert_eq!(moved_view(&rest, &level, &Se2::new(100.0, 0.0, 0.0), MM), level);
     }
 }

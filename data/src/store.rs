@@ -58,8 +58,8 @@ pub struct Meta {
     /// How a recording became this dataset; `None` for simulated touches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<Recording>,
-    /// The pose of the hole board in the peg board's frame, as it was estimated or given. [`Dataset::open`] moves the
-    /// poses of holes by it, so that a hole and its peg touched at one place have one pose.
+    /// The pose of the hole board in the peg board's frame, as it was estimated or given. [`Dataset::open`] gives the poses
+    /// of pegs in the hole board's frame, so that a hole and its peg touched at one place have one pose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peg_from_hole: Option<Se2>,
 }
@@ -207,8 +207,9 @@ impl Dataset {
         check_sha256(&path.join(INDEX), &content.index_sha256)?;
         let mut touches = read_index(&path.join(INDEX))?;
         if let Some(peg_from_hole) = content.meta.peg_from_hole {
-            let holes = touches.iter_mut().filter(|touch| touch.side == Some(Side::Hole));
-            holes.filter_map(|touch| touch.part_from_sensor.as_mut()).for_each(|pose| *pose = peg_from_hole * *pose);
+            let hole_from_peg = peg_from_hole.inverse();
+            let pegs = touches.iter_mut().filter(|touch| touch.side == Some(Side::Peg));
+            pegs.filter_map(|touch| touch.part_from_sensor.as_mut()).for_each(|pose| *pose = hole_from_peg * *pose);
         }
         if touches.len() != content.n_frames {
             let got = format!("{} lines", touches.len());

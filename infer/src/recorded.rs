@@ -1,9 +1,10 @@
 //! A bank from a dataset of recorded or simulated peg touches.
 
 use rayon::prelude::*;
-use tactile_data::frame::{Background, TactileImage};
+use tactile_data::frame::{Background, Frame, TactileImage};
 use tactile_data::grid::PoseGrid;
 use tactile_data::grid_fit::{self, Tolerance};
+use tactile_data::moved_view::moved_view;
 use tactile_data::origin::{Origin, PartOrigin, SensorOrigin};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
@@ -33,7 +34,11 @@ pub struct RecordedBank {
     pub notes: Vec<String>,
 }
 
-/// Embeds a dataset of peg touches: each part at each pose of a grid, the touch nearest to it.
+/// A view is moved to its place on the grid where it was touched further from it, mm and degrees.
+const SAME: (f64, f64) = (0.02, 0.05);
+
+/// Embeds a dataset of peg touches: each part at each pose of a grid, the touch nearest to it, its view moved to
+/// where the pose is.
 ///
 /// What was not recorded at a pose is unknown to the filter; for the interpolation between the views around it, its row
 /// is a local linear fit through them. With [`BankPoses::resample`] the poses of the grid are such fits wherever
@@ -49,14 +54,15 @@ pub fn bank_of_dataset(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<RecordedBank> {
     let name = &dataset.meta().name;
-    let pegs = pegs(dataset)?;
+    let mut pegs = pegs(dataset)?;
     let grid = grid(dataset, &pegs, poses)?;
+    pegs.iter_mut().for_each(|peg| peg.snap(&grid, poses.tolerance));
     let background = model.background(dataset.no_contact())?;
-    let frames: Vec<usize> = pegs.iter().map(|peg| peg.frame).collect();
+    let see = |peg: &Peg<'_>| Ok(background.tactile_image(&peg.view(dataset))?);
     let (mut keys, mut shares) = (Vec::new(), Vec::new());
-    for (done, frames) in frames.chunks(256).enumerate() {
+    for (done, some) in pegs.chunks(256).enumerate() {
         progress(done * 256, pegs.len());
-        let images = tactile_images(&background, dataset, frames)?;
+        let images = some.par_iter().map(see).collect::<Result<Vec<TactileImage>>>()?;
         keys.extend(model.embed_pegs(&images)?);
         shares.extend(images.iter().map(|image| image.edge_share));
     }
@@ -119,6 +125,28 @@ struct Peg<'a> {
     frame: usize,
     part: &'a str,
     pose: Se2,
+    /// By how much its view is moved.
+    moved: Option<Se2>,
+}
+
+impl Peg<'_> {
+    /// Moves the view to the pose of the grid that it lies at.
+    fn snap(&mut self, grid: &PoseGrid, tolerance: Tolerance) {
+        let Some(cell) = grid.exact(&self.pose, tolerance.mm, tolerance.deg) else { return };
+        let moved = self.pose.inverse() * grid.pose(cell);
+        let is_same = moved.x_mm.hypot(moved.y_mm) <= SAME.0 && moved.theta_deg().abs() <= SAME.1;
+        if !is_same {
+            (self.pose, self.moved) = (grid.pose(cell), Some(moved));
+        }
+    }
+
+    fn view(&self, dataset: &Dataset) -> Frame {
+        let frame = dataset.frame(self.frame);
+        match &self.moved {
+            Some(moved) => moved_view(dataset.no_contact(), &frame, moved, dataset.meta().mm_per_px),
+            None => frame,
+        }
+    }
 }
 
 fn pegs(dataset: &Dataset) -> Result<Vec<Peg<'_>>> {
@@ -126,7 +154,7 @@ fn pegs(dataset: &Dataset) -> Result<Vec<Peg<'_>>> {
     let known = |frame: usize| {
         let touch = dataset.touch(frame);
         match (&touch.part, touch.part_from_sensor) {
-            (Some(part), Some(pose)) => Ok(Peg { frame, part, pose }),
+            (Some(part), Some(pose)) => Ok(Peg { frame, part, pose, moved: None }),
             _ => Err(Error::invalid(format!("index row {frame}"), "a part and a pose for each peg", "none")),
         }
     };
@@ -149,11 +177,17 @@ fn parts<'a>(pegs: &[Peg<'a>]) -> Vec<&'a str> {
 }
 
 fn grid(dataset: &Dataset, pegs: &[Peg<'_>], poses: BankPoses) -> Result<PoseGrid> {
-    let all = || pegs.iter().map(|peg| peg.pose).collect::<Vec<_>>();
+    // The robot was sent to a grid of the peg board, as the poses were stated.
+    let stated = dataset.meta().peg_from_hole.unwrap_or(Se2::IDENTITY);
+    let all = || pegs.iter().map(|peg| stated * peg.pose).collect::<Vec<_>>();
     let found = match (poses.resample, dataset.meta().reach) {
         (Some([mm, deg]), _) => grid_fit::covering(&all(), mm, deg),
         (None, Some(reach)) => return Ok(reach),
-        (None, None) => grid_fit::fit(&all(), poses.tolerance),
+        (None, None) => {
+            // What lies half as far off is a place of its own.
+            let Tolerance { mm, deg } = poses.tolerance;
+            grid_fit::fit(&all(), Tolerance { mm: 0.5 * mm, deg: 0.5 * deg })
+        }
     };
     found.map_err(|error| Error::from(error).within(&dataset.meta().name))
 }

@@ -11,24 +11,22 @@ use tactile_infer::offset::{Offset, estimate};
 
 use super::{ModelArgs, print_json};
 
-/// Find where the hole board was mounted against the peg board, and note it with the holes.
+/// Find where the hole board was mounted against the peg board, and note it with the pegs.
 ///
-/// What is found is noted in the holes' meta.json; whoever opens the dataset then gets poses without the offset. Their
-/// index stays as it was recorded.
+/// What is found is noted in meta.json of the pegs; whoever opens the dataset then gets their poses in the hole board's
+/// frame. The index stays as it was recorded.
 #[derive(Args)]
-#[command(
-    after_help = "Examples:\n  tactile-infer align --model infer/models/maze-small.safetensors --holes board\n  \
-                        tactile-infer align --model infer/models/maze-small.safetensors --holes holes --pegs pegs --dry-run"
-)]
+#[command(after_help = "Examples:\n  tactile-infer align --model infer/models/maze-small.safetensors --data board\n  \
+                        tactile-infer align --model infer/models/maze-small.safetensors --data pegs --holes holes --dry-run")]
 pub struct AlignArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// Dataset with hole touches of known part and pose
+    /// Dataset with peg touches of known part and pose
+    #[arg(long, value_name = "DIR", alias = "pegs")]
+    data: PathBuf,
+    /// Dataset with hole touches of the same parts [default: that of the pegs]
     #[arg(long, value_name = "DIR")]
-    holes: PathBuf,
-    /// Dataset with peg touches of the same parts [default: that of the holes]
-    #[arg(long, value_name = "DIR")]
-    pegs: Option<PathBuf>,
+    holes: Option<PathBuf>,
     /// Note this offset instead: pose of the hole board in the peg board's frame, mm and degrees
     #[arg(long, value_name = "X,Y,DEG", allow_hyphen_values = true, value_parser = pose)]
     given: Option<Se2>,
@@ -44,19 +42,19 @@ impl AlignArgs {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
         if let Some(given) = self.given {
-            store::set_peg_from_hole(&self.holes, given)?;
-            println!("{}: poses of holes moved by {}", self.holes.display(), text(&given));
+            store::set_peg_from_hole(&self.data, given)?;
+            println!("{}: the hole board is noted at {} of the peg board", self.data.display(), text(&given));
             return Ok(());
         }
-        let (model, holes) = (self.model.load()?, Dataset::open(&self.holes)?);
-        let other = self.pegs.as_ref().map(|path| Dataset::open(path)).transpose()?;
-        let found = estimate(&model, &holes, other.as_ref().unwrap_or(&holes), &reporter("%"))?;
-        // Poses were moved by what was noted before.
-        let noted = holes.meta().peg_from_hole.unwrap_or(Se2::IDENTITY);
-        let peg_from_hole = found.peg_from_hole * noted;
+        let (model, pegs) = (self.model.load()?, Dataset::open(&self.data)?);
+        let other = self.holes.as_ref().map(|path| Dataset::open(path)).transpose()?;
+        let found = estimate(&model, other.as_ref().unwrap_or(&pegs), &pegs, &reporter("%"))?;
+        // Poses of pegs are in the frame of what was noted before.
+        let noted = pegs.meta().peg_from_hole.unwrap_or(Se2::IDENTITY);
+        let peg_from_hole = noted * found.peg_from_hole;
         let keeps = self.dry_run || !found.is_significant();
         if !keeps {
-            store::set_peg_from_hole(&self.holes, peg_from_hole)?;
+            store::set_peg_from_hole(&self.data, peg_from_hole)?;
         }
         if self.json {
             return print_json(&found);
@@ -69,7 +67,7 @@ impl AlignArgs {
         match (keeps, self.dry_run) {
             (true, true) => println!("  noted nothing"),
             (true, false) => println!("  no more than chance: noted nothing"),
-            _ => println!("  noted in {}: poses of holes are moved by {}", self.holes.display(), text(&peg_from_hole)),
+            _ => println!("  noted in {}: {} in all", self.data.display(), text(&peg_from_hole)),
         }
         Ok(())
     }
