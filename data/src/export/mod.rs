@@ -31,3 +31,6 @@ pub fn jpeg(frame: &Frame, quality: u8) -> Result<Vec<u8>> {
     encoded.map_err(Error::picture("JPEG"))?;
     Ok(bytes)
 }
+
+#[cfg(test)]
+mod tests;

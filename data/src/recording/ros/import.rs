@@ -371,3 +371,7 @@ impl Items<'_> {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "import_tests.rs"]
+mod tests;

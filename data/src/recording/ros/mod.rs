@@ -21,6 +21,8 @@ mod records;
 pub mod rigid;
 #[cfg(feature = "mcap")]
 mod survey;
+#[cfg(all(test, feature = "mcap"))]
+mod test_bag;
 #[cfg(feature = "mcap")]
 pub mod touches;
 #[cfg(feature = "mcap")]
