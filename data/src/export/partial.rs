@@ -21,6 +21,7 @@ impl Partial {
     }
 
     /// Begins a file; `out` must not exist.
+    #[cfg_attr(not(feature = "mcap"), allow(dead_code, reason = "only a bag is one file"))]
     pub fn file(out: &Path) -> Result<(Self, File)> {
         let mut file = None;
         let partial = Self::begin(out, |path| File::create_new(path).map(|created| file = Some(created)))?;

@@ -108,7 +108,8 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
         return Err(Error::invalid(source.display().to_string(), expected, got));
     }
     let touches = place_touches(&film, how, picked, (&mut notes, &mut warnings));
-    let mut writer = DatasetWriter::create(out, meta, &picture::resize(&no_contact, frame_px)?)?;
+    let writer = DatasetWriter::create(out, meta, &picture::resize(&no_contact, frame_px)?)?;
+    let mut writer = writer.expecting(n_touches);
     let mut items = Items { film: &film, messages: film.messages().enumerate(), touches: touches.into(), shown: None };
     let n_frames = push(&mut items, n_touches, source_px, frame_px, &mut writer, progress)?;
     writer.finish()?;
@@ -176,10 +177,11 @@ fn side_and_part(frame_id: &str) -> Option<(Side, String)> {
     (!part.is_empty()).then(|| (side, part.to_owned()))
 }
 
-/// Nanoseconds as seconds, to the last bit where they are whole seconds and a fraction.
+/// Nanoseconds as seconds: the nearest number, as a decimal text is read, which no sum of a whole part and a rest is.
 fn seconds(time_ns: i64) -> f64 {
-    const SECOND: i64 = 1_000_000_000;
-    time_ns.div_euclid(SECOND) as f64 + time_ns.rem_euclid(SECOND) as f64 / SECOND as f64
+    const SECOND: u64 = 1_000_000_000;
+    let (sign, size) = (if time_ns < 0 { "-" } else { "" }, time_ns.unsigned_abs());
+    format!("{sign}{}.{:09}", size / SECOND, size % SECOND).parse().unwrap_or(time_ns as f64 * 1e-9)
 }
 
 /// The pictures of a bag and the poses that go with them.

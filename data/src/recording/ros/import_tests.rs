@@ -235,3 +235,10 @@ fn a_cut_bag_is_imported_with_a_warning_and_empty_headers_take_the_time_of_recor
     assert_eq!(dataset.touch(0).time_s, Some(1.24));
     assert!(imported.warnings[0].contains("/gel: 14 of 14 headers have no time"), "{:?}", imported.warnings);
 }
+
+#[test]
+fn times_are_the_nearest_numbers() {
+    // Python: 1700000001923456789 / 1e9 with exact integers.
+    assert_eq!(seconds(1_700_000_001_923_456_789), 1_700_000_001.923_457);
+    assert_eq!((seconds(-1_500_000_000), seconds(5)), (-1.5, 5e-9));
+}

@@ -21,7 +21,8 @@ mod records;
 pub mod rigid;
 #[cfg(feature = "mcap")]
 mod survey;
-#[cfg(all(test, feature = "mcap"))]
+#[cfg(feature = "mcap")]
+#[cfg(test)]
 mod test_bag;
 #[cfg(feature = "mcap")]
 pub mod touches;
