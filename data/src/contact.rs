@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::frame::{Background, Preprocessing, TactileImage};
+use crate::frame::{Background, Frame, Preprocessing, TactileImage};
 use crate::store::Dataset;
 
 /// Largest size at which contact is looked for, pixels: small enough that noise averages out, large
@@ -45,11 +45,15 @@ impl FrameContact {
 /// Compares every frame with rest, in order; an error replaces a frame that cannot be compared
 /// (black, white or constant). Fails where the no-contact frame itself is of no use.
 pub fn measure(dataset: &Dataset) -> Result<Vec<Result<FrameContact>>> {
-    let [width, height] = dataset.meta().frame_px;
-    let size = [width.min(CONTACT_PX[0]), height.min(CONTACT_PX[1])];
-    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(size))?;
+    let background = background(dataset.no_contact())?;
     let compare = |i| Ok(FrameContact::of(&background.tactile_image(&dataset.frame(i))?));
     Ok((0..dataset.len()).into_par_iter().map(compare).collect())
+}
+
+/// The sensor at rest, reduced to the size at which contact is looked for. Fails where the frame is of no use.
+pub fn background(no_contact: &Frame) -> Result<Background> {
+    let size = [no_contact.width_px().min(CONTACT_PX[0]), no_contact.height_px().min(CONTACT_PX[1])];
+    Background::new(no_contact, &Preprocessing::counts(size))
 }
 
 /// The runs of consecutive frames that show contact.

@@ -36,6 +36,8 @@ pub mod contact_sheet;
 #[cfg(feature = "datasets")]
 pub mod dataset_merge;
 pub mod error;
+#[cfg(feature = "datasets")]
+pub mod export;
 pub mod frame;
 #[cfg(feature = "sim")]
 pub mod generate;

@@ -7,7 +7,9 @@ use tactile_data::Result;
 use tactile_data::progress;
 use tactile_data::recording::folder::{self, FIELD_OF_VIEW_MM, NoContact};
 
-/// Import a recording, a folder of PNG, JPEG and GIF frames, as a dataset.
+use super::import_bag::{BagArgs, Frames};
+
+/// Import a recording, a folder of PNG, JPEG and GIF frames or a ROS 2 bag in MCAP, as a dataset.
 ///
 /// Every frame of an animated GIF counts. The index, CSV with a header or JSON lines, has the columns
 /// file, part, side, x_mm, y_mm, theta_deg, moved_x_mm, moved_y_mm, moved_theta_deg; all are optional
@@ -17,7 +19,7 @@ use tactile_data::recording::folder::{self, FIELD_OF_VIEW_MM, NoContact};
     after_help = "Example:\n  tactile-data import recordings/letters --no-contact recordings/rest.png --out letters"
 )]
 pub struct Import {
-    /// The folder, or one picture or animation
+    /// The folder, or one picture, animation or .mcap file
     source: PathBuf,
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]
@@ -38,21 +40,24 @@ pub struct Import {
     #[arg(long, num_args = 2, value_names = ["X", "Y"], default_values_t = FIELD_OF_VIEW_MM,
           help_heading = "Frames")]
     field_of_view_mm: Vec<f64>,
+    #[command(flatten)]
+    bag: BagArgs,
 }
 
 impl Import {
     /// Imports and says what came of it.
     pub fn run(self) -> Result<()> {
-        let how = folder::Import {
-            index: self.index,
-            no_contact: match (self.no_contact, self.no_contact_first) {
-                (Some(file), _) => NoContact::File(file),
-                (None, Some(n)) => NoContact::First(n),
-                (None, None) => NoContact::Guess,
-            },
-            frame_px: self.frame_px,
-            field_of_view_mm: [self.field_of_view_mm[0], self.field_of_view_mm[1]],
+        let no_contact = match (self.no_contact, self.no_contact_first) {
+            (Some(file), _) => NoContact::File(file),
+            (None, Some(n)) => NoContact::First(n),
+            (None, None) => NoContact::Guess,
         };
+        let field_of_view_mm = [self.field_of_view_mm[0], self.field_of_view_mm[1]];
+        if BagArgs::is_bag(&self.source) {
+            let frames = Frames { no_contact, frame_px: self.frame_px, field_of_view_mm };
+            return self.bag.run(&self.source, &self.out, frames);
+        }
+        let how = folder::Import { index: self.index, no_contact, frame_px: self.frame_px, field_of_view_mm };
         let imported = folder::import(&self.source, &how, &self.out, &progress::reporter("files"))?;
         for warning in imported.warnings {
             eprintln!("warning: {warning}");

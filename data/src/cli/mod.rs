@@ -2,8 +2,10 @@
 
 mod calibrate;
 mod compare;
+mod export;
 mod generate;
 mod import;
+mod import_bag;
 mod inspect;
 mod merge;
 mod render;
@@ -34,6 +36,7 @@ enum Command {
     Compare(compare::Compare),
     Inspect(inspect::Inspect),
     Import(import::Import),
+    Export(export::Export),
     #[command(hide = true)]
     Ring(validate::FindRing),
     #[command(hide = true)]
@@ -55,6 +58,7 @@ impl Cli {
             Command::Walls(walls) => walls.run(),
             Command::Inspect(inspect) => inspect.run(),
             Command::Import(import) => import.run(),
+            Command::Export(export) => export.run(),
             Command::Speed(speed) => speed.run(),
         }
     }

@@ -2,3 +2,5 @@
 
 pub mod folder;
 pub mod pipeline;
+pub mod rest;
+pub mod ros;

@@ -1,0 +1,66 @@
+//! `tactile-data export`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use tactile_data::store::Dataset;
+use tactile_data::{Error, Result, export, output, progress};
+
+/// Export a dataset as a folder of pictures, as NumPy arrays, or as a ROS 2 bag in MCAP.
+///
+/// folder: 000000.png and so on, index.csv and no_contact.png, which `import` reads back. npy: frames.npy, poses.npy
+/// (x_mm, y_mm, theta_rad; NaN unknown), no_contact.npy and touches.json. mcap: /gelsight/image and /tool_pose.
+#[derive(Args)]
+#[command(after_help = "Example:\n  tactile-data export letters --to mcap --out letters.mcap")]
+pub struct Export {
+    /// The dataset
+    dir: PathBuf,
+    /// What to write
+    #[arg(long)]
+    to: To,
+    /// The new folder, or the new .mcap file; must not exist
+    #[arg(long, value_name = "PATH")]
+    out: PathBuf,
+    /// Compress the frames as JPEG of this quality, 1 to 100; folder and mcap only [default: every bit is kept]
+    #[arg(long, value_name = "QUALITY", value_parser = clap::value_parser!(u8).range(1..=100))]
+    jpeg: Option<u8>,
+}
+
+/// What an export is.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum To {
+    Folder,
+    Npy,
+    Mcap,
+}
+
+impl Export {
+    /// Exports and says how to read it back.
+    pub fn run(self) -> Result<()> {
+        if self.to == To::Npy && self.jpeg.is_some() {
+            return Err(Error::invalid("--jpeg", "--to folder or mcap", "--to npy, which keeps every bit"));
+        }
+        let dataset = Dataset::open(&self.dir)?;
+        output::check_room(&self.out, dataset.len(), dataset.meta().frame_px)?;
+        let (out, progress) = (self.out.as_path(), progress::reporter("frames"));
+        match self.to {
+            To::Folder => export::folder::export(&dataset, out, self.jpeg, &progress)?,
+            To::Npy => export::arrays::export(&dataset, out, &progress)?,
+            To::Mcap => export::bag::export(&dataset, out, self.jpeg, &progress)?,
+        }
+        println!("{} frames in {}", dataset.len(), out.display());
+        let meta = dataset.meta();
+        let [x_mm, y_mm] = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+        let rest = match self.to {
+            To::Folder => format!("--no-contact {}", out.join(export::folder::NO_CONTACT).display()),
+            To::Mcap if dataset.touches().iter().any(|touch| touch.part_from_sensor.is_some()) => {
+                "--touches poses".to_owned()
+            }
+            To::Mcap => "--touches each".to_owned(),
+            To::Npy => return Ok(()),
+        };
+        let import = format!("tactile-data import {} {rest} --field-of-view-mm {x_mm} {y_mm} --out NEW", out.display());
+        println!("back again: {import}");
+        Ok(())
+    }
+}

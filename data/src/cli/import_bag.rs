@@ -1,0 +1,133 @@
+//! `tactile-data import` of a ROS 2 bag: its flags.
+
+use std::path::Path;
+
+use clap::Args;
+use tactile_data::recording::folder::NoContact;
+use tactile_data::recording::ros::bag;
+use tactile_data::recording::ros::import::{self, PoseSource};
+use tactile_data::recording::ros::touches::Touches;
+use tactile_data::se2::Se2;
+use tactile_data::touch::Side;
+use tactile_data::{Result, progress};
+
+/// What an import of a bag asks for.
+#[derive(Args)]
+#[command(next_help_heading = "Bags")]
+pub struct BagArgs {
+    /// The topic of pictures, Image or CompressedImage [default: the only one]
+    #[arg(long, value_name = "TOPIC")]
+    image_topic: Option<String>,
+    /// The topic of poses, PoseStamped or TransformStamped [default: the only one]
+    #[arg(long, value_name = "TOPIC", conflicts_with = "frames")]
+    pose_topic: Option<String>,
+    /// Take the poses of SENSOR in BASE from the transforms (tf)
+    #[arg(long, value_name = "BASE,SENSOR", value_parser = parse_frames)]
+    frames: Option<[String; 2]>,
+    /// Which frames are touches: each, contact (one a press), poses (one a pose) [default: by what is in the bag]
+    #[arg(long, value_name = "WHICH", value_parser = parse_touches)]
+    touches: Option<Touches>,
+    /// Farthest in time that a pose may be from its frame, ms
+    #[arg(long, value_name = "MS", default_value_t = 100.0)]
+    max_gap_ms: f64,
+    /// The part that was touched [default: from the poses' frame, hole/NAME or peg/NAME]
+    #[arg(long, value_name = "NAME")]
+    part: Option<String>,
+    /// Its side: hole or peg [default: from the poses' frame]
+    #[arg(long, value_name = "SIDE", value_parser = parse_side)]
+    side: Option<Side>,
+    /// Pose of the sensor in the frame that the poses are of, mm and degrees
+    #[arg(long, value_name = "X,Y,DEG", value_parser = parse_pose, allow_hyphen_values = true)]
+    tool_from_sensor: Option<Se2>,
+    /// Pose of the part in the frame that the poses are in, mm and degrees
+    #[arg(long, value_name = "X,Y,DEG", value_parser = parse_pose, allow_hyphen_values = true)]
+    board: Option<Se2>,
+}
+
+/// What holds for every source.
+pub struct Frames {
+    /// Where the frame at rest comes from.
+    pub no_contact: NoContact,
+    /// Size of the dataset's frames, pixels.
+    pub frame_px: Option<[usize; 2]>,
+    /// What a frame shows, mm.
+    pub field_of_view_mm: [f64; 2],
+}
+
+impl BagArgs {
+    /// Whether a source is a bag.
+    pub fn is_bag(source: &Path) -> bool {
+        bag::is_bag(source)
+    }
+
+    /// Imports a bag and says what came of it.
+    pub fn run(self, source: &Path, out: &Path, frames: Frames) -> Result<()> {
+        let poses = match (self.pose_topic, self.frames) {
+            (Some(topic), _) => PoseSource::Topic(topic),
+            (None, Some(frames)) => PoseSource::Frames(frames),
+            (None, None) => PoseSource::Guess,
+        };
+        let how = import::Import {
+            image_topic: self.image_topic,
+            poses,
+            touches: self.touches,
+            max_gap_ms: self.max_gap_ms,
+            part: self.part,
+            side: self.side,
+            tool_from_sensor: self.tool_from_sensor,
+            board: self.board,
+            no_contact: frames.no_contact,
+            frame_px: frames.frame_px,
+            field_of_view_mm: frames.field_of_view_mm,
+        };
+        let imported = import::import(source, &how, out, &progress::reporter("touches"))?;
+        for warning in &imported.warnings {
+            eprintln!("warning: {warning}");
+        }
+        for note in &imported.notes {
+            println!("{note}");
+        }
+        println!("{} frames in {}", imported.n_frames, out.display());
+        Ok(())
+    }
+}
+
+fn parse_frames(text: &str) -> std::result::Result<[String; 2], String> {
+    let names = text.split_once(',').map(|(base, sensor)| [base.trim(), sensor.trim()]);
+    let names = names.filter(|names| names.iter().all(|name| !name.is_empty() && !name.contains(',')));
+    let names = names.map(|names| names.map(|name| name.trim_start_matches('/').to_owned()));
+    names.ok_or_else(|| "expected two names with a comma between, such as base,gelsight".into())
+}
+
+fn parse_touches(text: &str) -> std::result::Result<Touches, String> {
+    let found = Touches::NAMES.into_iter().find(|(name, _)| *name == text);
+    found.map(|(_, touches)| touches).ok_or_else(|| "expected each, contact or poses".into())
+}
+
+fn parse_side(text: &str) -> std::result::Result<Side, String> {
+    match text {
+        "hole" => Ok(Side::Hole),
+        "peg" => Ok(Side::Peg),
+        _ => Err("expected hole or peg".into()),
+    }
+}
+
+fn parse_pose(text: &str) -> std::result::Result<Se2, String> {
+    super::parse_numbers(text).map(|[x_mm, y_mm, theta_deg]| Se2::from_degrees(x_mm, y_mm, theta_deg))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_say_what_they_expect() {
+        assert_eq!(parse_frames("base, /gel").unwrap(), ["base", "gel"]);
+        assert_eq!(parse_touches("poses"), Ok(Touches::Poses));
+        assert_eq!(parse_pose("-1,2,90"), Ok(Se2::from_degrees(-1.0, 2.0, 90.0)));
+        for bad in ["base", "a,b,c", ",b", ""] {
+            assert!(parse_frames(bad).unwrap_err().contains("base,gelsight"));
+        }
+        assert!(parse_touches("all").is_err() && parse_side("left").is_err() && parse_pose("1,2").is_err());
+    }
+}
