@@ -3,6 +3,7 @@
 mod calibrate;
 mod compare;
 mod generate;
+mod geometry;
 mod import;
 mod inspect;
 mod merge;
