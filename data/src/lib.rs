@@ -40,6 +40,8 @@ pub mod frame;
 #[cfg(feature = "sim")]
 pub mod generate;
 pub mod grid;
+#[cfg(feature = "datasets")]
+pub mod inspection;
 #[cfg(feature = "sim")]
 pub mod npy;
 pub mod origin;

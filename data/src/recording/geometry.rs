@@ -468,7 +468,7 @@ mod tests {
     fn letterboxed(black: u8) -> Frame {
         let rgb = (0..24 * 16).flat_map(|i| {
             let (x, y) = (i % 24, i / 24);
-            let is_bar = x < 3 || x >= 22 || y < 1;
+            let is_bar = !(3..22).contains(&x) || y == 0;
             [if is_bar { ((x + y) % 2) as u8 * black } else { 120 }; 3]
         });
         Frame::new(24, 16, rgb.collect()).unwrap()
