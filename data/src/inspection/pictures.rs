@@ -81,8 +81,8 @@ pub(super) fn rest_exposure(dataset: &Dataset, frames: &[Result<FrameContact>]) 
     }
     let [red, green, blue] = shift;
     let message = format!(
-        "the touches are brighter than the frame at rest by {red:.1}, {green:.1}, {blue:.1} counts of red, green and \
-         blue where nothing touches: it is of another exposure"
+        "where nothing touches, the touches differ from the frame at rest by {red:+.1}, {green:+.1}, {blue:+.1} counts of \
+         red, green and blue: it is of another exposure"
     );
     Some(Finding { kind: Kind::RestExposure, message, frames: Vec::new() })
 }

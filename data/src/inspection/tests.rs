@@ -163,8 +163,8 @@ fn a_frame_at_rest_of_another_exposure_is_found() {
     };
     let other = with_rest(1.15);
     assert_eq!(kinds(&other), [Kind::RestExposure]);
-    // 15 % of 92, 111 and 122 counts at rest, roughly.
-    assert!(other[0].message.contains("brighter than the frame at rest by 1"), "{}", other[0].message);
+    // Red is 79 counts at rest: 79 - 79 / 1.15 is 10.
+    assert!(other[0].message.contains("from the frame at rest by +1"), "{}", other[0].message);
     assert_eq!(kinds(&with_rest(0.85)), [Kind::RestExposure]);
     assert_eq!(kinds(&with_rest(1.02)), []);
 }
@@ -211,6 +211,7 @@ fn touches_that_missed_are_counted() {
     };
     let some = missed(10);
     assert_eq!(kinds(&some), [Kind::NoContact]);
-    assert!(some[0].message.starts_with("24 of 240 touches") || some[0].message.starts_with("2"), "{some:?}");
+    // Those that were replaced, and hardly another.
+    assert!((0..240).step_by(10).all(|i| some[0].frames.contains(&i)) && some[0].frames.len() <= 26, "{some:?}");
     assert_eq!(kinds(&missed(60)), []);
 }
