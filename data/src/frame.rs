@@ -199,7 +199,7 @@ fn check_lit(frame: &Frame, what: &str, least_counts: f32) -> Result<f32> {
 }
 
 /// Area average of a frame to `[3, height, width]`, counts. Fractional pixels are shared out.
-fn area_average(frame: &Frame, [width, height]: [usize; 2]) -> Vec<f32> {
+pub(crate) fn area_average(frame: &Frame, [width, height]: [usize; 2]) -> Vec<f32> {
     let columns = overlaps(frame.width_px, width);
     let rows = overlaps(frame.height_px, height);
     let n_pixels = width * height;

@@ -43,6 +43,8 @@ pub mod frame;
 pub mod generate;
 pub mod grid;
 pub mod grid_fit;
+#[cfg(feature = "datasets")]
+pub mod inspection;
 #[cfg(feature = "sim")]
 pub mod lab;
 pub mod moved_view;

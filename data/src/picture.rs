@@ -1,14 +1,16 @@
 //! Frames in picture files: PNG, JPEG and GIF in, PNG out.
 
-use std::fs::File;
-use std::io::{BufReader, Cursor};
-use std::path::Path;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
 
 use image::codecs::gif::GifDecoder;
 use image::{AnimationDecoder, DynamicImage, ImageFormat, ImageReader, RgbImage};
 
 use crate::error::{Error, Result};
-use crate::frame::Frame;
+use crate::frame::{Frame, area_average};
+
+/// No side of a frame is longer, pixels.
+const MAX_SIDE_PX: usize = 1 << 14;
 
 /// Whether a file's name ends as a picture's that [`read_all`] reads.
 pub fn is_picture(path: &Path) -> bool {
@@ -16,33 +18,49 @@ pub fn is_picture(path: &Path) -> bool {
     matches!(extension.as_str(), "png" | "jpg" | "jpeg" | "gif")
 }
 
-/// Every frame of a picture file, in order: one of a PNG or JPEG, all of an animated GIF.
+/// The frames of a picture, decoded one at a time.
+pub type Frames = Box<dyn Iterator<Item = Result<Frame>>>;
+
+/// Whether the bytes of a picture are a GIF's, which may hold many frames.
+pub fn is_animation(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"GIF8")
+}
+
+/// The frames that the bytes of a picture file hold, in order: one of a PNG or JPEG, all of an animated GIF; `place`
+/// names them in an error.
 ///
-/// The format is recognised by the file's first bytes, not its name. Grey, 16-bit and transparent pictures
-/// become 8-bit RGB; transparency is dropped, not blended. Fails where the file cannot be decoded.
+/// The format is recognised by the first bytes, not by a name. Grey, 16-bit and transparent pictures become 8-bit RGB;
+/// transparency is dropped, not blended.
+///
+/// # Errors
+/// Bytes that cannot be decoded; of an animation, where its first frame cannot. Further ones are errors of their own.
+pub fn frames(bytes: Vec<u8>, place: &str) -> Result<Frames> {
+    if !is_animation(&bytes) {
+        return Ok(Box::new(std::iter::once(Ok(decode(&bytes, place)?))));
+    }
+    let path = PathBuf::from(place);
+    let animation = GifDecoder::new(Cursor::new(bytes)).map_err(Error::picture(&path))?;
+    let frame = move |frame: image::ImageResult<image::Frame>| {
+        frame_from(DynamicImage::from(frame.map_err(Error::picture(&path))?.into_buffer()))
+    };
+    let mut frames = animation.into_frames().map(frame);
+    match frames.next() {
+        Some(first) => Ok(Box::new(std::iter::once(Ok(first?)).chain(frames))),
+        None => Err(Error::invalid(place, "at least one frame", "none")),
+    }
+}
+
+/// Every frame of a picture file, in order, as [`frames`].
 pub fn read_all(path: &Path) -> Result<Vec<Frame>> {
-    let reader = ImageReader::open(path).and_then(|r| r.with_guessed_format()).map_err(Error::io(path))?;
-    if reader.format() != Some(ImageFormat::Gif) {
-        return Ok(vec![frame_from(reader.decode().map_err(Error::picture(path))?)?]);
-    }
-    let file = BufReader::new(File::open(path).map_err(Error::io(path))?);
-    let animation = GifDecoder::new(file).map_err(Error::picture(path))?;
-    let frames = animation
-        .into_frames()
-        .map(|frame| frame_from(DynamicImage::from(frame.map_err(Error::picture(path))?.into_buffer())))
-        .collect::<Result<Vec<_>>>()?;
-    if frames.is_empty() {
-        return Err(Error::invalid(path.display().to_string(), "at least one frame", "none"));
-    }
-    Ok(frames)
+    frames(std::fs::read(path).map_err(Error::io(path))?, &path.display().to_string())?.collect()
 }
 
 /// The only frame of a picture file, or the first of an animation.
 pub fn read(path: &Path) -> Result<Frame> {
-    Ok(read_all(path)?.swap_remove(0))
+    decode(&std::fs::read(path).map_err(Error::io(path))?, &path.display().to_string())
 }
 
-/// The frame that the bytes of a PNG or JPEG hold; `place` names them in an error.
+/// The only frame that the bytes of a PNG or JPEG hold, or the first of an animation; `place` names them in an error.
 pub fn decode(bytes: &[u8], place: &str) -> Result<Frame> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(place))?;
     frame_from(reader.decode().map_err(Error::picture(Path::new(place)))?)
@@ -55,16 +73,25 @@ pub fn write_png(path: &Path, frame: &Frame) -> Result<()> {
     std::fs::write(path, png.into_inner()).map_err(Error::io(path))
 }
 
-/// The frame at another size by area average, `[width, height]` pixels.
+/// The frame at another size by area average, `[width, height]` pixels: a pixel is the mean of what it covers, with
+/// parts of pixels counted as such.
 pub fn resize(frame: &Frame, size_px: [usize; 2]) -> Result<Frame> {
     if size_px == [frame.width_px(), frame.height_px()] {
         return Ok(frame.clone());
     }
-    let [width, height] = size_px.map(u32::try_from);
-    let (Ok(width @ 1..), Ok(height @ 1..)) = (width, height) else {
-        return Err(Error::invalid("frame size", "1 pixel or more each way", format!("{size_px:?}")));
-    };
-    frame_from(DynamicImage::from(image::imageops::thumbnail(&image_from(frame)?, width, height)))
+    if !size_px.iter().all(|side| (1..=MAX_SIDE_PX).contains(side)) {
+        let expected = format!("1 to {MAX_SIDE_PX} pixels each way");
+        return Err(Error::invalid("frame size", expected, format!("{size_px:?}")));
+    }
+    let [width, height] = size_px;
+    let planes = area_average(frame, size_px);
+    let mut rgb = vec![0; 3 * width * height];
+    for (channel, plane) in planes.chunks_exact(width * height).enumerate() {
+        for (pixel, mean) in rgb.chunks_exact_mut(3).zip(plane) {
+            pixel[channel] = mean.round() as u8;
+        }
+    }
+    Frame::new(width, height, rgb)
 }
 
 fn frame_from(image: DynamicImage) -> Result<Frame> {
@@ -113,6 +140,32 @@ mod tests {
         assert_eq!([small.width_px(), small.height_px()], [72, 50]);
         // Each pixel rounds by at most one count.
         assert!((mean(&small) - mean(&frame)).abs() < 1.0);
+    }
+
+    /// Against a sum of every pixel's share in f64: rounding to whole counts is all that is lost.
+    #[test]
+    fn resizing_is_the_mean_of_the_area_at_any_ratio() {
+        let (width, height) = (67, 45);
+        let frame = Frame::new(width, height, (0..3 * width * height).map(|i| (i * i % 241) as u8).collect()).unwrap();
+        for size in [[20, 13], [33, 45], [67, 10], [100, 77], [1, 1]] {
+            let small = resize(&frame, size).unwrap();
+            let step = [width as f64 / size[0] as f64, height as f64 / size[1] as f64];
+            let share = |pixel: usize, bin: usize, step: f64| {
+                let (from, to) = (bin as f64 * step, (bin + 1) as f64 * step);
+                (to.min(pixel as f64 + 1.0) - from.max(pixel as f64)).max(0.0)
+            };
+            for (at, got) in small.rgb().iter().enumerate() {
+                let (channel, x, y) = (at % 3, at / 3 % size[0], at / 3 / size[0]);
+                let sum: f64 = (0..width * height)
+                    .map(|i| {
+                        let weight = share(i % width, x, step[0]) * share(i / width, y, step[1]);
+                        weight * f64::from(frame.rgb()[3 * i + channel])
+                    })
+                    .sum();
+                let expected = sum / (step[0] * step[1]);
+                assert!((f64::from(*got) - expected).abs() <= 0.5 + 1e-3, "{size:?} {at}: {got}, {expected}");
+            }
+        }
     }
 
     #[test]

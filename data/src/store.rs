@@ -17,6 +17,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::picture;
+pub use crate::recording::provenance::{Channels, Mirror, Recording};
 use crate::se2::Se2;
 use crate::shard::Fragment;
 use crate::touch::{Side, Touch};
@@ -62,19 +63,6 @@ pub struct Meta {
     /// of pegs in the hole board's frame, so that a hole and its peg touched at one place have one pose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peg_from_hole: Option<Se2>,
-}
-
-/// How a recording became a dataset.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Recording {
-    /// SHA-256 of what was read: the index and every picture, in order, or the bag.
-    pub source_sha256: String,
-    /// Size of the source's pictures, pixels.
-    pub source_px: [usize; 2],
-    /// What was kept of each picture, after turning: left, top, width and height, pixels.
-    pub crop_px: [usize; 4],
-    /// Quarter turns counter-clockwise made before cropping, 0..=3.
-    pub quarter_turns: u8,
 }
 
 /// `meta.json` as it is on disk.
@@ -140,6 +128,11 @@ impl DatasetWriter {
     pub fn expecting(mut self, n_frames: usize) -> Self {
         self.hash = Some((n_frames, Sha256::new_with_prefix(npy_header(n_frames, &self.meta))));
         self
+    }
+
+    /// States how a recording became this dataset; before [`finish`](Self::finish), once all of it was read.
+    pub fn set_recording(&mut self, recording: Recording) {
+        self.meta.recording = Some(recording);
     }
 
     /// Appends a frame, of the size that the meta data states, and what is known of it.

@@ -16,7 +16,7 @@ use tactile_data::calibrate::fit::fit;
 use tactile_data::calibrate::presses::{Press, Presses, Source};
 use tactile_data::compare::Figures;
 use tactile_data::contact::{contact_runs, measure};
-use tactile_data::recording::folder::{FIELD_OF_VIEW_MM, Import, NoContact, import};
+use tactile_data::recording::folder::{Import, NoContact, import};
 use tactile_data::sensor::SensorSpec;
 use tactile_data::sensor::light::Shadow;
 use tactile_data::sensor::optics::Optics;
@@ -59,7 +59,7 @@ fn recording(name: &str) -> PathBuf {
 fn contact_in(source: &Path, no_contact: NoContact) -> (usize, Vec<RangeInclusive<usize>>) {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("data");
-    let how = Import { index: None, no_contact, frame_px: None, field_of_view_mm: FIELD_OF_VIEW_MM };
+    let how = Import { no_contact, ..Import::default() };
     import(source, &how, &out, &|_, _| {}).unwrap();
     let dataset = Dataset::open(&out).unwrap();
     (dataset.len(), contact_runs(&measure(&dataset).unwrap()))

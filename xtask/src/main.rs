@@ -4,6 +4,7 @@ mod bench;
 mod demo;
 mod error;
 mod json;
+mod lab;
 mod program;
 mod python;
 mod reproduce;
@@ -49,6 +50,9 @@ enum Chore {
         after_help = "Example:\n  cargo xtask reproduce --smoke\n  cargo xtask reproduce --part tables --part hard"
     )]
     Reproduce(reproduce::ReproduceArgs),
+    /// A lab's recordings through the whole chain, simulated: with a robot's errors, as pictures and as bags.
+    #[command(after_help = "Example:\n  cargo xtask lab --out lab")]
+    Lab(lab::LabArgs),
     /// Compare a forward pass in numpy with tactile-infer's, from the weights' file alone.
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
@@ -81,6 +85,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Bench(bench) => bench::bench(&workspace, bench),
         Chore::Validate(args) => validate::validate(&workspace, args),
         Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
+        Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
         Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Slurm => slurm::slurm(&workspace),

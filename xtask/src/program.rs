@@ -45,6 +45,11 @@ impl Program {
         Self { path: path.into(), args: Vec::new(), variables: Vec::new() }
     }
 
+    /// Where the program is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Adds the arguments of a text, separated by blanks.
     pub fn words(mut self, words: impl AsRef<str>) -> Self {
         self.args.extend(words.as_ref().split_whitespace().map(OsString::from));

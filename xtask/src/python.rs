@@ -60,7 +60,19 @@ pub fn python(workspace: &Workspace, args: &PythonArgs) -> Result<()> {
         let compare = Program::new(&python).arg(workspace.root.join("xtask/python/forward.py")).arg(model);
         compare.words("input.npy hole.json peg.json").run(&touches)?;
     }
-    Ok(())
+    bags(&out, &data)
+}
+
+/// What the script of bags imports.
+const BAG_REQUIREMENTS: &str = "numpy>=1.24 pillow rosbags==0.11.9 mcap-ros2-support==0.6.0";
+
+/// ROS 2 bags between `tactile-data` and independent programs, both ways, byte for byte.
+fn bags(out: &Path, data: &Program) -> Result<()> {
+    let out = out.join("bags");
+    fs::create_dir_all(&out).map_err(Error::io(&out))?;
+    let python = environment(&out, BAG_REQUIREMENTS)?;
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/mcap_interop.py");
+    Program::new(&python).arg(script).arg(data.path()).run(&out).map(|_| ())
 }
 
 /// A virtual environment in `out` with what a script imports; made once. Returns its Python.

@@ -7,7 +7,7 @@ use serde_json::json;
 use tactile_data::compare::region::Region;
 use tactile_data::compare::{Press, compare};
 use tactile_data::frame::Frame;
-use tactile_data::recording::folder::FIELD_OF_VIEW_MM;
+use tactile_data::recording::geometry::FIELD_OF_VIEW_MM;
 use tactile_data::{Error, Result, output, picture};
 
 /// A picture of contact is white where a part touches, counts.

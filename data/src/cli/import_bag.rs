@@ -4,6 +4,7 @@ use std::path::Path;
 
 use clap::Args;
 use tactile_data::recording::folder::NoContact;
+use tactile_data::recording::geometry::Geometry;
 use tactile_data::recording::ros::bag;
 use tactile_data::recording::ros::import::{self, PoseSource};
 use tactile_data::recording::ros::touches::Touches;
@@ -48,10 +49,8 @@ pub struct BagArgs {
 pub struct Frames {
     /// Where the frame at rest comes from.
     pub no_contact: NoContact,
-    /// Size of the dataset's frames, pixels.
-    pub frame_px: Option<[usize; 2]>,
-    /// What a frame shows, mm.
-    pub field_of_view_mm: [f64; 2],
+    /// How pictures become frames.
+    pub geometry: Geometry,
 }
 
 impl BagArgs {
@@ -77,8 +76,7 @@ impl BagArgs {
             tool_from_sensor: self.tool_from_sensor,
             board: self.board,
             no_contact: frames.no_contact,
-            frame_px: frames.frame_px,
-            field_of_view_mm: frames.field_of_view_mm,
+            geometry: frames.geometry,
         };
         let imported = import::import(source, &how, out, &progress::reporter("touches"))?;
         for warning in &imported.warnings {

@@ -7,17 +7,19 @@ use clap::Args;
 use serde::Serialize;
 use tactile_data::contact::{self, FrameContact};
 use tactile_data::grid::PoseGrid;
+use tactile_data::inspection::{self, Finding};
 use tactile_data::shard::Fragment;
-use tactile_data::store::{self, Dataset, Meta};
+use tactile_data::store::{self, Channels, Dataset, Meta, Mirror, Recording};
 use tactile_data::touch::Side;
 use tactile_data::{Error, Result, contact_sheet, output, picture};
 
 /// Parts named in the text before it says only how many there are.
 const MAX_NAMES: usize = 12;
 
-/// Summarise a dataset: its size, scale, parts and poses, and which frames show contact.
+/// Summarise a dataset: its size, scale, parts and poses, which frames show contact, and what is odd.
 #[derive(Args)]
-#[command(after_help = "Example:\n  tactile-data inspect letters --sheet letters.png")]
+#[command(after_help = "Example:\n  tactile-data inspect letters --sheet letters.png\n  \
+                        tactile-data inspect letters --json")]
 pub struct Inspect {
     /// The dataset
     dir: PathBuf,
@@ -78,6 +80,11 @@ struct Summary {
     /// Root mean square per frame, averaged over the frames, counts.
     difference_rms_mean: f64,
     unusable: Vec<Unusable>,
+    /// What is missing or odd.
+    findings: Vec<Finding>,
+    /// How a recording became this dataset.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recording: Option<Recording>,
     /// Root mean square of each frame's difference from rest, counts; none of an unusable one.
     #[serde(skip_serializing_if = "Option::is_none")]
     difference_rms: Option<Vec<Option<f32>>>,
@@ -94,7 +101,7 @@ impl Summary {
         let frames = contact::measure(dataset)?;
         let usable: Vec<&FrameContact> = frames.iter().flatten().collect();
         let rms: f64 = usable.iter().map(|frame| f64::from(frame.difference_rms)).sum();
-        let Meta { name, frame_px, mm_per_px, reach, held_out, seed, source, .. } = dataset.meta().clone();
+        let Meta { name, frame_px, mm_per_px, reach, held_out, seed, source, recording, .. } = dataset.meta().clone();
         let touches = dataset.touches();
         let n_side = |side| touches.iter().filter(|touch| touch.side == side).count();
         Ok(Self {
@@ -119,6 +126,8 @@ impl Summary {
             unusable: (frames.iter().enumerate())
                 .filter_map(|(frame, result)| Some(Unusable { frame, reason: result.as_ref().err()?.to_string() }))
                 .collect(),
+            findings: inspection::findings(dataset, &frames)?,
+            recording,
             difference_rms: with_frames
                 .then(|| frames.iter().map(|frame| frame.as_ref().ok().map(|frame| frame.difference_rms)).collect()),
         })
@@ -172,8 +181,35 @@ impl Summary {
         for Unusable { frame, reason } in &self.unusable {
             text += &format!("unusable     frame {frame}: {reason}\n");
         }
+        if let Some(recording) = &self.recording {
+            text += &format!("recording    {}\n", geometry_of(recording));
+        }
+        for Finding { message, .. } in &self.findings {
+            text += &format!("finding      {message}\n");
+        }
         text
     }
+}
+
+/// What was done to the pictures of a recording, and their checksum, for people.
+fn geometry_of(recording: &Recording) -> String {
+    let Recording { source_sha256, source_px: [width, height], crop_px, quarter_turns, mirror, channels } = recording;
+    let [left, top, kept_width, kept_height] = crop_px;
+    let mut steps = vec![format!("{width}x{height} pixels")];
+    if *channels == Channels::Bgr {
+        steps.push("blue and red swapped".to_owned());
+    }
+    if *quarter_turns > 0 {
+        steps.push(format!("turned by {} degrees counter-clockwise", 90 * u32::from(*quarter_turns)));
+    }
+    match mirror {
+        Some(Mirror::X) => steps.push("left and right swapped".to_owned()),
+        Some(Mirror::Y) => steps.push("top and bottom swapped".to_owned()),
+        None => {}
+    }
+    steps.push(format!("kept {kept_width}x{kept_height} from {left},{top}"));
+    steps.push(format!("SHA-256 {}", source_sha256.get(..16).unwrap_or(source_sha256)));
+    steps.join(", ")
 }
 
 fn listed(names: &[String]) -> String {

@@ -4,6 +4,7 @@ mod calibrate;
 mod compare;
 mod export;
 mod generate;
+mod geometry;
 mod import;
 mod import_bag;
 mod inspect;

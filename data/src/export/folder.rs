@@ -15,8 +15,20 @@ use crate::touch::Side;
 pub const NO_CONTACT: &str = "no_contact.png";
 
 /// Columns of the index.
-const COLUMNS: [&str; 9] =
-    ["file", "part", "side", "x_mm", "y_mm", "theta_deg", "moved_x_mm", "moved_y_mm", "moved_theta_deg"];
+const COLUMNS: [&str; 12] = [
+    "file",
+    "part",
+    "side",
+    "x_mm",
+    "y_mm",
+    "theta_deg",
+    "moved_x_mm",
+    "moved_y_mm",
+    "moved_theta_deg",
+    "pair",
+    "episode",
+    "time_s",
+];
 
 /// Writes the frames as `000000.png` and so on (`.jpg` with a `jpeg` quality of 1 to 100), `index.csv` and the frame
 /// at rest to a new folder. Positions come back to the last bit; angles do where some number of degrees gives their
@@ -44,6 +56,8 @@ pub fn export(dataset: &Dataset, out: &Path, jpeg_quality: Option<u8>, progress:
         let mut row = vec![file, touch.part.clone().unwrap_or_default(), side.to_owned()];
         row.extend(cells(touch.part_from_sensor));
         row.extend(cells(touch.moved));
+        row.extend([&touch.pair, &touch.episode].map(|name| name.clone().unwrap_or_default()));
+        row.push(touch.time_s.map_or(String::new(), |time| time.to_string()));
         rows.write_record(&row).map_err(|e| csv_error(&index, e))?;
         progress(i + 1, dataset.len());
     }

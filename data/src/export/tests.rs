@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::*;
-use crate::recording::folder::{self as recorded, FIELD_OF_VIEW_MM, NoContact};
+use crate::recording::folder::{self as recorded, NoContact};
+use crate::recording::geometry::{FIELD_OF_VIEW_MM, Geometry};
 use crate::se2::Se2;
 use crate::store::{Dataset, DatasetWriter, Meta};
 use crate::touch::{Side, Touch};
@@ -56,8 +57,7 @@ fn import_folder(pictures: &Path, out: PathBuf) -> Dataset {
     let how = recorded::Import {
         index: None,
         no_contact: NoContact::File(pictures.join(folder::NO_CONTACT)),
-        frame_px: None,
-        field_of_view_mm: FIELD_OF_VIEW_MM,
+        geometry: Geometry::default(),
     };
     recorded::import(pictures, &how, &out, &quiet).unwrap();
     Dataset::open(&out).unwrap()
@@ -135,8 +135,7 @@ mod bags {
             tool_from_sensor: None,
             board: None,
             no_contact: NoContact::Guess,
-            frame_px: None,
-            field_of_view_mm: FIELD_OF_VIEW_MM,
+            geometry: Geometry::default(),
         };
         let out = bag.with_extension("back");
         bags::import(bag, &how, &out, &quiet).unwrap();

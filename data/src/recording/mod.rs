@@ -1,6 +1,11 @@
 //! Recordings of real sensors, brought into the native format of [`crate::store`].
 
+pub mod contradiction;
 pub mod folder;
+pub mod geometry;
+pub mod index;
+pub mod listing;
 pub mod pipeline;
+pub mod provenance;
 pub mod rest;
 pub mod ros;

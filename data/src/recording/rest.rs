@@ -1,10 +1,12 @@
-//! The frame of the sensor at rest, from the first frames of a recording.
+//! The frame of the sensor at rest of a recording.
+
+use std::path::PathBuf;
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::output;
 use crate::picture;
-use crate::recording::folder::NoContact;
-use crate::recording::pipeline::check_px;
+use crate::recording::geometry::check_px;
 
 /// Where no frame at rest is named, at most this many first frames are taken for it.
 pub const MAX_REST_FRAMES: usize = 15;
@@ -14,47 +16,68 @@ pub const MAX_REST_FRAMES: usize = 15;
 /// view by 20 counts adds 2.
 const REST_COUNTS: f64 = 3.0;
 
-/// The frame at rest. `frames` are the recording's first frames in order, each with its place for errors; no more of
-/// them are asked for than are needed. What was guessed goes to `warnings`.
+/// Where the frame of the sensor at rest comes from.
+#[derive(Clone, Debug, Default)]
+pub enum NoContact {
+    /// A picture; not counted among the frames where it is in the same folder.
+    File(PathBuf),
+    /// The median of this many first frames.
+    First(usize),
+    /// The median of the first frames that look like the very first.
+    #[default]
+    Guess,
+}
+
+/// The sensor at rest as its source holds it; `frames` gives the recording's own, each with its place. A guess is
+/// told in `warnings`.
 ///
 /// # Errors
-/// Fewer frames than were asked for, frames of different sizes, a file that cannot be read.
-pub fn no_contact(
+/// A picture that cannot be read, too few frames, or first frames of several sizes.
+pub fn find(
     how: &NoContact,
     frames: &mut dyn Iterator<Item = Result<(Frame, String)>>,
     warnings: &mut Vec<String>,
 ) -> Result<Frame> {
-    let n_first = match how {
-        NoContact::File(path) => return picture::read(path),
-        NoContact::First(0) => return Err(Error::invalid("no-contact frames", "at least 1", "0")),
-        NoContact::First(n) => *n,
-        NoContact::Guess => MAX_REST_FRAMES,
-    };
-    let mut first: Vec<Frame> = Vec::new();
-    for item in frames {
-        let (frame, place) = item?;
-        if let Some(rest) = first.first() {
-            check_px(&frame, [rest.width_px(), rest.height_px()], &place)?;
-            if matches!(how, NoContact::Guess) && mean_difference(rest, &frame) > REST_COUNTS {
+    match how {
+        NoContact::File(path) => picture::read(path),
+        NoContact::First(0) => Err(Error::invalid("no-contact frames", "at least 1", "0")),
+        NoContact::First(n) => {
+            let first = take(frames, *n, f64::INFINITY)?;
+            if first.len() < *n {
+                return Err(Error::invalid("no-contact frames", format!("{n} first frames"), first.len().to_string()));
+            }
+            median(&first)
+        }
+        NoContact::Guess => {
+            let first = take(frames, MAX_REST_FRAMES, REST_COUNTS)?;
+            if first.is_empty() {
+                return Err(Error::invalid("no-contact frames", "at least one frame", "none"));
+            }
+            warnings.push(format!(
+                "no no-contact frame given: taking the first {} frame(s), which look alike, for the sensor at rest",
+                first.len()
+            ));
+            median(&first)
+        }
+    }
+}
+
+/// The first frames, `n` at most, up to one that differs from the very first by more than `counts`.
+fn take(frames: &mut dyn Iterator<Item = Result<(Frame, String)>>, n: usize, counts: f64) -> Result<Vec<Frame>> {
+    let mut taken: Vec<Frame> = Vec::new();
+    for frame in frames.take(n) {
+        let (frame, place) = frame?;
+        if let Some(first) = taken.first() {
+            check_px(&frame, [first.width_px(), first.height_px()], &place)?;
+            if mean_difference(first, &frame) > counts {
                 break;
             }
+        } else {
+            output::check_memory("no-contact frames", n, n as f64 * frame.rgb().len() as f64)?;
         }
-        first.push(frame);
-        if first.len() == n_first {
-            break;
-        }
+        taken.push(frame);
     }
-    match how {
-        NoContact::First(n) if first.len() < *n => {
-            return Err(Error::invalid("no-contact frames", format!("{n} first frames"), format!("{}", first.len())));
-        }
-        NoContact::Guess => warnings.push(format!(
-            "no no-contact frame given: taking the first {} frame(s), which look alike, for the sensor at rest",
-            first.len()
-        )),
-        _ => {}
-    }
-    median(&first)
+    Ok(taken)
 }
 
 /// Mean absolute difference of two frames of one size, counts.
@@ -63,46 +86,47 @@ fn mean_difference(a: &Frame, b: &Frame) -> f64 {
     sum as f64 / a.rgb().len() as f64
 }
 
-/// The median of each byte over frames of one size.
+/// The median of each byte over frames of one size, at least one.
 fn median(frames: &[Frame]) -> Result<Frame> {
-    let Some(first) = frames.first() else {
-        return Err(Error::invalid("no-contact frames", "at least 1 frame", "0"));
-    };
     let mut values = vec![0; frames.len()];
     let middle = frames.len() / 2;
-    let rgb = (0..first.rgb().len()).map(|at| {
+    let rgb = (0..frames[0].rgb().len()).map(|at| {
         values.iter_mut().zip(frames).for_each(|(value, frame)| *value = frame.rgb()[at]);
         *values.select_nth_unstable(middle).1
     });
-    Frame::new(first.width_px(), first.height_px(), rgb.collect())
+    Frame::new(frames[0].width_px(), frames[0].height_px(), rgb.collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn rest(how: NoContact, values: &[u8]) -> (Result<Frame>, Vec<String>) {
-        let mut frames = values.iter().map(|value| Ok((Frame::new(2, 1, vec![*value; 6])?, "here".to_owned())));
+    fn frames(values: &[u8]) -> impl Iterator<Item = Result<(Frame, String)>> {
+        values.iter().map(|value| Ok((Frame::new(4, 2, vec![*value; 24]).unwrap(), format!("frame {value}"))))
+    }
+
+    fn found(how: NoContact, values: &[u8]) -> Result<(u8, usize)> {
         let mut warnings = Vec::new();
-        (no_contact(&how, &mut frames, &mut warnings), warnings)
+        let frame = find(&how, &mut frames(values), &mut warnings)?;
+        Ok((frame.rgb()[0], warnings.len()))
     }
 
     #[test]
-    fn the_median_of_as_many_as_look_alike_or_are_asked_for() {
-        let (frame, warnings) = rest(NoContact::Guess, &[10, 12, 11, 90, 10]);
-        assert_eq!(frame.unwrap().rgb(), [11; 6]);
-        assert!(warnings[0].contains("the first 3 frame(s)"), "{warnings:?}");
-        assert_eq!(rest(NoContact::First(5), &[10, 12, 11, 90, 10]).0.unwrap().rgb(), [11; 6]);
-        let long: Vec<u8> = (0..40).map(|i| i / 14).collect();
-        assert!(rest(NoContact::Guess, &long).1[0].contains("first 15"));
+    fn the_median_of_the_first_is_taken_and_a_guess_ends_at_the_first_that_differs() {
+        assert_eq!(found(NoContact::First(3), &[10, 90, 30, 31]).unwrap(), (30, 0));
+        assert_eq!(found(NoContact::Guess, &[10, 12, 11, 90, 90, 90, 90]).unwrap(), (11, 1));
     }
 
     #[test]
     fn too_few_frames_are_refused() {
-        for (how, values) in [(NoContact::First(3), &[1, 2][..]), (NoContact::First(0), &[1]), (NoContact::Guess, &[])]
-        {
-            let message = rest(how, values).0.unwrap_err().to_string();
-            assert!(message.starts_with("no-contact frames: expected"), "{message}");
+        for (how, values, reason) in [
+            (NoContact::First(0), &[1_u8][..], "at least 1"),
+            (NoContact::First(3), &[1, 2], "expected 3 first frames, got 2"),
+            (NoContact::First(usize::MAX), &[1, 2], "memory"),
+            (NoContact::Guess, &[], "at least one frame"),
+        ] {
+            let message = found(how, values).unwrap_err().to_string();
+            assert!(message.contains(reason), "{message}");
         }
     }
 }

@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::picture;
 use crate::recording::folder::NoContact;
+use crate::recording::geometry::{Geometry, View};
 use crate::recording::pipeline::{Item, Picture, push};
 use crate::recording::rest;
 use crate::recording::ros::bag::{Bag, Message, Messages};
@@ -21,7 +22,7 @@ use crate::recording::ros::pose_track::PoseTrack;
 use crate::recording::ros::survey::Survey;
 use crate::recording::ros::touches::{self, Picked, Touches};
 use crate::se2::Se2;
-use crate::store::{self, DatasetWriter, Meta, Recording};
+use crate::store::{self, DatasetWriter, Meta};
 use crate::touch::{Side, Touch};
 
 /// Frames whose contact is judged at once, on all cores.
@@ -48,10 +49,8 @@ pub struct Import {
     pub board: Option<Se2>,
     /// Where the frame at rest comes from; a picture's file, or the film's first frames.
     pub no_contact: NoContact,
-    /// Width and height to bring the frames to, pixels; `None` keeps theirs.
-    pub frame_px: Option<[usize; 2]>,
-    /// What a frame shows along x and y, mm.
-    pub field_of_view_mm: [f64; 2],
+    /// How pictures, and the frame at rest with them, become frames.
+    pub geometry: Geometry,
 }
 
 /// Where a bag's poses come from.
@@ -82,9 +81,6 @@ pub struct Imported {
 /// # Errors
 /// A bag that cannot be read, topics that are not clear, no touch in it.
 pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, usize)) -> Result<Imported> {
-    if !how.field_of_view_mm.iter().all(|mm| mm.is_finite() && *mm > 0.0) {
-        return Err(Error::invalid("field of view", "positive sizes in mm", format!("{:?}", how.field_of_view_mm)));
-    }
     if !(how.max_gap_ms >= 0.0 && how.max_gap_ms.is_finite()) {
         return Err(Error::invalid("--max-gap-ms", "0 ms or more", format!("{}", how.max_gap_ms)));
     }
@@ -94,9 +90,8 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
     let mut notes = Vec::new();
     let film = Film::choose(&bag, &mut survey, how, source, (&mut notes, &mut warnings))?;
     let no_contact = film.no_contact(&how.no_contact, &mut warnings)?;
-    let source_px = [no_contact.width_px(), no_contact.height_px()];
-    let frame_px = how.frame_px.unwrap_or(source_px);
-    let meta = meta(&bag, source, how, [source_px, frame_px])?;
+    let view = how.geometry.settle(&no_contact, &mut warnings)?;
+    let meta = meta(&bag, source, &view)?;
     store::check_meta(&meta, out)?;
 
     let (mode, picked) = film.touches(how, &no_contact)?;
@@ -108,30 +103,25 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
         return Err(Error::invalid(source.display().to_string(), expected, got));
     }
     let touches = place_touches(&film, how, picked, (&mut notes, &mut warnings));
-    let writer = DatasetWriter::create(out, meta, &picture::resize(&no_contact, frame_px)?)?;
+    let writer = DatasetWriter::create(out, meta, &view.frame(&no_contact, "no-contact frame")?)?;
     let mut writer = writer.expecting(n_touches);
     let mut items = Items { film: &film, messages: film.messages().enumerate(), touches: touches.into(), shown: None };
-    let n_frames = push(&mut items, n_touches, source_px, frame_px, &mut writer, progress)?;
+    let n_frames = push(&mut items, n_touches, &view, &mut writer, progress)?;
     writer.finish()?;
     Ok(Imported { n_frames, notes, warnings })
 }
 
-fn meta(bag: &Bag, source: &Path, how: &Import, [source_px, frame_px]: [[usize; 2]; 2]) -> Result<Meta> {
+fn meta(bag: &Bag, source: &Path, view: &View) -> Result<Meta> {
     Ok(Meta {
         name: source.file_stem().unwrap_or(source.as_os_str()).to_string_lossy().into_owned(),
-        frame_px,
-        mm_per_px: [0, 1].map(|axis| how.field_of_view_mm[axis] / frame_px[axis] as f64),
+        frame_px: view.frame_px(),
+        mm_per_px: view.mm_per_px(),
         reach: None,
         held_out: Vec::new(),
         scene: None,
         seed: None,
         source: format!("imported from the bag {}", source.display()),
-        recording: Some(Recording {
-            source_sha256: bag.sha256()?,
-            source_px,
-            crop_px: [0, 0, source_px[0], source_px[1]],
-            quarter_turns: 0,
-        }),
+        recording: Some(view.recording(bag.sha256()?)),
         peg_from_hole: None,
     })
 }
@@ -249,7 +239,7 @@ impl<'a> Film<'a> {
             let (shown, place) = show(message?)?;
             Ok((decode(shown.picture, &place)?, place))
         });
-        rest::no_contact(how, &mut frames, warnings)
+        rest::find(how, &mut frames, warnings)
     }
 
     /// Which frames are touches, and by which rule.
@@ -312,7 +302,6 @@ fn show(message: Message) -> Result<(Shown, String)> {
 
 fn decode(shown: Picture, place: &str) -> Result<Frame> {
     match shown {
-        Picture::File(path) => picture::read(&path),
         Picture::Encoded(bytes) => picture::decode(&bytes, place),
         Picture::Raw(frame) => Ok(frame),
     }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use super::*;
-use crate::recording::folder::FIELD_OF_VIEW_MM;
+use crate::recording::geometry::Geometry;
 use crate::recording::ros::messages::{TFMessage, TransformStamped, to_cdr};
 use crate::recording::ros::test_bag::{self, PACKINGS, Packing, Sent, header, image, in_plane, pose, rgb};
 use crate::store::Dataset;
@@ -20,8 +20,7 @@ fn how() -> Import {
         tool_from_sensor: None,
         board: None,
         no_contact: NoContact::First(1),
-        frame_px: None,
-        field_of_view_mm: FIELD_OF_VIEW_MM,
+        geometry: Geometry::default(),
     }
 }
 
