@@ -9,6 +9,7 @@ mod divergence;
 mod filter;
 mod infer;
 mod readme;
+mod recordings;
 mod train;
 #[cfg(feature = "wgpu")]
 mod wgpu;

@@ -1,4 +1,4 @@
-//! README's commands: each names a program, a subcommand and options that exist.
+//! The commands of the documents: each names a program, a subcommand and options that exist.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -22,6 +22,7 @@ fn command(line: &str) -> Option<CommandLine> {
     let owned = |words: &[&str]| words.iter().map(ToString::to_string).collect();
     match words.as_slice() {
         ["cargo", "xtask", args @ ..] => Some(("xtask".into(), owned(args))),
+        ["cargo", "run", args @ ..] if args.contains(&"--example") => None,
         ["cargo", "run", args @ ..] => {
             let split = args.iter().position(|word| *word == "--").unwrap_or(args.len());
             let named = |pair: &[&str]| ["-p", "--package", "--bin"].contains(&pair[0]).then(|| pair[1].to_owned());
@@ -49,13 +50,26 @@ fn unknown_options((program, args): &CommandLine) -> Vec<String> {
     options.filter(|option| !known.contains(option)).map(str::to_owned).collect()
 }
 
+/// The documents whose commands a user pastes.
+const DOCUMENTS: [&str; 7] = [
+    "README.md",
+    "data/README.md",
+    "data/recording-template/README.md",
+    "infer/README.md",
+    "train/README.md",
+    "filter/eval/README.md",
+    "CONTRIBUTING.md",
+];
+
 #[test]
-fn every_command_of_the_readme_exists() {
-    let readme = fs::read_to_string(workspace().join("README.md")).unwrap();
-    let commands = commands(&readme);
-    assert!(!commands.is_empty());
-    for command in &commands {
-        assert_eq!(unknown_options(command), Vec::<String>::new(), "{command:?}");
+fn every_command_of_the_documents_exists() {
+    for document in DOCUMENTS {
+        let text = fs::read_to_string(workspace().join(document)).unwrap();
+        let commands = commands(&text);
+        assert!(!commands.is_empty(), "{document}");
+        for command in &commands {
+            assert_eq!(unknown_options(command), Vec::<String>::new(), "{document}: {command:?}");
+        }
     }
 }
 

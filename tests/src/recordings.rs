@@ -1,0 +1,140 @@
+//! From a lab's pictures and bags to a report: the example of `data/recording-template`, and what may be wrong with it.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use tactile_tests::programs::{run, workspace};
+use tactile_tests::samples::Sample;
+
+/// The commands of a page's shell blocks, each as a program and its words.
+fn commands(page: &str) -> Vec<(String, Vec<String>)> {
+    let mut in_block = false;
+    let mut lines = String::new();
+    for line in page.lines() {
+        if line.starts_with("```") {
+            in_block = line == "```sh";
+        } else if in_block {
+            let (text, goes_on) = line.strip_suffix('\\').map_or((line, false), |text| (text, true));
+            lines += text;
+            lines += if goes_on { " " } else { "\n" };
+        }
+    }
+    let command = |line: &str| {
+        let words = line.strip_prefix("cargo run --release --bin ").expect("a program of this project");
+        let (program, words) = words.split_once(" -- ").expect("its arguments");
+        (program.to_owned(), words.split_whitespace().map(str::to_owned).collect())
+    };
+    lines.lines().map(command).collect()
+}
+
+fn read_json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// Runs a program with words in a folder; its standard output.
+fn done(program: &str, folder: &Path, words: &str) -> String {
+    run(program, folder, &words.split_whitespace().collect::<Vec<_>>()).done().to_owned()
+}
+
+#[cfg(unix)]
+#[test]
+fn the_template_s_example_runs_from_pictures_to_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for name in ["data", "infer"] {
+        std::os::unix::fs::symlink(workspace().join(name).canonicalize().unwrap(), at.join(name)).unwrap();
+    }
+    fs::create_dir_all(at.join("out/lab")).unwrap();
+    let page = fs::read_to_string(workspace().join("data/recording-template/README.md")).unwrap();
+    let commands = commands(&page);
+    assert_eq!(commands.len(), 15);
+    let mut said = String::new();
+    for (program, words) in &commands {
+        let ran = run(program, at, &words.iter().map(String::as_str).collect::<Vec<_>>());
+        said += ran.done();
+        said += &ran.stderr;
+    }
+    assert!(said.contains("holes mate with the peg nearest to them"), "{said}");
+    assert!(said.contains("in a region of each board are held out"), "{said}");
+    assert!(said.contains("poses not recorded; unknown"), "{said}");
+    // The truth is 0.4 mm, -0.3 mm and 1 degree.
+    let offset = &read_json(&at.join("out/lab/pegs/meta.json"))["peg_from_hole"];
+    let number = |field: &str| offset[field].as_f64().unwrap();
+    assert!((number("x_mm") - 0.4).hypot(number("y_mm") + 0.3) < 0.1, "{offset}");
+    assert!((number("theta_rad").to_degrees() - 1.0).abs() < 0.3, "{offset}");
+    let evaluation = read_json(&at.join("out/lab/evaluation/evaluation.json"));
+    assert_eq!((&evaluation["recorded"], &evaluation["scene"]), (&true.into(), &"hole-pictures".into()));
+    let rows = evaluation["rows"].as_array().unwrap();
+    let is_it = |row: &&Value| row["method"] == "filter" && row["action"] == "information" && row["n_touches"] == 5;
+    let accuracy = rows.iter().find(is_it).unwrap()["accuracy"].as_f64().unwrap();
+    assert!(accuracy > 0.9, "{accuracy}");
+    let report = fs::read_to_string(at.join("out/lab/evaluation/report.html")).unwrap();
+    assert!(report.contains("The touches are recorded:") && !report.contains("All of it is simulated"));
+}
+
+#[test]
+fn a_bag_brings_back_every_byte_and_an_evaluation_of_it_says_the_same() {
+    let sample = Sample::make();
+    let at = sample.folder();
+    for data in ["pegs", "holes"] {
+        done("tactile-data", at, &format!("export {data} --to mcap --out {data}.mcap"));
+        done("tactile-data", at, &format!("import {data}.mcap --touches poses --out {data}-again"));
+        let [a, b] = [data.to_owned(), format!("{data}-again")].map(|name| fs::read(at.join(name).join("frames.npy")));
+        assert!(a.unwrap() == b.unwrap(), "{data}");
+    }
+    let bank = |data: &str, out: &str| {
+        done("tactile-infer", at, &format!("bank --model model/model.safetensors --data {data} --out {out}"))
+    };
+    bank("pegs", "a.bank");
+    bank("pegs-again", "b.bank");
+    let evaluate = |bank: &str, holes: &str, out: &str| {
+        let words = format!(
+            "evaluate --model model/model.safetensors --bank {bank} --holes {holes} --out {out} --episodes 8 --seeds 1,2 \
+             --touches 3 --engines exact --actions information,random --stories 2"
+        );
+        done("tactile-filter", at, &words);
+        read_json(&at.join(out).join("evaluation.json"))
+    };
+    let [direct, from_bag] = [evaluate("a.bank", "holes", "x"), evaluate("b.bank", "holes-again", "y")];
+    // Poses of a bag are in metres and quaternions: equal but for the last bits.
+    let accuracies =
+        |of: &Value| of["rows"].as_array().unwrap().iter().map(|r| r["accuracy"].clone()).collect::<Vec<_>>();
+    assert_eq!(accuracies(&direct), accuracies(&from_bag));
+    assert!(direct["rows"].as_array().unwrap().len() == 1 + 2 * 3);
+}
+
+#[test]
+fn recordings_that_do_not_fit_are_refused_with_what_differs() {
+    let sample = Sample::make();
+    let at = sample.folder();
+    let failed = |program: &str, words: &str| {
+        run(program, at, &words.split_whitespace().collect::<Vec<_>>()).failed().to_owned()
+    };
+    done("tactile-data", at, "export holes --to folder --out pictures");
+    done(
+        "tactile-data",
+        at,
+        "import pictures --no-contact pictures/no_contact.png --field-of-view-mm 22 17 --out wide",
+    );
+    let evaluate =
+        "evaluate --model model/model.safetensors --bank pegs.bank --episodes 2 --touches 2 --out out --holes";
+    let scale = failed("tactile-filter", &format!("{evaluate} wide"));
+    assert!(scale.contains("field of view: expected 22 x 17 mm as in pictures"), "{scale}");
+    let pegs = failed("tactile-filter", &format!("{evaluate} pegs"));
+    assert!(pegs.contains("touches of the hole of T, with their poses"), "{pegs}");
+    let both = run("tactile-filter", at, &["evaluate", "--scene", "two.toml", "--holes", "holes"]);
+    assert!(both.misused().contains("--holes"));
+    // Scattered touches are on no grid; the flags that help are named.
+    done("tactile-data", at, "generate --scene two.toml --sides peg --anywhere 40 --missing 0.01 --out scattered");
+    let grid = failed("tactile-infer", "bank --model model/model.safetensors --data scattered --out s.bank");
+    assert!(grid.contains("they can be resampled to a step"), "{grid}");
+    let resample =
+        "bank --model model/model.safetensors --data scattered --xy-step-mm 4 --theta-step-deg 30 --out s.bank";
+    assert!(done("tactile-infer", at, resample).contains("2 parts x 27 poses"));
+    // A recording of one side trains nothing, and says why.
+    let alone = failed("tactile-train", "--data pegs --out never");
+    assert!(alone.contains("0 pairs; 54 touches mate with none: their part was touched on one side only"), "{alone}");
+    let align = failed("tactile-infer", "align --model model/model.safetensors --data pegs");
+    assert!(align.contains("20 or more holes with a peg of their part"), "{align}");
+}
