@@ -21,6 +21,7 @@
 //!     config: &TrainConfig::tiny(),
 //!     device: DeviceKind::Flex,
 //!     resume: false,
+//!     from: None, // random weights
 //! };
 //! let never = || false; // nobody asks it to stop
 //! let outcome = train(&run, &never, &mut |event| {

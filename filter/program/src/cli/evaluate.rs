@@ -107,7 +107,7 @@ struct Subject {
 /// What holds the holes.
 enum Touched {
     Scene(Box<Simulator>),
-    Recording(RecordedHoles),
+    Recording(Box<RecordedHoles>),
 }
 
 impl Touched {
@@ -183,7 +183,7 @@ impl Evaluate {
             }
             _ => {}
         }
-        Ok(Touched::Recording(recorded))
+        Ok(Touched::Recording(Box::new(recorded)))
     }
 
     /// Checks that the results can be written and are none of the inputs.

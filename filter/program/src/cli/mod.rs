@@ -31,7 +31,7 @@ pub struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Evaluate(evaluate::Evaluate),
+    Evaluate(Box<evaluate::Evaluate>),
     Replay(replay::Replay),
     Assemble(assemble::Assemble),
     Tradeoff(tradeoff::TradeoffArgs),
