@@ -59,7 +59,7 @@ fn top(evaluation: &Evaluation, paper: &PaperNumbers) -> Markup {
     html! {
         h1 { "Which peg fits this hole? " (scene) }
         p {
-            @if evaluation.recorded { "Recorded touches are chosen from: " } @else { "A simulated tactile sensor touches " }
+            @if evaluation.recorded { "The filter chooses among recorded touches of " } @else { "A simulated tactile sensor touches " }
             "the hole of one of " (n_classes) " parts, whose pegs were touched before. "
             @if evaluation.absent {
                 "Here each hole’s own part was taken out of the bank: no part is right, and the filter should say “none of these parts”."
