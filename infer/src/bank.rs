@@ -91,7 +91,17 @@ impl Bank {
     ///
     /// # Errors
     /// A row that the bank does not hold, or a part none of whose rows was recorded.
-    pub fn with_missing(mut self, mut missing: Vec<usize>) -> Result<Self> {
+    pub fn with_missing(self, missing: Vec<usize>) -> Result<Self> {
+        if missing.is_empty() {
+            return Ok(Self { missing, ..self });
+        }
+        let mut bank = self.lacking(missing)?;
+        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank.views(), part));
+        Ok(bank)
+    }
+
+    /// The same bank, with its symmetries as they are.
+    fn lacking(self, mut missing: Vec<usize>) -> Result<Self> {
         missing.sort_unstable();
         missing.dedup();
         if let Some(odd) = missing.iter().find(|row| **row >= self.n_rows()) {
@@ -102,9 +112,7 @@ impl Bank {
         if let Some(part) = (0..self.parts.len()).find(|part| n_missing(*part) == n_cells) {
             return Err(Error::invalid("bank", format!("a recorded view of part {}", self.parts[part]), "none"));
         }
-        self.missing = missing;
-        self.symmetries = threads::map(self.parts.len(), |part| symmetry(&self.views(), part));
-        Ok(self)
+        Ok(Self { missing, ..self })
     }
 
     /// The same bank, with what its touches were made of.
@@ -246,8 +254,7 @@ impl Bank {
         };
         let bank = Self::checked(parts, grid, rows, edge_shares.values, model_sha256)?;
         let neighbours = neighbours(&bank.views()).into();
-        let whole = Self { origin, symmetries: symmetries.clone(), neighbours, ..bank };
-        if missing.is_empty() { Ok(whole) } else { Ok(Self { symmetries, ..whole.with_missing(missing)? }) }
+        Self { origin, symmetries, neighbours, ..bank }.lacking(missing)
     }
 
     /// Names of the parts, in row order.

@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 use tactile_data::frame::{Background, Frame, TactileImage};
-use tactile_data::moved_view::difference_at;
+use tactile_data::moved_view::moved_view;
 use tactile_data::picture;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
@@ -201,30 +201,15 @@ impl<'a> Views<'a> {
     }
 }
 
-/// The middle of a view as a frame of its own: what the frame adds to rest, taken where the sensor would see it after a
-/// motion, on rest. Without a frame, rest.
+/// The middle of a view as a frame of its own, as if the sensor had been moved; without a frame, of rest.
 fn middle(rest: &Frame, frame: Option<&Frame>, moved: &Se2, mm_per_px: [f64; 2]) -> Result<Frame> {
+    let view = frame.map(|frame| moved_view(rest, frame, moved, mm_per_px));
+    let rgb = view.as_ref().unwrap_or(rest).rgb();
     let (width, height) = (rest.width_px(), rest.height_px());
     let size = [width, height].map(|n| ((n as f64 * MIDDLE) as usize).max(1));
     let corner = [(width - size[0]) / 2, (height - size[1]) / 2];
-    let centre = [width, height].map(|n| 0.5 * (n as f64 - 1.0));
-    let mut rgb = Vec::with_capacity(3 * size[0] * size[1]);
-    for y in 0..size[1] {
-        for x in 0..size[0] {
-            let at = [x + corner[0], y + corner[1]];
-            let base = 3 * (at[1] * width + at[0]);
-            let Some(frame) = frame else {
-                rgb.extend_from_slice(&rest.rgb()[base..base + 3]);
-                continue;
-            };
-            let mm = [0, 1].map(|axis| (at[axis] as f64 - centre[axis]) * mm_per_px[axis]);
-            let there = moved.apply(mm);
-            let px = [0, 1].map(|axis| there[axis] / mm_per_px[axis] + centre[axis]);
-            let added = difference_at(rest, frame, px);
-            rgb.extend((0..3).map(|c| (f32::from(rest.rgb()[base + c]) + added[c]).round().clamp(0.0, 255.0) as u8));
-        }
-    }
-    Ok(Frame::new(size[0], size[1], rgb)?)
+    let row = |y: usize| &rgb[3 * ((corner[1] + y) * width + corner[0])..][..3 * size[0]];
+    Ok(Frame::new(size[0], size[1], (0..size[1]).flat_map(row).copied().collect())?)
 }
 
 /// The offsets around one, x slowest.

@@ -85,7 +85,7 @@ pub fn bank_of_dataset(
     let parts: Vec<String> = parts.into_iter().map(str::to_owned).collect();
     let origin = origin(dataset, &parts);
     let bank = Bank::from_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
-        .and_then(|bank| if missing.is_empty() { Ok(bank) } else { bank.with_missing(missing) });
+        .and_then(|bank| bank.with_missing(missing));
     let bank = bank.map_err(|error| error.within(name))?.with_origin(origin);
     Ok(RecordedBank { bank, notes: notes.lines })
 }

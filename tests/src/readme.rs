@@ -6,10 +6,10 @@ use std::fs;
 use tactile_tests::programs::{run, workspace};
 
 /// A program of ours and its arguments.
-type CommandLine = (String, Vec<String>);
+pub(crate) type CommandLine = (String, Vec<String>);
 
 /// The command lines in the `sh` blocks of a markdown text that run a program of this workspace.
-fn commands(markdown: &str) -> Vec<CommandLine> {
+pub(crate) fn commands(markdown: &str) -> Vec<CommandLine> {
     let blocks = markdown.split("```").skip(1).step_by(2).filter_map(|block| block.strip_prefix("sh\n"));
     let lines: Vec<String> =
         blocks.flat_map(|block| block.replace("\\\n", " ").lines().map(str::to_owned).collect::<Vec<_>>()).collect();

@@ -7,26 +7,7 @@ use serde_json::Value;
 use tactile_tests::programs::{run, workspace};
 use tactile_tests::samples::Sample;
 
-/// The commands of a page's shell blocks, each as a program and its words.
-fn commands(page: &str) -> Vec<(String, Vec<String>)> {
-    let mut in_block = false;
-    let mut lines = String::new();
-    for line in page.lines() {
-        if line.starts_with("```") {
-            in_block = line == "```sh";
-        } else if in_block {
-            let (text, goes_on) = line.strip_suffix('\\').map_or((line, false), |text| (text, true));
-            lines += text;
-            lines += if goes_on { " " } else { "\n" };
-        }
-    }
-    let command = |line: &str| {
-        let words = line.strip_prefix("cargo run --release --bin ").expect("a program of this project");
-        let (program, words) = words.split_once(" -- ").expect("its arguments");
-        (program.to_owned(), words.split_whitespace().map(str::to_owned).collect())
-    };
-    lines.lines().map(command).collect()
-}
+use crate::readme::commands;
 
 fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
