@@ -1,0 +1,1 @@
+//! Live touches: frames and poses in, decisions out.
