@@ -1,20 +1,15 @@
 //! A dataset as a ROS 2 bag in MCAP.
 
-use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use mcap::records::MessageHeader;
-use mcap::{WriteOptions, Writer};
-
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::export::jpeg;
 use crate::export::partial::Partial;
 use crate::frame::Frame;
 use crate::recording::rest::MAX_REST_FRAMES;
-use crate::recording::ros::definitions;
-use crate::recording::ros::messages::{CompressedImage, Header, Image, Message, PoseStamped, Time, to_cdr};
+use crate::recording::ros::bag_writer::{BagWriter, ChannelId};
+use crate::recording::ros::messages::{CompressedImage, Header, Image, PoseStamped, Time, to_cdr};
 use crate::recording::ros::rigid::Rigid;
 use crate::store::Dataset;
 use crate::touch::{Side, Touch};
@@ -47,7 +42,7 @@ const LEAST_FIRST_TOUCH_NS: i64 = PAUSE_NS + (MAX_REST_FRAMES as i64) * FRAME_NS
 pub fn export(dataset: &Dataset, out: &Path, quality: Option<u8>, progress: &dyn Fn(usize, usize)) -> Result<()> {
     let times = times_ns(dataset.touches());
     let (partial, file) = Partial::file(out)?;
-    let mut bag = BagWriter::create(partial.path(), file, quality)?;
+    let mut bag = TouchBag::create(partial.path(), file, quality)?;
     let first = times.first().copied().unwrap_or(LEAST_FIRST_TOUCH_NS);
     for back in (0..MAX_REST_FRAMES as i64).rev() {
         bag.picture(first - PAUSE_NS - back * FRAME_NS, dataset.no_contact())?;
@@ -57,7 +52,7 @@ pub fn export(dataset: &Dataset, out: &Path, quality: Option<u8>, progress: &dyn
         bag.pose(*time_ns, dataset.touch(i))?;
         progress(i + 1, dataset.len());
     }
-    bag.finish()?;
+    bag.bag.finish()?;
     partial.finish()
 }
 
@@ -76,56 +71,34 @@ fn times_ns(touches: &[Touch]) -> Vec<i64> {
     times
 }
 
-fn stamp(time_ns: i64) -> Time {
-    let [sec, nanosec] = [time_ns.div_euclid(1_000_000_000), time_ns.rem_euclid(1_000_000_000)];
-    Time { sec: sec as i32, nanosec: nanosec as u32 }
-}
-
 /// A bag with two topics.
-struct BagWriter<'a> {
-    path: &'a Path,
-    writer: Writer<BufWriter<File>>,
+struct TouchBag {
+    bag: BagWriter,
     quality: Option<u8>,
-    image_channel: u16,
-    pose_channel: u16,
-    /// Messages so far of each channel.
-    sequence: BTreeMap<u16, u32>,
+    image_channel: ChannelId,
+    pose_channel: ChannelId,
 }
 
-impl<'a> BagWriter<'a> {
-    fn create(path: &'a Path, file: File, quality: Option<u8>) -> Result<Self> {
-        let options = WriteOptions::new()
-            .compression(None)
-            .profile("ros2")
-            .library(concat!("tactile-data ", env!("CARGO_PKG_VERSION")));
-        let mut writer = options.create(BufWriter::new(file)).map_err(failed(path))?;
+impl TouchBag {
+    fn create(path: &Path, file: File, quality: Option<u8>) -> Result<Self> {
+        let mut bag = BagWriter::new(path, file, concat!("tactile-data ", env!("CARGO_PKG_VERSION")))?;
         let image_channel = match quality {
-            Some(_) => channel::<CompressedImage>(&mut writer, IMAGE_TOPIC, definitions::COMPRESSED_IMAGE),
-            None => channel::<Image>(&mut writer, IMAGE_TOPIC, definitions::IMAGE),
-        }
-        .map_err(failed(path))?;
-        let pose_channel = channel::<PoseStamped>(&mut writer, POSE_TOPIC, definitions::POSE_STAMPED);
-        let pose_channel = pose_channel.map_err(failed(path))?;
-        Ok(Self { path, writer, quality, image_channel, pose_channel, sequence: BTreeMap::new() })
+            Some(_) => bag.channel::<CompressedImage>(IMAGE_TOPIC)?,
+            None => bag.channel::<Image>(IMAGE_TOPIC)?,
+        };
+        let pose_channel = bag.channel::<PoseStamped>(POSE_TOPIC)?;
+        Ok(Self { bag, quality, image_channel, pose_channel })
     }
 
     fn picture(&mut self, time_ns: i64, frame: &Frame) -> Result<()> {
-        let header = Header { stamp: stamp(time_ns), frame_id: CAMERA_FRAME.to_owned() };
+        let header = Header { stamp: Time::of_nanoseconds(time_ns), frame_id: CAMERA_FRAME.to_owned() };
         let cdr = match self.quality {
             Some(quality) => {
                 to_cdr(&CompressedImage { header, format: "jpeg".to_owned(), data: jpeg(frame, quality)? })
             }
-            None => to_cdr(&Image {
-                header,
-                height: frame.height_px() as u32,
-                width: frame.width_px() as u32,
-                encoding: "rgb8".to_owned(),
-                is_bigendian: 0,
-                step: 3 * frame.width_px() as u32,
-                data: frame.rgb().to_vec(),
-            }),
+            None => to_cdr(&Image::of_frame(header, frame)),
         };
-        self.write(self.image_channel, time_ns, &cdr)
+        self.bag.write(self.image_channel, time_ns, &cdr)
     }
 
     /// Writes the touch's pose, where it is known.
@@ -137,35 +110,8 @@ impl<'a> BagWriter<'a> {
             Some(Side::Peg) => format!("peg/{part}"),
             None => part.to_owned(),
         };
-        let header = Header { stamp: stamp(time_ns), frame_id };
+        let header = Header { stamp: Time::of_nanoseconds(time_ns), frame_id };
         let pose = Rigid::from_plane(&part_from_sensor).to_pose();
-        self.write(self.pose_channel, time_ns, &to_cdr(&PoseStamped { header, pose }))
-    }
-
-    fn write(&mut self, channel_id: u16, time_ns: i64, cdr: &[u8]) -> Result<()> {
-        let sequence = self.sequence.entry(channel_id).or_default();
-        let time = time_ns.unsigned_abs();
-        let header = MessageHeader { channel_id, sequence: *sequence, log_time: time, publish_time: time };
-        *sequence += 1;
-        self.writer.write_to_known_channel(&header, cdr).map_err(failed(self.path))
-    }
-
-    fn finish(mut self) -> Result<()> {
-        self.writer.finish().map_err(failed(self.path))?;
-        let mut file = self.writer.into_inner();
-        file.flush().and_then(|()| file.get_ref().sync_all()).map_err(Error::io(self.path))
-    }
-}
-
-fn channel<M: Message>(writer: &mut Writer<BufWriter<File>>, topic: &str, definition: &str) -> mcap::McapResult<u16> {
-    let schema = writer.add_schema(M::TYPE, "ros2msg", definition.as_bytes())?;
-    let qos = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
-    writer.add_channel(schema, topic, "cdr", &qos)
-}
-
-fn failed(path: &Path) -> impl FnOnce(mcap::McapError) -> Error {
-    move |error| match error {
-        mcap::McapError::Io(error) => Error::io(path)(error),
-        other => Error::invalid(path.display().to_string(), "a bag that can be written", other.to_string()),
+        self.bag.write(self.pose_channel, time_ns, &to_cdr(&PoseStamped { header, pose }))
     }
 }

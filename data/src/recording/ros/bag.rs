@@ -38,6 +38,8 @@ pub struct Message {
     pub channel: Arc<Channel>,
     /// When it was recorded, nanoseconds.
     pub log_time_ns: i64,
+    /// The number that its writer gave it.
+    pub sequence: u32,
     file: Arc<str>,
     data: Vec<u8>,
 }
@@ -46,6 +48,11 @@ impl Message {
     /// Where it is, for errors: file, topic and the time at which it was recorded.
     pub fn place(&self) -> String {
         format!("{}, {}, {:.3} s", self.file, self.channel.topic, self.log_time_ns as f64 * 1e-9)
+    }
+
+    /// Its bytes as they were written.
+    pub fn bytes(&self) -> &[u8] {
+        &self.data
     }
 
     /// Its bytes in CDR, unpacked where rosbag2 packed each message by itself.
@@ -261,7 +268,8 @@ impl OpenFile {
         };
         body.drain(..header_len);
         let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
-        Ok(Message { channel: Arc::clone(channel), log_time_ns, file: Arc::clone(&self.name), data: body })
+        let sequence = header.sequence;
+        Ok(Message { channel: Arc::clone(channel), log_time_ns, sequence, file: Arc::clone(&self.name), data: body })
     }
 }
 

@@ -68,6 +68,11 @@ impl<'a> Reader<'a> {
         self.number(field).map(i32::from_le_bytes)
     }
 
+    /// A number with 32 bits.
+    pub fn f32(&mut self, field: &str) -> Result<f32> {
+        self.number(field).map(f32::from_le_bytes)
+    }
+
     /// A number with 64 bits.
     pub fn f64(&mut self, field: &str) -> Result<f64> {
         self.number(field).map(f64::from_le_bytes)
@@ -123,6 +128,11 @@ impl Writer {
 
     /// A signed number of 32 bits.
     pub fn i32(&mut self, value: i32) {
+        self.number(value.to_le_bytes());
+    }
+
+    /// A number with 32 bits.
+    pub fn f32(&mut self, value: f32) {
         self.number(value.to_le_bytes());
     }
 

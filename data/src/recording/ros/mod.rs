@@ -8,6 +8,8 @@ pub mod picture;
 #[cfg(feature = "mcap")]
 pub mod bag;
 #[cfg(feature = "mcap")]
+pub mod bag_writer;
+#[cfg(feature = "mcap")]
 mod choice;
 #[cfg(feature = "mcap")]
 pub mod import;

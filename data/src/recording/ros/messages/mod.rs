@@ -2,6 +2,16 @@
 //!
 //! Lengths are metres, rotations unit quaternions, as everywhere in ROS.
 
+mod maps;
+mod pictures;
+mod poses;
+mod reports;
+
+pub use maps::{OccupancyGrid, PointCloud2, PointField};
+pub use pictures::{CompressedImage, Image};
+pub use poses::{Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, TFMessage, TransformStamped};
+pub use reports::{DiagnosticArray, DiagnosticStatus, KeyValue, Level, Text, TriggerRequest, TriggerResponse};
+
 use crate::error::Result;
 use crate::recording::ros::cdr::{Reader, Writer};
 
@@ -9,6 +19,8 @@ use crate::recording::ros::cdr::{Reader, Writer};
 pub trait Message: Sized {
     /// Its type, such as `sensor_msgs/msg/Image`.
     const TYPE: &str;
+    /// Its definition and those of the types in it, as MCAP carries them (`ros2msg`).
+    const DEFINITION: &str;
     /// Reads the fields.
     ///
     /// # Errors
@@ -47,6 +59,21 @@ impl Time {
     pub fn nanoseconds(self) -> i64 {
         i64::from(self.sec) * 1_000_000_000 + i64::from(self.nanosec)
     }
+
+    /// The moment so many nanoseconds after the clock's zero; the nearest that a message can hold.
+    pub fn of_nanoseconds(time_ns: i64) -> Self {
+        let sec = time_ns.div_euclid(1_000_000_000).clamp(i64::from(i32::MIN), i64::from(i32::MAX));
+        Self { sec: sec as i32, nanosec: time_ns.rem_euclid(1_000_000_000) as u32 }
+    }
+
+    fn read(cdr: &mut Reader) -> Result<Self> {
+        Ok(Self { sec: cdr.i32("stamp.sec")?, nanosec: cdr.u32("stamp.nanosec")? })
+    }
+
+    fn write(self, cdr: &mut Writer) {
+        cdr.i32(self.sec);
+        cdr.u32(self.nanosec);
+    }
 }
 
 /// When and in which frame.
@@ -61,182 +88,12 @@ pub struct Header {
 impl Header {
     /// Reads the fields.
     pub fn read(cdr: &mut Reader) -> Result<Self> {
-        let stamp = Time { sec: cdr.i32("header.stamp.sec")?, nanosec: cdr.u32("header.stamp.nanosec")? };
-        Ok(Self { stamp, frame_id: cdr.string("header.frame_id")? })
+        Ok(Self { stamp: Time::read(cdr)?, frame_id: cdr.string("header.frame_id")? })
     }
 
     fn write(&self, cdr: &mut Writer) {
-        cdr.i32(self.stamp.sec);
-        cdr.u32(self.stamp.nanosec);
+        self.stamp.write(cdr);
         cdr.string(&self.frame_id);
-    }
-}
-
-/// `sensor_msgs/msg/Image`: a picture as plain pixels.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Image {
-    /// When, and the camera's frame.
-    pub header: Header,
-    /// Rows.
-    pub height: u32,
-    /// Pixels in a row.
-    pub width: u32,
-    /// Channels and their order: `rgb8`, `bgr8`, `mono8`.
-    pub encoding: String,
-    /// Whether numbers of several bytes are big endian.
-    pub is_bigendian: u8,
-    /// Bytes from the start of a row to the start of the next.
-    pub step: u32,
-    /// `step * height` bytes, rows from the top.
-    pub data: Vec<u8>,
-}
-
-impl Message for Image {
-    const TYPE: &str = "sensor_msgs/msg/Image";
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        Ok(Self {
-            header: Header::read(cdr)?,
-            height: cdr.u32("height")?,
-            width: cdr.u32("width")?,
-            encoding: cdr.string("encoding")?,
-            is_bigendian: cdr.u8("is_bigendian")?,
-            step: cdr.u32("step")?,
-            data: cdr.bytes("data")?.to_vec(),
-        })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.u32(self.height);
-        cdr.u32(self.width);
-        cdr.string(&self.encoding);
-        cdr.u8(self.is_bigendian);
-        cdr.u32(self.step);
-        cdr.bytes(&self.data);
-    }
-}
-
-/// `sensor_msgs/msg/CompressedImage`: a picture as the bytes of a JPEG or PNG.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct CompressedImage {
-    /// When, and the camera's frame.
-    pub header: Header,
-    /// What the sender calls the format.
-    pub format: String,
-    /// The picture's file.
-    pub data: Vec<u8>,
-}
-
-impl Message for CompressedImage {
-    const TYPE: &str = "sensor_msgs/msg/CompressedImage";
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let header = Header::read(cdr)?;
-        Ok(Self { header, format: cdr.string("format")?, data: cdr.bytes("data")?.to_vec() })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.string(&self.format);
-        cdr.bytes(&self.data);
-    }
-}
-
-/// A place and a rotation in space: `geometry_msgs/msg/Pose` and `Transform`, which have one layout.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
-    /// x, y and z, metres.
-    pub position: [f64; 3],
-    /// x, y, z and w of a unit quaternion.
-    pub orientation: [f64; 4],
-}
-
-impl Pose {
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let mut pose = Self { position: [0.0; 3], orientation: [0.0; 4] };
-        for value in pose.position.iter_mut().chain(&mut pose.orientation) {
-            *value = cdr.f64("a pose")?;
-        }
-        Ok(pose)
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.position.iter().chain(&self.orientation).for_each(|value| cdr.f64(*value));
-    }
-}
-
-/// `geometry_msgs/msg/PoseStamped`.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PoseStamped {
-    /// When, and the frame in which the pose is given.
-    pub header: Header,
-    /// The pose.
-    pub pose: Pose,
-}
-
-impl Message for PoseStamped {
-    const TYPE: &str = "geometry_msgs/msg/PoseStamped";
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        Ok(Self { header: Header::read(cdr)?, pose: Pose::read(cdr)? })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        self.pose.write(cdr);
-    }
-}
-
-/// `geometry_msgs/msg/TransformStamped`: the pose of the child's frame in the header's.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TransformStamped {
-    /// When, and the parent's frame.
-    pub header: Header,
-    /// The frame whose pose it is.
-    pub child_frame_id: String,
-    /// The pose.
-    pub transform: Pose,
-}
-
-impl TransformStamped {
-    /// What one takes at least: a stamp, two empty names and seven numbers.
-    const LEAST_BYTES: usize = 8 + 4 + 4 + 56;
-}
-
-impl Message for TransformStamped {
-    const TYPE: &str = "geometry_msgs/msg/TransformStamped";
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let header = Header::read(cdr)?;
-        Ok(Self { header, child_frame_id: cdr.string("child_frame_id")?, transform: Pose::read(cdr)? })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        self.header.write(cdr);
-        cdr.string(&self.child_frame_id);
-        self.transform.write(cdr);
-    }
-}
-
-/// `tf2_msgs/msg/TFMessage`: what `/tf` and `/tf_static` carry.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct TFMessage {
-    /// Any number of transforms.
-    pub transforms: Vec<TransformStamped>,
-}
-
-impl Message for TFMessage {
-    const TYPE: &str = "tf2_msgs/msg/TFMessage";
-
-    fn read(cdr: &mut Reader) -> Result<Self> {
-        let count = cdr.count(TransformStamped::LEAST_BYTES, "transforms")?;
-        Ok(Self { transforms: (0..count).map(|_| TransformStamped::read(cdr)).collect::<Result<_>>()? })
-    }
-
-    fn write(&self, cdr: &mut Writer) {
-        cdr.u32(self.transforms.len() as u32);
-        self.transforms.iter().for_each(|transform| transform.write(cdr));
     }
 }
 
@@ -255,6 +112,29 @@ mod tests {
                       0000f03f00000000000000400000000000000840000000000000000000000000000000000000000000000000000000\
                       000000f03f0c00000035a49a1406000000746f6f6c300000000700000073656e736f720000000000000000f0bf0000\
                       00000000d03f0000000000000000000000000000f03f000000000000000000000000000000000000000000000000";
+
+    const ARRAY: &str = "000100000c00000035a49a1405000000686f6c650000000002000000000000000000f03f000000000000\
+                         00400000000000000840000000000000000000000000000000000000000000000000000000000000f03f\
+                         000000000000f0bf000000000000d03f0000000000000000000000000000000000000000000000003333\
+                         33333333e33f9a9999999999e93f";
+    const COV: &str = "000100000c00000035a49a1405000000626173650000000000000000000000000000f03f000000000000\
+                         00400000000000000840000000000000000000000000000000000000000000000000000000000000f03f\
+                         0000000000000000000000000000d03f000000000000e03f000000000000e83f000000000000f03f0000\
+                         00000000f43f000000000000f83f000000000000fc3f0000000000000040000000000000024000000000\
+                         00000440000000000000064000000000000008400000000000000a400000000000000c40000000000000\
+                         0e4000000000000010400000000000001140000000000000124000000000000013400000000000001440\
+                         000000000000154000000000000016400000000000001740000000000000184000000000000019400000\
+                         000000001a400000000000001b400000000000001c400000000000001d400000000000001e4000000000\
+                         00001f400000000000002040000000000080204000000000000021400000000000802140";
+    const GRID: &str = "000100000c00000035a49a1405000000686f6c650000000001000000020000000000803e030000000100\
+                         0000000000000000f03f0000000000000040000000000000084000000000000000000000000000000000\
+                         0000000000000000000000000000f03f03000000ff0064";
+    const CLOUD: &str = "000100000c00000035a49a14020000006800000001000000020000000200000002000000780000000000\
+                         000007000000010000000700000077656967687400000400000007000000010000000000000008000000\
+                         10000000100000000000803f0000003f000000c00000803e01";
+    const TEXT: &str = "00010000070000004f206f72205100";
+    const DIAG: &str = "000100000c00000035a49a1401000000000000000100000002000000070000006672616d657300000700\
+                         000066726f7a656e0000010000000000000001000000060000006167655f7300000004000000312e3500";
 
     fn bytes(hex: &str) -> Vec<u8> {
         let digits: Vec<u8> = hex.chars().filter_map(|c| c.to_digit(16)).map(|digit| digit as u8).collect();
@@ -291,6 +171,42 @@ mod tests {
         let first = transform("base", "tool0", [1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0]);
         let second = transform("tool0", "sensor", [-1.0, 0.25, 0.0], [1.0, 0.0, 0.0, 0.0]);
         check(TF, TFMessage { transforms: vec![first, second] });
+    }
+
+    const UPRIGHT: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+
+    #[test]
+    fn what_the_node_publishes_has_the_bytes_of_another_program() {
+        let here = Pose { position: [1.0, 2.0, 3.0], orientation: UPRIGHT };
+        let poses = vec![here, Pose { position: [-1.0, 0.25, 0.0], orientation: [0.0, 0.0, 0.6, 0.8] }];
+        check(ARRAY, PoseArray { header: header("hole"), poses });
+        let covariance = std::array::from_fn(|i| i as f64 / 4.0);
+        check(COV, PoseWithCovarianceStamped { header: header("base"), pose: here, covariance });
+        let map_load_time = Time { sec: 1, nanosec: 2 };
+        let (resolution, width, height, data) = (0.25, 3, 1, vec![-1, 0, 100]);
+        let header_of = header;
+        let header = header_of("hole");
+        check(GRID, OccupancyGrid { header, map_load_time, resolution, width, height, origin: here, data });
+        check(CLOUD, PointCloud2::of_floats(header_of("h"), ["x", "weight"], &[[1.0, 0.5], [-2.0, 0.25]]));
+        check(TEXT, Text { data: "O or Q".into() });
+        let status = DiagnosticStatus {
+            level: Level::Error,
+            name: "frames".into(),
+            message: "frozen".into(),
+            hardware_id: String::new(),
+            values: vec![KeyValue::new("age_s", 1.5)],
+        };
+        check(DIAG, DiagnosticArray { header: header_of(""), status: vec![status] });
+    }
+
+    #[test]
+    fn a_service_has_the_bytes_that_the_standard_computes() {
+        // A bool, three bytes up to the string's length, eight bytes of text with the closing zero.
+        let answer = TriggerResponse { success: true, message: "touch 3".into() };
+        check("00010000 01000000 08000000 746f756368203300", answer);
+        check("00010000 00", TriggerRequest);
+        assert_eq!(Time::of_nanoseconds(-1), Time { sec: -1, nanosec: 999_999_999 });
+        assert_eq!(Time::of_nanoseconds(12_345_678_901).nanoseconds(), 12_345_678_901);
     }
 
     #[test]
