@@ -86,8 +86,14 @@ fn mean_difference(a: &Frame, b: &Frame) -> f64 {
     sum as f64 / a.rgb().len() as f64
 }
 
-/// The median of each byte over frames of one size, at least one.
-fn median(frames: &[Frame]) -> Result<Frame> {
+/// The median of each byte over frames of one size.
+///
+/// # Errors
+/// No frame.
+pub fn median(frames: &[Frame]) -> Result<Frame> {
+    if frames.is_empty() {
+        return Err(Error::invalid("no-contact frames", "at least one frame", "none"));
+    }
     let mut values = vec![0; frames.len()];
     let middle = frames.len() / 2;
     let rgb = (0..frames[0].rgb().len()).map(|at| {

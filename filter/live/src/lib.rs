@@ -10,13 +10,14 @@
 #![cfg_attr(test, allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic"))]
 
 pub mod camera;
-mod decision;
+pub mod decision;
 mod error;
 pub mod event;
 pub mod log;
 mod node;
 pub mod parameters;
 mod published;
+mod rest;
 pub mod replay;
 #[cfg(feature = "robot")]
 pub mod robot;
@@ -25,7 +26,7 @@ pub mod stillness;
 pub mod tool;
 mod troubles;
 
-pub use decision::{DecisionReport, EstimateReport, Motion};
+pub use decision::DecisionReport;
 pub use error::{Error, Result};
 pub use event::{Event, Input, Output, Request, Topic};
 pub use node::Node;

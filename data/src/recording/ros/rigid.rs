@@ -67,6 +67,43 @@ impl Rigid {
         Self { shift_m: [pose.x_mm / MM_PER_M, pose.y_mm / MM_PER_M, 0.0], rotation: [0.0, 0.0, sin, cos] }
     }
 
+    /// A shift in metres, then rotations about the fixed axes x, y and z (roll, pitch and yaw of REP 103), radians.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, more than 10 m; `place` names them.
+    pub fn from_xyz_rpy(xyz_m: [f64; 3], rpy_rad: [f64; 3], place: &str) -> Result<Self> {
+        let about = |axis: usize| {
+            let (sin, cos) = (rpy_rad[axis] / 2.0).sin_cos();
+            let mut rotation = [0.0, 0.0, 0.0, cos];
+            rotation[axis] = sin;
+            rotation
+        };
+        let orientation = product(about(2), product(about(1), about(0)));
+        Self::from_pose(&Pose { position: xyz_m, orientation }, place)
+    }
+
+    /// A shift in metres.
+    pub fn from_shift(shift_m: [f64; 3]) -> Self {
+        Self { shift_m, ..Self::IDENTITY }
+    }
+
+    /// How far the origin is moved, mm.
+    pub fn length_mm(&self) -> f64 {
+        self.shift_m.iter().map(|m| m * m).sum::<f64>().sqrt() * MM_PER_M
+    }
+
+    /// By how much it turns, degrees, 0..=180.
+    pub fn angle_deg(&self) -> f64 {
+        let [x, y, z, w] = self.rotation;
+        2.0 * (x * x + y * y + z * z).sqrt().atan2(w.abs()).to_degrees()
+    }
+
+    /// The rotation as a matrix, row by row.
+    pub fn matrix(&self) -> [[f64; 3]; 3] {
+        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| rotate(self.rotation, axis));
+        std::array::from_fn(|row| std::array::from_fn(|column| columns[column][row]))
+    }
+
     /// The same as a message has it.
     pub fn to_pose(self) -> Pose {
         Pose { position: self.shift_m, orientation: self.rotation }
@@ -147,6 +184,17 @@ fn rotate(rotation: [f64; 4], [x, y, z]: [f64; 3]) -> [f64; 3] {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn roll_pitch_and_yaw_are_rep_103s() {
+        // Yaw is made last: a quarter turn about x, then one about z, brings z to x.
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let turned = Rigid::from_xyz_rpy([0.003, 0.004, 0.0], [quarter, 0.0, quarter], "here").unwrap();
+        let [[xz, ..], [..], [..]] = turned.matrix().map(|[_, _, z]| [z]);
+        assert!((xz - 1.0).abs() < 1e-12 && (turned.length_mm() - 5.0).abs() < 1e-12);
+        assert!((turned.angle_deg() - 120.0).abs() < 1e-9, "{}", turned.angle_deg());
+        assert!(Rigid::from_xyz_rpy([f64::NAN, 0.0, 0.0], [0.0; 3], "here").is_err());
+    }
 
     fn rigid() -> impl Strategy<Value = Rigid> {
         let unit = prop::array::uniform4(-1.0..1.0_f64).prop_filter("not zero", |q| q.iter().any(|v| v.abs() > 0.1));

@@ -1,0 +1,430 @@
+//! The node's parameters, as a ROS 2 user sets them: a YAML file, `-p name:=value`, or the defaults.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use tactile_data::grid::PoseGrid;
+use tactile_data::recording::geometry::{Crop, Geometry};
+use tactile_data::recording::provenance::{Channels, Mirror};
+use tactile_data::recording::ros::rigid::Rigid;
+use tactile_filter::EpisodeConfig;
+use tactile_infer::Model;
+
+use crate::error::{Error, Result};
+
+/// What the node can be set to. Names in ROS have a dot: `camera.crop`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Parameters {
+    /// When a touch is observed.
+    pub trigger: Trigger,
+    /// Whether the first pictures are taken for the sensor at rest, without being asked.
+    pub rest_at_start: bool,
+    /// Seconds that a touch may take to be observed, from the trigger on; 1.0 if not given.
+    pub observe_timeout_s: Option<f64>,
+    /// The camera.
+    pub camera: CameraParameters,
+    /// The robot's tool.
+    pub tool: ToolParameters,
+    /// Where the robot can touch.
+    pub reach: ReachParameters,
+    /// The filter.
+    pub episode: EpisodeParameters,
+    /// Names of frames in what is published.
+    pub frames: FrameParameters,
+}
+
+/// When a touch is observed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Trigger {
+    /// When the service `~/observe` is called.
+    #[default]
+    Service,
+    /// When a contact has settled, once for each contact, and when the service is called. A touch that shows no edge
+    /// needs the service: no camera sees it.
+    Contact,
+}
+
+/// How pictures become frames, and when they are of use.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraParameters {
+    /// Order of the colours where an encoding does not say it, or says it wrongly: `bgr` turns what comes round.
+    pub channels: Channels,
+    /// Quarter turns counter-clockwise, as the picture is looked at; 0..=3.
+    pub quarter_turns: u8,
+    /// `x` (left and right) or `y` (top and bottom) turns the picture round.
+    pub mirror: Option<Mirror>,
+    /// `LEFT,TOP,WIDTH,HEIGHT` in pixels, or `border:1/7`; nothing keeps all.
+    pub crop: Option<String>,
+    /// Whether black bars are cut away.
+    pub letterbox: bool,
+    /// What the kept picture shows along x and y, mm; a GelSight Mini's if not given.
+    pub field_of_view_mm: Option<[f64; 2]>,
+    /// A picture of a touch is at most this old, seconds.
+    pub max_age_s: f64,
+    /// After so many seconds without a new picture the camera counts as gone, and a new frame at rest is asked for.
+    pub reconnect_s: f64,
+    /// Whose clock stamps the pictures.
+    pub clock: Clock,
+    /// Pictures a second that should come; fewer than three quarters of them is reported.
+    pub rate_hz: Option<f64>,
+    /// Pictures whose median is the frame at rest.
+    pub n_rest: usize,
+}
+
+impl Default for CameraParameters {
+    fn default() -> Self {
+        Self {
+            channels: Channels::default(),
+            quarter_turns: 0,
+            mirror: None,
+            crop: None,
+            letterbox: false,
+            field_of_view_mm: None,
+            max_age_s: 0.3,
+            reconnect_s: 2.0,
+            clock: Clock::default(),
+            rate_hz: None,
+            n_rest: 9,
+        }
+    }
+}
+
+/// Whose clock stamps the pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clock {
+    /// One of its own: a picture is as late as its stamp is behind that of the quickest one since the clock was set.
+    #[default]
+    Own,
+    /// The same as this machine's: a picture is as old as its stamp says.
+    Shared,
+}
+
+/// Where the sensor is mounted, and what standing still means.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ToolParameters {
+    /// The sensor's origin (the middle of its picture) in the frame of the tool pose, metres.
+    pub sensor_xyz_m: [f64; 3],
+    /// Its roll, pitch and yaw there, radians: x to the right in the kept picture, y down, z out of the gel.
+    pub sensor_rpy_rad: [f64; 3],
+    /// Poses that differ by no more are the same place, mm.
+    pub still_mm: f64,
+    /// The same for the angle, degrees.
+    pub still_deg: f64,
+    /// Two touches differ in tilt by at most this, degrees.
+    pub max_tilt_deg: f64,
+    /// A pose is at most this old, seconds; 20 usual intervals (at least 1 s) if not given.
+    pub max_age_s: Option<f64>,
+}
+
+impl Default for ToolParameters {
+    fn default() -> Self {
+        Self {
+            sensor_xyz_m: [0.0; 3],
+            sensor_rpy_rad: [0.0; 3],
+            still_mm: 0.05,
+            still_deg: 0.1,
+            max_tilt_deg: 5.0,
+            max_age_s: None,
+        }
+    }
+}
+
+/// The motions among which the next touch is chosen: a grid of poses, seen from the first touch. What is not given is the
+/// bank's.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReachParameters {
+    /// How far to each side along x and y, mm.
+    pub xy_half_mm: Option<f64>,
+    /// From one to the next along x and y, mm.
+    pub xy_step_mm: Option<f64>,
+    /// How far to each side in angle, degrees.
+    pub theta_half_deg: Option<f64>,
+    /// From one to the next in angle, degrees.
+    pub theta_step_deg: Option<f64>,
+}
+
+/// The filter's settings that a user sets; the rest are what was measured of the model.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EpisodeParameters {
+    /// Seed of the first episode's draws; each further one has the next number. 1 if not given.
+    pub seed: Option<u64>,
+    /// [`EpisodeConfig::stop_probability`].
+    pub stop_probability: Option<f64>,
+    /// [`EpisodeConfig::stop_place_mm`].
+    pub stop_place_mm: Option<f64>,
+    /// [`EpisodeConfig::max_touches`].
+    pub max_touches: Option<usize>,
+}
+
+/// Names of frames in what is published.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FrameParameters {
+    /// The sensor's.
+    pub sensor: String,
+    /// The part's, in which the belief is drawn.
+    pub part: String,
+}
+
+impl Default for FrameParameters {
+    fn default() -> Self {
+        Self { sensor: "tactile_sensor".into(), part: "part".into() }
+    }
+}
+
+impl Parameters {
+    /// Reads a parameter file of ROS 2: the settings below `ros__parameters` of every entry that means this node
+    /// (`/**`, `node`, `/namespace/node`, or `namespace:` with `node:` below it), later ones over earlier ones.
+    ///
+    /// # Errors
+    /// No YAML, no entry for this node, a name that no parameter has, a value out of range.
+    pub fn from_yaml(text: &str, node: &str, place: &str) -> Result<Map<String, Value>> {
+        let root: Value = serde_saphyr::from_str(text).map_err(|error| {
+            let line = error.to_string().lines().next().unwrap_or_default().to_owned();
+            Error::invalid(place, "a parameter file in YAML", line)
+        })?;
+        let mut found = Map::new();
+        let mut is_found = false;
+        entries(&root, "", &mut |path, parameters| {
+            if is_this_node(path, node) {
+                is_found = true;
+                merge(&mut found, parameters);
+            }
+        });
+        if !is_found {
+            let expected = format!("ros__parameters below /**: or {node}:");
+            return Err(Error::invalid(place, expected, "none"));
+        }
+        Ok(found)
+    }
+
+    /// Sets `name` (with dots) to a value as YAML has it, among parameters read before.
+    ///
+    /// # Errors
+    /// Text that is no YAML.
+    pub fn set(parameters: &mut Map<String, Value>, name: &str, value: &str) -> Result<()> {
+        let value: Value = serde_saphyr::from_str(value)
+            .map_err(|_| Error::invalid(format!("parameter {name}"), "a value in YAML", value))?;
+        merge(parameters, &Map::from_iter([(name.to_owned(), value)]));
+        Ok(())
+    }
+
+    /// The parameters of what was read; ROS' own `use_sim_time` is left aside.
+    ///
+    /// # Errors
+    /// A name that no parameter has, a value of another type or out of range.
+    pub fn of(mut parameters: Map<String, Value>) -> Result<Self> {
+        parameters.remove("use_sim_time");
+        let parameters: Self = serde_json::from_value(Value::Object(parameters))
+            .map_err(|error| Error::invalid("parameters", "names and values of this node", error.to_string()))?;
+        parameters.validate()?;
+        Ok(parameters)
+    }
+
+    /// Refuses numbers out of range.
+    ///
+    /// # Errors
+    /// The first of them, by its name.
+    pub fn validate(&self) -> Result<()> {
+        let Self { camera, tool, .. } = self;
+        let positive = [
+            ("observe_timeout_s", self.observe_timeout_s),
+            ("camera.max_age_s", Some(camera.max_age_s)),
+            ("camera.reconnect_s", Some(camera.reconnect_s)),
+            ("camera.rate_hz", camera.rate_hz),
+            ("tool.still_mm", Some(tool.still_mm)),
+            ("tool.still_deg", Some(tool.still_deg)),
+            ("tool.max_tilt_deg", Some(tool.max_tilt_deg)),
+            ("tool.max_age_s", tool.max_age_s),
+        ];
+        for (name, value) in positive {
+            if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0 && *value < 1e9)) {
+                return Err(Error::invalid(name, "a positive number", value.to_string()));
+            }
+        }
+        if !(3..=100).contains(&camera.n_rest) {
+            return Err(Error::invalid("camera.n_rest", "3 to 100 pictures", camera.n_rest.to_string()));
+        }
+        self.tool.tool_from_sensor()?;
+        camera.geometry().map(|_| ())
+    }
+
+    /// The settings of the episode of a number, from 0 on.
+    pub fn episode_config(&self, model: &Model, episode: u64) -> EpisodeConfig {
+        let EpisodeParameters { seed, stop_probability, stop_place_mm, max_touches } = self.episode;
+        let of_model = EpisodeConfig::of(model);
+        EpisodeConfig {
+            stop_probability: stop_probability.unwrap_or(of_model.stop_probability),
+            stop_place_mm: stop_place_mm.or(of_model.stop_place_mm),
+            max_touches: max_touches.unwrap_or(of_model.max_touches),
+            seed: seed.unwrap_or(of_model.seed).wrapping_add(episode),
+            ..of_model
+        }
+    }
+
+    /// The poses that can be reached, seen from the first touch.
+    ///
+    /// # Errors
+    /// Numbers that make no grid.
+    pub fn reach(&self, bank: &PoseGrid) -> Result<PoseGrid> {
+        let asked = &self.reach;
+        let grid = PoseGrid {
+            xy_half_mm: asked.xy_half_mm.unwrap_or(bank.xy_half_mm),
+            xy_step_mm: asked.xy_step_mm.unwrap_or(bank.xy_step_mm),
+            theta_half_deg: asked.theta_half_deg.unwrap_or(bank.theta_half_deg),
+            theta_step_deg: asked.theta_step_deg.unwrap_or(bank.theta_step_deg),
+        };
+        grid.validate()?;
+        Ok(grid)
+    }
+}
+
+impl CameraParameters {
+    /// The geometry of the pictures.
+    ///
+    /// # Errors
+    /// A crop that cannot be read.
+    pub fn geometry(&self) -> Result<Geometry> {
+        let crop = self.crop.as_deref().filter(|crop| !crop.is_empty()).map(str::parse::<Crop>).transpose()?;
+        Ok(Geometry {
+            channels: self.channels,
+            quarter_turns: self.quarter_turns,
+            mirror: self.mirror,
+            crop,
+            letterbox: self.letterbox,
+            field_of_view_mm: self.field_of_view_mm,
+            frame_px: None,
+        })
+    }
+}
+
+impl ToolParameters {
+    /// The sensor in the tool's frame.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, or more than 10 m.
+    pub fn tool_from_sensor(&self) -> Result<Rigid> {
+        Ok(Rigid::from_xyz_rpy(self.sensor_xyz_m, self.sensor_rpy_rad, "tool.sensor_xyz_m, tool.sensor_rpy_rad")?)
+    }
+}
+
+/// Calls `found` with the path and the parameters of each entry of a file, in its order.
+fn entries(value: &Value, path: &str, found: &mut dyn FnMut(&str, &Map<String, Value>)) {
+    let Value::Object(map) = value else { return };
+    for (key, value) in map {
+        match value {
+            Value::Object(parameters) if key == "ros__parameters" => found(path, parameters),
+            _ => entries(value, &format!("{path}/{}", key.trim_matches('/')), found),
+        }
+    }
+}
+
+/// Whether an entry of a file means a node by its full name.
+fn is_this_node(path: &str, node: &str) -> bool {
+    let last = node.rsplit('/').next().unwrap_or(node);
+    path == "/**" || path == node || path == format!("/{last}") || path == format!("/**/{last}")
+}
+
+/// Sets what `new` says; `a.b` is `b` in `a`.
+fn merge(into: &mut Map<String, Value>, new: &Map<String, Value>) {
+    for (name, value) in new {
+        let (first, rest) = name.split_once('.').map_or((name.as_str(), None), |(first, rest)| (first, Some(rest)));
+        let nested = match (rest, value) {
+            (Some(rest), _) => Some(Map::from_iter([(rest.to_owned(), value.clone())])),
+            (None, Value::Object(map)) => Some(map.clone()),
+            (None, _) => None,
+        };
+        match nested {
+            Some(nested) => {
+                let below = into.entry(first).or_insert_with(|| Value::Object(Map::new()));
+                if !below.is_object() {
+                    *below = Value::Object(Map::new());
+                }
+                if let Value::Object(below) = below {
+                    merge(below, &nested);
+                }
+            }
+            None => {
+                into.insert(first.to_owned(), value.clone());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = "
+/**:
+  ros__parameters:
+    use_sim_time: false
+    camera:
+      crop: border:1/7
+      max_age_s: 0.5
+/left/tactile_filter:
+  ros__parameters:
+    trigger: contact
+    camera.mirror: x
+    camera.field_of_view_mm: [18.6, 14.3]
+right:
+  tactile_filter:
+    ros__parameters:
+      episode.seed: 7
+";
+
+    #[test]
+    fn a_file_of_ros_names_nodes_in_all_its_ways() {
+        let of = |node| Parameters::of(Parameters::from_yaml(FILE, node, "file.yaml").unwrap()).unwrap();
+        let left = of("/left/tactile_filter");
+        assert_eq!(left.trigger, Trigger::Contact);
+        assert_eq!(left.camera.crop.as_deref(), Some("border:1/7"));
+        assert_eq!((left.camera.max_age_s, left.camera.mirror), (0.5, Some(Mirror::X)));
+        assert_eq!(left.camera.field_of_view_mm, Some([18.6, 14.3]));
+        let right = of("/right/tactile_filter");
+        assert_eq!((right.trigger, right.episode.seed), (Trigger::Service, Some(7)));
+        let only = "/other:\n  ros__parameters:\n    trigger: contact\n";
+        let none = Parameters::from_yaml(only, "/tactile_filter", "file.yaml").unwrap_err().to_string();
+        assert_eq!(none, "file.yaml: expected ros__parameters below /**: or /tactile_filter:, got none");
+        let broken = Parameters::from_yaml("a: [1", "/n", "file.yaml").unwrap_err().to_string();
+        assert!(broken.starts_with("file.yaml: expected a parameter file in YAML") && !broken.contains('\n'), "{broken}");
+    }
+
+    #[test]
+    fn words_on_the_command_line_come_last_and_typing_errors_are_named() {
+        let mut read = Parameters::from_yaml(FILE, "/tactile_filter", "file.yaml").unwrap();
+        Parameters::set(&mut read, "camera.max_age_s", "0.1").unwrap();
+        Parameters::set(&mut read, "reach.xy_half_mm", "6").unwrap();
+        let parameters = Parameters::of(read.clone()).unwrap();
+        assert_eq!((parameters.camera.max_age_s, parameters.reach.xy_half_mm), (0.1, Some(6.0)));
+        for (name, value, said) in [
+            ("camera.crob", "border:1/7", "`crob`"),
+            ("camera.crop", "half", "crop: expected LEFT,TOP,WIDTH,HEIGHT"),
+            ("camera.max_age_s", "-1", "camera.max_age_s: expected a positive number, got -1"),
+            ("tool.still_mm", ".nan", "tool.still_mm"),
+            ("camera.n_rest", "1", "3 to 100"),
+            ("trigger", "always", "`service` or `contact`"),
+        ] {
+            let mut wrong = read.clone();
+            let error = Parameters::set(&mut wrong, name, value).and_then(|()| Parameters::of(wrong)).unwrap_err();
+            assert!(error.to_string().contains(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_reach_is_the_banks_unless_said_otherwise() {
+        let mut parameters = Parameters::default();
+        assert_eq!(parameters.reach(&PoseGrid::SMALL).unwrap(), PoseGrid::SMALL);
+        parameters.reach.xy_half_mm = Some(2.0 * PoseGrid::SMALL.xy_step_mm);
+        let reach = parameters.reach(&PoseGrid::SMALL).unwrap();
+        assert_eq!((reach.n_xy(), reach.n_theta()), (5, PoseGrid::SMALL.n_theta()));
+        parameters.reach.xy_step_mm = Some(0.0);
+        assert!(parameters.reach(&PoseGrid::SMALL).is_err());
+    }
+}

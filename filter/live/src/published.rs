@@ -1,0 +1,240 @@
+//! What is known of an episode, as messages in the robot's base frame.
+
+use tactile_data::grid::PoseGrid;
+use tactile_data::recording::ros::messages::{
+    Header, OccupancyGrid, PointCloud2, Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, Text, Time,
+    TransformStamped, to_cdr,
+};
+use tactile_data::recording::ros::rigid::Rigid;
+use tactile_data::se2::Se2;
+use tactile_filter::Episode;
+use tactile_filter::belief::Hypothesis;
+
+use crate::decision::DecisionReport;
+use crate::error::{Error, Result};
+use crate::event::{Output, Topic};
+use crate::parameters::FrameParameters;
+
+/// States that hold less are not published.
+const LEAST_MASS: f64 = 1e-4;
+
+/// At most so many of the heaviest states are published.
+const MAX_PARTICLES: usize = 500;
+
+/// Metres to millimetres.
+const MM_PER_M: f64 = 1000.0;
+
+/// An episode where it is in space.
+pub struct Scene<'a> {
+    /// When the touch was taken in.
+    pub time: Time,
+    /// The robot's base frame.
+    pub base: &'a str,
+    /// Names of the other frames.
+    pub frames: &'a FrameParameters,
+    /// The sensor at the first touch.
+    pub base_from_first: Rigid,
+    /// The sensor now.
+    pub base_from_sensor: Rigid,
+    /// The tool's pose for one of the sensor.
+    pub base_from_tool: &'a dyn Fn(&Rigid) -> Rigid,
+    /// The episode.
+    pub episode: &'a Episode,
+    /// Its latest touch.
+    pub report: &'a DecisionReport,
+}
+
+impl Scene<'_> {
+    /// Everything that is published after a touch.
+    ///
+    /// # Errors
+    /// None that an episode could have; JSON may fail in principle.
+    pub fn outputs(&self) -> Result<Vec<Output>> {
+        let json = serde_json::to_string(self.report)
+            .map_err(|error| Error::invalid("decision", "numbers that JSON has", error.to_string()))?;
+        let publish = |topic, cdr| Output::Publish { topic, cdr };
+        let particles = self.particles();
+        let mut outputs = vec![
+            publish(Topic::Decision, to_cdr(&Text { data: json })),
+            publish(Topic::Label, to_cdr(&Text { data: self.report.label() })),
+        ];
+        if let Some(next) = self.report.next {
+            outputs.push(publish(Topic::NextAction, self.next_action(&next)));
+            outputs.push(publish(Topic::NextPose, self.next_pose(&next)));
+        }
+        outputs.push(publish(Topic::Pose, to_cdr(&self.pose())));
+        outputs.push(publish(Topic::Particles, self.pose_array(&particles)));
+        outputs.push(publish(Topic::ParticleCloud, self.point_cloud(&particles)));
+        outputs.push(publish(Topic::Belief, to_cdr(&self.belief())));
+        Ok(outputs)
+    }
+
+    fn header(&self, frame_id: &str) -> Header {
+        Header { stamp: self.time, frame_id: frame_id.to_owned() }
+    }
+
+    fn next_action(&self, sensor_from_next: &Se2) -> Vec<u8> {
+        to_cdr(&TransformStamped {
+            header: self.header(&self.frames.sensor),
+            child_frame_id: format!("{}_next", self.frames.sensor),
+            transform: Rigid::from_plane(sensor_from_next).to_pose(),
+        })
+    }
+
+    fn next_pose(&self, sensor_from_next: &Se2) -> Vec<u8> {
+        let goal = self.base_from_sensor * Rigid::from_plane(sensor_from_next);
+        to_cdr(&PoseStamped { header: self.header(self.base), pose: (self.base_from_tool)(&goal).to_pose() })
+    }
+
+    /// The likeliest part in the base frame, with the covariance of its place in the plane of touch; along the press and
+    /// for tilts, of which nothing is estimated, it is zero.
+    fn pose(&self) -> PoseWithCovarianceStamped {
+        let estimate = &self.report.estimate;
+        let part_from_first =
+            estimate.part_from_sensor * self.episode.belief().first_from_sensor().inverse();
+        PoseWithCovarianceStamped {
+            header: self.header(self.base),
+            pose: self.base_from_part(&estimate.part_from_sensor),
+            covariance: covariance(&self.base_from_first, &part_from_first, &estimate.covariance),
+        }
+    }
+
+    fn base_from_part(&self, part_from_sensor: &Se2) -> Pose {
+        (self.base_from_sensor * Rigid::from_plane(&part_from_sensor.inverse())).to_pose()
+    }
+
+    /// The heaviest states, the heaviest first.
+    fn particles(&self) -> Vec<(Hypothesis, f64)> {
+        let mut states = self.episode.belief().states_from(LEAST_MASS);
+        // Stable: of equals the first stays first.
+        states.sort_by(|a, b| b.1.total_cmp(&a.1));
+        states.truncate(MAX_PARTICLES);
+        states
+    }
+
+    fn part_from_sensor(&self, state: &Hypothesis) -> Se2 {
+        let belief = self.episode.belief();
+        belief.grid().pose(state.cell) * belief.first_from_sensor()
+    }
+
+    fn pose_array(&self, particles: &[(Hypothesis, f64)]) -> Vec<u8> {
+        let poses = particles.iter().map(|(state, _)| self.base_from_part(&self.part_from_sensor(state)));
+        to_cdr(&PoseArray { header: self.header(self.base), poses: poses.collect() })
+    }
+
+    fn point_cloud(&self, particles: &[(Hypothesis, f64)]) -> Vec<u8> {
+        let point = |(state, mass): &(Hypothesis, f64)| {
+            let part_from_sensor = self.part_from_sensor(state);
+            let [x, y, z] = self.base_from_part(&part_from_sensor).position.map(|m| m as f32);
+            [x, y, z, -part_from_sensor.theta_rad as f32, *mass as f32, state.part as f32]
+        };
+        let points: Vec<[f32; 6]> = particles.iter().map(point).collect();
+        let names = ["x", "y", "z", "theta", "weight", "part"];
+        to_cdr(&PointCloud2::of_floats(self.header(self.base), names, &points))
+    }
+
+    /// Where on the likeliest part the first touch was, whatever its angle: 100 at the likeliest place.
+    fn belief(&self) -> OccupancyGrid {
+        let belief = self.episode.belief();
+        let grid = belief.grid();
+        let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
+        let part = self.report.posterior.iter().position(|(name, _)| *name == self.report.estimate.part);
+        let masses = places(grid, belief.states_from(0.0).iter().filter(|(state, _)| Some(state.part) == part));
+        debug_assert_eq!(masses.len() * n_theta, grid.len());
+        let most = masses.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let corner = -(grid.xy_half_mm + grid.xy_step_mm / 2.0);
+        OccupancyGrid {
+            header: self.header(&self.frames.part),
+            map_load_time: self.time,
+            resolution: (grid.xy_step_mm / MM_PER_M) as f32,
+            width: n_xy as u32,
+            height: n_xy as u32,
+            origin: Rigid::from_plane(&Se2::new(corner, corner, 0.0)).to_pose(),
+            data: masses.iter().map(|mass| (100.0 * mass / most).round() as i8).collect(),
+        }
+    }
+}
+
+/// The mass at each place of a grid, rows of equal y, angles summed.
+fn places<'a>(grid: &PoseGrid, states: impl Iterator<Item = &'a (Hypothesis, f64)>) -> Vec<f64> {
+    let n_xy = grid.n_xy();
+    let mut masses = vec![0.0; n_xy * n_xy];
+    let index = |mm: f64| (((mm + grid.xy_half_mm) / grid.xy_step_mm).round() as usize).min(n_xy - 1);
+    for (state, mass) in states {
+        let pose = grid.pose(state.cell);
+        masses[index(pose.y_mm) * n_xy + index(pose.x_mm)] += mass;
+    }
+    masses
+}
+
+/// The covariance of the part in the base frame, `base_from_first * part_from_first^-1`, as ROS has it: row by row, x, y
+/// and z in metres, then rotations about the base's axes in radians. First order.
+fn covariance(base_from_first: &Rigid, part_from_first: &Se2, of_part_from_first: &[[f64; 3]; 3]) -> [f64; 36] {
+    let Se2 { x_mm, y_mm, theta_rad } = *part_from_first;
+    let (sin, cos) = theta_rad.sin_cos();
+    // The inverse is (-R^T t, -theta): its derivatives by x, y (mm) and theta.
+    let by = [
+        [-cos / MM_PER_M, -sin / MM_PER_M, (sin * x_mm - cos * y_mm) / MM_PER_M],
+        [sin / MM_PER_M, -cos / MM_PER_M, (cos * x_mm + sin * y_mm) / MM_PER_M],
+    ];
+    let axes = base_from_first.matrix();
+    let row = |i: usize, column: usize| match i {
+        0..3 => axes[i][0] * by[0][column] + axes[i][1] * by[1][column],
+        _ if column == 2 => -axes[i - 3][2],
+        _ => 0.0,
+    };
+    let mut whole = [0.0; 36];
+    for (at, value) in whole.iter_mut().enumerate() {
+        let (i, j) = (at / 6, at % 6);
+        for (k, l) in (0..9).map(|kl| (kl / 3, kl % 3)) {
+            *value += row(i, k) * of_part_from_first[k][l] * row(j, l);
+        }
+    }
+    whole
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The covariance against differences of poses composed in space.
+    #[test]
+    fn the_covariance_in_the_base_frame_is_that_of_poses_that_are_shaken() {
+        let base_from_first = Rigid::from_xyz_rpy([0.3, -0.2, 0.5], [3.0, 0.2, 0.7], "here").unwrap();
+        let mean = Se2::new(3.0, -5.0, 0.8);
+        let part_in_base = |pose: &Se2| base_from_first * Rigid::from_plane(&pose.inverse());
+        let there = part_in_base(&mean);
+        // One axis at a time: variance h^2 gives the outer product of the shifts.
+        for (axis, h) in [(0, 1e-3), (1, 1e-3), (2, 1e-6)] {
+            let mut of_part = [[0.0; 3]; 3];
+            of_part[axis][axis] = h * h;
+            let got = covariance(&base_from_first, &mean, &of_part);
+            let mut shaken = mean;
+            match axis {
+                0 => shaken.x_mm += h,
+                1 => shaken.y_mm += h,
+                _ => shaken.theta_rad += h,
+            }
+            let moved = part_in_base(&shaken);
+            let shift: [f64; 3] =
+                std::array::from_fn(|i| moved.to_pose().position[i] - there.to_pose().position[i]);
+            // A small rotation about fixed axes: twice the vector part of the quaternion.
+            let turn = moved * there.inverse();
+            let q = turn.to_pose().orientation;
+            let change: [f64; 6] = std::array::from_fn(|i| if i < 3 { shift[i] } else { 2.0 * q[i - 3] * q[3].signum() });
+            for (at, value) in got.iter().enumerate() {
+                let expected = change[at / 6] * change[at % 6];
+                assert!((value - expected).abs() < 2e-3 * h * h, "axis {axis}, {at}: {value} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn places_sum_the_angles_and_rows_are_of_equal_y() {
+        let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+        let cell = |x, y, deg| grid.nearest(&Se2::from_degrees(x, y, deg)).unwrap();
+        let states = [(cell(2.0, -2.0, 30.0), 0.5), (cell(2.0, -2.0, -30.0), 0.25), (cell(-2.0, 2.0, 0.0), 0.25)];
+        let states = states.map(|(cell, mass)| (Hypothesis { part: 0, cell }, mass));
+        assert_eq!(places(&grid, states.iter()), [0.0, 0.0, 0.75, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0]);
+    }
+}

@@ -1,0 +1,109 @@
+//! The sensor at rest: pictures taken while it touches nothing, and what follows from them.
+
+use std::sync::Arc;
+
+use tactile_data::frame::Frame;
+use tactile_data::recording::geometry::View;
+use tactile_data::recording::rest::median;
+use tactile_filter::{Observation, Sensor};
+use tactile_infer::{Bank, Model};
+
+use crate::error::{Error, Result};
+use crate::parameters::CameraParameters;
+use crate::stillness::{ContactWatch, check_agreement};
+
+/// A sensor whose frame at rest is known.
+#[derive(Clone, Debug)]
+pub struct Calibrated {
+    sensor: Sensor,
+    view: View,
+    /// Finds contacts in its pictures.
+    pub watch: ContactWatch,
+}
+
+impl Calibrated {
+    /// The sensor of pictures taken at rest, all of one size; lines for a person are added to `warnings`.
+    ///
+    /// # Errors
+    /// Pictures that are dark, saturated, uniform, or show another field of view than the bank's.
+    pub fn new(
+        pictures: &[Frame],
+        camera: &CameraParameters,
+        model: &Arc<Model>,
+        bank: &Bank,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let picture = median(pictures)?;
+        let view = camera.geometry()?.settle(&picture, warnings)?;
+        check_scale(&view, bank)?;
+        let rest = view.frame(&picture, "no-contact frame")?;
+        Ok(Self { sensor: Sensor::new(Arc::clone(model), &rest)?, watch: ContactWatch::new(&rest)?, view })
+    }
+
+    /// A picture as the sensor sees it: turned, cropped.
+    ///
+    /// # Errors
+    /// A picture of another size than those at rest.
+    pub fn frame(&self, picture: &Frame) -> Result<Frame> {
+        Ok(self.view.frame(picture, "picture")?)
+    }
+
+    /// What the newest of two frames of one touch shows.
+    ///
+    /// # Errors
+    /// Frames that do not agree, or that the sensor refuses.
+    pub fn observe(&self, [before, newest]: [&Frame; 2]) -> Result<Observation> {
+        check_agreement(before, newest)?;
+        Ok(self.sensor.observe(newest)?)
+    }
+
+    /// Width and height of a frame, pixels.
+    pub fn frame_px(&self) -> [usize; 2] {
+        self.view.frame_px()
+    }
+}
+
+/// Refuses a camera that shows another field of view than the bank's did.
+fn check_scale(view: &View, bank: &Bank) -> Result<()> {
+    let Some(origin) = bank.origin() else { return Ok(()) };
+    let mut here = origin.clone();
+    here.sensor.light = None;
+    here.sensor.field_of_view_mm = [0, 1].map(|axis| view.mm_per_px()[axis] * view.frame_px()[axis] as f64);
+    match origin.other_sensor(&here) {
+        Some([what, in_bank, here]) => {
+            let place = format!("{what} of the pictures (camera.crop, camera.field_of_view_mm)");
+            Err(Error::invalid(place, format!("{in_bank} as in bank {}", origin.name), here))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Pictures being taken at rest.
+#[derive(Clone, Debug)]
+pub struct Collecting {
+    /// Who asked; 0: nobody.
+    pub id: u64,
+    /// Since when, nanoseconds.
+    pub since_ns: i64,
+    pictures: Vec<Frame>,
+    /// Why the latest picture began a new series, where it did.
+    pub setback: Option<String>,
+}
+
+impl Collecting {
+    /// Begins.
+    pub fn new(id: u64, since_ns: i64) -> Self {
+        Self { id, since_ns, pictures: Vec::new(), setback: None }
+    }
+
+    /// Takes in a picture; all of them once there are `n`, each like the one before. One that is not begins a new
+    /// series: the sensor still touches something, or the light changes.
+    pub fn push(&mut self, picture: Frame, n: usize) -> Option<Vec<Frame>> {
+        if let Some(Err(error)) = self.pictures.last().map(|before| check_agreement(before, &picture)) {
+            self.setback = Some(error.to_string());
+            self.pictures.clear();
+        }
+        self.pictures.push(picture);
+        (self.pictures.len() >= n).then(|| std::mem::take(&mut self.pictures))
+    }
+}
