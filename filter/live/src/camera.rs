@@ -176,7 +176,7 @@ impl Camera {
         Ok((Kind::New, fault))
     }
 
-    /// The newest two new pictures.
+    /// The newest two new pictures; where pictures are stills, the newest one twice.
     ///
     /// # Errors
     /// Fewer than two, or the newest too old; both must have been taken after `since_ns`.
@@ -186,7 +186,9 @@ impl Camera {
         let age_s = (now_ns - newest.taken_ns) as f64 * 1e-9;
         let expected = format!("one at most {} s old", self.parameters.max_age_s);
         if age_s > self.parameters.max_age_s {
-            let is_frozen = self.n_repeats > 0;
+            // The same picture comes, still: not a camera that sends nothing.
+            let is_sending = self.last_message_ns.is_some_and(|last| (now_ns - last) as f64 * 1e-9 <= self.parameters.max_age_s);
+            let is_frozen = self.n_repeats > 0 && is_sending;
             let got = if is_frozen {
                 format!("the same one for {age_s:.1} s, {} times: the camera has stopped", self.n_repeats + 1)
             } else {
@@ -195,6 +197,9 @@ impl Camera {
             return Err(Error::invalid(PLACE, expected, got));
         }
         let is_after = |arrival: &&Arrival| arrival.taken_ns >= since_ns;
+        if self.parameters.stills && is_after(&newest) {
+            return Ok([newest, newest]);
+        }
         match before.filter(is_after).filter(|_| is_after(&newest)) {
             Some(before) => Ok([before, newest]),
             None => Err(Error::invalid(PLACE, "two new ones since the sensor stands still", "fewer")),

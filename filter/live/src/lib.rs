@@ -22,6 +22,7 @@ pub mod replay;
 #[cfg(feature = "robot")]
 pub mod robot;
 pub mod session;
+pub mod sources;
 pub mod stillness;
 pub mod tool;
 mod troubles;

@@ -254,10 +254,8 @@ impl Node {
             return;
         }
         let Some(mut calibrated) = self.calibrated.take() else { return };
-        let settles = self.two_frames(&calibrated, i64::MIN).and_then(|[before, newest]| {
-            let agrees = crate::stillness::check_agreement(&before, &newest).is_ok();
-            calibrated.watch.settles(&newest, agrees)
-        });
+        let frames = self.two_frames(&calibrated, i64::MIN);
+        let settles = frames.and_then(|[before, newest]| calibrated.settles([&before, &newest]));
         // What is wrong with a picture is said where a touch needs it.
         let settles = settles.unwrap_or(false) && self.tool.placed(self.now_ns).is_ok();
         if settles {
@@ -358,6 +356,14 @@ impl Node {
     /// Takes in the touch that was asked for, where that can be done now.
     fn try_pending(&mut self) {
         let Some(Pending { id, .. }) = self.pending else { return };
+        // Waiting brings no frame at rest.
+        if let (Some(reason), None) = (&self.rest_needed, &self.collecting) {
+            let line = format!("no touch was observed: {reason}; first {}", Request::Calibrate.name());
+            self.pending = None;
+            self.n_refused += 1;
+            self.say(line.clone());
+            return self.answer(id, false, line);
+        }
         match self.touch() {
             Ok(line) => {
                 self.pending = None;

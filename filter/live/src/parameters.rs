@@ -69,8 +69,11 @@ pub struct CameraParameters {
     pub clock: Clock,
     /// Pictures a second that should come; fewer than three quarters of them is reported.
     pub rate_hz: Option<f64>,
-    /// Pictures whose median is the frame at rest.
+    /// Pictures whose median is the frame at rest, 1 to 100.
     pub n_rest: usize,
+    /// Each picture is taken by itself and is no part of a film: one is enough for a touch, and nothing shows that a
+    /// contact has settled.
+    pub stills: bool,
 }
 
 impl Default for CameraParameters {
@@ -87,6 +90,7 @@ impl Default for CameraParameters {
             clock: Clock::default(),
             rate_hz: None,
             n_rest: 9,
+            stills: false,
         }
     }
 }
@@ -248,8 +252,8 @@ impl Parameters {
                 return Err(Error::invalid(name, "a positive number", value.to_string()));
             }
         }
-        if !(3..=100).contains(&camera.n_rest) {
-            return Err(Error::invalid("camera.n_rest", "3 to 100 pictures", camera.n_rest.to_string()));
+        if !(1..=100).contains(&camera.n_rest) {
+            return Err(Error::invalid("camera.n_rest", "1 to 100 pictures", camera.n_rest.to_string()));
         }
         self.tool.tool_from_sensor()?;
         camera.geometry().map(|_| ())
@@ -408,7 +412,7 @@ right:
             ("camera.crop", "half", "crop: expected LEFT,TOP,WIDTH,HEIGHT"),
             ("camera.max_age_s", "-1", "camera.max_age_s: expected a positive number, got -1"),
             ("tool.still_mm", ".nan", "tool.still_mm"),
-            ("camera.n_rest", "1", "3 to 100"),
+            ("camera.n_rest", "0", "1 to 100"),
             ("trigger", "always", "`service` or `contact`"),
         ] {
             let mut wrong = read.clone();

@@ -10,13 +10,14 @@ use tactile_infer::{Bank, Model};
 
 use crate::error::{Error, Result};
 use crate::parameters::CameraParameters;
-use crate::stillness::{ContactWatch, check_agreement};
+use crate::stillness::{ContactWatch, Stillness, check_at_rest};
 
 /// A sensor whose frame at rest is known.
 #[derive(Clone, Debug)]
 pub struct Calibrated {
     sensor: Sensor,
     view: View,
+    stillness: Stillness,
     /// Finds contacts in its pictures.
     pub watch: ContactWatch,
 }
@@ -37,7 +38,14 @@ impl Calibrated {
         let view = camera.geometry()?.settle(&picture, warnings)?;
         check_scale(&view, bank)?;
         let rest = view.frame(&picture, "no-contact frame")?;
-        Ok(Self { sensor: Sensor::new(Arc::clone(model), &rest)?, watch: ContactWatch::new(&rest)?, view })
+        let frames = pictures.iter().map(|picture| Ok(view.frame(picture, "no-contact frame")?));
+        let frames = frames.collect::<Result<Vec<_>>>()?;
+        Ok(Self {
+            sensor: Sensor::new(Arc::clone(model), &rest)?,
+            stillness: Stillness::new(&rest, &frames)?,
+            watch: ContactWatch::default(),
+            view,
+        })
     }
 
     /// A picture as the sensor sees it: turned, cropped.
@@ -53,8 +61,17 @@ impl Calibrated {
     /// # Errors
     /// Frames that do not agree, or that the sensor refuses.
     pub fn observe(&self, [before, newest]: [&Frame; 2]) -> Result<Observation> {
-        check_agreement(before, newest)?;
+        self.stillness.check(before, newest)?;
         Ok(self.sensor.observe(newest)?)
+    }
+
+    /// Takes in the newest of two frames; whether a contact has settled now.
+    ///
+    /// # Errors
+    /// Frames that the sensor refuses; they count for nothing.
+    pub fn settles(&mut self, [before, newest]: [&Frame; 2]) -> Result<bool> {
+        let is_contact = self.stillness.contact(newest)?.is_contact();
+        Ok(self.watch.settles(is_contact, self.stillness.check(before, newest).is_ok()))
     }
 
     /// Width and height of a frame, pixels.
@@ -99,7 +116,7 @@ impl Collecting {
     /// Takes in a picture; all of them once there are `n`, each like the one before. One that is not begins a new
     /// series: the sensor still touches something, or the light changes.
     pub fn push(&mut self, picture: Frame, n: usize) -> Option<Vec<Frame>> {
-        if let Some(Err(error)) = self.pictures.last().map(|before| check_agreement(before, &picture)) {
+        if let Some(Err(error)) = self.pictures.last().map(|before| check_at_rest(before, &picture)) {
             self.setback = Some(error.to_string());
             self.pictures.clear();
         }

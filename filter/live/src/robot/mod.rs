@@ -68,7 +68,7 @@ impl Default for RobotSettings {
             motion_error_mm: 0.1,
             motion_error_deg: 0.3,
             travel_s: 0.4,
-            settle_s: 0.16,
+            settle_s: 0.24,
             faults: Faults::default(),
         }
     }
@@ -255,8 +255,9 @@ impl Robot {
                 self.call(Request::Observe, time_ns, sent);
             }
             Phase::Settles { until_ns } => {
-                let left_s = (until_ns - time_ns) as f64 * 1e-9;
-                self.camera.settles(1.0 - left_s / self.settings.settle_s);
+                // In the first half the gel gives way; in the second nothing changes any more, and the robot is sure.
+                let left = (until_ns - time_ns) as f64 * 1e-9 / self.settings.settle_s;
+                self.camera.settles(2.0 * (1.0 - left));
             }
             _ => {}
         }
@@ -290,7 +291,6 @@ impl Robot {
             (Request::Observe, true) => self.phase = Phase::Hears { until_ns: time_ns + PATIENCE_NS },
             (Request::Observe, false) => {
                 self.hole.n_refused += 1;
-                sent.push(Sent::Say(message.to_owned()));
                 if message.contains(Request::Calibrate.name()) {
                     self.lift(time_ns);
                 } else {

@@ -1,0 +1,160 @@
+//! The whole loop in one process: a simulated robot that only messages connect with the node.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use tactile_data::grid::PoseGrid;
+use tactile_data::recording::ros::bag::Bag;
+use tactile_data::recording::ros::bag_writer::BagWriter;
+use tactile_data::scene::{Kit, Parts, Scene};
+use tactile_data::simulator::Simulator;
+use tactile_filter::StopReason;
+use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::{Bank, Model};
+use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings, pair};
+use tactile_live::session::{Names, Session};
+use tactile_live::{Node, Parameters, replay};
+
+const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maze-small.safetensors");
+
+/// The shipped model and the bank of twelve letters, made once.
+fn model_and_bank() -> (Arc<Model>, Arc<Bank>) {
+    static MADE: OnceLock<(Arc<Model>, Arc<Bank>)> = OnceLock::new();
+    let made = MADE.get_or_init(|| {
+        let model = Model::load(Path::new(MODEL)).unwrap();
+        let bank = bank_of_scene(&model, &scene(), 1, &|_, _| ()).unwrap();
+        (Arc::new(model), Arc::new(bank))
+    });
+    made.clone()
+}
+
+/// Six letters, recorded densely enough for touches between the recorded poses.
+fn scene() -> Scene {
+    let reach = PoseGrid { xy_half_mm: 6.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
+    let parts = Parts::Kit(Kit::of_letters("ABCEGK", 12.0, 16.0));
+    Scene { reach: Some(reach), parts, ..Scene::load("alphabet-small").unwrap() }
+}
+
+fn node() -> Node {
+    let (model, bank) = model_and_bank();
+    Node::new(Parameters::default(), model, bank).unwrap()
+}
+
+/// Runs a robot against a node; what became of the holes and what was said.
+fn run(settings: RobotSettings, session: &mut Session) -> (Vec<Outcome>, Vec<String>) {
+    let mut robot = Robot::new(settings, Simulator::new(scene(), 1).unwrap()).unwrap();
+    let mut lines = Vec::new();
+    pair::run(session, &mut robot, 600.0, &mut |_, line| lines.push(line.to_owned())).unwrap();
+    (robot.outcomes().to_vec(), lines)
+}
+
+fn is_right(outcome: &Outcome) -> bool {
+    outcome.stop == Some(StopReason::Confident) && outcome.named.last() == Some(&outcome.part) && outcome.off_mm < 1.5
+}
+
+/// A session that logs to `log`.
+fn logged(log: &Path) -> Session {
+    let (model, bank) = model_and_bank();
+    let setup = Names::default().setup(&Parameters::default(), &model, &bank).unwrap();
+    Session::new(node()).with_log(log, &setup, 1).unwrap()
+}
+
+#[test]
+fn holes_are_named_and_the_log_gives_the_same_decisions() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("live.mcap");
+    let mut session = logged(&log);
+    let settings = RobotSettings { n_episodes: 6, ..RobotSettings::default() };
+    let (outcomes, lines) = run(settings, &mut session);
+    session.finish().unwrap();
+    assert!(outcomes.iter().filter(|outcome| is_right(outcome)).count() >= 5, "{outcomes:?}");
+    assert!(outcomes.iter().all(|outcome| outcome.n_refused == 0), "{lines:?}");
+
+    let (model, bank) = model_and_bank();
+    let replayed = replay::replay(&log, model.clone(), bank.clone()).unwrap();
+    let named: Vec<_> = outcomes.iter().flat_map(|outcome| outcome.named.clone()).collect();
+    assert_eq!(replayed.decisions.iter().map(|d| d.estimate.part.clone()).collect::<Vec<_>>(), named);
+    assert_eq!(replayed.cut, None);
+
+    // Cut off where a program was killed: what is there is replayed.
+    let bytes = std::fs::read(&log).unwrap();
+    let cut = folder.path().join("cut.mcap");
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let half = replay::replay(&cut, model.clone(), bank.clone()).unwrap();
+    assert!(half.cut.is_some() && half.n_events < replayed.n_events && half.n_events > replayed.n_events / 3);
+
+    // A log is never written over.
+    let setup = replay::setup(&log).unwrap();
+    assert!(Session::new(node()).with_log(&log, &setup, 1).is_err());
+    // Another model or bank is refused, as is a log that lacks an event, or holds other bytes.
+    let other = Arc::new(bank.with_parts(&[0, 1]).unwrap());
+    assert!(replay::replay(&log, model.clone(), other).unwrap_err().to_string().contains("bank of log"));
+    for (drop_one, said) in [(true, "is missing"), (false, "other bytes")] {
+        let changed = folder.path().join(format!("changed-{drop_one}.mcap"));
+        copy_changed(&log, &changed, drop_one);
+        let error = replay::replay(&changed, model.clone(), bank.clone()).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}
+
+/// Copies a log without its 200th picture, or with another byte in it.
+fn copy_changed(log: &Path, out: &Path, drop_one: bool) {
+    let mut writer = BagWriter::new(out, std::fs::File::create_new(out).unwrap(), "test").unwrap();
+    let mut channels = std::collections::BTreeMap::new();
+    let mut n_pictures = 0;
+    for message in Bag::open(log).unwrap().messages() {
+        let message = message.unwrap();
+        let (topic, type_name) = (&message.channel.topic, &message.channel.type_name);
+        let channel = *channels
+            .entry((topic.clone(), type_name.clone()))
+            .or_insert_with(|| writer.channel_of(topic, type_name, "").unwrap());
+        let mut bytes = message.bytes().to_vec();
+        n_pictures += usize::from(topic.ends_with("/image"));
+        if topic.ends_with("/decision") && !drop_one {
+            *bytes.last_mut().unwrap() ^= 1;
+        }
+        if drop_one && topic.ends_with("/image") && n_pictures == 200 {
+            continue;
+        }
+        writer.write_numbered(channel, message.log_time_ns, message.sequence, &bytes).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn dropped_and_frozen_pictures_cost_nothing_but_time() {
+    let settings = RobotSettings { n_episodes: 6, ..RobotSettings::default() };
+    let (whole, _) = run(settings.clone(), &mut Session::new(node()));
+    let faults = Faults { dropped: 0.02, frozen: 0.01, ..Faults::default() };
+    let (lossy, _) = run(RobotSettings { faults, ..settings }, &mut Session::new(node()));
+    // The pictures differ by the camera's flicker alone.
+    let right = |outcomes: &[Outcome]| outcomes.iter().filter(|outcome| is_right(outcome)).count();
+    assert!(right(&lossy) + 1 >= right(&whole), "{whole:?} {lossy:?}");
+}
+
+#[test]
+fn nothing_wrong_is_believed_of_a_bad_camera_and_each_trouble_is_said_once() {
+    let faults = Faults { dropped: 0.1, frozen: 0.2, torn: 0.2, dark: 0.2, malformed: 0.1, gone_s: 5.0 };
+    let settings = RobotSettings { n_episodes: 6, seed: 3, faults, ..RobotSettings::default() };
+    let (outcomes, lines) = run(settings, &mut Session::new(node()));
+    assert!(outcomes.iter().filter(|outcome| is_right(outcome)).count() >= 5, "{outcomes:?}");
+    let wrong = |outcome: &&Outcome| outcome.stop == Some(StopReason::Confident) && !is_right(outcome);
+    assert_eq!(outcomes.iter().filter(wrong).count(), 0, "{outcomes:?}");
+    let n_said = |what: &str| lines.iter().filter(|line| line.contains(what)).count();
+    for once in ["camera: no new picture for", "a new frame at rest is needed", "; first ~/calibrate_no_contact"] {
+        assert_eq!(n_said(once), 1, "{once}: {lines:?}");
+    }
+    // A tenth of the hundreds of pictures is cut off: a line in ten seconds at most.
+    assert!((1..=6).contains(&n_said("got the last")), "{lines:?}");
+}
+
+#[test]
+fn a_contact_that_settles_is_a_trigger() {
+    let (model, bank) = model_and_bank();
+    let mut parameters = Parameters::default();
+    parameters.trigger = tactile_live::parameters::Trigger::Contact;
+    let mut session = Session::new(Node::new(parameters, model, bank).unwrap());
+    let settings = RobotSettings { settle_s: 0.6, ..RobotSettings::default() };
+    let (outcomes, _) = run(settings, &mut session);
+    assert_eq!(outcomes.len(), 1);
+}
