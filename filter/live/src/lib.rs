@@ -1,1 +1,4 @@
 //! Live touches: frames and poses in, decisions out.
+
+#[cfg(feature = "ros2")]
+pub mod ros2;
