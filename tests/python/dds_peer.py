@@ -9,6 +9,7 @@ for each check and ends with exit code 1 at the first that fails.
 
 import argparse
 import contextlib
+import glob
 import json
 import os
 import random
@@ -17,6 +18,7 @@ import socket
 import statistics
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import zlib
@@ -43,8 +45,8 @@ RATE_HZ = 25
 class Ours:
     """Our program in the background, its lines of JSON read as they come."""
 
-    def __init__(self, *words, ros_args=()):
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+    def __init__(self, *words, ros_args=(), variables=()):
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), **dict(variables)}
         command = [PROGRAM, *map(str, words), "--ros-args", *ros_args]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True)
         self.events, self.news = [], threading.Condition()
@@ -485,6 +487,38 @@ def check_quality(_seconds):
     del only_newest, other_type
 
 
+def check_clock(_seconds):
+    """The node's clock is set back an hour, and forward again."""
+    found = glob.glob("/usr/lib/*/faketime/libfaketimeMT.so.1")
+    if not found:
+        say("clock", "left out: apt-get install faketime")
+        return
+    participant = DomainParticipant(DOMAIN)
+    to_us = writer(participant, "rt/gelsight/image")
+    offset = tempfile.NamedTemporaryFile("w", suffix=".offset")
+    set_clock = lambda text: (offset.seek(0), offset.truncate(), offset.write(text), offset.flush())
+    set_clock("+0s")
+    faked = {"LD_PRELOAD": found[0], "FAKETIME_TIMESTAMP_FILE": offset.name, "FAKETIME_NO_CACHE": "1"}
+    faked["FAKETIME_DONT_FAKE_MONOTONIC"] = "1"
+    words = ["--subscribe", "/gelsight/image", "newest", "--publish", "/label", "latched", 100, RATE_HZ, 3]
+    with offset, Ours("--seconds", 60, *words, variables=faked) as ours:
+        ours.wait("matched")
+        time.sleep(0.5)
+        for turn, text in enumerate(["+0s", "-3600s", "+0s"]):
+            set_clock(text)
+            before = len(ours.of("message"))
+            for number in paced(100):
+                to_us.write(picture(1000 * turn + number, 20_000))
+            time.sleep(0.5)
+            came = len(ours.of("message")) - before
+            check(came >= 75, f"clock at {text}: {came} of 100")
+            say("clock", f"at {text}: {came} of 100 frames")
+        late = reader(participant, "rt/label", delivery="latched")
+        came = wait_for("the last label", lambda: take(late))
+        check(number_of(came[-1]) == 2, "another label")
+        check(len(ours.of("trouble")) == 2, f"{ours.of('trouble')}")
+
+
 def check_long(seconds):
     """Memory and CPU over a long time."""
     participant = DomainParticipant(DOMAIN)
@@ -522,6 +556,7 @@ CHECKS = {
     "packets": check_packets,
     "large": check_large,
     "restart": check_restart,
+    "clock": check_clock,
     "long": check_long,
 }
 

@@ -13,7 +13,8 @@ pub struct DdsArgs {
     /// How long memory and processor are watched, s.
     #[arg(long, default_value_t = 60)]
     seconds: u32,
-    /// One check alone: in, out, services, plain, late, quality, namespaces, malformed, packets, large, restart, long.
+    /// One check alone: in, out, services, plain, late, quality, namespaces, malformed, packets, large, restart, clock,
+    /// long.
     #[arg(long)]
     only: Option<String>,
 }
