@@ -21,6 +21,8 @@ mod rest;
 pub mod replay;
 #[cfg(feature = "robot")]
 pub mod robot;
+#[cfg(feature = "ros2")]
+pub mod ros2;
 pub mod session;
 pub mod sources;
 pub mod stillness;

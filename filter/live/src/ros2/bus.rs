@@ -1,0 +1,276 @@
+//! A node on the network: its topics and services, and the thread that reads them.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use rustdds::{Timestamp, WriteOptionsBuilder, mio1};
+
+use super::error::{Error, Result};
+use super::graph::{self, Level};
+use super::inbox::{Inbox, Incoming, Queue};
+use super::names;
+use super::settings::Settings;
+use super::state::{Reads, State, Writes};
+use super::trigger::{self, Answer};
+use super::trouble::Trouble;
+use super::wire::{Wish, send};
+use super::{Call, Client, Delivery, Endpoint, Publication, RequestId, Service, Subscription};
+
+/// How often the thread looks at what rings no bell: peers, the clock, answers that wait.
+const TICK: Duration = Duration::from_millis(100);
+
+/// A step of the clock that means new connections: RustDDS reads no best-effort message that is older by the clock than
+/// the last one, and takes leases for expired.
+const CLOCK_STEP: Duration = Duration::from_millis(500);
+
+/// How long a try to open the network again waits for the next one.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// Wakes the thread.
+const BELL: usize = usize::MAX;
+
+/// A node. Its calls may come from any thread and wait at most 10 ms for the network. Dropping it leaves the network.
+pub struct Bus {
+    settings: Settings,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    state: Mutex<State>,
+    queue: Arc<Queue>,
+    bell: mio1::Waker,
+    is_over: AtomicBool,
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        // Its lists are whole after each step, so a panic elsewhere leaves it usable.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Bus {
+    /// Joins the network as a node; what arrives comes out of the inbox.
+    ///
+    /// # Errors
+    /// No network, or no socket free.
+    pub fn open(settings: Settings) -> Result<(Self, Inbox)> {
+        let what = || format!("node {}", settings.node.full());
+        let poll = mio1::Poll::new().map_err(Error::network(what()))?;
+        let registry = poll.registry().try_clone().map_err(Error::network(what()))?;
+        let bell = mio1::Waker::new(poll.registry(), mio1::Token(BELL)).map_err(Error::network(what()))?;
+        let (inbox, queue) = Inbox::new();
+        let state = Mutex::new(State::open(settings.clone(), registry)?);
+        let shared = Arc::new(Shared { state, queue, bell, is_over: AtomicBool::new(false) });
+        let reading = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name("ros2".to_owned())
+            .spawn(move || read(poll, &reading))
+            .map_err(Error::network(what()))?;
+        Ok((Self { settings, shared, thread: Some(thread) }, inbox))
+    }
+
+    /// A name in full, remapped.
+    ///
+    /// # Errors
+    /// A name that ROS 2 does not allow.
+    pub fn resolve(&self, name: &str) -> Result<String> {
+        names::resolve(&self.settings.node, &self.settings.own_name, &self.settings.remaps, name)
+    }
+
+    /// Listens to a topic; `message_type` is `package/msg/Name`.
+    ///
+    /// # Errors
+    /// A name or type that ROS 2 does not allow; the middleware refuses.
+    pub fn subscribe(&self, name: &str, message_type: &str, delivery: Delivery) -> Result<Subscription> {
+        let full = self.resolve(name)?;
+        let type_name = names::dds_type(message_type, "")?;
+        let wish = Wish { topic: format!("rt{full}"), type_name, delivery };
+        let mut state = self.shared.state();
+        let subscription = Subscription(state.subscriptions.len());
+        let endpoint = Endpoint::Subscription(subscription);
+        let reader = state.add_reader(wish, Reads { name: full, ros_type: message_type.to_owned(), endpoint })?;
+        state.subscriptions.push(reader);
+        self.announced(state)?;
+        Ok(subscription)
+    }
+
+    /// Publishes a topic; `message_type` is `package/msg/Name`.
+    ///
+    /// # Errors
+    /// A name or type that ROS 2 does not allow; the middleware refuses.
+    pub fn advertise(&self, name: &str, message_type: &str, delivery: Delivery) -> Result<Publication> {
+        let full = self.resolve(name)?;
+        let type_name = names::dds_type(message_type, "")?;
+        let wish = Wish { topic: format!("rt{full}"), type_name, delivery };
+        let mut state = self.shared.state();
+        let publication = Publication(state.publications.len());
+        let endpoint = Some(Endpoint::Publication(publication));
+        let writer = state.add_writer(wish, Writes { name: full, endpoint, last: None })?;
+        state.publications.push(writer);
+        self.announced(state)?;
+        Ok(publication)
+    }
+
+    /// Sends a message: its header `00 01 00 00` and its body in CDR.
+    ///
+    /// # Errors
+    /// Another header; a subscriber that does not keep up; no network.
+    pub fn publish(&self, publication: Publication, cdr: &[u8]) -> Result<()> {
+        let (dds, name) = {
+            let mut state = self.shared.state();
+            let writer = state.publications.get(publication.0).copied();
+            let writer = writer.ok_or_else(|| Error::Unknown("publication".to_owned()))?;
+            state.outlet(writer, cdr)?
+        };
+        // Outside of the lock: sending may wait, and reading must not wait with it.
+        let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build();
+        send(&dds, &name, cdr, options).map(|_| ())
+    }
+
+    /// A line for people, in `/rosout`. What cannot be sent is left out: a log must not stop a node.
+    pub fn log(&self, level: Level, text: &str) {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let time_ns = i64::try_from(since_1970.as_nanos()).unwrap_or(i64::MAX);
+        let cdr = graph::log(time_ns, level, &self.settings.node, text);
+        let outlet = self.shared.state().log_outlet(&cdr);
+        if let Ok((dds, name)) = outlet {
+            let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build();
+            drop(send(&dds, &name, &cdr, options));
+        }
+    }
+
+    /// Offers a service of type `std_srvs/srv/Trigger`; calls arrive as [`Incoming::Request`].
+    ///
+    /// # Errors
+    /// A name that ROS 2 does not allow; the middleware refuses.
+    pub fn serve(&self, name: &str) -> Result<Service> {
+        let full = self.resolve(name)?;
+        let (request, answer) = trigger_wishes(&full)?;
+        let mut state = self.shared.state();
+        let service = Service(state.services.len());
+        let endpoint = Endpoint::Service(service);
+        let ros_type = "std_srvs/srv/Trigger".to_owned();
+        // The answers' topic first: who finds the service by its requests can then be answered.
+        let writer = state.add_writer(answer, Writes { name: full.clone(), endpoint: None, last: None })?;
+        state.services.push(writer);
+        state.add_reader(request, Reads { name: full, ros_type, endpoint })?;
+        self.announced(state)?;
+        Ok(service)
+    }
+
+    /// Answers a call. Where the caller's own endpoint is not yet found, the answer waits for it, a second at most.
+    ///
+    /// # Errors
+    /// A handle of another bus; no network.
+    pub fn reply(&self, service: Service, id: &RequestId, success: bool, message: &str) -> Result<()> {
+        let cdr = trigger::write_answer(id.form, &Answer { success, message: message.to_owned() });
+        self.shared.state().reply(service, id, cdr)
+    }
+
+    /// Calls services of type `std_srvs/srv/Trigger` of that name.
+    ///
+    /// # Errors
+    /// A name that ROS 2 does not allow; the middleware refuses.
+    pub fn client(&self, name: &str) -> Result<Client> {
+        let full = self.resolve(name)?;
+        let (request, answer) = trigger_wishes(&full)?;
+        let mut state = self.shared.state();
+        let client = state.add_client(full, request, answer)?;
+        self.announced(state)?;
+        Ok(client)
+    }
+
+    /// Calls the service; the answer arrives as [`Incoming::Response`], or never: the caller decides how long to wait.
+    ///
+    /// # Errors
+    /// Nobody offers the service; no network.
+    pub fn call(&self, client: Client) -> Result<Call> {
+        self.shared.state().call(client)
+    }
+
+    /// Tells the network of new endpoints, and the thread that it has more to read.
+    fn announced(&self, mut state: MutexGuard<'_, State>) -> Result<()> {
+        state.announce()?;
+        drop(state);
+        self.shared.bell.wake().map_err(Error::network("the reading thread"))
+    }
+}
+
+impl Drop for Bus {
+    fn drop(&mut self) {
+        self.shared.is_over.store(true, Ordering::Release);
+        // Without the bell the thread sees it at its next tick.
+        let is_rung = self.shared.bell.wake().is_ok();
+        debug_assert!(is_rung, "the bell belongs to the thread's own poll");
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread has nobody left to hear of it.
+            drop(thread.join());
+        }
+        self.shared.state().close();
+        self.shared.queue.close();
+    }
+}
+
+/// The topics of a service's requests and answers.
+fn trigger_wishes(name: &str) -> Result<(Wish, Wish)> {
+    let delivery = Delivery::Reliable;
+    let type_name = |part| names::dds_type("std_srvs/srv/Trigger", part);
+    let request = Wish { topic: format!("rq{name}Request"), type_name: type_name("_Request")?, delivery };
+    let answer = Wish { topic: format!("rr{name}Reply"), type_name: type_name("_Response")?, delivery };
+    Ok((request, answer))
+}
+
+/// The thread: waits for the network, takes what came, looks after the rest.
+fn read(mut poll: mio1::Poll, shared: &Shared) {
+    let mut events = mio1::Events::with_capacity(64);
+    let mut clock = Clock::new();
+    let mut next_try = Instant::now();
+    while !shared.is_over.load(Ordering::Acquire) {
+        // An interrupted wait is a short one.
+        if poll.poll(&mut events, Some(TICK)).is_err() {
+            events.clear();
+        }
+        let now = Instant::now();
+        let mut state = shared.state();
+        // Peers first: what a publisher of another type sends must not be taken.
+        state.look(&shared.queue, now);
+        state.take(&shared.queue);
+        if let Some(seconds) = clock.step() {
+            shared.queue.push(Incoming::Trouble(Trouble::ClockSet { seconds }));
+            state.close();
+        }
+        if state.is_closed() && now >= next_try {
+            next_try = now + RETRY;
+            if let Err(error) = state.reopen(&shared.queue) {
+                shared.queue.push(Incoming::Trouble(Trouble::NoNetwork { reason: error.to_string() }));
+            }
+        }
+    }
+}
+
+/// Sees when the clock is set, by a clock that cannot be.
+struct Clock {
+    wall: SystemTime,
+    steady: Instant,
+}
+
+impl Clock {
+    fn new() -> Self {
+        Self { wall: SystemTime::now(), steady: Instant::now() }
+    }
+
+    /// By how many seconds it was set since the last call.
+    fn step(&mut self) -> Option<f64> {
+        let before = std::mem::replace(self, Self::new());
+        let steady = self.steady.duration_since(before.steady);
+        let expected = before.wall + steady;
+        match self.wall.duration_since(expected) {
+            Ok(forward) => (forward > CLOCK_STEP).then_some(forward.as_secs_f64()),
+            Err(back) => (back.duration() > CLOCK_STEP).then_some(-back.duration().as_secs_f64()),
+        }
+    }
+}
