@@ -42,6 +42,10 @@ pub enum Error {
     /// An error of the filter.
     #[error(transparent)]
     Filter(#[from] tactile_filter::Error),
+    /// An error of the network.
+    #[cfg(feature = "ros2")]
+    #[error(transparent)]
+    Ros2(#[from] crate::ros2::Error),
     /// An error of the data.
     #[error(transparent)]
     Data(#[from] tactile_data::Error),

@@ -24,6 +24,7 @@ pub mod robot;
 #[cfg(feature = "ros2")]
 pub mod ros2;
 pub mod session;
+pub mod shell;
 pub mod sources;
 pub mod stillness;
 pub mod tool;

@@ -63,7 +63,9 @@ impl Line {
         let own = |name: &str| format!("{}/{name}", setup.node);
         match self {
             Self::Setup => own("setup"),
-            Self::Image | Self::CompressedImage => setup.image_topic.clone(),
+            Self::Image => setup.image_topic.clone(),
+            // As image_transport names it.
+            Self::CompressedImage => format!("{}/compressed", setup.image_topic),
             Self::ToolPose => setup.tool_topic.clone(),
             Self::Called => own("called"),
             Self::Cameras => own("cameras"),

@@ -13,6 +13,7 @@ use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::{Bank, Model};
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings, pair};
 use tactile_live::session::{Names, Session};
+use tactile_live::shell::Spoken;
 use tactile_live::{Node, Parameters, replay};
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maze-small.safetensors");
@@ -44,7 +45,13 @@ fn node() -> Node {
 fn run(settings: RobotSettings, session: &mut Session) -> (Vec<Outcome>, Vec<String>) {
     let mut robot = Robot::new(settings, Simulator::new(scene(), 1).unwrap()).unwrap();
     let mut lines = Vec::new();
-    pair::run(session, &mut robot, 600.0, &mut |_, line| lines.push(line.to_owned())).unwrap();
+    pair::run(session, &mut robot, 600.0, &mut |_, spoken| {
+        lines.extend(match spoken {
+            Spoken::Line(line) => Some(line),
+            Spoken::Decision(_) => None,
+        });
+    })
+    .unwrap();
     (robot.outcomes().to_vec(), lines)
 }
 

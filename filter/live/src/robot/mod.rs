@@ -223,6 +223,11 @@ impl Robot {
         self.phase == Phase::Ends
     }
 
+    /// Holes to identify.
+    pub fn n_episodes(&self) -> usize {
+        self.settings.n_episodes
+    }
+
     /// What became of the holes so far.
     pub fn outcomes(&self) -> &[Outcome] {
         &self.outcomes
@@ -350,7 +355,7 @@ impl Robot {
             n_refused: self.hole.n_refused,
         };
         let Outcome { part, off_mm, .. } = &outcome;
-        sent.push(Sent::Say(format!("{}; it was {part}, {off_mm:.2} mm away", decision.line())));
+        sent.push(Sent::Say(format!("the robot says: it was {part}, and its place was {off_mm:.2} mm off")));
         self.outcomes.push(outcome);
         if self.outcomes.len() >= self.settings.n_episodes {
             self.phase = Phase::Ends;

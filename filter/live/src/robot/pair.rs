@@ -1,11 +1,10 @@
 //! A node and a robot joined in one process, on a clock that runs as fast as they do.
 
-use tactile_data::recording::ros::messages::{Text, from_cdr};
-
 use crate::error::{Error, Result};
 use crate::event::{Event, Input, Output, Topic};
 use crate::robot::{Heard, Robot, Sent};
 use crate::session::Session;
+use crate::shell::{Spoken, spoken};
 
 /// Between two ticks, nanoseconds.
 const TICK_NS: i64 = 20_000_000;
@@ -13,11 +12,11 @@ const TICK_NS: i64 = 20_000_000;
 /// When it begins: a stamp of zero would mean none.
 const START_NS: i64 = 1_700_000_000_000_000_000;
 
-/// Runs until the robot's holes are done; `say` gets the lines for a person, with the seconds since the start.
+/// Runs until the robot's holes are done; `tell` gets what a person should see, with the seconds since the start.
 ///
 /// # Errors
 /// A hole that cannot be touched; more than `limit_s` seconds of the joined clock.
-pub fn run(session: &mut Session, robot: &mut Robot, limit_s: f64, say: &mut dyn FnMut(f64, &str)) -> Result<()> {
+pub fn run(session: &mut Session, robot: &mut Robot, limit_s: f64, tell: &mut dyn FnMut(f64, Spoken)) -> Result<()> {
     session.handle(&Event { time_ns: START_NS, input: Input::Cameras(1) });
     let mut n_calls = 0;
     for tick in 0.. {
@@ -33,13 +32,14 @@ pub fn run(session: &mut Session, robot: &mut Robot, limit_s: f64, say: &mut dyn
         let mut heard = vec![Heard::Tick];
         let mut outputs = session.handle(&Event { time_ns, input: Input::Tick });
         loop {
-            heard.extend(outputs.drain(..).filter_map(|output| heard_of(&output, &mut |text| say(seconds, text))));
+            spoken(&outputs).into_iter().for_each(|spoken| tell(seconds, spoken));
+            heard.extend(outputs.drain(..).filter_map(|output| heard_of(&output)));
             if heard.is_empty() {
                 break;
             }
             for heard in std::mem::take(&mut heard) {
                 for sent in robot.step(time_ns, &heard)? {
-                    let Some(input) = input_of(sent, &mut n_calls, &mut |text| say(seconds, text)) else { continue };
+                    let Some(input) = input_of(sent, &mut n_calls, &mut |line| tell(seconds, Spoken::Line(line))) else { continue };
                     outputs.extend(session.handle(&Event { time_ns, input }));
                 }
             }
@@ -48,7 +48,7 @@ pub fn run(session: &mut Session, robot: &mut Robot, limit_s: f64, say: &mut dyn
     Ok(())
 }
 
-fn input_of(sent: Sent, n_calls: &mut u64, say: &mut dyn FnMut(&str)) -> Option<Input> {
+fn input_of(sent: Sent, n_calls: &mut u64, say: &mut dyn FnMut(String)) -> Option<Input> {
     Some(match sent {
         Sent::Image(cdr) => Input::Image(cdr),
         Sent::CompressedImage(cdr) => Input::CompressedImage(cdr),
@@ -58,25 +58,17 @@ fn input_of(sent: Sent, n_calls: &mut u64, say: &mut dyn FnMut(&str)) -> Option<
             Input::Called { request, id: *n_calls }
         }
         Sent::Say(text) => {
-            say(&text);
+            say(text);
             return None;
         }
     })
 }
 
-fn heard_of(output: &Output, say: &mut dyn FnMut(&str)) -> Option<Heard> {
+fn heard_of(output: &Output) -> Option<Heard> {
     match output {
         Output::Publish { topic: Topic::NextPose, cdr } => Some(Heard::NextPose(cdr.clone())),
         Output::Publish { topic: Topic::Decision, cdr } => Some(Heard::Decision(cdr.clone())),
-        Output::Publish { topic: Topic::Events, cdr } => {
-            if let Ok(Text { data }) = from_cdr(cdr, "event") {
-                say(&data);
-            }
-            None
-        }
         Output::Publish { .. } => None,
-        Output::Answer { success, message, .. } => {
-            Some(Heard::Answer { success: *success, message: message.clone() })
-        }
+        Output::Answer { success, message, .. } => Some(Heard::Answer { success: *success, message: message.clone() }),
     }
 }

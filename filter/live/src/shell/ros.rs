@@ -1,0 +1,160 @@
+//! The node on a ROS 2 network.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant};
+
+use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, PoseStamped};
+
+use crate::error::{Error, Result};
+use crate::event::{Event, Input, Output, Request, Topic};
+use crate::ros2::{Bus, Delivery, Inbox, Incoming, Level, Publication, RequestId, Service, Subscription};
+use crate::session::{Names, Session};
+use crate::shell::{Spoken, TICK, is_asked, spoken};
+use crate::sources::NodeClock;
+
+/// The node's topics and services on a network.
+pub struct Network {
+    bus: Bus,
+    inbox: Inbox,
+    image: Subscription,
+    compressed: Subscription,
+    tool: Subscription,
+    services: [Service; 3],
+    publications: BTreeMap<Topic, Publication>,
+    /// Publishers of pictures, by subscription.
+    cameras: BTreeMap<Subscription, usize>,
+    /// Calls that wait for their answers.
+    calls: BTreeMap<u64, (Service, RequestId)>,
+    n_calls: u64,
+}
+
+impl Network {
+    /// Joins a network that was opened.
+    ///
+    /// # Errors
+    /// Names that ROS 2 does not allow, a network that does not take them.
+    pub fn join(bus: Bus, inbox: Inbox) -> Result<Self> {
+        let subscribe = |name: &str, type_name: &str| bus.subscribe(name, type_name, Delivery::Newest);
+        let image = subscribe("~/image", Image::TYPE)?;
+        let compressed = subscribe("~/image/compressed", CompressedImage::TYPE)?;
+        let tool = subscribe("~/tool_pose", PoseStamped::TYPE)?;
+        let [observe, reset, calibrate] = Request::ALL.map(|request| bus.serve(request.name()));
+        let mut publications = BTreeMap::new();
+        for topic in Topic::ALL {
+            let delivery = if topic.is_latched() { Delivery::Latched } else { Delivery::Reliable };
+            publications.insert(topic, bus.advertise(topic.name(), topic.message()[0], delivery)?);
+        }
+        Ok(Self {
+            services: [observe?, reset?, calibrate?],
+            image,
+            compressed,
+            tool,
+            publications,
+            cameras: BTreeMap::new(),
+            calls: BTreeMap::new(),
+            n_calls: 0,
+            bus,
+            inbox,
+        })
+    }
+
+    /// The names of the node and its topics on the network.
+    ///
+    /// # Errors
+    /// Names that ROS 2 does not allow.
+    pub fn names(&self, node: &str) -> Result<Names> {
+        Ok(Names {
+            node: node.to_owned(),
+            image_topic: self.bus.resolve("~/image")?,
+            tool_topic: self.bus.resolve("~/tool_pose")?,
+        })
+    }
+
+    /// Runs until a stop is asked for. `tell` gets what a person should see.
+    ///
+    /// # Errors
+    /// A network that is gone, a log that cannot be ended.
+    pub fn run(mut self, mut session: Session, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+        let clock = NodeClock::start();
+        let mut last_tick = Instant::now();
+        while !is_asked(stop) {
+            match self.inbox.recv_timeout(TICK.saturating_sub(last_tick.elapsed()).max(Duration::from_millis(1))) {
+                Ok(incoming) => {
+                    if let Some((moment, input)) = self.input(incoming, tell) {
+                        let outputs = session.handle(&Event { time_ns: clock.at_ns(moment), input });
+                        self.pass_on(outputs, tell)?;
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Err(Error::invalid("network", "an open one", "none")),
+            }
+            if last_tick.elapsed() >= TICK {
+                last_tick = Instant::now();
+                let outputs = session.handle(&Event { time_ns: clock.now_ns(), input: Input::Tick });
+                self.pass_on(outputs, tell)?;
+            }
+        }
+        session.finish()
+    }
+
+    fn input(&mut self, incoming: Incoming, tell: &mut dyn FnMut(Spoken)) -> Option<(Instant, Input)> {
+        match incoming {
+            Incoming::Message { subscription, cdr, received, .. } => {
+                let input = match subscription {
+                    of if of == self.image => Input::Image(cdr),
+                    of if of == self.compressed => Input::CompressedImage(cdr),
+                    of if of == self.tool => Input::ToolPose(cdr),
+                    _ => return None,
+                };
+                Some((received, input))
+            }
+            Incoming::Request { service, id, received } => {
+                let at = self.services.iter().position(|known| *known == service)?;
+                self.n_calls += 1;
+                self.calls.insert(self.n_calls, (service, id));
+                Some((received, Input::Called { request: Request::ALL[at], id: self.n_calls }))
+            }
+            Incoming::Matched { endpoint: crate::ros2::Endpoint::Subscription(subscription), n_peers } => {
+                if subscription == self.tool {
+                    return None;
+                }
+                self.cameras.insert(subscription, n_peers);
+                let n_cameras = self.cameras.values().sum::<usize>();
+                Some((Instant::now(), Input::Cameras(u32::try_from(n_cameras).unwrap_or(u32::MAX))))
+            }
+            Incoming::Trouble(trouble) => {
+                let line = trouble.to_string();
+                self.bus.log(Level::Warn, &line);
+                tell(Spoken::Line(line));
+                None
+            }
+            _ => None,
+        }
+    }
+
+    fn pass_on(&mut self, outputs: Vec<Output>, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+        for spoken in spoken(&outputs) {
+            if let Spoken::Line(line) = &spoken {
+                self.bus.log(Level::Info, line);
+            }
+            tell(spoken);
+        }
+        for output in outputs {
+            match output {
+                Output::Publish { topic, cdr } => {
+                    if let Some(publication) = self.publications.get(&topic) {
+                        self.bus.publish(*publication, &cdr)?;
+                    }
+                }
+                Output::Answer { id, success, message } => {
+                    if let Some((service, id)) = self.calls.remove(&id) {
+                        self.bus.reply(service, &id, success, &message)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}

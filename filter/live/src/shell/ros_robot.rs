@@ -1,0 +1,113 @@
+//! The simulated robot on a ROS 2 network: a process of its own that only messages connect with the node.
+
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant};
+
+use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, PoseStamped, Text};
+
+use crate::error::{Error, Result};
+use crate::event::{Request, Topic};
+use crate::robot::{Heard, Outcome, Robot, Sent};
+use crate::ros2::{Bus, Client, Delivery, Endpoint, Inbox, Incoming, Publication, Subscription};
+use crate::shell::{Spoken, is_asked};
+use crate::sources::NodeClock;
+
+/// Between two ticks: poses are sent 50 times a second.
+const TICK: Duration = Duration::from_millis(10);
+
+/// The robot's topics and services on a network.
+pub struct RobotNetwork {
+    bus: Bus,
+    inbox: Inbox,
+    image: Publication,
+    compressed: Publication,
+    tool: Publication,
+    next_pose: Subscription,
+    decision: Subscription,
+    clients: [Client; 3],
+    /// Services that answer.
+    is_there: [bool; 3],
+}
+
+impl RobotNetwork {
+    /// Joins a network that was opened, as the robot of a node of this full name.
+    ///
+    /// # Errors
+    /// Names that ROS 2 does not allow, a network that does not take them.
+    pub fn join(bus: Bus, inbox: Inbox, node: &str) -> Result<Self> {
+        let name = |of_node: &str| of_node.replacen('~', node, 1);
+        let advertise = |of_node: &str, type_name: &str| bus.advertise(&name(of_node), type_name, Delivery::Reliable);
+        let subscribe = |topic: Topic| bus.subscribe(&name(topic.name()), topic.message()[0], Delivery::Reliable);
+        let [observe, reset, calibrate] = Request::ALL.map(|request| bus.client(&name(request.name())));
+        debug_assert_eq!(Topic::Decision.message()[0], Text::TYPE);
+        Ok(Self {
+            image: advertise("~/image", Image::TYPE)?,
+            compressed: advertise("~/image/compressed", CompressedImage::TYPE)?,
+            tool: advertise("~/tool_pose", PoseStamped::TYPE)?,
+            next_pose: subscribe(Topic::NextPose)?,
+            decision: subscribe(Topic::Decision)?,
+            clients: [observe?, reset?, calibrate?],
+            is_there: [false; 3],
+            bus,
+            inbox,
+        })
+    }
+
+    /// Runs until the robot's holes are done or a stop is asked for. `tell` gets what a person should see.
+    ///
+    /// # Errors
+    /// A network that is gone, a hole that cannot be touched.
+    pub fn run(mut self, mut robot: Robot, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<Vec<Outcome>> {
+        let clock = NodeClock::start();
+        let mut last_tick = Instant::now();
+        tell(Spoken::Line("waiting for the node's services".to_owned()));
+        while !is_asked(stop) && !robot.is_finished() {
+            let wait = TICK.saturating_sub(last_tick.elapsed()).max(Duration::from_millis(1));
+            let mut heard = match self.inbox.recv_timeout(wait) {
+                Ok(incoming) => self.heard(incoming),
+                Err(RecvTimeoutError::Timeout) => None,
+                Err(RecvTimeoutError::Disconnected) => return Err(Error::invalid("network", "an open one", "none")),
+            };
+            let is_ready = self.is_there.iter().all(|there| *there);
+            if heard.is_none() && is_ready && last_tick.elapsed() >= TICK {
+                last_tick = Instant::now();
+                heard = Some(Heard::Tick);
+            }
+            let Some(heard) = heard else { continue };
+            for sent in robot.step(clock.now_ns(), &heard)? {
+                self.send(sent, tell)?;
+            }
+        }
+        Ok(robot.outcomes().to_vec())
+    }
+
+    fn heard(&mut self, incoming: Incoming) -> Option<Heard> {
+        match incoming {
+            Incoming::Message { subscription, cdr, .. } if subscription == self.next_pose => Some(Heard::NextPose(cdr)),
+            Incoming::Message { subscription, cdr, .. } if subscription == self.decision => Some(Heard::Decision(cdr)),
+            Incoming::Response { success, message, .. } => Some(Heard::Answer { success, message }),
+            Incoming::Matched { endpoint: Endpoint::Client(client), n_peers } => {
+                if let Some(at) = self.clients.iter().position(|known| *known == client) {
+                    self.is_there[at] = n_peers > 0;
+                }
+                None
+            }
+            _ => None,
+        }
+    }
+
+    fn send(&mut self, sent: Sent, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+        match sent {
+            Sent::Image(cdr) => self.bus.publish(self.image, &cdr)?,
+            Sent::CompressedImage(cdr) => self.bus.publish(self.compressed, &cdr)?,
+            Sent::ToolPose(cdr) => self.bus.publish(self.tool, &cdr)?,
+            Sent::Call(request) => {
+                let at = Request::ALL.iter().position(|known| *known == request).unwrap_or_default();
+                self.bus.call(self.clients[at])?;
+            }
+            Sent::Say(line) => tell(Spoken::Line(line)),
+        }
+        Ok(())
+    }
+}
