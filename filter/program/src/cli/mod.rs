@@ -5,15 +5,20 @@ mod assemble;
 mod budget;
 mod evaluate;
 mod extremes;
+mod failure;
+mod live;
 mod merge;
 mod replay;
 mod reproduction;
+#[cfg(feature = "ros2")]
+mod robot;
+mod simulated;
 mod table;
 mod tradeoff;
 mod tuning;
 
 use clap::{Parser, Subcommand};
-use tactile_eval::Result;
+use failure::Result;
 
 /// Which peg fits this hole, and where the hole is, by touch alone.
 ///
@@ -32,7 +37,10 @@ pub struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Evaluate(Box<evaluate::Evaluate>),
-    Replay(replay::Replay),
+    Live(Box<live::Live>),
+    Replay(Box<replay::Replay>),
+    #[cfg(feature = "ros2")]
+    Robot(robot::RobotArgs),
     Assemble(assemble::Assemble),
     Tradeoff(tradeoff::TradeoffArgs),
     Merge(merge::Merge),
@@ -47,13 +55,16 @@ impl Cli {
     /// Runs the command that was asked for.
     pub fn run(self) -> Result<()> {
         match self.command {
-            Command::Assemble(assemble) => assemble.run(),
-            Command::Evaluate(evaluate) => evaluate.run(),
-            Command::Extremes(extremes) => extremes.run(),
-            Command::Merge(merge) => merge.run(),
+            Command::Assemble(assemble) => Ok(assemble.run()?),
+            Command::Evaluate(evaluate) => Ok(evaluate.run()?),
+            Command::Extremes(extremes) => Ok(extremes.run()?),
+            Command::Live(live) => live.run(),
+            Command::Merge(merge) => Ok(merge.run()?),
             Command::Replay(replay) => replay.run(),
-            Command::Reproduction(reproduction) => reproduction.run(),
-            Command::Tradeoff(tradeoff) => tradeoff.run(),
+            #[cfg(feature = "ros2")]
+            Command::Robot(robot) => robot.run(),
+            Command::Reproduction(reproduction) => Ok(reproduction.run()?),
+            Command::Tradeoff(tradeoff) => Ok(tradeoff.run()?),
         }
     }
 }

@@ -1,20 +1,25 @@
 //! `tactile-filter replay`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 use tactile_data::store::Dataset;
 use tactile_eval::replay::{Replayed, episodes, play};
-use tactile_eval::{Error, Result};
+use tactile_eval::Error;
 use tactile_filter::Sensor;
 use tactile_filter::action::ActionRule;
-use tactile_infer::Model;
+use tactile_infer::{Bank, Model};
+use tactile_live::replay;
+use tactile_live::shell::Spoken;
 
 use super::arguments::{Engine, Inputs};
 use super::budget::{BudgetArgs, Task};
+use super::failure::Result;
+use super::live::tell;
 use super::tuning::Tuning;
 
-/// Play a recorded dataset of hole touches back through the filter.
+/// Play a recorded dataset of hole touches, or the log of a live node, back through the filter.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-data import presses --out recorded\n  \
                         tactile-filter replay --model infer/models/maze-small.safetensors --bank pegs.bank \
@@ -23,8 +28,11 @@ pub struct Replay {
     #[command(flatten)]
     inputs: Inputs,
     /// Recorded dataset: imported, or generated with its holes
-    #[arg(long, value_name = "DIR")]
-    data: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "log")]
+    data: Option<PathBuf>,
+    /// Log of `live --log` instead: its events are given to a new node, and all that it says is compared byte for byte
+    #[arg(long, value_name = "FILE", conflicts_with = "data")]
+    log: Option<PathBuf>,
     /// Play at most this many episodes [default: all]
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
@@ -47,7 +55,8 @@ impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         let (model, mut bank) = self.inputs.load()?;
-        let dataset = Dataset::open(&self.data)?;
+        let Some(data) = &self.data else { return self.replay_log(model, bank) };
+        let dataset = Dataset::open(data)?;
         self.warn_of_scale(&model, &dataset);
         let sensor = Sensor::new(model.clone(), dataset.no_contact())?;
         let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model)?)?;
@@ -69,10 +78,23 @@ impl Replay {
             self.print(number, &replayed)?;
         }
         if recorded.is_empty() {
-            println!("no touch: no frame of {} shows contact", self.data.display());
+            println!("no touch: no frame of {} shows contact", data.display());
         } else if n_right[1] > 0 && !self.json {
             println!("{} of {} episodes named right", n_right[0], n_right[1]);
         }
+        Ok(())
+    }
+
+    fn replay_log(&self, model: Arc<Model>, bank: Arc<Bank>) -> Result<()> {
+        let Some(log) = &self.log else { return Ok(()) };
+        let replayed = replay::replay(log, model, bank)?;
+        for decision in &replayed.decisions {
+            tell(&Spoken::Decision(Box::new(decision.clone())), self.json);
+        }
+        if let Some(cut) = &replayed.cut {
+            eprintln!("warning: {cut}");
+        }
+        eprintln!("{} events give the same {} decisions again", replayed.n_events, replayed.decisions.len());
         Ok(())
     }
 
@@ -83,7 +105,7 @@ impl Replay {
         if (0..2).any(|axis| (view[axis] / trained[axis] - 1.0).abs() > SCALE_TOLERANCE) {
             eprintln!(
                 "warning: {} shows {:.1} x {:.1} mm, the model was trained on {:.1} x {:.1} mm",
-                self.data.display(),
+                dataset.meta().name,
                 view[0],
                 view[1],
                 trained[0],

@@ -1,0 +1,214 @@
+//! `tactile-filter live`.
+
+use std::fs::File;
+use std::io::{BufReader, stdin};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use serde_json::{Map, Value};
+use tactile_data::output::check_file;
+use tactile_data::scene::Scene;
+use tactile_infer::{Bank, Model};
+use tactile_live::session::{Names, Session};
+use tactile_live::shell::{Spoken, film, folder, simulated};
+use tactile_live::sources::NodeClock;
+use tactile_live::sources::commands::HELP;
+use tactile_live::sources::folder::Folder;
+use tactile_live::{Error, Node, Parameters};
+
+use super::failure::Result;
+use super::simulated::{SimulatedArgs, print_outcomes};
+
+/// Identify holes by touches as they are made: frames in, decisions out.
+#[derive(Args)]
+#[command(after_help = "Example:\n  tactile-infer bank --model infer/models/maze-small.safetensors \
+                        --scene alphabet-small --xy-step-mm 2 --theta-step-deg 15 --out pegs.bank\n  \
+                        tactile-filter live --model infer/models/maze-small.safetensors --bank pegs.bank \
+                        --simulate alphabet-small --log live.mcap")]
+pub struct Live {
+    /// Checkpoint written by tactile-train
+    #[arg(long, value_name = "FILE")]
+    pub model: PathBuf,
+    /// Bank of the pegs that may fit, made by tactile-infer bank with the same model
+    #[arg(long, value_name = "FILE")]
+    pub bank: PathBuf,
+    #[command(flatten)]
+    source: Source,
+    /// Write all that comes and goes to a new MCAP file, which `replay --log` checks and Foxglove shows
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// Print a line of JSON for each touch
+    #[arg(long)]
+    json: bool,
+    /// Parameters in YAML, as ROS 2 has them; several files are read in order
+    #[arg(long, value_name = "FILE")]
+    params_file: Vec<PathBuf>,
+    /// A parameter, such as camera.crop:=border:1/7
+    #[arg(short = 'p', long = "param", value_name = "NAME:=VALUE")]
+    param: Vec<String>,
+    /// With --watch: stop when nothing more is ready
+    #[arg(long, requires = "watch")]
+    once: bool,
+    /// With --stdin-mjpeg: where commands come from, a line each [default: the terminal]
+    #[arg(long, value_name = "FILE", requires = "stdin_mjpeg")]
+    commands: Option<PathBuf>,
+    /// With --simulate: as fast as it goes, instead of the pace of a clock
+    #[arg(long, requires = "simulate")]
+    fast: bool,
+    #[command(flatten)]
+    simulated: SimulatedArgs,
+    /// Words of ROS 2: -r FROM:=TO, -r __ns:=/NAME, -p NAME:=VALUE, --params-file FILE
+    #[cfg(feature = "ros2")]
+    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS")]
+    ros_args: Vec<String>,
+}
+
+/// Where touches come from.
+#[derive(Args)]
+#[group(required = true, multiple = false)]
+struct Source {
+    /// A simulated robot over the holes of a scene, in this process
+    #[arg(long, value_name = "SCENE")]
+    simulate: Option<String>,
+    /// A film of JPEGs on standard input, and commands from the terminal
+    #[arg(long)]
+    stdin_mjpeg: bool,
+    /// A folder that pictures are put into: rest.png, then NAME.png with NAME.json
+    #[arg(long, value_name = "DIR")]
+    watch: Option<PathBuf>,
+    /// ROS 2 over DDS, without ROS installed
+    #[cfg(feature = "ros2")]
+    #[arg(long)]
+    ros: bool,
+}
+
+impl Live {
+    /// Runs the command.
+    pub fn run(mut self) -> Result<()> {
+        if let Some(log) = &self.log {
+            check_file(log, [&self.model, &self.bank])?;
+            if log.exists() {
+                let expected = "a new file: a log is never written over";
+                return Err(Error::invalid(log.display().to_string(), expected, "one that exists").into());
+            }
+        }
+        #[cfg(feature = "ros2")]
+        if self.source.ros {
+            return self.run_ros();
+        }
+        if self.source.watch.is_some() {
+            // Each picture is a touch's only one; what the user sets comes after.
+            let stills = ["camera.stills:=true", "camera.n_rest:=1", "camera.reconnect_s:=1e8"].map(str::to_owned);
+            self.param.splice(0..0, stills);
+        }
+        let names = Names::default();
+        let parameters = self.parameters(&names.node)?;
+        let session = self.session(&names, parameters)?;
+        let json = self.json;
+        let tell = &mut |spoken| tell(&spoken, json);
+        let stop = stop_on_ctrl_c()?;
+        if let Some(path) = &self.source.watch {
+            let folder = Folder::open(path)?;
+            return Ok(folder::run(session, folder, self.once, stop, tell)?);
+        }
+        if let Some(scene) = &self.source.simulate {
+            let robot = self.simulated.robot(Scene::load(scene)?)?;
+            let outcomes = simulated::run(session, robot, !self.fast, tell)?;
+            print_outcomes(&outcomes);
+            return Ok(());
+        }
+        let commands = self.commands.clone().unwrap_or_else(|| "/dev/tty".into());
+        let commands = File::open(&commands).map_err(|error| {
+            let got = format!("{error}; --commands FILE names another place, such as a FIFO");
+            Error::invalid(commands.display().to_string(), format!("commands ({HELP})"), got)
+        })?;
+        eprintln!("{HELP}");
+        Ok(film::run(session, stdin(), BufReader::new(commands), stop, tell)?)
+    }
+
+    /// The node's parameters: files first, then single ones.
+    fn parameters(&self, node: &str) -> Result<Parameters> {
+        let mut read = Map::new();
+        for path in &self.params_file {
+            add_file(&mut read, path, node)?;
+        }
+        for word in &self.param {
+            let wrong = || Error::invalid("-p", "NAME:=VALUE", word.clone());
+            let (name, value) = word.split_once(":=").ok_or_else(wrong)?;
+            Parameters::set(&mut read, name, value)?;
+        }
+        Ok(Parameters::of(read)?)
+    }
+
+    fn session(&self, names: &Names, parameters: Parameters) -> Result<Session> {
+        let model = Arc::new(Model::load(&self.model)?);
+        let bank = Arc::new(Bank::load(&self.bank, &model)?);
+        let setup = names.setup(&parameters, &model, &bank)?;
+        let session = Session::new(Node::new(parameters, model, bank)?);
+        match &self.log {
+            Some(log) => Ok(session.with_log(log, &setup, NodeClock::start().now_ns())?),
+            None => Ok(session),
+        }
+    }
+
+    #[cfg(feature = "ros2")]
+    fn run_ros(self) -> Result<()> {
+        use tactile_live::ros2::{Bus, Settings, arguments};
+        use tactile_live::shell::ros::Network;
+
+        let words = arguments(std::iter::once("--ros-args".to_owned()).chain(self.ros_args.iter().cloned()))
+            .map_err(Error::from)?;
+        let settings = Settings::from_words("tactile_filter", &words, |name| std::env::var(name).ok());
+        let settings = settings.map_err(Error::from)?;
+        let node = settings.node.full();
+        let mut read = Map::new();
+        for path in self.params_file.iter().chain(&words.parameter_files) {
+            add_file(&mut read, path, &node)?;
+        }
+        for parameter in &words.parameters {
+            if parameter.node.as_ref().is_none_or(|name| node.ends_with(name.as_str())) {
+                Parameters::set(&mut read, &parameter.name, &parameter.value)?;
+            }
+        }
+        let parameters = Parameters::of(read)?;
+        let (bus, inbox) = Bus::open(settings).map_err(Error::from)?;
+        let network = Network::join(bus, inbox)?;
+        let names = network.names(&node)?;
+        let session = self.session(&names, parameters)?;
+        eprintln!("{node}: pictures on {}, tool poses on {}", names.image_topic, names.tool_topic);
+        let json = self.json;
+        Ok(network.run(session, stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, json))?)
+    }
+}
+
+/// Adds the parameters of a file.
+fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()> {
+    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+    for (name, value) in Parameters::from_yaml(&text, node, &path.display().to_string())? {
+        Parameters::set(read, &name, &value.to_string())?;
+    }
+    Ok(())
+}
+
+/// Prints what the node says.
+pub fn tell(spoken: &Spoken, json: bool) {
+    match spoken {
+        Spoken::Line(line) => eprintln!("{line}"),
+        Spoken::Decision(report) if json => {
+            if let Ok(json) = serde_json::to_string(report) {
+                println!("{json}");
+            }
+        }
+        Spoken::Decision(report) => println!("{}", report.line()),
+    }
+}
+
+/// Set at ctrl-C, so that a log gets its end.
+pub fn stop_on_ctrl_c() -> Result<&'static AtomicBool> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))
+        .map_err(|error| Error::invalid("ctrl-C", "a handler", error.to_string()))?;
+    Ok(&STOP)
+}

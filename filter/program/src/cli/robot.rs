@@ -1,0 +1,43 @@
+//! `tactile-filter robot`.
+
+use clap::Args;
+use tactile_data::scene::Scene;
+use tactile_live::Error;
+use tactile_live::ros2::{Bus, Settings, arguments};
+use tactile_live::shell::ros_robot::RobotNetwork;
+
+use super::failure::Result;
+use super::live::{stop_on_ctrl_c, tell};
+use super::simulated::{SimulatedArgs, print_outcomes};
+
+/// A simulated robot with its sensor on a ROS 2 network, to try `live --ros` with.
+#[derive(Args)]
+#[command(after_help = "Example:\n  tactile-filter robot --scene alphabet-small --episodes 3 --jpeg 90")]
+pub struct RobotArgs {
+    /// The scene whose holes are under the sensor
+    #[arg(long, value_name = "SCENE")]
+    scene: String,
+    /// Full name of the node that it talks to
+    #[arg(long, value_name = "NAME", default_value = "/tactile_filter")]
+    node: String,
+    #[command(flatten)]
+    simulated: SimulatedArgs,
+    /// Words of ROS 2: -r FROM:=TO, -r __ns:=/NAME
+    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS")]
+    ros_args: Vec<String>,
+}
+
+impl RobotArgs {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let words = arguments(std::iter::once("--ros-args".to_owned()).chain(self.ros_args.iter().cloned()))
+            .map_err(Error::from)?;
+        let settings = Settings::from_words("tactile_robot", &words, |name| std::env::var(name).ok());
+        let robot = self.simulated.robot(Scene::load(&self.scene)?)?;
+        let (bus, inbox) = Bus::open(settings.map_err(Error::from)?).map_err(Error::from)?;
+        let network = RobotNetwork::join(bus, inbox, &self.node)?;
+        let outcomes = network.run(robot, stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, false))?;
+        print_outcomes(&outcomes);
+        Ok(())
+    }
+}
