@@ -8,6 +8,7 @@ mod chain;
 mod divergence;
 mod filter;
 mod infer;
+mod live;
 mod readme;
 mod recordings;
 mod train;

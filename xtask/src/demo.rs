@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::error::{Error, Result};
+use crate::live::live;
 use crate::step::{self, Step};
 use crate::workspace::Workspace;
 
@@ -23,7 +24,10 @@ pub struct DemoArgs {
     /// Skip training: use the checkpoint that comes with the project.
     #[arg(long)]
     quick: bool,
-    /// Folder for everything it makes [default: demo in the workspace].
+    /// Instead: the live node and a simulated robot, two processes on a ROS 2 network of this machine.
+    #[arg(long, conflicts_with = "quick")]
+    live: bool,
+    /// Folder for everything it makes [default: demo, or demo-live, in the workspace].
     #[arg(long)]
     out: Option<PathBuf>,
     /// Seed of the boards, the touches and the training.
@@ -33,6 +37,9 @@ pub struct DemoArgs {
 
 /// Builds the programs, runs them in order: the last prints what came out, and its report compares it with the paper.
 pub fn demo(workspace: &Workspace, args: &DemoArgs) -> Result<()> {
+    if args.live {
+        return live(workspace, args.out.as_deref(), args.seed);
+    }
     let shipped = workspace.shipped_model();
     if args.quick && !shipped.is_file() {
         return Err(Error::invalid(shipped.display().to_string(), "the model that comes with the project", "none"));

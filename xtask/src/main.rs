@@ -6,6 +6,7 @@ mod demo;
 mod error;
 mod json;
 mod lab;
+mod live;
 mod program;
 mod python;
 mod reproduce;

@@ -187,7 +187,8 @@ impl Camera {
         let expected = format!("one at most {} s old", self.parameters.max_age_s);
         if age_s > self.parameters.max_age_s {
             // The same picture comes, still: not a camera that sends nothing.
-            let is_sending = self.last_message_ns.is_some_and(|last| (now_ns - last) as f64 * 1e-9 <= self.parameters.max_age_s);
+            let is_sending =
+                self.last_message_ns.is_some_and(|last| (now_ns - last) as f64 * 1e-9 <= self.parameters.max_age_s);
             let is_frozen = self.n_repeats > 0 && is_sending;
             let got = if is_frozen {
                 format!("the same one for {age_s:.1} s, {} times: the camera has stopped", self.n_repeats + 1)
@@ -297,7 +298,8 @@ mod tests {
         }
         assert_eq!(camera.counts(), Counts { new: 2, repeated: 9, malformed: 0 });
         let frozen = camera.pair_since(0, 400 * MS).unwrap_err().to_string();
-        let said = "picture: expected one at most 0.3 s old, got the same one for 0.4 s, 10 times: the camera has stopped";
+        let said =
+            "picture: expected one at most 0.3 s old, got the same one for 0.4 s, 10 times: the camera has stopped";
         assert_eq!(frozen, said);
         assert!((camera.rate_hz().unwrap() - 25.0).abs() < 1e-9);
     }
@@ -324,7 +326,8 @@ mod tests {
             // From the fifth on they are half a second late.
             for i in 0..8_i64 {
                 let late_ms = if i < 4 { 3 } else { 500 };
-                let (_, fault) = camera.image((start + 40 * i + late_ms) * MS, &picture(i as u8, stamp(40 * i))).unwrap();
+                let (_, fault) =
+                    camera.image((start + 40 * i + late_ms) * MS, &picture(i as u8, stamp(40 * i))).unwrap();
                 faults.extend(fault);
             }
             assert_eq!(faults.len(), usize::from(offset_s != 0), "{faults:?}");
@@ -359,7 +362,8 @@ mod tests {
         for bytes in [&whole[..9], &whole[..whole.len() - 5], &[0; 40], &[]] {
             assert!(camera.image(1, bytes).is_err());
         }
-        let strange = Image { encoding: "yuv422".into(), height: 2, width: 2, step: 4, data: vec![0; 8], ..Image::default() };
+        let strange =
+            Image { encoding: "yuv422".into(), height: 2, width: 2, step: 4, data: vec![0; 8], ..Image::default() };
         assert!(camera.image(2, &to_cdr(&strange)).unwrap_err().to_string().contains("yuv422"));
         assert!(camera.compressed(3, &to_cdr(&CompressedImage::default())).is_err());
         assert_eq!(camera.counts(), Counts { new: 1, repeated: 0, malformed: 6 });

@@ -17,8 +17,8 @@ pub mod log;
 mod node;
 pub mod parameters;
 mod published;
-mod rest;
 pub mod replay;
+mod rest;
 #[cfg(feature = "robot")]
 pub mod robot;
 #[cfg(feature = "ros2")]

@@ -84,7 +84,8 @@ impl Node {
         parameters.validate()?;
         parameters.episode_config(&model, 0).validate()?;
         if bank.model_sha256() != model.sha256() {
-            let [expected, got] = [model.sha256(), bank.model_sha256()].map(|sha256| format!("one of model {sha256:.12}"));
+            let [expected, got] =
+                [model.sha256(), bank.model_sha256()].map(|sha256| format!("one of model {sha256:.12}"));
             return Err(Error::invalid("bank", expected, got));
         }
         let collecting = parameters.rest_at_start.then(|| Collecting::new(0, i64::MAX));
@@ -339,9 +340,7 @@ impl Node {
         let camera = &self.parameters.camera;
         let (max_age_s, asked) = (camera.max_age_s, camera.rate_hz);
         let counts = self.camera.counts();
-        if let Some(age_s) = self.camera.age_s(self.now_ns).filter(|age_s| *age_s > max_age_s.max(1.0))
-            && self.camera.newest().is_some()
-        {
+        if let Some(age_s) = self.camera.age_s(self.now_ns).filter(|age_s| *age_s > max_age_s.max(1.0)) {
             self.raise(Trouble::NoPictures, Level::Error, format!("camera: no new picture for {age_s:.1} s"));
         }
         match (asked, self.camera.rate_hz()) {

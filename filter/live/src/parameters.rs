@@ -397,7 +397,10 @@ right:
         let none = Parameters::from_yaml(only, "/tactile_filter", "file.yaml").unwrap_err().to_string();
         assert_eq!(none, "file.yaml: expected ros__parameters below /**: or /tactile_filter:, got none");
         let broken = Parameters::from_yaml("a: [1", "/n", "file.yaml").unwrap_err().to_string();
-        assert!(broken.starts_with("file.yaml: expected a parameter file in YAML") && !broken.contains('\n'), "{broken}");
+        assert!(
+            broken.starts_with("file.yaml: expected a parameter file in YAML") && !broken.contains('\n'),
+            "{broken}"
+        );
     }
 
     #[test]

@@ -90,8 +90,7 @@ impl Scene<'_> {
     /// for tilts, of which nothing is estimated, it is zero.
     fn pose(&self) -> PoseWithCovarianceStamped {
         let estimate = &self.report.estimate;
-        let part_from_first =
-            estimate.part_from_sensor * self.episode.belief().first_from_sensor().inverse();
+        let part_from_first = estimate.part_from_sensor * self.episode.belief().first_from_sensor().inverse();
         PoseWithCovarianceStamped {
             header: self.header(self.base),
             pose: self.base_from_part(&estimate.part_from_sensor),
@@ -216,12 +215,12 @@ mod tests {
                 _ => shaken.theta_rad += h,
             }
             let moved = part_in_base(&shaken);
-            let shift: [f64; 3] =
-                std::array::from_fn(|i| moved.to_pose().position[i] - there.to_pose().position[i]);
+            let shift: [f64; 3] = std::array::from_fn(|i| moved.to_pose().position[i] - there.to_pose().position[i]);
             // A small rotation about fixed axes: twice the vector part of the quaternion.
             let turn = moved * there.inverse();
             let q = turn.to_pose().orientation;
-            let change: [f64; 6] = std::array::from_fn(|i| if i < 3 { shift[i] } else { 2.0 * q[i - 3] * q[3].signum() });
+            let change: [f64; 6] =
+                std::array::from_fn(|i| if i < 3 { shift[i] } else { 2.0 * q[i - 3] * q[3].signum() });
             for (at, value) in got.iter().enumerate() {
                 let expected = change[at / 6] * change[at % 6];
                 assert!((value - expected).abs() < 2e-3 * h * h, "axis {axis}, {at}: {value} {expected}");

@@ -67,7 +67,8 @@ pub fn replay(log: &Path, model: Arc<Model>, bank: Arc<Bank>) -> Result<Replayed
         return Err(Error::invalid(place, format!("SHA-256 {expected:.12}"), format!("{got:.12}")));
     }
     let node = Node::new(setup.parameters.clone(), model, bank)?;
-    let mut replay = Replay { log: log.display().to_string(), setup, node, said: VecDeque::new(), number: 0, time_ns: 0 };
+    let mut replay =
+        Replay { log: log.display().to_string(), setup, node, said: VecDeque::new(), number: 0, time_ns: 0 };
     let mut replayed = Replayed::default();
     for message in &mut messages {
         let message = message?;
@@ -105,7 +106,8 @@ struct Replay {
 
 impl Replay {
     fn line(&self, message: &Message) -> Option<Line> {
-        let lines = [Line::Image, Line::CompressedImage, Line::ToolPose, Line::Called, Line::Cameras, Line::Tick, Line::Answer];
+        let lines =
+            [Line::Image, Line::CompressedImage, Line::ToolPose, Line::Called, Line::Cameras, Line::Tick, Line::Answer];
         let outputs = Topic::ALL.map(Line::Output);
         let is_it = |line: &Line| {
             line.topic(&self.setup) == message.channel.topic && line.message()[0] == message.channel.type_name

@@ -36,7 +36,8 @@ impl Stillness {
     /// Pictures that are dark, saturated, uniform or of two sizes.
     pub fn new(rest: &Frame, pictures: &[Frame]) -> Result<Self> {
         let mut noises = pictures.windows(2).map(|pair| difference(&pair[0], &pair[1]));
-        let noise_rms = noises.try_fold(LEAST_NOISE, |most, noise| noise.map(|noise| most.max(noise.difference_rms)))?;
+        let noise_rms =
+            noises.try_fold(LEAST_NOISE, |most, noise| noise.map(|noise| most.max(noise.difference_rms)))?;
         Ok(Self { rest: background(rest)?, noise_rms })
     }
 

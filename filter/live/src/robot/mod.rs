@@ -380,11 +380,8 @@ impl Hole {
         let mut rng = frame_rng(seed ^ HOLES, stream);
         let part = rng.random_range(0..simulator.parts().len());
         let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-        let part_from_sensor = Se2::from_degrees(
-            around(reach.xy_half_mm),
-            around(reach.xy_half_mm),
-            around(reach.theta_half_deg),
-        );
+        let part_from_sensor =
+            Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg));
         // The robot's own draws are no evaluation's.
         let rng = frame_rng(seed ^ SLIPS, stream);
         Self { part, part_from_sensor, stream, rng, named: Vec::new(), n_refused: 0 }

@@ -39,7 +39,10 @@ pub fn run(session: &mut Session, robot: &mut Robot, limit_s: f64, tell: &mut dy
             }
             for heard in std::mem::take(&mut heard) {
                 for sent in robot.step(time_ns, &heard)? {
-                    let Some(input) = input_of(sent, &mut n_calls, &mut |line| tell(seconds, Spoken::Line(line))) else { continue };
+                    let Some(input) = input_of(sent, &mut n_calls, &mut |line| tell(seconds, Spoken::Line(line)))
+                    else {
+                        continue;
+                    };
                     outputs.extend(session.handle(&Event { time_ns, input }));
                 }
             }

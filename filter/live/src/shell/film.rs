@@ -127,7 +127,11 @@ fn read_film(mut film: impl Read, sender: &SyncSender<Arrived>) {
         }
     }
     let skipped = splitter.n_skipped();
-    let why = if skipped > 0 { format!("the film has ended; {skipped} bytes were no picture") } else { "the film has ended".into() };
+    let why = if skipped > 0 {
+        format!("the film has ended; {skipped} bytes were no picture")
+    } else {
+        "the film has ended".into()
+    };
     drop(sender.send(Arrived::FilmEnds(why)));
 }
 

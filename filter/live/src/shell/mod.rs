@@ -2,12 +2,12 @@
 
 pub mod film;
 pub mod folder;
-#[cfg(feature = "robot")]
-pub mod simulated;
 #[cfg(feature = "ros2")]
 pub mod ros;
 #[cfg(all(feature = "ros2", feature = "robot"))]
 pub mod ros_robot;
+#[cfg(feature = "robot")]
+pub mod simulated;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

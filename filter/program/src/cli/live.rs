@@ -60,7 +60,7 @@ pub struct Live {
     #[command(flatten)]
     simulated: SimulatedArgs,
     /// Words of ROS 2: -r FROM:=TO, -r __ns:=/NAME, -p NAME:=VALUE, --params-file FILE
-    #[cfg(feature = "ros2")]
+    #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and says what is missing"))]
     #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS")]
     ros_args: Vec<String>,
 }
@@ -78,8 +78,7 @@ struct Source {
     /// A folder that pictures are put into: rest.png, then NAME.png with NAME.json
     #[arg(long, value_name = "DIR")]
     watch: Option<PathBuf>,
-    /// ROS 2 over DDS, without ROS installed
-    #[cfg(feature = "ros2")]
+    /// ROS 2 over DDS, without ROS installed (a program built with `--features ros2`)
     #[arg(long)]
     ros: bool,
 }
@@ -94,7 +93,6 @@ impl Live {
                 return Err(Error::invalid(log.display().to_string(), expected, "one that exists").into());
             }
         }
-        #[cfg(feature = "ros2")]
         if self.source.ros {
             return self.run_ros();
         }
@@ -153,6 +151,11 @@ impl Live {
         }
     }
 
+    #[cfg(not(feature = "ros2"))]
+    fn run_ros(self) -> Result<()> {
+        Err(no_ros().into())
+    }
+
     #[cfg(feature = "ros2")]
     fn run_ros(self) -> Result<()> {
         use tactile_live::ros2::{Bus, Settings, arguments};
@@ -181,6 +184,13 @@ impl Live {
         let json = self.json;
         Ok(network.run(session, stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, json))?)
     }
+}
+
+/// What is said where the program knows no ROS 2.
+#[cfg(not(feature = "ros2"))]
+pub fn no_ros() -> Error {
+    let how = "cargo build --release -p tactile-filter-cli --features ros2";
+    Error::invalid("ROS 2", format!("a program built with it ({how})"), "one without")
 }
 
 /// Adds the parameters of a file.

@@ -10,7 +10,6 @@ mod live;
 mod merge;
 mod replay;
 mod reproduction;
-#[cfg(feature = "ros2")]
 mod robot;
 mod simulated;
 mod table;
@@ -39,7 +38,6 @@ enum Command {
     Evaluate(Box<evaluate::Evaluate>),
     Live(Box<live::Live>),
     Replay(Box<replay::Replay>),
-    #[cfg(feature = "ros2")]
     Robot(robot::RobotArgs),
     Assemble(assemble::Assemble),
     Tradeoff(tradeoff::TradeoffArgs),
@@ -61,7 +59,6 @@ impl Cli {
             Command::Live(live) => live.run(),
             Command::Merge(merge) => Ok(merge.run()?),
             Command::Replay(replay) => replay.run(),
-            #[cfg(feature = "ros2")]
             Command::Robot(robot) => robot.run(),
             Command::Reproduction(reproduction) => Ok(reproduction.run()?),
             Command::Tradeoff(tradeoff) => Ok(tradeoff.run()?),

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use tactile_data::store::Dataset;
-use tactile_eval::replay::{Replayed, episodes, play};
 use tactile_eval::Error;
+use tactile_eval::replay::{Replayed, episodes, play};
 use tactile_filter::Sensor;
 use tactile_filter::action::ActionRule;
 use tactile_infer::{Bank, Model};

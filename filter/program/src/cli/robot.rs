@@ -1,17 +1,14 @@
 //! `tactile-filter robot`.
 
 use clap::Args;
-use tactile_data::scene::Scene;
-use tactile_live::Error;
-use tactile_live::ros2::{Bus, Settings, arguments};
-use tactile_live::shell::ros_robot::RobotNetwork;
 
 use super::failure::Result;
-use super::live::{stop_on_ctrl_c, tell};
-use super::simulated::{SimulatedArgs, print_outcomes};
+use super::simulated::SimulatedArgs;
 
-/// A simulated robot with its sensor on a ROS 2 network, to try `live --ros` with.
+/// A simulated robot with its sensor on a ROS 2 network, to try `live --ros` with (a program built with
+/// `--features ros2`).
 #[derive(Args)]
+#[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flags exist, and say what is missing"))]
 #[command(after_help = "Example:\n  tactile-filter robot --scene alphabet-small --episodes 3 --jpeg 90")]
 pub struct RobotArgs {
     /// The scene whose holes are under the sensor
@@ -28,8 +25,23 @@ pub struct RobotArgs {
 }
 
 impl RobotArgs {
-    /// Runs the command.
+    /// Says what is missing.
+    #[cfg(not(feature = "ros2"))]
     pub fn run(self) -> Result<()> {
+        Err(super::live::no_ros().into())
+    }
+
+    /// Runs the command.
+    #[cfg(feature = "ros2")]
+    pub fn run(self) -> Result<()> {
+        use tactile_data::scene::Scene;
+        use tactile_live::Error;
+        use tactile_live::ros2::{Bus, Settings, arguments};
+        use tactile_live::shell::ros_robot::RobotNetwork;
+
+        use super::live::{stop_on_ctrl_c, tell};
+        use super::simulated::print_outcomes;
+
         let words = arguments(std::iter::once("--ros-args".to_owned()).chain(self.ros_args.iter().cloned()))
             .map_err(Error::from)?;
         let settings = Settings::from_words("tactile_robot", &words, |name| std::env::var(name).ok());

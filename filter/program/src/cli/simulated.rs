@@ -39,7 +39,8 @@ impl FromStr for Faulty {
     fn from_str(text: &str) -> Result<Self> {
         let mut faults = Faults::default();
         for word in text.split(',').filter(|word| !word.is_empty()) {
-            let wrong = || Error::invalid("--faults", "dropped, frozen, torn, dark or malformed=0..=1, or gone=SECONDS", word);
+            let wrong =
+                || Error::invalid("--faults", "dropped, frozen, torn, dark or malformed=0..=1, or gone=SECONDS", word);
             let (name, value) = word.split_once('=').ok_or_else(wrong)?;
             let value: f64 = value.parse().map_err(|_| wrong())?;
             let (place, most) = match name {
