@@ -91,7 +91,7 @@ pub enum Topic {
     Particles,
     /// The same as points with their weights and parts (`PointCloud2`).
     ParticleCloud,
-    /// Where on the likeliest part the first touch was (`OccupancyGrid`).
+    /// Where on the likeliest part the sensor is (`OccupancyGrid`).
     Belief,
     /// The part's name (`std_msgs/String`).
     Label,

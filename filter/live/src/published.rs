@@ -132,22 +132,24 @@ impl Scene<'_> {
         to_cdr(&PointCloud2::of_floats(self.header(self.base), names, &points))
     }
 
-    /// Where on the likeliest part the first touch was, whatever its angle: 100 at the likeliest place.
+    /// Where on the likeliest part the sensor is, whatever its angle: 100 at the likeliest place. What lies outside the
+    /// bank's area is left out.
     fn belief(&self) -> OccupancyGrid {
         let belief = self.episode.belief();
         let grid = belief.grid();
-        let (n_xy, n_theta) = (grid.n_xy(), grid.n_theta());
         let part = self.report.posterior.iter().position(|(name, _)| *name == self.report.estimate.part);
-        let masses = places(grid, belief.states_from(0.0).iter().filter(|(state, _)| Some(state.part) == part));
-        debug_assert_eq!(masses.len() * n_theta, grid.len());
+        let states = belief.states();
+        let of_part = states.iter().filter(|(state, _)| Some(state.part) == part);
+        let masses = places(grid, of_part.map(|(state, mass)| (self.part_from_sensor(state), *mass)));
         let most = masses.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         let corner = -(grid.xy_half_mm + grid.xy_step_mm / 2.0);
+        let n_xy = grid.n_xy() as u32;
         OccupancyGrid {
             header: self.header(&self.frames.part),
             map_load_time: self.time,
             resolution: (grid.xy_step_mm / MM_PER_M) as f32,
-            width: n_xy as u32,
-            height: n_xy as u32,
+            width: n_xy,
+            height: n_xy,
             origin: Rigid::from_plane(&Se2::new(corner, corner, 0.0)).to_pose(),
             data: masses.iter().map(|mass| (100.0 * mass / most).round() as i8).collect(),
         }
@@ -155,13 +157,17 @@ impl Scene<'_> {
 }
 
 /// The mass at each place of a grid, rows of equal y, angles summed.
-fn places<'a>(grid: &PoseGrid, states: impl Iterator<Item = &'a (Hypothesis, f64)>) -> Vec<f64> {
+fn places(grid: &PoseGrid, poses: impl Iterator<Item = (Se2, f64)>) -> Vec<f64> {
     let n_xy = grid.n_xy();
     let mut masses = vec![0.0; n_xy * n_xy];
-    let index = |mm: f64| (((mm + grid.xy_half_mm) / grid.xy_step_mm).round() as usize).min(n_xy - 1);
-    for (state, mass) in states {
-        let pose = grid.pose(state.cell);
-        masses[index(pose.y_mm) * n_xy + index(pose.x_mm)] += mass;
+    let index = |mm: f64| {
+        let steps = ((mm + grid.xy_half_mm) / grid.xy_step_mm).round();
+        (0.0..n_xy as f64).contains(&steps).then_some(steps as usize)
+    };
+    for (pose, mass) in poses {
+        if let (Some(row), Some(column)) = (index(pose.y_mm), index(pose.x_mm)) {
+            masses[row * n_xy + column] += mass;
+        }
     }
     masses
 }
@@ -231,9 +237,9 @@ mod tests {
     #[test]
     fn places_sum_the_angles_and_rows_are_of_equal_y() {
         let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
-        let cell = |x, y, deg| grid.nearest(&Se2::from_degrees(x, y, deg)).unwrap();
-        let states = [(cell(2.0, -2.0, 30.0), 0.5), (cell(2.0, -2.0, -30.0), 0.25), (cell(-2.0, 2.0, 0.0), 0.25)];
-        let states = states.map(|(cell, mass)| (Hypothesis { part: 0, cell }, mass));
-        assert_eq!(places(&grid, states.iter()), [0.0, 0.0, 0.75, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0]);
+        let at = Se2::from_degrees;
+        let poses = [(at(2.0, -2.0, 30.0), 0.5), (at(2.4, -2.0, -30.0), 0.25), (at(-2.0, 2.0, 0.0), 0.25)];
+        let outside = (at(3.1, 0.0, 0.0), 0.5);
+        assert_eq!(places(&grid, poses.into_iter().chain([outside])), [0.0, 0.0, 0.75, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0]);
     }
 }
