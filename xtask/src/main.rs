@@ -1,6 +1,7 @@
 //! `cargo xtask`: the project's chores. It runs programs and knows no crate.
 
 mod bench;
+mod capi;
 mod demo;
 mod error;
 mod json;
@@ -56,6 +57,9 @@ enum Chore {
     /// Compare a forward pass in numpy with tactile-infer's, from the weights' file alone.
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
+    /// The C library: install it, or check it with compilers, valgrind, sanitizers and CMake, and measure it.
+    #[command(after_help = "Example:\n  cargo xtask capi --install /usr/local")]
+    Capi(capi::CapiArgs),
     /// Compare the graphics card (or Mesa's llvmpipe) with the CPU: embeddings and first training steps.
     #[command(after_help = "Example:\n  cargo xtask wgpu")]
     Wgpu,
@@ -87,6 +91,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
+        Chore::Capi(args) => capi::capi(&workspace, args),
         Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Slurm => slurm::slurm(&workspace),
         Chore::Tidy => tidy::tidy(&workspace),

@@ -1,9 +1,10 @@
 //! Makes what the C and C++ examples read, with a simulated sensor over a simulated hole: model, bank, the frame at rest,
 //! the frames of one whole episode, and what the episode says in Rust.
 //!
-//!     cargo run --release --package tactile-capi --example record -- FOLDER [SCENE]
+//!     cargo run --release --package tactile-capi --example record -- FOLDER [--fine]
 //!
-//! Without a scene three letters at a few poses, made in a second. `alphabet-small` has 12 letters.
+//! Three letters at a few poses, made in a second; or 12 letters every 2 mm and 15 degrees, a bank as a robot uses, made
+//! in some minutes.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -28,8 +29,12 @@ const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maz
 #[allow(dead_code, reason = "a test uses the rest of this file")]
 fn main() -> Result<()> {
     let mut args = std::env::args().skip(1);
-    let Some(folder) = args.next() else { return Err("which folder? record FOLDER [SCENE]".into()) };
-    let scene = args.next().map_or_else(small_scene, |name| Ok(Scene::load(&name)?))?;
+    let Some(folder) = args.next() else { return Err("which folder? record FOLDER [--fine]".into()) };
+    let scene = match args.next().as_deref() {
+        None => small_scene()?,
+        Some("--fine") => fine_scene()?,
+        Some(other) => return Err(format!("expected --fine, got {other}").into()),
+    };
     std::fs::create_dir_all(&folder)?;
     print!("{}", record(folder.as_ref(), scene)?);
     Ok(())
@@ -40,6 +45,13 @@ pub fn small_scene() -> Result<Scene> {
     let mut scene = Scene::load("alphabet-small")?;
     scene.parts = Parts::Kit(Kit::of_letters("KLT", 12.0, 16.0));
     scene.reach = Some(PoseGrid { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 45.0, theta_step_deg: 45.0 });
+    Ok(scene)
+}
+
+/// Twelve letters every 2 mm and 15 degrees.
+fn fine_scene() -> Result<Scene> {
+    let mut scene = Scene::load("alphabet-small")?;
+    scene.reach = scene.reach.map(|reach| PoseGrid { xy_step_mm: 2.0, theta_step_deg: 15.0, ..reach });
     Ok(scene)
 }
 

@@ -333,7 +333,8 @@ mod tests {
     #[test]
     fn settings_come_back_as_they_went() {
         let place = EpisodeConfig { stop_place_mm: Some(0.5), seed: u64::MAX, ..EpisodeConfig::default() };
-        let turned = ActionConfig { min_separation_deg: Some(20.0), rule: ActionRule::Random, ..ActionConfig::default() };
+        let turned =
+            ActionConfig { min_separation_deg: Some(20.0), rule: ActionRule::Random, ..ActionConfig::default() };
         let cubic = LikelihoodConfig { interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
         let turned = EpisodeConfig { action: turned, likelihood: cubic, ..place };
         for config in [EpisodeConfig::default(), EpisodeConfig::paper(), place, turned] {

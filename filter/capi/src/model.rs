@@ -43,7 +43,11 @@ pub unsafe extern "C" fn tf_model_free(model: *mut tf_model) {
 /// \param model the model that made the bank
 /// TF_STATUS_WRONG_MODEL: another model made it. TF_STATUS_FILE, TF_STATUS_UNUSABLE: as for a model.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn tf_bank_load(model: *const tf_model, path: *const c_char, out: *mut *mut tf_bank) -> tf_status {
+pub unsafe extern "C" fn tf_bank_load(
+    model: *const tf_model,
+    path: *const c_char,
+    out: *mut *mut tf_bank,
+) -> tf_status {
     let load = || {
         let (model, path) = unsafe { (get(model, "model")?, self::path(path)?) };
         let bank = Bank::load(&path, &model.model)?;

@@ -200,9 +200,7 @@ impl tf_decision {
     /// A decision as C sees it; its name belongs to `parts`.
     pub(crate) fn of(decision: &Decision, parts: &Parts) -> Result<Self, Failure> {
         Ok(match decision {
-            Decision::Touch(action) => {
-                Self { sensor_from_next: action.sensor_from_next.into(), ..Self::default() }
-            }
+            Decision::Touch(action) => Self { sensor_from_next: action.sensor_from_next.into(), ..Self::default() },
             Decision::Done(estimate, reason) => Self {
                 kind: tf_decision_kind::Done,
                 stop: (*reason).into(),
@@ -262,7 +260,8 @@ pub unsafe extern "C" fn tf_estimate_twins(
             return Err(Failure::argument("estimate.symmetry_order", format!("1 to {MAX_ORDER}"), order));
         }
         let symmetry = Symmetry { order, centre_mm: estimate.symmetry_centre_mm };
-        let twins: Vec<tf_pose> = symmetry.twins(&estimate.part_from_sensor.into()).into_iter().map(Into::into).collect();
+        let twins: Vec<tf_pose> =
+            symmetry.twins(&estimate.part_from_sensor.into()).into_iter().map(Into::into).collect();
         fill(&twins, buffer, capacity, required)
     })
 }
