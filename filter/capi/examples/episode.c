@@ -105,9 +105,10 @@ static void print_belief(const tf_bank *bank, const tf_episode *episode)
 
 static void print_done(const tf_decision *done)
 {
+    static const char *const reasons[] = {"none", "confident", "none of these", "touch limit", "nothing to learn"};
     const tf_estimate *estimate = &done->estimate;
     int i;
-    printf("stop %d after %zu touches\n", (int)done->stop, estimate->n_touches);
+    printf("stop: %s after %zu touches\n", reasons[done->stop], estimate->n_touches);
     printf("part %s probability %.17g\n", estimate->part_name, estimate->probability);
     print_pose("pose", estimate->part_from_sensor);
     print_pose("pose", estimate->part_from_first);

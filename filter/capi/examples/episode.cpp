@@ -58,8 +58,9 @@ void print_move(int n, const tf_pose &move)
 
 void print_done(const tf_decision &done)
 {
+    static const char *const reasons[] = {"none", "confident", "none of these", "touch limit", "nothing to learn"};
     const tf_estimate &estimate = done.estimate;
-    std::printf("stop %d after %zu touches\n", static_cast<int>(done.stop), estimate.n_touches);
+    std::printf("stop: %s after %zu touches\n", reasons[done.stop], estimate.n_touches);
     std::printf("part %s probability %.17g\n", std::string(tf::name(estimate)).c_str(), estimate.probability);
     print_pose("pose", estimate.part_from_sensor);
     print_pose("pose", estimate.part_from_first);

@@ -3,8 +3,8 @@
 //!
 //!     cargo run --release --package tactile-capi --example record -- FOLDER [--fine]
 //!
-//! Three letters at a few poses, made in a second; or 12 letters every 2 mm and 15 degrees, a bank as a robot uses, made
-//! in some minutes.
+//! Three letters turned by at most 30 degrees, made in seconds; or 12 letters turned by up to 90 degrees, a bank as a robot
+//! uses, made in a minute or two.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -40,11 +40,11 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Three letters at a few poses.
+/// Three letters, turned by at most 30 degrees.
 pub fn small_scene() -> Result<Scene> {
     let mut scene = Scene::load("alphabet-small")?;
     scene.parts = Parts::Kit(Kit::of_letters("KLT", 12.0, 16.0));
-    scene.reach = Some(PoseGrid { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 45.0, theta_step_deg: 45.0 });
+    scene.reach = Some(PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 });
     Ok(scene)
 }
 
@@ -98,12 +98,12 @@ pub fn record(folder: &Path, scene: Scene) -> Result<String> {
 
 fn conclusion(lines: &mut String, estimate: &Estimate, reason: StopReason, parts: &[String]) -> Result<()> {
     let reason = match reason {
-        StopReason::Confident => 1,
-        StopReason::NoneOfThese => 2,
-        StopReason::TouchLimit => 3,
-        StopReason::NothingToLearn => 4,
+        StopReason::Confident => "confident",
+        StopReason::NoneOfThese => "none of these",
+        StopReason::TouchLimit => "touch limit",
+        StopReason::NothingToLearn => "nothing to learn",
     };
-    writeln!(lines, "stop {reason} after {} touches", estimate.n_touches)?;
+    writeln!(lines, "stop: {reason} after {} touches", estimate.n_touches)?;
     writeln!(lines, "part {} probability {}", estimate.part, estimate.probability)?;
     for pose in [estimate.part_from_sensor, estimate.part_from_first] {
         writeln!(lines, "pose {} {} {}", pose.x_mm, pose.y_mm, pose.theta_rad)?;

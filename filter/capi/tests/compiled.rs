@@ -11,6 +11,7 @@ use std::env::{current_exe, var_os};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
+use std::sync::OnceLock;
 
 use libtest_mimic::{Arguments, Failed, Trial};
 
@@ -64,28 +65,37 @@ fn run(command: &mut Command) -> String {
     text(&output.stdout)
 }
 
+/// A folder with what the examples read and what they should say, made once a run.
+fn recorded() -> &'static (PathBuf, String) {
+    static RECORDED: OnceLock<(PathBuf, String)> = OnceLock::new();
+    RECORDED.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("capi-compiled");
+        std::fs::create_dir_all(&folder).unwrap();
+        let expected = record::record(&folder, record::small_scene().unwrap()).unwrap();
+        assert!(expected.lines().filter(|line| line.starts_with("touch")).count() >= 1, "{expected}");
+        (folder, expected)
+    })
+}
+
 fn says_what_rust_says(compiler: OsString, standard: &str, example: &str, n_episodes: usize) {
-    let scratch = tempfile::tempdir().unwrap();
-    let expected = record::record(scratch.path(), record::small_scene().unwrap()).unwrap();
-    assert!(expected.lines().filter(|line| line.starts_with("touch")).count() >= 1, "{expected}");
-    let program = scratch.path().join("episode");
-    compile(compiler, &[standard], &format!("examples/{example}"), &program);
-    let said = run(Command::new(&program).arg(scratch.path()));
+    let (folder, expected) = recorded();
+    let program = compile(compiler, &[standard], &format!("examples/{example}"));
+    let said = run(Command::new(program).arg(folder));
     same(&said, &expected.repeat(n_episodes));
 }
 
 /// The C++ wrapper in a mode of its own: a program that ends well only where every wrong call is an error.
 fn wrapper_works(compiler: OsString, flags: &[&str]) {
-    let scratch = tempfile::tempdir().unwrap();
-    let program = scratch.path().join("wrapper");
-    compile(compiler, flags, "tests/wrapper.cpp", &program);
-    run(&mut Command::new(&program));
+    run(&mut Command::new(compile(compiler, flags, "tests/wrapper.cpp")));
 }
 
-fn compile(compiler: OsString, flags: &[&str], source: &str, program: &Path) {
+fn compile(compiler: OsString, flags: &[&str], source: &str) -> PathBuf {
+    let name = format!("{source}{}", flags.concat()).replace(['/', '.', '+', '='], "-");
+    let program = recorded().0.join(name);
     let mut compile = Command::new(compiler);
     compile.args(flags).args(STRICT).arg("-I").arg(folder("include")).arg(folder(source));
-    run(compile.arg(library()).args(SYSTEM).arg("-o").arg(program));
+    run(compile.arg(library()).args(SYSTEM).arg("-o").arg(&program));
+    program
 }
 
 /// Compares word by word, numbers by their bits: C writes 17 digits of each, Rust as many as tell it apart.
