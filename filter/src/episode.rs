@@ -260,7 +260,7 @@ fn check_model(bank: &Bank, observation: &Observation) -> Result<()> {
 }
 
 /// Whether a robot could have moved so; NaN could not. Far beyond, composed poses overflow.
-fn is_plausible(moved: &Se2) -> bool {
+pub(crate) fn is_plausible(moved: &Se2) -> bool {
     moved.x_mm.abs() <= 1e6 && moved.y_mm.abs() <= 1e6 && moved.theta_rad.abs() <= 1e3
 }
 

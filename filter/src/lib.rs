@@ -3,7 +3,8 @@
 //! The main type is [`Episode`]: a robot makes an [`Observation`] of its first touch with a [`Sensor`], begins an episode
 //! with it, asks where to touch next, reports the motion it actually made with the next observation, and is told when to
 //! stop. The robot owns the loop, the clock and the driver: this crate starts no thread, prints nothing, and knows no
-//! gradients, no simulator and no files but those of model and bank.
+//! gradients, no simulator and no files but those of model and bank. A real-time caller turns on the feature `runner`,
+//! off by default, and gets `runner::Runner`: an episode on a thread of its own, with calls that never wait.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -52,6 +53,8 @@ pub mod particle;
 mod record;
 mod refine;
 pub mod resample;
+#[cfg(feature = "runner")]
+pub mod runner;
 mod sensor;
 mod simd;
 mod softplus;

@@ -71,7 +71,11 @@ fn what_is_wrong_is_one_line() {
         let ran = live(more);
         assert!(ran.failed().contains(said), "{ran:#?}");
     }
-    let usage = run("tactile-filter", folder, &["live", "--model", &model, "--bank", "three.bank", "--simulate", "three.toml", "--faults", "lost=1"]);
+    let usage = run(
+        "tactile-filter",
+        folder,
+        &["live", "--model", &model, "--bank", "three.bank", "--simulate", "three.toml", "--faults", "lost=1"],
+    );
     assert!(usage.misused().contains("lost=1"), "{usage:#?}");
 }
 
@@ -91,7 +95,8 @@ fn a_folder_that_pictures_are_put_into_gets_its_answers() {
         let place = serde_json::json!({"x_mm": numbers[0], "y_mm": numbers[1], "theta_deg": numbers[2]});
         fs::write(touches.join(format!("touch-{i}.json")), place.to_string()).unwrap();
     }
-    let watch = ["live", "--model", &model, "--bank", "three.bank", "--watch", "touches", "--once", "--log", "watch.mcap"];
+    let watch =
+        ["live", "--model", &model, "--bank", "three.bank", "--watch", "touches", "--once", "--log", "watch.mcap"];
     let ran = run("tactile-filter", folder, &watch);
     assert!(ran.done().contains("touch 3"), "{ran:#?}");
     let answer = fs::read_to_string(touches.join("touch-2.decision.json")).unwrap();

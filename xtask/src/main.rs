@@ -1,6 +1,7 @@
 //! `cargo xtask`: the project's chores. It runs programs and knows no crate.
 
 mod bench;
+mod capi;
 mod dds;
 mod demo;
 mod error;
@@ -58,6 +59,9 @@ enum Chore {
     /// Compare a forward pass in numpy with tactile-infer's, from the weights' file alone.
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
+    /// The C library: install it, or check it with compilers, valgrind, sanitizers and CMake, and measure it.
+    #[command(after_help = "Example:\n  cargo xtask capi --install /usr/local")]
+    Capi(capi::CapiArgs),
     /// Compare our ROS 2 topics and services with CycloneDDS: nothing lost, nothing changed, nothing that ends the node.
     #[command(after_help = "Example:\n  cargo xtask dds --seconds 600")]
     Dds(dds::DdsArgs),
@@ -92,6 +96,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
+        Chore::Capi(args) => capi::capi(&workspace, args),
         Chore::Dds(args) => dds::dds(&workspace, args),
         Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Slurm => slurm::slurm(&workspace),

@@ -1,0 +1,931 @@
+/* The filter as a C library: which peg fits this hole, and where the hole is, found by touch. C99 and later, C++ too.
+ *
+ * Pointers. Each points to what its type says. Null is refused with TF_STATUS_NULL_POINTER unless a function allows it.
+ * A handle lives from the call that gives it until its ..._free(); to use it later is an error that cannot be detected.
+ * Handles do not depend on one another: they may be freed in any order. Texts and values that a function gives belong to
+ * whom its comment says. Buffers: (buffer, capacity, required) writes all or nothing, and always the required length;
+ * with a capacity of 0 (the buffer may be null) it is a question for that length.
+ *
+ * Errors. After any status but TF_STATUS_OK nothing was changed, and tf_last_error() says in words what was expected and
+ * what came. No panic crosses this border.
+ *
+ * Threads. The library starts none but that of tf_runner. Each handle's comment says who may use it at once. To free a
+ * handle while another thread uses it is an error that cannot be detected.
+ *
+ * Made by cbindgen from filter/capi/src: change that, then run TACTILE_WRITE_HEADER=1 cargo test -p tactile-capi. */
+
+
+#ifndef TACTILE_FILTER_H
+#define TACTILE_FILTER_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/**
+ * Version of this interface: changed whenever a program must be compiled again. Compare it with tf_abi_version().
+ */
+#define TF_ABI_VERSION 1
+
+/**
+ * Bit of tf_estimate.warnings: no edged touch looks like any recorded view; perhaps none of these parts.
+ */
+#define TF_WARNING_LOW_SIMILARITY 1
+
+/**
+ * Bit of tf_estimate.warnings: every touch was blank, no edge was ever seen.
+ */
+#define TF_WARNING_NOTHING_SEEN 2
+
+/**
+ * What every function answers. After any of them but TF_STATUS_OK nothing was changed, unless it says so.
+ */
+typedef enum tf_status {
+    /**
+     * Done.
+     */
+    TF_STATUS_OK = 0,
+    /**
+     * A pointer that must not be null is null, or is not aligned for what it points to.
+     */
+    TF_STATUS_NULL_POINTER = 1,
+    /**
+     * A size, length, index or text that makes no sense; tf_last_error() says which.
+     */
+    TF_STATUS_ARGUMENT = 2,
+    /**
+     * The buffer is shorter than what there is to write; the required length was written, nothing else.
+     */
+    TF_STATUS_BUFFER_TOO_SMALL = 3,
+    /**
+     * Another thread is using this handle in a way that excludes this call; try again later.
+     */
+    TF_STATUS_BUSY = 4,
+    /**
+     * This library is at fault. The process goes on; free the handle that was used.
+     */
+    TF_STATUS_PANIC = 5,
+    /**
+     * The lamps are off: the frame is dark.
+     */
+    TF_STATUS_FRAME_DARK = 10,
+    /**
+     * The camera is blinded or exposes too long.
+     */
+    TF_STATUS_FRAME_SATURATED = 11,
+    /**
+     * The frame is uniform: no picture of a sensor.
+     */
+    TF_STATUS_FRAME_UNIFORM = 12,
+    /**
+     * The frame has another size than the frame at rest.
+     */
+    TF_STATUS_FRAME_WRONG_SIZE = 13,
+    /**
+     * Something else is wrong with the frame.
+     */
+    TF_STATUS_FRAME_OTHER = 14,
+    /**
+     * The same picture, byte for byte, after a real motion: the camera has stopped.
+     */
+    TF_STATUS_FROZEN_FRAME = 15,
+    /**
+     * The motion is not finite, or no robot's.
+     */
+    TF_STATUS_MOTION = 16,
+    /**
+     * The observation, sensor or bank is of another model.
+     */
+    TF_STATUS_WRONG_MODEL = 17,
+    /**
+     * The saved episode is of another bank or version.
+     */
+    TF_STATUS_WRONG_BANK = 18,
+    /**
+     * No motion was offered that could be made.
+     */
+    TF_STATUS_EMPTY_REACH = 19,
+    /**
+     * Numbers that no sensor makes.
+     */
+    TF_STATUS_OBSERVATION = 20,
+    /**
+     * A setting outside its range.
+     */
+    TF_STATUS_CONFIG = 21,
+    /**
+     * A file that cannot be read.
+     */
+    TF_STATUS_FILE = 22,
+    /**
+     * A model, bank or frame at rest that cannot be used: the file is damaged or of another kind, the frame too small.
+     */
+    TF_STATUS_UNUSABLE = 23,
+    /**
+     * The runner has as many jobs without a polled outcome as it may have.
+     */
+    TF_STATUS_QUEUE_FULL = 30,
+    /**
+     * The runner's thread has ended.
+     */
+    TF_STATUS_STOPPED = 31,
+    /**
+     * There is no touch to estimate from.
+     */
+    TF_STATUS_NO_EPISODE = 32,
+    /**
+     * An error that this version has no number for; tf_last_error() says what.
+     */
+    TF_STATUS_OTHER = 99,
+} tf_status;
+
+/**
+ * What to do.
+ */
+typedef enum tf_decision_kind {
+    /**
+     * Move by sensor_from_next, touch, and take that touch in.
+     */
+    TF_DECISION_KIND_TOUCH = 0,
+    /**
+     * Stop.
+     */
+    TF_DECISION_KIND_DONE = 1,
+} tf_decision_kind;
+
+/**
+ * Why an episode is over.
+ */
+typedef enum tf_stop {
+    /**
+     * It is not: go on.
+     */
+    TF_STOP_NONE = 0,
+    /**
+     * A part is more probable than stop_probability and explains the touches.
+     */
+    TF_STOP_CONFIDENT = 1,
+    /**
+     * No part explains the touches: this one is not in the bank.
+     */
+    TF_STOP_NONE_OF_THESE = 2,
+    /**
+     * max_touches touches were made.
+     */
+    TF_STOP_TOUCH_LIMIT = 3,
+    /**
+     * No motion of the reach leads anywhere that was not touched.
+     */
+    TF_STOP_NOTHING_TO_LEARN = 4,
+} tf_stop;
+
+/**
+ * What an outcome is of.
+ */
+typedef enum tf_outcome_kind {
+    /**
+     * Of nothing: no job is done that was not polled yet.
+     */
+    TF_OUTCOME_KIND_NONE = 0,
+    /**
+     * Of tf_runner_submit_touch(): `decision` says what to do next.
+     */
+    TF_OUTCOME_KIND_DECISION = 1,
+    /**
+     * Of tf_runner_submit_estimate(): `decision.estimate` holds it.
+     */
+    TF_OUTCOME_KIND_ESTIMATE = 2,
+    /**
+     * Of tf_runner_submit_new_episode().
+     */
+    TF_OUTCOME_KIND_NEW_EPISODE = 3,
+    /**
+     * Of tf_runner_submit_rest().
+     */
+    TF_OUTCOME_KIND_REST = 4,
+    /**
+     * Of a job that was not done: `status` says why, and tf_last_error() in words.
+     */
+    TF_OUTCOME_KIND_ERROR = 5,
+} tf_outcome_kind;
+
+/**
+ * The order of the bytes of a pixel.
+ */
+typedef enum tf_format {
+    /**
+     * Red, green, blue, 8 bits each.
+     */
+    TF_FORMAT_RGB8 = 0,
+    /**
+     * Blue, green, red, 8 bits each: what OpenCV gives.
+     */
+    TF_FORMAT_BGR8 = 1,
+} tf_format;
+
+/**
+ * Which inference runs.
+ */
+typedef enum tf_engine {
+    /**
+     * All states: exact on the grid.
+     */
+    TF_ENGINE_EXACT = 0,
+    /**
+     * A particle filter.
+     */
+    TF_ENGINE_PARTICLE = 1,
+} tf_engine;
+
+/**
+ * How the next touch is chosen.
+ */
+typedef enum tf_rule {
+    /**
+     * The largest expected information.
+     */
+    TF_RULE_INFORMATION = 0,
+    /**
+     * The paper's rule.
+     */
+    TF_RULE_PAPER = 1,
+    /**
+     * Any motion with contact, each equally likely.
+     */
+    TF_RULE_RANDOM = 2,
+} tf_rule;
+
+/**
+ * How views between recorded poses are judged.
+ */
+typedef enum tf_interpolation {
+    /**
+     * Interpolated where the bank's grid is fine enough, else by the nearest view.
+     */
+    TF_INTERPOLATION_AUTO = 0,
+    /**
+     * By the nearest recorded view.
+     */
+    TF_INTERPOLATION_NEAREST = 1,
+    /**
+     * Interpolated.
+     */
+    TF_INTERPOLATION_CUBIC = 2,
+} tf_interpolation;
+
+/**
+ * The recorded views of the parts. Never changes: any number of threads may use it at once.
+ */
+typedef struct tf_bank tf_bank;
+
+/**
+ * One hole being identified. Several threads may ask at once, but only one may use it while a touch is taken in: the others
+ * get TF_STATUS_BUSY.
+ */
+typedef struct tf_episode tf_episode;
+
+/**
+ * A trained network. Never changes: any number of threads may use it at once.
+ */
+typedef struct tf_model tf_model;
+
+/**
+ * What the filter takes in of one touch. Never changes: any number of threads may use it at once.
+ */
+typedef struct tf_observation tf_observation;
+
+/**
+ * An episode on a thread of its own, for callers that must never wait. tf_runner_submit_...() and tf_runner_poll() never
+ * wait for the thread. Use it from one thread at a time: a call that meets another gets TF_STATUS_BUSY.
+ */
+typedef struct tf_runner tf_runner;
+
+/**
+ * The camera, the gel and its frame at rest, bound to a model. Never changes: any number of threads may use it at once.
+ */
+typedef struct tf_sensor tf_sensor;
+
+/**
+ * A rigid motion or a pose in the plane. x to the right, y downwards, angles from x towards y, as in the sensor's image.
+ * Zeros are no motion.
+ */
+typedef struct tf_pose {
+    /**
+     * Along x, mm.
+     */
+    double x_mm;
+    /**
+     * Along y, mm.
+     */
+    double y_mm;
+    /**
+     * The turn, rad; any finite angle is taken, one above -pi and up to pi is given.
+     */
+    double theta_rad;
+} tf_pose;
+
+/**
+ * What is known after the touches so far.
+ */
+typedef struct tf_estimate {
+    /**
+     * Index of the most probable part in the bank; the first of equals.
+     */
+    size_t part;
+    /**
+     * Its name, UTF-8. Belongs to the episode or runner that gave the estimate, and is valid until that is freed.
+     */
+    const char *part_name;
+    /**
+     * Its probability, 0 to 1.
+     */
+    double probability;
+    /**
+     * Pose of the sensor now, in the part's frame.
+     */
+    struct tf_pose part_from_sensor;
+    /**
+     * Pose of the sensor at its first touch, in the part's frame.
+     */
+    struct tf_pose part_from_first;
+    /**
+     * Covariance of that pose over (x mm, y mm, theta rad), row by row; zeros where between_poses is off.
+     */
+    double covariance[9];
+    /**
+     * 1 where `fit` holds a number: an edge was felt.
+     */
+    uint32_t has_fit;
+    /**
+     * Bits TF_WARNING_...: reasons to doubt all this.
+     */
+    uint32_t warnings;
+    /**
+     * How well the part explains what was felt: 0 at best, mean log-likelihood of an edged touch, nats.
+     */
+    double fit;
+    /**
+     * Entropy over all states, nats.
+     */
+    double entropy_nats;
+    /**
+     * Log-probability of all touches, nats, up to a constant.
+     */
+    double log_evidence;
+    /**
+     * Touches taken in.
+     */
+    size_t n_touches;
+    /**
+     * Turns by 360 degrees / symmetry_order about the centre change nothing that can be felt; 1: only the full turn.
+     */
+    size_t symmetry_order;
+    /**
+     * That centre along x and y in the part's frame, mm.
+     */
+    double symmetry_centre_mm[2];
+} tf_estimate;
+
+/**
+ * A picture of the sensor. The library copies what it needs: the pixels are the caller's again after the call.
+ */
+typedef struct tf_frame {
+    /**
+     * The first byte of the top row; 3 bytes a pixel, rows from the top.
+     */
+    const uint8_t *pixels;
+    /**
+     * Width in pixels, 1 to 32768.
+     */
+    size_t width_px;
+    /**
+     * Height in pixels, 1 to 32768.
+     */
+    size_t height_px;
+    /**
+     * From the start of a row to the start of the next, bytes; at least 3 * width_px.
+     */
+    size_t stride_bytes;
+    /**
+     * A value of tf_format.
+     */
+    uint32_t format;
+} tf_frame;
+
+/**
+ * How an episode infers, chooses and stops. Filled by tf_episode_config_default(); change what you need. A setting with a
+ * `has_` is not used where that is 0; other values of 0 or 1 are off or on.
+ */
+typedef struct tf_episode_config {
+    /**
+     * sizeof(tf_episode_config) of the program that uses it: set by tf_episode_config_default(). A later version of this
+     * library may add settings at the end, and then takes their defaults for a program that does not know them.
+     */
+    size_t size;
+    /**
+     * Seed of every random draw: same seed and touches, same numbers.
+     */
+    uint64_t seed;
+    /**
+     * Stop after this many touches, the first included; at least 1.
+     */
+    size_t max_touches;
+    /**
+     * Stop when a part is more probable than this, 0 to 1, and an edge was felt. 1: never for this reason.
+     */
+    double stop_probability;
+    /**
+     * 1: to be confident the place must be known too.
+     */
+    uint32_t has_stop_place;
+    /**
+     * 1: a part must explain the touches.
+     */
+    uint32_t has_none_fit;
+    /**
+     * To be confident the place must be known to this standard deviation along x and along y, mm; positive.
+     */
+    double stop_place_mm;
+    /**
+     * A part explains the touches where tf_estimate.fit is at least this; at or below 0.
+     */
+    double none_fit;
+    /**
+     * To be confident after n touches the fit must be at least none_fit + fit_margin / n; not negative.
+     */
+    double fit_margin;
+    /**
+     * A fit below none_fit means none of these parts from this many touches on; at least 1.
+     */
+    size_t none_touches;
+    /**
+     * 1: the pose may lie between recorded ones.
+     */
+    uint32_t between_poses;
+    /**
+     * An estimate warns where no edged touch reached this cosine with any recorded view, -1 to 1.
+     */
+    float low_similarity;
+    /**
+     * States between two recorded poses on each axis, 1 to 8.
+     */
+    size_t subdivisions;
+    /**
+     * A value of tf_engine.
+     */
+    uint32_t engine;
+    /**
+     * A value of tf_rule.
+     */
+    uint32_t rule;
+    /**
+     * Particles, 1 to 1,000,000; of the particle filter only, as the next three.
+     */
+    size_t n_particles;
+    /**
+     * Resample when the effective sample size is at most this share of them, 0 to 1.
+     */
+    double resample_share;
+    /**
+     * 1: as many particles as the states still occupied ask for, up to n_particles.
+     */
+    uint32_t adaptive_particles;
+    /**
+     * A value of tf_interpolation.
+     */
+    uint32_t interpolation;
+    /**
+     * Moves of each particle after each touch, up to 1,000.
+     */
+    size_t n_moves;
+    /**
+     * States drawn from the belief, against which a motion is judged; 1 to 1,000,000.
+     */
+    size_t n_draws;
+    /**
+     * States supposed true in turn; 1 to 1,000,000.
+     */
+    size_t n_suppositions;
+    /**
+     * 1: only the best of a first pass are judged by all draws.
+     */
+    uint32_t has_n_finalists;
+    /**
+     * 1: a touch near an earlier one counts where it is turned by min_separation_deg.
+     */
+    uint32_t has_min_separation_deg;
+    /**
+     * How many those are; at least 1.
+     */
+    size_t n_finalists;
+    /**
+     * A touch keeps at least this far from every earlier one, mm, not negative ...
+     */
+    double min_separation_mm;
+    /**
+     * ... or is turned against it by at least this much, degrees, not negative.
+     */
+    double min_separation_deg;
+    /**
+     * What a millimetre of travel must tell to be worth it, nats, not negative; TF_RULE_INFORMATION only.
+     */
+    double travel_nats_per_mm;
+    /**
+     * A motion counts only from states where it would show a larger share of edge than this, 0 to 1.
+     */
+    float contact_threshold;
+    /**
+     * A view with a smaller share of edge is blank, 0 to 1.
+     */
+    float blank_share;
+    /**
+     * Probability that hole and peg at one pose are both blank or both edged; above 0 and below 1.
+     */
+    double blank_agreement;
+    /**
+     * The difference of cosine that changes a probability by a factor e; positive.
+     */
+    double temperature;
+    /**
+     * Likelihood of a view that looks quite different, relative to the best match, 0 to 1.
+     */
+    double outlier_floor;
+    /**
+     * How far from its pose the nearest view is trusted wholly, steps of the grid; positive.
+     */
+    double nearest_tolerance;
+    /**
+     * Touches nearer than this share evidence, mm, not negative.
+     */
+    double overlap_mm;
+    /**
+     * Touches at one place turned by less than this share evidence, degrees; positive.
+     */
+    double overlap_deg;
+} tf_episode_config;
+
+/**
+ * What to do next.
+ */
+typedef struct tf_decision {
+    /**
+     * Touch again, or stop.
+     */
+    enum tf_decision_kind kind;
+    /**
+     * Why to stop; TF_STOP_NONE for a touch.
+     */
+    enum tf_stop stop;
+    /**
+     * For a touch: the motion to make, one of the reach, in the sensor's frame.
+     */
+    struct tf_pose sensor_from_next;
+    /**
+     * For a stop: what was found; else zeros and an empty name.
+     */
+    struct tf_estimate estimate;
+} tf_decision;
+
+/**
+ * A pose of the sensor on a part, and its probability.
+ */
+typedef struct tf_state {
+    /**
+     * Pose of the sensor now, in the part's frame.
+     */
+    struct tf_pose part_from_sensor;
+    /**
+     * Its probability, 0 to 1; over all poses of all parts they sum to 1.
+     */
+    double probability;
+} tf_state;
+
+/**
+ * A peak of the belief with the states that lead up to it.
+ */
+typedef struct tf_mode {
+    /**
+     * Index of the part in the bank.
+     */
+    size_t part;
+    /**
+     * Probability of the mode's states, 0 to 1; of its twins' too, where the part is symmetric.
+     */
+    double mass;
+    /**
+     * Mean pose of the sensor now, in the part's frame.
+     */
+    struct tf_pose part_from_sensor;
+    /**
+     * Covariance of that pose over (x mm, y mm, theta rad), row by row.
+     */
+    double covariance[9];
+} tf_mode;
+
+/**
+ * What came of a job.
+ */
+typedef struct tf_outcome {
+    /**
+     * What it is of.
+     */
+    enum tf_outcome_kind kind;
+    /**
+     * TF_STATUS_OK, or why the job was not done.
+     */
+    enum tf_status status;
+    /**
+     * The number that the job was given when it was submitted.
+     */
+    uint64_t ticket;
+    /**
+     * What to do next, or what is known.
+     */
+    struct tf_decision decision;
+} tf_outcome;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/**
+ * The message of the last call on this thread that did not answer TF_STATUS_OK, one line in English, UTF-8; "" before the
+ * first. Belongs to the library, and is valid until the next call on this thread.
+ */
+const char *tf_last_error(void);
+
+/**
+ * The TF_ABI_VERSION that the library was built with. Where the header's differs, compile again.
+ */
+uint32_t tf_abi_version(void);
+
+/**
+ * a_from_c: one motion after another, each in the frame that the one before led to; the sum of the motions since a touch.
+ */
+struct tf_pose tf_pose_compose(struct tf_pose a_from_b,
+                               struct tf_pose b_from_c);
+
+/**
+ * b_from_a: the motion back.
+ */
+struct tf_pose tf_pose_inverse(struct tf_pose a_from_b);
+
+/**
+ * The poses that touch cannot tell from an estimate's, itself first: insert at any of them.
+ * \param required  where their number goes, symmetry_order; with a capacity of 0 nothing else is written
+ */
+enum tf_status tf_estimate_twins(const struct tf_estimate *estimate,
+                                 struct tf_pose *buffer,
+                                 size_t capacity,
+                                 size_t *required);
+
+/**
+ * Loads a model from its file (`maze-small.safetensors`).
+ * \param path  the file's path, ending with a zero
+ * \param out   where the handle goes, to be freed by tf_model_free(); null after an error
+ * TF_STATUS_FILE: it cannot be read. TF_STATUS_UNUSABLE: it is damaged, or no model.
+ */
+enum tf_status tf_model_load(const char *path, struct tf_model **out);
+
+/**
+ * Frees a model; null is allowed. What was made with it goes on working.
+ */
+void tf_model_free(struct tf_model *model);
+
+/**
+ * Loads a bank from its file, made with `tactile-infer bank`.
+ * \param model the model that made the bank
+ * TF_STATUS_WRONG_MODEL: another model made it. TF_STATUS_FILE, TF_STATUS_UNUSABLE: as for a model.
+ */
+enum tf_status tf_bank_load(const struct tf_model *model, const char *path, struct tf_bank **out);
+
+/**
+ * Frees a bank; null is allowed. What was made with it goes on working.
+ */
+void tf_bank_free(struct tf_bank *bank);
+
+/**
+ * The number of parts in a bank. Parts are numbered from 0.
+ */
+enum tf_status tf_bank_n_parts(const struct tf_bank *bank, size_t *n_parts);
+
+/**
+ * The name of a part, UTF-8. It belongs to the bank, and is valid until the bank is freed.
+ */
+enum tf_status tf_bank_part_name(const struct tf_bank *bank, size_t part, const char **name);
+
+/**
+ * The checksum of a bank as 64 hex digits without a zero at the end: what a saved episode is bound to.
+ * \param required  where the number of bytes goes; with a capacity of 0 nothing else is written
+ */
+enum tf_status tf_bank_sha256(const struct tf_bank *bank, uint8_t *buffer, size_t capacity, size_t *required);
+
+/**
+ * A sensor whose frame at rest, without contact, is `at_rest`.
+ * TF_STATUS_FRAME_DARK, _SATURATED, _UNIFORM: that frame shows nothing. TF_STATUS_UNUSABLE: it is smaller than the model's
+ * input.
+ */
+enum tf_status tf_sensor_new(const struct tf_model *model,
+                             const struct tf_frame *at_rest,
+                             struct tf_sensor **out);
+
+/**
+ * Frees a sensor; null is allowed. What was made with it goes on working.
+ */
+void tf_sensor_free(struct tf_sensor *sensor);
+
+/**
+ * What a frame of a touched hole shows: some milliseconds of work, on the caller's thread.
+ * \param out  where the handle goes, to be freed by tf_observation_free(); null after an error
+ * TF_STATUS_FRAME_...: the frame cannot be used.
+ */
+enum tf_status tf_sensor_observe(const struct tf_sensor *sensor,
+                                 const struct tf_frame *frame,
+                                 struct tf_observation **out);
+
+/**
+ * Frees an observation; null is allowed.
+ */
+void tf_observation_free(struct tf_observation *observation);
+
+/**
+ * The share of the view that shows an edge, 0 to 1: 0 without contact, and on a flat face.
+ */
+enum tf_status tf_observation_edge_share(const struct tf_observation *observation, float *edge_share);
+
+/**
+ * Fills in the settings that were measured to be good for a model.
+ * \param size  sizeof(tf_episode_config) of your program
+ */
+enum tf_status tf_episode_config_default(const struct tf_model *model,
+                                         size_t size,
+                                         struct tf_episode_config *config);
+
+/**
+ * Begins with the first touch.
+ * \param out  where the handle goes, to be freed by tf_episode_free(); null after an error
+ * TF_STATUS_CONFIG: a setting is out of range. TF_STATUS_WRONG_MODEL: the observation is of another model than the bank.
+ */
+enum tf_status tf_episode_begin(const struct tf_episode_config *config,
+                                const struct tf_bank *bank,
+                                const struct tf_observation *observation,
+                                struct tf_episode **out);
+
+/**
+ * Frees an episode; null is allowed.
+ */
+void tf_episode_free(struct tf_episode *episode);
+
+/**
+ * Takes in a touch.
+ * \param moved  the motion really made since the last touch that was taken in, in the sensor's frame at that touch
+ * After an error the episode is as before, and the motion counts towards the next touch.
+ * TF_STATUS_FROZEN_FRAME, TF_STATUS_MOTION, TF_STATUS_WRONG_MODEL, TF_STATUS_OBSERVATION.
+ */
+enum tf_status tf_episode_observe(struct tf_episode *episode,
+                                  struct tf_pose moved,
+                                  const struct tf_observation *observation);
+
+/**
+ * Whether to stop, and if not, which motion to make. Changes nothing: asked again, it answers the same.
+ * \param reach  the motions that the robot can make from here, in the sensor's frame
+ * TF_STATUS_EMPTY_REACH: the episode should go on, and no motion of finite numbers was offered.
+ */
+enum tf_status tf_episode_decide(const struct tf_episode *episode,
+                                 const struct tf_pose *reach,
+                                 size_t n_reach,
+                                 struct tf_decision *decision);
+
+/**
+ * Like tf_episode_decide(), with a limit on the time to choose the motion: once it is over, the best motion found so far is
+ * taken. The answer then depends on the machine's speed.
+ * \param limit_us  the limit, microseconds
+ */
+enum tf_status tf_episode_decide_within(const struct tf_episode *episode,
+                                        const struct tf_pose *reach,
+                                        size_t n_reach,
+                                        uint64_t limit_us,
+                                        struct tf_decision *decision);
+
+/**
+ * What is known now.
+ * \param stop  where the reason to stop now goes, TF_STOP_NONE to go on; null is allowed
+ */
+enum tf_status tf_episode_estimate(const struct tf_episode *episode,
+                                   struct tf_estimate *estimate,
+                                   enum tf_stop *stop);
+
+/**
+ * The probability of each part, in the bank's order; they sum to 1.
+ * \param required  where the number of parts goes; with a capacity of 0 nothing else is written
+ */
+enum tf_status tf_episode_class_posterior(const struct tf_episode *episode,
+                                          double *buffer,
+                                          size_t capacity,
+                                          size_t *required);
+
+/**
+ * The belief over one part: each pose of the grid and its probability, those of no probability too.
+ * \param required  where the number of poses goes, the same for each part; with a capacity of 0 nothing else is written
+ */
+enum tf_status tf_episode_belief(const struct tf_episode *episode,
+                                 size_t part,
+                                 struct tf_state *buffer,
+                                 size_t capacity,
+                                 size_t *required);
+
+/**
+ * The peaks of the belief, the heaviest first; those below 1 % are left out.
+ * \param required  where their number goes; with a capacity of 0 nothing else is written
+ */
+enum tf_status tf_episode_modes(const struct tf_episode *episode,
+                                struct tf_mode *buffer,
+                                size_t capacity,
+                                size_t *required);
+
+/**
+ * The episode as JSON in UTF-8, without a zero at the end: what is needed to go on later, or elsewhere.
+ * \param required  where the number of bytes goes; with a capacity of 0 nothing else is written
+ */
+enum tf_status tf_episode_record(const struct tf_episode *episode,
+                                 uint8_t *buffer,
+                                 size_t capacity,
+                                 size_t *required);
+
+/**
+ * An episode as it was when recorded, to the bit.
+ * \param json    what tf_episode_record() wrote
+ * \param length  its length, bytes
+ * TF_STATUS_ARGUMENT: no record. TF_STATUS_WRONG_BANK: one of another bank or version.
+ */
+enum tf_status tf_episode_restore(const struct tf_bank *bank,
+                                  const uint8_t *json,
+                                  size_t length,
+                                  struct tf_episode **out);
+
+/**
+ * Starts a thread that takes in touches and decides. It keeps what it needs of sensor and bank: both may be freed.
+ * \param capacity  the most jobs without a polled outcome, 1 to 1024
+ * \param out       where the handle goes, to be freed by tf_runner_free(); null after an error
+ */
+enum tf_status tf_runner_start(const struct tf_sensor *sensor,
+                               const struct tf_bank *bank,
+                               const struct tf_episode_config *config,
+                               size_t capacity,
+                               struct tf_runner **out);
+
+/**
+ * Stops the thread and frees the runner; null is allowed. Waits for the job that is being done, some milliseconds; those
+ * that wait are not done.
+ */
+void tf_runner_free(struct tf_runner *runner);
+
+/**
+ * Hands in a touch; the first one begins the episode. Copies the frame and the reach, and never waits.
+ * \param moved   the motion really made since the touch submitted before, in the sensor's frame at that touch. The runner
+ *                itself adds up the motions of touches that were refused
+ * \param reach   the motions that the robot can make from here, in the sensor's frame at this touch
+ * \param ticket  where the number of the job goes: 0, then 1, 2 ...; null is allowed
+ * TF_STATUS_QUEUE_FULL: the runner has as many jobs without a polled outcome as it may have; poll, and try again.
+ */
+enum tf_status tf_runner_submit_touch(struct tf_runner *runner,
+                                      const struct tf_frame *frame,
+                                      struct tf_pose moved,
+                                      const struct tf_pose *reach,
+                                      size_t n_reach,
+                                      uint64_t *ticket);
+
+/**
+ * Asks for the estimate after the touches submitted so far.
+ * \param ticket  as for tf_runner_submit_touch()
+ */
+enum tf_status tf_runner_submit_estimate(struct tf_runner *runner, uint64_t *ticket);
+
+/**
+ * Forgets the touches: the next one begins an episode.
+ * \param config  its settings; null: those before
+ * \param ticket  as for tf_runner_submit_touch()
+ */
+enum tf_status tf_runner_submit_new_episode(struct tf_runner *runner,
+                                            const struct tf_episode_config *config,
+                                            uint64_t *ticket);
+
+/**
+ * A new frame at rest, for all touches submitted from now on. After an error the one before stays.
+ * \param ticket  as for tf_runner_submit_touch()
+ */
+enum tf_status tf_runner_submit_rest(struct tf_runner *runner,
+                                     const struct tf_frame *at_rest,
+                                     uint64_t *ticket);
+
+/**
+ * The outcome of the earliest job that has none yet, where it is done; else one of the kind TF_OUTCOME_KIND_NONE. Never
+ * waits. Every job gets exactly one outcome, in the order in which they were submitted.
+ */
+enum tf_status tf_runner_poll(struct tf_runner *runner,
+                              struct tf_outcome *outcome);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* TACTILE_FILTER_H */

@@ -1,0 +1,368 @@
+//! The settings of an episode as a plain struct, all of them.
+
+use tactile_filter::EpisodeConfig;
+use tactile_filter::action::{ActionConfig, ActionRule};
+use tactile_filter::belief::EngineConfig;
+use tactile_filter::interpolation::Interpolation;
+use tactile_filter::likelihood::LikelihoodConfig;
+use tactile_filter::particle::ParticleConfig;
+
+use crate::model::tf_model;
+use crate::pointer::{get, out};
+use crate::status::{Failure, call, tf_status};
+
+/// The most particles, draws or suppositions: more is a mistake, and could take all memory.
+const MAX_DRAWS: usize = 1_000_000;
+
+/// Which inference runs.
+#[repr(C)]
+pub enum tf_engine {
+    /// All states: exact on the grid.
+    Exact = 0,
+    /// A particle filter.
+    Particle = 1,
+}
+
+/// How the next touch is chosen.
+#[repr(C)]
+pub enum tf_rule {
+    /// The largest expected information.
+    Information = 0,
+    /// The paper's rule.
+    Paper = 1,
+    /// Any motion with contact, each equally likely.
+    Random = 2,
+}
+
+/// How views between recorded poses are judged.
+#[repr(C)]
+pub enum tf_interpolation {
+    /// Interpolated where the bank's grid is fine enough, else by the nearest view.
+    Auto = 0,
+    /// By the nearest recorded view.
+    Nearest = 1,
+    /// Interpolated.
+    Cubic = 2,
+}
+
+/// How an episode infers, chooses and stops. Filled by tf_episode_config_default(); change what you need. A setting with a
+/// `has_` is not used where that is 0; other values of 0 or 1 are off or on.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct tf_episode_config {
+    /// sizeof(tf_episode_config) of the program that uses it: set by tf_episode_config_default(). A later version of this
+    /// library may add settings at the end, and then takes their defaults for a program that does not know them.
+    pub size: usize,
+    /// Seed of every random draw: same seed and touches, same numbers.
+    pub seed: u64,
+    /// Stop after this many touches, the first included; at least 1.
+    pub max_touches: usize,
+    /// Stop when a part is more probable than this, 0 to 1, and an edge was felt. 1: never for this reason.
+    pub stop_probability: f64,
+    /// 1: to be confident the place must be known too.
+    pub has_stop_place: u32,
+    /// 1: a part must explain the touches.
+    pub has_none_fit: u32,
+    /// To be confident the place must be known to this standard deviation along x and along y, mm; positive.
+    pub stop_place_mm: f64,
+    /// A part explains the touches where tf_estimate.fit is at least this; at or below 0.
+    pub none_fit: f64,
+    /// To be confident after n touches the fit must be at least none_fit + fit_margin / n; not negative.
+    pub fit_margin: f64,
+    /// A fit below none_fit means none of these parts from this many touches on; at least 1.
+    pub none_touches: usize,
+    /// 1: the pose may lie between recorded ones.
+    pub between_poses: u32,
+    /// An estimate warns where no edged touch reached this cosine with any recorded view, -1 to 1.
+    pub low_similarity: f32,
+    /// States between two recorded poses on each axis, 1 to 8.
+    pub subdivisions: usize,
+
+    /// A value of tf_engine.
+    pub engine: u32,
+    /// A value of tf_rule.
+    pub rule: u32,
+    /// Particles, 1 to 1,000,000; of the particle filter only, as the next three.
+    pub n_particles: usize,
+    /// Resample when the effective sample size is at most this share of them, 0 to 1.
+    pub resample_share: f64,
+    /// 1: as many particles as the states still occupied ask for, up to n_particles.
+    pub adaptive_particles: u32,
+    /// A value of tf_interpolation.
+    pub interpolation: u32,
+    /// Moves of each particle after each touch, up to 1,000.
+    pub n_moves: usize,
+
+    /// States drawn from the belief, against which a motion is judged; 1 to 1,000,000.
+    pub n_draws: usize,
+    /// States supposed true in turn; 1 to 1,000,000.
+    pub n_suppositions: usize,
+    /// 1: only the best of a first pass are judged by all draws.
+    pub has_n_finalists: u32,
+    /// 1: a touch near an earlier one counts where it is turned by min_separation_deg.
+    pub has_min_separation_deg: u32,
+    /// How many those are; at least 1.
+    pub n_finalists: usize,
+    /// A touch keeps at least this far from every earlier one, mm, not negative ...
+    pub min_separation_mm: f64,
+    /// ... or is turned against it by at least this much, degrees, not negative.
+    pub min_separation_deg: f64,
+    /// What a millimetre of travel must tell to be worth it, nats, not negative; TF_RULE_INFORMATION only.
+    pub travel_nats_per_mm: f64,
+    /// A motion counts only from states where it would show a larger share of edge than this, 0 to 1.
+    pub contact_threshold: f32,
+
+    /// A view with a smaller share of edge is blank, 0 to 1.
+    pub blank_share: f32,
+    /// Probability that hole and peg at one pose are both blank or both edged; above 0 and below 1.
+    pub blank_agreement: f64,
+    /// The difference of cosine that changes a probability by a factor e; positive.
+    pub temperature: f64,
+    /// Likelihood of a view that looks quite different, relative to the best match, 0 to 1.
+    pub outlier_floor: f64,
+    /// How far from its pose the nearest view is trusted wholly, steps of the grid; positive.
+    pub nearest_tolerance: f64,
+    /// Touches nearer than this share evidence, mm, not negative.
+    pub overlap_mm: f64,
+    /// Touches at one place turned by less than this share evidence, degrees; positive.
+    pub overlap_deg: f64,
+}
+
+impl From<&EpisodeConfig> for tf_episode_config {
+    fn from(config: &EpisodeConfig) -> Self {
+        let EpisodeConfig { action, likelihood, .. } = config;
+        let (engine, particle) = match config.engine {
+            EngineConfig::Exact => (tf_engine::Exact, ParticleConfig::default()),
+            EngineConfig::Particle(particle) => (tf_engine::Particle, particle),
+        };
+        let rule = match action.rule {
+            ActionRule::Information => tf_rule::Information,
+            ActionRule::Paper => tf_rule::Paper,
+            ActionRule::Random => tf_rule::Random,
+        };
+        let interpolation = match likelihood.interpolation {
+            Interpolation::Auto => tf_interpolation::Auto,
+            Interpolation::Nearest => tf_interpolation::Nearest,
+            Interpolation::Cubic => tf_interpolation::Cubic,
+        };
+        Self {
+            size: size_of::<Self>(),
+            seed: config.seed,
+            max_touches: config.max_touches,
+            stop_probability: config.stop_probability,
+            has_stop_place: config.stop_place_mm.is_some().into(),
+            has_none_fit: config.none_fit.is_some().into(),
+            stop_place_mm: config.stop_place_mm.unwrap_or(1.0),
+            none_fit: config.none_fit.unwrap_or_default(),
+            fit_margin: config.fit_margin,
+            none_touches: config.none_touches,
+            between_poses: config.between_poses.into(),
+            low_similarity: config.low_similarity,
+            subdivisions: config.subdivisions,
+            engine: engine as u32,
+            rule: rule as u32,
+            n_particles: particle.n_particles,
+            resample_share: particle.resample_share,
+            adaptive_particles: particle.adaptive.into(),
+            interpolation: interpolation as u32,
+            n_moves: particle.n_moves,
+            n_draws: action.n_draws,
+            n_suppositions: action.n_suppositions,
+            has_n_finalists: action.n_finalists.is_some().into(),
+            has_min_separation_deg: action.min_separation_deg.is_some().into(),
+            n_finalists: action.n_finalists.unwrap_or(1),
+            min_separation_mm: action.min_separation_mm,
+            min_separation_deg: action.min_separation_deg.unwrap_or_default(),
+            travel_nats_per_mm: action.travel_nats_per_mm,
+            contact_threshold: action.contact_threshold,
+            blank_share: likelihood.blank_share,
+            blank_agreement: likelihood.blank_agreement,
+            temperature: likelihood.temperature,
+            outlier_floor: likelihood.outlier_floor,
+            nearest_tolerance: likelihood.nearest_tolerance,
+            overlap_mm: likelihood.overlap_mm,
+            overlap_deg: likelihood.overlap_deg,
+        }
+    }
+}
+
+/// The settings as the filter takes them, all checked.
+fn checked(config: &tf_episode_config) -> Result<EpisodeConfig, Failure> {
+    let config = EpisodeConfig {
+        engine: engine(config)?,
+        action: action(config)?,
+        likelihood: likelihood(config)?,
+        stop_probability: config.stop_probability,
+        stop_place_mm: optional("has_stop_place", config.has_stop_place, config.stop_place_mm)?,
+        max_touches: config.max_touches,
+        between_poses: flag("between_poses", config.between_poses)?,
+        subdivisions: config.subdivisions,
+        none_fit: optional("has_none_fit", config.has_none_fit, config.none_fit)?,
+        fit_margin: config.fit_margin,
+        none_touches: config.none_touches,
+        low_similarity: config.low_similarity,
+        seed: config.seed,
+    };
+    config.validate()?;
+    check_memory(&config)?;
+    Ok(config)
+}
+
+fn engine(config: &tf_episode_config) -> Result<EngineConfig, Failure> {
+    let particle = ParticleConfig {
+        n_particles: config.n_particles,
+        resample_share: config.resample_share,
+        adaptive: flag("adaptive_particles", config.adaptive_particles)?,
+        n_moves: config.n_moves,
+    };
+    match config.engine {
+        value if value == tf_engine::Exact as u32 => Ok(EngineConfig::Exact),
+        value if value == tf_engine::Particle as u32 => Ok(EngineConfig::Particle(particle)),
+        other => Err(unknown("engine", "tf_engine", other)),
+    }
+}
+
+fn action(config: &tf_episode_config) -> Result<ActionConfig, Failure> {
+    let rule = match config.rule {
+        value if value == tf_rule::Information as u32 => ActionRule::Information,
+        value if value == tf_rule::Paper as u32 => ActionRule::Paper,
+        value if value == tf_rule::Random as u32 => ActionRule::Random,
+        other => return Err(unknown("rule", "tf_rule", other)),
+    };
+    let (has_deg, deg) = (config.has_min_separation_deg, config.min_separation_deg);
+    Ok(ActionConfig {
+        rule,
+        n_draws: config.n_draws,
+        n_suppositions: config.n_suppositions,
+        n_finalists: optional("has_n_finalists", config.has_n_finalists, config.n_finalists)?,
+        contact_threshold: config.contact_threshold,
+        min_separation_mm: config.min_separation_mm,
+        min_separation_deg: optional("has_min_separation_deg", has_deg, deg)?,
+        travel_nats_per_mm: config.travel_nats_per_mm,
+    })
+}
+
+fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
+    let interpolation = match config.interpolation {
+        value if value == tf_interpolation::Auto as u32 => Interpolation::Auto,
+        value if value == tf_interpolation::Nearest as u32 => Interpolation::Nearest,
+        value if value == tf_interpolation::Cubic as u32 => Interpolation::Cubic,
+        other => return Err(unknown("interpolation", "tf_interpolation", other)),
+    };
+    Ok(LikelihoodConfig {
+        temperature: config.temperature,
+        outlier_floor: config.outlier_floor,
+        blank_share: config.blank_share,
+        blank_agreement: config.blank_agreement,
+        nearest_tolerance: config.nearest_tolerance,
+        interpolation,
+        overlap_mm: config.overlap_mm,
+        overlap_deg: config.overlap_deg,
+    })
+}
+
+fn setting(name: &str, expected: impl std::fmt::Display, got: impl std::fmt::Display) -> Failure {
+    Failure::new(tf_status::Config, format!("{name}: expected {expected}, got {got}"))
+}
+
+fn unknown(name: &str, list: &str, got: u32) -> Failure {
+    setting(name, format!("a value of {list}"), got)
+}
+
+fn flag(name: &str, value: u32) -> Result<bool, Failure> {
+    match value {
+        0 => Ok(false),
+        1 => Ok(true),
+        other => Err(setting(name, "0 or 1", other)),
+    }
+}
+
+fn optional<T>(name: &str, has: u32, value: T) -> Result<Option<T>, Failure> {
+    Ok(flag(name, has)?.then_some(value))
+}
+
+/// Refuses numbers for which there is no memory: a failed allocation ends the process.
+pub(crate) fn check_memory(config: &EpisodeConfig) -> Result<(), Failure> {
+    let check = |name: &str, got: usize, most: usize| {
+        if got <= most { Ok(()) } else { Err(setting(name, format!("at most {most}"), got)) }
+    };
+    check("n_draws", config.action.n_draws, MAX_DRAWS)?;
+    check("n_suppositions", config.action.n_suppositions, MAX_DRAWS)?;
+    if let EngineConfig::Particle(particle) = config.engine {
+        check("n_particles", particle.n_particles, MAX_DRAWS)?;
+        check("n_moves", particle.n_moves, 1_000)?;
+    }
+    Ok(())
+}
+
+/// Reads the settings of a program that may be older than this library.
+///
+/// # Safety
+/// `config` is null or points to as many bytes as its `size` says.
+pub(crate) unsafe fn read(config: *const tf_episode_config) -> Result<EpisodeConfig, Failure> {
+    let size = *unsafe { get(config.cast::<usize>(), "config")? };
+    // So far there is one version of the struct; the first later one reads the shorter struct over the defaults here.
+    if size != size_of::<tf_episode_config>() {
+        return Err(Failure::argument("config.size", size_of::<tf_episode_config>(), size));
+    }
+    checked(unsafe { get(config, "config")? })
+}
+
+/// Fills in the settings that were measured to be good for a model.
+/// \param size  sizeof(tf_episode_config) of your program
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_episode_config_default(
+    model: *const tf_model,
+    size: usize,
+    config: *mut tf_episode_config,
+) -> tf_status {
+    call(|| {
+        if size != size_of::<tf_episode_config>() {
+            return Err(Failure::argument("size", size_of::<tf_episode_config>(), size));
+        }
+        let default = EpisodeConfig::of(&unsafe { get(model, "model")? }.model);
+        unsafe { out(config, "config")?.put((&default).into()) };
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_come_back_as_they_went() {
+        let place = EpisodeConfig { stop_place_mm: Some(0.5), seed: u64::MAX, ..EpisodeConfig::default() };
+        let turned =
+            ActionConfig { min_separation_deg: Some(20.0), rule: ActionRule::Random, ..ActionConfig::default() };
+        let cubic = LikelihoodConfig { interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
+        let turned = EpisodeConfig { action: turned, likelihood: cubic, ..place };
+        for config in [EpisodeConfig::default(), EpisodeConfig::paper(), place, turned] {
+            let there = tf_episode_config::from(&config);
+            let back = unsafe { read(&there) };
+            assert_eq!(back.map_err(|failure| failure.message), Ok(config));
+        }
+    }
+
+    #[test]
+    fn settings_that_make_no_sense_are_refused_by_name() {
+        let good = tf_episode_config::from(&EpisodeConfig::paper());
+        let refused = |config: tf_episode_config| {
+            let Failure { status, message } = unsafe { read(&config) }.unwrap_err();
+            (status, message.split(':').next().unwrap_or_default().to_owned())
+        };
+        let config = tf_status::Config;
+        for (wrong, status, name) in [
+            (tf_episode_config { size: 8, ..good }, tf_status::Argument, "config.size"),
+            (tf_episode_config { engine: 2, ..good }, config, "engine"),
+            (tf_episode_config { rule: 3, ..good }, config, "rule"),
+            (tf_episode_config { interpolation: 9, ..good }, config, "interpolation"),
+            (tf_episode_config { between_poses: 7, ..good }, config, "between_poses"),
+            (tf_episode_config { stop_probability: f64::NAN, ..good }, config, "episode.stop_probability"),
+            (tf_episode_config { n_particles: usize::MAX, ..good }, config, "n_particles"),
+            (tf_episode_config { n_draws: usize::MAX, ..good }, config, "n_draws"),
+        ] {
+            assert_eq!(refused(wrong), (status, name.to_owned()));
+        }
+    }
+}

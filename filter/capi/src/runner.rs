@@ -1,0 +1,200 @@
+//! An episode on a thread of its own.
+
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use tactile_filter::runner::{Answer, Job, Outcome, Runner};
+
+use crate::config::{read, tf_episode_config};
+use crate::episode::{locked, motions};
+use crate::model::{Parts, tf_bank};
+use crate::pointer::{free, get, give, out};
+use crate::sensor::{self, tf_frame, tf_sensor};
+use crate::status::{Failure, call, remember, tf_status};
+use crate::value::{tf_decision, tf_estimate, tf_pose};
+
+/// An episode on a thread of its own, for callers that must never wait. tf_runner_submit_...() and tf_runner_poll() never
+/// wait for the thread. Use it from one thread at a time: a call that meets another gets TF_STATUS_BUSY.
+pub struct tf_runner {
+    parts: Arc<Parts>,
+    runner: Mutex<Runner>,
+}
+
+impl tf_runner {
+    fn lock(&self) -> Result<MutexGuard<'_, Runner>, Failure> {
+        self.runner.try_lock().map_err(|error| locked(&error))
+    }
+}
+
+/// What an outcome is of.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum tf_outcome_kind {
+    /// Of nothing: no job is done that was not polled yet.
+    #[default]
+    None = 0,
+    /// Of tf_runner_submit_touch(): `decision` says what to do next.
+    Decision = 1,
+    /// Of tf_runner_submit_estimate(): `decision.estimate` holds it.
+    Estimate = 2,
+    /// Of tf_runner_submit_new_episode().
+    NewEpisode = 3,
+    /// Of tf_runner_submit_rest().
+    Rest = 4,
+    /// Of a job that was not done: `status` says why, and tf_last_error() in words.
+    Error = 5,
+}
+
+/// What came of a job.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct tf_outcome {
+    /// What it is of.
+    pub kind: tf_outcome_kind,
+    /// TF_STATUS_OK, or why the job was not done.
+    pub status: tf_status,
+    /// The number that the job was given when it was submitted.
+    pub ticket: u64,
+    /// What to do next, or what is known.
+    pub decision: tf_decision,
+}
+
+impl Default for tf_outcome {
+    fn default() -> Self {
+        Self { kind: tf_outcome_kind::None, status: tf_status::Ok, ticket: 0, decision: tf_decision::default() }
+    }
+}
+
+impl tf_outcome {
+    /// An outcome as C sees it; names belong to `parts`.
+    fn of(outcome: Outcome, parts: &Parts) -> Result<Self, Failure> {
+        let nothing = Self { ticket: outcome.ticket, ..Self::default() };
+        let done = |kind| Self { kind, ..nothing };
+        Ok(match outcome.answer {
+            Ok(Answer::Decision(decision)) => {
+                Self { decision: tf_decision::of(&decision, parts)?, ..done(tf_outcome_kind::Decision) }
+            }
+            Ok(Answer::Estimate(estimate)) => {
+                let decision = tf_decision { estimate: tf_estimate::of(&estimate, parts)?, ..nothing.decision };
+                Self { decision, ..done(tf_outcome_kind::Estimate) }
+            }
+            Ok(Answer::NewEpisode) => done(tf_outcome_kind::NewEpisode),
+            Ok(Answer::Rest) => done(tf_outcome_kind::Rest),
+            Err(fault) => {
+                let Failure { status, message } = fault.into();
+                remember(message);
+                Self { status, ..done(tf_outcome_kind::Error) }
+            }
+        })
+    }
+}
+
+/// Starts a thread that takes in touches and decides. It keeps what it needs of sensor and bank: both may be freed.
+/// \param capacity  the most jobs without a polled outcome, 1 to 1024
+/// \param out       where the handle goes, to be freed by tf_runner_free(); null after an error
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_start(
+    sensor: *const tf_sensor,
+    bank: *const tf_bank,
+    config: *const tf_episode_config,
+    capacity: usize,
+    out: *mut *mut tf_runner,
+) -> tf_status {
+    let start = || {
+        let (sensor, parts) = unsafe { (get(sensor, "sensor")?, get(bank, "bank")?.parts.clone()) };
+        let config = unsafe { read(config)? };
+        let runner = Runner::start((*sensor.sensor).clone(), parts.bank.clone(), config, capacity)?;
+        Ok(tf_runner { parts, runner: Mutex::new(runner) })
+    };
+    call(|| unsafe { give(out, start) })
+}
+
+/// Stops the thread and frees the runner; null is allowed. Waits for the job that is being done, some milliseconds; those
+/// that wait are not done.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_free(runner: *mut tf_runner) {
+    unsafe { free(runner) }
+}
+
+/// Hands in a touch; the first one begins the episode. Copies the frame and the reach, and never waits.
+/// \param moved   the motion really made since the touch submitted before, in the sensor's frame at that touch. The runner
+///                itself adds up the motions of touches that were refused
+/// \param reach   the motions that the robot can make from here, in the sensor's frame at this touch
+/// \param ticket  where the number of the job goes: 0, then 1, 2 ...; null is allowed
+/// TF_STATUS_QUEUE_FULL: the runner has as many jobs without a polled outcome as it may have; poll, and try again.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_submit_touch(
+    runner: *mut tf_runner,
+    frame: *const tf_frame,
+    moved: tf_pose,
+    reach: *const tf_pose,
+    n_reach: usize,
+    ticket: *mut u64,
+) -> tf_status {
+    let touch = || {
+        let (frame, reach) = unsafe { (sensor::read(frame)?, motions(reach, n_reach)?) };
+        Ok(Job::Touch { frame, moved: moved.into(), reach })
+    };
+    call(|| unsafe { submit(runner, ticket, touch) })
+}
+
+/// Asks for the estimate after the touches submitted so far.
+/// \param ticket  as for tf_runner_submit_touch()
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_submit_estimate(runner: *mut tf_runner, ticket: *mut u64) -> tf_status {
+    call(|| unsafe { submit(runner, ticket, || Ok(Job::Estimate)) })
+}
+
+/// Forgets the touches: the next one begins an episode.
+/// \param config  its settings; null: those before
+/// \param ticket  as for tf_runner_submit_touch()
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_submit_new_episode(
+    runner: *mut tf_runner,
+    config: *const tf_episode_config,
+    ticket: *mut u64,
+) -> tf_status {
+    let new_episode = || {
+        let config = if config.is_null() { None } else { Some(Box::new(unsafe { read(config)? })) };
+        Ok(Job::NewEpisode(config))
+    };
+    call(|| unsafe { submit(runner, ticket, new_episode) })
+}
+
+/// A new frame at rest, for all touches submitted from now on. After an error the one before stays.
+/// \param ticket  as for tf_runner_submit_touch()
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_submit_rest(
+    runner: *mut tf_runner,
+    at_rest: *const tf_frame,
+    ticket: *mut u64,
+) -> tf_status {
+    call(|| unsafe { submit(runner, ticket, || Ok(Job::Rest(sensor::read(at_rest)?))) })
+}
+
+/// # Safety
+/// `runner` and `ticket` are null or valid.
+unsafe fn submit(
+    runner: *mut tf_runner,
+    ticket: *mut u64,
+    job: impl FnOnce() -> Result<Job, Failure>,
+) -> Result<(), Failure> {
+    let runner = unsafe { get(runner, "runner")? };
+    let place = if ticket.is_null() { None } else { Some(out(ticket, "ticket")?) };
+    let number = runner.lock()?.submit(job()?)?;
+    if let Some(place) = place {
+        unsafe { place.put(number) };
+    }
+    Ok(())
+}
+
+/// The outcome of the earliest job that has none yet, where it is done; else one of the kind TF_OUTCOME_KIND_NONE. Never
+/// waits. Every job gets exactly one outcome, in the order in which they were submitted.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_poll(runner: *mut tf_runner, outcome: *mut tf_outcome) -> tf_status {
+    call(|| unsafe {
+        let (runner, place) = (get(runner, "runner")?, out(outcome, "outcome")?);
+        let polled = runner.lock()?.poll();
+        place.put(polled.map_or_else(|| Ok(tf_outcome::default()), |polled| tf_outcome::of(polled, &runner.parts))?);
+        Ok(())
+    })
+}
