@@ -2,3 +2,6 @@
 
 #[cfg(feature = "ros2")]
 pub mod ros2;
+
+#[cfg(feature = "foxglove")]
+pub mod foxglove;
