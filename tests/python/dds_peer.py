@@ -48,7 +48,8 @@ class Ours:
     def __init__(self, *words, ros_args=(), variables=()):
         environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), **dict(variables)}
         command = [PROGRAM, *map(str, words), "--ros-args", *ros_args]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True)
+        self.said = tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.said, env=environment, text=True)
         self.events, self.news = [], threading.Condition()
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -87,6 +88,9 @@ class Ours:
     def end(self):
         self.process.kill()
         self.process.wait()
+        self.said.seek(0)
+        said = self.said.read()
+        check("panicked" not in said, said)
 
     def __enter__(self):
         return self
@@ -340,12 +344,11 @@ def ports():
     return [base, base + 1] + [base + offset + 2 * participant for participant in range(10) for offset in (10, 11)]
 
 
-def packets(source, count):
+def packets(source, count, seen):
     """Packets that look like RTPS more and more: noise, a right beginning, submessages with wrong lengths, and what a
     real program sent with bytes changed."""
-    seen = captured()
     for number in range(count):
-        kind = number % 4
+        kind = number % 8
         if kind == 0:
             yield source.randbytes(source.randrange(0, 1400))
         elif kind == 1:
@@ -360,27 +363,58 @@ def packets(source, count):
             yield packet
         else:
             packet = bytearray(source.choice(seen))
-            for _ in range(source.randrange(1, 9)):
-                packet[source.randrange(len(packet))] = source.randrange(256)
-            yield bytes(packet)
+            for _ in range(source.randrange(1, 5)):
+                # Behind the sender's name, most of the time: a stranger's messages are not looked at.
+                at = source.randrange(20, len(packet)) if kind > 3 else source.randrange(len(packet))
+                packet[at] = source.choice([0, 0xFF, 0x7F, packet[at] ^ 1 << source.randrange(8)])
+            if kind == 7:
+                packet = packet[: source.randrange(len(packet))]
+            # RustDDS 0.15.1 believes a known publisher: it lists each number that a heartbeat or a gap claims, 2^60 of
+            # them, and makes room for a piece of a message of 4 GiB. It cannot be kept out here; the module says so.
+            if not {HEARTBEAT, GAP, PIECE} & set(submessages(packet)):
+                yield bytes(packet)
 
 
-def captured():
-    """What CycloneDDS sends to a participant that is not there: a socket in its place."""
-    seen = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
-        ear.bind(("127.0.0.1", 7400 + 250 * DOMAIN + 10 + 2 * 9))
-        ear.settimeout(3)
-        participant = DomainParticipant(DOMAIN)
-        speaker = writer(participant, "rt/gelsight/image")
-        try:
-            while len(seen) < 5:
-                seen.append(ear.recv(65536))
-        except TimeoutError:
-            pass
-        del speaker
-    check(seen, "CycloneDDS sent no packet")
-    return seen
+HEARTBEAT, GAP, PIECE = 0x07, 0x08, 0x16
+
+
+def submessages(packet):
+    """The kinds of a packet's submessages."""
+    at = 20
+    while at + 4 <= len(packet):
+        yield packet[at]
+        length = int.from_bytes(packet[at + 2 : at + 4], "little" if packet[at + 1] & 1 else "big")
+        at += 4 + (length or len(packet))
+
+
+@contextlib.contextmanager
+def overheard():
+    """The packets on the loopback interface to our ports while the block runs, in a list; empty where that is not
+    allowed (it needs root)."""
+    seen, wanted = [], set(ports())
+    try:
+        ear = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.ntohs(0x0800))
+    except (PermissionError, AttributeError):
+        yield seen
+        return
+    ear.bind(("lo", 0x0800))
+    ear.settimeout(0.2)
+    done = threading.Event()
+
+    def listen():
+        while not done.is_set():
+            with contextlib.suppress(TimeoutError):
+                frame = ear.recv(65536)[14:]
+                udp = frame[4 * (frame[0] & 15):]
+                if frame[9] == 17 and int.from_bytes(udp[2:4], "big") in wanted and len(udp) > 40:
+                    seen.append(udp[8:])
+
+    thread = threading.Thread(target=listen)
+    thread.start()
+    yield seen
+    done.set()
+    thread.join()
+    ear.close()
 
 
 @contextlib.contextmanager
@@ -397,32 +431,43 @@ def silent():
 
 
 def check_packets(_seconds):
-    """Packets of noise to the node's ports: it goes on."""
+    """Packets of noise to the node's ports, and real ones with bytes changed: it goes on."""
     source = random.Random(11)
-    with Ours("--seconds", 120, "--subscribe", "/gelsight/image", "newest", "--serve", "/observe") as ours:
+    with overheard() as seen:
+        ours = Ours("--seconds", 240, "--subscribe", "/gelsight/image", "newest", "--serve", "/observe")
         ours.wait("ready")
         participant = DomainParticipant(DOMAIN)
         to_us = writer(participant, "rt/gelsight/image")
-        ours.wait("matched")
-        to_us.write(picture(1, 20_000))
-        ours.wait("message")
-        memory = [ours.rss_kib()]
-        with silent(), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as noise:
-            for number, packet in enumerate(packets(source, 20_000)):
-                for port in ports():
-                    noise.sendto(packet, ("127.0.0.1", port))
-                if number % 20 == 0:
-                    time.sleep(0.005)
-                if number % 5000 == 4999:
-                    memory.append(ours.rss_kib())
+        asking = writer(participant, "rq/observeRequest", ros.CycloneRequest, "reliable")
+        ours.wait("matched", 2)
+        for number in range(5):
+            to_us.write(picture(number, 20_000))
+            to_us.write(picture(number, 300))
+            asking.write(ros.CycloneRequest(1, number))
+        ours.wait("message", 8)
+        time.sleep(1)
+    n_seen = len(seen)
+    memory = [ours.rss_kib()]
+    with ours, silent(), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as noise:
+        for number, packet in enumerate(packets(source, 20_000, seen or [b"RTPS\x02\x03\x01\x10" + bytes(40)])):
+            for port in ports():
+                noise.sendto(packet, ("127.0.0.1", port))
+            if number % 20 == 0:
+                time.sleep(0.005)
+            if number % 5000 == 4999:
+                memory.append(ours.rss_kib())
         time.sleep(15)
         memory.append(ours.rss_kib())
         check(ours.is_alive(), "the node ended")
-        n_before = len(ours.of("message"))
+        check(memory[-1] < memory[0] + 32 * 1024, f"memory, KiB: {memory}")
+        fresh = DomainParticipant(DOMAIN)
+        to_us = writer(fresh, "rt/gelsight/image")
+        time.sleep(3)
         for number in paced(25):
             to_us.write(picture(100 + number, 20_000))
-        ours.wait("message", n_before + 20)
-        say("packets", f"20000 to each of {len(ports())} ports; memory, KiB: {memory}; pictures go on")
+        came = lambda: {message["number"] for message in ours.of("message")} >= set(range(105, 125))
+        wait_for("pictures after the noise", came)
+        say("packets", f"20000 to each of {len(ports())} ports, from {n_seen} real ones; memory, KiB: {memory}")
 
 
 def check_namespaces(_seconds):

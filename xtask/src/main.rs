@@ -65,6 +65,9 @@ enum Chore {
     /// Compare our ROS 2 topics and services with CycloneDDS: nothing lost, nothing changed, nothing that ends the node.
     #[command(after_help = "Example:\n  cargo xtask dds --seconds 600")]
     Dds(dds::DdsArgs),
+    /// Check the live views with a viewer of our own: what is advertised, and each message byte for byte.
+    #[command(after_help = "Example:\n  cargo xtask views")]
+    Views,
     /// Compare the graphics card (or Mesa's llvmpipe) with the CPU: embeddings and first training steps.
     #[command(after_help = "Example:\n  cargo xtask wgpu")]
     Wgpu,
@@ -98,6 +101,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Python(args) => python::python(&workspace, args),
         Chore::Capi(args) => capi::capi(&workspace, args),
         Chore::Dds(args) => dds::dds(&workspace, args),
+        Chore::Views => dds::views(&workspace),
         Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Slurm => slurm::slurm(&workspace),
         Chore::Tidy => tidy::tidy(&workspace),

@@ -13,6 +13,8 @@ pub mod camera;
 pub mod decision;
 mod error;
 pub mod event;
+#[cfg(feature = "foxglove")]
+pub mod foxglove;
 pub mod log;
 mod node;
 pub mod parameters;
@@ -29,6 +31,8 @@ pub mod sources;
 pub mod stillness;
 pub mod tool;
 mod troubles;
+#[cfg(feature = "watch")]
+pub mod watch;
 
 pub use decision::DecisionReport;
 pub use error::{Error, Result};

@@ -15,7 +15,7 @@ use super::settings::Settings;
 use super::state::{Reads, State, Writes};
 use super::trigger::{self, Answer};
 use super::trouble::Trouble;
-use super::wire::{Wish, send};
+use super::wire::{Wish, guarded, send};
 use super::{Call, Client, Delivery, Endpoint, Publication, RequestId, Service, Subscription};
 
 /// How often the thread looks at what rings no bell: peers, the clock, answers that wait.
@@ -237,8 +237,14 @@ fn read(mut poll: mio1::Poll, shared: &Shared) {
         let now = Instant::now();
         let mut state = shared.state();
         // Peers first: what a publisher of another type sends must not be taken.
-        state.look(&shared.queue, now);
-        state.take(&shared.queue);
+        let taken = guarded(|| {
+            state.look(&shared.queue, now);
+            state.take(&shared.queue);
+        });
+        if let Err(reason) = taken {
+            shared.queue.push(Incoming::Trouble(Trouble::NoNetwork { reason }));
+            state.abandon();
+        }
         if let Some(seconds) = clock.step() {
             shared.queue.push(Incoming::Trouble(Trouble::ClockSet { seconds }));
             state.close();

@@ -26,8 +26,19 @@
 //! # }
 //! ```
 //!
-//! The middleware is RustDDS, tried against CycloneDDS (`cargo xtask dds`). Everybody who may send to the network's
-//! domain is trusted, as everywhere in ROS 2 without SROS: a forged message of a publisher's name is taken as its own.
+//! The middleware is RustDDS, tried against CycloneDDS (`cargo xtask dds`). What it cannot do, and what follows:
+//!
+//! - Everybody in the network's domain is trusted, as everywhere in ROS 2 without SROS. Noise is left out, and so is most
+//!   of what a known program sends with bytes changed. But who forges packets in a known publisher's name can take all
+//!   memory: RustDDS 0.15.1 lists each number that a heartbeat claims, and makes room for the size that a piece of a
+//!   message claims. A robot's network is to be separate from others.
+//! - Frames of many megabytes come in hundreds of packets, of which the socket loses some. [`Delivery::Reliable`] brings
+//!   them all where their publisher is reliable; [`Delivery::Newest`] may bring none of 24 MB.
+//! - The time of sending is not known of messages in more than one packet: a picture's own header has it.
+//! - A subscriber that has stopped, but not left, holds up its reliable topic after 64 messages, until its lease ends (10
+//!   to 20 s).
+//! - A service's request that is sent before its server has found the client is lost, as in all of ROS 2;
+//!   [`Incoming::Matched`] of a client comes late enough.
 
 mod bus;
 mod error;

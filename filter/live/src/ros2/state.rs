@@ -325,6 +325,14 @@ impl State {
         self.wire = None;
     }
 
+    /// Leaves a network whose middleware broke: its own ends would break as well, so that they are left as they are.
+    pub(super) fn abandon(&mut self) {
+        self.readers.iter_mut().for_each(|slot| std::mem::forget(slot.reader.take()));
+        self.writers.iter_mut().for_each(|slot| std::mem::forget(slot.writer.take()));
+        std::mem::forget(self.wire.take());
+        self.close();
+    }
+
     /// Joins the network again with the same endpoints.
     pub(super) fn reopen(&mut self, queue: &Queue) -> Result<()> {
         let wire = Wire::open(&self.settings)?;

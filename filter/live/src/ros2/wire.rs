@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::net::{IpAddr, Ipv4Addr};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -322,9 +323,19 @@ pub(super) fn send(
     let [0, 1, 0, 0, body @ ..] = cdr else {
         return Err(Error::NotCdr { topic: topic.to_owned(), got: super::trigger::beginning(cdr) });
     };
-    dds.write_with_options(Bytes::copy_from_slice(body), options).map_err(|error| match error {
+    let written = guarded(|| dds.write_with_options(Bytes::copy_from_slice(body), options));
+    written.map_err(Error::network(topic))?.map_err(|error| match error {
         rustdds::dds::result::WriteError::WouldBlock { .. } => Error::Congested { topic: topic.to_owned() },
         other => Error::Network { what: topic.to_owned(), reason: other.to_string() },
+    })
+}
+
+/// Runs what calls RustDDS, which panics where one of its threads did: the reason of a panic.
+pub(super) fn guarded<T>(run: impl FnOnce() -> T) -> std::result::Result<T, String> {
+    // What is left half done is abandoned with the network.
+    catch_unwind(AssertUnwindSafe(run)).map_err(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+        format!("the middleware failed: {}", text.unwrap_or("no reason given"))
     })
 }
 
@@ -332,6 +343,13 @@ pub(super) fn send(
 mod tests {
     use super::*;
     use rustdds::Timestamp;
+
+    #[test]
+    fn a_panic_below_becomes_its_reason() {
+        assert_eq!(guarded(|| 3), Ok(3));
+        let broken = guarded(|| panic!("a poisoned lock"));
+        assert_eq!(broken, Err("the middleware failed: a poisoned lock".to_owned()));
+    }
 
     #[test]
     fn a_time_on_the_wire_is_read_to_the_nanosecond() {
