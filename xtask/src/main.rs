@@ -13,6 +13,7 @@ mod step;
 mod tidy;
 mod validate;
 mod wgpu;
+mod wheel;
 mod workspace;
 
 use std::process::ExitCode;
@@ -56,6 +57,9 @@ enum Chore {
     /// Compare a forward pass in numpy with tactile-infer's, from the weights' file alone.
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
+    /// Build the Python wheel, install it into a fresh virtual environment and try it.
+    #[command(after_help = "Example:\n  cargo xtask wheel\n  cargo xtask wheel --build-only --out dist")]
+    Wheel(wheel::WheelArgs),
     /// Compare the graphics card (or Mesa's llvmpipe) with the CPU: embeddings and first training steps.
     #[command(after_help = "Example:\n  cargo xtask wgpu")]
     Wgpu,
@@ -87,6 +91,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
+        Chore::Wheel(args) => wheel::wheel(&workspace, args),
         Chore::Wgpu => wgpu::wgpu(&workspace),
         Chore::Slurm => slurm::slurm(&workspace),
         Chore::Tidy => tidy::tidy(&workspace),

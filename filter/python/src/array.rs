@@ -1,7 +1,7 @@
 //! Values from numpy and to it. Everything is copied: an array that Python changes later changes nothing here.
 
-use numpy::{Element, PyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use numpy::ndarray;
+use numpy::{Element, PyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tactile_data::FrameFault;
@@ -64,12 +64,18 @@ pub fn motions(object: &Bound<'_, PyAny>) -> PyResult<Vec<Se2>> {
 
 /// The elements of an array in C order.
 fn values<T: Element + Copy, D: ndarray::Dimension>(array: &Bound<'_, PyArray<T, D>>) -> PyResult<Vec<T>> {
-    if let Ok(slice) = array.try_readonly()?.as_slice() {
+    // `as_slice` would take an array in Fortran's order in the order of memory; one that is not aligned it refuses.
+    if array.is_c_contiguous()
+        && let Ok(slice) = array.try_readonly()?.as_slice()
+    {
         return Ok(slice.to_vec());
     }
     // With gaps, in another order or not aligned: numpy makes a plain one of it.
     let copy = array.call_method1("copy", ("C",))?;
     let copy = copy.cast::<PyArray<T, D>>()?;
+    if !copy.is_c_contiguous() {
+        return Err(type_error("array", "a copy in C order", "one in another order"));
+    }
     Ok(copy.try_readonly()?.as_slice()?.to_vec())
 }
 
@@ -88,11 +94,7 @@ pub fn vector<'py, T: Element>(py: Python<'py>, values: Vec<T>) -> Bound<'py, Py
 }
 
 /// An array of `n_columns` columns from its rows, one behind the other.
-pub fn matrix<'py, T: Element>(
-    py: Python<'py>,
-    n_columns: usize,
-    values: Vec<T>,
-) -> PyResult<Bound<'py, PyArray2<T>>> {
+pub fn matrix<'py, T: Element>(py: Python<'py>, n_columns: usize, values: Vec<T>) -> PyResult<Bound<'py, PyArray2<T>>> {
     let n_rows = values.len() / n_columns.max(1);
     PyArray1::from_vec(py, values).reshape([n_rows, n_columns])
 }

@@ -100,7 +100,8 @@ fn json(setting: &str, value: &Bound<'_, PyAny>) -> PyResult<Value> {
     if let Ok(value) = value.extract::<f64>() {
         // JSON has neither infinity nor NaN, and would make them None.
         let number = serde_json::Number::from_f64(value).map(Value::Number);
-        let refused = || Refused { setting: setting.into(), expected: "a finite number".into(), got: value.to_string() };
+        let refused =
+            || Refused { setting: setting.into(), expected: "a finite number".into(), got: value.to_string() };
         return number.ok_or_else(|| refused_error(&refused()));
     }
     if let Ok(text) = value.extract::<String>() {

@@ -60,8 +60,9 @@ impl PyEpisode {
     /// An episode as it was when recorded, to the bit.
     #[staticmethod]
     fn restore(py: Python<'_>, record: &str, bank: &PyBank) -> PyResult<Self> {
-        let record: EpisodeRecord = serde_json::from_str(record)
-            .map_err(|error| InvalidError::new_err(format!("saved episode: expected what record() gives, got {error}")))?;
+        let record: EpisodeRecord = serde_json::from_str(record).map_err(|error| {
+            InvalidError::new_err(format!("saved episode: expected what record() gives, got {error}"))
+        })?;
         compute(py, || Ok(Self::new(Episode::restore(&record, bank.0.clone())?, &bank.0)))
     }
 

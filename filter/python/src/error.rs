@@ -1,8 +1,8 @@
 //! Exceptions: one for each case of [`tactile_filter::Error`], all of them a `tactile_filter.Error`.
 
+use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
-use pyo3::create_exception;
 use tactile_data::FrameFault;
 
 use crate::guard::catch;

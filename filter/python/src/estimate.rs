@@ -71,7 +71,8 @@ impl PyEstimate {
     /// Where it may be: the peaks of the belief, the heaviest first.
     #[getter]
     fn modes(&self) -> Vec<PyMode> {
-        let mode = |mode: &Mode| PyMode { mode: mode.clone(), part: self.parts.get(mode.part).cloned().unwrap_or_default() };
+        let mode =
+            |mode: &Mode| PyMode { mode: mode.clone(), part: self.parts.get(mode.part).cloned().unwrap_or_default() };
         self.estimate.modes.iter().map(mode).collect()
     }
 
