@@ -2,7 +2,7 @@
 //!
 //! Each class wraps one value of `tactile-filter` and adds nothing to it, so that Python gets the same numbers as Rust,
 //! to the bit. Computing happens without Python's global lock; an error of a library is an exception of
-//! [`error`](mod@error), and so is a panic. The types as Python sees them are in `package/tactile_filter/__init__.pyi`; the README says how
+//! the module `error`, and so is a panic. The types as Python sees them are in `package/tactile_filter/__init__.pyi`; the README says how
 //! to build and install the module. Without the feature `python` this crate is empty.
 
 #[cfg(feature = "python")]
