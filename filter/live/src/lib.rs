@@ -1,1 +1,4 @@
 //! Live touches: frames and poses in, decisions out.
+
+#[cfg(feature = "watch")]
+pub mod watch;
