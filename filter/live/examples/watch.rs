@@ -89,7 +89,7 @@ fn motion(touch: usize) -> Se2 {
 
 fn touch(n: usize) -> Pressed {
     let refused = (n == FAULT).then(|| "frame: saturated, mean 243 of 255".into());
-    Pressed { moved: motion(n), edge_share: refused.is_none().then(|| 0.08 + 0.02 * n as f32), refused }
+    Pressed { moved: motion(n), edge_share: refused.is_none().then_some(0.08 + 0.02 * n as f32), refused }
 }
 
 fn messages(n: usize, time_s: f64) -> Vec<Message> {

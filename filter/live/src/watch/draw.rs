@@ -19,7 +19,7 @@ const OLD_S: f64 = 0.5;
 /// Draws a view. `chosen`: the part whose map is shown; `None`, or one that is not there: the likeliest.
 pub fn draw(view: &View, chosen: Option<&str>, frame: &mut Frame) {
     let area = frame.area();
-    let n_messages = (view.messages.len() as u16).clamp(1, (area.height / 6).max(1));
+    let n_messages = (view.messages.len() as u16).clamp(1, (area.height / 8).max(1));
     let rows = [Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(n_messages + 2)];
     let [head, verdict, body, messages, keys] =
         Layout::vertical([rows.as_slice(), &[Constraint::Length(1)]].concat()).areas(area);
@@ -47,7 +47,10 @@ fn columns(body: Rect, is_wide: bool) -> [Rect; 3] {
 }
 
 fn block(title: impl Into<Line<'static>>) -> Block<'static> {
-    Block::bordered().border_style(Style::new().fg(Color::DarkGray)).title(title)
+    Block::bordered()
+        .border_style(Style::new().fg(Color::DarkGray))
+        .title_style(Style::new().fg(Color::Gray))
+        .title(title)
 }
 
 /// Time and status to the left, the camera to the right.
@@ -142,12 +145,12 @@ fn draw_map(view: &View, shown: usize, area: Rect, frame: &mut Frame) {
     let Some(part) = view.parts.get(shown) else { return frame.render_widget(block(" Where the sensor is "), area) };
     let marks = marks(view, &part.name);
     let reach = part.map.as_ref().map_or_else(String::new, |map| format!(", ±{} mm", map.half_mm));
-    let brightest = part.map.as_ref().map_or_else(String::new, |map| format!(" brightest {} ", percent(map.largest())));
+    let brightest = part.map.as_ref().map_or_else(String::new, |map| format!(" max {} ", percent(map.largest())));
     let mut frame_of_map = block(format!(" Sensor on {}, {}{reach} ", part.name, percent(part.probability)))
         .title_bottom(Line::from(brightest).dim().right_aligned());
     if !marks.is_empty() {
-        let legend = [Span::from(" "), "↗".fg(Color::White).bold(), " sensor  ".into(), "×".fg(Color::Green).bold()];
-        let legend = [legend.as_slice(), &[" next  ".into(), "1".fg(Color::Cyan).bold(), " touches ".into()]].concat();
+        let legend = [Span::from(" "), "↗".fg(Color::White).bold(), " now  ".into(), "×".fg(Color::Green).bold()];
+        let legend = [legend.as_slice(), &[" next  ".into(), "1".fg(Color::Cyan).bold(), " touched ".into()]].concat();
         frame_of_map = frame_of_map.title_bottom(Line::from(legend));
     }
     let inside = frame_of_map.inner(area);
@@ -215,7 +218,7 @@ fn touch_line(touch: &Pressed, number: Option<char>, pose: &Se2) -> Line<'static
 fn draw_messages(messages: &[Message], area: Rect, frame: &mut Frame) {
     let line = |message: &Message| {
         let (label, style) = match message.level {
-            Level::Info => ("info   ", Style::new().fg(Color::Blue)),
+            Level::Info => ("info   ", Style::new().fg(Color::Indexed(75))),
             Level::Warning => ("warning", Style::new().fg(Color::Yellow).bold()),
             Level::Error => ("error  ", Style::new().fg(Color::Red).bold()),
         };
@@ -312,7 +315,7 @@ mod tests {
                 &["key", "20.0 %"],
                 &["gable", "5.0 %"],
                 &["Sensor on bayonet, 75.0 %, ±8 mm"],
-                &["sensor", "next", "touches", "brightest 70.0 %"],
+                &["↗ now", "× next", "1 touched", "max 70.0 %"],
                 &["Touches: 2, 1 refused"],
                 &["refused: the frame is dark"],
                 // Quarter turns: 4 mm back along the sensor's x was 4 mm along the part's -y.
@@ -374,7 +377,7 @@ mod tests {
     fn another_part_has_its_own_map_without_marks() {
         let buffer = drawn(&view(), Some("key"), 80, 24);
         assert!(has(&buffer, &["▸ key"]) && has(&buffer, &["Sensor on key, 20.0 %"]));
-        assert!(has(&buffer, &["brightest 10.0 %"]) && on_map(&buffer, "×").is_empty());
+        assert!(has(&buffer, &["max 10.0 %"]) && on_map(&buffer, "×").is_empty());
         assert!(has(&drawn(&view(), Some("gable"), 80, 24), &["no map of this part"]));
         assert_eq!(drawn(&view(), Some("nothing"), 80, 24), drawn(&view(), None, 80, 24));
     }

@@ -57,12 +57,15 @@ pub fn run(mut next: impl FnMut(Duration) -> Feed) -> Result<()> {
     }
 }
 
-/// Gives the terminal back, after an error and a panic too.
+/// Gives the terminal back, after an error too. After a panic ratatui's hook has done so already, before the message: a
+/// second time would move the cursor back over it.
 struct Restore;
 
 impl Drop for Restore {
     fn drop(&mut self) {
-        ratatui::restore();
+        if !std::thread::panicking() {
+            ratatui::restore();
+        }
     }
 }
 
