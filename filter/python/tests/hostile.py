@@ -218,6 +218,21 @@ def values(episode, decision):
             assert issubclass(error, tf.Error) and error.__module__ == "tactile_filter" and error.__doc__, error
 
 
+def simulators(model):
+    simulator = tf.Simulator("alphabet-small", 1)
+    part = simulator.parts[0]
+    refused(tf.InvalidError, "no-such-scene", tf.Simulator, "no-such-scene")
+    refused(TypeError, "", tf.Simulator, None)
+    refused(KeyError, "part expected", simulator.touch, "no such part", tf.Pose())
+    refused(TypeError, "pose expected", simulator.touch, part, None)
+    refused(tf.InvalidError, "finite pose", simulator.touch, part, (np.nan, 0, 0))
+    for steps in [(0.0, 15.0), (2.0, -1.0), (3.0, 15.0), (np.nan, 15.0), (2.0, np.inf), (1e-9, 1e-9)]:
+        refused(tf.InvalidError, "expected", simulator.bank, model, *steps)
+    frame = simulator.touch(part, tf.Pose(1.0), n=3)
+    assert (frame == simulator.touch(part, (1.0, 0.0, 0.0), n=3)).all() and frame.dtype == np.uint8
+    assert (frame != simulator.touch(part, (1.0, 0.0, 0.0), n=4)).any() and frame.shape == simulator.rest_frame().shape
+
+
 def main(folder):
     with open(folder / "expected.json") as file:
         written = json.load(file)
@@ -235,6 +250,8 @@ def main(folder):
         files(model, folder / "fine.bank", episode, Path(scratch))
     records(episode, bank, other_bank)
     values(episode, decision)
+    if hasattr(tf, "Simulator"):
+        simulators(model)
     refused(TypeError, "", tf.Episode.begin, None, bank, observation)
     refused(TypeError, "", tf.Episode.begin, tf.EpisodeConfig(), None, observation)
     refused(TypeError, "", tf.Episode.begin, tf.EpisodeConfig(), bank, None)
