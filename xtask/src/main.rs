@@ -16,6 +16,7 @@ mod step;
 mod tidy;
 mod validate;
 mod wgpu;
+mod wheel;
 mod workspace;
 
 use std::process::ExitCode;
@@ -59,6 +60,9 @@ enum Chore {
     /// Compare a forward pass in numpy with tactile-infer's, from the weights' file alone.
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
+    /// Build the Python wheel, install it into a fresh virtual environment and try it.
+    #[command(after_help = "Example:\n  cargo xtask wheel\n  cargo xtask wheel --build-only --out dist")]
+    Wheel(wheel::WheelArgs),
     /// The C library: install it, or check it with compilers, valgrind, sanitizers and CMake, and measure it.
     #[command(after_help = "Example:\n  cargo xtask capi --install /usr/local")]
     Capi(capi::CapiArgs),
@@ -99,6 +103,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
+        Chore::Wheel(args) => wheel::wheel(&workspace, args),
         Chore::Capi(args) => capi::capi(&workspace, args),
         Chore::Dds(args) => dds::dds(&workspace, args),
         Chore::Views => dds::views(&workspace),

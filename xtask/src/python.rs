@@ -1,6 +1,7 @@
 //! The weights read from outside: numpy's forward pass against `tactile-infer`'s.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -83,7 +84,13 @@ pub fn environment(out: &Path, requirements: &str) -> Result<PathBuf> {
     if made.exists() {
         return Ok(python);
     }
-    Program::new(if cfg!(windows) { "python" } else { "python3" }).words("-m venv").arg(&venv).run(out)?;
+    let system = Program::new(if cfg!(windows) { "python" } else { "python3" });
+    system.words("-m venv").arg(&venv).run(out).map_err(|error| match error {
+        Error::Io { source, .. } if source.kind() == ErrorKind::NotFound => {
+            Error::NotInstalled { what: "Python 3".into(), packages: "python3 python3-venv" }
+        }
+        other => other,
+    })?;
     let pip = Program::new(&python).words("-m pip install --quiet --disable-pip-version-check");
     pip.words(requirements).run(out)?;
     fs::write(&made, requirements).map_err(Error::io(&made))?;

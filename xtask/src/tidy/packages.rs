@@ -5,13 +5,15 @@ use serde_json::Value;
 use super::Finding;
 
 /// The packages of the workspace that each package may depend on.
-const MAY_KNOW: [(&str, &[&str]); 9] = [
+const MAY_KNOW: [(&str, &[&str]); 11] = [
     ("tactile-data", &[]),
     ("tactile-infer", &["tactile-data"]),
     ("tactile-filter", &["tactile-data", "tactile-infer"]),
     ("tactile-eval", &["tactile-data", "tactile-infer", "tactile-filter"]),
+    ("tactile-live", &["tactile-data", "tactile-infer", "tactile-filter"]),
+    ("tactile-py", &["tactile-data", "tactile-infer", "tactile-filter"]),
     ("tactile-capi", &["tactile-data", "tactile-infer", "tactile-filter"]),
-    ("tactile-filter-cli", &["tactile-data", "tactile-infer", "tactile-filter", "tactile-eval"]),
+    ("tactile-filter-cli", &["tactile-data", "tactile-infer", "tactile-filter", "tactile-eval", "tactile-live"]),
     ("tactile-train", &["tactile-data", "tactile-infer"]),
     ("tactile-tests", &["tactile-data", "tactile-infer", "tactile-filter", "tactile-eval", "tactile-train"]),
     ("xtask", &[]),

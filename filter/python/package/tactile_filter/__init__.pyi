@@ -1,0 +1,384 @@
+"""Which peg fits a hole, and where the hole is, found by touch.
+
+Lengths are in mm, angles in radians where a name does not say degrees. Arrays that come out are copies.
+"""
+
+import os
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal, TypedDict, final
+
+import numpy as np
+import numpy.typing as npt
+from typing_extensions import Self, TypeAlias, Unpack
+
+__version__: str
+
+_Path: TypeAlias = str | os.PathLike[str]
+_PoseLike: TypeAlias = Pose | Sequence[float] | npt.NDArray[np.float64]
+_Reach: TypeAlias = npt.NDArray[np.float64] | Sequence[_PoseLike]
+_Reason: TypeAlias = Literal["confident", "none-of-these", "touch-limit", "nothing-to-learn"]
+
+class _Settings(TypedDict, total=False):
+    # Inference. The four below the first are those of "particle" alone.
+    engine: Literal["exact", "particle"]
+    n_particles: int
+    resample_share: float
+    adaptive: bool
+    n_moves: int
+    # When to stop.
+    stop_probability: float
+    stop_place_mm: float | None
+    max_touches: int
+    none_fit: float | None
+    fit_margin: float
+    none_touches: int
+    # What is believed.
+    between_poses: bool
+    subdivisions: int
+    low_similarity: float
+    seed: int
+    # How the next touch is chosen.
+    rule: Literal["information", "paper", "random"]
+    n_draws: int
+    n_suppositions: int
+    n_finalists: int | None
+    contact_threshold: float
+    min_separation_mm: float
+    min_separation_deg: float | None
+    travel_nats_per_mm: float
+    # How similarities become probabilities.
+    temperature: float
+    outlier_floor: float
+    blank_share: float
+    blank_agreement: float
+    nearest_tolerance: float
+    interpolation: Literal["auto", "nearest", "cubic"]
+    overlap_mm: float
+    overlap_deg: float
+
+class Error(Exception):
+    """An error of this module. After any of them an episode is as it was before the call."""
+
+class FrameError(Error):
+    """The frame is dark, saturated, uniform or of another size: touch again."""
+
+    fault: Literal["dark", "saturated", "uniform", "wrong-size", "other"]
+
+class FrozenFrameError(Error):
+    """The same picture, byte for byte, after a motion: the camera has stopped."""
+
+class MotionError(Error):
+    """The motion is not finite, or no robot's."""
+
+class WrongModelError(Error):
+    """The observation or bank is of another model."""
+
+class WrongBankError(Error):
+    """The saved episode is of another bank or version."""
+
+class EmptyReachError(Error):
+    """No motion was offered that could be made."""
+
+class ObservationError(Error):
+    """An observation that no sensor makes."""
+
+class ConfigError(Error):
+    """A setting outside its range, or of an unknown name."""
+
+class FileError(Error):
+    """A file that the system refuses to read or write."""
+
+class InvalidError(Error):
+    """A file or value that makes no sense."""
+
+class InternalError(Error):
+    """A mistake in this library: please report it."""
+
+@final
+class Pose:
+    """A pose or a motion in the plane. `a_from_b * b_from_c` is `a_from_c`."""
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __new__(cls, x_mm: float = 0.0, y_mm: float = 0.0, theta_rad: float = 0.0) -> Self: ...
+    @staticmethod
+    def from_degrees(x_mm: float = 0.0, y_mm: float = 0.0, theta_deg: float = 0.0) -> Pose: ...
+    @property
+    def x_mm(self) -> float: ...
+    @property
+    def y_mm(self) -> float: ...
+    @property
+    def theta_rad(self) -> float:
+        """In (-pi, pi]."""
+    @property
+    def theta_deg(self) -> float: ...
+    def inverse(self) -> Pose:
+        """`b_from_a` of this `a_from_b`."""
+    def apply(self, x_mm: float, y_mm: float) -> tuple[float, float]:
+        """Takes a point of frame `b` to frame `a`, mm."""
+    def distance_mm(self, other: _PoseLike) -> float:
+        """The distance between the origins of two poses, mm."""
+    def as_tuple(self) -> tuple[float, float, float]:
+        """x mm, y mm, theta rad."""
+    def __mul__(self, value: _PoseLike, /) -> Pose: ...
+    def __rmul__(self, value: Any, /) -> Any: ...
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+
+@final
+class Model:
+    """A trained model on the CPU: makes embeddings of frames."""
+
+    @staticmethod
+    def load(path: _Path) -> Model:
+        """Loads a checkpoint, as `tactile-train` writes it."""
+    @property
+    def sha256(self) -> str:
+        """64 hex digits: banks are bound to it."""
+    @property
+    def dim(self) -> int:
+        """Length of an embedding."""
+    @property
+    def input_px(self) -> tuple[int, int]:
+        """Width and height of the network's input; a frame has at least as many pixels."""
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether it was measured how far its similarities can be believed."""
+
+@final
+class Bank:
+    """The recorded views of the parts, as embeddings."""
+
+    @staticmethod
+    def load(path: _Path, model: Model) -> Bank:
+        """Loads a bank, as `tactile-infer bank` writes it, that this model made."""
+    def save(self, path: _Path) -> None:
+        """Writes the bank to a file, whole or not at all."""
+    @property
+    def parts(self) -> list[str]:
+        """Names of the parts, in the order of every belief."""
+    @property
+    def poses(self) -> npt.NDArray[np.float64]:
+        """Recorded poses `part_from_sensor` of each part: `[n_poses, 3]` (x mm, y mm, theta rad)."""
+    @property
+    def sha256(self) -> str:
+        """64 hex digits: saved episodes are bound to it."""
+    @property
+    def model_sha256(self) -> str:
+        """Of the model that made it, 64 hex digits."""
+    def twins(self, part: str, part_from_sensor: Pose) -> list[Pose]:
+        """The poses at which a part feels the same as at this one, itself first."""
+    def __len__(self) -> int: ...
+
+@final
+class Observation:
+    """What the filter takes in of one touch."""
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __new__(cls, query: npt.NDArray[np.float32], edge_share: float) -> Self:
+        """Of an embedding `[dim]` alone: neither its frame nor its model is checked."""
+    @property
+    def query(self) -> npt.NDArray[np.float32]:
+        """The embedding of what was touched: `[dim]`, of unit length."""
+    @property
+    def edge_share(self) -> float:
+        """Share of the view that shows an edge, 0 to 1."""
+    def of_simulation(self) -> Observation:
+        """The same, of a simulated frame: two of them may be equal though the sensor moved."""
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+
+@final
+class Sensor:
+    """The camera, the gel and its frame at rest, bound to a model."""
+
+    def __new__(cls, model: Model, rest_frame: npt.NDArray[np.uint8]) -> Self:
+        """`rest_frame`: a frame without contact, `[height, width, 3]`, RGB."""
+    def observe(self, frame: npt.NDArray[np.uint8]) -> Observation:
+        """What a frame of a touched hole shows: `[height, width, 3]`, RGB, of the size of the frame at rest."""
+    @property
+    def model(self) -> Model: ...
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its frames."""
+
+@final
+class EpisodeConfig:
+    """How an episode infers, chooses and stops."""
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __new__(cls, **settings: Unpack[_Settings]) -> Self:
+        """The defaults for a model of which nothing was measured."""
+    @staticmethod
+    def of(model: Model, **settings: Unpack[_Settings]) -> EpisodeConfig:
+        """The defaults with what was measured of a model."""
+    @staticmethod
+    def paper(**settings: Unpack[_Settings]) -> EpisodeConfig:
+        """Alg. 1 of the paper as printed."""
+    def replace(self, **settings: Unpack[_Settings]) -> EpisodeConfig:
+        """The same with some settings changed."""
+    @property
+    def settings(self) -> _Settings:
+        """All settings by name."""
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+
+@final
+class Mode:
+    """A peak of the belief."""
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    @property
+    def part(self) -> str: ...
+    @property
+    def probability(self) -> float:
+        """Of the peak; of its twins too, where the part is symmetric."""
+    @property
+    def part_from_sensor(self) -> Pose:
+        """Mean pose of the sensor now."""
+    @property
+    def covariance(self) -> npt.NDArray[np.float64]:
+        """`[3, 3]` of x mm, y mm, theta rad."""
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+
+@final
+class Estimate:
+    """What is known after the touches so far."""
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    @property
+    def part(self) -> str:
+        """The most probable part; the first of equals."""
+    @property
+    def probability(self) -> float:
+        """Of that part, 0 to 1."""
+    @property
+    def part_from_sensor(self) -> Pose:
+        """Pose of the sensor now, on that part."""
+    @property
+    def part_from_first(self) -> Pose:
+        """Pose of the sensor at the first touch, on that part."""
+    @property
+    def twins(self) -> list[Pose]:
+        """The poses that touch cannot tell from `part_from_sensor`, itself first: insert at any of them."""
+    @property
+    def covariance(self) -> npt.NDArray[np.float64]:
+        """Of the pose: `[3, 3]` of x mm, y mm, theta rad."""
+    @property
+    def fit(self) -> float | None:
+        """How well that part explains the touches, at best 0; `None` where no edge was felt."""
+    @property
+    def class_posterior(self) -> npt.NDArray[np.float64]:
+        """Probability of each part of the bank: `[n_parts]`."""
+    @property
+    def modes(self) -> list[Mode]:
+        """Where it may be: the peaks of the belief, the heaviest first."""
+    @property
+    def entropy_nats(self) -> float:
+        """Over all states."""
+    @property
+    def log_evidence(self) -> float:
+        """log p(all touches), up to a constant, nats: 0 says no more than chance."""
+    @property
+    def n_touches(self) -> int: ...
+    @property
+    def warnings(self) -> list[str]:
+        """Reasons to doubt all this, one sentence each."""
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+
+@final
+class Belief:
+    """How probable each part is at each pose: what an episode believed when it was asked."""
+
+    @property
+    def parts(self) -> list[str]:
+        """Names of the parts, in the order of the rows."""
+    @property
+    def probabilities(self) -> npt.NDArray[np.float64]:
+        """`[n_parts, n_cells]`, which sum to 1."""
+    @property
+    def poses(self) -> npt.NDArray[np.float64]:
+        """Of the cells, `part_from_first` of the sensor at the first touch: `[n_cells, 3]` (x mm, y mm, theta rad)."""
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Numbers of x, of y and of angles, whose product is `n_cells`; the angle varies fastest."""
+    @property
+    def class_posterior(self) -> npt.NDArray[np.float64]:
+        """Probability of each part: `[n_parts]`."""
+    @property
+    def first_from_sensor(self) -> Pose:
+        """The sensor's motion since the first touch: a cell's pose of the sensor now is its pose times this."""
+    @property
+    def entropy_nats(self) -> float: ...
+
+@final
+class Touch:
+    """A decision: make this motion, then touch."""
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    @property
+    def motion(self) -> Pose:
+        """Where the sensor goes, in its own frame."""
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+
+@final
+class Done:
+    """A decision: stop."""
+
+    @property
+    def estimate(self) -> Estimate: ...
+    @property
+    def reason(self) -> _Reason: ...
+
+@final
+class Episode:
+    """One hole being identified. Threads may share one: a call waits for the one before."""
+
+    @staticmethod
+    def begin(config: EpisodeConfig, bank: Bank, observation: Observation) -> Episode:
+        """Begins with the first touch."""
+    @staticmethod
+    def restore(record: str, bank: Bank) -> Episode:
+        """An episode as it was when recorded, to the bit."""
+    def record(self) -> str:
+        """What is needed to go on later, or elsewhere, as JSON."""
+    def observe(self, moved: _PoseLike, observation: Observation) -> None:
+        """Takes in a touch after the motion that was really made since the one before, in the sensor's frame."""
+    def decide(self, reach: _Reach, time_limit_s: float | None = None) -> Touch | Done:
+        """Whether to stop, and if not, which motion of `reach` to make. Changes nothing.
+
+        `reach`: the motions that the robot can make from here, in the sensor's frame: float64 `[n, 3]` (x mm, y mm,
+        theta rad) or a sequence of poses. After `time_limit_s` the best found so far is taken.
+        """
+    def stop_reason(self) -> _Reason | None:
+        """Why to stop now, whatever could still be touched; `None` to go on."""
+    def estimate(self) -> Estimate:
+        """What is known now."""
+    def belief(self) -> Belief:
+        """How probable each part is at each pose now."""
+    def class_posterior(self) -> npt.NDArray[np.float64]:
+        """Probability of each part now: `[n_parts]`."""
+    @property
+    def n_touches(self) -> int: ...
+    @property
+    def bank(self) -> Bank: ...
+
+@final
+class Simulator:
+    """A simulated sensor over the holes of a scene, to try things out without a robot."""
+
+    def __new__(cls, scene: str, seed: int = 1) -> Self:
+        """`scene`: the name of a preset, such as "alphabet-small", or the path of a scene file."""
+    @property
+    def parts(self) -> list[str]: ...
+    def rest_frame(self) -> npt.NDArray[np.uint8]:
+        """The frame without contact: `[height, width, 3]`."""
+    def touch(self, part: str, part_from_sensor: _PoseLike, n: int = 0) -> npt.NDArray[np.uint8]:
+        """A touch of a part's hole: `[height, width, 3]`. `n`: the number of the touch, which draws its noise."""
+    def bank(self, model: Model, xy_step_mm: float = 2.0, theta_step_deg: float = 15.0) -> Bank:
+        """The bank of the scene's pegs, touched one by one at the poses of the scene's reach in these steps.
+
+        Takes a minute or less. With steps above 2.5 mm or 20 degrees views are not interpolated.
+        """

@@ -1,0 +1,88 @@
+//! From a frame to what the filter takes in.
+
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use tactile_filter::{Observation, Sensor};
+
+use crate::array::{frame, vector};
+use crate::error::{compute, type_error};
+use crate::model::PyModel;
+
+/// The camera, the gel and its frame at rest, bound to a model.
+#[pyclass(name = "Sensor", module = "tactile_filter", frozen)]
+pub struct PySensor {
+    sensor: Sensor,
+    size_px: [usize; 2],
+}
+
+#[pymethods]
+impl PySensor {
+    /// A sensor whose frame without contact is `rest_frame`: uint8 `[height, width, 3]`, RGB.
+    #[new]
+    fn new(py: Python<'_>, model: &PyModel, rest_frame: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let rest = frame(rest_frame, None)?;
+        let size_px = [rest.width_px(), rest.height_px()];
+        compute(py, || Ok(Self { sensor: Sensor::new(model.0.clone(), &rest)?, size_px }))
+    }
+
+    /// What a frame of a touched hole shows: uint8 `[height, width, 3]`, RGB, of the size of the frame at rest.
+    fn observe(&self, py: Python<'_>, frame: &Bound<'_, PyAny>) -> PyResult<PyObservation> {
+        let frame = crate::array::frame(frame, Some(self.size_px))?;
+        compute(py, || Ok(PyObservation(self.sensor.observe(&frame)?)))
+    }
+
+    /// The model that embeds its frames.
+    #[getter]
+    fn model(&self) -> PyModel {
+        PyModel(self.sensor.model().clone())
+    }
+
+    /// Width and height of its frames, pixels.
+    #[getter]
+    fn size_px(&self) -> (usize, usize) {
+        (self.size_px[0], self.size_px[1])
+    }
+
+    fn __repr__(&self) -> String {
+        let ([width, height], sha256) = (self.size_px, self.sensor.model().sha256());
+        format!("<Sensor of {width}x{height} pixels for model {sha256:.12}>")
+    }
+}
+
+/// What the filter takes in of one touch.
+#[pyclass(name = "Observation", module = "tactile_filter", frozen, eq)]
+#[derive(PartialEq)]
+pub struct PyObservation(pub Observation);
+
+#[pymethods]
+impl PyObservation {
+    /// An observation of which only the embedding is known: neither its frame nor its model is checked. `query`: a
+    /// one-dimensional numpy array of float32.
+    #[new]
+    fn new(query: &Bound<'_, PyAny>, edge_share: f32) -> PyResult<Self> {
+        let wrong = |_| type_error("query", "a numpy array of float32 [dim]", "something else");
+        let query: PyReadonlyArray1<'_, f32> = query.extract().map_err(wrong)?;
+        Ok(Self(Observation::new(query.as_array().to_vec(), edge_share)))
+    }
+
+    /// The embedding of what was touched: float32 `[dim]`, of unit length.
+    #[getter]
+    fn query<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        vector(py, self.0.query.clone())
+    }
+
+    /// Share of the view that shows an edge, 0 to 1.
+    #[getter]
+    fn edge_share(&self) -> f32 {
+        self.0.edge_share
+    }
+
+    /// The same, of a simulated frame: two of them may be equal though the sensor moved.
+    fn of_simulation(&self) -> Self {
+        Self(self.0.clone().of_simulation())
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Observation of {} numbers, {:.1} % edge>", self.0.query.len(), 100.0 * self.0.edge_share)
+    }
+}
