@@ -46,6 +46,10 @@ pub enum Error {
     #[cfg(feature = "ros2")]
     #[error(transparent)]
     Ros2(#[from] crate::ros2::Error),
+    /// An error of the live views.
+    #[cfg(feature = "foxglove")]
+    #[error(transparent)]
+    Foxglove(#[from] crate::foxglove::Error),
     /// An error of the data.
     #[error(transparent)]
     Data(#[from] tactile_data::Error),

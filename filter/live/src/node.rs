@@ -51,6 +51,8 @@ pub struct Node {
     pending: Option<Pending>,
     running: Option<Running>,
     n_episodes: u64,
+    /// Entropy (nats) and probability of the likeliest part after the latest touch.
+    latest: Option<[f64; 2]>,
     n_refused: u64,
     n_cameras: Option<u32>,
     troubles: Troubles,
@@ -100,6 +102,7 @@ impl Node {
             pending: None,
             running: None,
             n_episodes: 0,
+            latest: None,
             n_refused: 0,
             n_cameras: None,
             troubles: Troubles::default(),
@@ -291,7 +294,7 @@ impl Node {
         match request {
             Request::Reset => {
                 let n_touches = self.episode().map_or(0, |episode| episode.belief().touches().len());
-                self.running = None;
+                (self.running, self.latest) = (None, None);
                 if let Some(pending) = self.pending.take() {
                     self.answer(pending.id, false, "reset");
                 }
@@ -434,6 +437,7 @@ impl Node {
             report: &report,
         };
         let outputs = scene.outputs()?;
+        self.latest = Some([report.estimate.entropy_nats, report.estimate.probability]);
         self.outputs.extend(outputs);
         Ok(report)
     }
@@ -471,6 +475,8 @@ impl Node {
             KeyValue::new("episode", self.n_episodes),
             KeyValue::new("touches", n_touches),
             KeyValue::new("refused", self.n_refused),
+            KeyValue::new("entropy", number(self.latest.map(|latest| latest[0]))),
+            KeyValue::new("probability", number(self.latest.map(|latest| latest[1]))),
         ];
         vec![
             status("camera", level, message, camera),

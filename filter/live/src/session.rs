@@ -9,11 +9,13 @@ use crate::event::{Event, Output, Topic};
 use crate::log::{LogWriter, Setup, VERSION};
 use crate::node::Node;
 use crate::parameters::Parameters;
+use crate::shell::views::Onlooker;
 
 /// A node with its log.
 pub struct Session {
     node: Node,
     log: Option<LogWriter>,
+    onlookers: Vec<Onlooker>,
     n_events: u32,
 }
 
@@ -60,7 +62,7 @@ impl Names {
 impl Session {
     /// A node that keeps no log.
     pub fn new(node: Node) -> Self {
-        Self { node, log: None, n_events: 0 }
+        Self { node, log: None, onlookers: Vec::new(), n_events: 0 }
     }
 
     /// The same with a log in a new file.
@@ -69,6 +71,12 @@ impl Session {
     /// A file that exists, a disk that cannot be written.
     pub fn with_log(self, path: &Path, setup: &Setup, time_ns: i64) -> Result<Self> {
         Ok(Self { log: Some(LogWriter::create(path, setup, time_ns)?), ..self })
+    }
+
+    /// The same with one more that looks on.
+    pub fn with_onlooker(mut self, onlooker: Onlooker) -> Self {
+        self.onlookers.push(onlooker);
+        self
     }
 
     /// Gives the node an event. A log that can no longer be written ends, and that is said; the node goes on.
@@ -86,6 +94,7 @@ impl Session {
             let cdr = tactile_data::recording::ros::messages::to_cdr(&text);
             outputs.push(Output::Publish { topic: Topic::Events, cdr });
         }
+        self.onlookers.iter_mut().for_each(|onlooker| onlooker(event, &outputs));
         outputs
     }
 

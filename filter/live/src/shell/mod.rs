@@ -8,6 +8,9 @@ pub mod ros;
 pub mod ros_robot;
 #[cfg(feature = "robot")]
 pub mod simulated;
+pub mod views;
+#[cfg(feature = "watch")]
+pub mod watch;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

@@ -4,11 +4,13 @@
 //! draws them until the user leaves.
 
 mod draw;
+mod follow;
 mod heat;
 mod of_episode;
 mod terminal;
 mod view;
 
 pub use draw::draw;
+pub use follow::Follower;
 pub use terminal::{Feed, run};
 pub use view::{Camera, Level, Message, Part, Place, PlaceMap, Pressed, View};

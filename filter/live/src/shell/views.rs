@@ -1,0 +1,75 @@
+//! What a session is given and says, to whoever looks at it: Foxglove, or the terminal view.
+
+#[cfg(feature = "watch")]
+use std::sync::mpsc::SyncSender;
+
+#[cfg(feature = "foxglove")]
+use crate::error::Result;
+#[cfg(feature = "watch")]
+use crate::event::Topic;
+use crate::event::{Event, Output};
+#[cfg(feature = "foxglove")]
+use crate::log::{Line, Setup};
+
+/// Something that looks on: each event with what the node says to it. It must not wait.
+pub type Onlooker = Box<dyn FnMut(&Event, &[Output]) + Send>;
+
+/// Shows pictures, poses and all that the node says in Foxglove, at an address such as `127.0.0.1:8765`.
+///
+/// # Errors
+/// An address that is none, or that is taken.
+#[cfg(feature = "foxglove")]
+pub fn foxglove(address: &str, setup: Setup) -> Result<Onlooker> {
+    let views = crate::foxglove::Views::open(address)?;
+    let mut channels = std::collections::BTreeMap::new();
+    let mut show = move |line: Line, time_ns: i64, cdr: &[u8]| {
+        let channel = match channels.get(&line) {
+            Some(channel) => Some(*channel),
+            None => {
+                let [type_name, definition] = line.message();
+                // A topic that the server refuses is not shown.
+                let channel = views.channel(&line.topic(&setup), type_name, definition).ok();
+                channels.extend(channel.map(|channel| (line, channel)));
+                channel
+            }
+        };
+        if let Some(channel) = channel {
+            views.send(channel, time_ns.unsigned_abs(), cdr);
+        }
+    };
+    Ok(Box::new(move |event, outputs| {
+        let (line, cdr) = Line::of_input(&event.input);
+        if matches!(line, Line::Image | Line::CompressedImage | Line::ToolPose) {
+            show(line, event.time_ns, &cdr);
+        }
+        for output in outputs {
+            let (line, cdr) = Line::of_output(output);
+            show(line, event.time_ns, &cdr);
+        }
+    }))
+}
+
+/// A message for the terminal view: time, topic, bytes.
+#[cfg(feature = "watch")]
+pub type Shown = (i64, Topic, Vec<u8>);
+
+/// Sends what the terminal view shows; what does not fit is left out.
+#[cfg(feature = "watch")]
+pub fn terminal(sender: SyncSender<Shown>) -> Onlooker {
+    Box::new(move |event, outputs| {
+        for output in outputs {
+            if let Output::Publish { topic, cdr } = output
+                && is_shown(*topic)
+            {
+                // A view that is late shows the next one.
+                drop(sender.try_send((event.time_ns, *topic, cdr.clone())));
+            }
+        }
+    })
+}
+
+/// Whether the terminal view shows a topic.
+#[cfg(feature = "watch")]
+pub fn is_shown(topic: Topic) -> bool {
+    matches!(topic, Topic::Decision | Topic::Belief | Topic::Diagnostics | Topic::Events)
+}
