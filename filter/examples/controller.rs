@@ -6,6 +6,7 @@ use std::error::Error;
 use std::sync::Arc;
 
 use tactile_data::frame::Frame;
+use tactile_data::grid::PoseGrid;
 use tactile_data::scene::Scene;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
@@ -17,7 +18,8 @@ use tactile_infer::{Bank, Model};
 fn main() -> Result<(), Box<dyn Error>> {
     let model_path = concat!(env!("CARGO_MANIFEST_DIR"), "/../infer/models/maze-small.safetensors");
     let bank_path = std::env::temp_dir().join(format!("controller-{}.bank", std::process::id()));
-    let scene = Scene::load("alphabet-small")?;
+    let reach = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
+    let scene = Scene { reach: Some(reach), ..Scene::load("alphabet-small")? };
     bank_of_scene(&Model::load(model_path.as_ref())?, &scene, 1, &|_, _| ())?.save(&bank_path)?; // once, at the desk
     let truth = Se2::from_degrees(3.0, -2.0, 20.0);
     let mut robot = Robot { simulator: Simulator::new(scene, 1)?, part: 6, part_from_sensor: truth, n_touches: 0 };

@@ -45,7 +45,7 @@ fn node() -> Node {
 fn run(settings: RobotSettings, session: &mut Session) -> (Vec<Outcome>, Vec<String>) {
     let mut robot = Robot::new(settings, Simulator::new(scene(), 1).unwrap()).unwrap();
     let mut lines = Vec::new();
-    pair::run(session, &mut robot, 600.0, &mut |_, spoken| {
+    pair::run(session, &mut robot, 600.0, &mut |_| true, &mut |spoken| {
         lines.extend(match spoken {
             Spoken::Line(line) => Some(line),
             Spoken::Decision(_) => None,

@@ -12,17 +12,24 @@ const TICK_NS: i64 = 20_000_000;
 /// When it begins: a stamp of zero would mean none.
 const START_NS: i64 = 1_700_000_000_000_000_000;
 
-/// Runs until the robot's holes are done; `tell` gets what a person should see, with the seconds since the start.
+/// Runs until the robot's holes are done, or `goes_on`, asked at each tick with the seconds since the start, says no;
+/// `tell` gets what a person should see.
 ///
 /// # Errors
 /// A hole that cannot be touched; more than `limit_s` seconds of the joined clock.
-pub fn run(session: &mut Session, robot: &mut Robot, limit_s: f64, tell: &mut dyn FnMut(f64, Spoken)) -> Result<()> {
+pub fn run(
+    session: &mut Session,
+    robot: &mut Robot,
+    limit_s: f64,
+    goes_on: &mut dyn FnMut(f64) -> bool,
+    tell: &mut dyn FnMut(Spoken),
+) -> Result<()> {
     session.handle(&Event { time_ns: START_NS, input: Input::Cameras(1) });
     let mut n_calls = 0;
     for tick in 0.. {
         let time_ns = START_NS + tick * TICK_NS;
         let seconds = (tick * TICK_NS) as f64 * 1e-9;
-        if robot.is_finished() {
+        if robot.is_finished() || !goes_on(seconds) {
             return Ok(());
         }
         if seconds > limit_s {
@@ -32,15 +39,14 @@ pub fn run(session: &mut Session, robot: &mut Robot, limit_s: f64, tell: &mut dy
         let mut heard = vec![Heard::Tick];
         let mut outputs = session.handle(&Event { time_ns, input: Input::Tick });
         loop {
-            spoken(&outputs).into_iter().for_each(|spoken| tell(seconds, spoken));
+            spoken(&outputs).into_iter().for_each(&mut *tell);
             heard.extend(outputs.drain(..).filter_map(|output| heard_of(&output)));
             if heard.is_empty() {
                 break;
             }
             for heard in std::mem::take(&mut heard) {
                 for sent in robot.step(time_ns, &heard)? {
-                    let Some(input) = input_of(sent, &mut n_calls, &mut |line| tell(seconds, Spoken::Line(line)))
-                    else {
+                    let Some(input) = input_of(sent, &mut n_calls, &mut |line| tell(Spoken::Line(line))) else {
                         continue;
                     };
                     outputs.extend(session.handle(&Event { time_ns, input }));

@@ -11,7 +11,10 @@ use serde_json::{Map, Value};
 use tactile_data::output::check_file;
 use tactile_data::scene::Scene;
 use tactile_infer::{Bank, Model};
+use tactile_live::log::Setup;
 use tactile_live::session::{Names, Session};
+use tactile_live::shell::views::{Onlooker, terminal};
+use tactile_live::shell::watch::{channel, show};
 use tactile_live::shell::{Spoken, film, folder, simulated};
 use tactile_live::sources::NodeClock;
 use tactile_live::sources::commands::HELP;
@@ -42,6 +45,13 @@ pub struct Live {
     /// Print a line of JSON for each touch
     #[arg(long)]
     json: bool,
+    /// Show the episode in the terminal instead of printing lines; q ends it
+    #[arg(long, conflicts_with_all = ["json", "stdin_mjpeg"])]
+    view: bool,
+    /// Serve pictures, poses and decisions to Foxglove or Lichtblick at this address, such as 127.0.0.1:8765 (a program
+    /// built with `--features foxglove`); filter/live/foxglove-layout.json is a layout for them
+    #[arg(long, value_name = "HOST:PORT")]
+    foxglove: Option<String>,
     /// Parameters in YAML, as ROS 2 has them; several files are read in order
     #[arg(long, value_name = "FILE")]
     params_file: Vec<PathBuf>,
@@ -93,28 +103,42 @@ impl Live {
                 return Err(Error::invalid(log.display().to_string(), expected, "one that exists").into());
             }
         }
-        if self.source.ros {
-            return self.run_ros();
-        }
         if self.source.watch.is_some() {
             // Each picture is a touch's only one; what the user sets comes after.
             let stills = ["camera.stills:=true", "camera.n_rest:=1", "camera.reconnect_s:=1e8"].map(str::to_owned);
             self.param.splice(0..0, stills);
         }
+        if !self.view {
+            let json = self.json;
+            return self.run_source(Vec::new(), stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, json));
+        }
+        let (sender, receiver) = channel();
+        let stop: &'static AtomicBool = &STOP;
+        let node = std::thread::spawn(move || self.run_source(vec![terminal(sender)], stop, &mut |_| ()));
+        let shown = show(&receiver);
+        stop.store(true, Ordering::Relaxed);
+        let ended = node.join().map_err(|_| Error::invalid("node", "an end", "a panic"))?;
+        ended.and(shown.map_err(Into::into))
+    }
+
+    /// Feeds a node from the source that was asked for.
+    fn run_source(self, onlookers: Vec<Onlooker>, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+        if self.source.ros {
+            return self.run_ros(onlookers, stop, tell);
+        }
         let names = Names::default();
         let parameters = self.parameters(&names.node)?;
-        let session = self.session(&names, parameters)?;
-        let json = self.json;
-        let tell = &mut |spoken| tell(&spoken, json);
-        let stop = stop_on_ctrl_c()?;
+        let session = self.session(&names, parameters, onlookers)?;
         if let Some(path) = &self.source.watch {
             let folder = Folder::open(path)?;
             return Ok(folder::run(session, folder, self.once, stop, tell)?);
         }
         if let Some(scene) = &self.source.simulate {
             let robot = self.simulated.robot(Scene::load(scene)?)?;
-            let outcomes = simulated::run(session, robot, !self.fast, tell)?;
-            print_outcomes(&outcomes);
+            let outcomes = simulated::run(session, robot, !self.fast, stop, tell)?;
+            if !self.view {
+                print_outcomes(&outcomes);
+            }
             return Ok(());
         }
         let commands = self.commands.clone().unwrap_or_else(|| "/dev/tty".into());
@@ -140,11 +164,15 @@ impl Live {
         Ok(Parameters::of(read)?)
     }
 
-    fn session(&self, names: &Names, parameters: Parameters) -> Result<Session> {
+    fn session(&self, names: &Names, parameters: Parameters, onlookers: Vec<Onlooker>) -> Result<Session> {
         let model = Arc::new(Model::load(&self.model)?);
         let bank = Arc::new(Bank::load(&self.bank, &model)?);
         let setup = names.setup(&parameters, &model, &bank)?;
-        let session = Session::new(Node::new(parameters, model, bank)?);
+        let mut session = Session::new(Node::new(parameters, model, bank)?);
+        if let Some(address) = &self.foxglove {
+            session = session.with_onlooker(foxglove(address, &setup)?);
+        }
+        let session = onlookers.into_iter().fold(session, Session::with_onlooker);
         match &self.log {
             Some(log) => Ok(session.with_log(log, &setup, NodeClock::start().now_ns())?),
             None => Ok(session),
@@ -152,12 +180,13 @@ impl Live {
     }
 
     #[cfg(not(feature = "ros2"))]
-    fn run_ros(self) -> Result<()> {
+    #[allow(clippy::unused_self, reason = "the same as with ROS 2")]
+    fn run_ros(self, _: Vec<Onlooker>, _: &AtomicBool, _: &mut dyn FnMut(Spoken)) -> Result<()> {
         Err(no_ros().into())
     }
 
     #[cfg(feature = "ros2")]
-    fn run_ros(self) -> Result<()> {
+    fn run_ros(self, onlookers: Vec<Onlooker>, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
         use tactile_live::ros2::{Bus, Settings, arguments};
         use tactile_live::shell::ros::Network;
 
@@ -179,10 +208,9 @@ impl Live {
         let (bus, inbox) = Bus::open(settings).map_err(Error::from)?;
         let network = Network::join(bus, inbox)?;
         let names = network.names(&node)?;
-        let session = self.session(&names, parameters)?;
-        eprintln!("{node}: pictures on {}, tool poses on {}", names.image_topic, names.tool_topic);
-        let json = self.json;
-        Ok(network.run(session, stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, json))?)
+        let session = self.session(&names, parameters, onlookers)?;
+        tell(Spoken::Line(format!("{node}: pictures on {}, tool poses on {}", names.image_topic, names.tool_topic)));
+        Ok(network.run(session, stop, tell)?)
     }
 }
 
@@ -215,9 +243,23 @@ pub fn tell(spoken: &Spoken, json: bool) {
     }
 }
 
+#[cfg(feature = "foxglove")]
+fn foxglove(address: &str, setup: &Setup) -> Result<Onlooker> {
+    Ok(tactile_live::shell::views::foxglove(address, setup.clone())?)
+}
+
+/// What is said where the program knows no Foxglove.
+#[cfg(not(feature = "foxglove"))]
+fn foxglove(_: &str, _: &Setup) -> Result<Onlooker> {
+    let how = "cargo build --release -p tactile-filter-cli --features foxglove";
+    Err(Error::invalid("Foxglove", format!("a program built with it ({how})"), "one without").into())
+}
+
+/// Whether the node should end.
+static STOP: AtomicBool = AtomicBool::new(false);
+
 /// Set at ctrl-C, so that a log gets its end.
 pub fn stop_on_ctrl_c() -> Result<&'static AtomicBool> {
-    static STOP: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))
         .map_err(|error| Error::invalid("ctrl-C", "a handler", error.to_string()))?;
     Ok(&STOP)

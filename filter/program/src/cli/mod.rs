@@ -15,6 +15,7 @@ mod simulated;
 mod table;
 mod tradeoff;
 mod tuning;
+mod watch;
 
 use clap::{Parser, Subcommand};
 use failure::Result;
@@ -42,6 +43,7 @@ enum Command {
     Assemble(assemble::Assemble),
     Tradeoff(tradeoff::TradeoffArgs),
     Merge(merge::Merge),
+    Watch(watch::Watch),
     // For `cargo xtask bench` and `cargo xtask reproduce` alone.
     #[command(hide = true)]
     Extremes(extremes::ExtremesArgs),
@@ -62,6 +64,7 @@ impl Cli {
             Command::Robot(robot) => robot.run(),
             Command::Reproduction(reproduction) => Ok(reproduction.run()?),
             Command::Tradeoff(tradeoff) => Ok(tradeoff.run()?),
+            Command::Watch(watch) => watch.run(),
         }
     }
 }

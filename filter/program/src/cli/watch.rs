@@ -1,0 +1,69 @@
+//! `tactile-filter watch`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use tactile_live::Error;
+use tactile_live::shell::watch::{channel, follow_log, show};
+
+use super::failure::Result;
+
+/// Look at a running node, or at a log, in the terminal.
+#[derive(Args)]
+#[command(
+    after_help = "Examples:\n  tactile-filter watch --log live.mcap\n  tactile-filter watch --log live.mcap --pace 1\n  \
+                        tactile-filter watch --ros\n\nKeys: q leaves; the arrows choose the part whose map is shown; \
+                        Home follows the likeliest."
+)]
+pub struct Watch {
+    /// Log of `live --log`, while it grows or later
+    #[arg(long, value_name = "FILE", required_unless_present = "ros", conflicts_with = "ros")]
+    log: Option<PathBuf>,
+    /// Play the log so many times as fast as it was recorded, instead of showing what is there at once
+    #[arg(long, value_name = "FACTOR", requires = "log")]
+    pace: Option<f64>,
+    /// The node on a ROS 2 network (a program built with `--features ros2`)
+    #[arg(long)]
+    ros: bool,
+    /// Full name of the node
+    #[arg(long, value_name = "NAME", default_value = "/tactile_filter")]
+    #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and --ros says what is missing"))]
+    node: String,
+    /// Words of ROS 2
+    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS")]
+    #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and --ros says what is missing"))]
+    ros_args: Vec<String>,
+}
+
+impl Watch {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        let (sender, receiver) = channel();
+        if let Some(pace) = self.pace.filter(|pace| !(pace.is_finite() && *pace > 0.0)) {
+            return Err(Error::invalid("--pace", "a positive number", pace.to_string()).into());
+        }
+        match &self.log {
+            Some(log) => follow_log(log.clone(), self.pace, sender)?,
+            None => self.follow_network(sender)?,
+        }
+        Ok(show(&receiver)?)
+    }
+
+    #[cfg(not(feature = "ros2"))]
+    #[allow(clippy::unused_self, reason = "the same as with ROS 2")]
+    fn follow_network(&self, _: std::sync::mpsc::SyncSender<tactile_live::shell::views::Shown>) -> Result<()> {
+        Err(super::live::no_ros().into())
+    }
+
+    #[cfg(feature = "ros2")]
+    fn follow_network(&self, sender: std::sync::mpsc::SyncSender<tactile_live::shell::views::Shown>) -> Result<()> {
+        use tactile_live::ros2::{Bus, Settings, arguments};
+        use tactile_live::shell::watch::follow_network;
+
+        let words = arguments(std::iter::once("--ros-args".to_owned()).chain(self.ros_args.iter().cloned()))
+            .map_err(Error::from)?;
+        let settings = Settings::from_words("tactile_watch", &words, |name| std::env::var(name).ok());
+        let (bus, inbox) = Bus::open(settings.map_err(Error::from)?).map_err(Error::from)?;
+        Ok(follow_network(bus, inbox, &self.node, sender)?)
+    }
+}
