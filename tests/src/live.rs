@@ -30,7 +30,7 @@ fn prepare(folder: &Path) -> String {
 }
 
 #[test]
-fn a_simulated_robot_is_told_what_it_touched_and_the_log_is_replayed() {
+fn a_simulated_robots_holes_are_named_and_the_log_is_replayed() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
     let model = prepare(folder);

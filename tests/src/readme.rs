@@ -51,13 +51,15 @@ fn unknown_options((program, args): &CommandLine) -> Vec<String> {
 }
 
 /// The documents whose commands a user pastes.
-const DOCUMENTS: [&str; 7] = [
+const DOCUMENTS: [&str; 9] = [
     "README.md",
     "data/README.md",
     "data/recording-template/README.md",
     "infer/README.md",
     "train/README.md",
     "filter/eval/README.md",
+    "filter/live/README.md",
+    "filter/capi/README.md",
     "CONTRIBUTING.md",
 ];
 

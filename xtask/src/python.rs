@@ -8,7 +8,7 @@ use clap::Args;
 
 use crate::error::{Error, Result};
 use crate::program::Program;
-use crate::workspace::Workspace;
+use crate::workspace::{Workspace, remove};
 
 /// What `cargo xtask python` takes.
 #[derive(Args)]
@@ -61,19 +61,39 @@ pub fn python(workspace: &Workspace, args: &PythonArgs) -> Result<()> {
         let compare = Program::new(&python).arg(workspace.root.join("xtask/python/forward.py")).arg(model);
         compare.words("input.npy hole.json peg.json").run(&touches)?;
     }
-    bags(&out, &data)
+    let python = bags(&out, &data)?;
+    live_log(workspace, &out.join("live"), &python)
 }
 
 /// What the script of bags imports.
 const BAG_REQUIREMENTS: &str = "numpy>=1.24 pillow rosbags==0.11.9 mcap-ros2-support==0.6.0";
 
 /// ROS 2 bags between `tactile-data` and independent programs, both ways, byte for byte.
-fn bags(out: &Path, data: &Program) -> Result<()> {
+fn bags(out: &Path, data: &Program) -> Result<PathBuf> {
     let out = out.join("bags");
     fs::create_dir_all(&out).map_err(Error::io(&out))?;
     let python = environment(&out, BAG_REQUIREMENTS)?;
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/mcap_interop.py");
-    Program::new(&python).arg(script).arg(data.path()).run(&out).map(|_| ())
+    Program::new(&python).arg(script).arg(data.path()).run(&out)?;
+    Ok(python)
+}
+
+/// A live node's log, read by the same independent programs.
+fn live_log(workspace: &Workspace, out: &Path, python: &Path) -> Result<()> {
+    remove(out)?;
+    fs::create_dir_all(out).map_err(Error::io(out))?;
+    workspace.build_program("tactile-filter")?;
+    let [infer, filter] = ["tactile-infer", "tactile-filter"].map(|name| workspace.program(name));
+    let model = workspace.shipped_model();
+    let bank = "--scene alphabet-small --xy-step-mm 2 --theta-step-deg 15 --out pegs.bank";
+    infer.words("bank --model").arg(&model).words(bank).run(out)?;
+    let live = filter.clone().words("live --model").arg(&model);
+    live.words("--bank pegs.bank --simulate alphabet-small --fast --log live.mcap").run(out)?;
+    let replay = filter.words("replay --model").arg(&model).words("--bank pegs.bank --log live.mcap --json");
+    let decisions = out.join("decisions.jsonl");
+    fs::write(&decisions, replay.output(out)?).map_err(Error::io(&decisions))?;
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/live_log.py");
+    Program::new(python).arg(script).words("live.mcap decisions.jsonl").run(out).map(|_| ())
 }
 
 /// A virtual environment in `out` with what a script imports; made once. Returns its Python.
