@@ -3,9 +3,10 @@
 use clap::Args;
 
 use crate::error::Result;
+use crate::live::{bank, build_with_ros2};
 use crate::program::Program;
 use crate::python::environment;
-use crate::workspace::Workspace;
+use crate::workspace::{Workspace, remove};
 
 /// What `cargo xtask dds` takes.
 #[derive(Args)]
@@ -13,8 +14,11 @@ pub struct DdsArgs {
     /// How long memory and processor are watched, s.
     #[arg(long, default_value_t = 60)]
     seconds: u32,
+    /// Instead of the transport: the live node, with a robot and a camera on CycloneDDS and all that goes wrong.
+    #[arg(long)]
+    node: bool,
     /// One check alone: in, out, services, plain, late, quality, namespaces, malformed, packets, large, restart, clock,
-    /// long.
+    /// long; with --node restart, encodings, trouble, late, two, large, damaged, fuzz, camera, stopped, log, fresh, run.
     #[arg(long)]
     only: Option<String>,
 }
@@ -25,6 +29,9 @@ const REQUIREMENTS: &str = "cyclonedds==11.0.1";
 /// Runs `tests/python/dds_peer.py` against the transport; all traffic stays on 127.0.0.1. The first run needs Python 3
 /// and PyPI.
 pub fn dds(workspace: &Workspace, args: &DdsArgs) -> Result<()> {
+    if args.node {
+        return node(workspace, args);
+    }
     let mut peer = Peer { script: "dds_peer.py", requirements: REQUIREMENTS, example: "ros2_peer", feature: "ros2" }
         .program(workspace)?
         .words(format!("--seconds {}", args.seconds));
@@ -32,6 +39,40 @@ pub fn dds(workspace: &Workspace, args: &DdsArgs) -> Result<()> {
         peer = peer.words("--only").arg(only);
     }
     peer.run(&workspace.target).map(|_| ())
+}
+
+/// What the script of the node imports.
+const NODE_REQUIREMENTS: &str = "cyclonedds==11.0.1 mcap numpy>=1.24 pillow";
+
+/// The scene whose holes are touched, on the grid of the bank's places, not turned.
+const HOLES: &str =
+    "generate --scene alphabet-small --sides hole --xy-step-mm 2 --theta-step-deg 90 --frame-px 320x240 --out holes";
+
+/// Runs `tests/python/live_peer.py` against `tactile-filter live --ros`, with a bank and pictures made once.
+fn node(workspace: &Workspace, args: &DdsArgs) -> Result<()> {
+    let out = workspace.folder(None, &workspace.target.join("live_peer"))?;
+    let python = environment(&out, NODE_REQUIREMENTS)?;
+    for name in ["tactile-data", "tactile-infer"] {
+        workspace.build_program(name)?;
+    }
+    build_with_ros2(workspace)?;
+    let model = workspace.shipped_model();
+    if !out.join("pegs.bank").exists() {
+        bank(workspace, &model).run(&out)?;
+    }
+    if !out.join("pictures").exists() {
+        remove(&out.join("holes"))?;
+        let data = || workspace.program("tactile-data");
+        data().words(HOLES).run(&out)?;
+        data().words("export holes --to folder --out pictures").run(&out)?;
+    }
+    let mut peer = Program::new(&python).arg(workspace.root.join("tests/python/live_peer.py"));
+    peer = peer.arg(workspace.program("tactile-filter").path()).words("--model").arg(&model);
+    peer = peer.words(format!("--bank pegs.bank --pictures pictures --seconds {}", args.seconds));
+    if let Some(only) = &args.only {
+        peer = peer.words("--only").arg(only);
+    }
+    peer.run(&out).map(|_| ())
 }
 
 /// Runs `tests/python/foxglove_peer.py`, a viewer, against the live views. The first run needs Python 3 and PyPI.

@@ -3,7 +3,8 @@
 
 use std::path::Path;
 use std::process::Child;
-use std::time::Duration;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use crate::error::{Error, Result};
 use crate::program::Program;
@@ -24,6 +25,9 @@ const DOMAIN: &str = "87";
 /// How long the node may take to end its log.
 const ENDING: Duration = Duration::from_secs(10);
 
+/// How often it is seen whether a program has ended.
+const POLL: Duration = Duration::from_millis(100);
+
 /// Starts `tactile-filter live --ros` and `tactile-filter robot`, waits for the robot to end, and replays the log.
 pub fn live(workspace: &Workspace, out: Option<&Path>, seed: u64) -> Result<()> {
     let out = workspace.folder(out, Path::new("demo-live"))?;
@@ -32,11 +36,10 @@ pub fn live(workspace: &Workspace, out: Option<&Path>, seed: u64) -> Result<()> 
         return Err(Error::invalid(log.display().to_string(), "a new log", "one of an earlier run: remove it"));
     }
     workspace.build_program("tactile-infer")?;
-    workspace.cargo("build --release --bin tactile-filter --features tactile-filter-cli/ros2")?;
+    build_with_ros2(workspace)?;
     let model = workspace.shipped_model();
     if !out.join("pegs.bank").exists() {
-        let bank = workspace.program("tactile-infer").words("bank --model").arg(&model);
-        bank.words(format!("--scene {SCENE} {GRID} --out pegs.bank")).run(&out)?;
+        bank(workspace, &model).run(&out)?;
     }
     let on_network = |program: Program| program.variable("ROS_DOMAIN_ID", DOMAIN).variable("ROS_LOCALHOST_ONLY", "1");
     let filter = || workspace.program("tactile-filter");
@@ -47,7 +50,7 @@ pub fn live(workspace: &Workspace, out: Option<&Path>, seed: u64) -> Result<()> 
     let robot = on_network(filter().words(robot));
     println!("== {node} &\n== {robot}");
     let mut running = node.command(&out).spawn().map_err(Error::io(node.path()))?;
-    let done = robot.run(&out);
+    let done = while_it_runs(&mut running, &robot, &out);
     let ended = end(&mut running);
     done?;
     ended?;
@@ -58,17 +61,48 @@ pub fn live(workspace: &Workspace, out: Option<&Path>, seed: u64) -> Result<()> 
     Ok(())
 }
 
+/// Builds the program that knows ROS 2.
+pub fn build_with_ros2(workspace: &Workspace) -> Result<()> {
+    workspace.cargo("build --release --bin tactile-filter --features tactile-filter-cli/ros2").map(|_| ())
+}
+
+/// The program that makes the bank `pegs.bank` in its folder.
+pub fn bank(workspace: &Workspace, model: &Path) -> Program {
+    let bank = workspace.program("tactile-infer").words("bank --model").arg(model);
+    bank.words(format!("--scene {SCENE} {GRID} --out pegs.bank"))
+}
+
+/// Runs the robot to its end; it would wait for a node that has ended.
+fn while_it_runs(node: &mut Child, robot: &Program, out: &Path) -> Result<()> {
+    let mut running = robot.command(out).spawn().map_err(Error::io(robot.path()))?;
+    loop {
+        if let Some(status) = running.try_wait().map_err(Error::io(robot.path()))? {
+            return if status.success() { Ok(()) } else { Err(Error::Failed { command: robot.to_string(), status }) };
+        }
+        if let Some(status) = node.try_wait().map_err(Error::io("tactile-filter"))? {
+            running.kill().and_then(|()| running.wait()).map_err(Error::io(robot.path()))?;
+            return Err(Error::Failed { command: "tactile-filter live".to_owned(), status });
+        }
+        sleep(POLL);
+    }
+}
+
 /// Asks the node to end, as ctrl-C does, and waits until it has.
 fn end(node: &mut Child) -> Result<()> {
+    let has_ended = |node: &mut Child| node.try_wait().map_err(Error::io("tactile-filter"));
+    if has_ended(node)?.is_some() {
+        return Ok(());
+    }
     let id = node.id().to_string();
     Program::new("kill").words(format!("-INT {id}")).run(Path::new("."))?;
-    let waits = ENDING.as_millis() / 100;
-    for _ in 0..waits {
-        if node.try_wait().map_err(Error::io("tactile-filter"))?.is_some() {
-            return Ok(());
+    let deadline = Instant::now() + ENDING;
+    while Instant::now() < deadline {
+        if let Some(status) = has_ended(node)? {
+            let command = "tactile-filter live".to_owned();
+            return if status.success() { Ok(()) } else { Err(Error::Failed { command, status }) };
         }
-        std::thread::sleep(Duration::from_millis(100));
+        sleep(POLL);
     }
-    node.kill().map_err(Error::io("tactile-filter"))?;
+    node.kill().and_then(|()| node.wait()).map_err(Error::io("tactile-filter"))?;
     Err(Error::invalid("tactile-filter live", "an end within 10 s of ctrl-C", "none"))
 }

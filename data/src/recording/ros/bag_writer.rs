@@ -29,7 +29,9 @@ impl BagWriter {
     /// # Errors
     /// A disk that cannot be written.
     pub fn new(path: &Path, file: File, library: &str) -> Result<Self> {
-        let options = WriteOptions::new().compression(None).profile("ros2").library(library);
+        // Without seeking a chunk goes to the file in one piece, with its length: with it, the length stands there only
+        // once the chunk is full, and a program that is killed leaves one that no reader can pass.
+        let options = WriteOptions::new().compression(None).disable_seeking(true).profile("ros2").library(library);
         let writer = options.create(BufWriter::new(file)).map_err(failed(path))?;
         Ok(Self { path: path.to_path_buf(), writer, sequence: BTreeMap::new() })
     }

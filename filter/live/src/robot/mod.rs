@@ -286,9 +286,9 @@ impl Robot {
     fn answered(&mut self, time_ns: i64, success: bool, message: &str, sent: &mut Vec<Sent>) -> Result<()> {
         let Phase::Waits { request, .. } = self.phase else { return Ok(()) };
         match (request, success) {
-            (Request::Calibrate | Request::Reset, true) => {
-                self.travel(time_ns);
-            }
+            // The node may still be at a hole of a robot that was here before.
+            (Request::Calibrate, true) if self.hole.named.is_empty() => self.call(Request::Reset, time_ns, sent),
+            (Request::Calibrate | Request::Reset, true) => self.travel(time_ns),
             (Request::Calibrate | Request::Reset, false) => {
                 sent.push(Sent::Say(format!("{}: {message}", request.name())));
                 self.lift(time_ns);

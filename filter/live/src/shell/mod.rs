@@ -1,5 +1,7 @@
 //! The thin programs around a session: each feeds it events from one source and passes on what the node says.
 
+#[cfg(feature = "ros2")]
+mod failures;
 pub mod film;
 pub mod folder;
 #[cfg(feature = "ros2")]

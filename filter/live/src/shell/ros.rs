@@ -9,8 +9,11 @@ use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, Po
 
 use crate::error::{Error, Result};
 use crate::event::{Event, Input, Output, Request, Topic};
-use crate::ros2::{Bus, Delivery, Inbox, Incoming, Level, Publication, RequestId, Service, Subscription};
+use crate::ros2::{
+    Bus, Delivery, Endpoint, Inbox, Incoming, Level, Publication, RequestId, Service, Subscription, Trouble,
+};
 use crate::session::{Names, Session};
+use crate::shell::failures::Failures;
 use crate::shell::{Spoken, TICK, is_asked, spoken};
 use crate::sources::NodeClock;
 
@@ -28,6 +31,7 @@ pub struct Network {
     /// Calls that wait for their answers.
     calls: BTreeMap<u64, (Service, RequestId)>,
     n_calls: u64,
+    failures: Failures,
 }
 
 impl Network {
@@ -55,6 +59,7 @@ impl Network {
             cameras: BTreeMap::new(),
             calls: BTreeMap::new(),
             n_calls: 0,
+            failures: Failures::default(),
             bus,
             inbox,
         })
@@ -72,10 +77,11 @@ impl Network {
         })
     }
 
-    /// Runs until a stop is asked for. `tell` gets what a person should see.
+    /// Runs until a stop is asked for. `tell` gets what a person should see. What cannot be sent, because a subscriber has
+    /// stopped or the network is being made anew, is said and left out.
     ///
     /// # Errors
-    /// A network that is gone, a log that cannot be ended.
+    /// A network that was closed for good, a log that cannot be ended.
     pub fn run(mut self, mut session: Session, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
         let clock = NodeClock::start();
         let mut last_tick = Instant::now();
@@ -84,7 +90,7 @@ impl Network {
                 Ok(incoming) => {
                     if let Some((moment, input)) = self.input(incoming, tell) {
                         let outputs = session.handle(&Event { time_ns: clock.at_ns(moment), input });
-                        self.pass_on(outputs, tell)?;
+                        self.pass_on(outputs, tell);
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -93,7 +99,7 @@ impl Network {
             if last_tick.elapsed() >= TICK {
                 last_tick = Instant::now();
                 let outputs = session.handle(&Event { time_ns: clock.now_ns(), input: Input::Tick });
-                self.pass_on(outputs, tell)?;
+                self.pass_on(outputs, tell);
             }
         }
         session.finish()
@@ -116,13 +122,19 @@ impl Network {
                 self.calls.insert(self.n_calls, (service, id));
                 Some((received, Input::Called { request: Request::ALL[at], id: self.n_calls }))
             }
-            Incoming::Matched { endpoint: crate::ros2::Endpoint::Subscription(subscription), n_peers } => {
+            Incoming::Matched { endpoint: Endpoint::Subscription(subscription), n_peers } => {
                 if subscription == self.tool {
                     return None;
                 }
                 self.cameras.insert(subscription, n_peers);
-                let n_cameras = self.cameras.values().sum::<usize>();
-                Some((Instant::now(), Input::Cameras(u32::try_from(n_cameras).unwrap_or(u32::MAX))))
+                let n_cameras = u32::try_from(self.n_cameras()).unwrap_or(u32::MAX);
+                Some((Instant::now(), Input::Cameras(n_cameras)))
+            }
+            Incoming::Trouble(Trouble::NoPublisher { message_type, .. })
+                if self.n_cameras() > 0 && message_type != PoseStamped::TYPE =>
+            {
+                // Its pictures come on the other of the two topics.
+                None
             }
             Incoming::Trouble(trouble) => {
                 let line = trouble.to_string();
@@ -134,7 +146,12 @@ impl Network {
         }
     }
 
-    fn pass_on(&mut self, outputs: Vec<Output>, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+    /// Publishers of pictures. A driver may send each of its pictures raw and compressed.
+    fn n_cameras(&self) -> usize {
+        self.cameras.values().copied().max().unwrap_or_default()
+    }
+
+    fn pass_on(&mut self, outputs: Vec<Output>, tell: &mut dyn FnMut(Spoken)) {
         for spoken in spoken(&outputs) {
             if let Spoken::Line(line) = &spoken {
                 self.bus.log(Level::Info, line);
@@ -142,19 +159,20 @@ impl Network {
             tell(spoken);
         }
         for output in outputs {
-            match output {
-                Output::Publish { topic, cdr } => {
-                    if let Some(publication) = self.publications.get(&topic) {
-                        self.bus.publish(*publication, &cdr)?;
-                    }
-                }
-                Output::Answer { id, success, message } => {
-                    if let Some((service, id)) = self.calls.remove(&id) {
-                        self.bus.reply(service, &id, success, &message)?;
-                    }
-                }
+            let sent = match output {
+                Output::Publish { topic, cdr } => match self.publications.get(&topic) {
+                    Some(publication) => self.bus.publish(*publication, &cdr),
+                    None => Ok(()),
+                },
+                Output::Answer { id, success, message } => match self.calls.remove(&id) {
+                    Some((service, id)) => self.bus.reply(service, &id, success, &message),
+                    None => Ok(()),
+                },
+            };
+            if let Some(line) = sent.err().and_then(|error| self.failures.line(&error.to_string(), Instant::now())) {
+                self.bus.log(Level::Warn, &line);
+                tell(Spoken::Line(line));
             }
         }
-        Ok(())
     }
 }

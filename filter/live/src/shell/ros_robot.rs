@@ -9,7 +9,8 @@ use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, Po
 use crate::error::{Error, Result};
 use crate::event::{Request, Topic};
 use crate::robot::{Heard, Outcome, Robot, Sent};
-use crate::ros2::{Bus, Client, Delivery, Endpoint, Inbox, Incoming, Publication, Subscription};
+use crate::ros2::{Bus, Call, Client, Delivery, Endpoint, Inbox, Incoming, Publication, Subscription};
+use crate::shell::failures::Failures;
 use crate::shell::{Spoken, is_asked};
 use crate::sources::NodeClock;
 
@@ -28,6 +29,9 @@ pub struct RobotNetwork {
     clients: [Client; 3],
     /// Services that answer.
     is_there: [bool; 3],
+    /// The latest call: an answer to an earlier one comes too late.
+    call: Option<Call>,
+    failures: Failures,
 }
 
 impl RobotNetwork {
@@ -49,6 +53,8 @@ impl RobotNetwork {
             decision: subscribe(Topic::Decision)?,
             clients: [observe?, reset?, calibrate?],
             is_there: [false; 3],
+            call: None,
+            failures: Failures::default(),
             bus,
             inbox,
         })
@@ -76,7 +82,7 @@ impl RobotNetwork {
             }
             let Some(heard) = heard else { continue };
             for sent in robot.step(clock.now_ns(), &heard)? {
-                self.send(sent, tell)?;
+                self.send(sent, tell);
             }
         }
         Ok(robot.outcomes().to_vec())
@@ -86,7 +92,9 @@ impl RobotNetwork {
         match incoming {
             Incoming::Message { subscription, cdr, .. } if subscription == self.next_pose => Some(Heard::NextPose(cdr)),
             Incoming::Message { subscription, cdr, .. } if subscription == self.decision => Some(Heard::Decision(cdr)),
-            Incoming::Response { success, message, .. } => Some(Heard::Answer { success, message }),
+            Incoming::Response { call, success, message, .. } if self.call == Some(call) => {
+                Some(Heard::Answer { success, message })
+            }
             Incoming::Matched { endpoint: Endpoint::Client(client), n_peers } => {
                 if let Some(at) = self.clients.iter().position(|known| *known == client) {
                     self.is_there[at] = n_peers > 0;
@@ -97,17 +105,20 @@ impl RobotNetwork {
         }
     }
 
-    fn send(&mut self, sent: Sent, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
-        match sent {
-            Sent::Image(cdr) => self.bus.publish(self.image, &cdr)?,
-            Sent::CompressedImage(cdr) => self.bus.publish(self.compressed, &cdr)?,
-            Sent::ToolPose(cdr) => self.bus.publish(self.tool, &cdr)?,
+    /// What cannot be sent is said and left out; a call without an answer is made again.
+    fn send(&mut self, sent: Sent, tell: &mut dyn FnMut(Spoken)) {
+        let done = match sent {
+            Sent::Image(cdr) => self.bus.publish(self.image, &cdr),
+            Sent::CompressedImage(cdr) => self.bus.publish(self.compressed, &cdr),
+            Sent::ToolPose(cdr) => self.bus.publish(self.tool, &cdr),
             Sent::Call(request) => {
                 let at = Request::ALL.iter().position(|known| *known == request).unwrap_or_default();
-                self.bus.call(self.clients[at])?;
+                self.bus.call(self.clients[at]).map(|call| self.call = Some(call))
             }
-            Sent::Say(line) => tell(Spoken::Line(line)),
+            Sent::Say(line) => return tell(Spoken::Line(line)),
+        };
+        if let Some(line) = done.err().and_then(|error| self.failures.line(&error.to_string(), Instant::now())) {
+            tell(Spoken::Line(line));
         }
-        Ok(())
     }
 }
