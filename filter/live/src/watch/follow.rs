@@ -139,7 +139,8 @@ fn map(grid: &OccupancyGrid) -> Option<PlaceMap> {
     let sum: f64 = grid.data.iter().map(|value| f64::from((*value).max(0))).sum();
     // A message has rows of equal y, a map columns of equal x.
     let cell = |i: usize| f64::from(grid.data[(i % n_xy) * n_xy + i / n_xy].max(0)) / sum.max(1.0);
-    let half_mm = (n_xy - 1) as f64 * f64::from(grid.resolution) * 1000.0 / 2.0;
+    // A message has the step with 32 bits: to a thousandth of a mm it is the grid's.
+    let half_mm = ((n_xy - 1) as f64 * f64::from(grid.resolution) * 1e6 / 2.0).round() / 1e3;
     Some(PlaceMap { n_xy, half_mm, values: (0..n_xy * n_xy).map(cell).collect() })
 }
 

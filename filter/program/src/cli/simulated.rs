@@ -14,7 +14,7 @@ pub struct SimulatedArgs {
     /// Holes to identify, one after the other
     #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Simulated robot")]
     episodes: usize,
-    /// Seed of holes, poses and pictures: those of `evaluate --off-grid` with this seed
+    /// Seed of holes, poses and pictures: those of `evaluate --poses off-grid` with this seed
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Simulated robot")]
     seed: u64,
     /// Pictures a second
