@@ -341,11 +341,16 @@ def holes(seed):
         yield source.choice(PICTURES.parts), (2 * source.randrange(-2, 3), 2 * source.randrange(-2, 3))
 
 
-def check_run(seconds):
+def check_bare(seconds):
+    """The same without a log, whose index is held in memory."""
+    check_run(seconds, "bare")
+
+
+def check_run(seconds, name="run"):
     """Hole after hole: nothing lost, memory, processor, times."""
-    log = os.path.join(WORDS.out, "run.mcap")
+    log = os.path.join(WORDS.out, "run.mcap") if name == "run" else None
     with contextlib.suppress(FileNotFoundError):
-        os.remove(log)
+        os.remove(log or "")
     with Node(log=log) as node, Robot(node.name, PICTURES) as robot:
         robot.ready().rest()
         start = time.monotonic()
@@ -374,26 +379,28 @@ def check_run(seconds):
         settled = memory[len(memory) // 5:]
         slope = statistics.linear_regression(*zip(*settled)).slope * 60
         ticks = robot.n_pictures, robot.n_poses
-    size = os.path.getsize(log)
-    row("run", "time; pictures and poses sent", f"{took:.0f} s; {ticks[0]} and {ticks[1]}", "600 s")
-    row("run", "cores; programs that ran on average in the last 5 minutes", f"{os.cpu_count()}; {os.getloadavg()[1]:.1f}")
-    row("run", "touches asked for and answered with success", f"{len(touches)} of {len(touches)}", "all")
-    row("run", "holes named right", f"{n_right} of {n_holes}")
+    with_log = "with a log" if log else "without a log"
+    row(name, f"{with_log}: time; pictures and poses sent", f"{took:.0f} s; {ticks[0]} and {ticks[1]}", "600 s")
+    row(name, "cores; programs that ran on average in the last 5 minutes", f"{os.cpu_count()}; {os.getloadavg()[1]:.1f}")
+    row(name, "touches asked for and answered with success", f"{len(touches)} of {len(touches)}", "all")
+    row(name, "holes named right", f"{n_right} of {n_holes}")
     actions = [touch["action_ms"] for touch in touches if "action_ms" in touch]
-    row("run", "settled contact: call to next_action, p50 / p99", milliseconds(actions), "20 / 50 ms")
-    row("run", "settled contact: call to answer, p50 / p99", milliseconds([t["answered_ms"] for t in touches]))
-    waited = waited_ms(log)
-    check(len(waited) == len(touches), f"{len(waited)} answers in the log")
-    n_waited = sum(ms > 1 for ms in waited)
-    row("run", "of it, waiting for a fresh picture, p50 / p99", f"{milliseconds(waited)}; {n_waited} waited")
+    row(name, "settled contact: call to next_action, p50 / p99", milliseconds(actions), "20 / 50 ms")
+    row(name, "settled contact: call to answer, p50 / p99", milliseconds([t["answered_ms"] for t in touches]))
     share = 100 * idle[0] / idle[1]
-    row("run", "processor between touches", f"{share:.1f} % of a core in {idle[1]:.0f} s", "under 10 %")
-    row("run", "processor over all", f"{whole:.1f} % of a core")
+    row(name, "processor between touches", f"{share:.1f} % of a core in {idle[1]:.0f} s", "under 10 %")
+    row(name, "processor over all", f"{whole:.1f} % of a core")
     text = f"{memory[0][1]} -> {memory[-1][1]} KiB, {slope:+.1f} KiB a minute after the first fifth"
-    row("run", "memory", text, "no growth")
-    row("run", "log", f"{size / 2**20:.0f} MiB, {size / 2**20 / took * 60:.1f} MiB a minute")
-    replayed(log, len(touches))
+    row(name, "memory", text, "no growth")
     check(n_right >= 0.9 * n_holes, "holes named wrongly")
+    if log:
+        waited = waited_ms(log)
+        check(len(waited) == len(touches), f"{len(waited)} answers in the log")
+        text = f"{milliseconds(waited)}; {sum(ms > 1 for ms in waited)} waited"
+        row(name, "of the time to the answer, waiting for a fresh picture, p50 / p99", text)
+        size = os.path.getsize(log) / 2**20
+        row(name, "log", f"{size:.0f} MiB, {size / took * 60:.1f} MiB a minute")
+        replayed(log, len(touches))
 
 
 def waited_ms(log):
@@ -938,6 +945,7 @@ CHECKS = {
     "log": check_killed_node,
     "fresh": check_fresh,
     "run": check_run,
+    "bare": check_bare,
 }
 
 

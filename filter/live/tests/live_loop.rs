@@ -1,5 +1,7 @@
 //! The whole loop in one process: a simulated robot that only messages connect with the node.
 
+#![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic")]
+
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
@@ -126,6 +128,43 @@ fn copy_changed(log: &Path, out: &Path, drop_one: bool) {
         writer.write_numbered(channel, message.log_time_ns, message.sequence, &bytes).unwrap();
     }
     writer.finish().unwrap();
+}
+
+/// Runs a robot for some seconds, after which it is gone.
+fn run_for(seconds: f64, session: &mut Session) -> usize {
+    let settings = RobotSettings { n_episodes: 6, ..RobotSettings::default() };
+    let mut robot = Robot::new(settings, Simulator::new(scene(), 1).unwrap()).unwrap();
+    let mut n_decisions = 0;
+    let count = &mut |_, spoken| n_decisions += usize::from(matches!(spoken, Spoken::Decision(_)));
+    assert!(pair::run(session, &mut robot, seconds, count).is_err(), "it ended before");
+    n_decisions
+}
+
+#[test]
+fn the_log_of_a_node_that_was_killed_holds_all_but_the_last_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("killed.mcap");
+    let mut session = logged(&log);
+    let n_decisions = run_for(12.0, &mut session);
+    // Nothing that it still held comes into the file.
+    std::mem::forget(session);
+    let (model, bank) = model_and_bank();
+    let replayed = replay::replay(&log, model, bank).unwrap();
+    assert!(replayed.cut.unwrap().contains("is cut off at byte"));
+    // 50 poses, 25 pictures and 50 ticks a second.
+    assert!(replayed.n_events >= 11 * 125, "{} events", replayed.n_events);
+    let n_lost = n_decisions - replayed.decisions.len();
+    assert!(n_decisions >= 8 && n_lost <= 1, "{n_lost} of {n_decisions} lost");
+}
+
+#[test]
+fn a_robot_that_comes_after_one_that_was_killed_begins_a_hole_of_its_own() {
+    let mut session = Session::new(node());
+    let n_decisions = run_for(2.4, &mut session);
+    assert!(n_decisions >= 1 && session.node().episode().is_some(), "{n_decisions}");
+    let (outcomes, lines) = run(RobotSettings { n_episodes: 2, seed: 5, ..RobotSettings::default() }, &mut session);
+    assert!(outcomes.iter().all(is_right), "{outcomes:?} {lines:?}");
+    assert_eq!(session.node().episode().unwrap().belief().touches().len(), outcomes[1].named.len());
 }
 
 #[test]
