@@ -135,8 +135,8 @@ fn run_for(seconds: f64, session: &mut Session) -> usize {
     let settings = RobotSettings { n_episodes: 6, ..RobotSettings::default() };
     let mut robot = Robot::new(settings, Simulator::new(scene(), 1).unwrap()).unwrap();
     let mut n_decisions = 0;
-    let count = &mut |_, spoken| n_decisions += usize::from(matches!(spoken, Spoken::Decision(_)));
-    assert!(pair::run(session, &mut robot, seconds, count).is_err(), "it ended before");
+    let count = &mut |spoken| n_decisions += usize::from(matches!(spoken, Spoken::Decision(_)));
+    assert!(pair::run(session, &mut robot, seconds, &mut |_| true, count).is_err(), "it ended before");
     n_decisions
 }
 
