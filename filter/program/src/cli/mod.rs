@@ -40,7 +40,7 @@ enum Command {
     Live(Box<live::Live>),
     Replay(Box<replay::Replay>),
     Robot(robot::RobotArgs),
-    Assemble(assemble::Assemble),
+    Assemble(Box<assemble::Assemble>),
     Tradeoff(tradeoff::TradeoffArgs),
     Merge(merge::Merge),
     Watch(watch::Watch),
