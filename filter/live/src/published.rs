@@ -53,7 +53,8 @@ impl Scene<'_> {
         let json = serde_json::to_string(self.report)
             .map_err(|error| Error::invalid("decision", "numbers that JSON has", error.to_string()))?;
         let publish = |topic, cdr| Output::Publish { topic, cdr };
-        let particles = self.particles();
+        let states = self.episode.belief().states_from(f64::MIN_POSITIVE);
+        let particles = particles(&states);
         let mut outputs = vec![
             publish(Topic::Decision, to_cdr(&Text { data: json })),
             publish(Topic::Label, to_cdr(&Text { data: self.report.label() })),
@@ -65,7 +66,7 @@ impl Scene<'_> {
         outputs.push(publish(Topic::Pose, to_cdr(&self.pose())));
         outputs.push(publish(Topic::Particles, self.pose_array(&particles)));
         outputs.push(publish(Topic::ParticleCloud, self.point_cloud(&particles)));
-        outputs.push(publish(Topic::Belief, to_cdr(&self.belief())));
+        outputs.push(publish(Topic::Belief, to_cdr(&self.belief(&states))));
         Ok(outputs)
     }
 
@@ -102,15 +103,6 @@ impl Scene<'_> {
         (self.base_from_sensor * Rigid::from_plane(&part_from_sensor.inverse())).to_pose()
     }
 
-    /// The heaviest states, the heaviest first.
-    fn particles(&self) -> Vec<(Hypothesis, f64)> {
-        let mut states = self.episode.belief().states_from(LEAST_MASS);
-        // Stable: of equals the first stays first.
-        states.sort_by(|a, b| b.1.total_cmp(&a.1));
-        states.truncate(MAX_PARTICLES);
-        states
-    }
-
     fn part_from_sensor(&self, state: &Hypothesis) -> Se2 {
         let belief = self.episode.belief();
         belief.grid().pose(state.cell) * belief.first_from_sensor()
@@ -134,11 +126,9 @@ impl Scene<'_> {
 
     /// Where on the likeliest part the sensor is, whatever its angle: 100 at the likeliest place. What lies outside the
     /// bank's area is left out.
-    fn belief(&self) -> OccupancyGrid {
-        let belief = self.episode.belief();
-        let grid = belief.grid();
+    fn belief(&self, states: &[(Hypothesis, f64)]) -> OccupancyGrid {
+        let grid = self.episode.belief().grid();
         let part = self.report.posterior.iter().position(|(name, _)| *name == self.report.estimate.part);
-        let states = belief.states();
         let of_part = states.iter().filter(|(state, _)| Some(state.part) == part);
         let masses = places(grid, of_part.map(|(state, mass)| (self.part_from_sensor(state), *mass)));
         let most = masses.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
@@ -154,6 +144,15 @@ impl Scene<'_> {
             data: masses.iter().map(|mass| (100.0 * mass / most).round() as i8).collect(),
         }
     }
+}
+
+/// The heaviest of some states, the heaviest first.
+fn particles(states: &[(Hypothesis, f64)]) -> Vec<(Hypothesis, f64)> {
+    let mut heavy: Vec<(Hypothesis, f64)> = states.iter().filter(|(_, mass)| *mass >= LEAST_MASS).copied().collect();
+    // Stable: of equals the first stays first.
+    heavy.sort_by(|a, b| b.1.total_cmp(&a.1));
+    heavy.truncate(MAX_PARTICLES);
+    heavy
 }
 
 /// The mass at each place of a grid, rows of equal y, angles summed.
