@@ -93,8 +93,15 @@ fn live_log(workspace: &Workspace, out: &Path, python: &Path) -> Result<()> {
     let decisions = out.join("decisions.jsonl");
     fs::write(&decisions, replay.output(out)?).map_err(Error::io(&decisions))?;
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/live_log.py");
-    Program::new(python).arg(script).words("live.mcap decisions.jsonl").run(out).map(|_| ())
+    Program::new(python).arg(script).words("live.mcap decisions.jsonl").run(out)?;
+    let venv = out.with_file_name("rerun");
+    fs::create_dir_all(&venv).map_err(Error::io(&venv))?;
+    let rerun = environment(&venv, RERUN)?.with_file_name("rerun").with_extension(std::env::consts::EXE_EXTENSION);
+    Program::new(rerun).words("mcap check live.mcap").run(out).map(|_| ())
 }
+
+/// A viewer that checks MCAP files.
+const RERUN: &str = "rerun-sdk==0.41.0";
 
 /// A virtual environment in `out` with what a script imports; made once. Returns its Python.
 pub fn environment(out: &Path, requirements: &str) -> Result<PathBuf> {
