@@ -1,7 +1,7 @@
 //! A simulated robot with its sensor over a hole, to try the node with: another process on the same topics, or another
-//! value beside the node. It knows the truth and says it to nobody but its owner.
+//! value in the node's process. It knows the truth and says it to nobody but its owner.
 //!
-//! Like the node it is a pure step: what it hears, at what time, to what it sends.
+//! Like the node it is a pure step: what it receives, at what time, to what it sends.
 
 mod camera;
 pub mod pair;
@@ -46,7 +46,7 @@ pub struct RobotSettings {
     pub rate_hz: f64,
     /// JPEG quality of the pictures, 1 to 100; `None` sends pixels.
     pub jpeg: Option<u8>,
-    /// A motion ends beside its goal by up to this along x and y, mm.
+    /// A motion misses its goal by up to this along x and y, mm.
     pub motion_error_mm: f64,
     /// The same for the angle, degrees.
     pub motion_error_deg: f64,
@@ -74,7 +74,7 @@ impl Default for RobotSettings {
     }
 }
 
-/// What the robot hears.
+/// What the robot receives.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
     /// A message on `~/next_pose`, in CDR.
@@ -160,7 +160,7 @@ enum Phase {
     /// Presses, until the contact has settled.
     Settles { until_ns: i64 },
     /// Has been answered, and waits for the decision.
-    Hears { until_ns: i64 },
+    AwaitsDecision { until_ns: i64 },
     /// All holes are done.
     Ends,
 }
@@ -212,7 +212,7 @@ impl Robot {
             Heard::Answer { success, message } => self.answered(time_ns, *success, message, &mut sent)?,
             Heard::Tick => self.tick(time_ns, &mut sent)?,
         }
-        if matches!(self.phase, Phase::Hears { .. }) {
+        if matches!(self.phase, Phase::AwaitsDecision { .. }) {
             self.decided(time_ns, &mut sent)?;
         }
         Ok(sent)
@@ -250,7 +250,7 @@ impl Robot {
                 sent.push(Sent::Say(format!("no answer to {}: called again", request.name())));
                 self.call(request, time_ns, sent);
             }
-            Phase::Hears { until_ns } if time_ns >= until_ns => {
+            Phase::AwaitsDecision { until_ns } if time_ns >= until_ns => {
                 sent.push(Sent::Say("no decision came: observed again".to_owned()));
                 self.call(Request::Observe, time_ns, sent);
             }
@@ -293,7 +293,7 @@ impl Robot {
                 sent.push(Sent::Say(format!("{}: {message}", request.name())));
                 self.lift(time_ns);
             }
-            (Request::Observe, true) => self.phase = Phase::Hears { until_ns: time_ns + PATIENCE_NS },
+            (Request::Observe, true) => self.phase = Phase::AwaitsDecision { until_ns: time_ns + PATIENCE_NS },
             (Request::Observe, false) => {
                 self.hole.n_refused += 1;
                 if message.contains(Request::Calibrate.name()) {
@@ -393,7 +393,7 @@ impl Hole {
         Ok(simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
     }
 
-    /// By how much a motion ends beside its goal.
+    /// By how much a motion misses its goal.
     fn slip(&mut self, settings: &RobotSettings) -> Se2 {
         let mut around = |half: f64| half * (2.0 * self.rng.random::<f64>() - 1.0);
         let (mm, deg) = (settings.motion_error_mm, settings.motion_error_deg);

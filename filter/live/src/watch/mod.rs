@@ -6,7 +6,6 @@
 mod draw;
 mod follow;
 mod heat;
-mod of_episode;
 mod terminal;
 mod view;
 

@@ -182,18 +182,15 @@ impl Live {
     #[cfg(not(feature = "ros2"))]
     #[allow(clippy::unused_self, reason = "the same as with ROS 2")]
     fn run_ros(self, _: Vec<Onlooker>, _: &AtomicBool, _: &mut dyn FnMut(Spoken)) -> Result<()> {
-        Err(no_ros().into())
+        Err(super::ros::no_ros().into())
     }
 
     #[cfg(feature = "ros2")]
     fn run_ros(self, onlookers: Vec<Onlooker>, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
-        use tactile_live::ros2::{Bus, Settings, arguments};
+        use tactile_live::ros2::Bus;
         use tactile_live::shell::ros::Network;
 
-        let words = arguments(std::iter::once("--ros-args".to_owned()).chain(self.ros_args.iter().cloned()))
-            .map_err(Error::from)?;
-        let settings = Settings::from_words("tactile_filter", &words, |name| std::env::var(name).ok());
-        let settings = settings.map_err(Error::from)?;
+        let (words, settings) = super::ros::settings("tactile_filter", &self.ros_args)?;
         let node = settings.node.full();
         let mut read = Map::new();
         for path in self.params_file.iter().chain(&words.parameter_files) {
@@ -212,13 +209,6 @@ impl Live {
         tell(Spoken::Line(format!("{node}: pictures on {}, tool poses on {}", names.image_topic, names.tool_topic)));
         Ok(network.run(session, stop, tell)?)
     }
-}
-
-/// What is said where the program knows no ROS 2.
-#[cfg(not(feature = "ros2"))]
-pub fn no_ros() -> Error {
-    let how = "cargo build --release -p tactile-filter-cli --features ros2";
-    Error::invalid("ROS 2", format!("a program built with it ({how})"), "one without")
 }
 
 /// Adds the parameters of a file.

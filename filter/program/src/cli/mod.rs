@@ -11,6 +11,7 @@ mod merge;
 mod replay;
 mod reproduction;
 mod robot;
+mod ros;
 mod simulated;
 mod table;
 mod tradeoff;

@@ -28,25 +28,20 @@ impl RobotArgs {
     /// Says what is missing.
     #[cfg(not(feature = "ros2"))]
     pub fn run(self) -> Result<()> {
-        Err(super::live::no_ros().into())
+        Err(super::ros::no_ros().into())
     }
 
     /// Runs the command.
     #[cfg(feature = "ros2")]
     pub fn run(self) -> Result<()> {
         use tactile_data::scene::Scene;
-        use tactile_live::Error;
-        use tactile_live::ros2::{Bus, Settings, arguments};
         use tactile_live::shell::ros_robot::RobotNetwork;
 
         use super::live::{stop_on_ctrl_c, tell};
         use super::simulated::print_outcomes;
 
-        let words = arguments(std::iter::once("--ros-args".to_owned()).chain(self.ros_args.iter().cloned()))
-            .map_err(Error::from)?;
-        let settings = Settings::from_words("tactile_robot", &words, |name| std::env::var(name).ok());
         let robot = self.simulated.robot(Scene::load(&self.scene)?)?;
-        let (bus, inbox) = Bus::open(settings.map_err(Error::from)?).map_err(Error::from)?;
+        let (bus, inbox) = super::ros::open("tactile_robot", &self.ros_args)?;
         let network = RobotNetwork::join(bus, inbox, &self.node)?;
         let outcomes = network.run(robot, stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, false))?;
         print_outcomes(&outcomes);

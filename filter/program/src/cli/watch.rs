@@ -52,18 +52,14 @@ impl Watch {
     #[cfg(not(feature = "ros2"))]
     #[allow(clippy::unused_self, reason = "the same as with ROS 2")]
     fn follow_network(&self, _: std::sync::mpsc::SyncSender<tactile_live::shell::views::Shown>) -> Result<()> {
-        Err(super::live::no_ros().into())
+        Err(super::ros::no_ros().into())
     }
 
     #[cfg(feature = "ros2")]
     fn follow_network(&self, sender: std::sync::mpsc::SyncSender<tactile_live::shell::views::Shown>) -> Result<()> {
-        use tactile_live::ros2::{Bus, Settings, arguments};
         use tactile_live::shell::watch::follow_network;
 
-        let words = arguments(std::iter::once("--ros-args".to_owned()).chain(self.ros_args.iter().cloned()))
-            .map_err(Error::from)?;
-        let settings = Settings::from_words("tactile_watch", &words, |name| std::env::var(name).ok());
-        let (bus, inbox) = Bus::open(settings.map_err(Error::from)?).map_err(Error::from)?;
+        let (bus, inbox) = super::ros::open("tactile_watch", &self.ros_args)?;
         Ok(follow_network(bus, inbox, &self.node, sender)?)
     }
 }
