@@ -285,8 +285,7 @@ pub fn prepare(simulator: &Simulator, touches: &[Planned]) -> Result<()> {
 
 /// Pairs all over the boards, board by board, at any angle.
 fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> Vec<Planned> {
-    let [width, height] = scene.sensor.field_of_view_mm;
-    let half = 0.5 * (boards.spec.side_mm - width.hypot(height));
+    let half = 0.5 * (boards.spec.side_mm - boards.widest_view_mm(&scene.sensor));
     (0..boards.n_pairs)
         .flat_map(|pair| {
             let mut rng = frame_rng(seed ^ 0x70_6f_73_65, pair as u64);

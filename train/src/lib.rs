@@ -47,6 +47,7 @@ pub mod mating;
 mod moco;
 pub mod output_folder;
 pub mod pairs;
+mod randomisation;
 mod relighting;
 pub mod run;
 mod schedule;

@@ -5,6 +5,7 @@ mod maze_boards;
 mod origin;
 mod parts;
 mod preset;
+mod sensor_range;
 mod sensor_table;
 
 use std::path::Path;
@@ -22,6 +23,7 @@ use crate::touch::Side;
 
 pub use board::Board;
 pub use maze_boards::MazeBoards;
+pub use sensor_range::SensorRange;
 pub use parts::{Connectors, Kit, Letters, PartFile, Parts};
 
 /// A scene, as a TOML file declares it.

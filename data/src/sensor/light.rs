@@ -12,6 +12,8 @@
 //! 2001), less the constant, which is the frame at rest. Of a real Mini's Taxim table they leave 2 to 4 counts
 //! (root mean square over the frame and slopes up to 58 degrees) of 22 to 32: `tactile-data calibrate --taxim`.
 
+mod known;
+
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
@@ -110,7 +112,7 @@ impl Default for LightRig {
 
 impl LightRig {
     /// Names of the known rigs.
-    pub const NAMES: [&str; 2] = ["mini", "cmu"];
+    pub const NAMES: [&str; 3] = ["mini", "mini-table", "cmu"];
 
     /// One lamp for each channel: its brightness at the frame's centre in counts, and the direction in which
     /// it lights a slope, degrees from x towards y. Background and fall-off are a Mini's.
@@ -130,10 +132,12 @@ impl LightRig {
         }
     }
 
-    /// A known rig: `mini`, or `cmu`, the lamps of an older GelSight (fitted on Taxim's table of it).
+    /// A known rig: `mini`, a closed form near a GelSight Mini; `mini-table`, that sensor's calibration table fitted
+    /// again, nearer to real frames; or `cmu`, the lamps of an older GelSight (fitted on Taxim's table of it).
     pub fn named(name: &str) -> Result<Self> {
         match name {
             "mini" => Ok(Self::default()),
+            "mini-table" => Ok(known::mini_by_table()),
             "cmu" => Ok(Self::lamps([65.0, 45.0, 47.0], [178.0, 62.0, -54.0])),
             _ => {
                 let got = with_closest(name, Self::NAMES);
@@ -248,7 +252,7 @@ mod tests {
         let json = serde_json::to_string(&cmu).unwrap();
         assert_eq!(serde_json::from_str::<Sensor>(&json).unwrap(), cmu);
         let error = toml::from_str::<Sensor>("light = \"sun\"").unwrap_err().to_string();
-        assert!(error.contains("expected one of mini, cmu, got sun"), "{error}");
+        assert!(error.contains("expected one of mini, mini-table, cmu, got sun"), "{error}");
     }
 
     #[test]

@@ -6,6 +6,7 @@ pub mod gel;
 pub mod geometry;
 pub mod jpeg;
 pub mod light;
+pub mod light_field;
 pub mod membrane;
 pub mod obstacle;
 pub mod optics;
@@ -21,6 +22,7 @@ use strum::{IntoStaticStr, VariantArray};
 use crate::error::{Error, Result};
 use crate::suggest;
 use light::LightRig;
+use light_field::LightField;
 
 /// How much of the sensor is computed; each tier includes the ones before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, IntoStaticStr, VariantArray)]
@@ -90,6 +92,9 @@ pub struct SensorSpec {
     pub texture_mm: [f64; 2],
     /// Specks of dust on the gel.
     pub n_specks: usize,
+    /// The smooth change of the whole picture that comes with a press.
+    #[serde(skip_serializing_if = "LightField::is_none")]
+    pub light_field: LightField,
     /// Seed of what is fixed for one sensor: its specks.
     pub seed: u64,
 }
@@ -111,6 +116,7 @@ impl Default for SensorSpec {
             jpeg_quality: [75, 90],
             texture_mm: [0.0, 0.02],
             n_specks: 12,
+            light_field: LightField::default(),
             seed: 0,
         }
     }
@@ -156,6 +162,7 @@ impl SensorSpec {
         if !(1..=100).contains(&worst) || !(worst..=100).contains(&best) {
             return Err(Error::invalid("sensor.jpeg_quality", "1..=100 in order", format!("{worst}..{best}")));
         }
+        self.light_field.validate()?;
         self.light.validate()
     }
 
