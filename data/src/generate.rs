@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::lab::Lab;
+use crate::lamps::Lamps;
 use crate::output;
 use crate::random::{around_zero, frame_rng};
 use crate::scene::{MazeBoards, Parts, Scene};
@@ -204,6 +205,7 @@ impl Job {
             seed: Some(seed),
             source: if lab.is_none() { "simulated".into() } else { "a simulated lab".into() },
             recording: None,
+            lamps: Some(scene.sensor.light.response()).filter(|lamps| lab.is_none() && *lamps != Lamps::default()),
             peg_from_hole: None,
         };
         Ok(Self { simulator, planned, seed, meta })

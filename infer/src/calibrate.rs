@@ -75,7 +75,7 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
     let name = &holes.meta().name;
     let of_holes: Vec<usize> = (0..holes.len()).filter(|i| holes.touch(*i).side == Some(Side::Hole)).collect();
     let frames: Vec<usize> = of_holes.iter().step_by(of_holes.len().div_ceil(MAX_HOLES).max(1)).copied().collect();
-    let images = tactile_images(&model.background(holes.no_contact())?, holes, &frames)?;
+    let images = tactile_images(&model.background_of(holes)?, holes, &frames)?;
     let queries = model.embed_holes(&images)?;
     let is_edged = |share: f32| share >= BLANK_SHARE;
     let edged: Vec<usize> =

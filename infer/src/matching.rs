@@ -115,7 +115,7 @@ fn nearest_by_model(
     holes: &Dataset,
     chosen: &[usize],
 ) -> Result<(Vec<usize>, Similarities)> {
-    let images = tactile_images(&model.background(holes.no_contact())?, holes, chosen)?;
+    let images = tactile_images(&model.background_of(holes)?, holes, chosen)?;
     let queries = model.embed_holes(&images)?;
     let mut correlation = Correlation::default();
     let (mut nearest, mut best_cosines) = (Vec::new(), Vec::new());

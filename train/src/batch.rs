@@ -11,15 +11,12 @@ use crate::config::{Flips, TrainConfig};
 use crate::error::{Error, Result};
 use crate::mating::Pair;
 use crate::pairs::Pairs;
-use crate::randomisation::{self, Field};
-use crate::relighting::{Affine, recolour};
+use crate::smooth_field::{self, Field};
 
 /// A pair, and how it is changed before it is trained on.
 struct Drawn {
     pair: Pair,
     augmentation: Augmentation,
-    /// Other lamps, shared by both pictures; `None`: those of the frames.
-    lamps: Option<Affine>,
     /// A smooth field for the hole's picture and one for the peg's.
     fields: Option<[Field; 2]>,
 }
@@ -66,19 +63,13 @@ impl Pairs<'_> {
         let flips = config.flips != Flips::None;
         let drawn = chosen.iter().map(|index| {
             let augmentation = Augmentation::draw(&mut rng, config.min_crop, flips);
-            Drawn { pair: self.training[*index], augmentation, lamps: None, fields: None }
+            Drawn { pair: self.training[*index], augmentation, fields: None }
         });
         let mut drawn: Vec<Drawn> = drawn.collect();
-        // Streams of their own: what is drawn above does not depend on them.
+        // A stream of its own: what is drawn above does not depend on it.
         rng.set_stream(u64::MAX - step as u64);
-        if let Some(relighting) = self.relighting.as_ref().filter(|_| config.other_lamps > 0.0) {
-            let groups = randomisation::groups(&mut rng, config.lamp_groups, config.other_lamps, relighting);
-            let n_pairs = drawn.len();
-            let group = |i: usize| groups[i * groups.len() / n_pairs];
-            drawn.iter_mut().enumerate().for_each(|(i, drawn)| drawn.lamps = group(i));
-        }
         if config.field_counts > 0.0 {
-            let mut field = || randomisation::field(&mut rng, config.field_counts, &self.preprocessing);
+            let mut field = || smooth_field::draw(&mut rng, config.field_counts, &self.preprocessing);
             drawn.iter_mut().for_each(|drawn| drawn.fields = Some([field(), field()]));
         }
         self.load(&drawn)
@@ -121,25 +112,22 @@ impl Pairs<'_> {
 
     /// Pairs without augmentation, for validation.
     pub fn plain(&self, pairs: &[Pair]) -> Result<Batch> {
-        let plain = |pair: &Pair| Drawn { pair: *pair, augmentation: Augmentation::NONE, lamps: None, fields: None };
+        let plain = |pair: &Pair| Drawn { pair: *pair, augmentation: Augmentation::NONE, fields: None };
         self.load(&pairs.iter().map(plain).collect::<Vec<_>>())
     }
 
     fn load(&self, drawn: &[Drawn]) -> Result<Batch> {
         let input_px = self.preprocessing.input_px;
         let load = |drawn: &Drawn, side: Side| -> Result<Vec<f32>> {
-            let Drawn { pair, augmentation, lamps, fields } = drawn;
+            let Drawn { pair, augmentation, fields } = drawn;
             let image = self.background.tactile_image(&self.frame(pair, side))?;
             let mut values = Vec::with_capacity(3 * input_px[0] * input_px[1]);
             augmentation.apply(&image, input_px, &mut values);
-            match (lamps, &self.relighting) {
-                // Lamps stand all round: a mirrored picture under them is one under others.
-                (Some(lamps), _) => recolour(lamps, &mut values),
-                (None, Some(own)) => own.apply(augmentation.flip_x, augmentation.flip_y, &mut values),
-                (None, None) => (),
+            if let Some(relighting) = &self.relighting {
+                relighting.apply(augmentation.flip_x, augmentation.flip_y, &mut values);
             }
             if let Some(fields) = fields {
-                randomisation::add(&fields[usize::from(side == Side::Peg)], &mut values, input_px);
+                smooth_field::add(&fields[usize::from(side == Side::Peg)], &mut values, input_px);
             }
             Ok(values)
         };

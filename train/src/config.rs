@@ -109,10 +109,6 @@ pub struct TrainConfig {
     pub near_share: f64,
     /// Largest share of a batch that may be pairs without an edge in either view, 0..=1; 1 is no limit.
     pub max_blank: f64,
-    /// Share of the groups of a batch that are seen under other lamps, 0..=1.
-    pub other_lamps: f64,
-    /// Groups of pairs in a batch, each under lamps of its own.
-    pub lamp_groups: usize,
     /// Largest standard deviation of the smooth field that comes with a press, counts at the picture's border.
     pub field_counts: f64,
     /// How far apart a hole and its peg may have been touched, mm ...
@@ -150,8 +146,6 @@ impl TrainConfig {
             min_crop: 0.9,
             near_share: 0.5,
             max_blank: 1.0,
-            other_lamps: 0.0,
-            lamp_groups: 8,
             field_counts: 0.0,
             mate_mm: 1.5,
             mate_deg: 4.0,
@@ -226,7 +220,6 @@ impl TrainConfig {
             ("micro_batches", self.n_micro_batches, 1, 256),
             ("batch", self.n_pairs, 2 * self.n_micro_batches, 1 << 16),
             ("warmup", self.n_warmup, 0, 1 << 32),
-            ("lamp_groups", self.lamp_groups, 1, self.n_pairs.max(1)),
             ("save_every", self.save_every, 1, 1 << 32),
             ("input_px width", network.input_px[0], 8, 1_024),
             ("input_px height", network.input_px[1], 8, 1_024),
@@ -249,7 +242,6 @@ impl TrainConfig {
             ("min_crop", f64::from(self.min_crop), 0.1, 1.0),
             ("near_share", self.near_share, 0.0, 1.0),
             ("max_blank", self.max_blank, 0.0, 1.0),
-            ("other_lamps", self.other_lamps, 0.0, 1.0),
             ("field_counts", self.field_counts, 0.0, 100.0),
             ("mate_mm", self.mate_mm, 1e-6, 10.0),
             ("mate_deg", self.mate_deg, 1e-6, 45.0),

@@ -18,17 +18,13 @@ use crate::error::{Error, Result};
 const MAX_CURL_SHARE: f64 = 0.5;
 
 /// A 3 x 3 matrix and an offset, for normalised channel values.
-pub type Affine = [[f32; 4]; 3];
+type Affine = [[f32; 4]; 3];
 
 /// How the colours of a mirrored picture change.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Relighting {
     /// For red, green and blue the change with a slope along x and along y, up to one common factor.
     lamps: [[f64; 2]; 3],
-    /// From counts of red, green and blue to the slope along x and y that they show.
-    slopes: [[f64; 3]; 2],
-    /// Mean and deviation of the values that are relit.
-    normal: [[f64; 3]; 2],
     flip_x: Affine,
     flip_y: Affine,
     both: Affine,
@@ -57,23 +53,21 @@ impl Relighting {
             let [u, v] = [axes[0][c], axes[1][c]];
             [(u * w[3] - v * w[2]) / determinant, (v * w[0] - u * w[1]) / determinant]
         });
-        let normal = [preprocessing.mean.map(f64::from), preprocessing.std.map(f64::from)];
-        let slopes = [0, 1].map(|axis| [0, 1, 2].map(|c| slopes(c)[axis]));
-        // A diag(turned) A^+ on counts: what is outside the lamps' plane stays.
-        let flip = |turned: [bool; 2]| {
-            let mirrored = lamps.map(|lamp| [0, 1].map(|axis| if turned[axis] { -lamp[axis] } else { lamp[axis] }));
-            affine(&change(&lamps, &slopes, &mirrored), &normal)
+        let affine = |turned: [bool; 2]| -> Affine {
+            // I - 2 A diag(turned) A^+ on counts, then on normalised values.
+            let on_counts = |i: usize, j: usize| {
+                let change: f64 =
+                    (0..2).filter(|axis| turned[*axis]).map(|axis| lamps[i][axis] * slopes(j)[axis]).sum();
+                f64::from(u8::from(i == j)) - 2.0 * change
+            };
+            let (mean, std) = (preprocessing.mean.map(f64::from), preprocessing.std.map(f64::from));
+            [0, 1, 2].map(|i| {
+                let offset = (0..3).map(|j| on_counts(i, j) * mean[j]).sum::<f64>() - mean[i];
+                let row = [0, 1, 2].map(|j| (on_counts(i, j) * std[j] / std[i]) as f32);
+                [row[0], row[1], row[2], (offset / std[i]) as f32]
+            })
         };
-        let [flip_x, flip_y, both] = [[true, false], [false, true], [true, true]].map(flip);
-        Ok(Self { lamps, slopes, normal, flip_x, flip_y, both })
-    }
-
-    /// How the colours change under other lamps: for each channel its change with a slope along x and y, as a
-    /// multiple of the mean strength of these lamps.
-    pub fn under(&self, others: &[[f64; 2]; 3]) -> Affine {
-        let strength = (self.lamps.iter().flatten().map(|v| v * v).sum::<f64>() / 3.0).sqrt();
-        let others = others.map(|lamp| lamp.map(|v| strength * v));
-        affine(&change(&self.lamps, &self.slopes, &others), &self.normal)
+        Ok(Self { lamps, flip_x: affine([true, false]), flip_y: affine([false, true]), both: affine([true, true]) })
     }
 
     /// For red, green and blue the line along which the lamp lights a slope, degrees from x towards y, 0..180. The
@@ -90,39 +84,14 @@ impl Relighting {
             (false, true) => &self.flip_y,
             (true, true) => &self.both,
         };
-        recolour(affine, planes);
+        let (red, rest) = planes.split_at_mut(planes.len() / 3);
+        let (green, blue) = rest.split_at_mut(rest.len() / 2);
+        for ((r, g), b) in red.iter_mut().zip(green).zip(blue) {
+            let old = [*r, *g, *b];
+            let new = affine.map(|row| row[0] * old[0] + row[1] * old[1] + row[2] * old[2] + row[3]);
+            [*r, *g, *b] = new;
+        }
     }
-}
-
-/// Changes the colours of `[3, height, width]` normalised values, in place.
-pub fn recolour(affine: &Affine, planes: &mut [f32]) {
-    let (red, rest) = planes.split_at_mut(planes.len() / 3);
-    let (green, blue) = rest.split_at_mut(rest.len() / 2);
-    for ((r, g), b) in red.iter_mut().zip(green).zip(blue) {
-        let old = [*r, *g, *b];
-        let new = affine.map(|row| row[0] * old[0] + row[1] * old[1] + row[2] * old[2] + row[3]);
-        [*r, *g, *b] = new;
-    }
-}
-
-/// The matrix on counts that takes what some lamps show to what others would show of the same slopes:
-/// `I + (B - A) A^+`.
-fn change(lamps: &[[f64; 2]; 3], slopes: &[[f64; 3]; 2], others: &[[f64; 2]; 3]) -> [[f64; 3]; 3] {
-    std::array::from_fn(|i| {
-        std::array::from_fn(|j| {
-            let change: f64 = (0..2).map(|axis| (others[i][axis] - lamps[i][axis]) * slopes[axis][j]).sum();
-            f64::from(u8::from(i == j)) + change
-        })
-    })
-}
-
-/// A matrix on counts as a change of values of the mean and deviation `normal`.
-fn affine(on_counts: &[[f64; 3]; 3], [mean, std]: &[[f64; 3]; 2]) -> Affine {
-    [0, 1, 2].map(|i| {
-        let offset = (0..3).map(|j| on_counts[i][j] * mean[j]).sum::<f64>() - mean[i];
-        let row = [0, 1, 2].map(|j| (on_counts[i][j] * std[j] / std[i]) as f32);
-        [row[0], row[1], row[2], (offset / std[i]) as f32]
-    })
 }
 
 /// The two unit directions of colour along which the differences vary most.

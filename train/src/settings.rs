@@ -80,12 +80,6 @@ pub struct Settings {
     /// Largest share of a batch that may be blank pairs; 1 is no limit.
     #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub max_blank: Option<f64>,
-    /// Share of each batch that is seen under other lamps than the frames', for a model of any sensor.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
-    pub other_lamps: Option<f64>,
-    /// Groups of a batch, each under lamps of its own.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
-    pub lamp_groups: Option<usize>,
     /// Strongest smooth change of a whole picture that a press brings, counts.
     #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub field_counts: Option<f64>,
@@ -224,7 +218,7 @@ mod tests {
         let all = "preset = \"small\"\nsteps = 11\nbatch = 12\nmicro_batches = 3\ninput_px = [16, 12]\nwidth = 13\n\
                    hidden = 14\ndim = 15\ntemperature = 0.16\noptimizer = \"adamw\"\nlearning_rate = 0.17\nwarmup = 18\n\
                    weight_decay = 0.19\nmomentum = 0.2\nflips = \"none\"\nmin_crop = 0.21\nnear_share = 0.22\n\
-                   max_blank = 0.23\nother_lamps = 0.28\nlamp_groups = 5\nfield_counts = 2.9\nmate_mm = 0.26\nmate_deg = 0.27\nsave_every = 24\nseed = 25";
+                   max_blank = 0.23\nfield_counts = 2.9\nmate_mm = 0.26\nmate_deg = 0.27\nsave_every = 24\nseed = 25";
         let saved = read(all).unwrap().resolve(1_000).unwrap().to_toml().unwrap();
         let lines = |text: &str| text.lines().map(String::from).collect::<std::collections::BTreeSet<_>>();
         assert_eq!(lines(&saved), lines(all));

@@ -23,8 +23,8 @@ use crate::touch::Side;
 
 pub use board::Board;
 pub use maze_boards::MazeBoards;
-pub use sensor_range::SensorRange;
 pub use parts::{Connectors, Kit, Letters, PartFile, Parts};
+pub use sensor_range::SensorRange;
 
 /// A scene, as a TOML file declares it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,9 +7,8 @@ use crate::error::{Error, Result};
 use crate::random::uniform;
 use crate::sensor::SensorSpec;
 
-/// What differs from sensor to sensor, lowest and highest. Other lamps are not among it: training draws them anew for
-/// each batch (`tactile-train --other-lamps`), since under other lamps a difference image shows the same slopes in other
-/// colours.
+/// What differs from sensor to sensor, lowest and highest. Other lamps are not among it: pictures are
+/// brought under the lamps that the network knows ([`Lamps`](crate::lamps::Lamps)).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorRange {
@@ -102,7 +101,10 @@ mod tests {
             }
             // Of 400 the extreme ones are within a twentieth of the ends but for one time in 10^8.
             let near = 0.05 * (high - low);
-            assert!(least >= low - 1e-9 && least < low + near && most <= high + 1e-9 && most > high - near, "{least} {most}");
+            assert!(
+                least >= low - 1e-9 && least < low + near && most <= high + 1e-9 && most > high - near,
+                "{least} {most}"
+            );
         };
         covers(&|spec| spec.depth_mm, range.depth_mm);
         covers(&|spec| spec.noise_counts[2] / scene.noise_counts[2], range.noise);

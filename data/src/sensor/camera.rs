@@ -8,8 +8,8 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::gel::TiltedPress;
-use super::rounding::to_byte;
 use super::light_field::LightField;
+use super::rounding::to_byte;
 use super::{SensorSpec, jpeg};
 use crate::frame::Frame;
 

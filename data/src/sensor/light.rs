@@ -17,10 +17,9 @@ mod known;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
+use crate::lamps::Lamps;
+pub use crate::lamps::{Quadratic, value};
 use crate::suggest::with_closest;
-
-/// Factors of `1, x, y, x^2, x y, y^2` over the frame, x and y in -1..=1, x right and y down; counts.
-pub type Quadratic = [f32; 6];
 
 /// The most that a factor may be, counts: a lamp's change cannot leave the 8 bits by much.
 const MAX_COUNTS: f32 = 4_096.0;
@@ -31,11 +30,6 @@ const MINI_AT_REST: [Quadratic; 3] = [
     [109.4, -2.9, -6.1, -27.3, 1.0, -15.9],
     [133.8, -4.3, -19.3, -42.2, 2.7, -41.7],
 ];
-
-/// How far each lamp of a Mini reaches, as a share of its strength at the centre: quadratics through a real
-/// calibration table's values at the centre and the four sides.
-const MINI_FALL_OFF: [Quadratic; 3] =
-    [[1.0, 0.0, 0.12, -0.33, 0.0, -0.45], [1.0, 0.0, 0.0, -0.30, 0.0, -0.30], [1.0, 0.0, -0.28, -0.30, 0.0, -0.40]];
 
 /// A sensor's light, each factor for red, green and blue. In a scene it is written out or given by the name
 /// of a known rig: `light = "mini"`.
@@ -105,8 +99,8 @@ impl Shadow {
 impl Default for LightRig {
     /// A GelSight Mini.
     fn default() -> Self {
-        // Fitted on a real calibration table of a Mini, to 10 %.
-        Self::lamps([97.0, 50.0, 53.0], [83.0, -174.0, -97.0])
+        let Lamps { along_x, along_y } = Lamps::default();
+        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, shadow: Shadow::default() }
     }
 }
 
@@ -117,19 +111,13 @@ impl LightRig {
     /// One lamp for each channel: its brightness at the frame's centre in counts, and the direction in which
     /// it lights a slope, degrees from x towards y. Background and fall-off are a Mini's.
     pub fn lamps(counts: [f64; 3], towards_deg: [f64; 3]) -> Self {
-        let lamp = |share: fn(f64) -> f64| {
-            [0, 1, 2].map(|c| {
-                let strength = counts[c] * share(towards_deg[c].to_radians());
-                MINI_FALL_OFF[c].map(|factor| (strength * f64::from(factor)) as f32)
-            })
-        };
-        Self {
-            at_rest: MINI_AT_REST,
-            along_x: lamp(f64::cos),
-            along_y: lamp(f64::sin),
-            walls: None,
-            shadow: Shadow::default(),
-        }
+        let Lamps { along_x, along_y } = Lamps::towards(counts, towards_deg);
+        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, shadow: Shadow::default() }
+    }
+
+    /// How it answers gentle slopes.
+    pub fn response(&self) -> Lamps {
+        Lamps { along_x: self.along_x, along_y: self.along_y }
     }
 
     /// A known rig: `mini`, a closed form near a GelSight Mini; `mini-table`, that sensor's calibration table fitted
@@ -210,11 +198,6 @@ impl<'de> Deserialize<'de> for LightRig {
             }
         }
     }
-}
-
-/// A quadratic's value at a place of the frame, -1..=1 in x and y.
-pub fn value(k: &Quadratic, x: f32, y: f32) -> f32 {
-    k[0] + k[1] * x + k[2] * y + k[3] * x * x + k[4] * x * y + k[5] * y * y
 }
 
 #[cfg(test)]
