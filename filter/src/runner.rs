@@ -197,7 +197,8 @@ impl State {
                 Ok(Answer::NewEpisode)
             }
             Job::Rest(frame) => {
-                self.sensor = Sensor::new(self.sensor.model().clone(), &frame).map_err(Fault::Filter)?;
+                let sensor = Sensor::new(self.sensor.model().clone(), &frame).map_err(Fault::Filter)?;
+                self.sensor = sensor.of_side(self.sensor.side());
                 Ok(Answer::Rest)
             }
         }

@@ -1,4 +1,4 @@
-//! Fits a [`Calibration`] to touches of holes whose parts and poses are known.
+//! Fits a [`Calibration`] to touches of holes, or of pegs, whose parts and poses are known.
 
 use rayon::prelude::*;
 use tactile_data::grid::PoseGrid;
@@ -67,16 +67,17 @@ impl Compared {
 
 /// Fits temperature and floor by maximum likelihood: for each hole the recorded poses within one step of
 /// the true one, on the right part, are to be found among all rows of the bank, each weighing
-/// `exp((s - s_max) / tau) + eps`. The holes should lie between the recorded poses, as a robot's do.
+/// `exp((s - s_max) / tau) + eps`. The holes should lie between the recorded poses, as a robot's do. With the side `Peg`
+/// the touches are of pegs, not the ones that the bank was made of.
 ///
 /// # Errors
 /// A bank of another model, holes of parts that the bank does not hold, or too few that show an edge.
-pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibration> {
+pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset, side: Side) -> Result<Calibration> {
     let name = &holes.meta().name;
-    let of_holes: Vec<usize> = (0..holes.len()).filter(|i| holes.touch(*i).side == Some(Side::Hole)).collect();
-    let frames: Vec<usize> = of_holes.iter().step_by(of_holes.len().div_ceil(MAX_HOLES).max(1)).copied().collect();
+    let of_side: Vec<usize> = (0..holes.len()).filter(|i| holes.touch(*i).side == Some(side)).collect();
+    let frames: Vec<usize> = of_side.iter().step_by(of_side.len().div_ceil(MAX_HOLES).max(1)).copied().collect();
     let images = tactile_images(&model.background_of(holes)?, holes, &frames)?;
-    let queries = model.embed_holes(&images)?;
+    let queries = model.embed_side(&images, side)?;
     let is_edged = |share: f32| share >= BLANK_SHARE;
     let edged: Vec<usize> =
         (0..bank.n_rows()).filter(|row| is_edged(bank.edge_shares()[*row]) && bank.is_recorded(*row)).collect();
@@ -85,7 +86,7 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
         let touch = holes.touch(*frame);
         let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
         let (Some(part), Some(pose)) = (known, touch.part_from_sensor) else {
-            let expected = "holes of the bank's parts, with their poses";
+            let expected = format!("{side}s of the bank's parts, with their poses");
             return Err(Error::invalid(format!("{name}: index row {frame}"), expected, format!("{:?}", touch.part)));
         };
         let nearest = bank.grid().nearest(&pose);
@@ -109,7 +110,7 @@ pub fn calibrate(model: &Model, bank: &Bank, holes: &Dataset) -> Result<Calibrat
         }
     }
     if compared.len() < MIN_HOLES {
-        let expected = format!("{MIN_HOLES} or more holes that show an edge within the bank's poses");
+        let expected = format!("{MIN_HOLES} or more {side}s that show an edge within the bank's poses");
         return Err(Error::invalid(name, expected, compared.len().to_string()));
     }
     let (temperature, outlier_floor, nll_nats) = fit(&compared);

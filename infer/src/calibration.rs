@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 /// A view with a smaller share of edge pixels is blank.
 pub const BLANK_SHARE: f32 = 0.01;
 
-/// A likelihood fitted to a model: stored in its checkpoint.
+/// A likelihood fitted to a model and to the side that is touched: stored in its checkpoint. What is said of holes here
+/// is said of the touched pegs where it is of [`Side::Peg`](tactile_data::touch::Side::Peg).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// tau: the difference of cosine that changes a probability by a factor e.

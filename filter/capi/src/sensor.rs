@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use tactile_data::frame::Frame;
+use tactile_data::touch::Side;
 use tactile_filter::{Observation, Sensor};
 
 use crate::model::tf_model;
@@ -19,6 +20,24 @@ pub enum tf_format {
     Rgb8 = 0,
     /// Blue, green, red, 8 bits each: what OpenCV gives.
     Bgr8 = 1,
+}
+
+/// Which half of a mating pair is touched.
+#[repr(C)]
+pub enum tf_side {
+    /// A hole, whose peg is looked for.
+    Hole = 0,
+    /// A raised part, recognised among the bank's own.
+    Peg = 1,
+}
+
+/// Reads a value of tf_side.
+pub(crate) fn side(value: u32) -> Result<Side, Failure> {
+    match value {
+        value if value == tf_side::Hole as u32 => Ok(Side::Hole),
+        value if value == tf_side::Peg as u32 => Ok(Side::Peg),
+        other => Err(Failure::argument("side", "a value of tf_side", other)),
+    }
 }
 
 /// A picture of the sensor. The library copies what it needs: the pixels are the caller's again after the call.
@@ -80,7 +99,7 @@ pub(crate) unsafe fn read(frame: *const tf_frame) -> Result<Frame, Failure> {
     Ok(Frame::new(width_px, height_px, rgb)?)
 }
 
-/// A sensor whose frame at rest, without contact, is `at_rest`.
+/// A sensor that touches holes, and whose frame at rest, without contact, is `at_rest`.
 /// TF_STATUS_FRAME_DARK, _SATURATED, _UNIFORM: that frame shows nothing. TF_STATUS_UNUSABLE: it is smaller than the model's
 /// input.
 #[unsafe(no_mangle)]
@@ -89,9 +108,23 @@ pub unsafe extern "C" fn tf_sensor_new(
     at_rest: *const tf_frame,
     out: *mut *mut tf_sensor,
 ) -> tf_status {
+    unsafe { tf_sensor_new_of_side(model, at_rest, tf_side::Hole as u32, out) }
+}
+
+/// tf_sensor_new() of a sensor that touches this side. An episode is of one side: the settings are those of
+/// tf_episode_config_of_side(), and a touch of the other side is refused with TF_STATUS_WRONG_SIDE.
+/// \param touched  a value of tf_side
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_sensor_new_of_side(
+    model: *const tf_model,
+    at_rest: *const tf_frame,
+    touched: u32,
+    out: *mut *mut tf_sensor,
+) -> tf_status {
     let make = || {
         let (model, at_rest) = unsafe { (get(model, "model")?, read(at_rest)?) };
-        Ok(tf_sensor { sensor: Arc::new(Sensor::new(model.model.clone(), &at_rest)?) })
+        let sensor = Sensor::new(model.model.clone(), &at_rest)?.of_side(side(touched)?);
+        Ok(tf_sensor { sensor: Arc::new(sensor) })
     };
     call(|| unsafe { give(out, make) })
 }
@@ -102,7 +135,7 @@ pub unsafe extern "C" fn tf_sensor_free(sensor: *mut tf_sensor) {
     unsafe { free(sensor) }
 }
 
-/// What a frame of a touched hole shows: some milliseconds of work, on the caller's thread.
+/// What a frame of a touch shows: some milliseconds of work, on the caller's thread.
 /// \param out  where the handle goes, to be freed by tf_observation_free(); null after an error
 /// TF_STATUS_FRAME_...: the frame cannot be used.
 #[unsafe(no_mangle)]

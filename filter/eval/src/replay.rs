@@ -47,14 +47,14 @@ pub struct Replayed {
 ///
 /// A frame with `moved` continues the episode. Frames of one part whose poses are known follow each other
 /// by the motion between them. Frames of which neither is known are a film: each run of frames with
-/// contact is one touch, its most edged frame, and an episode of its own. Pegs are passed over.
-pub fn episodes(dataset: &Dataset) -> Result<Vec<Vec<Played>>> {
+/// contact is one touch, its most edged frame, and an episode of its own. Touches of the other side are passed over.
+pub fn episodes(dataset: &Dataset, side: Side) -> Result<Vec<Vec<Played>>> {
     let is_film = |touch: &Touch| touch.moved.is_none() && touch.part_from_sensor.is_none();
     let contacts = if dataset.touches().iter().any(is_film) { contact::measure(dataset)? } else { Vec::new() };
     let mut episodes: Vec<Vec<Played>> = Vec::new();
     let mut film: Option<(usize, f32)> = None;
     for (frame, touch) in dataset.touches().iter().enumerate() {
-        if touch.side == Some(Side::Peg) {
+        if touch.side.is_some_and(|of| of != side) {
             continue;
         }
         if is_film(touch) {

@@ -154,8 +154,8 @@ pub struct Bench<'a> {
 pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
     let Bench { holes, model, no_contact, protocol, .. } = bench;
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
-    let sensor = Sensor::new(Arc::clone(model), no_contact)?;
-    let config = settings.applied_to(&EpisodeConfig::of(model));
+    let sensor = Sensor::new(Arc::clone(model), no_contact)?.of_side(holes.side());
+    let config = settings.applied_to(&EpisodeConfig::of_side(model, holes.side()));
     let run = Run { holes: *holes, sensor: &sensor, bank: &bank, config: &config, protocol };
     let outcomes = run_all(&run, &|_, _| ())?;
     let label =

@@ -6,6 +6,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::recording::geometry::{Crop, Geometry};
 use tactile_data::recording::provenance::{Channels, Mirror};
 use tactile_data::recording::ros::rigid::Rigid;
+use tactile_data::touch::Side;
 use tactile_filter::EpisodeConfig;
 use tactile_infer::Model;
 
@@ -15,6 +16,9 @@ use crate::error::{Error, Result};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
+    /// Which side is touched: `hole`, or `peg` for raised parts that are recognised among the bank's own.
+    #[serde(skip_serializing_if = "Side::is_hole")]
+    pub side: Side,
     /// When a touch is observed.
     pub trigger: Trigger,
     /// Whether the first pictures are taken for the sensor at rest, without being asked.
@@ -262,7 +266,7 @@ impl Parameters {
     /// The settings of the episode of a number, from 0 on.
     pub fn episode_config(&self, model: &Model, episode: u64) -> EpisodeConfig {
         let EpisodeParameters { seed, stop_probability, stop_place_mm, max_touches } = self.episode;
-        let of_model = EpisodeConfig::of(model);
+        let of_model = EpisodeConfig::of_side(model, self.side);
         EpisodeConfig {
             stop_probability: stop_probability.unwrap_or(of_model.stop_probability),
             stop_place_mm: stop_place_mm.or(of_model.stop_place_mm),
@@ -417,6 +421,7 @@ right:
             ("tool.still_mm", ".nan", "tool.still_mm"),
             ("camera.n_rest", "0", "1 to 100"),
             ("trigger", "always", "`service` or `contact`"),
+            ("side", "pin", "`hole` or `peg`"),
         ] {
             let mut wrong = read.clone();
             let error = Parameters::set(&mut wrong, name, value).and_then(|()| Parameters::of(wrong)).unwrap_err();

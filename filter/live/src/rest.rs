@@ -5,6 +5,7 @@ use std::sync::Arc;
 use tactile_data::frame::Frame;
 use tactile_data::recording::geometry::View;
 use tactile_data::recording::rest::median;
+use tactile_data::touch::Side;
 use tactile_filter::{Observation, Sensor};
 use tactile_infer::{Bank, Model};
 
@@ -46,6 +47,12 @@ impl Calibrated {
             watch: ContactWatch::default(),
             view,
         })
+    }
+
+    /// The same, touching this side.
+    #[must_use]
+    pub fn of_side(self, side: Side) -> Self {
+        Self { sensor: self.sensor.of_side(side), ..self }
     }
 
     /// A picture as the sensor sees it: turned, cropped.

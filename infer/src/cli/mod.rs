@@ -5,7 +5,7 @@ mod convert;
 mod embed;
 mod speed;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
@@ -15,11 +15,12 @@ use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
+use tactile_data::touch::Side;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibrate::calibrate;
 use tactile_infer::calibration::{Calibration, Gap};
 use tactile_infer::checkpoint::Checkpoint;
-use tactile_infer::matching::match_single_touches;
+use tactile_infer::matching::{Touched, match_single_touches};
 use tactile_infer::recorded::{BankPoses, bank_of_dataset};
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
@@ -45,7 +46,7 @@ enum Command {
                             --xy-step-mm 2 --theta-step-deg 15 --out fine.bank"
     )]
     Bank(BankArgs),
-    /// Match each hole touch of a dataset with the pegs of another: one touch, nearest neighbour.
+    /// Match each hole touch of a dataset (or each peg touch) with the pegs of another: one touch, nearest neighbour.
     #[command(after_help = "Example:\n  tactile-infer match --model model/model.safetensors --pegs pegs --holes holes")]
     Match(MatchArgs),
     /// Embed pictures of touches: one row of numbers an image, of unit length.
@@ -98,6 +99,11 @@ fn precision(names: impl Into<PossibleValuesParser>) -> impl TypedValueParser<Va
     names.into().try_map(|name| name.parse::<Precision>())
 }
 
+/// The parser of `--side`.
+fn side() -> impl TypedValueParser<Value = Side> {
+    PossibleValuesParser::new(Side::NAMES).try_map(|name| name.parse::<Side>())
+}
+
 /// The format of a bank's rows.
 #[derive(Args)]
 struct RowsArgs {
@@ -145,9 +151,12 @@ struct CalibrateArgs {
     /// Bank of pegs made by the model: parts for tuning, never those of an evaluation
     #[arg(long, value_name = "FILE")]
     bank: PathBuf,
-    /// Dataset of hole touches of the same parts, between the recorded poses
-    #[arg(long, value_name = "DIR")]
+    /// Dataset of touches of the same parts, between the recorded poses: holes, or with --side peg pegs
+    #[arg(long, visible_alias = "touches", value_name = "DIR")]
     holes: PathBuf,
+    /// Which side is touched: each has a calibration of its own
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
+    side: Side,
     /// Write the calibrated checkpoint here [default: into the model's own file, whose identity stays the same]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -185,10 +194,13 @@ struct MatchArgs {
     /// Dataset of pegs touched on a grid of poses, simulated or recorded
     #[arg(long, value_name = "DIR")]
     pegs: PathBuf,
-    /// Dataset of hole touches whose part is known
-    #[arg(long, value_name = "DIR")]
+    /// Dataset of touches whose part is known: holes, or with --side peg pegs
+    #[arg(long, visible_alias = "touches", value_name = "DIR")]
     holes: PathBuf,
-    /// Match at most this many holes, evenly spread over the dataset
+    /// Which side of it is matched; pegs of another dataset than --pegs, as each would find itself
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
+    side: Side,
+    /// Match at most this many touches, evenly spread over the dataset
     #[arg(long, value_name = "N", default_value_t = 500)]
     limit: usize,
     #[command(flatten)]
@@ -270,14 +282,20 @@ fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
 }
 
 fn matches(args: &MatchArgs) -> Result<()> {
+    if args.side == Side::Peg && same_folder(&args.pegs, &args.holes) {
+        let got = args.holes.display().to_string();
+        return Err(Error::invalid("--holes", "pegs of another dataset than --pegs: each would find itself", got));
+    }
     let model = args.model.load()?;
     let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
     let bank = embed_pegs(&model, &pegs, &args.poses)?.with_precision(args.rows.rows)?;
-    let found = match_single_touches(&model, &bank, &pegs, &holes, args.limit)?;
+    let touched = Touched { dataset: &holes, side: args.side, limit: args.limit };
+    let found = match_single_touches(&model, &bank, &pegs, touched)?;
     if args.json {
         return print_json(&found);
     }
-    println!("one touch, nearest neighbour among {} pegs, {} holes:", bank.n_rows(), found.moco.n_holes);
+    let side = args.side;
+    println!("one touch, nearest neighbour among {} pegs, {} {side}s:", bank.n_rows(), found.moco.n_holes);
     let rows = [("Pixel", &found.pixel), ("Pixel, sign-flipped", &found.pixel_flipped), ("MoCo", &found.moco)];
     for (name, report) in rows {
         println!(
@@ -289,8 +307,13 @@ fn matches(args: &MatchArgs) -> Result<()> {
         );
     }
     println!("  correlation of f_PP with f_HP: {:.3}", found.similarities.peg_similarity_correlation);
-    println!("  99 in 100 holes with an edge reach cosine {:.2} with some peg", found.similarities.best_cosine_p01);
+    println!("  99 in 100 {side}s with an edge reach cosine {:.2} with some peg", found.similarities.best_cosine_p01);
     Ok(())
+}
+
+/// Whether two paths lead to one folder.
+fn same_folder(one: &Path, other: &Path) -> bool {
+    one.canonicalize().is_ok_and(|one| other.canonicalize().is_ok_and(|other| one == other))
 }
 
 fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
@@ -301,17 +324,18 @@ fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
     output::prepare_file(out, holes_files.chain([args.bank.clone()]))?;
     let model = args.model.load()?;
     let bank = Bank::load(&args.bank, &model)?;
-    let calibration = calibrate(&model, &bank, &Dataset::open(&args.holes)?)?;
+    let calibration = calibrate(&model, &bank, &Dataset::open(&args.holes)?, args.side)?;
     let (checkpoint, _) = Checkpoint::load(path)?;
-    Checkpoint { calibration: Some(calibration), ..checkpoint }.save(out)?;
+    checkpoint.with_calibration(args.side, calibration).save(out)?;
     if args.json {
         return print_json(&calibration);
     }
     let Calibration { temperature, outlier_floor, blank_agreement, low_similarity, .. } = calibration;
     println!("{}: temperature {temperature:.4}, outlier floor {outlier_floor:.1e}", out.display());
-    println!("  blank agreement {blank_agreement:.3}; 99 in 100 holes reach cosine {low_similarity:.2}");
+    let side = args.side;
+    println!("  blank agreement {blank_agreement:.3}; 99 in 100 {side}s reach cosine {low_similarity:.2}");
     println!(
-        "  {:.3} nats to find the pose by one touch ({:.2} by chance), {} holes",
+        "  {:.3} nats to find the pose by one touch ({:.2} by chance), {} {side}s",
         calibration.nll_nats, calibration.chance_nats, calibration.n_holes
     );
     if let Some(Gap { mean, sd }) = calibration.gap {

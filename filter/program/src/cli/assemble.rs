@@ -7,6 +7,7 @@ use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
+use tactile_data::touch::Side;
 use tactile_eval::Result;
 use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
 use tactile_eval::holes::Holes;
@@ -61,7 +62,7 @@ impl Assemble {
     pub fn run(self) -> Result<()> {
         let (model, bank) = self.inputs.load()?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        let sensor = Sensor::new(model.clone(), &Holes::Simulated(&simulator).at_rest(&self.seeds.seeds))?;
+        let sensor = Sensor::new(model.clone(), &Holes::Simulated(&simulator, Side::Hole).at_rest(&self.seeds.seeds))?;
         let config = self.config(&simulator, &model)?;
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
@@ -79,7 +80,7 @@ impl Assemble {
         };
         let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
         let page =
-            html(&assembly, &Board::new(Holes::Simulated(&simulator), &bank)?, &trial::play_again(&workcell, 0)?)?;
+            html(&assembly, &Board::new(Holes::Simulated(&simulator, Side::Hole), &bank)?, &trial::play_again(&workcell, 0)?)?;
         let page = self.output.write(FILES[0], &page)?;
         let json = to_json("assembly", &assembly)?;
         // Last: whoever finds the figures finds the report too.
@@ -89,7 +90,7 @@ impl Assemble {
     }
 
     fn config(&self, simulator: &Simulator, model: &Arc<Model>) -> Result<EpisodeConfig> {
-        let mut config = self.tuning.config(Engine::Exact, ActionRule::Information, model)?;
+        let mut config = self.tuning.config(Engine::Exact, ActionRule::Information, model, Side::Hole)?;
         if !self.strangers {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             config.none_touches = config.max_touches + 1;
