@@ -16,14 +16,8 @@ use crate::sensor::{Fidelity, SensorSpec};
 use crate::shape::connector::Connector;
 use crate::shape::file::{self, Drawn, FileScale};
 use crate::shape::glyph::glyph;
-use crate::shape::{HeightMap, Layer, Relief};
+use crate::shape::{Relief, Solid};
 use crate::touch::Side;
-
-/// Side of a pixel of a ball's height map, mm; of a large ball a thousandth of its diameter.
-const BALL_CELL_MM: f64 = 0.05;
-
-/// What is this far below a ball's middle is never touched, mm: the deepest press that can be solved.
-const OPEN_MM: f64 = 100.0;
 
 /// The gel is computed this many decay lengths beyond the view: what is there moves the view's border by 2 %.
 const MARGIN_LENGTHS: f64 = 4.0;
@@ -90,7 +84,7 @@ pub fn render(
     Ok(Rendered { frame, at_rest, depths_mm })
 }
 
-/// One side of a part named `letter:A:12` (height in mm), `connector:usb-a` or `ball:4.7` (diameter in mm), or of
+/// One side of a part named `letter:A:12` (height in mm), `connector:usb-a` or as a [`Solid`] (`ball:4.7`), or of
 /// a file as [`file::read`] takes it. An outline's hole is wider than it by `clearance_mm` on every side.
 pub fn relief(part: &str, side: Side, scale: &FileScale, clearance_mm: f64) -> Result<Relief> {
     let of_outline = |outline| match side {
@@ -114,14 +108,7 @@ pub fn relief(part: &str, side: Side, scale: &FileScale, clearance_mm: f64) -> R
             let connector = Connector::named(name)?;
             if side == Side::Peg { connector.plug() } else { Ok(connector.receptacle()) }
         }
-        Some(("ball", mm)) => {
-            let diameter_mm = mm.parse().ok().filter(|mm| (0.2..=200.0).contains(mm));
-            let diameter_mm = diameter_mm.ok_or_else(|| Error::invalid("shape", "such as ball:4.7", part))?;
-            if side == Side::Hole {
-                return Err(Error::invalid("shape", "a ball as a peg", "as a hole"));
-            }
-            Ok(Relief { layers: vec![Layer::Heights(ball(diameter_mm)?)] })
-        }
+        _ if Solid::is_name(part) => part.parse::<Solid>()?.relief(side, clearance_mm),
         _ => match (file::read(Path::new(part), scale)?, side) {
             (Drawn::Outline(outline), _) => Ok(of_outline(outline)),
             (heights, Side::Peg) => Ok(heights.peg()),
@@ -130,22 +117,11 @@ pub fn relief(part: &str, side: Side, scale: &FileScale, clearance_mm: f64) -> R
     }
 }
 
-/// The upper half of a ball, with nothing round it.
-fn ball(diameter_mm: f64) -> Result<HeightMap> {
-    let (radius_mm, cell_mm) = (0.5 * diameter_mm, BALL_CELL_MM.min(diameter_mm / 20.0).max(diameter_mm / 1_000.0));
-    let n = (diameter_mm / cell_mm).ceil() as usize;
-    let centre = |i: usize| (i as f64 + 0.5 - 0.5 * n as f64) * cell_mm;
-    let height = |i: usize| {
-        let square = radius_mm.powi(2) - centre(i % n).powi(2) - centre(i / n).powi(2);
-        (if square >= 0.0 { square.sqrt() } else { -OPEN_MM }) as f32
-    };
-    HeightMap::new([n, n], [cell_mm; 2], &(0..n * n).map(height).collect::<Vec<_>>())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::calibrate::ball::BallPress;
+    use crate::shape::{HeightMap, Layer};
 
     fn press(relief: &Relief, side: Side, depth_mm: f64) -> Press<'_> {
         Press { relief, side, part_from_sensor: Se2::IDENTITY, depth_mm }
@@ -247,7 +223,7 @@ mod tests {
             ("letter:A:-3", Side::Peg, "letter:A:12"),
             ("connector:scart", Side::Hole, "usb-a"),
             ("ball:nan", Side::Peg, "ball:4.7"),
-            ("ball:4.7", Side::Hole, "as a peg"),
+            ("ring:5:8", Side::Hole, "ring:8:5"),
             ("part.step", Side::Peg, "part.step"),
             ("map.npy", Side::Peg, "mm_per_px"),
         ] {

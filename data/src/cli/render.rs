@@ -17,15 +17,16 @@ const FRAME_PX: [usize; 2] = [320, 240];
 
 /// Render one press of one part, to compare it with a photograph.
 ///
-/// The part is letter:A:12 (height in mm), connector:usb-a, ball:4.7 (diameter in mm), or a file: an outline (SVG),
-/// heights (npy in mm, grey PNG) or a mesh (STL, mm). x runs to the right, y downwards.
+/// The part is letter:A:12 (height in mm), connector:usb-a, ball:4.7 or cylinder:6 (diameter in mm), ring:8:5 (outer
+/// and inner diameter), cuboid:10x6 (sides), or a file: an outline (SVG), heights (npy in mm, grey PNG) or a mesh
+/// (STL, mm). x runs to the right, y downwards.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     tactile-data render letter:A:12 --as-hole --pose 1,0,30 --depth-mm 0.6 --out a.png\n  \
     tactile-data render punch.npy --map-mm-per-px 0.03,0.03 --calibration mine.toml --no-contact rest.png \
     --out punch.png")]
 pub struct Render {
-    /// letter:A:12, connector:usb-a, ball:4.7, or a file ending in svg, npy, png or stl
+    /// letter:A:12, connector:usb-a, ball:4.7, cylinder:6, ring:8:5, cuboid:10x6, or a file ending in svg, npy, png or stl
     shape: String,
     /// The picture to write
     #[arg(long, value_name = "FILE.png")]

@@ -1,4 +1,4 @@
-//! The parts of a scene: letters, connectors, the user's own files, or MAZE boards.
+//! The parts of a scene: letters, connectors, simple bodies, the user's own files, or MAZE boards.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::shape::connector::Connector;
 use crate::shape::file::{self, FileScale, ending};
 use crate::shape::glyph::glyph;
 use crate::shape::heights::GreyScale;
-use crate::shape::{Relief, Shape};
+use crate::shape::{Relief, Shape, Solid};
 use crate::touch::Side;
 
 /// The parts of a scene.
@@ -30,6 +30,8 @@ pub struct Kit {
     pub letters: Option<Letters>,
     /// Connectors, one part each.
     pub connectors: Option<Connectors>,
+    /// Balls, cylinders, rings and cuboids, one part each.
+    pub solids: Option<Solids>,
     /// The user's own parts.
     pub files: Vec<PartFile>,
 }
@@ -52,6 +54,14 @@ pub struct Letters {
 pub struct Connectors {
     /// The connectors, each once.
     pub names: Vec<Connector>,
+}
+
+/// Simple bodies by name and size: `ball:4.7`, `cylinder:6`, `ring:8:5`, `cuboid:10x10`, see [`Solid`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Solids {
+    /// The bodies, each once. A ball's hole is round, as a cylinder's is.
+    pub names: Vec<Solid>,
 }
 
 /// A part from the user's own files: an outline (`svg`), heights (`png`, `npy`) or a mesh (`stl`), each centred
@@ -101,6 +111,8 @@ struct Declared {
     letters: Option<Letters>,
     #[serde(skip_serializing_if = "Option::is_none")]
     connectors: Option<Connectors>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    solids: Option<Solids>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     files: Vec<PartFile>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -111,12 +123,12 @@ impl TryFrom<Declared> for Parts {
     type Error = Error;
 
     fn try_from(declared: Declared) -> Result<Self> {
-        let Declared { letters, connectors, files, maze } = declared;
-        let kit = Kit { letters, connectors, files };
+        let Declared { letters, connectors, solids, files, maze } = declared;
+        let kit = Kit { letters, connectors, solids, files };
         match maze {
             None => Ok(Self::Kit(kit)),
             Some(boards) if kit == Kit::default() => Ok(Self::Maze(boards)),
-            Some(_) => Err(Error::invalid("parts", "either maze or letters, connectors and files", "both")),
+            Some(_) => Err(Error::invalid("parts", "either maze or letters, connectors, solids and files", "both")),
         }
     }
 }
@@ -124,7 +136,9 @@ impl TryFrom<Declared> for Parts {
 impl From<Parts> for Declared {
     fn from(parts: Parts) -> Self {
         match parts {
-            Parts::Kit(Kit { letters, connectors, files }) => Self { letters, connectors, files, maze: None },
+            Parts::Kit(Kit { letters, connectors, solids, files }) => {
+                Self { letters, connectors, solids, files, maze: None }
+            }
             Parts::Maze(boards) => Self { maze: Some(boards), ..Self::default() },
         }
     }
@@ -135,6 +149,7 @@ impl From<Parts> for Declared {
 enum Origin<'a> {
     Letter(char, &'a Letters),
     Connector(Connector),
+    Solid(Solid),
     File(usize, &'a PartFile),
 }
 
@@ -147,8 +162,9 @@ impl Kit {
     fn origins(&self) -> impl Iterator<Item = Origin<'_>> {
         let letters = self.letters.iter().flat_map(|of| of.letters.chars().map(move |c| Origin::Letter(c, of)));
         let connectors = self.connectors.iter().flat_map(|of| of.names.iter().map(|name| Origin::Connector(*name)));
+        let solids = self.solids.iter().flat_map(|of| of.names.iter().map(|solid| Origin::Solid(*solid)));
         let files = self.files.iter().enumerate().map(|(i, file)| Origin::File(i, file));
-        letters.chain(connectors).chain(files)
+        letters.chain(connectors).chain(solids).chain(files)
     }
 
     /// Names of the parts.
@@ -156,6 +172,7 @@ impl Kit {
         let name = |origin| match origin {
             Origin::Letter(letter, _) => letter.to_string(),
             Origin::Connector(connector) => connector.name().to_owned(),
+            Origin::Solid(solid) => solid.to_string(),
             Origin::File(_, file) => file.name.clone(),
         };
         self.origins().map(name).collect()
@@ -179,6 +196,9 @@ impl Kit {
                 peg: connector.plug()?,
                 hole: connector.receptacle(),
             }),
+            Origin::Solid(solid) => {
+                Ok(Part::extruded(solid.outline(), solid.relief(Side::Peg, clearance_mm)?, clearance_mm))
+            }
             Origin::File(i, file) => file.part(&format!("parts.files[{i}]"), clearance_mm),
         }
     }
@@ -190,7 +210,7 @@ impl Kit {
         }
         let names = self.names();
         if names.is_empty() {
-            return Err(Error::invalid("parts", "at least one letter, connector or file", "none"));
+            return Err(Error::invalid("parts", "at least one letter, connector, solid or file", "none"));
         }
         for (i, name) in names.iter().enumerate() {
             if name.trim().is_empty() || name.contains(char::is_control) {

@@ -313,6 +313,32 @@ fn connectors_on_a_board_stand_together_on_both_sides() {
 }
 
 #[test]
+fn simple_bodies_are_parts_by_their_names() {
+    let written = Written::new();
+    let solids = |names: &str| format!("fidelity = \"geometry\"\n[parts.solids]\nnames = [{names}]");
+    let scene = written.load(&solids("\"cylinder:6\", \"ring:8:5.0\", \"cuboid:10x4\", \"ball:4.70\"")).unwrap();
+    assert_eq!(scene.part_names(), ["cylinder:6", "ring:8:5", "cuboid:10x4", "ball:4.7"]);
+    let back: Scene = toml::from_str(&toml::to_string(&scene).unwrap()).unwrap();
+    assert_eq!(back, scene);
+    let simulator = Simulator::new(scene, 1).unwrap();
+    let touched = |part, side| {
+        let frame = simulator.touch(part, side, &Se2::IDENTITY, &mut frame_rng(1, 0)).unwrap();
+        frame.rgb().iter().filter(|value| **value > 120).count() as f64 / frame.rgb().len() as f64
+    };
+    // Of a view of 18.6 x 14.3 mm; a pixel of 0.12 mm on either side of an outline is undecided.
+    let view = 18.6 * 14.3;
+    let areas = [std::f64::consts::PI * 9.0, std::f64::consts::PI * (16.0 - 6.25), 40.0];
+    for (part, area) in areas.into_iter().enumerate() {
+        assert!((touched(part, Side::Peg) * view / area - 1.0).abs() < 0.06, "{part}");
+        assert!(touched(part, Side::Hole) < 1.0 - area / view, "{part}");
+    }
+    let round = (5.0 * 0.5_f64).powi(2) * std::f64::consts::PI / view;
+    assert!((1.0 - touched(3, Side::Hole) - round).abs() < 0.06 * round, "the ball's opening, 0.15 mm wider all round");
+    written.refused(&solids("\"cylinder:6\", \"cone:2\""), &["cone", "cylinder:6"]);
+    written.refused(&solids("\"ball:4.7\", \"ball:4.70\""), &["'ball:4.7' twice"]);
+}
+
+#[test]
 fn a_wrong_file_of_a_part_is_named_with_its_field() {
     let written = Written::new();
     let svg = "<svg xmlns='http://www.w3.org/2000/svg' width='9mm' height='9mm' viewBox='0 0 9 9'>";

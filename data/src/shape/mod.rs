@@ -13,12 +13,14 @@ pub mod level_line;
 pub mod maze;
 pub mod raster;
 pub mod relief;
+pub mod solid;
 pub mod stl;
 pub mod svg;
 
 pub use height_map::HeightMap;
 pub use raster::Raster;
 pub use relief::{Face, Layer, Relief};
+pub use solid::Solid;
 
 /// A closed outline: points in mm, the last joined to the first.
 pub type Contour = Vec<[f64; 2]>;
