@@ -22,7 +22,7 @@ use crate::touch::Side;
 
 pub use board::Board;
 pub use maze_boards::MazeBoards;
-pub use parts::{Connectors, Kit, Letters, PartFile, Parts, Solids};
+pub use parts::{Connectors, Kit, Letters, Outlines, PartFile, Parts, Solids};
 
 /// A scene, as a TOML file declares it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
