@@ -23,7 +23,7 @@ use crate::touch::Side;
 
 pub use board::Board;
 pub use maze_boards::MazeBoards;
-pub use parts::{Connectors, Kit, Letters, PartFile, Parts, Solids};
+pub use parts::{Connectors, Kit, Letters, Outlines, PartFile, Parts, Solids};
 pub use sensor_range::SensorRange;
 
 /// A scene, as a TOML file declares it.

@@ -41,6 +41,11 @@ fn every_preset_is_valid_and_survives_a_file() {
         scene.validate().unwrap();
         let back: Scene = toml::from_str(&toml::to_string(&scene).unwrap()).unwrap();
         assert_eq!(back, scene);
+        // Datasets that are there describe their sensor without what came later.
+        assert!(
+            !toml::to_string(&scene).unwrap().contains("exposure")
+                && !toml::to_string(&scene).unwrap().contains("font")
+        );
         let stored: Scene = serde_json::from_value(serde_json::to_value(&scene).unwrap()).unwrap();
         assert_eq!(stored, scene);
     }
@@ -192,6 +197,7 @@ fn the_field_of_view_is_told_in_any_way_and_only_one() {
     refused("field_of_view_mm = [18.6, 0.0]", &["sensor.field_of_view_mm", "positive"]);
     refused("mm_per_px = [-0.05, 0.05]", &["sensor.mm_per_px", "positive"]);
     refused("gel_length_mm = 0.0", &["sensor.gel_length_mm"]);
+    refused("exposure = 0.0", &["sensor.exposure", "0.1 to 4"]);
     refused("gel_length_cm = 0.1", &["gel_length_cm"]);
 }
 
@@ -339,6 +345,21 @@ fn simple_bodies_are_parts_by_their_names() {
 }
 
 #[test]
+fn letters_of_another_font_digits_and_outlines_are_parts() {
+    let written = Written::new();
+    let letters = "[parts.letters]\nletters = \"A7\"\nfont = \"serif\"\nheight_mm = 12.0\nmax_width_mm = 16.0";
+    let outlines = |text: &str| format!("{letters}\n[parts.outlines]\n{text}");
+    let scene = written.load(&outlines("n = 3\nseed = 5\nsize_mm = [8.0, 14.0]")).unwrap();
+    assert_eq!(scene.part_names(), ["A", "7", "blob-0", "polygon-1", "star-2"]);
+    let sans = written.load(&letters.replace("font = \"serif\"", "")).unwrap();
+    assert_ne!(sans.shape(0, 1).unwrap(), scene.shape(0, 1).unwrap());
+    assert_eq!(scene.shape(3, 1).unwrap(), crate::shape::outline::outline(5, 1, [8.0, 14.0]));
+    written.refused(&outlines("n = 0\nseed = 5\nsize_mm = [8.0, 14.0]"), &["parts.outlines.n", "1 to 10000"]);
+    written.refused(&outlines("n = 3\nseed = 5\nsize_mm = [14.0, 8.0]"), &["parts.outlines.size_mm", "in order"]);
+    written.refused(&letters.replace("serif", "comic"), &["comic", "serif"]);
+}
+
+#[test]
 fn a_wrong_file_of_a_part_is_named_with_its_field() {
     let written = Written::new();
     let svg = "<svg xmlns='http://www.w3.org/2000/svg' width='9mm' height='9mm' viewBox='0 0 9 9'>";
@@ -388,7 +409,7 @@ fn every_example_scene_loads_and_can_be_touched() {
         }
         n_scenes += 1;
     }
-    assert!(n_scenes >= 11);
+    assert!(n_scenes >= 15);
 }
 
 /// By the width of the contact over a bar's middle: an I of width w and a gauge of w + 2 x 0.5 mm.

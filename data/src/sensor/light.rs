@@ -155,6 +155,19 @@ impl LightRig {
         Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
     }
 
+    /// The same rig with each channel's response `share` times as strong, as a longer or shorter exposure has it; the
+    /// frame at rest stays.
+    pub fn exposed(&self, share: f32) -> Self {
+        let scaled = |factors: &[Quadratic; 3]| factors.map(|channel| channel.map(|counts| share * counts));
+        let walls = self.walls.as_ref().map(|walls| Walls {
+            steep: scaled(&walls.steep),
+            across: scaled(&walls.across),
+            diagonal: scaled(&walls.diagonal),
+        });
+        let (along_x, along_y) = (scaled(&self.along_x), scaled(&self.along_y));
+        Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
+    }
+
     /// Refuses numbers that no light can be, naming the field.
     pub fn validate(&self) -> Result<()> {
         let walls = self.walls.as_ref();

@@ -84,6 +84,10 @@ pub struct SensorSpec {
     /// one, the gel length; none once it is read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
+    /// Counts of the lamps and of the frame at rest as a share of those that `light` states: half an exposure is 0.5.
+    /// What is read out on top of the light, its noise, stays.
+    #[serde(skip_serializing_if = "is_whole")]
+    pub exposure: f64,
     /// Standard deviation of the white noise of each channel, counts.
     pub noise_counts: [f64; 3],
     /// Worst and best JPEG quality.
@@ -99,6 +103,10 @@ pub struct SensorSpec {
     pub seed: u64,
 }
 
+fn is_whole(share: &f64) -> bool {
+    *share == 1.0
+}
+
 impl Default for SensorSpec {
     fn default() -> Self {
         Self {
@@ -112,6 +120,7 @@ impl Default for SensorSpec {
             place_jitter_mm: 0.05,
             light: LightRig::default(),
             calibration: None,
+            exposure: 1.0,
             noise_counts: [1.8, 1.8, 2.5],
             jpeg_quality: [75, 90],
             texture_mm: [0.0, 0.02],
@@ -121,6 +130,9 @@ impl Default for SensorSpec {
         }
     }
 }
+
+/// Shortest and longest exposure, as shares: darker is noise, brighter is white.
+const EXPOSURES: std::ops::RangeInclusive<f64> = 0.1..=4.0;
 
 /// More specks of dust than this leave nothing of a frame.
 const MOST_SPECKS: usize = 10_000;
@@ -153,6 +165,10 @@ impl SensorSpec {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(Error::invalid(format!("sensor.{field}"), "0 or more, in order", value.to_string()));
             }
+        }
+        if !EXPOSURES.contains(&self.exposure) {
+            let expected = format!("{} to {}", EXPOSURES.start(), EXPOSURES.end());
+            return Err(Error::invalid("sensor.exposure", expected, self.exposure.to_string()));
         }
         if self.n_specks > MOST_SPECKS {
             let expected = format!("at most {MOST_SPECKS}");
