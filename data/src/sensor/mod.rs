@@ -82,6 +82,10 @@ pub struct SensorSpec {
     /// one, the gel length; none once it is read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
+    /// Where the middle of this sensor's view is in the calibrated frame, mm right of and below its middle; without it they
+    /// are the same. None once the calibration is read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration_centre_mm: Option<[f64; 2]>,
     /// Standard deviation of the white noise of each channel, counts.
     pub noise_counts: [f64; 3],
     /// Worst and best JPEG quality.
@@ -107,6 +111,7 @@ impl Default for SensorSpec {
             place_jitter_mm: 0.05,
             light: LightRig::default(),
             calibration: None,
+            calibration_centre_mm: None,
             noise_counts: [1.8, 1.8, 2.5],
             jpeg_quality: [75, 90],
             texture_mm: [0.0, 0.02],

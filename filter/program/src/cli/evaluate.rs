@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use tactile_data::calibrate::Calibration;
 use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
@@ -44,6 +45,9 @@ pub struct Evaluate {
     /// Scene whose holes are simulated: the name of a preset, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml", required_unless_present = "holes", conflicts_with = "holes")]
     scene: Option<String>,
+    /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
+    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    calibration: Option<PathBuf>,
     /// Recorded holes instead: the filter chooses among the touches of this dataset, each at most once
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
@@ -167,7 +171,12 @@ impl Evaluate {
     /// Loads what is touched, and refuses a bank that does not fit it.
     fn touched(&self, bank: &Bank, poses: Poses) -> Result<Touched> {
         if let Some(scene) = &self.scene {
-            let simulator = Simulator::new(Scene::load(scene)?, 1)?;
+            let scene = Scene::load(scene)?;
+            let scene = match &self.calibration {
+                Some(path) => scene.under(&Calibration::load(path)?)?,
+                None => scene,
+            };
+            let simulator = Simulator::new(scene, 1)?;
             self.inputs.check_scene(bank, simulator.scene(), poses)?;
             return Ok(Touched::Scene(Box::new(simulator)));
         }
@@ -191,8 +200,12 @@ impl Evaluate {
         let of_holes = self.holes.iter().flat_map(|holes| store::FILES.map(|file| holes.join(file)));
         let of_holes: Vec<PathBuf> = of_holes.collect();
         let scene = self.scene.as_deref().unwrap_or_default();
-        let inputs: Vec<&Path> =
-            self.inputs.files(scene).into_iter().chain(of_holes.iter().map(PathBuf::as_path)).collect();
+        let inputs: Vec<&Path> = self
+            .inputs
+            .files(scene)
+            .into_iter()
+            .chain(of_holes.iter().chain(&self.calibration).map(PathBuf::as_path))
+            .collect();
         match self.shard {
             Some(shard) => Ok(output::prepare_file(&self.shard_file(shard), inputs)?),
             None => prepare(&self.output, &inputs),
