@@ -12,7 +12,6 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::lab::Lab;
-use crate::lamps::Lamps;
 use crate::output;
 use crate::random::{around_zero, frame_rng};
 use crate::scene::{MazeBoards, Parts, Scene};
@@ -205,7 +204,7 @@ impl Job {
             seed: Some(seed),
             source: if lab.is_none() { "simulated".into() } else { "a simulated lab".into() },
             recording: None,
-            lamps: Some(scene.sensor.light.response()).filter(|lamps| lab.is_none() && *lamps != Lamps::default()),
+            lamps: scene.sensor.known_lamps().filter(|_| lab.is_none()),
             peg_from_hole: None,
         };
         Ok(Self { simulator, planned, seed, meta })

@@ -114,6 +114,39 @@ impl Lamps {
     }
 }
 
+/// Lamps, with the size of the frame over which they are stated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CalibratedLamps {
+    /// The lamps over the calibrated frame.
+    pub lamps: Lamps,
+    /// Width and height of what that frame shows, mm.
+    pub field_of_view_mm: [f64; 2],
+}
+
+impl CalibratedLamps {
+    /// The lamps over another view of the same gel about the same middle, `field_of_view_mm` wide and high, mm.
+    pub fn on(&self, field_of_view_mm: [f64; 2]) -> Lamps {
+        let half = [0, 1].map(|axis| field_of_view_mm[axis] / self.field_of_view_mm[axis]);
+        let part = |part: &[Quadratic; 3]| part.each_ref().map(|factor| on_view(factor, [0.0; 2], half));
+        Lamps { along_x: part(&self.lamps.along_x), along_y: part(&self.lamps.along_y) }
+    }
+}
+
+/// The factors by which `centre + half * u` gives what `k` gives at its own place.
+pub(crate) fn on_view(k: &Quadratic, [cx, cy]: [f64; 2], [hx, hy]: [f64; 2]) -> Quadratic {
+    let [one, x, y, xx, xy, yy] = k.map(f64::from);
+    [
+        one + x * cx + y * cy + xx * cx * cx + xy * cx * cy + yy * cy * cy,
+        hx * (x + 2.0 * xx * cx + xy * cy),
+        hy * (y + xy * cx + 2.0 * yy * cy),
+        hx * hx * xx,
+        hx * hy * xy,
+        hy * hy * yy,
+    ]
+    .map(|factor| factor as f32)
+}
+
 /// `A^T A` of a 3 x 2 matrix.
 fn square(lamps: &[[f64; 2]; 3]) -> [[f64; 2]; 2] {
     std::array::from_fn(|i| std::array::from_fn(|j| lamps.iter().map(|lamp| lamp[i] * lamp[j]).sum()))
@@ -153,6 +186,15 @@ mod tests {
             let bound = if pixel == 31 { 0.08 } else { 0.35 };
             assert!(error < bound * length, "pixel {pixel}: {error} of {length}");
         }
+    }
+
+    #[test]
+    fn a_view_of_half_the_frame_sees_its_middle() {
+        let whole = CalibratedLamps { lamps: cmu(), field_of_view_mm: [20.0, 16.0] };
+        let half = whole.on([10.0, 16.0]);
+        let [here, there] = [half.at(0.6, -0.3), cmu().at(0.3, -0.3)];
+        assert!(here.iter().flatten().zip(there.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-4));
+        assert_eq!(whole.on([20.0, 16.0]), cmu());
     }
 
     #[test]

@@ -283,6 +283,7 @@ mod tests {
             nll_nats: 1.0,
             chance_nats: 2.0,
             gap: None,
+            prior: None,
             n_holes: 60,
         };
         let folder = tempfile::tempdir().unwrap();

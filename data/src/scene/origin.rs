@@ -3,7 +3,6 @@
 use sha2::{Digest, Sha256};
 
 use super::{Parts, Scene};
-use crate::lamps::Lamps;
 use crate::origin::{Origin, PartOrigin, SensorOrigin};
 use crate::sensor::light::LightRig;
 
@@ -25,7 +24,7 @@ impl Scene {
             sensor: SensorOrigin {
                 field_of_view_mm: self.sensor.field_of_view_mm,
                 light: Some(light_name(&self.sensor.light)),
-                is_relit: self.sensor.light.response() != Lamps::default(),
+                is_relit: self.sensor.known_lamps().is_some(),
             },
         }
     }

@@ -17,7 +17,7 @@ mod known;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
-use crate::lamps::Lamps;
+use crate::lamps::{Lamps, on_view};
 pub use crate::lamps::{Quadratic, value};
 use crate::suggest::with_closest;
 
@@ -168,6 +168,23 @@ impl LightRig {
         Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
     }
 
+    /// The same light as another view of the same gel has it, whose place `u` (-1..=1 in x and y) is at `centre + half * u`
+    /// of this one: every factor re-expressed, exactly. A view of the same size about the same middle changes no bit.
+    pub fn on_view(&self, centre: [f64; 2], half: [f64; 2]) -> Self {
+        let part = |part: &[Quadratic; 3]| part.each_ref().map(|factor| on_view(factor, centre, half));
+        Self {
+            at_rest: part(&self.at_rest),
+            along_x: part(&self.along_x),
+            along_y: part(&self.along_y),
+            walls: self.walls.as_ref().map(|walls| Walls {
+                steep: part(&walls.steep),
+                across: part(&walls.across),
+                diagonal: part(&walls.diagonal),
+            }),
+            shadow: self.shadow,
+        }
+    }
+
     /// Refuses numbers that no light can be, naming the field.
     pub fn validate(&self) -> Result<()> {
         let walls = self.walls.as_ref();
@@ -234,6 +251,28 @@ mod tests {
         let walls = Walls { steep: [[0.0; 6]; 3], across: [[8.0; 6]; 3], diagonal: [[0.0; 6]; 3] };
         let turned = LightRig { walls: Some(walls), ..rig }.varied([1.0; 3], [45.0; 3]).walls.unwrap();
         assert!(turned.across[0][0].abs() < 1e-5 && (turned.diagonal[0][0] - 8.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_place_of_the_gel_has_the_same_light_in_every_view() {
+        let flat = |counts: f32| [[counts, 3.0, -5.0, 2.0, 7.0, -4.0]; 3];
+        let walls = Walls { steep: flat(25.0), across: flat(-9.0), diagonal: flat(4.0) };
+        let rig = LightRig { walls: Some(walls), ..LightRig::named("cmu").unwrap() };
+        assert_eq!(rig.on_view([0.0; 2], [1.0; 2]), rig);
+        let (centre, half) = ([0.3, -0.2], [0.6, 1.1]);
+        let seen = rig.on_view(centre, half);
+        let factors = |rig: &LightRig| {
+            let walls = rig.walls.clone().unwrap();
+            [rig.at_rest, rig.along_x, rig.along_y, walls.steep, walls.across, walls.diagonal].concat()
+        };
+        for (x, y) in [(-1.0, -1.0), (-0.4, 0.7), (0.0, 0.0), (0.9, -0.3), (1.0, 1.0)] {
+            let there = [centre[0] + half[0] * x, centre[1] + half[1] * y].map(|at| at as f32);
+            for (own, other) in factors(&rig).iter().zip(factors(&seen)) {
+                let (direct, again) = (value(own, there[0], there[1]), value(&other, x as f32, y as f32));
+                // Sums of six terms of up to 150 counts in f32.
+                assert!((direct - again).abs() < 1e-4, "{direct} {again}");
+            }
+        }
     }
 
     #[test]

@@ -1,12 +1,15 @@
 //! What is touched: the holes of a simulated scene or of a recording, or their pegs.
 
+use std::sync::Arc;
+
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::Bank;
+use tactile_filter::Sensor;
+use tactile_infer::{Bank, Model};
 
 use crate::error::{Error, Result};
 
@@ -169,6 +172,22 @@ impl<'a> Holes<'a> {
         }
     }
 
+    /// The sensor that touches them, whose frame at rest is `no_contact`; its lamps are made up for where they are known.
+    ///
+    /// # Errors
+    /// A frame that shows nothing, or lamps that do not show slopes in all directions.
+    pub fn sensor(&self, model: &Arc<Model>, no_contact: &Frame) -> Result<Sensor> {
+        let lamps = match self {
+            Self::Simulated(simulator, _) => simulator.scene().sensor.known_lamps(),
+            Self::Recorded(recorded) => recorded.dataset.meta().lamps.clone(),
+        };
+        let sensor = Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side());
+        Ok(match lamps {
+            Some(lamps) => sensor.lit_by(&lamps)?,
+            None => sensor,
+        })
+    }
+
     /// Width and height of what a frame shows, mm.
     pub fn field_of_view_mm(&self) -> [f64; 2] {
         match self {
@@ -183,7 +202,9 @@ impl<'a> Holes<'a> {
     /// Closed contours of a part in its own frame, mm; none of a recorded one.
     pub fn outline_mm(&self, part: usize) -> Result<Vec<Vec<[f64; 2]>>> {
         match self {
-            Self::Simulated(simulator, _) => Ok(simulator.scene().shape(part, 0)?.regions.into_iter().flatten().collect()),
+            Self::Simulated(simulator, _) => {
+                Ok(simulator.scene().shape(part, 0)?.regions.into_iter().flatten().collect())
+            }
             Self::Recorded(_) => Ok(Vec::new()),
         }
     }

@@ -62,7 +62,10 @@ impl Replay {
         self.warn_of_scale(&model, &dataset);
         let side = self.touched.side;
         warn_of_calibration(&model, side);
-        let sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side);
+        let mut sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side);
+        if let Some(lamps) = &dataset.meta().lamps {
+            sensor = sensor.lit_by(lamps)?;
+        }
         let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model, side)?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
