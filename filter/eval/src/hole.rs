@@ -145,7 +145,9 @@ impl<'a> Hole<'a> {
                 return self.left().map(|frame| sensor_from_part * holes.pose(frame)).collect();
             }
             (Holes::Simulated(..), Poses::OnGrid) => (*recorded, Se2::IDENTITY),
-            (Holes::Simulated(simulator, _), Poses::OffGrid) => (simulator.scene().reach.unwrap_or(*recorded), self.first),
+            (Holes::Simulated(simulator, _), Poses::OffGrid) => {
+                (simulator.scene().reach.unwrap_or(*recorded), self.first)
+            }
         };
         (0..grid.len()).map(|cell| sensor_from_part * origin * grid.pose(cell)).collect()
     }

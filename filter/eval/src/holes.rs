@@ -183,7 +183,9 @@ impl<'a> Holes<'a> {
     /// Closed contours of a part in its own frame, mm; none of a recorded one.
     pub fn outline_mm(&self, part: usize) -> Result<Vec<Vec<[f64; 2]>>> {
         match self {
-            Self::Simulated(simulator, _) => Ok(simulator.scene().shape(part, 0)?.regions.into_iter().flatten().collect()),
+            Self::Simulated(simulator, _) => {
+                Ok(simulator.scene().shape(part, 0)?.regions.into_iter().flatten().collect())
+            }
             Self::Recorded(_) => Ok(Vec::new()),
         }
     }

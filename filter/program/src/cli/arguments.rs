@@ -150,9 +150,7 @@ impl Engine {
         let of_model = EpisodeConfig::of_side(model, side);
         match self {
             Self::Exact => of_model,
-            Self::Particle => {
-                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..of_model }
-            }
+            Self::Particle => EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..of_model },
             Self::Paper => EpisodeConfig::paper(),
         }
     }

@@ -79,8 +79,11 @@ impl Assemble {
             command: Some(command_line()),
         };
         let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
-        let page =
-            html(&assembly, &Board::new(Holes::Simulated(&simulator, Side::Hole), &bank)?, &trial::play_again(&workcell, 0)?)?;
+        let page = html(
+            &assembly,
+            &Board::new(Holes::Simulated(&simulator, Side::Hole), &bank)?,
+            &trial::play_again(&workcell, 0)?,
+        )?;
         let page = self.output.write(FILES[0], &page)?;
         let json = to_json("assembly", &assembly)?;
         // Last: whoever finds the figures finds the report too.

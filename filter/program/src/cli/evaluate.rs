@@ -26,7 +26,9 @@ use tactile_filter::belief::EngineConfig;
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{self, Engine, Inputs, Output, Seeds, check_episodes, command_line, poses, positive, rule, to_json};
+use super::arguments::{
+    self, Engine, Inputs, Output, Seeds, check_episodes, command_line, poses, positive, rule, to_json,
+};
 use super::budget::{BudgetArgs, Task};
 use super::table;
 use super::tuning::Tuning;
