@@ -53,14 +53,14 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     assert_eq!(evaluation["recorded"], Value::from(true));
     // Three steps of training spoil nothing: four parts, ten touches.
     let rows = evaluation["rows"].as_array().unwrap();
-    let last = rows.iter().filter(|row| row["method"] == "filter").next_back().unwrap();
+    let last = rows.iter().rfind(|row| row["method"] == "filter").unwrap();
     assert!(last["accuracy"].as_f64().unwrap() > 0.6, "{last}");
 }
 
 /// The light that was fitted is the one that made the presses, which the page never reads again.
 fn the_light_is_the_stand_in_s(path: &std::path::Path) {
-    let [found, truth] =
-        [path, &workspace().join("data/your-sensor/stand-in.toml")].map(|p| Calibration::load(p).unwrap());
+    let stand_in = workspace().join("data/your-sensor/stand-in.toml");
+    let [found, truth] = [path.to_owned(), stand_in].map(|path| Calibration::load(path).unwrap());
     for channel in 0..3 {
         let lamp = |of: &Calibration| {
             [&of.light.along_x, &of.light.along_y].map(|part| f64::from(value(&part[channel], 0.0, 0.0)))
