@@ -41,26 +41,26 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
         said += &ran.stderr;
     }
     the_light_is_the_stand_in_s(&at.join("out/yours/sensor.toml"));
-    // Ten touches or a few more, and as many from before; what was known is said.
-    assert!(said.contains("touches with an edge, and as much as 10 from before"), "{said}");
+    // What counts is said.
+    assert!(said.contains("touches with an edge, and as much as 20 from before"), "{said}");
     let shipped = Checkpoint::load(&workspace().join("infer/models/maze-small.safetensors")).unwrap().0;
     let mine = Checkpoint::load(&at.join("out/yours/model/model.safetensors")).unwrap().0;
     let (before, after) = (shipped.calibration.unwrap(), mine.calibration.unwrap());
-    assert_eq!(after.prior.unwrap(), before.as_prior(10.0));
+    assert_eq!(after.prior.unwrap(), before.as_prior(20.0));
     assert!((5..=12).contains(&after.n_holes) && after.temperature != before.temperature, "{after:?}");
     let evaluation: Value =
         serde_json::from_slice(&fs::read(at.join("out/yours/worth/evaluation.json")).unwrap()).unwrap();
     assert_eq!(evaluation["recorded"], Value::from(true));
     // Three steps of training spoil nothing: four parts, ten touches.
     let rows = evaluation["rows"].as_array().unwrap();
-    let last = rows.iter().filter(|row| row["method"] == "filter").next_back().unwrap();
+    let last = rows.iter().rfind(|row| row["method"] == "filter").unwrap();
     assert!(last["accuracy"].as_f64().unwrap() > 0.6, "{last}");
 }
 
 /// The light that was fitted is the one that made the presses, which the page never reads again.
 fn the_light_is_the_stand_in_s(path: &std::path::Path) {
-    let [found, truth] =
-        [path, &workspace().join("data/your-sensor/stand-in.toml")].map(|p| Calibration::load(p).unwrap());
+    let stand_in = workspace().join("data/your-sensor/stand-in.toml");
+    let [found, truth] = [path.to_owned(), stand_in].map(|path| Calibration::load(path).unwrap());
     for channel in 0..3 {
         let lamp = |of: &Calibration| {
             [&of.light.along_x, &of.light.along_y].map(|part| f64::from(value(&part[channel], 0.0, 0.0)))

@@ -17,8 +17,9 @@ use super::{ModelArgs, print_json};
 
 /// Measure how far the model's cosines can be believed, on parts for tuning, and store it with the model.
 ///
-/// What the model knows of that already counts as much as ten touches, so that ten touches of your own sensor move it as
-/// far as they can tell. A model without a calibration needs fifty.
+/// What the model knows of that already counts as twenty touches, and as two for how well views match, which differs most
+/// from sensor to sensor: ten touches of your own move it as far as they can tell. A model without a calibration needs
+/// fifty.
 #[derive(Args)]
 #[command(
     after_help = "Example:\n  tactile-infer calibrate --model model/model.safetensors --bank dev.bank --holes dev-holes"
@@ -38,7 +39,7 @@ pub struct CalibrateArgs {
     /// Write the calibrated checkpoint here [default: into the model's own file, whose identity stays the same]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// How many touches the model's own calibration counts as; 0 forgets it
+    /// How many touches the model's own calibration counts as (for how well views match, a tenth); 0 forgets it
     #[arg(long, value_name = "N", default_value_t = PRIOR_TOUCHES, help_heading = "Few touches")]
     prior_touches: f64,
     /// Use only so many of the holes, evenly spread
