@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
+use tactile_data::lamps::Lamps;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
@@ -74,6 +75,11 @@ impl RecordedHoles {
     /// The recording.
     pub fn dataset(&self) -> &Dataset {
         &self.dataset
+    }
+
+    /// The sensor's lamps, where they are known.
+    pub fn lamps(&self) -> Option<&Lamps> {
+        self.dataset.meta().lamps.as_ref()
     }
 
     /// What of it is not used, a line each.
@@ -179,7 +185,7 @@ impl<'a> Holes<'a> {
     pub fn sensor(&self, model: &Arc<Model>, no_contact: &Frame) -> Result<Sensor> {
         let lamps = match self {
             Self::Simulated(simulator, _) => simulator.scene().sensor.known_lamps(),
-            Self::Recorded(recorded) => recorded.dataset.meta().lamps.clone(),
+            Self::Recorded(recorded) => recorded.lamps().cloned(),
         };
         let sensor = Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side());
         Ok(match lamps {

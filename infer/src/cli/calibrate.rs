@@ -88,7 +88,11 @@ impl CalibrateArgs {
         let bank = Bank::load(&self.bank, &model)?;
         let prior = self.prior(model.calibration(self.side))?;
         let choice = Choice { side: self.side, n: self.touches, first: self.first };
-        let touches = Touches::new(&model, &bank, &Dataset::open(&self.holes)?, choice)?;
+        let holes = Dataset::open(&self.holes)?;
+        if let Some(why) = bank.other_light(holes.meta().lamps.as_ref()) {
+            eprintln!("warning: {why}");
+        }
+        let touches = Touches::new(&model, &bank, &holes, choice)?;
         let others = self.judge.as_ref().map(|path| {
             let choice = Choice { side: self.side, ..Choice::default() };
             Touches::new(&model, &bank, &Dataset::open(path)?, choice)

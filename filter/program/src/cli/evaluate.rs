@@ -190,6 +190,7 @@ impl Evaluate {
         }
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
         let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
+        arguments::warn_of_light(bank, recorded.lamps());
         recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
         match (poses, recorded.on_grid(bank)) {
             (Poses::OnGrid, [on, all]) if on < all => {

@@ -13,7 +13,7 @@ use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
 
-use super::arguments::{Engine, Inputs, Touched, warn_of_calibration};
+use super::arguments::{Engine, Inputs, Touched, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
 use super::live::tell;
@@ -63,6 +63,7 @@ impl Replay {
         let side = self.touched.side;
         warn_of_calibration(&model, side);
         let mut sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side);
+        warn_of_light(&bank, dataset.meta().lamps.as_ref());
         if let Some(lamps) = &dataset.meta().lamps {
             sensor = sensor.lit_by(lamps)?;
         }
