@@ -317,6 +317,48 @@ mod tests {
     }
 
     #[test]
+    fn a_press_under_known_lamps_looks_as_under_a_minis() {
+        // Slopes that vary over the frame, shown by each set of lamps over one frame at rest.
+        let rest = Frame::new(
+            40,
+            30,
+            vec![120; 3 * 40 * 30].into_iter().enumerate().map(|(i, v)| v + (i % 17) as u8).collect(),
+        )
+        .unwrap();
+        let place = |at: usize, n: usize| (at as f32 + 0.5) / n as f32 * 2.0 - 1.0;
+        let shown = |lamps: &Lamps| {
+            let pixel = |i: usize| {
+                let (x, y) = (place(i % 40, 40), place(i / 40, 30));
+                let slope = [0.25 * (3.0 * y).sin(), 0.2 * (4.0 * x).cos()];
+                [0, 1, 2].map(|c| {
+                    let response =
+                        [&lamps.along_x[c], &lamps.along_y[c]].map(|factors| crate::lamps::value(factors, x, y));
+                    let change = response[0] * slope[0] + response[1] * slope[1];
+                    (f32::from(rest.rgb()[3 * i + c]) + change).round() as u8
+                })
+            };
+            Frame::new(40, 30, (0..1_200).flat_map(pixel).collect()).unwrap()
+        };
+        let cmu = Lamps::towards([65.0, 45.0, 47.0], [178.0, 62.0, -54.0]);
+        let background = Background::new(&rest, &Preprocessing::counts([40, 30])).unwrap();
+        let mini = background.tactile_image(&shown(&Lamps::default())).unwrap();
+        let plain = background.tactile_image(&shown(&cmu)).unwrap();
+        let lit = background.clone().lit_by(&cmu).unwrap();
+        let relit = lit.tactile_image(&shown(&cmu)).unwrap();
+        let far = |image: &TactileImage| {
+            let square = |values: &mut dyn Iterator<Item = f32>| values.map(|v| v * v).sum::<f32>().sqrt();
+            let error = square(&mut image.planes.iter().zip(&mini.planes).map(|(a, b)| a - b));
+            error / square(&mut mini.planes.iter().copied())
+        };
+        // What remains: rounding to counts, and the doubt where light is weak.
+        assert!(far(&relit) < 0.2 && far(&plain) > 1.0, "{} {}", far(&relit), far(&plain));
+        // A Mini's own lamps change nothing to the bit; another frame at rest keeps the lamps.
+        let own = background.clone().lit_by(&Lamps::default()).unwrap();
+        assert_eq!(own.tactile_image(&shown(&cmu)).unwrap(), plain);
+        assert_eq!(lit.with_rest(&rest).unwrap().tactile_image(&shown(&cmu)).unwrap(), relit);
+    }
+
+    #[test]
     fn area_average_keeps_the_mean_at_any_ratio() {
         let frame = gradient(33, 25, 1.0);
         let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
