@@ -1,17 +1,47 @@
 //! One recorded touch: where, on what, by which side.
 
+use std::fmt;
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
 
+use crate::error::Error;
 use crate::se2::Se2;
 
 /// Which half of a mating pair was touched.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
     /// The female half: a recess in a plate.
+    #[default]
     Hole,
     /// The male half: a raised face.
     Peg,
+}
+
+impl Side {
+    /// The names of both, as flags and files have them.
+    pub const NAMES: [&str; 2] = ["hole", "peg"];
+
+    /// Whether it is the hole: what is left out of files, as before pegs could be named.
+    pub fn is_hole(&self) -> bool {
+        *self == Self::Hole
+    }
+}
+
+impl fmt::Display for Side {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(Self::NAMES[usize::from(*self == Self::Peg)])
+    }
+}
+
+impl FromStr for Side {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        let found = [Self::Hole, Self::Peg].into_iter().find(|side| side.to_string() == name);
+        found.ok_or_else(|| Error::invalid("side", Self::NAMES.join(" or "), name))
+    }
 }
 
 /// What is known of one frame of a dataset: a line of its index.

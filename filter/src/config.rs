@@ -1,13 +1,14 @@
 //! The settings of an episode, and the rule by which it stops.
 
 use serde::{Deserialize, Serialize};
+use tactile_data::touch::Side;
 use tactile_infer::Model;
 use tactile_infer::calibration::Gap;
 
 use crate::action::ActionConfig;
 use crate::belief::EngineConfig;
 use crate::error::{Error, Result};
-use crate::likelihood::LikelihoodConfig;
+use crate::likelihood::{LikelihoodConfig, calibration_of};
 use crate::particle::ParticleConfig;
 use crate::stop::StopReason;
 
@@ -79,12 +80,19 @@ fn threshold_scale(gap: &Gap, temperature: f64) -> f64 {
 }
 
 impl EpisodeConfig {
-    /// The defaults with what was measured of a model, where it was (`tactile-infer calibrate`).
+    /// The defaults with what was measured of a model where holes are touched, where it was (`tactile-infer calibrate`).
     pub fn of(model: &Model) -> Self {
+        Self::of_side(model, Side::Hole)
+    }
+
+    /// The defaults with what was measured of a model where this side is touched (`tactile-infer calibrate --side`). A
+    /// model without a calibration for pegs is believed as for holes.
+    pub fn of_side(model: &Model, side: Side) -> Self {
         let default = Self::default();
-        let low_similarity = model.calibration().map_or(default.low_similarity, |c| c.low_similarity);
-        let likelihood = LikelihoodConfig::of(model);
-        let gap = model.calibration().and_then(|calibration| calibration.gap);
+        let calibration = calibration_of(model, side);
+        let low_similarity = calibration.map_or(default.low_similarity, |c| c.low_similarity);
+        let likelihood = LikelihoodConfig::of_side(model, side);
+        let gap = calibration.and_then(|calibration| calibration.gap);
         let scale = gap.map_or(1.0, |gap| threshold_scale(&gap, likelihood.temperature));
         let (none_fit, fit_margin) = (Some(scale * NONE_FIT), scale * default.fit_margin);
         Self { likelihood, low_similarity, none_fit, fit_margin, ..default }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use tactile_data::se2::Se2;
+use tactile_data::touch::Side;
 use tactile_infer::Bank;
 
 use crate::action::{Action, Judgement, Situation, choose, judge};
@@ -89,18 +90,27 @@ impl Episode {
     /// frame at that touch. After an error the belief is as before; the motion then counts towards the next touch.
     ///
     /// # Errors
-    /// A frozen picture, a motion that is not finite, or an observation as [`Self::begin`] refuses it.
+    /// A frozen picture, a motion that is not finite, a touch of the other side, or an observation as [`Self::begin`]
+    /// refuses it.
     pub fn observe(&mut self, moved: Se2, observation: &Observation) -> Result<()> {
         if !is_plausible(&moved) {
             let Se2 { x_mm, y_mm, theta_rad } = moved;
             return Err(Error::Motion { x_mm, y_mm, theta_rad });
         }
         check_model(&self.bank, observation)?;
+        if observation.side != self.side() {
+            return Err(Error::WrongSide { expected: self.side(), got: observation.side });
+        }
         self.check_new_picture(&moved, observation)?;
         let likelihood = TouchLikelihood::new(observation, &self.bank, &self.config.likelihood)?;
         self.belief.update(&moved, likelihood);
         self.touches.push((moved, observation.clone()));
         Ok(())
+    }
+
+    /// Which side is touched: that of the first touch.
+    pub fn side(&self) -> Side {
+        self.touches.first().map_or(Side::default(), |(_, first)| first.side)
     }
 
     /// Refuses the picture of the touch before after a motion that a camera's noise alone would have changed.
@@ -537,6 +547,30 @@ mod tests {
         for error in [begun.unwrap_err(), episode.observe(Se2::IDENTITY, &foreign).unwrap_err()] {
             assert_eq!(error.to_string(), "observation: expected one of model synthetic, got one of model another");
             assert!(matches!(error, Error::WrongModel { .. }));
+        }
+    }
+
+    #[test]
+    fn an_episode_is_of_one_side_and_is_saved_with_it() {
+        let (sensor, frame) = sensor();
+        let world = World::new(2, GRID, 0.2, 0.02, 2);
+        let image = sensor.model().background(&frame).unwrap().tactile_image(&frame).unwrap();
+        let [hole, peg] = [Side::Hole, Side::Peg].map(|side| sensor.clone().of_side(side).observe(&frame).unwrap());
+        assert_eq!(hole.query, sensor.model().embed_holes(std::slice::from_ref(&image)).unwrap());
+        assert_eq!(peg.query, sensor.model().embed_pegs(&[image]).unwrap());
+        assert_ne!(hole.query, peg.query);
+        for (first, other) in [(&hole, &peg), (&peg, &hole)] {
+            let mut episode = Episode::begin(EpisodeConfig::default(), world.bank.clone(), first).unwrap();
+            let before = episode.estimate();
+            let error = episode.observe(Se2::IDENTITY, other).unwrap_err();
+            assert!(matches!(error, Error::WrongSide { expected, got } if expected == first.side && got == other.side));
+            assert_eq!(episode.estimate(), before);
+            let saved = serde_json::to_string(&episode.record().unwrap()).unwrap();
+            // Files of holes are what they were before pegs could be named.
+            assert_eq!(saved.contains("\"side\":\"peg\""), first.side == Side::Peg, "{saved}");
+            assert!(!saved.contains("\"hole\""), "{saved}");
+            let restored = Episode::restore(&serde_json::from_str(&saved).unwrap(), world.bank.clone()).unwrap();
+            assert_eq!(restored.side(), first.side);
         }
     }
 

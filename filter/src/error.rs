@@ -1,6 +1,7 @@
 //! What can go wrong between a touch and a belief: cases that a controller can match on.
 
 use tactile_data::FrameFault;
+use tactile_data::touch::Side;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -44,6 +45,14 @@ pub enum Error {
         expected: String,
         /// SHA-256 of the other.
         got: String,
+    },
+    /// The touch is of the other side than those before: an episode is of holes or of pegs.
+    #[error("touch: expected one of a {expected} as before, got one of a {got}")]
+    WrongSide {
+        /// The side of the episode's first touch.
+        expected: Side,
+        /// The side of this one.
+        got: Side,
     },
     /// A saved episode belongs to another bank, or to another version of this program.
     #[error("saved episode: expected {expected}, got {got}")]

@@ -9,9 +9,10 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use tactile_data::touch::Side;
 use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::calibration::BLANK_SHARE;
+use tactile_infer::calibration::{BLANK_SHARE, Calibration};
 use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::dot;
 
@@ -78,21 +79,28 @@ impl LikelihoodConfig {
         }
     }
 
-    /// The defaults with what was measured of a model, where it was.
+    /// The defaults with what was measured of a model where this side is touched, where it was. A model without a
+    /// calibration for touched pegs is believed as for holes, which is too little rather than too much: a peg's touch is
+    /// more like the recorded one.
     ///
     /// A calibration finds the temperature at which ONE touch is believed rightly. Several touches of one
     /// hole share their error (the same print, the same wear of the network), so that their product is
     /// too sure. Of 1.5, 2 and 3 times the temperature, 2 named most small tuning letters after three touches off the
     /// grid. The floor never falls below the default: it bounds what one spoilt touch can cost.
-    pub fn of(model: &Model) -> Self {
+    pub fn of_side(model: &Model, side: Side) -> Self {
         let default = Self::default();
-        let Some(calibration) = model.calibration() else { return default };
+        let Some(calibration) = calibration_of(model, side) else { return default };
         Self {
             temperature: SHARED_ERROR * calibration.temperature,
             outlier_floor: calibration.outlier_floor.max(default.outlier_floor),
             blank_agreement: calibration.blank_agreement.clamp(0.5, default.blank_agreement),
             ..default
         }
+    }
+
+    /// [`Self::of_side`] where holes are touched.
+    pub fn of(model: &Model) -> Self {
+        Self::of_side(model, Side::Hole)
     }
 
     /// Refuses numbers outside their ranges.
@@ -122,6 +130,11 @@ impl LikelihoodConfig {
     pub fn is_blank(&self, edge_share: f32) -> bool {
         edge_share < self.blank_share
     }
+}
+
+/// What was measured of a model where a side is touched; without it, what was measured where holes are.
+pub(crate) fn calibration_of(model: &Model, side: Side) -> Option<&Calibration> {
+    model.calibration(side).or_else(|| model.calibration(Side::Hole))
 }
 
 /// By how much the temperature of several touches exceeds that of one.

@@ -197,7 +197,7 @@ impl State {
                 Ok(Answer::NewEpisode)
             }
             Job::Rest(frame) => {
-                self.sensor = Sensor::new(self.sensor.model().clone(), &frame).map_err(Fault::Filter)?;
+                self.sensor = self.sensor.with_rest(&frame).map_err(Fault::Filter)?;
                 Ok(Answer::Rest)
             }
         }

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use tactile_data::frame::{Background, Frame};
+use tactile_data::lamps::Lamps;
+use tactile_data::touch::Side;
 use tactile_infer::Model;
 
 use crate::error::Result;
@@ -13,16 +15,47 @@ use crate::observation::Observation;
 pub struct Sensor {
     model: Arc<Model>,
     background: Background,
+    side: Side,
 }
 
 impl Sensor {
-    /// A sensor whose frame at rest, without contact, is `no_contact`.
+    /// A sensor that touches holes, and whose frame at rest, without contact, is `no_contact`.
     ///
     /// # Errors
     /// [`Error::Frame`](crate::Error::Frame) where that frame is dark, saturated, uniform or smaller than the model's input.
     pub fn new(model: Arc<Model>, no_contact: &Frame) -> Result<Self> {
         let background = model.background(no_contact)?;
-        Ok(Self { model, background })
+        Ok(Self { model, background, side: Side::default() })
+    }
+
+    /// The same sensor, touching this side: holes, or the raised parts that the bank's views are of.
+    #[must_use]
+    pub fn of_side(self, side: Side) -> Self {
+        Self { side, ..self }
+    }
+
+    /// The same sensor, whose lamps are known from a calibration (`tactile-data calibrate`): its pictures are brought under
+    /// the lamps that the network knows. Without it they are taken to be a GelSight Mini's.
+    ///
+    /// # Errors
+    /// Lamps that do not show slopes in all directions.
+    pub fn lit_by(self, lamps: &Lamps) -> Result<Self> {
+        let Self { model, background, side } = self;
+        Ok(Self { model, background: background.lit_by(lamps)?, side })
+    }
+
+    /// The same sensor, side and lamps with another frame at rest.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_rest(&self, no_contact: &Frame) -> Result<Self> {
+        let background = self.background.with_rest(no_contact)?;
+        Ok(Self { model: self.model.clone(), background, side: self.side })
+    }
+
+    /// Which side it touches.
+    pub fn side(&self) -> Side {
+        self.side
     }
 
     /// The model that embeds its frames.
@@ -30,16 +63,17 @@ impl Sensor {
         &self.model
     }
 
-    /// What a frame of a touched hole shows. Runs on the caller's thread, or on the rayon pool that it runs in.
+    /// What a frame of a touch shows: of the side that the sensor touches. Runs on the caller's thread, or on the rayon
+    /// pool that it runs in.
     ///
     /// # Errors
     /// [`Error::Frame`](crate::Error::Frame) where the frame is dark, saturated, uniform or of another size.
     pub fn observe(&self, frame: &Frame) -> Result<Observation> {
         let image = self.background.tactile_image(frame)?;
         let edge_share = image.edge_share;
-        let query = self.model.embed_holes(&[image])?;
+        let query = self.model.embed_side(&[image], self.side)?;
         let model_sha256 = Some(self.model.sha256().clone());
-        Ok(Observation { query, edge_share, frame_hash: Some(hash(frame.rgb())), model_sha256 })
+        Ok(Observation { query, edge_share, side: self.side, frame_hash: Some(hash(frame.rgb())), model_sha256 })
     }
 }
 

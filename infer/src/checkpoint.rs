@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::Preprocessing;
+use tactile_data::touch::Side;
 
 use crate::architecture::NetworkConfig;
 use crate::calibration::Calibration;
@@ -16,8 +17,8 @@ use crate::safefile::{NamedTensor, SafeFile};
 /// The version of the checkpoint's layout.
 pub const SCHEMA: &str = "tactile-filter/checkpoint/1";
 
-/// The entry of the calibration in a checkpoint.
-const CALIBRATION: &str = "calibration";
+/// The entries of the calibrations in a checkpoint: of touched holes and of touched pegs.
+const CALIBRATIONS: [&str; 2] = ["calibration", "peg_calibration"];
 
 /// How a model came to be. Saved in its checkpoint, for people.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -46,9 +47,11 @@ pub struct Checkpoint {
     pub preprocessing: Preprocessing,
     /// Where it comes from.
     pub provenance: Provenance,
-    /// How far its cosines can be believed, where that was measured. Not part of the model's identity:
-    /// embeddings do not depend on it.
+    /// How far its cosines can be believed where holes are touched, where that was measured. Not part of the model's
+    /// identity: embeddings do not depend on it.
     pub calibration: Option<Calibration>,
+    /// The same where pegs are touched.
+    pub peg_calibration: Option<Calibration>,
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
     /// The format of the weights in the file. In memory, and in computing, they are f32 in any case.
@@ -64,13 +67,14 @@ impl Checkpoint {
             preprocessing,
             provenance,
             calibration: None,
+            peg_calibration: None,
             tensors: tensors_of(network),
             weights: Precision::F32,
         }
     }
 
     /// Writes one safetensors file, whole or not at all. Returns the model's identity: the checksum of all
-    /// but the calibration.
+    /// but the calibrations.
     pub fn save(&self, path: &Path) -> Result<String> {
         let mut file = SafeFile {
             tensors: self.tensors.clone(),
@@ -82,8 +86,10 @@ impl Checkpoint {
             ],
         };
         let identity = file.sha256();
-        if let Some(calibration) = &self.calibration {
-            file.text.push((CALIBRATION.into(), to_json(calibration)?));
+        for (name, calibration) in CALIBRATIONS.iter().zip([&self.calibration, &self.peg_calibration]) {
+            if let Some(calibration) = calibration {
+                file.text.push(((*name).into(), to_json(calibration)?));
+            }
         }
         file.save_as(path, SCHEMA, self.weights)?;
         Ok(identity)
@@ -91,7 +97,7 @@ impl Checkpoint {
 
     /// The checkpoint with its weights rounded to another format: another model, whose banks are its own. Scales,
     /// offsets and running statistics (tensors of one axis) stay f32: they are few, and a small variance would
-    /// vanish. The calibration stays: rounding moves a cosine by less than a tenth of its temperature.
+    /// vanish. The calibrations stay: rounding moves a cosine by less than a tenth of its temperature.
     ///
     /// # Errors
     /// A weight beyond the format's range, by the name of its tensor; i8, which weights are not kept in.
@@ -105,6 +111,15 @@ impl Checkpoint {
         Ok(Self { weights: precision, ..self })
     }
 
+    /// The checkpoint with the calibration of a side that is touched.
+    #[must_use]
+    pub fn with_calibration(self, side: Side, calibration: Calibration) -> Self {
+        match side {
+            Side::Hole => Self { calibration: Some(calibration), ..self },
+            Side::Peg => Self { peg_calibration: Some(calibration), ..self },
+        }
+    }
+
     /// Reads and checks a checkpoint: schema, checksum, sizes. Returns it with the model's identity.
     pub fn load(path: &Path) -> Result<(Self, String)> {
         let (file, weights) = SafeFile::load_as(path, SCHEMA)?;
@@ -112,14 +127,18 @@ impl Checkpoint {
     }
 
     fn of_file(mut file: SafeFile, weights: Precision) -> Result<(Self, String)> {
-        let entry = file.text.iter().position(|(key, _)| key == CALIBRATION).map(|at| file.text.swap_remove(at).1);
-        let calibration = entry.map(|text| from_json(&text)).transpose()?;
+        let mut take = |name| {
+            let entry = file.text.iter().position(|(key, _)| key == name).map(|at| file.text.swap_remove(at).1);
+            entry.map(|text| from_json(&text)).transpose()
+        };
+        let (calibration, peg_calibration) = (take(CALIBRATIONS[0])?, take(CALIBRATIONS[1])?);
         let config: NetworkConfig = from_json(file.text("config")?)?;
         config.validate()?;
         let preprocessing = from_json(file.text("preprocessing")?)?;
         let provenance = from_json(file.text("provenance")?)?;
         let sha256 = file.sha256();
-        Ok((Self { config, preprocessing, provenance, calibration, tensors: file.tensors, weights }, sha256))
+        let tensors = file.tensors;
+        Ok((Self { config, preprocessing, provenance, calibration, peg_calibration, tensors, weights }, sha256))
     }
 }
 

@@ -50,26 +50,34 @@ pub struct Matches {
     pub similarities: Similarities,
 }
 
-/// Matches up to `limit` hole touches of known part and pose, evenly spread over the dataset, against the
-/// pegs that the bank was made of.
-pub fn match_single_touches(
-    model: &Model,
-    bank: &Bank,
-    pegs: &Dataset,
-    holes: &Dataset,
-    limit: usize,
-) -> Result<Matches> {
+/// The touches to be named.
+#[derive(Clone, Copy)]
+pub struct Touched<'a> {
+    /// What was touched: holes, or pegs that are not those of the bank.
+    pub dataset: &'a Dataset,
+    /// Which of its touches are meant.
+    pub side: Side,
+    /// At most so many of them, evenly spread over the dataset.
+    pub limit: usize,
+}
+
+/// Matches touches of known part and pose against the pegs that the bank was made of.
+///
+/// # Errors
+/// No such touch, or frames that cannot be used.
+pub fn match_single_touches(model: &Model, bank: &Bank, pegs: &Dataset, touched: Touched<'_>) -> Result<Matches> {
+    let Touched { dataset: holes, side, limit } = touched;
     let known = |index: &usize| {
         let touch = holes.touch(*index);
-        touch.side == Some(Side::Hole) && touch.part.is_some() && touch.part_from_sensor.is_some()
+        touch.side == Some(side) && touch.part.is_some() && touch.part_from_sensor.is_some()
     };
     let candidates: Vec<usize> = (0..holes.len()).filter(known).collect();
     if candidates.is_empty() || limit == 0 {
-        return Err(Error::invalid(&holes.meta().name, "hole touches with part and pose", "none"));
+        return Err(Error::invalid(&holes.meta().name, format!("{side} touches with part and pose"), "none"));
     }
     let n_holes = limit.min(candidates.len());
     let chosen: Vec<usize> = (0..n_holes).map(|i| candidates[i * candidates.len() / n_holes]).collect();
-    let (nearest, similarities) = nearest_by_model(model, bank, holes, &chosen)?;
+    let (nearest, similarities) = nearest_by_model(model, bank, touched, &chosen)?;
 
     let counts = Preprocessing::counts(model.config().input_px);
     let peg_images = images_by_row(&Background::new(pegs.no_contact(), &counts)?, pegs, bank)?;
@@ -112,11 +120,11 @@ const EDGED: f32 = 0.01;
 fn nearest_by_model(
     model: &Model,
     bank: &Bank,
-    holes: &Dataset,
+    Touched { dataset: holes, side, .. }: Touched<'_>,
     chosen: &[usize],
 ) -> Result<(Vec<usize>, Similarities)> {
-    let images = tactile_images(&model.background(holes.no_contact())?, holes, chosen)?;
-    let queries = model.embed_holes(&images)?;
+    let images = tactile_images(&model.background_of(holes)?, holes, chosen)?;
+    let queries = model.embed_side(&images, side)?;
     let mut correlation = Correlation::default();
     let (mut nearest, mut best_cosines) = (Vec::new(), Vec::new());
     for ((query, frame), image) in queries.chunks_exact(bank.dim()).zip(chosen).zip(&images) {

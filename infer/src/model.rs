@@ -6,6 +6,9 @@ use std::sync::Arc;
 #[cfg(feature = "burn")]
 use burn::tensor::{Device, Tensor, TensorData};
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
+#[cfg(feature = "datasets")]
+use tactile_data::store::Dataset;
+use tactile_data::touch::Side;
 
 use crate::architecture::NetworkConfig;
 use crate::calibration::Calibration;
@@ -28,7 +31,8 @@ pub struct Model {
     config: NetworkConfig,
     preprocessing: Preprocessing,
     provenance: Provenance,
-    calibration: Option<Calibration>,
+    /// Of touched holes and of touched pegs.
+    calibrations: [Option<Calibration>; 2],
     sha256: Arc<str>,
 }
 
@@ -40,13 +44,6 @@ enum Towers {
     /// By burn, on another device.
     #[cfg(feature = "burn")]
     Tensors { network: Box<Network>, device: Device },
-}
-
-/// Which of the two embeddings is asked for.
-#[derive(Clone, Copy)]
-enum Tower {
-    Query,
-    Key,
 }
 
 impl Model {
@@ -94,12 +91,12 @@ impl Model {
             config: checkpoint.config,
             preprocessing: checkpoint.preprocessing,
             provenance: checkpoint.provenance,
-            calibration: checkpoint.calibration,
+            calibrations: [checkpoint.calibration, checkpoint.peg_calibration],
             sha256: sha256.into(),
         })
     }
 
-    /// SHA-256 of the checkpoint but for its calibration: banks are bound to it.
+    /// SHA-256 of the checkpoint but for its calibrations: banks are bound to it.
     pub fn sha256(&self) -> &Arc<str> {
         &self.sha256
     }
@@ -114,9 +111,10 @@ impl Model {
         &self.provenance
     }
 
-    /// How far its cosines can be believed, where that was measured (`tactile-infer calibrate`).
-    pub fn calibration(&self) -> Option<&Calibration> {
-        self.calibration.as_ref()
+    /// How far its cosines can be believed where this side is touched, where that was measured (`tactile-infer calibrate
+    /// --side`).
+    pub fn calibration(&self, side: Side) -> Option<&Calibration> {
+        self.calibrations[usize::from(side == Side::Peg)].as_ref()
     }
 
     /// Sizes of the network.
@@ -139,12 +137,18 @@ impl Model {
         Ok(Background::new(no_contact, &self.preprocessing)?)
     }
 
+    /// Prepares the sensor at rest of a dataset for this model; its lamps, where they are known, are made up for.
+    #[cfg(feature = "datasets")]
+    pub fn background_of(&self, dataset: &Dataset) -> Result<Background> {
+        Ok(dataset.background(&self.preprocessing)?)
+    }
+
     /// Queries of hole images: `[n, dim]`, rows of unit length.
     ///
     /// # Errors
     /// Images of another size than the network's input, or values that are not finite.
     pub fn embed_holes(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
-        self.embed(images, Tower::Query)
+        self.embed_side(images, Side::Hole)
     }
 
     /// Keys of peg images: `[n, dim]`, rows of unit length.
@@ -152,23 +156,27 @@ impl Model {
     /// # Errors
     /// As [`Self::embed_holes`].
     pub fn embed_pegs(&self, images: &[TactileImage]) -> Result<Vec<f32>> {
-        self.embed(images, Tower::Key)
+        self.embed_side(images, Side::Peg)
     }
 
-    fn embed(&self, images: &[TactileImage], tower: Tower) -> Result<Vec<f32>> {
+    /// Images of touches of one side: queries of holes, keys of pegs. A bank's keys are compared with either.
+    ///
+    /// # Errors
+    /// As [`Self::embed_holes`].
+    pub fn embed_side(&self, images: &[TactileImage], side: Side) -> Result<Vec<f32>> {
         let mut rows = Vec::with_capacity(images.len() * self.dim());
         for batch in images.chunks(BATCH) {
             let planes = planes(batch, self.config.input_px)?;
-            rows.extend(match (&self.towers, tower) {
-                (Towers::Cpu(encoder), Tower::Query) => encoder.query(&planes),
-                (Towers::Cpu(encoder), Tower::Key) => encoder.key(&planes),
+            rows.extend(match (&self.towers, side) {
+                (Towers::Cpu(encoder), Side::Hole) => encoder.query(&planes),
+                (Towers::Cpu(encoder), Side::Peg) => encoder.key(&planes),
                 #[cfg(feature = "burn")]
-                (Towers::Tensors { network, device }, tower) => {
+                (Towers::Tensors { network, device }, side) => {
                     let [width, height] = self.config.input_px;
                     let batch = Tensor::from_data(TensorData::new(planes, [batch.len(), 3, height, width]), device);
-                    let embedded = match tower {
-                        Tower::Query => network.query(batch),
-                        Tower::Key => network.key(batch),
+                    let embedded = match side {
+                        Side::Hole => network.query(batch),
+                        Side::Peg => network.key(batch),
                     };
                     let values = embedded.into_data().try_into_vec::<f32>();
                     values.map_err(|e| Error::invalid("embedding", "f32", format!("{e:?}")))?
@@ -260,5 +268,42 @@ mod tests {
         assert_eq!(error, "encoder.half.conv.weight: expected values in the range of f16, got -7e4");
         assert!(checkpoint.clone().with_weights(Precision::Bf16).is_ok());
         assert!(checkpoint.with_weights(Precision::I8).is_err());
+    }
+
+    #[test]
+    fn each_side_has_a_calibration_of_its_own_and_the_model_stays_itself() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let bare = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let of = |temperature: f64| Calibration {
+            temperature,
+            outlier_floor: 1e-3,
+            blank_agreement: 0.9,
+            low_similarity: 0.7,
+            nll_nats: 1.0,
+            chance_nats: 2.0,
+            gap: None,
+            prior: None,
+            n_holes: 60,
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let identity = bare.save(&path).unwrap();
+        let both = bare.clone().with_calibration(Side::Peg, of(0.02)).with_calibration(Side::Hole, of(0.03));
+        for (checkpoint, [hole, peg]) in [
+            (bare.clone(), [None, None]),
+            (bare.clone().with_calibration(Side::Hole, of(0.03)), [Some(of(0.03)), None]),
+            (bare.with_calibration(Side::Peg, of(0.02)), [None, Some(of(0.02))]),
+            (both, [Some(of(0.03)), Some(of(0.02))]),
+        ] {
+            assert_eq!(checkpoint.save(&path).unwrap(), identity);
+            let model = Model::load(&path).unwrap();
+            assert_eq!(**model.sha256(), *identity);
+            assert_eq!([Side::Hole, Side::Peg].map(|side| model.calibration(side).copied()), [hole, peg]);
+            // A file without a calibration for pegs has no entry of one: its bytes are those of before.
+            let bytes = std::fs::read(&path).unwrap();
+            let named = bytes.windows(15).any(|window| window == b"peg_calibration");
+            assert_eq!(named, peg.is_some());
+        }
     }
 }

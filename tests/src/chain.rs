@@ -76,6 +76,26 @@ fn an_evaluation_has_the_promised_keys_and_a_report() {
 }
 
 #[test]
+fn pegs_are_named_among_pegs_and_passed_over_where_holes_are_asked_for() {
+    let sample = Sample::shared();
+    let inputs = ["--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "pegs", "--max-touches", "1"];
+    let play = |side: &[&str]| {
+        let args = [&["replay", "--json"], &inputs[..], side].concat();
+        let replayed = run("tactile-filter", sample.folder(), &args);
+        let lines = replayed.done().lines().filter(|line| line.starts_with('{'));
+        lines.map(|line| serde_json::from_str(line).unwrap()).collect::<Vec<Value>>()
+    };
+    assert!(play(&[]).is_empty(), "these are no holes");
+    let played = play(&["--side", "peg"]);
+    // The bank was made of these very pictures: a key finds itself.
+    assert_eq!(played.len(), 2);
+    for line in played {
+        assert_eq!(line["part"], line["truth"], "{line}");
+        assert_eq!(line["stop"], "touch-limit", "{line}");
+    }
+}
+
+#[test]
 fn recorded_holes_are_played_one_episode_a_part() {
     let sample = Sample::shared();
     let args = ["replay", "--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "holes", "--json"];

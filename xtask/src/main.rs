@@ -10,6 +10,7 @@ mod lab;
 mod live;
 mod program;
 mod python;
+mod real;
 mod reproduce;
 mod slurm;
 mod step;
@@ -49,6 +50,9 @@ enum Chore {
     /// Compare the simulated sensor with real images, and write a report.
     #[command(after_help = "Example:\n  cargo xtask validate --real ../shared/real-gelsight --out validation")]
     Validate(validate::ValidateArgs),
+    /// Name real presses among simulated parts, and write a report.
+    #[command(after_help = "Example:\n  cargo xtask real --real ../shared/real-gelsight --out real")]
+    Real(real::RealArgs),
     /// Every table and figure of the paper and the trade of speed for accuracy, on one page.
     #[command(
         after_help = "Example:\n  cargo xtask reproduce --smoke\n  cargo xtask reproduce --part tables --part hard"
@@ -100,6 +104,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Ci => ci(&workspace),
         Chore::Bench(bench) => bench::bench(&workspace, bench),
         Chore::Validate(args) => validate::validate(&workspace, args),
+        Chore::Real(args) => real::real(&workspace, args),
         Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),

@@ -82,7 +82,7 @@ impl Compare {
         let text = if self.json {
             let json = json!({
                 "schema": "tactile-filter/comparison/1", "figures": figures, "n_pixels": compared.pixels.len(),
-                "share": share, "n_exposure_pixels": compared.n_exposure_pixels,
+                "share": share, "n_exposure_pixels": compared.n_exposure_pixels, "far_counts": compared.far_counts,
                 "real_gain": real_gain, "simulated_gain": simulated_gain,
             });
             super::pretty(&json)?

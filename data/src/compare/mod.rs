@@ -77,6 +77,8 @@ pub struct Comparison {
     pub pixels: Vec<usize>,
     /// Pixels from which the exposures are taken.
     pub n_exposure_pixels: usize,
+    /// Mean absolute difference from rest on those pixels, counts: real, simulated.
+    pub far_counts: [f64; 2],
     /// Exposure of each channel as a multiple of the frame's at rest: real, simulated.
     pub gains: [[f32; 3]; 2],
     /// What the press changed, interleaved RGB, counts: real, simulated.
@@ -164,9 +166,16 @@ pub fn compare(
         figures: Figures::of(&pairs),
         pixels: near,
         n_exposure_pixels: far.len(),
+        far_counts: [&real_difference, &simulated_difference].map(|difference| mean_of(difference, &far)),
         gains: [real_gain, simulated_gain],
         differences: [real_difference, simulated_difference],
     })
+}
+
+/// Mean absolute value of all channels on some pixels, counts.
+fn mean_of(difference: &[f32], pixels: &[usize]) -> f64 {
+    let values = pixels.iter().flat_map(|pixel| &difference[3 * pixel..3 * pixel + 3]);
+    values.map(|value| f64::from(value.abs())).sum::<f64>() / (3 * pixels.len()).max(1) as f64
 }
 
 impl Comparison {
@@ -264,8 +273,8 @@ mod tests {
         let figures = compare(press, press, &square(), [0.1; 2], 1.0).unwrap().figures;
         assert_eq!(figures.l1_counts, 0.0);
         assert!((figures.correlation - 1.0).abs() < 1e-9);
-        let same = compare(press, Press { frame: &rest, ..press }, &square(), [0.1; 2], 1.0).unwrap().figures;
-        assert_eq!(same.ratio, 1.0);
+        let same = compare(press, Press { frame: &rest, ..press }, &square(), [0.1; 2], 1.0).unwrap();
+        assert_eq!((same.figures.ratio, same.far_counts), (1.0, [0.0; 2]));
     }
 
     #[test]

@@ -2,6 +2,7 @@ use std::path::{Path, PathBuf};
 
 use super::*;
 use crate::se2::Se2;
+use crate::sensor::light::{self, LightRig};
 use crate::simulator::{Simulator, frame_rng};
 
 /// A folder with a scene file of these lines before `[reach]`, and with files next to it.
@@ -202,9 +203,9 @@ fn the_field_of_view_is_told_in_any_way_and_only_one() {
 }
 
 #[test]
-fn a_calibration_gives_the_light_of_a_sensor_of_its_size_only() {
+fn a_calibration_gives_its_light_to_every_view_within_it() {
     let written = Written::new();
-    let light = crate::sensor::light::LightRig::named("cmu").unwrap();
+    let light = LightRig::named("cmu").unwrap();
     let calibration = Calibration {
         schema: crate::calibrate::SCHEMA.into(),
         frame_px: [320, 240],
@@ -220,9 +221,53 @@ fn a_calibration_gives_the_light_of_a_sensor_of_its_size_only() {
     let sensor = written.load(&with("frame_px = [80, 60]")).unwrap().sensor;
     assert_eq!((sensor.light, sensor.gel_length_mm, sensor.frame_px), (light, 1.5, [80, 60]));
     assert_eq!(sensor.calibration, None);
-    written.refused(&with("preset = \"gelsight-mini-sdk\""), &["sensor.calibration", "20.3 x 15.2"]);
+    let sdk = written.load(&with("preset = \"gelsight-mini-sdk\"")).unwrap().sensor;
+    assert_eq!(
+        sdk,
+        calibration.light_for(SensorSpec { field_of_view_mm: [20.3, 15.2], ..SensorSpec::default() }).unwrap()
+    );
+    written.refused(&with("field_of_view_mm = [26.0, 20.0]"), &["sensor.calibration", "26.0 x 20.0"]);
+    let crop =
+        written.load(&with("field_of_view_mm = [9.3, 14.3]\ncalibration_centre_mm = [-4.65, 0.0]")).unwrap().sensor;
+    // The left half: its right border is the middle of the whole.
+    let along = |rig: &LightRig, x| light::value(&rig.along_x[0], x, 0.5);
+    assert!((along(&crop.light, 1.0) - along(&calibration.light, 0.0)).abs() < 1e-4);
+    written.refused(&format!("{LETTERS}\n[sensor]\ncalibration_centre_mm = [1.0, 0.0]"), &["calibration_centre_mm"]);
     written.refused(&with("light = \"mini\""), &["light or calibration"]);
     written.refused(&with("").replace("mine", "yours"), &["sensor.calibration", "yours.toml"]);
+}
+
+#[test]
+fn a_preset_under_a_calibrated_sensor_shows_what_that_sensor_shows() {
+    let mine = Calibration {
+        schema: crate::calibrate::SCHEMA.into(),
+        frame_px: [320, 240],
+        field_of_view_mm: [20.3, 15.2],
+        source: "by hand".into(),
+        gel_length_mm: Some(1.8),
+        contact_share: None,
+        leave_one_out: None,
+        light: LightRig::named("cmu").unwrap(),
+    };
+    let maze = Scene::preset("maze").unwrap();
+    let own = maze.clone().under(&mine).unwrap();
+    let expected = SensorSpec {
+        field_of_view_mm: [20.3, 15.2],
+        light: mine.light.clone(),
+        gel_length_mm: 1.8,
+        ..maze.sensor.clone()
+    };
+    assert_eq!(own.sensor, expected);
+    let lengths = |scene: &Scene| match &scene.parts {
+        Parts::Maze(boards) => boards.gel_length_mm,
+        Parts::Kit(_) => panic!("a kit"),
+    };
+    // Half as long again as the default of 1.2 mm.
+    let [shortest, longest] = lengths(&own);
+    assert_eq!([0.9, 1.6], lengths(&maze));
+    assert!((shortest - 1.35).abs() < 1e-9 && (longest - 2.4).abs() < 1e-9, "{shortest} {longest}");
+    let plain = maze.under(&Calibration { gel_length_mm: None, ..mine }).unwrap();
+    assert_eq!(lengths(&plain), [0.9, 1.6]);
 }
 
 #[test]

@@ -166,11 +166,12 @@ public:
         return detail::give(status, Model(handle));
     }
 
-    // The settings that were measured to be good for it.
-    Result<tf_episode_config> config() const
+    // The settings that were measured to be good for it where this side is touched.
+    Result<tf_episode_config> config(tf_side side = TF_SIDE_HOLE) const
     {
         tf_episode_config config{};
-        const tf_status status = tf_episode_config_default(get(), sizeof config, &config);
+        const auto touched = static_cast<std::uint32_t>(side);
+        const tf_status status = tf_episode_config_of_side(get(), touched, sizeof config, &config);
         return detail::give(status, config);
     }
 
@@ -250,14 +251,24 @@ class Sensor {
 public:
     Sensor() = default;
 
-    static Result<Sensor> create(const Model &model, const tf_frame &at_rest)
+    // Touches holes, or raised parts that are recognised among the bank's own.
+    static Result<Sensor> create(const Model &model, const tf_frame &at_rest, tf_side side = TF_SIDE_HOLE)
     {
         tf_sensor *handle = nullptr;
-        const tf_status status = tf_sensor_new(model.get(), &at_rest, &handle);
+        const auto touched = static_cast<std::uint32_t>(side);
+        const tf_status status = tf_sensor_new_of_side(model.get(), &at_rest, touched, &handle);
         return detail::give(status, Sensor(handle));
     }
 
-    // What a frame of a touched hole shows.
+    // The same sensor with known lamps: its pictures are brought under those that the network knows.
+    Result<Sensor> lit_by(const tf_lamps &lamps) const
+    {
+        tf_sensor *handle = nullptr;
+        const tf_status status = tf_sensor_lit_by(get(), &lamps, &handle);
+        return detail::give(status, Sensor(handle));
+    }
+
+    // What a frame of a touch shows.
     Result<Observation> observe(const tf_frame &frame) const
     {
         tf_observation *handle = nullptr;

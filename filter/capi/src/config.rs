@@ -9,6 +9,7 @@ use tactile_filter::particle::ParticleConfig;
 
 use crate::model::tf_model;
 use crate::pointer::{get, out};
+use crate::sensor::{side, tf_side};
 use crate::status::{Failure, call, tf_status};
 
 /// The most particles, draws or suppositions: more is a mistake, and could take all memory.
@@ -308,7 +309,7 @@ pub(crate) unsafe fn read(config: *const tf_episode_config) -> Result<EpisodeCon
     checked(unsafe { get(config, "config")? })
 }
 
-/// Fills in the settings that were measured to be good for a model.
+/// Fills in the settings that were measured to be good for a model where holes are touched.
 /// \param size  sizeof(tf_episode_config) of your program
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_episode_config_default(
@@ -316,11 +317,25 @@ pub unsafe extern "C" fn tf_episode_config_default(
     size: usize,
     config: *mut tf_episode_config,
 ) -> tf_status {
+    unsafe { tf_episode_config_of_side(model, tf_side::Hole as u32, size, config) }
+}
+
+/// Fills in the settings that were measured to be good for a model where this side is touched; of a model without a
+/// calibration for pegs, those for holes.
+/// \param touched  a value of tf_side
+/// \param size  sizeof(tf_episode_config) of your program
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_episode_config_of_side(
+    model: *const tf_model,
+    touched: u32,
+    size: usize,
+    config: *mut tf_episode_config,
+) -> tf_status {
     call(|| {
         if size != size_of::<tf_episode_config>() {
             return Err(Failure::argument("size", size_of::<tf_episode_config>(), size));
         }
-        let default = EpisodeConfig::of(&unsafe { get(model, "model")? }.model);
+        let default = EpisodeConfig::of_side(&unsafe { get(model, "model")? }.model, side(touched)?);
         unsafe { out(config, "config")?.put((&default).into()) };
         Ok(())
     })

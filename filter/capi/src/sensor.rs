@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use tactile_data::frame::Frame;
+use tactile_data::lamps::Lamps;
+use tactile_data::touch::Side;
 use tactile_filter::{Observation, Sensor};
 
 use crate::model::tf_model;
@@ -19,6 +21,35 @@ pub enum tf_format {
     Rgb8 = 0,
     /// Blue, green, red, 8 bits each: what OpenCV gives.
     Bgr8 = 1,
+}
+
+/// Which half of a mating pair is touched.
+#[repr(C)]
+pub enum tf_side {
+    /// A hole, whose peg is looked for.
+    Hole = 0,
+    /// A raised part, recognised among the bank's own.
+    Peg = 1,
+}
+
+/// Reads a value of tf_side.
+pub(crate) fn side(value: u32) -> Result<Side, Failure> {
+    match value {
+        value if value == tf_side::Hole as u32 => Ok(Side::Hole),
+        value if value == tf_side::Peg as u32 => Ok(Side::Peg),
+        other => Err(Failure::argument("side", "a value of tf_side", other)),
+    }
+}
+
+/// How a sensor's lamps light a slope of the gel, as `tactile-data calibrate` writes it (`[light]`): for red, green and
+/// blue the factors of 1, x, y, x^2, x y, y^2 over the frame, x and y in -1..1, x right and y down, counts.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct tf_lamps {
+    /// Response to a slope along x.
+    pub along_x: [[f32; 6]; 3],
+    /// Response to a slope along y.
+    pub along_y: [[f32; 6]; 3],
 }
 
 /// A picture of the sensor. The library copies what it needs: the pixels are the caller's again after the call.
@@ -80,7 +111,7 @@ pub(crate) unsafe fn read(frame: *const tf_frame) -> Result<Frame, Failure> {
     Ok(Frame::new(width_px, height_px, rgb)?)
 }
 
-/// A sensor whose frame at rest, without contact, is `at_rest`.
+/// A sensor that touches holes, and whose frame at rest, without contact, is `at_rest`.
 /// TF_STATUS_FRAME_DARK, _SATURATED, _UNIFORM: that frame shows nothing. TF_STATUS_UNUSABLE: it is smaller than the model's
 /// input.
 #[unsafe(no_mangle)]
@@ -89,9 +120,40 @@ pub unsafe extern "C" fn tf_sensor_new(
     at_rest: *const tf_frame,
     out: *mut *mut tf_sensor,
 ) -> tf_status {
+    unsafe { tf_sensor_new_of_side(model, at_rest, tf_side::Hole as u32, out) }
+}
+
+/// tf_sensor_new() of a sensor that touches this side. An episode is of one side: the settings are those of
+/// tf_episode_config_of_side(), and a touch of the other side is refused with TF_STATUS_WRONG_SIDE.
+/// \param touched  a value of tf_side
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_sensor_new_of_side(
+    model: *const tf_model,
+    at_rest: *const tf_frame,
+    touched: u32,
+    out: *mut *mut tf_sensor,
+) -> tf_status {
     let make = || {
         let (model, at_rest) = unsafe { (get(model, "model")?, read(at_rest)?) };
-        Ok(tf_sensor { sensor: Arc::new(Sensor::new(model.model.clone(), &at_rest)?) })
+        let sensor = Sensor::new(model.model.clone(), &at_rest)?.of_side(side(touched)?);
+        Ok(tf_sensor { sensor: Arc::new(sensor) })
+    };
+    call(|| unsafe { give(out, make) })
+}
+
+/// The same sensor, whose lamps are known: its pictures are brought under the lamps that the network knows. Without it they
+/// are taken to be a GelSight Mini's. The first sensor stays as it is.
+/// TF_STATUS_UNUSABLE: lamps that do not show slopes in all directions.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_sensor_lit_by(
+    sensor: *const tf_sensor,
+    lamps: *const tf_lamps,
+    out: *mut *mut tf_sensor,
+) -> tf_status {
+    let make = || {
+        let (sensor, lamps) = unsafe { (get(sensor, "sensor")?, get(lamps, "lamps")?) };
+        let lamps = Lamps { along_x: lamps.along_x, along_y: lamps.along_y };
+        Ok(tf_sensor { sensor: Arc::new(sensor.sensor.as_ref().clone().lit_by(&lamps)?) })
     };
     call(|| unsafe { give(out, make) })
 }
@@ -102,7 +164,7 @@ pub unsafe extern "C" fn tf_sensor_free(sensor: *mut tf_sensor) {
     unsafe { free(sensor) }
 }
 
-/// What a frame of a touched hole shows: some milliseconds of work, on the caller's thread.
+/// What a frame of a touch shows: some milliseconds of work, on the caller's thread.
 /// \param out  where the handle goes, to be freed by tf_observation_free(); null after an error
 /// TF_STATUS_FRAME_...: the frame cannot be used.
 #[unsafe(no_mangle)]

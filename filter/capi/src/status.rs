@@ -56,6 +56,8 @@ pub enum tf_status {
     File = 22,
     /// A model, bank or frame at rest that cannot be used: the file is damaged or of another kind, the frame too small.
     Unusable = 23,
+    /// A touch of a peg in an episode of holes, or the other way.
+    WrongSide = 24,
     /// The runner has as many jobs without a polled outcome as it may have.
     QueueFull = 30,
     /// The runner's thread has ended.
@@ -135,6 +137,7 @@ fn of_error(error: &Error) -> tf_status {
         Error::FrozenFrame { .. } => tf_status::FrozenFrame,
         Error::Motion { .. } => tf_status::Motion,
         Error::WrongModel { .. } | Error::Infer(tactile_infer::Error::WrongModel { .. }) => tf_status::WrongModel,
+        Error::WrongSide { .. } => tf_status::WrongSide,
         Error::WrongBank { .. } => tf_status::WrongBank,
         Error::EmptyReach { .. } => tf_status::EmptyReach,
         Error::Observation { .. } => tf_status::Observation,

@@ -278,6 +278,31 @@ fn an_error_leaves_the_episode_as_it_was() {
 }
 
 #[test]
+fn a_touch_of_the_other_side_is_refused() {
+    let world = world();
+    let rest = Picture::of(world.path("rest.ppm"));
+    let picture = Picture::of(world.path("touch-2.ppm"));
+    let (mut sensor, mut peg, episode) = (null_mut(), null_mut(), world.episode());
+    unsafe {
+        let nothing = tf_sensor_new_of_side(world.model, &rest.frame(), 2, &mut sensor);
+        assert!(nothing == tf_status::Argument && sensor.is_null());
+        ok(tf_sensor_new_of_side(world.model, &rest.frame(), tf_side::Peg as u32, &mut sensor));
+        ok(tf_sensor_observe(sensor, &picture.frame(), &mut peg));
+        assert_eq!(tf_episode_observe(episode, REACH[0], peg), tf_status::WrongSide);
+        ok(tf_episode_observe(episode, REACH[0], world.touches[1]));
+        let mut config = world.config;
+        let size = size_of::<tf_episode_config>();
+        assert_eq!(tf_episode_config_of_side(world.model, 7, size, &mut config), tf_status::Argument);
+        // Nothing was measured of this model: pegs are believed as holes are.
+        ok(tf_episode_config_of_side(world.model, tf_side::Peg as u32, size, &mut config));
+        assert_eq!(config, world.config);
+        tf_observation_free(peg);
+        tf_sensor_free(sensor);
+        tf_episode_free(episode);
+    }
+}
+
+#[test]
 fn the_belief_over_the_parts_adds_up_to_their_posterior() {
     let world = world();
     let episode = world.episode();

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use tactile_data::touch::Side;
 use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};
@@ -59,6 +60,9 @@ pub struct Setup {
     /// Whether the holes were recorded; else they were simulated.
     #[serde(default, skip_serializing_if = "is_false")]
     pub recorded: bool,
+    /// Which side was touched.
+    #[serde(default, skip_serializing_if = "Side::is_hole")]
+    pub side: Side,
     /// Limit on each choice of a touch, ms.
     pub choose_ms: Option<f64>,
     /// The model.
@@ -204,6 +208,7 @@ impl Episodes {
             seeds: setup.seeds.clone(),
             absent: setup.absent,
             recorded: setup.recorded,
+            side: setup.side,
             model: setup.model.clone(),
             device: setup.device.clone(),
             n_threads: self.n_threads,
@@ -246,6 +251,7 @@ mod tests {
                 poses: Poses::OnGrid,
                 absent: false,
                 recorded: false,
+                side: Side::Hole,
                 choose_ms: None,
                 model: ModelRecord { name: "m".into(), sha256: "ab".into(), parameters: 7, input_px: [8, 6] },
                 bank_sha256: "cd".into(),

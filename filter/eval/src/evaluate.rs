@@ -156,7 +156,7 @@ pub type Watch<'w> = &'w mut dyn FnMut(&Hole<'_>, &Frame, &Episode, &Estimate);
 pub struct Run<'a> {
     /// What is touched.
     pub holes: Holes<'a>,
-    /// The sensor, as the filter knows it.
+    /// The sensor, as the filter knows it: it touches the same side.
     pub sensor: &'a Sensor,
     /// The pegs.
     pub bank: &'a Arc<Bank>,
@@ -170,9 +170,13 @@ pub struct Run<'a> {
 /// the episodes done and all of them.
 ///
 /// # Errors
-/// A protocol that does not fit scene and bank, a touch that cannot be made or seen.
+/// A protocol that does not fit scene and bank, a sensor of the other side, a touch that cannot be made or seen.
 pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Vec<Outcome>> {
     let protocol = run.protocol;
+    let (touched, seen) = (run.holes.side(), run.sensor.side());
+    if touched != seen {
+        return Err(Error::invalid("sensor", format!("one that touches {touched}s"), format!("one of {seen}s")));
+    }
     protocol.validate(run.holes, run.bank)?;
     let banks = Banks::new(run.bank, protocol);
     let done = AtomicUsize::new(0);

@@ -5,7 +5,6 @@ use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::simulator::frame_rng;
-use tactile_data::touch::Side;
 use tactile_filter::action::Action;
 use tactile_filter::{Observation, Sensor};
 
@@ -102,9 +101,9 @@ impl<'a> Hole<'a> {
     pub fn touch(&mut self) -> Result<Frame> {
         self.stream += 1;
         match self.holes {
-            Holes::Simulated(simulator) => {
+            Holes::Simulated(simulator, side) => {
                 let mut rng = frame_rng(self.seed, self.stream);
-                Ok(simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
+                Ok(simulator.touch(self.part, side, &self.part_from_sensor, &mut rng)?)
             }
             Holes::Recorded(recorded) => {
                 self.touched.push(self.frame);
@@ -132,7 +131,7 @@ impl<'a> Hole<'a> {
     fn left(&self) -> impl Iterator<Item = usize> {
         let frames = match self.holes {
             Holes::Recorded(recorded) => recorded.frames(self.part),
-            Holes::Simulated(_) => &[],
+            Holes::Simulated(..) => &[],
         };
         frames.iter().copied().filter(|frame| !self.touched.contains(frame))
     }
@@ -145,8 +144,10 @@ impl<'a> Hole<'a> {
             (Holes::Recorded(holes), _) => {
                 return self.left().map(|frame| sensor_from_part * holes.pose(frame)).collect();
             }
-            (Holes::Simulated(_), Poses::OnGrid) => (*recorded, Se2::IDENTITY),
-            (Holes::Simulated(simulator), Poses::OffGrid) => (simulator.scene().reach.unwrap_or(*recorded), self.first),
+            (Holes::Simulated(..), Poses::OnGrid) => (*recorded, Se2::IDENTITY),
+            (Holes::Simulated(simulator, _), Poses::OffGrid) => {
+                (simulator.scene().reach.unwrap_or(*recorded), self.first)
+            }
         };
         (0..grid.len()).map(|cell| sensor_from_part * origin * grid.pose(cell)).collect()
     }

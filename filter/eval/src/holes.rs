@@ -1,20 +1,24 @@
-//! Whose holes are touched: those of a simulated scene, or those of a recording.
+//! What is touched: the holes of a simulated scene or of a recording, or their pegs.
+
+use std::sync::Arc;
 
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
+use tactile_data::lamps::Lamps;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::Bank;
+use tactile_filter::Sensor;
+use tactile_infer::{Bank, Model};
 
 use crate::error::{Error, Result};
 
-/// The holes of an evaluation.
+/// The holes of an evaluation; with the side `Peg` its pegs, in all that is said of holes.
 #[derive(Clone, Copy)]
 pub enum Holes<'a> {
-    /// Touched anew each time, by a simulated sensor.
-    Simulated(&'a Simulator),
+    /// This side of a scene's parts, touched anew each time by a simulated sensor.
+    Simulated(&'a Simulator, Side),
     /// Touched once, by somebody's sensor.
     Recorded(&'a RecordedHoles),
 }
@@ -23,6 +27,7 @@ pub enum Holes<'a> {
 #[derive(Debug)]
 pub struct RecordedHoles {
     dataset: Dataset,
+    side: Side,
     /// The bank's parts.
     parts: Vec<String>,
     /// The frames of each part's hole.
@@ -33,17 +38,18 @@ pub struct RecordedHoles {
 }
 
 impl RecordedHoles {
-    /// The hole touches of a dataset whose poses are known, for the parts of a bank.
+    /// The touches of one side of a dataset whose poses are known, for the parts of a bank.
     ///
     /// # Errors
-    /// A dataset of another scale than the bank's, no holes, a part of the bank without any, or holes of other parts.
-    pub fn new(dataset: Dataset, bank: &Bank, other_sensor: bool) -> Result<Self> {
+    /// A dataset of another scale than the bank's, no such touch, a part of the bank without any, or touches of other
+    /// parts.
+    pub fn new(dataset: Dataset, side: Side, bank: &Bank, other_sensor: bool) -> Result<Self> {
         let name = dataset.meta().name.clone();
         check_scale(&dataset, bank, other_sensor)?;
         let parts = bank.parts().to_vec();
         let mut frames = vec![Vec::new(); parts.len()];
         let mut n_unknown = 0;
-        for (frame, touch) in dataset.touches().iter().enumerate().filter(|(_, t)| t.side == Some(Side::Hole)) {
+        for (frame, touch) in dataset.touches().iter().enumerate().filter(|(_, t)| t.side == Some(side)) {
             let (Some(part), Some(_)) = (&touch.part, touch.part_from_sensor) else {
                 n_unknown += 1;
                 continue;
@@ -55,20 +61,25 @@ impl RecordedHoles {
             frames[part].push(frame);
         }
         if let Some(part) = frames.iter().position(Vec::is_empty) {
-            let expected = format!("touches of the hole of {}, with their poses", parts[part]);
+            let expected = format!("touches of the {side} of {}, with their poses", parts[part]);
             return Err(Error::invalid(name, expected, "none"));
         }
         let mut notes = Vec::new();
         if n_unknown > 0 {
-            notes.push(format!("{n_unknown} touches of holes are not used: part or pose is not known"));
+            notes.push(format!("{n_unknown} touches of {side}s are not used: part or pose is not known"));
         }
         let symmetric = (0..parts.len()).map(|part| bank.symmetry(part).order.is_multiple_of(2)).collect();
-        Ok(Self { dataset, parts, frames, symmetric, notes })
+        Ok(Self { dataset, side, parts, frames, symmetric, notes })
     }
 
     /// The recording.
     pub fn dataset(&self) -> &Dataset {
         &self.dataset
+    }
+
+    /// The sensor's lamps, where they are known.
+    pub fn lamps(&self) -> Option<&Lamps> {
+        self.dataset.meta().lamps.as_ref()
     }
 
     /// What of it is not used, a line each.
@@ -114,10 +125,18 @@ fn check_scale(dataset: &Dataset, bank: &Bank, other_sensor: bool) -> Result<()>
 }
 
 impl<'a> Holes<'a> {
+    /// Which side is touched.
+    pub fn side(&self) -> Side {
+        match self {
+            Self::Simulated(_, side) => *side,
+            Self::Recorded(recorded) => recorded.side,
+        }
+    }
+
     /// Name of the scene or of the recording.
     pub fn name(&self) -> &'a str {
         match self {
-            Self::Simulated(simulator) => &simulator.scene().name,
+            Self::Simulated(simulator, _) => &simulator.scene().name,
             Self::Recorded(recorded) => &recorded.dataset.meta().name,
         }
     }
@@ -125,7 +144,7 @@ impl<'a> Holes<'a> {
     /// The parts whose holes they are.
     pub fn parts(&self) -> &'a [String] {
         match self {
-            Self::Simulated(simulator) => simulator.parts(),
+            Self::Simulated(simulator, _) => simulator.parts(),
             Self::Recorded(recorded) => &recorded.parts,
         }
     }
@@ -138,7 +157,7 @@ impl<'a> Holes<'a> {
     /// Whether a part looks the same after half a turn: by its outline, or of a recording by the bank's own views.
     pub fn is_symmetric(&self, part: usize) -> bool {
         match self {
-            Self::Simulated(simulator) => simulator.is_half_turn_symmetric(part),
+            Self::Simulated(simulator, _) => simulator.is_half_turn_symmetric(part),
             Self::Recorded(recorded) => recorded.symmetric[part],
         }
     }
@@ -146,7 +165,7 @@ impl<'a> Holes<'a> {
     /// The poses that a scene says its holes may be touched at; of a recording, those of the bank.
     pub fn reach(&self, bank: &Bank) -> PoseGrid {
         match self {
-            Self::Simulated(simulator) => simulator.scene().reach.unwrap_or(*bank.grid()),
+            Self::Simulated(simulator, _) => simulator.scene().reach.unwrap_or(*bank.grid()),
             Self::Recorded(_) => *bank.grid(),
         }
     }
@@ -154,15 +173,31 @@ impl<'a> Holes<'a> {
     /// The sensor at rest in the robot's own session, which is not the bank's.
     pub fn at_rest(&self, seeds: &[u64]) -> Frame {
         match self {
-            Self::Simulated(simulator) => simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374),
+            Self::Simulated(simulator, _) => simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374),
             Self::Recorded(recorded) => recorded.dataset.no_contact().clone(),
         }
+    }
+
+    /// The sensor that touches them, whose frame at rest is `no_contact`; its lamps are made up for where they are known.
+    ///
+    /// # Errors
+    /// A frame that shows nothing, or lamps that do not show slopes in all directions.
+    pub fn sensor(&self, model: &Arc<Model>, no_contact: &Frame) -> Result<Sensor> {
+        let lamps = match self {
+            Self::Simulated(simulator, _) => simulator.scene().sensor.known_lamps(),
+            Self::Recorded(recorded) => recorded.lamps().cloned(),
+        };
+        let sensor = Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side());
+        Ok(match lamps {
+            Some(lamps) => sensor.lit_by(&lamps)?,
+            None => sensor,
+        })
     }
 
     /// Width and height of what a frame shows, mm.
     pub fn field_of_view_mm(&self) -> [f64; 2] {
         match self {
-            Self::Simulated(simulator) => simulator.scene().sensor.field_of_view_mm,
+            Self::Simulated(simulator, _) => simulator.scene().sensor.field_of_view_mm,
             Self::Recorded(recorded) => {
                 let meta = recorded.dataset.meta();
                 [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64)
@@ -173,7 +208,9 @@ impl<'a> Holes<'a> {
     /// Closed contours of a part in its own frame, mm; none of a recorded one.
     pub fn outline_mm(&self, part: usize) -> Result<Vec<Vec<[f64; 2]>>> {
         match self {
-            Self::Simulated(simulator) => Ok(simulator.scene().shape(part, 0)?.regions.into_iter().flatten().collect()),
+            Self::Simulated(simulator, _) => {
+                Ok(simulator.scene().shape(part, 0)?.regions.into_iter().flatten().collect())
+            }
             Self::Recorded(_) => Ok(Vec::new()),
         }
     }

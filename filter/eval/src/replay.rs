@@ -10,7 +10,7 @@ use tactile_data::touch::{Side, Touch};
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
-use tactile_filter::{Episode, EpisodeConfig, Sensor};
+use tactile_filter::{Episode, EpisodeConfig, Sensor, StopReason};
 
 /// One touch of a recording: the frame to look at, and the motion since the touch before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,22 +39,25 @@ pub struct Replayed {
     pub truth: Option<String>,
     /// Whether the filter would act on this: confident, and nothing to doubt it.
     pub confident: bool,
+    /// Why the filter stopped; left out where the recording ended first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop: Option<StopReason>,
     /// Reasons to doubt it.
     pub warnings: Vec<String>,
 }
 
 /// Cuts a recording into episodes.
 ///
-/// A frame with `moved` continues the episode. Frames of one part whose poses are known follow each other
-/// by the motion between them. Frames of which neither is known are a film: each run of frames with
-/// contact is one touch, its most edged frame, and an episode of its own. Pegs are passed over.
-pub fn episodes(dataset: &Dataset) -> Result<Vec<Vec<Played>>> {
+/// A frame with `moved` continues the episode. Frames of one part and one named episode, whose poses are known, follow
+/// each other by the motion between them. Frames of which neither is known are a film: each run of frames with
+/// contact is one touch, its most edged frame, and an episode of its own. Touches of the other side are passed over.
+pub fn episodes(dataset: &Dataset, side: Side) -> Result<Vec<Vec<Played>>> {
     let is_film = |touch: &Touch| touch.moved.is_none() && touch.part_from_sensor.is_none();
     let contacts = if dataset.touches().iter().any(is_film) { contact::measure(dataset)? } else { Vec::new() };
     let mut episodes: Vec<Vec<Played>> = Vec::new();
     let mut film: Option<(usize, f32)> = None;
     for (frame, touch) in dataset.touches().iter().enumerate() {
-        if touch.side == Some(Side::Peg) {
+        if touch.side.is_some_and(|of| of != side) {
             continue;
         }
         if is_film(touch) {
@@ -84,7 +87,7 @@ fn motion(before: &Touch, now: &Touch) -> Option<Se2> {
     if now.moved.is_some() {
         return now.moved;
     }
-    let same = before.part == now.part && before.side == now.side;
+    let same = before.part == now.part && before.side == now.side && before.episode == now.episode;
     let (from, to) = (before.part_from_sensor?, now.part_from_sensor?);
     same.then(|| from.inverse() * to)
 }
@@ -117,6 +120,7 @@ pub fn play(
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
         confident: estimate.probability > config.stop_probability && estimate.warnings.is_empty(),
+        stop: episode.stop_reason(),
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
         part: estimate.part,
         probability: estimate.probability,

@@ -1,6 +1,7 @@
 //! What an evaluation found, as other programs read it: `evaluation.json`.
 
 use serde::{Deserialize, Serialize};
+use tactile_data::touch::Side;
 use tactile_infer::Model;
 
 /// The value of [`Evaluation::schema`].
@@ -25,6 +26,9 @@ pub struct Evaluation {
     /// Whether the holes were recorded; else they were simulated.
     #[serde(default, skip_serializing_if = "crate::episodes::is_false")]
     pub recorded: bool,
+    /// Which side was touched: with `peg` the pegs were named, in all that is said of holes.
+    #[serde(default, skip_serializing_if = "Side::is_hole")]
+    pub side: Side,
     /// The model that embedded the touches.
     pub model: ModelRecord,
     /// Device of the network.

@@ -238,7 +238,7 @@ impl Node {
         match made {
             Ok(calibrated) => {
                 let [width, height] = calibrated.frame_px();
-                self.calibrated = Some(Box::new(calibrated));
+                self.calibrated = Some(Box::new(calibrated.of_side(self.parameters.side)));
                 self.rest_needed = None;
                 warnings.into_iter().for_each(|warning| self.say(warning));
                 let line = format!("at rest: {width}x{height} pixels, the median of {n_rest} pictures");

@@ -3,9 +3,11 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use tactile_data::grid::PoseGrid;
+use tactile_data::lamps::CalibratedLamps;
 use tactile_data::recording::geometry::{Crop, Geometry};
 use tactile_data::recording::provenance::{Channels, Mirror};
 use tactile_data::recording::ros::rigid::Rigid;
+use tactile_data::touch::Side;
 use tactile_filter::EpisodeConfig;
 use tactile_infer::Model;
 
@@ -15,6 +17,9 @@ use crate::error::{Error, Result};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
+    /// Which side is touched: `hole`, or `peg` for raised parts that are recognised among the bank's own.
+    #[serde(skip_serializing_if = "Side::is_hole")]
+    pub side: Side,
     /// When a touch is observed.
     pub trigger: Trigger,
     /// Whether the first pictures are taken for the sensor at rest, without being asked.
@@ -61,6 +66,11 @@ pub struct CameraParameters {
     pub letterbox: bool,
     /// What the kept picture shows along x and y, mm; a GelSight Mini's if not given.
     pub field_of_view_mm: Option<[f64; 2]>,
+    /// A file of the sensor's light, as `tactile-data calibrate` writes it, of pictures turned and mirrored likewise.
+    pub calibration: Option<String>,
+    /// What that file says; the node itself reads no files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lamps: Option<CalibratedLamps>,
     /// A picture of a touch is at most this old, seconds.
     pub max_age_s: f64,
     /// After so many seconds without a new picture the camera counts as gone, and a new frame at rest is asked for.
@@ -85,6 +95,8 @@ impl Default for CameraParameters {
             crop: None,
             letterbox: false,
             field_of_view_mm: None,
+            calibration: None,
+            lamps: None,
             max_age_s: 0.3,
             reconnect_s: 2.0,
             clock: Clock::default(),
@@ -262,7 +274,7 @@ impl Parameters {
     /// The settings of the episode of a number, from 0 on.
     pub fn episode_config(&self, model: &Model, episode: u64) -> EpisodeConfig {
         let EpisodeParameters { seed, stop_probability, stop_place_mm, max_touches } = self.episode;
-        let of_model = EpisodeConfig::of(model);
+        let of_model = EpisodeConfig::of_side(model, self.side);
         EpisodeConfig {
             stop_probability: stop_probability.unwrap_or(of_model.stop_probability),
             stop_place_mm: stop_place_mm.or(of_model.stop_place_mm),
@@ -304,6 +316,7 @@ impl CameraParameters {
             letterbox: self.letterbox,
             field_of_view_mm: self.field_of_view_mm,
             frame_px: None,
+            lamps: self.lamps.clone(),
         })
     }
 }
@@ -417,6 +430,7 @@ right:
             ("tool.still_mm", ".nan", "tool.still_mm"),
             ("camera.n_rest", "0", "1 to 100"),
             ("trigger", "always", "`service` or `contact`"),
+            ("side", "pin", "`hole` or `peg`"),
         ] {
             let mut wrong = read.clone();
             let error = Parameters::set(&mut wrong, name, value).and_then(|()| Parameters::of(wrong)).unwrap_err();

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use tactile_data::frame::Frame;
 use tactile_data::recording::geometry::View;
 use tactile_data::recording::rest::median;
+use tactile_data::touch::Side;
 use tactile_filter::{Observation, Sensor};
 use tactile_infer::{Bank, Model};
 
@@ -40,12 +41,17 @@ impl Calibrated {
         let rest = view.frame(&picture, "no-contact frame")?;
         let frames = pictures.iter().map(|picture| Ok(view.frame(picture, "no-contact frame")?));
         let frames = frames.collect::<Result<Vec<_>>>()?;
-        Ok(Self {
-            sensor: Sensor::new(Arc::clone(model), &rest)?,
-            stillness: Stillness::new(&rest, &frames)?,
-            watch: ContactWatch::default(),
-            view,
-        })
+        let mut sensor = Sensor::new(Arc::clone(model), &rest)?;
+        if let Some(lamps) = view.lamps() {
+            sensor = sensor.lit_by(lamps)?;
+        }
+        Ok(Self { sensor, stillness: Stillness::new(&rest, &frames)?, watch: ContactWatch::default(), view })
+    }
+
+    /// The same, touching this side.
+    #[must_use]
+    pub fn of_side(self, side: Side) -> Self {
+        Self { sensor: self.sensor.of_side(side), ..self }
     }
 
     /// A picture as the sensor sees it: turned, cropped.

@@ -7,6 +7,7 @@ use tactile_filter::EpisodeConfig;
 
 use crate::error::{ConfigError, InternalError};
 use crate::model::PyModel;
+use crate::sensor::side_of;
 use crate::settings::{Refused, flat, with};
 
 /// How an episode infers, chooses and stops. The README lists the settings.
@@ -23,11 +24,11 @@ impl PyEpisodeConfig {
         changed(&EpisodeConfig::default(), settings)
     }
 
-    /// The defaults with what was measured of a model.
+    /// The defaults with what was measured of a model where `side` is touched: `"hole"` or `"peg"`.
     #[staticmethod]
-    #[pyo3(signature = (model, **settings))]
-    fn of(model: &PyModel, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        changed(&EpisodeConfig::of(&model.0), settings)
+    #[pyo3(signature = (model, side="hole", **settings))]
+    fn of(model: &PyModel, side: &str, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        changed(&EpisodeConfig::of_side(&model.0, side_of(side)?), settings)
     }
 
     /// Alg. 1 of the paper as printed.

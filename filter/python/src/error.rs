@@ -12,6 +12,7 @@ create_exception!(tactile_filter, FrameError, Error, "The frame is dark, saturat
 create_exception!(tactile_filter, FrozenFrameError, Error, "The same picture after a motion: the camera has stopped.");
 create_exception!(tactile_filter, MotionError, Error, "The motion is not finite, or no robot's.");
 create_exception!(tactile_filter, WrongModelError, Error, "The observation or bank is of another model.");
+create_exception!(tactile_filter, WrongSideError, Error, "A touch of a peg among touches of holes, or the other way.");
 create_exception!(tactile_filter, WrongBankError, Error, "The saved episode is of another bank or version.");
 create_exception!(tactile_filter, EmptyReachError, Error, "No motion was offered that could be made.");
 create_exception!(tactile_filter, ObservationError, Error, "An observation that no sensor makes.");
@@ -28,6 +29,7 @@ pub fn add_to(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("FrozenFrameError", py.get_type::<FrozenFrameError>())?;
     module.add("MotionError", py.get_type::<MotionError>())?;
     module.add("WrongModelError", py.get_type::<WrongModelError>())?;
+    module.add("WrongSideError", py.get_type::<WrongSideError>())?;
     module.add("WrongBankError", py.get_type::<WrongBankError>())?;
     module.add("EmptyReachError", py.get_type::<EmptyReachError>())?;
     module.add("ObservationError", py.get_type::<ObservationError>())?;
@@ -74,6 +76,7 @@ pub fn exception(py: Python<'_>, error: tactile_filter::Error) -> PyErr {
         FilterError::WrongModel { .. } | FilterError::Infer(InferError::WrongModel { .. }) => {
             WrongModelError::new_err(text)
         }
+        FilterError::WrongSide { .. } => WrongSideError::new_err(text),
         FilterError::WrongBank { .. } => WrongBankError::new_err(text),
         FilterError::EmptyReach { .. } => EmptyReachError::new_err(text),
         FilterError::Observation { .. } => ObservationError::new_err(text),

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use numpy::PyArray2;
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
+use tactile_data::touch::Side;
 use tactile_infer::{Bank, Model};
 
 use crate::array::matrix;
@@ -43,10 +44,11 @@ impl PyModel {
         (width, height)
     }
 
-    /// Whether it was measured how far its similarities can be believed (`tactile-infer calibrate`).
+    /// Whether it was measured how far its similarities can be believed where holes are touched (`tactile-infer
+    /// calibrate`).
     #[getter]
     fn is_calibrated(&self) -> bool {
-        self.0.calibration().is_some()
+        self.0.calibration(Side::Hole).is_some()
     }
 
     fn __repr__(&self) -> String {

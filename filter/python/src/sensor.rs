@@ -2,10 +2,12 @@
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
+use tactile_data::lamps::Lamps;
+use tactile_data::touch::Side;
 use tactile_filter::{Observation, Sensor};
 
 use crate::array::{frame, vector};
-use crate::error::{compute, type_error};
+use crate::error::{ConfigError, compute, type_error};
 use crate::model::PyModel;
 
 /// The camera, the gel and its frame at rest, bound to a model.
@@ -17,15 +19,26 @@ pub struct PySensor {
 
 #[pymethods]
 impl PySensor {
-    /// A sensor whose frame without contact is `rest_frame`: uint8 `[height, width, 3]`, RGB.
+    /// A sensor whose frame without contact is `rest_frame`: uint8 `[height, width, 3]`, RGB. It touches `side`: `"hole"`,
+    /// or `"peg"` for raised parts that are recognised among the bank's own.
     #[new]
-    fn new(py: Python<'_>, model: &PyModel, rest_frame: &Bound<'_, PyAny>) -> PyResult<Self> {
+    #[pyo3(signature = (model, rest_frame, side="hole"))]
+    fn new(py: Python<'_>, model: &PyModel, rest_frame: &Bound<'_, PyAny>, side: &str) -> PyResult<Self> {
         let rest = frame(rest_frame, None)?;
         let size_px = [rest.width_px(), rest.height_px()];
-        compute(py, || Ok(Self { sensor: Sensor::new(model.0.clone(), &rest)?, size_px }))
+        let side = side_of(side)?;
+        compute(py, || Ok(Self { sensor: Sensor::new(model.0.clone(), &rest)?.of_side(side), size_px }))
     }
 
-    /// What a frame of a touched hole shows: uint8 `[height, width, 3]`, RGB, of the size of the frame at rest.
+    /// The same sensor, whose lamps are known: its pictures are brought under the lamps that the network knows. Without it
+    /// they are taken to be a GelSight Mini's. `along_x` and `along_y` are those of `[light]` in the file that
+    /// `tactile-data calibrate` writes: for red, green and blue the factors of 1, x, y, x^2, x y, y^2 over the frame.
+    fn lit_by(&self, py: Python<'_>, along_x: [[f32; 6]; 3], along_y: [[f32; 6]; 3]) -> PyResult<Self> {
+        let lamps = Lamps { along_x, along_y };
+        compute(py, || Ok(Self { sensor: self.sensor.clone().lit_by(&lamps)?, size_px: self.size_px }))
+    }
+
+    /// What a frame of a touch shows: uint8 `[height, width, 3]`, RGB, of the size of the frame at rest.
     fn observe(&self, py: Python<'_>, frame: &Bound<'_, PyAny>) -> PyResult<PyObservation> {
         let frame = crate::array::frame(frame, Some(self.size_px))?;
         compute(py, || Ok(PyObservation(self.sensor.observe(&frame)?)))
@@ -35,6 +48,12 @@ impl PySensor {
     #[getter]
     fn model(&self) -> PyModel {
         PyModel(self.sensor.model().clone())
+    }
+
+    /// Which side it touches: `"hole"` or `"peg"`.
+    #[getter]
+    fn side(&self) -> String {
+        self.sensor.side().to_string()
     }
 
     /// Width and height of its frames, pixels.
@@ -49,6 +68,11 @@ impl PySensor {
     }
 }
 
+/// The side of a name.
+pub fn side_of(name: &str) -> PyResult<Side> {
+    name.parse().map_err(|_| ConfigError::new_err(format!("side: expected {}, got {name}", Side::NAMES.join(" or "))))
+}
+
 /// What the filter takes in of one touch.
 #[pyclass(name = "Observation", module = "tactile_filter", frozen, eq)]
 #[derive(PartialEq)]
@@ -59,10 +83,11 @@ impl PyObservation {
     /// An observation of which only the embedding is known: neither its frame nor its model is checked. `query`: a
     /// one-dimensional numpy array of float32.
     #[new]
-    fn new(query: &Bound<'_, PyAny>, edge_share: f32) -> PyResult<Self> {
+    #[pyo3(signature = (query, edge_share, side="hole"))]
+    fn new(query: &Bound<'_, PyAny>, edge_share: f32, side: &str) -> PyResult<Self> {
         let wrong = |_| type_error("query", "a numpy array of float32 [dim]", "something else");
         let query: PyReadonlyArray1<'_, f32> = query.extract().map_err(wrong)?;
-        Ok(Self(Observation::new(query.as_array().to_vec(), edge_share)))
+        Ok(Self(Observation::new(query.as_array().to_vec(), edge_share).of_side(side_of(side)?)))
     }
 
     /// The embedding of what was touched: float32 `[dim]`, of unit length.
@@ -75,6 +100,12 @@ impl PyObservation {
     #[getter]
     fn edge_share(&self) -> f32 {
         self.0.edge_share
+    }
+
+    /// Which side was touched: `"hole"` or `"peg"`.
+    #[getter]
+    fn side(&self) -> String {
+        self.0.side.to_string()
     }
 
     /// The same, of a simulated frame: two of them may be equal though the sensor moved.

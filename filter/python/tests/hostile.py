@@ -119,6 +119,9 @@ def motions(episode, observation, other):
     for wrong in [None, 3, "abc", (1, 2), (1, 2, 3, 4), ("a", "b", "c"), [], np.zeros((3, 3)), {}]:
         refused(TypeError, "pose expected", episode.observe, wrong, other)
     refused(tf.FrozenFrameError, "frame", episode.observe, (1.0, 0, 0), observation)
+    other_side = tf.Observation(observation.query, 0.2, "peg")
+    refused(tf.WrongSideError, "touch hole peg", episode.observe, (1.0, 0, 0), other_side)
+    refused(tf.ConfigError, "side hole peg", tf.Observation, observation.query, 0.2, "pin")
     for wrong in [None, other.query, "touch"]:
         refused(TypeError, "observation", episode.observe, (0, 0, 0), wrong)
     dim = len(other.query)

@@ -2,14 +2,16 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde::Serialize;
+use tactile_data::calibrate::Calibration;
 use tactile_data::frame::TactileImage;
+use tactile_data::touch::Side;
 use tactile_data::{npy, output, picture};
 use tactile_infer::similarity::dot;
 use tactile_infer::{Model, Result};
 
-use super::{ModelArgs, print_json};
+use super::{ModelArgs, print_json, side};
 
 #[derive(Args)]
 pub struct EmbedArgs {
@@ -21,9 +23,12 @@ pub struct EmbedArgs {
     /// Picture of the sensor at rest, from the same camera; the network sees the difference from it
     #[arg(long, value_name = "IMAGE")]
     no_contact: PathBuf,
-    /// Embed as touches of holes (queries) or as views of pegs (keys)
-    #[arg(long, value_enum, default_value_t = Tower::Hole)]
-    side: Tower,
+    /// The sensor's light over these pictures, as `tactile-data calibrate` measured it [default: a GelSight Mini's]
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
+    /// Embed as touches of holes (queries, `predictor(encoder(image))`) or as views of pegs (keys, `encoder(image)`)
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
+    side: Side,
     /// Also write what the network sees, f4 of [n, 3, height, width], for a check by another program
     #[arg(long, value_name = "FILE.npy")]
     dump_input: Option<PathBuf>,
@@ -32,21 +37,11 @@ pub struct EmbedArgs {
     json: bool,
 }
 
-/// Which of the network's two outputs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
-#[serde(rename_all = "lowercase")]
-enum Tower {
-    /// `predictor(encoder(image))`: a query.
-    Hole,
-    /// `encoder(image)`: a key.
-    Peg,
-}
-
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Embedded<'a> {
     model_sha256: &'a str,
-    side: Tower,
+    side: Side,
     dim: usize,
     images: Vec<Row<'a>>,
 }
@@ -74,10 +69,7 @@ impl EmbedArgs {
             let planes: Vec<f32> = images.iter().flat_map(|image| image.planes.iter().copied()).collect();
             npy::write(path, &[images.len(), 3, height, width], &planes)?;
         }
-        let rows = match self.side {
-            Tower::Hole => model.embed_holes(&images)?,
-            Tower::Peg => model.embed_pegs(&images)?,
-        };
+        let rows = model.embed_side(&images, self.side)?;
         let named = self.images.iter().zip(&images).zip(rows.chunks_exact(model.dim()));
         let images = named.map(|((path, image), embedding)| {
             let file = path.display().to_string();
@@ -95,7 +87,10 @@ impl EmbedArgs {
     /// What the network sees of each picture.
     fn tactile_images(&self, model: &Model) -> Result<Vec<TactileImage>> {
         let rest = &self.no_contact;
-        let background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
+        let mut background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
+        if let Some(path) = &self.calibration {
+            background = background.lit_by(&Calibration::load(path)?.lamps().lamps)?;
+        }
         let seen = |path: &PathBuf| {
             let image = background.tactile_image(&picture::read(path)?);
             Ok(image.map_err(|error| error.within(path.display()))?)

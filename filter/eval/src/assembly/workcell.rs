@@ -16,6 +16,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::shape::Shape;
 use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, StopReason};
 use tactile_infer::Bank;
 
@@ -132,7 +133,7 @@ impl<'a> Workcell<'a> {
             let (mm, deg) = (self.task.grasp_error_mm, self.task.grasp_error_deg);
             in_hand.held_from_peg = Se2::from_degrees(up_to(mm), up_to(mm), up_to(deg));
             let number = index * n_parts + turn;
-            let hole = Hole::of_part(Holes::Simulated(self.simulator), part, &self.reach, seed, number);
+            let hole = Hole::of_part(Holes::Simulated(self.simulator, Side::Hole), part, &self.reach, seed, number);
             let config = EpisodeConfig { seed: seed.wrapping_add(number as u64), ..*self.config };
             let attempt = self.attempt(hole, &in_hand, config, watch)?;
             let bank = &in_hand.bank;

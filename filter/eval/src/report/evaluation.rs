@@ -55,14 +55,14 @@ pub fn html(evaluation: &Evaluation, board: &Board, episodes: &[Narrative]) -> R
 }
 
 fn top(evaluation: &Evaluation, paper: &PaperNumbers) -> Markup {
-    let Evaluation { scene, n_classes, n_episodes, .. } = evaluation;
+    let Evaluation { scene, n_classes, n_episodes, side, .. } = evaluation;
     html! {
-        h1 { "Which peg fits this hole? " (scene) }
+        h1 { @if side.is_hole() { "Which peg fits this hole? " } @else { "Which peg is this? " } (scene) }
         p {
             @if evaluation.recorded { "The filter chooses among recorded touches of " } @else { "A simulated tactile sensor touches " }
-            "the hole of one of " (n_classes) " parts, whose pegs were touched before. "
+            "the " (side) " of one of " (n_classes) " parts, whose pegs were touched before. "
             @if evaluation.absent {
-                "Here each hole’s own part was taken out of the bank: no part is right, and the filter should say “none of these parts”."
+                "Here each " (side) "’s own part was taken out of the bank: no part is right, and the filter should say “none of these parts”."
             } @else {
                 "Touch by touch the filter works out which part it is, and where on it the sensor is."
             }

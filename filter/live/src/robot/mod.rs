@@ -42,6 +42,8 @@ pub struct RobotSettings {
     pub seed: u64,
     /// Holes to identify, one after the other.
     pub n_episodes: usize,
+    /// Which side it touches: with `Peg` the holes are pegs.
+    pub side: Side,
     /// Pictures a second.
     pub rate_hz: f64,
     /// JPEG quality of the pictures, 1 to 100; `None` sends pixels.
@@ -63,6 +65,7 @@ impl Default for RobotSettings {
         Self {
             seed: 1,
             n_episodes: 1,
+            side: Side::Hole,
             rate_hz: 25.0,
             jpeg: None,
             motion_error_mm: 0.1,
@@ -322,7 +325,7 @@ impl Robot {
 
     fn press(&mut self, time_ns: i64) -> Result<()> {
         self.base_from_tool = self.tool_over(&self.hole.part_from_sensor, 0.0);
-        let frame = self.hole.touch(&self.simulator, self.settings.seed)?;
+        let frame = self.hole.touch(&self.simulator, &self.settings)?;
         self.camera.show(Shows::Touch(frame));
         self.phase = Phase::Settles { until_ns: time_ns + (self.settings.settle_s * 1e9) as i64 };
         Ok(())
@@ -387,10 +390,10 @@ impl Hole {
         Self { part, part_from_sensor, stream, rng, named: Vec::new(), n_refused: 0 }
     }
 
-    fn touch(&mut self, simulator: &Simulator, seed: u64) -> Result<Frame> {
+    fn touch(&mut self, simulator: &Simulator, settings: &RobotSettings) -> Result<Frame> {
         self.stream += 1;
-        let mut rng = frame_rng(seed ^ HOLES, self.stream);
-        Ok(simulator.touch(self.part, Side::Hole, &self.part_from_sensor, &mut rng)?)
+        let mut rng = frame_rng(settings.seed ^ HOLES, self.stream);
+        Ok(simulator.touch(self.part, settings.side, &self.part_from_sensor, &mut rng)?)
     }
 
     /// By how much a motion misses its goal.

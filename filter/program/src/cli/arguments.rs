@@ -7,8 +7,10 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use tactile_data::lamps::Lamps;
 use tactile_data::output;
 use tactile_data::scene::Scene;
+use tactile_data::touch::Side;
 use tactile_eval::fits::{check_bank, warn_of_coarse_grid};
 use tactile_eval::page::shell::check_page;
 use tactile_eval::result::Poses;
@@ -114,6 +116,31 @@ pub struct Seeds {
     pub seeds: Vec<u64>,
 }
 
+/// Which side is touched.
+#[derive(Args)]
+pub struct Touched {
+    /// Which side is touched: holes, or raised parts that are recognised among the bank's own
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = named::<Side>(&Side::NAMES))]
+    pub side: Side,
+}
+
+/// Says where the light of some touches and that of a bank's views do not go together.
+pub fn warn_of_light(bank: &Bank, lamps: Option<&Lamps>) {
+    if let Some(why) = bank.other_light(lamps) {
+        eprintln!("warning: {why}");
+    }
+}
+
+/// Says where pegs are touched and nothing was measured of how far the model can be believed there.
+pub fn warn_of_calibration(model: &Model, side: Side) {
+    if side == Side::Peg && model.calibration(side).is_none() {
+        eprintln!(
+            "warning: the model has no calibration for touched pegs and is believed as for holes; tactile-infer \
+             calibrate --side peg makes one"
+        );
+    }
+}
+
 /// How states are inferred.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Engine {
@@ -126,13 +153,12 @@ pub enum Engine {
 }
 
 impl Engine {
-    /// Its settings, with what was measured of the model.
-    pub fn config(self, model: &Model) -> EpisodeConfig {
+    /// Its settings, with what was measured of the model where this side is touched.
+    pub fn config(self, model: &Model, side: Side) -> EpisodeConfig {
+        let of_model = EpisodeConfig::of_side(model, side);
         match self {
-            Self::Exact => EpisodeConfig::of(model),
-            Self::Particle => {
-                EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..EpisodeConfig::of(model) }
-            }
+            Self::Exact => of_model,
+            Self::Particle => EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..of_model },
             Self::Paper => EpisodeConfig::paper(),
         }
     }

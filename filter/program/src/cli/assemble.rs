@@ -7,13 +7,14 @@ use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
+use tactile_data::touch::Side;
 use tactile_eval::Result;
 use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
 use tactile_eval::holes::Holes;
 use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
+use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
-use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Model;
 
 use super::arguments::{Engine, Inputs, Output, Seeds, command_line, positive, to_json};
@@ -61,7 +62,8 @@ impl Assemble {
     pub fn run(self) -> Result<()> {
         let (model, bank) = self.inputs.load()?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        let sensor = Sensor::new(model.clone(), &Holes::Simulated(&simulator).at_rest(&self.seeds.seeds))?;
+        let holes = Holes::Simulated(&simulator, Side::Hole);
+        let sensor = holes.sensor(&model, &holes.at_rest(&self.seeds.seeds))?;
         let config = self.config(&simulator, &model)?;
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
@@ -78,8 +80,11 @@ impl Assemble {
             command: Some(command_line()),
         };
         let assembly = Assembly::of(run, &task, simulator.parts(), &trials);
-        let page =
-            html(&assembly, &Board::new(Holes::Simulated(&simulator), &bank)?, &trial::play_again(&workcell, 0)?)?;
+        let page = html(
+            &assembly,
+            &Board::new(Holes::Simulated(&simulator, Side::Hole), &bank)?,
+            &trial::play_again(&workcell, 0)?,
+        )?;
         let page = self.output.write(FILES[0], &page)?;
         let json = to_json("assembly", &assembly)?;
         // Last: whoever finds the figures finds the report too.
@@ -89,7 +94,7 @@ impl Assemble {
     }
 
     fn config(&self, simulator: &Simulator, model: &Arc<Model>) -> Result<EpisodeConfig> {
-        let mut config = self.tuning.config(Engine::Exact, ActionRule::Information, model)?;
+        let mut config = self.tuning.config(Engine::Exact, ActionRule::Information, model, Side::Hole)?;
         if !self.strangers {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             config.none_touches = config.max_touches + 1;

@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use tactile_data::calibrate::Calibration;
 use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::{self, Dataset};
+use tactile_data::touch::Side;
 use tactile_eval::episodes::{EPISODES_SCHEMA, Episodes, RunResult, Setup, Single};
 use tactile_eval::evaluate::{Protocol, Run, run_all};
 use tactile_eval::fits::warn_of_coarse_grid;
@@ -25,7 +27,9 @@ use tactile_filter::belief::EngineConfig;
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{Engine, Inputs, Output, Seeds, check_episodes, command_line, poses, positive, rule, to_json};
+use super::arguments::{
+    self, Engine, Inputs, Output, Seeds, check_episodes, command_line, poses, positive, rule, to_json,
+};
 use super::budget::{BudgetArgs, Task};
 use super::table;
 use super::tuning::Tuning;
@@ -33,7 +37,7 @@ use super::tuning::Tuning;
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["report.html", "evaluation.json"];
 
-/// Run episodes against simulated or recorded holes; write evaluation.json and report.html.
+/// Run episodes against simulated or recorded holes, or pegs; write evaluation.json and report.html.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter evaluate --model infer/models/maze-small.safetensors \
                         --bank pegs.bank --scene alphabet-small --out evaluation\n  tactile-filter evaluate --model \
@@ -44,9 +48,14 @@ pub struct Evaluate {
     /// Scene whose holes are simulated: the name of a preset, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml", required_unless_present = "holes", conflicts_with = "holes")]
     scene: Option<String>,
-    /// Recorded holes instead: the filter chooses among the touches of this dataset, each at most once
+    /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
+    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    calibration: Option<PathBuf>,
+    /// Recorded touches instead: the filter chooses among the touches of this dataset, each at most once
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
+    #[command(flatten)]
+    which: arguments::Touched,
     #[command(flatten)]
     output: Output,
     /// Episodes in all, shared out over the seeds
@@ -106,14 +115,14 @@ struct Subject {
 
 /// What holds the holes.
 enum Touched {
-    Scene(Box<Simulator>),
+    Scene(Box<Simulator>, Side),
     Recording(Box<RecordedHoles>),
 }
 
 impl Touched {
     fn holes(&self) -> Holes<'_> {
         match self {
-            Self::Scene(simulator) => Holes::Simulated(simulator),
+            Self::Scene(simulator, side) => Holes::Simulated(simulator, *side),
             Self::Recording(recorded) => Holes::Recorded(recorded),
         }
     }
@@ -156,23 +165,32 @@ impl Evaluate {
             let reach = if between_poses { holes.reach(&bank) } else { *bank.grid() };
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, &no_contact);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
-            let base = self.tuning.config(Engine::Exact, ActionRule::Information, model)?;
+            let base = self.tuning.config(Engine::Exact, ActionRule::Information, model, self.which.side)?;
             let (kept, config, promised) = self.budget.choose(&task, &base)?;
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
-        let sensor = Sensor::new(model.clone(), &no_contact)?;
+        let sensor = holes.sensor(&model, &no_contact)?;
+        arguments::warn_of_calibration(&model, self.which.side);
         Ok(Subject { touched, model, bank, sensor, protocol, ways, promise })
     }
 
     /// Loads what is touched, and refuses a bank that does not fit it.
     fn touched(&self, bank: &Bank, poses: Poses) -> Result<Touched> {
         if let Some(scene) = &self.scene {
-            let simulator = Simulator::new(Scene::load(scene)?, 1)?;
+            let scene = Scene::load(scene)?;
+            let scene = match &self.calibration {
+                Some(path) => scene.under(&Calibration::load(path)?)?,
+                None => scene,
+            };
+            // A touched peg is another print than the one that a bank holds by default.
+            let print = if self.which.side.is_hole() { 1 } else { 2 };
+            let simulator = Simulator::new(scene, print)?;
             self.inputs.check_scene(bank, simulator.scene(), poses)?;
-            return Ok(Touched::Scene(Box::new(simulator)));
+            return Ok(Touched::Scene(Box::new(simulator), self.which.side));
         }
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
-        let recorded = RecordedHoles::new(Dataset::open(path)?, bank, self.inputs.other_sensor)?;
+        let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
+        arguments::warn_of_light(bank, recorded.lamps());
         recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
         match (poses, recorded.on_grid(bank)) {
             (Poses::OnGrid, [on, all]) if on < all => {
@@ -191,8 +209,12 @@ impl Evaluate {
         let of_holes = self.holes.iter().flat_map(|holes| store::FILES.map(|file| holes.join(file)));
         let of_holes: Vec<PathBuf> = of_holes.collect();
         let scene = self.scene.as_deref().unwrap_or_default();
-        let inputs: Vec<&Path> =
-            self.inputs.files(scene).into_iter().chain(of_holes.iter().map(PathBuf::as_path)).collect();
+        let inputs: Vec<&Path> = self
+            .inputs
+            .files(scene)
+            .into_iter()
+            .chain(of_holes.iter().chain(&self.calibration).map(PathBuf::as_path))
+            .collect();
         match self.shard {
             Some(shard) => Ok(output::prepare_file(&self.shard_file(shard), inputs)?),
             None => prepare(&self.output, &inputs),
@@ -237,7 +259,7 @@ impl Evaluate {
 
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
     fn ways(&self, model: &Model) -> Result<Vec<(String, EpisodeConfig)>> {
-        let config = |engine, rule| self.budget.limited(self.tuning.config(engine, rule, model)?);
+        let config = |engine, rule| self.budget.limited(self.tuning.config(engine, rule, model, self.which.side)?);
         let mut ways = Vec::new();
         for engine in &self.engines {
             if *engine == Engine::Paper {
@@ -294,6 +316,7 @@ impl Evaluate {
             poses: protocol.poses,
             absent: protocol.absent,
             recorded: holes.is_recorded(),
+            side: holes.side(),
             choose_ms: protocol.choose_ms,
             model: ModelRecord::of(model),
             bank_sha256: bank.sha256()?,

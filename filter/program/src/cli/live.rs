@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use serde_json::{Map, Value};
+use tactile_data::calibrate::Calibration;
 use tactile_data::output::check_file;
 use tactile_data::scene::Scene;
 use tactile_infer::{Bank, Model};
@@ -21,6 +22,7 @@ use tactile_live::sources::commands::HELP;
 use tactile_live::sources::folder::Folder;
 use tactile_live::{Error, Node, Parameters};
 
+use super::arguments::warn_of_calibration;
 use super::failure::Result;
 use super::simulated::{SimulatedArgs, print_outcomes};
 
@@ -128,13 +130,14 @@ impl Live {
         }
         let names = Names::default();
         let parameters = self.parameters(&names.node)?;
+        let side = parameters.side;
         let session = self.session(&names, parameters, onlookers)?;
         if let Some(path) = &self.source.watch {
             let folder = Folder::open(path)?;
             return Ok(folder::run(session, folder, self.once, stop, tell)?);
         }
         if let Some(scene) = &self.source.simulate {
-            let robot = self.simulated.robot(Scene::load(scene)?)?;
+            let robot = self.simulated.robot(Scene::load(scene)?, side)?;
             let outcomes = simulated::run(session, robot, !self.fast, stop, tell)?;
             if !self.view {
                 print_outcomes(&outcomes);
@@ -161,12 +164,18 @@ impl Live {
             let (name, value) = word.split_once(":=").ok_or_else(wrong)?;
             Parameters::set(&mut read, name, value)?;
         }
-        Ok(Parameters::of(read)?)
+        let mut parameters = Parameters::of(read)?;
+        let camera = &mut parameters.camera;
+        if let Some(path) = camera.calibration.as_ref().filter(|path| !path.is_empty()) {
+            camera.lamps = Some(Calibration::load(path)?.lamps());
+        }
+        Ok(parameters)
     }
 
     fn session(&self, names: &Names, parameters: Parameters, onlookers: Vec<Onlooker>) -> Result<Session> {
         let model = Arc::new(Model::load(&self.model)?);
         let bank = Arc::new(Bank::load(&self.bank, &model)?);
+        warn_of_calibration(&model, parameters.side);
         let setup = names.setup(&parameters, &model, &bank)?;
         let mut session = Session::new(Node::new(parameters, model, bank)?);
         if let Some(address) = &self.foxglove {

@@ -13,13 +13,13 @@ use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
 
-use super::arguments::{Engine, Inputs};
+use super::arguments::{Engine, Inputs, Touched, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
 use super::live::tell;
 use super::tuning::Tuning;
 
-/// Play a recorded dataset of hole touches, or the log of a live node, back through the filter.
+/// Play a recorded dataset of touches, or the log of a live node, back through the filter.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-data import presses --out recorded\n  \
                         tactile-filter replay --model infer/models/maze-small.safetensors --bank pegs.bank \
@@ -33,6 +33,8 @@ pub struct Replay {
     /// Log of `live --log` instead: its events are given to a new node, and all that it says is compared byte for byte
     #[arg(long, value_name = "FILE", conflicts_with = "data")]
     log: Option<PathBuf>,
+    #[command(flatten)]
+    touched: Touched,
     /// Play at most this many episodes [default: all]
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
@@ -58,15 +60,21 @@ impl Replay {
         let Some(data) = &self.data else { return self.replay_log(model, bank) };
         let dataset = Dataset::open(data)?;
         self.warn_of_scale(&model, &dataset);
-        let sensor = Sensor::new(model.clone(), dataset.no_contact())?;
-        let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model)?)?;
+        let side = self.touched.side;
+        warn_of_calibration(&model, side);
+        let mut sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side);
+        warn_of_light(&bank, dataset.meta().lamps.as_ref());
+        if let Some(lamps) = &dataset.meta().lamps {
+            sensor = sensor.lit_by(lamps)?;
+        }
+        let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model, side)?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
             let (reach, between_poses) = (*bank.grid(), config.between_poses);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             (bank, config, _) = self.budget.choose(&task, &config)?;
         }
-        let recorded = episodes(&dataset)?;
+        let recorded = episodes(&dataset, side)?;
         let limit = self.limit.unwrap_or(recorded.len());
         let mut n_right = [0, 0];
         for (number, touches) in recorded.iter().take(limit).enumerate() {

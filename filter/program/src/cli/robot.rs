@@ -40,7 +40,7 @@ impl RobotArgs {
         use super::live::{stop_on_ctrl_c, tell};
         use super::simulated::print_outcomes;
 
-        let robot = self.simulated.robot(Scene::load(&self.scene)?)?;
+        let robot = self.simulated.robot(Scene::load(&self.scene)?, Side::Hole)?;
         let (bus, inbox) = super::ros::open("tactile_robot", &self.ros_args)?;
         let network = RobotNetwork::join(bus, inbox, &self.node)?;
         let outcomes = network.run(robot, stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, false))?;

@@ -5,6 +5,7 @@ use std::str::FromStr;
 use clap::Args;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
+use tactile_data::touch::Side;
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings};
 use tactile_live::{Error, Result};
 
@@ -62,8 +63,8 @@ impl FromStr for Faulty {
 }
 
 impl SimulatedArgs {
-    /// The robot over the holes of a scene.
-    pub fn robot(&self, scene: Scene) -> Result<Robot> {
+    /// The robot over one side of a scene's parts.
+    pub fn robot(&self, scene: Scene, side: Side) -> Result<Robot> {
         if !(0.1..=1000.0).contains(&self.rate_hz) {
             return Err(Error::invalid("--rate-hz", "0.1 to 1000", self.rate_hz.to_string()));
         }
@@ -73,6 +74,7 @@ impl SimulatedArgs {
         let settings = RobotSettings {
             seed: self.seed,
             n_episodes: self.episodes,
+            side,
             rate_hz: self.rate_hz,
             jpeg: self.jpeg,
             faults: self.faults.0,

@@ -12,6 +12,7 @@ use tactile_data::progress::Progress;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
+use tactile_data::touch::Side;
 use tactile_eval::evaluate::Protocol;
 use tactile_eval::holes::Holes;
 use tactile_eval::report::tradeoff::{self as page, in_words};
@@ -159,7 +160,7 @@ impl TradeoffArgs {
     fn measure(&self, sweep: &Sweep, mut todo: Vec<usize>) -> Result<()> {
         todo.sort_by_key(|index| sweep.bank_of(*index));
         let simulator = Simulator::new(sweep.scene.clone(), 1)?;
-        let holes = Holes::Simulated(&simulator);
+        let holes = Holes::Simulated(&simulator, Side::Hole);
         let no_contact = holes.at_rest(&self.seeds.seeds);
         let protocol = self.protocol();
         let progress = Progress::new("settings");

@@ -2,6 +2,7 @@
 
 use clap::Args;
 use tactile_data::output;
+use tactile_data::touch::Side;
 use tactile_eval::Result;
 use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
@@ -68,9 +69,9 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// The settings of an engine and a rule.
-    pub fn config(&self, engine: Engine, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
-        let mut config = engine.config(model);
+    /// The settings of an engine and a rule for touches of one side.
+    pub fn config(&self, engine: Engine, rule: ActionRule, model: &Model, side: Side) -> Result<EpisodeConfig> {
+        let mut config = engine.config(model, side);
         config.action.rule = rule;
         let (likelihood, action) = (&mut config.likelihood, &mut config.action);
         set(&mut likelihood.temperature, self.temperature);

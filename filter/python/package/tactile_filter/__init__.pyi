@@ -16,6 +16,7 @@ __version__: str
 _Path: TypeAlias = str | os.PathLike[str]
 _PoseLike: TypeAlias = Pose | Sequence[float] | npt.NDArray[np.float64]
 _Reach: TypeAlias = npt.NDArray[np.float64] | Sequence[_PoseLike]
+_Side: TypeAlias = Literal["hole", "peg"]
 _Reason: TypeAlias = Literal["confident", "none-of-these", "touch-limit", "nothing-to-learn"]
 
 class _Settings(TypedDict, total=False):
@@ -72,6 +73,9 @@ class MotionError(Error):
 
 class WrongModelError(Error):
     """The observation or bank is of another model."""
+
+class WrongSideError(Error):
+    """A touch of a peg among touches of holes, or the other way."""
 
 class WrongBankError(Error):
     """The saved episode is of another bank or version."""
@@ -174,7 +178,7 @@ class Observation:
     """What the filter takes in of one touch."""
 
     __hash__: ClassVar[None]  # type: ignore[assignment]
-    def __new__(cls, query: npt.NDArray[np.float32], edge_share: float) -> Self:
+    def __new__(cls, query: npt.NDArray[np.float32], edge_share: float, side: _Side = "hole") -> Self:
         """Of an embedding `[dim]` alone: neither its frame nor its model is checked."""
     @property
     def query(self) -> npt.NDArray[np.float32]:
@@ -182,6 +186,8 @@ class Observation:
     @property
     def edge_share(self) -> float:
         """Share of the view that shows an edge, 0 to 1."""
+    @property
+    def side(self) -> _Side: ...
     def of_simulation(self) -> Observation:
         """The same, of a simulated frame: two of them may be equal though the sensor moved."""
     def __eq__(self, value: object, /) -> bool: ...
@@ -189,14 +195,18 @@ class Observation:
 
 @final
 class Sensor:
-    """The camera, the gel and its frame at rest, bound to a model."""
+    """The camera, the gel and its frame at rest, bound to a model; touches holes, or raised parts (`side="peg"`)."""
 
-    def __new__(cls, model: Model, rest_frame: npt.NDArray[np.uint8]) -> Self:
+    def __new__(cls, model: Model, rest_frame: npt.NDArray[np.uint8], side: _Side = "hole") -> Self:
         """`rest_frame`: a frame without contact, `[height, width, 3]`, RGB."""
     def observe(self, frame: npt.NDArray[np.uint8]) -> Observation:
-        """What a frame of a touched hole shows: `[height, width, 3]`, RGB, of the size of the frame at rest."""
+        """What a frame of a touch shows: `[height, width, 3]`, RGB, of the size of the frame at rest."""
+    def lit_by(self, along_x: Sequence[Sequence[float]], along_y: Sequence[Sequence[float]]) -> Self:
+        """The same sensor with known lamps: `[light]` of `tactile-data calibrate`, `[3, 6]` each, RGB."""
     @property
     def model(self) -> Model: ...
+    @property
+    def side(self) -> _Side: ...
     @property
     def size_px(self) -> tuple[int, int]:
         """Width and height of its frames."""
@@ -209,8 +219,8 @@ class EpisodeConfig:
     def __new__(cls, **settings: Unpack[_Settings]) -> Self:
         """The defaults for a model of which nothing was measured."""
     @staticmethod
-    def of(model: Model, **settings: Unpack[_Settings]) -> EpisodeConfig:
-        """The defaults with what was measured of a model."""
+    def of(model: Model, side: _Side = "hole", **settings: Unpack[_Settings]) -> EpisodeConfig:
+        """The defaults with what was measured of a model where this side is touched."""
     @staticmethod
     def paper(**settings: Unpack[_Settings]) -> EpisodeConfig:
         """Alg. 1 of the paper as printed."""

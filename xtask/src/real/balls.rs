@@ -1,0 +1,216 @@
+//! Presses of a ball: the light fitted to one half of them, the other half named, and the other way round.
+
+use std::fmt::Write;
+use std::fs;
+
+use serde_json::Value;
+
+use super::Set;
+use super::bench::{Bench, Sensor, copy};
+use super::named::Named;
+use super::twins::{Press, Twins, Views};
+use crate::error::{Error, Result};
+use crate::json::{entries, number};
+
+const FOLDER: &str = "gelsight-ball-fots";
+const TITLE: &str = "Balls (FOTS)";
+const SOURCE: [&str; 2] =
+    ["https://github.com/Rancho-zhao/FOTS", "MIT by its README; the repository has no licence file"];
+const PART: &str = "ball:4.7";
+
+/// Pixels per mm, and the size of the pictures once they lie as the model's do, pixels.
+const PX_PER_MM: f64 = 19.58;
+const FRAME_PX: [f64; 2] = [320.0, 240.0];
+
+/// Presses of an episode, and by how many presses one is ahead of the next: without a common divisor with 21.
+const N_TOUCHES: usize = 5;
+const STRIDE: usize = 4;
+
+/// One press, in the picture turned by a quarter.
+struct Label {
+    /// The picture in the folder of turned ones.
+    file: String,
+    centre_px: [f64; 2],
+    radius_px: f64,
+}
+
+/// The presses that one light was fitted to.
+struct Fitted {
+    /// The calibration file.
+    file: String,
+    /// How deep each press of it was, by its picture.
+    depths_mm: Vec<(String, f64)>,
+}
+
+/// Names every ball by one press and in episodes.
+pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
+    if !bench.has(FOLDER, TITLE) {
+        return Ok(None);
+    }
+    let labels = turned(bench)?;
+    let halves: [Vec<&Label>; 2] = [0, 1].map(|half| labels.iter().skip(half).step_by(2).collect());
+    // The light for the presses of a half is fitted to the other.
+    let [other, one] = [calibrate(bench, 0, &halves[0])?, calibrate(bench, 1, &halves[1])?];
+    let (mut by_one, mut by_several, mut twins) = (Vec::new(), Vec::new(), Twins::default());
+    for (half, light, depths) in [(0, &one, &other), (1, &other, &one)] {
+        let presses = &halves[half];
+        let mut named = episodes(bench, half, presses, light)?;
+        by_several.extend(named.split_off(presses.len().min(named.len())));
+        by_one.extend(named);
+        twins = twins.and(compare(bench, half, presses, [light, depths])?);
+    }
+    let about = format!(
+        "{} presses of a ball of 4.70 mm on a home-made sensor with three lamps, their places labelled by hand. The light \
+         and the gel's length are fitted to every second press and the others named, and the other way round: no press is \
+         named under a light that was fitted to it. The pictures are turned by a quarter, as the model sees wide ones. The \
+         bank is simulated at the depth of the fitted presses. An episode is {N_TOUCHES} presses with the motions between \
+         their labels: the ball did not move, the sensor did. After one touch the filter never calls itself confident. A \
+         twin is as deep as the press is by its own label.",
+        labels.len()
+    );
+    let named = vec![("one press", by_one), ("five presses", by_several)];
+    Ok(Some(Set { title: TITLE, source: SOURCE, about, named, twins: Some(twins) }))
+}
+
+/// Turns the pictures counter-clockwise by a quarter, and their labels with them.
+fn turned(bench: &Bench<'_>) -> Result<Vec<Label>> {
+    let [x, y] = view_mm();
+    bench.run(
+        "tactile-data",
+        &format!(
+            "import REAL/{FOLDER}/images --turn 90 --no-contact REAL/{FOLDER}/gelsight_bg.png --field-of-view-mm {x} {y} \
+             --out balls-raw"
+        ),
+    )?;
+    bench.run("tactile-data", "export balls-raw --to folder --out balls")?;
+    let path = bench.real.join(FOLDER).join("labels_derived.csv");
+    let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
+    // Exported in the order of their names, as the labels are.
+    text.lines().skip(1).enumerate().map(|(n, line)| label(n, line)).collect()
+}
+
+/// A line of the labels: file, centre x, centre y and radius in pixels.
+fn label(n: usize, line: &str) -> Result<Label> {
+    let numbers: Vec<f64> = line.split(',').skip(1).filter_map(|cell| cell.trim().parse().ok()).collect();
+    let [x, y, radius_px] = numbers[..] else {
+        return Err(Error::invalid(format!("{FOLDER}: label {}", n + 1), "file, x, y, radius", line));
+    };
+    let centre_px = [y, FRAME_PX[1] - 1.0 - x];
+    Ok(Label { file: format!("{n:06}.png"), centre_px, radius_px })
+}
+
+fn view_mm() -> [f64; 2] {
+    FRAME_PX.map(|px| px / PX_PER_MM)
+}
+
+/// Fits the light to some presses.
+fn calibrate(bench: &Bench<'_>, half: usize, presses: &[&Label]) -> Result<Fitted> {
+    let folder = bench.folder(&format!("light-{half}"))?;
+    let mut labels = "file,center_x,center_y,radius\n".to_owned();
+    for Label { file, centre_px: [x, y], radius_px } in presses {
+        copy(&bench.out.join("balls").join(file), &folder.join(file))?;
+        line(&mut labels, format_args!("{file},{x},{y},{radius_px}"))?;
+    }
+    bench.write(&format!("light-{half}.csv"), &labels)?;
+    let file = format!("light-{half}.toml");
+    let fitted = bench.json(
+        "tactile-data",
+        &format!(
+            "calibrate light-{half} --ball-mm 4.70 --px-per-mm {PX_PER_MM} --labels light-{half}.csv \
+             --no-contact balls/no_contact.png --out {file}"
+        ),
+    )?;
+    let depth = |press: &Value| Ok((press["file"].as_str().unwrap_or_default().into(), number(press, "/depth_mm")?));
+    let depths_mm = entries(&fitted, "/presses")?.iter().map(depth).collect::<Result<_>>()?;
+    Ok(Fitted { file, depths_mm })
+}
+
+/// The bank under one light, and what it calls the presses of the other half: each alone first, then episodes.
+fn episodes(bench: &Bench<'_>, half: usize, presses: &[&Label], light: &Fitted) -> Result<Vec<Named>> {
+    let mut depths: Vec<f64> = light.depths_mm.iter().map(|(_, mm)| *mm).collect();
+    depths.sort_by(f64::total_cmp);
+    let depth_mm = depths.get(depths.len() / 2).copied();
+    let bank = format!("balls-bank-{half}");
+    bench.bank(&bank, &Sensor { view_mm: view_mm(), depth_mm, calibration: Some(&light.file) })?;
+    let folder = bench.folder(&format!("balls-{half}"))?;
+    let mut index = "file,part,side,x_mm,y_mm,theta_deg,episode\n".to_owned();
+    let n = presses.len();
+    let alone = (0..n).map(|i| (format!("one-{i:02}"), vec![i]));
+    let several = (0..n).map(|i| (format!("several-{i:02}"), (0..N_TOUCHES).map(|k| (i + STRIDE * k) % n).collect()));
+    for (episode, touches) in alone.chain(several) {
+        for (k, press) in touches.into_iter().enumerate() {
+            let file = format!("{episode}-{k}.png");
+            copy(&bench.out.join("balls").join(&presses[press].file), &folder.join(&file))?;
+            let [x, y] = ball_from_sensor_mm(presses[press]);
+            line(&mut index, format_args!("{file},{PART},peg,{x:.4},{y:.4},0,{episode}"))?;
+        }
+    }
+    bench.write(&format!("balls-{half}/index.csv"), &index)?;
+    let [x, y] = view_mm();
+    bench.run(
+        "tactile-data",
+        &format!(
+            "import balls-{half} --no-contact balls/no_contact.png --field-of-view-mm {x} {y} \
+             --calibration {} --out balls-set-{half}",
+            light.file
+        ),
+    )?;
+    bench.replay(&bank, &format!("balls-set-{half}"))
+}
+
+/// The sensor's middle, seen from the ball's, mm.
+fn ball_from_sensor_mm(press: &Label) -> [f64; 2] {
+    [0, 1].map(|axis| (0.5 * (FRAME_PX[axis] - 1.0) - press.centre_px[axis]) / PX_PER_MM)
+}
+
+/// The presses of a half next to their twins, under the light of the other; depths are those that their own half's fit
+/// gives.
+fn compare(bench: &Bench<'_>, half: usize, presses: &[&Label], [light, own]: [&Fitted; 2]) -> Result<Twins> {
+    let press = |label: &&Label| {
+        let depth = own.depths_mm.iter().find(|(file, _)| *file == label.file);
+        let (_, depth_mm) = depth.ok_or_else(|| Error::invalid(&label.file, "a press of its half", "none"))?;
+        let [x, y] = ball_from_sensor_mm(label);
+        Ok(Press {
+            picture: format!("balls/{}", label.file),
+            render: format!(
+                "{PART} --as-peg --pose={x:.4},{y:.4},0 --depth-mm {depth_mm:.4} --calibration {}",
+                light.file
+            ),
+        })
+    };
+    let presses = presses.iter().map(press).collect::<Result<Vec<_>>>()?;
+    let name = format!("ball-twin-{half}");
+    let views = Views { name: &name, rest: "balls/no_contact.png", view_mm: view_mm(), calibration: Some(&light.file) };
+    Twins::of(bench, &views, &presses)
+}
+
+/// Adds a line.
+fn line(text: &mut String, line: std::fmt::Arguments<'_>) -> Result<()> {
+    writeln!(text, "{line}").map_err(|error| Error::invalid("index", "text", error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_label_turns_with_its_picture() {
+        // 240 x 320: ten pixels from the top right corner lie, turned counter-clockwise, ten from the top left.
+        let label = label(4, "0005.png,229,10,40").unwrap();
+        assert_eq!((label.file.as_str(), label.centre_px, label.radius_px), ("000004.png", [10.0, 10.0], 40.0));
+        // Left of and above the middle is the ball, so that the sensor is to the right of and below it.
+        let [x, y] = ball_from_sensor_mm(&label);
+        assert!((x - 149.5 / 19.58).abs() < 1e-9 && (y - 109.5 / 19.58).abs() < 1e-9);
+        assert!(super::label(0, "0001.png,a,2,3").is_err());
+    }
+
+    #[test]
+    fn an_episode_holds_no_press_twice() {
+        for i in 0..21 {
+            let mut presses: Vec<usize> = (0..N_TOUCHES).map(|k| (i + STRIDE * k) % 21).collect();
+            presses.sort_unstable();
+            presses.dedup();
+            assert_eq!(presses.len(), N_TOUCHES);
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! The programs, run in the output folder, and the bank's parts as a scene.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::named::Named;
+use crate::error::{Error, Result};
+use crate::json;
+use crate::program::Program;
+use crate::workspace::Workspace;
+
+/// The parts of every bank: simple bodies, those that were pressed among them, and letters for tuning.
+const SOLIDS: [&str; 13] = [
+    "ball:3",
+    "ball:4.7",
+    "ball:7",
+    "cylinder:3",
+    "cylinder:5",
+    "cylinder:8",
+    "ring:5:3",
+    "ring:8:5",
+    "ring:12:9",
+    "cuboid:10x10",
+    "cuboid:6x6",
+    "cuboid:10x6",
+    "cuboid:14x4",
+];
+const LETTERS: &str = "MNPRSVX";
+
+/// Where the programs work.
+pub struct Bench<'a> {
+    /// The programs.
+    pub workspace: &'a Workspace,
+    /// The real images.
+    pub real: PathBuf,
+    /// The model.
+    pub model: PathBuf,
+    /// The output folder.
+    pub out: PathBuf,
+}
+
+/// The sensor that a bank is simulated with.
+pub struct Sensor<'a> {
+    /// Width and height of what a frame shows, mm.
+    pub view_mm: [f64; 2],
+    /// How deep parts are pressed in, mm; the scene's default without.
+    pub depth_mm: Option<f64>,
+    /// A calibration file in the output folder; the default light without.
+    pub calibration: Option<&'a str>,
+}
+
+impl Bench<'_> {
+    /// A file or folder of the real images; none, and said so, where it is missing.
+    pub fn has(&self, name: &str, title: &str) -> bool {
+        let is_there = self.real.join(name).exists();
+        if !is_there {
+            println!("skipped: {title} is not in the folder");
+        }
+        is_there
+    }
+
+    /// A program with words separated by blanks; `REAL/` in a word is the folder of the images, `MODEL` the model.
+    fn line(&self, program: &str, line: &str) -> Program {
+        println!("== {program} {line}");
+        let (real, model) = (format!("{}/", self.real.display()), self.model.display().to_string());
+        let words = line.split_whitespace().map(|word| word.replace("REAL/", &real).replace("MODEL", &model));
+        words.fold(self.workspace.program(program), Program::arg)
+    }
+
+    /// Runs a line in the output folder.
+    pub fn run(&self, program: &str, line: &str) -> Result<()> {
+        self.line(program, line).output(&self.out).map(|_| ())
+    }
+
+    /// The same with `--json`, read.
+    pub fn json(&self, program: &str, line: &str) -> Result<Value> {
+        self.line(program, &format!("{line} --json")).json(&self.out)
+    }
+
+    /// Simulates the bank of all parts by a sensor into `NAME.bank`.
+    pub fn bank(&self, name: &str, sensor: &Sensor<'_>) -> Result<()> {
+        let Sensor { view_mm: [x, y], depth_mm, calibration } = sensor;
+        let solids = SOLIDS.map(|solid| format!("\"{solid}\"")).join(", ");
+        let depth = depth_mm.map_or(String::new(), |mm| format!("depth_mm = {mm:.3}\n"));
+        let calibration = calibration.map_or(String::new(), |file| format!("calibration = \"{file}\"\n"));
+        let scene = format!(
+            "name = \"{name}\"\n\n[parts.solids]\nnames = [{solids}]\n\n[parts.letters]\nletters = \"{LETTERS}\"\n\
+             height_mm = 12.0\nmax_width_mm = 16.0\n\n[reach]\nxy_half_mm = 6.0\nxy_step_mm = 2.0\n\
+             theta_half_deg = 90.0\ntheta_step_deg = 15.0\n\n[sensor]\nframe_px = [160, 120]\n\
+             field_of_view_mm = [{x:.4}, {y:.4}]\n{depth}{calibration}"
+        );
+        self.write(&format!("{name}.toml"), &scene)?;
+        self.run("tactile-infer", &format!("bank --model MODEL --scene {name}.toml --out {name}.bank"))
+    }
+
+    /// Names the episodes of a dataset of pegs by a bank.
+    pub fn replay(&self, bank: &str, data: &str) -> Result<Vec<Named>> {
+        let line = format!("replay --model MODEL --bank {bank}.bank --data {data} --side peg --json");
+        let said = self.line("tactile-filter", &line).output(&self.out)?;
+        // One line an episode; without any the program says so in words.
+        let lines = said.lines().filter(|line| line.starts_with('{'));
+        lines.map(|line| Named::read(&json::parse("replay", line)?)).collect()
+    }
+
+    /// Writes a file of the output folder.
+    pub fn write(&self, name: &str, text: &str) -> Result<()> {
+        let path = self.out.join(name);
+        fs::write(&path, text).map_err(Error::io(&path))
+    }
+
+    /// Makes a folder in the output folder.
+    pub fn folder(&self, name: &str) -> Result<PathBuf> {
+        let path = self.out.join(name);
+        fs::create_dir_all(&path).map_err(Error::io(&path))?;
+        Ok(path)
+    }
+
+    /// The model's file name and the identity of its weights.
+    pub fn model_name(&self) -> Result<Value> {
+        let name = self.model.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(
+            serde_json::json!({ "file": name, "bytes": fs::metadata(&self.model).map_err(Error::io(&self.model))?.len() }),
+        )
+    }
+}
+
+/// Copies a file.
+pub fn copy(from: &Path, to: &Path) -> Result<()> {
+    fs::copy(from, to).map(|_| ()).map_err(Error::io(from))
+}
