@@ -23,7 +23,7 @@ const BALLS: (&str, &str) = ("fots-balls", "gelsight-ball-fots");
 const OF_BALLS: &str = "--ball-mm 4.70 --px-per-mm 19.58";
 
 /// Each sensor's name, and what its scene says of it: all else is the default's.
-const SENSORS: [(&str, &str); 11] = [
+const SENSORS: [(&str, &str); 12] = [
     (OWN, ""),
     ("cmu-lamps", "light = \"cmu\""),
     // 320 x 240 pixels of 1/19.58 mm, turned.
@@ -35,6 +35,8 @@ const SENSORS: [(&str, &str); 11] = [
     ("soft-gel", "gel_length_mm = 2.0"),
     ("noisy-camera", "noise_counts = [5.4, 5.4, 7.5]\njpeg_quality = [25, 45]"),
     ("half-exposure", "exposure = 0.5"),
+    // Twice what real presses of a ball leave (`LightField::FITTED`).
+    ("strong-light-field", "light_field = { linear_counts = 2.0, quadratic_counts = 2.4 }"),
     ("worn-gel", "n_specks = 120\ntexture_mm = [0.02, 0.08]"),
 ];
 
