@@ -7,8 +7,11 @@ use super::Part;
 use super::parts::{DEFAULT, FINE, Maker};
 use crate::step::Step;
 
-/// Letters for evaluation, and letters for every choice.
-const LETTERS: [&str; 2] = ["ABCDEFGHIJKL", "MNOPQRSTUVWX"];
+/// Letters for evaluation.
+const LETTERS: &str = "ABCDEFGHIJKL";
+
+/// Letters for every choice.
+const TUNING_LETTERS: &str = "MNOPQRSTUVWX";
 
 /// The sensor that every other is compared with.
 const OWN: &str = "default";
@@ -20,10 +23,10 @@ const BALLS: (&str, &str) = ("fots-balls", "gelsight-ball-fots");
 const OF_BALLS: &str = "--ball-mm 4.70 --px-per-mm 19.58";
 
 /// Each sensor's name, and what its scene says of it: all else is the default's.
-const SENSORS: [(&str, &str); 11] = [
+const SENSORS: [(&str, &str); 12] = [
     (OWN, ""),
     ("cmu-lamps", "light = \"cmu\""),
-    // 320 x 240 pixels of 1/19.58 mm.
+    // 320 x 240 pixels of 1/19.58 mm, turned.
     (BALLS.0, "calibration = \"fots-balls-light.toml\"\nfield_of_view_mm = [16.34, 12.26]"),
     ("mini-sdk", "preset = \"gelsight-mini-sdk\""),
     ("mini-taxim", "preset = \"gelsight-mini-taxim\""),
@@ -32,6 +35,8 @@ const SENSORS: [(&str, &str); 11] = [
     ("soft-gel", "gel_length_mm = 2.0"),
     ("noisy-camera", "noise_counts = [5.4, 5.4, 7.5]\njpeg_quality = [25, 45]"),
     ("half-exposure", "exposure = 0.5"),
+    // Twice what real presses of a ball leave (`LightField::FITTED`).
+    ("strong-light-field", "light_field = { linear_counts = 2.0, quadratic_counts = 2.4 }"),
     ("worn-gel", "n_specks = 120\ntexture_mm = [0.02, 0.08]"),
 ];
 
@@ -54,29 +59,35 @@ impl Maker<'_> {
         }
     }
 
+    /// The light of the presses, turned so that they lie as a Mini's frames do; the circles are found.
     fn light_of_balls(&mut self, folder: &Path) {
-        let out = format!("{}-light.toml", BALLS.0);
-        let program = self.program("tactile-data", "calibrate").arg(folder.join("images")).words(OF_BALLS);
-        let program = program.words("--no-contact").arg(folder.join("gelsight_bg.png"));
-        let program = program.words("--labels").arg(folder.join("labels_derived.csv"));
-        self.add(Step::new(&out, program.words(format!("--out {out}")), &out));
+        let [turned, pictures, light] = ["turned", "pictures", "light.toml"].map(|end| format!("{}-{end}", BALLS.0));
+        let program = self.program("tactile-data", "import").arg(folder.join("images")).words("--no-contact");
+        let program = program.arg(folder.join("gelsight_bg.png"));
+        let program = program.words(format!("--turn 90 --field-of-view-mm 16.34 12.26 --out {turned}"));
+        self.add(Step::new(&turned, program, &turned).with_last("meta.json"));
+        let program = self.program("tactile-data", format!("export {turned} --to folder --out {pictures}"));
+        let index = Path::new(&turned).join("meta.json");
+        self.add(Step::new(&pictures, program, &pictures).with_last("index.csv").needs(index));
+        let program = self.program("tactile-data", format!("calibrate {pictures} {OF_BALLS} --out {light}"));
+        let program = program.words(format!("--no-contact {pictures}/no_contact.png"));
+        self.add(Step::new(&light, program, &light).needs(Path::new(&pictures).join("index.csv")));
     }
 
     /// The steps of one sensor: its scenes, its bank, its calibration, three evaluations.
     fn sensor(&mut self, name: &str, lines: &str) {
         let name = format!("sensor-{name}");
-        let [evaluation, tuning] =
-            [(LETTERS[0], ""), (LETTERS[1], "-tuning")].map(|(letters, end)| self.letters(&name, end, letters, lines));
-        // On letters for tuning the calibration's bank is the one that is evaluated.
+        let tuning = self.letters(&name, "-tuning", TUNING_LETTERS, lines);
         let tuned = self.calibrate(&name, self.job.model, &tuning, true);
+        // On letters for tuning the bank of the calibration is the one that is evaluated.
         let (scene, bank) = if self.job.tuning_letters {
             (tuning, format!("{name}-dev.bank"))
         } else {
-            let bank = format!("{name}.bank");
+            let (scene, bank) = (self.letters(&name, "", LETTERS, lines), format!("{name}.bank"));
             let program = self.program("tactile-infer", "bank --model").arg(self.job.model);
-            let program = program.words(format!("--scene {evaluation} --out {bank} {FINE}"));
-            self.add(Step::new(&bank, program, &bank).needs(self.job.model).needs(&evaluation));
-            (evaluation, bank)
+            let program = program.words(format!("--scene {scene} --out {bank} {FINE}"));
+            self.add(Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene));
+            (scene, bank)
         };
         let of_default = bank.replace(&name, &format!("sensor-{OWN}"));
         let model = self.job.model;
