@@ -40,6 +40,11 @@ const SENSORS: [(&str, &str); 12] = [
     ("worn-gel", "n_specks = 120\ntexture_mm = [0.02, 0.08]"),
 ];
 
+/// Whether a sensor's light is another than the default's.
+fn is_other_light(lines: &str) -> bool {
+    ["light =", "calibration =", "exposure ="].iter().any(|word| lines.contains(word))
+}
+
 impl Maker<'_> {
     /// The steps of every sensor; of letters for evaluation those of other kinds of parts too.
     pub(super) fn sensors(&mut self) {
@@ -91,7 +96,15 @@ impl Maker<'_> {
         };
         let of_default = bank.replace(&name, &format!("sensor-{OWN}"));
         let model = self.job.model;
-        self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &scene);
+        if is_other_light(lines) {
+            let (letters, end) = if self.job.tuning_letters { (LETTERS[1], "-tuning") } else { (LETTERS[0], "") };
+            let lines = format!("{lines}\nlight_known = false");
+            let unknown = self.letters(&format!("{name}-unknown"), end, letters, &lines);
+            self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &unknown);
+            self.touch_anywhere(&format!("{name}-light-known"), model, &of_default, &scene);
+        } else {
+            self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &scene);
+        }
         if of_default != bank {
             self.touch_anywhere(&format!("{name}-own-bank"), model, &bank, &scene);
         }
@@ -126,12 +139,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_sensor_is_evaluated_in_three_ways_and_the_default_in_two() {
+    fn each_sensor_is_evaluated_in_every_way_that_it_differs_in() {
         for tuning_letters in [false, true] {
             let names = names_of(&job(tuning_letters), &[Part::Sensors]);
             for (sensor, _) in SENSORS.into_iter().filter(|(sensor, _)| *sensor != BALLS.0) {
                 let of = |end: &str| names.iter().any(|name| *name == format!("sensor-{sensor}-{end}"));
                 assert!(of("shipped") && of("calibrated") && of("own-bank") == (sensor != OWN), "{sensor}");
+                assert_eq!(of("light-known"), ["cmu-lamps", "half-exposure"].contains(&sensor), "{sensor}");
             }
             let at = |name: &str| names.iter().position(|found| found == name);
             let bank = if tuning_letters { "sensor-default-dev.bank" } else { "sensor-default.bank" };

@@ -48,8 +48,11 @@ const KINDS: [(&str, &str); 3] = [
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Way {
-    /// Nothing: the model as shipped, and a bank rendered under the default sensor.
+    /// Nothing: the model as shipped, and a bank rendered under the default sensor; nothing is known of its light.
     Shipped,
+    /// Its light is known, where it is another than the default's: pictures are brought under the lamps that the model
+    /// knows.
+    LightKnown,
     /// A bank rendered under this sensor.
     OwnBank,
     /// The same, and the confidence calibrated on letters for tuning under this sensor.
@@ -57,12 +60,13 @@ pub enum Way {
 }
 
 impl Way {
-    const ALL: [Self; 3] = [Self::Shipped, Self::OwnBank, Self::Calibrated];
+    const ALL: [Self; 4] = [Self::Shipped, Self::LightKnown, Self::OwnBank, Self::Calibrated];
 
     /// The end of its folder's name.
     fn folder(self) -> &'static str {
         match self {
             Self::Shipped => "shipped",
+            Self::LightKnown => "light-known",
             Self::OwnBank => "own-bank",
             Self::Calibrated => "calibrated",
         }
@@ -71,6 +75,7 @@ impl Way {
     fn label(self) -> &'static str {
         match self {
             Self::Shipped => "as it comes",
+            Self::LightKnown => "its light known",
             Self::OwnBank => "own bank",
             Self::Calibrated => "calibrated",
         }
@@ -196,7 +201,8 @@ pub fn finding(found: &Reproduction) -> Finding {
         if is_tuning { "M to X, which settings may be chosen on" } else { "A to L, which informed no choice" };
     let caption = html! {
         "Small letters " (letters) ", touched anywhere, banks of 2\u{a0}mm and 15 degrees. As it comes: the model as shipped and a bank "
-        "rendered under the default sensor. Own bank: rendered under the sensor of the row. Calibrated: that bank, and the confidence "
+        "rendered under the default sensor, nothing known of the light. Its light known: as after a calibration on presses of a ball, where "
+        "the light differs. Own bank: its light known, and a bank rendered under the sensor of the row. Calibrated: that bank, and the confidence "
         "calibrated on 480 touches of letters M to X under that sensor. Refused: ended as none of these. Wrong: of the stops that were "
         "sure. Marked in red: clearly below the default sensor as it comes (the intervals do not meet). All of it is simulated."
     };
