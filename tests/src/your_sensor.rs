@@ -44,17 +44,17 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     // What counts is said.
     assert!(said.contains("touches with an edge, and as much as 20 from before"), "{said}");
     let shipped = Checkpoint::load(&workspace().join("infer/models/maze-small.safetensors")).unwrap().0;
-    let mine = Checkpoint::load(&at.join("out/yours/model/model.safetensors")).unwrap().0;
+    let mine = Checkpoint::load(&at.join("out/yours/model.safetensors")).unwrap().0;
     let (before, after) = (shipped.calibration.unwrap(), mine.calibration.unwrap());
     assert_eq!(after.prior.unwrap(), before.as_prior(20.0));
     assert!((5..=12).contains(&after.n_holes) && after.temperature != before.temperature, "{after:?}");
     let evaluation: Value =
         serde_json::from_slice(&fs::read(at.join("out/yours/worth/evaluation.json")).unwrap()).unwrap();
     assert_eq!(evaluation["recorded"], Value::from(true));
-    // Three steps of training spoil nothing: four parts, ten touches.
+    // Of four parts, under lamps that the model does not know, by ten touches.
     let rows = evaluation["rows"].as_array().unwrap();
     let last = rows.iter().rfind(|row| row["method"] == "filter").unwrap();
-    assert!(last["accuracy"].as_f64().unwrap() > 0.6, "{last}");
+    assert!(last["accuracy"].as_f64().unwrap() >= 0.9, "{last}");
 }
 
 /// The light that was fitted is the one that made the presses, which the page never reads again.

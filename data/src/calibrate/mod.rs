@@ -115,8 +115,8 @@ impl Calibration {
         let centre = [0, 1].map(|axis| 2.0 * centre_mm[axis] / self.field_of_view_mm[axis]);
         let half = [0, 1].map(|axis| view_mm[axis] / self.field_of_view_mm[axis]);
         let [x, y] = [0, 1].map(|axis| centre[axis].abs() + half[axis]);
-        // Not a number is refused, too.
-        if !(x.max(y) <= MOST_HALVES) {
+        let reach = x.max(y);
+        if reach.is_nan() || reach > MOST_HALVES {
             let [width, height] = self.field_of_view_mm;
             let expected =
                 format!("a view within {MOST_HALVES} times the {width:.1} x {height:.1} mm that were calibrated");

@@ -97,8 +97,8 @@ impl Maker<'_> {
         let of_default = bank.replace(&name, &format!("sensor-{OWN}"));
         let model = self.job.model;
         if is_other_light(lines) {
-            let (letters, end) = if self.job.tuning_letters { (LETTERS[1], "-tuning") } else { (LETTERS[0], "") };
             let lines = format!("{lines}\nlight_known = false");
+            let [end, letters] = if self.job.tuning_letters { ["-tuning", TUNING_LETTERS] } else { ["", LETTERS] };
             let unknown = self.letters(&format!("{name}-unknown"), end, letters, &lines);
             self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &unknown);
             self.touch_anywhere(&format!("{name}-light-known"), model, &of_default, &scene);
