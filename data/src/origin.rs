@@ -74,7 +74,9 @@ impl Origin {
             return Some(["field of view".into(), mm(a.field_of_view_mm), mm(b.field_of_view_mm)]);
         }
         match (&a.light, &b.light) {
-            (Some(here), Some(there)) if here != there && !(a.is_as_known() && b.is_as_known()) => {
+            (Some(here), Some(there))
+                if (here != there || a.is_relit != b.is_relit) && !(a.is_as_known() && b.is_as_known()) =>
+            {
                 Some(["lamps".into(), here.clone(), there.clone()])
             }
             _ => None,

@@ -554,8 +554,9 @@ mod tests {
     fn an_episode_is_of_one_side_and_is_saved_with_it() {
         let (sensor, frame) = sensor();
         let world = World::new(2, GRID, 0.2, 0.02, 2);
-        let image = sensor.model().background(&frame).unwrap().tactile_image(&frame).unwrap();
-        let [hole, peg] = [Side::Hole, Side::Peg].map(|side| sensor.clone().of_side(side).observe(&frame).unwrap());
+        let touched = Frame::new(16, 12, (0..3 * 16 * 12).map(|i| 60 + (7 * i % 90) as u8).collect()).unwrap();
+        let image = sensor.model().background(&frame).unwrap().tactile_image(&touched).unwrap();
+        let [hole, peg] = [Side::Hole, Side::Peg].map(|side| sensor.clone().of_side(side).observe(&touched).unwrap());
         assert_eq!(hole.query, sensor.model().embed_holes(std::slice::from_ref(&image)).unwrap());
         assert_eq!(peg.query, sensor.model().embed_pegs(&[image]).unwrap());
         assert_ne!(hole.query, peg.query);

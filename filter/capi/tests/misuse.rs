@@ -315,7 +315,7 @@ fn known_lamps_make_another_sensor_and_lamps_in_one_line_none() {
         ok(tf_sensor_new(world.model, &rest.frame(), &mut sensor));
         ok(tf_sensor_lit_by(sensor, &lamps, &mut lit));
         assert_ne!(tf_sensor_lit_by(sensor, &line, &mut none), tf_status::Ok);
-        assert_eq!(tf_sensor_lit_by(sensor, std::ptr::null(), &mut none), tf_status::Argument);
+        assert_eq!(tf_sensor_lit_by(sensor, std::ptr::null(), &mut none), tf_status::NullPointer);
         assert!(none.is_null());
         let picture = Picture::of(world.path("touch-2.ppm"));
         let (mut plain, mut other) = (null_mut(), null_mut());
