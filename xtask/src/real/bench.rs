@@ -11,23 +11,25 @@ use crate::json;
 use crate::program::Program;
 use crate::workspace::Workspace;
 
-/// The parts of every bank: simple bodies, those that were pressed among them, and letters for tuning.
-const SOLIDS: [&str; 13] = [
-    "ball:3",
+/// The parts of every bank: simple bodies, those that were pressed among them, and letters for tuning. One ball: how deep
+/// a ball is pressed and how large it is are hard to tell apart.
+const SOLIDS: [&str; 14] = [
     "ball:4.7",
-    "ball:7",
     "cylinder:3",
+    "cylinder:4",
     "cylinder:5",
+    "cylinder:6",
     "cylinder:8",
     "ring:5:3",
     "ring:8:5",
+    "ring:10:6",
     "ring:12:9",
     "cuboid:10x10",
     "cuboid:6x6",
     "cuboid:10x6",
     "cuboid:14x4",
 ];
-const LETTERS: &str = "MNPRSVX";
+const LETTERS: &str = "MNPRSX";
 
 /// Where the programs work.
 pub struct Bench<'a> {

@@ -41,9 +41,9 @@ impl Twins {
         let mut pictures = Vec::new();
         for (n, Press { picture, render }) in presses.iter().enumerate() {
             let twin = format!("{name}-{n:02}.png");
-            let given = format!("render {render} --no-contact {rest}");
-            bench.run("tactile-data", &format!("{given} --fidelity camera --out {twin}"))?;
-            bench.run("tactile-data", &format!("{given} --fidelity geometry --out {name}-contact.png"))?;
+            bench
+                .run("tactile-data", &format!("render {render} --no-contact {rest} --fidelity camera --out {twin}"))?;
+            bench.run("tactile-data", &format!("render {render} --fidelity geometry --out {name}-contact.png"))?;
             let compared = bench.json(
                 "tactile-data",
                 &format!(
