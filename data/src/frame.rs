@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, FrameFault, Result};
+use crate::lamps::Lamps;
 
 /// One RGB frame of a tactile camera, 8 bits a channel, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -111,6 +112,8 @@ pub struct Background {
     mean_counts: f32,
     preprocessing: Preprocessing,
     planes: Vec<f32>,
+    /// For each pixel its colours under the lamps that the network knows; `None`: as they are.
+    colours: Option<Vec<[[f32; 3]; 3]>>,
 }
 
 impl Background {
@@ -133,7 +136,24 @@ impl Background {
             mean_counts,
             preprocessing: preprocessing.clone(),
             planes: area_average(no_contact, preprocessing.input_px),
+            colours: None,
         })
+    }
+
+    /// The same sensor and lamps with another frame at rest. Fails as [`Self::new`].
+    pub fn with_rest(&self, no_contact: &Frame) -> Result<Self> {
+        Ok(Self { colours: self.colours.clone(), ..Self::new(no_contact, &self.preprocessing)? })
+    }
+
+    /// The same sensor, whose lamps are known: its pictures are brought under the lamps of a GelSight Mini
+    /// ([`Lamps::default`]), which the network knows. Without it they are taken to be these.
+    ///
+    /// Fails where the lamps do not show slopes in all directions.
+    pub fn lit_by(mut self, lamps: &Lamps) -> Result<Self> {
+        lamps.validate()?;
+        let known = Lamps::default();
+        self.colours = (*lamps != known).then(|| lamps.change_to(&known, self.preprocessing.input_px));
+        Ok(self)
     }
 
     /// Width and height of the frame at rest, and so of every frame of this sensor, pixels.
@@ -142,7 +162,8 @@ impl Background {
     }
 
     /// Subtracts the frame at rest: area average to the input size, exposure compensated per
-    /// channel, signed difference, then mean and variance of the training set (paper, Sec. V-A).
+    /// channel, signed difference, colours as under the lamps that the network knows ([`Self::lit_by`]), then mean and
+    /// variance of the training set (paper, Sec. V-A).
     ///
     /// Exposure: the whole frame's gain drifts by -8..+19 % (Sec. 4 of the sensor notes), so each
     /// channel is divided by the median of its ratio to the frame at rest; most of a view is flat
@@ -170,6 +191,9 @@ impl Background {
                 *p = *p / gain - r;
             }
         }
+        if let Some(colours) = &self.colours {
+            recolour(colours, &mut planes);
+        }
         let is_edge = |pixel: &usize| (0..3).any(|c| planes[c * n_pixels + pixel].abs() > EDGE_COUNTS);
         let edge_share = (0..n_pixels).filter(is_edge).count() as f32 / n_pixels as f32;
         for (channel, plane) in planes.chunks_mut(n_pixels).enumerate() {
@@ -177,6 +201,16 @@ impl Background {
             plane.iter_mut().for_each(|p| *p = (*p - mean) / std);
         }
         Ok(TactileImage { size_px: [width, height], planes, edge_share })
+    }
+}
+
+/// Changes the colours of `[3, height, width]` values pixel by pixel.
+fn recolour(colours: &[[[f32; 3]; 3]], planes: &mut [f32]) {
+    let (red, rest) = planes.split_at_mut(colours.len());
+    let (green, blue) = rest.split_at_mut(colours.len());
+    for (((r, g), b), matrix) in red.iter_mut().zip(green).zip(blue).zip(colours) {
+        let new = matrix.map(|[from_r, from_g, from_b]| from_r * *r + from_g * *g + from_b * *b);
+        [*r, *g, *b] = new;
     }
 }
 
@@ -280,6 +314,48 @@ mod tests {
         let image = background.tactile_image(&Frame::new(32, 24, rgb).unwrap()).unwrap();
         assert!((image.planes[0] - 40.0).abs() < 1e-3 && (image.planes[31] + 40.0).abs() < 1e-3);
         assert!((image.edge_share - 2.0 / 32.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_press_under_known_lamps_looks_as_under_a_minis() {
+        // Slopes that vary over the frame, shown by each set of lamps over one frame at rest.
+        let rest = Frame::new(
+            40,
+            30,
+            vec![120; 3 * 40 * 30].into_iter().enumerate().map(|(i, v)| v + (i % 17) as u8).collect(),
+        )
+        .unwrap();
+        let place = |at: usize, n: usize| (at as f32 + 0.5) / n as f32 * 2.0 - 1.0;
+        let shown = |lamps: &Lamps| {
+            let pixel = |i: usize| {
+                let (x, y) = (place(i % 40, 40), place(i / 40, 30));
+                let slope = [0.25 * (3.0 * y).sin(), 0.2 * (4.0 * x).cos()];
+                [0, 1, 2].map(|c| {
+                    let response =
+                        [&lamps.along_x[c], &lamps.along_y[c]].map(|factors| crate::lamps::value(factors, x, y));
+                    let change = response[0] * slope[0] + response[1] * slope[1];
+                    (f32::from(rest.rgb()[3 * i + c]) + change).round() as u8
+                })
+            };
+            Frame::new(40, 30, (0..1_200).flat_map(pixel).collect()).unwrap()
+        };
+        let cmu = Lamps::towards([65.0, 45.0, 47.0], [178.0, 62.0, -54.0]);
+        let background = Background::new(&rest, &Preprocessing::counts([40, 30])).unwrap();
+        let mini = background.tactile_image(&shown(&Lamps::default())).unwrap();
+        let plain = background.tactile_image(&shown(&cmu)).unwrap();
+        let lit = background.clone().lit_by(&cmu).unwrap();
+        let relit = lit.tactile_image(&shown(&cmu)).unwrap();
+        let far = |image: &TactileImage| {
+            let square = |values: &mut dyn Iterator<Item = f32>| values.map(|v| v * v).sum::<f32>().sqrt();
+            let error = square(&mut image.planes.iter().zip(&mini.planes).map(|(a, b)| a - b));
+            error / square(&mut mini.planes.iter().copied())
+        };
+        // What remains: rounding to counts, and the doubt where light is weak.
+        assert!(far(&relit) < 0.2 && far(&plain) > 1.0, "{} {}", far(&relit), far(&plain));
+        // A Mini's own lamps change nothing to the bit; another frame at rest keeps the lamps.
+        let own = background.clone().lit_by(&Lamps::default()).unwrap();
+        assert_eq!(own.tactile_image(&shown(&cmu)).unwrap(), plain);
+        assert_eq!(lit.with_rest(&rest).unwrap().tactile_image(&shown(&cmu)).unwrap(), relit);
     }
 
     #[test]

@@ -204,6 +204,7 @@ impl Job {
             seed: Some(seed),
             source: if lab.is_none() { "simulated".into() } else { "a simulated lab".into() },
             recording: None,
+            lamps: scene.sensor.known_lamps().filter(|_| lab.is_none()),
             peg_from_hole: None,
         };
         Ok(Self { simulator, planned, seed, meta })
@@ -285,8 +286,7 @@ pub fn prepare(simulator: &Simulator, touches: &[Planned]) -> Result<()> {
 
 /// Pairs all over the boards, board by board, at any angle.
 fn pairs(scene: &Scene, boards: &MazeBoards, seed: u64) -> Vec<Planned> {
-    let [width, height] = scene.sensor.field_of_view_mm;
-    let half = 0.5 * (boards.spec.side_mm - width.hypot(height));
+    let half = 0.5 * (boards.spec.side_mm - boards.widest_view_mm(&scene.sensor));
     (0..boards.n_pairs)
         .flat_map(|pair| {
             let mut rng = frame_rng(seed ^ 0x70_6f_73_65, pair as u64);

@@ -47,6 +47,7 @@ pub mod grid_fit;
 pub mod inspection;
 #[cfg(feature = "sim")]
 pub mod lab;
+pub mod lamps;
 #[cfg(feature = "datasets")]
 pub mod moved_view;
 #[cfg(feature = "sim")]

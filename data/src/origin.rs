@@ -29,6 +29,19 @@ pub struct SensorOrigin {
     pub field_of_view_mm: [f64; 2],
     /// What identifies its lamps: the start of the SHA-256 of their description; `None` where it is not known.
     pub light: Option<String>,
+    /// Whether its pictures were brought under the lamps that the network knows: then other lamps are no difference.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_relit: bool,
+}
+
+/// The name of the lamps that the network knows.
+const KNOWN_LAMPS: &str = "mini";
+
+impl SensorOrigin {
+    /// Whether the network saw its pictures under the lamps that it knows.
+    fn is_as_known(&self) -> bool {
+        self.is_relit || self.light.as_deref() == Some(KNOWN_LAMPS)
+    }
 }
 
 /// Sizes that differ by less are equal, mm: the rounding of outlines.
@@ -61,7 +74,9 @@ impl Origin {
             return Some(["field of view".into(), mm(a.field_of_view_mm), mm(b.field_of_view_mm)]);
         }
         match (&a.light, &b.light) {
-            (Some(here), Some(there)) if here != there => Some(["lamps".into(), here.clone(), there.clone()]),
+            (Some(here), Some(there)) if here != there && !(a.is_as_known() && b.is_as_known()) => {
+                Some(["lamps".into(), here.clone(), there.clone()])
+            }
             _ => None,
         }
     }
@@ -73,7 +88,7 @@ mod tests {
 
     fn origin(names: &str, size_mm: Option<[f64; 2]>, field_of_view_mm: [f64; 2], light: Option<&str>) -> Origin {
         let part = |name: char| PartOrigin { name: name.into(), size_mm };
-        let sensor = SensorOrigin { field_of_view_mm, light: light.map(Into::into) };
+        let sensor = SensorOrigin { field_of_view_mm, light: light.map(Into::into), is_relit: false };
         Origin { name: "any".into(), parts: names.chars().map(part).collect(), sensor }
     }
 
@@ -95,6 +110,8 @@ mod tests {
         assert_eq!(mine.other_sensor(&wide).unwrap(), ["field of view", "18.6 x 14.3 mm", "20.3 x 15.2 mm"]);
         let lit = origin("AB", None, [18.6, 14.3], Some("cmu"));
         assert_eq!(mine.other_sensor(&lit).unwrap(), ["lamps", "mini", "cmu"]);
+        let relit = Origin { sensor: SensorOrigin { is_relit: true, ..lit.sensor.clone() }, ..lit.clone() };
+        assert_eq!((mine.other_sensor(&relit), lit.other_sensor(&relit).is_some()), (None, true));
     }
 
     #[test]

@@ -13,7 +13,6 @@ use crate::sensor::camera::{Camera, LayerLines, to_frame};
 use crate::sensor::exposure::Exposure;
 use crate::sensor::gel::{Surface, TiltedPress};
 use crate::sensor::geometry::{self, ContactMask};
-use crate::sensor::light::LightRig;
 use crate::sensor::optics::Optics;
 use crate::sensor::{Fidelity, SensorSpec};
 use crate::touch::Side;
@@ -33,8 +32,16 @@ pub struct Simulator {
     optics: Optics,
     sides: Vec<[OnceLock<Result<Touchable>>; 2]>,
     symmetric: Vec<OnceLock<bool>>,
-    /// The light over each MAZE board.
-    lights: Vec<OnceLock<Optics>>,
+    /// The sensor over each MAZE board.
+    sensors: Vec<OnceLock<BoardSensor>>,
+}
+
+/// A sensor drawn for one board.
+#[derive(Debug)]
+struct BoardSensor {
+    spec: SensorSpec,
+    optics: Optics,
+    camera: Camera,
 }
 
 /// One side of one part, as far as the scene's fidelity needs it.
@@ -54,7 +61,7 @@ impl Simulator {
             optics: Optics::new(&scene.sensor),
             sides: parts.iter().map(|_| Default::default()).collect(),
             symmetric: parts.iter().map(|_| OnceLock::new()).collect(),
-            lights: parts.iter().map(|_| OnceLock::new()).collect(),
+            sensors: parts.iter().map(|_| OnceLock::new()).collect(),
             parts,
             board_seed,
             scene,
@@ -84,7 +91,7 @@ impl Simulator {
         if self.scene.fidelity == Fidelity::Geometry {
             return geometry::at_rest(size_px);
         }
-        let exposure = self.exposure(&self.optics);
+        let exposure = self.exposure(&self.optics, &self.camera, &self.scene.sensor);
         if self.scene.fidelity < Fidelity::Camera {
             return exposure.at_rest(&mut frame_rng(seed, 0));
         }
@@ -105,11 +112,11 @@ impl Simulator {
     /// Presses the sensor onto one side of a part. Depth, tilt, place, texture, gain and noise are drawn
     /// from `rng`, so that two touches at one pose differ as real ones do.
     pub fn touch(&self, part: usize, side: Side, part_from_sensor: &Se2, rng: &mut ChaCha8Rng) -> Result<Frame> {
-        let spec = &self.scene.sensor;
+        let touchable = self.side(part, side)?;
+        let (spec, optics, camera) = self.sensor(part);
         if !part_from_sensor.is_finite() {
             return Err(Error::invalid("touch", "a finite pose", format!("{part_from_sensor:?}")));
         }
-        let touchable = self.side(part, side)?;
         let mut jitter = |half| around_zero(rng, half);
         let pose = *part_from_sensor * Se2::new(jitter(spec.place_jitter_mm), jitter(spec.place_jitter_mm), 0.0);
         let surface = match touchable {
@@ -127,12 +134,11 @@ impl Simulator {
             let lines = LayerLines::draw(&mut frame_rng(self.board_seed ^ 0x6c69_6e65, printed));
             lines.seen(spec, part_from_sensor.theta_rad, rng).raise(&mut depths, spec, press);
         }
-        Ok(self.exposure(self.optics(part)).frame(&depths, rng))
+        Ok(self.exposure(optics, camera, spec).frame(&depths, rng))
     }
 
-    fn exposure<'a>(&'a self, optics: &'a Optics) -> Exposure<'a> {
-        let Scene { fidelity, sensor, .. } = &self.scene;
-        Exposure { fidelity: *fidelity, optics, camera: &self.camera, mm_per_px: sensor.mm_per_px() }
+    fn exposure<'a>(&self, optics: &'a Optics, camera: &'a Camera, spec: &SensorSpec) -> Exposure<'a> {
+        Exposure { fidelity: self.scene.fidelity, optics, camera, mm_per_px: spec.mm_per_px() }
     }
 
     fn side(&self, part: usize, side: Side) -> Result<&Touchable> {
@@ -140,7 +146,7 @@ impl Simulator {
             return Err(Error::invalid("part", format!("one of {} parts", self.parts.len()), part.to_string()));
         };
         let prepared = sides[usize::from(side == Side::Peg)].get_or_init(|| {
-            let spec = &self.scene.sensor;
+            let (spec, ..) = self.sensor(part);
             let reliefs = self.scene.reliefs(part, side, self.board_seed)?;
             let half_mm = self.scene.half_extent_mm();
             if self.scene.fidelity == Fidelity::Geometry {
@@ -150,31 +156,38 @@ impl Simulator {
             let tilt = spec.tilt_jitter_deg.to_radians().tan();
             let most_mm = spec.depth_jitter_mm + 0.5 * tilt * (spec.field_of_view_mm[0] + spec.field_of_view_mm[1]);
             let depths_mm = [(spec.depth_mm - most_mm).max(0.0), spec.depth_mm, spec.depth_mm + most_mm];
-            let (gel_length_mm, _) = self.rig(part);
-            Surface::solve(&reliefs, side, half_mm, Some(gel_length_mm), depths_mm).map(Touchable::Surface)
+            Surface::solve(&reliefs, side, half_mm, Some(spec.gel_length_mm), depths_mm).map(Touchable::Surface)
         });
         prepared.as_ref().map_err(|e| Error::invalid(&self.parts[part], "a part that can be pressed", e.to_string()))
     }
 
-    fn optics(&self, part: usize) -> &Optics {
-        let drawn = || Optics::new(&SensorSpec { light: self.rig(part).1, ..self.scene.sensor.clone() });
-        match self.scene.parts {
-            Parts::Maze(_) => self.lights[part].get_or_init(drawn),
-            _ => &self.optics,
+    /// The sensor over a part: the scene's own, or what was drawn for a MAZE board.
+    fn sensor(&self, part: usize) -> (&SensorSpec, &Optics, &Camera) {
+        if !matches!(self.scene.parts, Parts::Maze(_)) {
+            return (&self.scene.sensor, &self.optics, &self.camera);
         }
+        let BoardSensor { spec, optics, camera } = self.sensors[part].get_or_init(|| {
+            let spec = self.drawn(part);
+            BoardSensor { optics: Optics::new(&spec), camera: self.camera.varied(&spec), spec }
+        });
+        (spec, optics, camera)
     }
 
-    /// Gel length in mm and lamps under which a part is touched: the scene's own; for a MAZE board drawn
-    /// round them, since another gel and other lamps are what a trained model meets.
-    fn rig(&self, part: usize) -> (f64, LightRig) {
-        let SensorSpec { gel_length_mm, light, .. } = &self.scene.sensor;
-        let Parts::Maze(boards) = &self.scene.parts else { return (*gel_length_mm, light.clone()) };
+    /// The sensor of a MAZE board, drawn round the scene's own, since another gel and other lamps are what a trained
+    /// model meets.
+    fn drawn(&self, part: usize) -> SensorSpec {
+        let spec = &self.scene.sensor;
+        let Parts::Maze(boards) = &self.scene.parts else { return spec.clone() };
         let mut rng = frame_rng(self.board_seed, u64::MAX - part as u64);
         let gel_length_mm = uniform(&mut rng, boards.gel_length_mm);
         let mut around = |half| around_zero(&mut rng, half);
         // Two Minis' fitted lamps differ by some 4 to 17 degrees and 10 % of brightness.
         let (strength, turn_deg) = ([0; 3].map(|_| 1.0 + around(0.15)), [0; 3].map(|_| around(10.0)));
-        (gel_length_mm, light.varied(strength, turn_deg))
+        let spec = SensorSpec { gel_length_mm, light: spec.light.varied(strength, turn_deg), ..spec.clone() };
+        match boards.sensors {
+            Some(sensors) => sensors.draw(spec, &mut rng),
+            None => spec,
+        }
     }
 }
 

@@ -14,8 +14,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
-use crate::frame::Frame;
+use crate::frame::{Background, Frame, Preprocessing};
 use crate::grid::PoseGrid;
+use crate::lamps::Lamps;
 use crate::picture;
 pub use crate::recording::provenance::{Channels, Mirror, Recording};
 use crate::se2::Se2;
@@ -59,6 +60,10 @@ pub struct Meta {
     /// How a recording became this dataset; `None` for simulated touches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<Recording>,
+    /// The sensor's lamps where they are known and are not those that the network knows ([`Lamps::default`]); the frames
+    /// show them as they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lamps: Option<Lamps>,
     /// The pose of the hole board in the peg board's frame, as it was estimated or given. [`Dataset::open`] gives the poses
     /// of pegs in the hole board's frame, so that a hole and its peg touched at one place have one pose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -263,6 +268,18 @@ impl Dataset {
     /// The sensor at rest.
     pub fn no_contact(&self) -> &Frame {
         &self.no_contact
+    }
+
+    /// The sensor at rest, prepared: its lamps, where they are known, are made up for.
+    ///
+    /// # Errors
+    /// A frame that shows nothing, or lamps that do not show slopes in all directions.
+    pub fn background(&self, preprocessing: &Preprocessing) -> Result<Background> {
+        let background = Background::new(&self.no_contact, preprocessing)?;
+        match &self.meta.lamps {
+            Some(lamps) => background.lit_by(lamps),
+            None => Ok(background),
+        }
     }
 }
 
@@ -477,6 +494,7 @@ mod tests {
             seed: Some(u64::MAX),
             source: "a test".into(),
             recording: None,
+            lamps: None,
             peg_from_hole: None,
         }
     }

@@ -197,8 +197,7 @@ impl State {
                 Ok(Answer::NewEpisode)
             }
             Job::Rest(frame) => {
-                let sensor = Sensor::new(self.sensor.model().clone(), &frame).map_err(Fault::Filter)?;
-                self.sensor = sensor.of_side(self.sensor.side());
+                self.sensor = self.sensor.with_rest(&frame).map_err(Fault::Filter)?;
                 Ok(Answer::Rest)
             }
         }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use tactile_data::frame::{Background, Frame};
+use tactile_data::lamps::Lamps;
 use tactile_data::touch::Side;
 use tactile_infer::Model;
 
@@ -33,6 +34,25 @@ impl Sensor {
         Self { side, ..self }
     }
 
+    /// The same sensor, whose lamps are known from a calibration (`tactile-data calibrate`): its pictures are brought under
+    /// the lamps that the network knows. Without it they are taken to be a GelSight Mini's.
+    ///
+    /// # Errors
+    /// Lamps that do not show slopes in all directions.
+    pub fn lit_by(self, lamps: &Lamps) -> Result<Self> {
+        let Self { model, background, side } = self;
+        Ok(Self { model, background: background.lit_by(lamps)?, side })
+    }
+
+    /// The same sensor, side and lamps with another frame at rest.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_rest(&self, no_contact: &Frame) -> Result<Self> {
+        let background = self.background.with_rest(no_contact)?;
+        Ok(Self { model: self.model.clone(), background, side: self.side })
+    }
+
     /// Which side it touches.
     pub fn side(&self) -> Side {
         self.side
@@ -43,7 +63,8 @@ impl Sensor {
         &self.model
     }
 
-    /// What a frame of a touch shows: of the side that the sensor touches. Runs on the caller's thread, or on the rayon pool that it runs in.
+    /// What a frame of a touch shows: of the side that the sensor touches. Runs on the caller's thread, or on the rayon
+    /// pool that it runs in.
     ///
     /// # Errors
     /// [`Error::Frame`](crate::Error::Frame) where the frame is dark, saturated, uniform or of another size.

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use tactile_data::grid::PoseGrid;
+use tactile_data::lamps::Lamps;
 use tactile_data::origin::Origin;
 use tactile_data::se2::Se2;
 
@@ -342,6 +343,22 @@ impl Bank {
     /// How alike each part's neighbouring views are, `[n_parts]`.
     pub fn neighbours(&self) -> &Arc<[Neighbours]> {
         &self.neighbours
+    }
+
+    /// Why touches under `lamps` do not suit this bank, for people; `None` where they do, as far as is known.
+    pub fn other_light(&self, lamps: Option<&Lamps>) -> Option<&'static str> {
+        let of_bank = &self.origin()?.sensor;
+        match (of_bank.is_relit, lamps) {
+            (true, None) => Some(
+                "the bank's views were brought under a GelSight Mini's lamps, and nothing says how these touches are lit: \
+                 import them with --calibration, unless the sensor is a Mini",
+            ),
+            (false, Some(_)) if of_bank.light.is_none() => Some(
+                "these touches are brought under a GelSight Mini's lamps, and nothing says how the bank's views were lit: \
+                 import those with --calibration, too",
+            ),
+            _ => None,
+        }
     }
 
     /// What its touches were made of, where that is known.

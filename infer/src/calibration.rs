@@ -27,6 +27,43 @@ pub struct Calibration {
     pub gap: Option<Gap>,
     /// Holes with an edge that were compared.
     pub n_holes: usize,
+    /// What was known before them, where it counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prior: Option<Prior>,
+}
+
+impl Calibration {
+    /// What a calibration with other touches starts from, worth `n_touches`: what was known before this one's own, where it
+    /// counted, so that the same touches never count twice.
+    pub fn as_prior(&self, n_touches: f64) -> Prior {
+        let own = Prior {
+            n_touches,
+            temperature: self.temperature,
+            outlier_floor: self.outlier_floor,
+            blank_agreement: self.blank_agreement,
+            low_similarity: self.low_similarity,
+            gap: self.gap,
+        };
+        self.prior.map_or(own, |prior| Prior { n_touches, ..prior })
+    }
+}
+
+/// What is known of a model before a sensor's own touches are. Fields as in [`Calibration`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Prior {
+    /// How many touches it counts as much as; not negative.
+    pub n_touches: f64,
+    /// The temperature.
+    pub temperature: f64,
+    /// The floor.
+    pub outlier_floor: f64,
+    /// How often blank and edged agree.
+    pub blank_agreement: f64,
+    /// The cosine that 99 in 100 edged touches reach.
+    pub low_similarity: f32,
+    /// How far the view that was touched is below the best.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gap: Option<Gap>,
 }
 
 /// Cosines that lie below the best.

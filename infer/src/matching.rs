@@ -123,7 +123,7 @@ fn nearest_by_model(
     Touched { dataset: holes, side, .. }: Touched<'_>,
     chosen: &[usize],
 ) -> Result<(Vec<usize>, Similarities)> {
-    let images = tactile_images(&model.background(holes.no_contact())?, holes, chosen)?;
+    let images = tactile_images(&model.background_of(holes)?, holes, chosen)?;
     let queries = model.embed_side(&images, side)?;
     let mut correlation = Correlation::default();
     let (mut nearest, mut best_cosines) = (Vec::new(), Vec::new());

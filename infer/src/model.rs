@@ -6,6 +6,8 @@ use std::sync::Arc;
 #[cfg(feature = "burn")]
 use burn::tensor::{Device, Tensor, TensorData};
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
+#[cfg(feature = "datasets")]
+use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
 use crate::architecture::NetworkConfig;
@@ -133,6 +135,12 @@ impl Model {
     /// Prepares a sensor's no-contact frame for this model.
     pub fn background(&self, no_contact: &Frame) -> Result<Background> {
         Ok(Background::new(no_contact, &self.preprocessing)?)
+    }
+
+    /// Prepares the sensor at rest of a dataset for this model; its lamps, where they are known, are made up for.
+    #[cfg(feature = "datasets")]
+    pub fn background_of(&self, dataset: &Dataset) -> Result<Background> {
+        Ok(dataset.background(&self.preprocessing)?)
     }
 
     /// Queries of hole images: `[n, dim]`, rows of unit length.
@@ -275,6 +283,7 @@ mod tests {
             nll_nats: 1.0,
             chance_nats: 2.0,
             gap: None,
+            prior: None,
             n_holes: 60,
         };
         let folder = tempfile::tempdir().unwrap();

@@ -135,8 +135,14 @@ impl<'a> Views<'a> {
         let mm_per_px = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64 / size_px[axis] as f64);
         let rest = |of: &Dataset| picture::resize(of.no_contact(), size_px);
         let rests = [rest(holes)?, rest(pegs)?];
-        let background = |rest: &Frame| model.background(&middle(rest, None, &Se2::IDENTITY, mm_per_px)?);
-        let backgrounds = [background(&rests[0])?, background(&rests[1])?];
+        let background = |of: &Dataset, rest: &Frame| -> Result<Background> {
+            let background = model.background(&middle(rest, None, &Se2::IDENTITY, mm_per_px)?)?;
+            match &of.meta().lamps {
+                Some(lamps) => Ok(background.lit_by(lamps)?),
+                None => Ok(background),
+            }
+        };
+        let backgrounds = [background(holes, &rests[0])?, background(pegs, &rests[1])?];
         Ok(Self { holes, pegs, size_px, mm_per_px, rests, backgrounds })
     }
 

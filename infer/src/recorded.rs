@@ -57,7 +57,7 @@ pub fn bank_of_dataset(
     let mut pegs = pegs(dataset)?;
     let grid = grid(dataset, &pegs, poses)?;
     pegs.iter_mut().for_each(|peg| peg.snap(&grid, poses.tolerance));
-    let background = model.background(dataset.no_contact())?;
+    let background = model.background_of(dataset)?;
     let see = |peg: &Peg<'_>| Ok(background.tactile_image(&peg.view(dataset))?);
     let (mut keys, mut shares) = (Vec::new(), Vec::new());
     for (done, some) in pegs.chunks(256).enumerate() {
@@ -201,7 +201,7 @@ fn origin(dataset: &Dataset, parts: &[String]) -> Origin {
     }
     let field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
     let part = |name: &String| PartOrigin { name: name.clone(), size_mm: None };
-    let sensor = SensorOrigin { field_of_view_mm, light: None };
+    let sensor = SensorOrigin { field_of_view_mm, light: None, is_relit: meta.lamps.is_some() };
     Origin { name: meta.name.clone(), parts: parts.iter().map(part).collect(), sensor }
 }
 

@@ -59,6 +59,7 @@ fn pairs(folder: &Path, rgb: impl Fn(usize, Side) -> Vec<u8>, place: impl Fn(usi
         seed: None,
         source: "a test".into(),
         recording: None,
+        lamps: None,
         peg_from_hole: None,
     };
     let frame = |rgb| Frame::new(32, 24, rgb).unwrap();

@@ -14,3 +14,4 @@ mod recordings;
 mod train;
 #[cfg(feature = "wgpu")]
 mod wgpu;
+mod your_sensor;

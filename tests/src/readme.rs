@@ -51,10 +51,11 @@ fn unknown_options((program, args): &CommandLine) -> Vec<String> {
 }
 
 /// The documents whose commands a user pastes.
-const DOCUMENTS: [&str; 9] = [
+const DOCUMENTS: [&str; 10] = [
     "README.md",
     "data/README.md",
     "data/recording-template/README.md",
+    "data/your-sensor/README.md",
     "infer/README.md",
     "train/README.md",
     "filter/eval/README.md",

@@ -167,6 +167,19 @@ fn tuning_accuracy_is_that_of_matching() {
 }
 
 #[test]
+fn fine_tuning_begins_with_a_model() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path().join("model"));
+    let alone = run("tactile-train", sample.folder(), &["--data", "maze", "--out", &out, "--preset", "fine"]);
+    assert_eq!(alone.failed(), "--preset fine: expected a trained model to begin with, --from MODEL, got none");
+    let args = ["--data", "maze", "--out", &out, "--from", "model/model.safetensors", "--steps", "2", "--batch", "8"];
+    run("tactile-train", sample.folder(), &args).done();
+    let settings = fs::read_to_string(Path::new(&out).join("train.toml")).unwrap();
+    assert!(settings.contains("preset = \"fine\"") && settings.contains("learning_rate = 0.002\n"), "{settings}");
+}
+
+#[test]
 fn a_second_run_never_overwrites_the_first() {
     let sample = Sample::shared();
     let [model, state] = ["model/model.safetensors", "model/state.safetensors"].map(|file| sample.folder().join(file));

@@ -11,6 +11,15 @@ use crate::config::{Flips, TrainConfig};
 use crate::error::{Error, Result};
 use crate::mating::Pair;
 use crate::pairs::Pairs;
+use crate::smooth_field::{self, Field};
+
+/// A pair, and how it is changed before it is trained on.
+struct Drawn {
+    pair: Pair,
+    augmentation: Augmentation,
+    /// A smooth field for the hole's picture and one for the peg's.
+    fields: Option<[Field; 2]>,
+}
 
 /// One batch in memory: `[n, 3, height, width]` each, row `i` of one mates with row `i` of the other.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,10 +61,17 @@ impl Pairs<'_> {
         rng.set_stream(step as u64 + 1);
         let chosen = self.choose(config, &mut rng)?;
         let flips = config.flips != Flips::None;
-        let drawn: Vec<(Pair, Augmentation)> = chosen
-            .iter()
-            .map(|index| (self.training[*index], Augmentation::draw(&mut rng, config.min_crop, flips)))
-            .collect();
+        let drawn = chosen.iter().map(|index| {
+            let augmentation = Augmentation::draw(&mut rng, config.min_crop, flips);
+            Drawn { pair: self.training[*index], augmentation, fields: None }
+        });
+        let mut drawn: Vec<Drawn> = drawn.collect();
+        // A stream of its own: what is drawn above does not depend on it.
+        rng.set_stream(u64::MAX - step as u64);
+        if config.field_counts > 0.0 {
+            let mut field = || smooth_field::draw(&mut rng, config.field_counts, &self.preprocessing);
+            drawn.iter_mut().for_each(|drawn| drawn.fields = Some([field(), field()]));
+        }
         self.load(&drawn)
     }
 
@@ -96,26 +112,28 @@ impl Pairs<'_> {
 
     /// Pairs without augmentation, for validation.
     pub fn plain(&self, pairs: &[Pair]) -> Result<Batch> {
-        let drawn: Vec<_> = pairs.iter().map(|pair| (*pair, Augmentation::NONE)).collect();
-        self.load(&drawn)
+        let plain = |pair: &Pair| Drawn { pair: *pair, augmentation: Augmentation::NONE, fields: None };
+        self.load(&pairs.iter().map(plain).collect::<Vec<_>>())
     }
 
-    fn load(&self, drawn: &[(Pair, Augmentation)]) -> Result<Batch> {
+    fn load(&self, drawn: &[Drawn]) -> Result<Batch> {
         let input_px = self.preprocessing.input_px;
-        let load = |pair: &Pair, side: Side, augmentation: &Augmentation| -> Result<Vec<f32>> {
+        let load = |drawn: &Drawn, side: Side| -> Result<Vec<f32>> {
+            let Drawn { pair, augmentation, fields } = drawn;
             let image = self.background.tactile_image(&self.frame(pair, side))?;
             let mut values = Vec::with_capacity(3 * input_px[0] * input_px[1]);
             augmentation.apply(&image, input_px, &mut values);
             if let Some(relighting) = &self.relighting {
                 relighting.apply(augmentation.flip_x, augmentation.flip_y, &mut values);
             }
+            if let Some(fields) = fields {
+                smooth_field::add(&fields[usize::from(side == Side::Peg)], &mut values, input_px);
+            }
             Ok(values)
         };
         let loaded = drawn
             .par_iter()
-            .map(|(pair, augmentation)| {
-                Ok((load(pair, Side::Hole, augmentation)?, load(pair, Side::Peg, augmentation)?))
-            })
+            .map(|drawn| Ok((load(drawn, Side::Hole)?, load(drawn, Side::Peg)?)))
             .collect::<Result<Vec<_>>>()?;
         let (holes, pegs): (Vec<_>, Vec<_>) = loaded.into_iter().unzip();
         Ok(Batch { n_pairs: drawn.len(), holes: holes.concat(), pegs: pegs.concat() })

@@ -51,6 +51,7 @@ mod relighting;
 pub mod run;
 mod schedule;
 pub mod settings;
+mod smooth_field;
 mod state;
 mod timing;
 pub mod tuning;

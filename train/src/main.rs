@@ -11,7 +11,7 @@ use tactile_data::program;
 use tactile_data::progress::Progress;
 use tactile_data::store::Dataset;
 use tactile_infer::{Checkpoint, DeviceKind};
-use tactile_train::config::TrainConfig;
+use tactile_train::config::{Preset, TrainConfig};
 use tactile_train::output_folder::OutputFolder;
 use tactile_train::pairs::{Pairs, n_training};
 use tactile_train::run::{Event, Outcome, Run, train};
@@ -39,8 +39,8 @@ struct Cli {
     /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
-    /// Fine-tune this trained model instead of beginning with random weights; its sizes are kept, and the learning rate
-    /// is a fifth of the preset's unless it is given.
+    /// Fine-tune this trained model instead of beginning with random weights: its sizes and calibration are kept, and the
+    /// preset is fine, or with another preset the learning rate a fifth of it, unless they are given.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     from: Option<PathBuf>,
     /// Continue from the state in --out, with the settings it began with.
@@ -114,9 +114,10 @@ fn fine_tuned(config: TrainConfig, given: &Settings, from: Option<&Checkpoint>) 
     /// By how much smaller the steps are: those of a fresh network would undo what was learnt.
     const GENTLER: f64 = 5.0;
     let Some(from) = from else { return config };
+    let gentler = if config.preset == Preset::Fine { 1.0 } else { GENTLER };
     let has_sizes = [given.width, given.hidden, given.dim].iter().any(Option::is_some) || given.input_px.is_some();
     let network = if has_sizes { config.network } else { from.config };
-    let learning_rate = given.learning_rate.unwrap_or(config.learning_rate / GENTLER);
+    let learning_rate = given.learning_rate.unwrap_or(config.learning_rate / gentler);
     TrainConfig { network, learning_rate, ..config }
 }
 
@@ -140,7 +141,13 @@ fn time_batches(cli: &Cli, n_batches: usize) -> Result<()> {
 fn settings(cli: &Cli) -> Result<Settings> {
     let own = Some(cli.out.join("train.toml")).filter(|path| cli.resume && path.exists());
     let file = cli.config.clone().or(own).map(|path| Settings::load(&path)).transpose()?;
-    cli.settings.over(&file.unwrap_or_default())
+    let mut settings = cli.settings.over(&file.unwrap_or_default())?;
+    if cli.from.is_some() {
+        settings.preset = settings.preset.or(Some(Preset::Fine));
+    } else if settings.preset == Some(Preset::Fine) && !cli.resume {
+        return Err(Error::invalid("--preset fine", "a trained model to begin with, --from MODEL", "none"));
+    }
+    Ok(settings)
 }
 
 fn print(outcome: &Outcome, json: bool) {

@@ -307,6 +307,7 @@ mod tests {
             seed: None,
             source: "a test".into(),
             recording: None,
+            lamps: None,
             peg_from_hole: None,
         };
         let folder = tempfile::tempdir().unwrap();

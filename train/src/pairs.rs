@@ -103,7 +103,7 @@ impl<'a> Pairs<'a> {
         // Decoded at twice the input size, so that a crop has at least as many pixels as the input.
         let wide = Preprocessing { input_px: input_px.map(|n| 2 * n), ..preprocessing.clone() };
         let unusable = |e: tactile_data::Error| Error::invalid(name, "frames to train on", e.to_string());
-        let background = Background::new(dataset.no_contact(), &wide).map_err(unusable)?;
+        let background = dataset.background(&wide).map_err(unusable)?;
         let places = places(dataset, &background, &training)?;
         check_worth(name, &places)?;
         let neighbours = neighbours(&places);
@@ -143,7 +143,7 @@ fn sample<'a>(
     input_px: [usize; 2],
     n_frames: usize,
 ) -> Result<impl ParallelIterator<Item = Result<TactileImage>> + 'a> {
-    let background = Background::new(dataset.no_contact(), &Preprocessing::counts(input_px))?;
+    let background = dataset.background(&Preprocessing::counts(input_px))?;
     let pairs = training.par_iter().step_by(training.len().div_ceil(n_frames / 2));
     let frames = pairs.flat_map_iter(|pair| [pair.hole, pair.peg]);
     Ok(frames.map(move |frame| Ok(background.tactile_image(&dataset.frame(frame))?)))

@@ -9,6 +9,7 @@ use burn::tensor::Device;
 use tactile_data::store::Dataset;
 use tactile_infer::Model;
 use tactile_infer::architecture::NetworkConfig;
+use tactile_infer::calibration::Calibration;
 use tactile_infer::checkpoint::Provenance;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{Checkpoint, DeviceKind};
@@ -125,6 +126,7 @@ pub fn train(run: &Run<'_>, should_stop: &dyn Fn() -> bool, on_event: &mut dyn F
         pairs: &pairs,
         history: History::open(&run.out.file(CURVE), state.step)?,
         kept: run.resume.then_some(state.step),
+        calibration: inherited(run)?,
         last: None,
     };
     let state = steps(state, &mut results, should_stop, on_event).inspect_err(|error| {
@@ -161,6 +163,16 @@ fn begin(run: &Run<'_>, device: &Device) -> Result<State> {
         return Err(Error::invalid("sizes of the network", sizes(&from.config), sizes(&run.config.network)));
     }
     Ok(State { moco: state.moco.with_weights(&from.tensors)?, ..state })
+}
+
+/// The calibration of the model that is fine-tuned, until the new one has its own; that of the folder's model where a run
+/// continues.
+fn inherited(run: &Run<'_>) -> Result<Option<Calibration>> {
+    let own = run.out.file(MODEL);
+    if run.resume && own.exists() {
+        return Ok(Checkpoint::load(&own)?.0.calibration);
+    }
+    Ok(run.from.and_then(|from| from.calibration))
 }
 
 /// The loop: batch, loss, gradient, step, momentum, log.
@@ -237,6 +249,8 @@ struct Results<'a> {
     history: History,
     /// Step of the checkpoint in the folder.
     kept: Option<usize>,
+    /// What is believed of the model's cosines before it is calibrated.
+    calibration: Option<Calibration>,
     /// Step, checksum and validation of the last save.
     last: Option<(usize, String, Validation)>,
 }
@@ -293,6 +307,7 @@ impl Results<'_> {
         };
         let network = state.moco.online.valid();
         let checkpoint = Checkpoint::of(&network, config.network, self.pairs.preprocessing.clone(), provenance);
+        let checkpoint = Checkpoint { calibration: self.calibration, ..checkpoint };
         let model = checkpoint.save(&out.file(MODEL));
         let sha256 = model.map_err(|error| self.not_saved(state.step, error.into()))?;
         self.kept = Some(state.step);

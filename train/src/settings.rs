@@ -17,7 +17,8 @@ const SIMILAR: f64 = 0.7;
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// How much to train: tiny takes minutes on two cores, small 45 minutes, paper is for a GPU [default: tiny].
+    /// How much to train: tiny takes minutes on two cores, small 45 minutes, paper is for a GPU, fine takes ten minutes
+    /// and begins with a trained model [default: tiny; with --from fine].
     #[cfg_attr(feature = "cli", arg(long))]
     pub preset: Option<Preset>,
     /// Steps of the whole run.
@@ -80,6 +81,9 @@ pub struct Settings {
     /// Largest share of a batch that may be blank pairs; 1 is no limit.
     #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub max_blank: Option<f64>,
+    /// Strongest smooth change of a whole picture that a press brings, counts.
+    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
+    pub field_counts: Option<f64>,
     /// How far apart a hole and its peg may have been touched, mm; the peg's view is moved to where the hole was touched.
     #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub mate_mm: Option<f64>,
@@ -215,7 +219,7 @@ mod tests {
         let all = "preset = \"small\"\nsteps = 11\nbatch = 12\nmicro_batches = 3\ninput_px = [16, 12]\nwidth = 13\n\
                    hidden = 14\ndim = 15\ntemperature = 0.16\noptimizer = \"adamw\"\nlearning_rate = 0.17\nwarmup = 18\n\
                    weight_decay = 0.19\nmomentum = 0.2\nflips = \"none\"\nmin_crop = 0.21\nnear_share = 0.22\n\
-                   max_blank = 0.23\nmate_mm = 0.26\nmate_deg = 0.27\nsave_every = 24\nseed = 25";
+                   max_blank = 0.23\nfield_counts = 2.9\nmate_mm = 0.26\nmate_deg = 0.27\nsave_every = 24\nseed = 25";
         let saved = read(all).unwrap().resolve(1_000).unwrap().to_toml().unwrap();
         let lines = |text: &str| text.lines().map(String::from).collect::<std::collections::BTreeSet<_>>();
         assert_eq!(lines(&saved), lines(all));
@@ -223,7 +227,7 @@ mod tests {
 
     #[test]
     fn what_a_run_saves_gives_the_same_run() {
-        for config in [TrainConfig::tiny(), TrainConfig::small(), TrainConfig::paper(999)] {
+        for config in [TrainConfig::tiny(), TrainConfig::small(), TrainConfig::paper(999), TrainConfig::fine()] {
             let text = config.to_toml().unwrap();
             assert_eq!(read(&text).unwrap().resolve(12).unwrap(), config);
             assert!(text.contains("min_crop = 0.9\n"), "{text}");

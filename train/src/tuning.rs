@@ -76,7 +76,7 @@ impl<'a> Tuning<'a> {
     /// Share of holes whose nearest peg by cosine, of all parts at all poses, is of the right part, 0..=1.
     pub fn accuracy(&self, model: &Model) -> Result<f64> {
         let bank = bank_of_dataset(model, self.pegs, BankPoses::default(), &|_, _| ())?.bank;
-        let background = model.background(self.holes.no_contact())?;
+        let background = model.background_of(self.holes)?;
         let mut n_right = 0;
         for frames in self.chosen.chunks(256) {
             let queries = model.embed_holes(&tactile_images(&background, self.holes, frames)?)?;

@@ -1,6 +1,7 @@
 //! One program of a longer job, run only where its product is missing, older than what it was made from, or
 //! made by another command line.
 
+use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
@@ -12,11 +13,11 @@ use crate::json;
 use crate::program::{Program, Usage};
 use crate::workspace::{Workspace, remove};
 
-/// One program to run in the output folder; every path is relative to it or absolute.
+/// One program to run in the output folder, or a file to write there; every path is relative to it or absolute.
 pub struct Step {
     /// Name for people, and in the notes.
     pub name: String,
-    program: Program,
+    work: Work,
     /// Files that it is made from.
     inputs: Vec<PathBuf>,
     /// The file or folder that it makes, removed before it is made anew.
@@ -25,6 +26,21 @@ pub struct Step {
     proof: PathBuf,
     /// A file of the product from which an interrupted run continues with `--resume`.
     resume_from: Option<PathBuf>,
+}
+
+/// What a step does.
+enum Work {
+    Run(Program),
+    Write(String),
+}
+
+impl fmt::Display for Work {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Run(program) => program.fmt(f),
+            Self::Write(text) => write!(f, "write: {}", text.split_whitespace().collect::<Vec<_>>().join(" ")),
+        }
+    }
 }
 
 /// What is left to do of a step.
@@ -51,8 +67,16 @@ pub fn run_all(chore: &str, steps: &[Step], workspace: &Workspace, out: &Path) -
 impl Step {
     /// A step that makes `product`, a file, with nothing that it is made from.
     pub fn new(name: impl Into<String>, program: Program, product: impl Into<PathBuf>) -> Self {
-        let (name, product) = (name.into(), product.into());
-        Self { name, program, inputs: Vec::new(), proof: product.clone(), product, resume_from: None }
+        Self::of(name.into(), Work::Run(program), product.into())
+    }
+
+    /// A step that writes a file of this name and text.
+    pub fn file(name: &str, text: String) -> Self {
+        Self::of(name.into(), Work::Write(text), name.into())
+    }
+
+    fn of(name: String, work: Work, product: PathBuf) -> Self {
+        Self { name, work, inputs: Vec::new(), proof: product.clone(), product, resume_from: None }
     }
 
     /// Says that its product is a folder, and which file of that is written last.
@@ -78,15 +102,20 @@ impl Step {
             println!("== {title}: {} is there already", self.product.display());
             return Ok(());
         }
-        let mut program = self.program.clone();
-        if need == Need::Rest {
-            program = program.words("--resume");
-        } else {
+        if need == Need::All {
             remove(&out.join(&self.product))?;
             notes.note(self, false, Usage::default())?;
         }
-        println!("== {title}: {program}");
-        let usage = program.run(out)?;
+        println!("== {title}: {}", self.work);
+        let usage = match &self.work {
+            Work::Write(text) => {
+                let path = out.join(&self.product);
+                fs::write(&path, text).map_err(Error::io(&path))?;
+                Usage::default()
+            }
+            Work::Run(program) if need == Need::Rest => program.clone().words("--resume").run(out)?,
+            Work::Run(program) => program.run(out)?,
+        };
         println!("== {title}: {usage}");
         notes.note(self, true, usage)
     }
@@ -128,14 +157,14 @@ impl Notes {
 
     /// Whether a run with the step's command line came to its end; `None` where there was none.
     fn finished(&self, step: &Step) -> Option<bool> {
-        let note = self.steps.get(&step.name).filter(|note| note["command"] == step.program.to_string())?;
+        let note = self.steps.get(&step.name).filter(|note| note["command"] == step.work.to_string())?;
         Some(note["finished"] == true)
     }
 
     /// Notes that a step began or finished; one that continued an earlier run adds to its time.
     fn note(&mut self, step: &Step, finished: bool, usage: Usage) -> Result<()> {
         let earlier = self.steps.get(&step.name).and_then(|note| note["seconds"].as_f64()).filter(|_| finished);
-        let (command, seconds) = (step.program.to_string(), earlier.unwrap_or(0.0) + usage.seconds);
+        let (command, seconds) = (step.work.to_string(), earlier.unwrap_or(0.0) + usage.seconds);
         let note = json!({ "command": command, "finished": finished, "seconds": seconds, "peak_mib": usage.peak_mib });
         self.steps.insert(step.name.clone(), note);
         let text = format!("{:#}\n", Value::Object(self.steps.clone()));
@@ -202,6 +231,21 @@ mod tests {
         assert_eq!(step("a").need(&folder.0, &notes), Need::Rest);
         write(folder.0.join("out/state"), 15);
         assert_eq!(step("a").need(&folder.0, &notes), Need::All, "a state older than the input");
+    }
+
+    #[test]
+    fn a_file_is_written_again_only_where_its_text_changed() {
+        let folder = Folder::new("file");
+        let mut notes = Notes::open(&folder.0, "demo").unwrap();
+        let path = folder.0.join("a.toml");
+        let write = |text: &str, notes: &mut Notes| {
+            Step::file("a.toml", text.into()).run("a file", &folder.0, notes).unwrap();
+            fs::read_to_string(&path).unwrap()
+        };
+        assert_eq!(write("x = 1\n", &mut notes), "x = 1\n");
+        fs::write(&path, "kept").unwrap();
+        assert_eq!(write("x = 1\n", &mut notes), "kept");
+        assert_eq!(write("x = 2\n", &mut notes), "x = 2\n");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use tactile_data::calibrate::Calibration;
 use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard};
 use tactile_data::lab::Lab;
 use tactile_data::progress;
@@ -27,6 +28,9 @@ pub struct Generate {
     /// What to touch: the name of a preset, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
+    /// Simulate your sensor, as `calibrate` measured it, instead of the scene's
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -130,6 +134,9 @@ impl Generate {
 
     fn scene(&self) -> Result<Scene> {
         let mut scene = Scene::load(&self.scene)?;
+        if let Some(path) = &self.calibration {
+            scene = scene.under(&Calibration::load(path)?)?;
+        }
         match &mut scene.parts {
             Parts::Maze(boards) => {
                 boards.n_pairs = self.pairs.unwrap_or(boards.n_pairs);

@@ -1,6 +1,9 @@
 //! Flags that say how the pictures of a recording become frames.
 
+use std::path::PathBuf;
+
 use clap::Args;
+use tactile_data::calibrate::Calibration;
 use tactile_data::recording::geometry::{Crop, Geometry};
 use tactile_data::recording::provenance::{Channels, Mirror};
 
@@ -29,12 +32,20 @@ pub struct GeometryArgs {
     /// Resize frames to this, pixels [default: the size of the kept picture]
     #[arg(long, value_name = "WxH", value_parser = super::parse_size)]
     frame_px: Option<[usize; 2]>,
+    /// The sensor's light, as `calibrate` measured it on pictures turned and mirrored as these are: they are then brought
+    /// under the lamps that the network knows
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
 }
 
 impl GeometryArgs {
     /// The geometry that was asked for.
-    pub fn geometry(self) -> Geometry {
-        Geometry {
+    ///
+    /// # Errors
+    /// A calibration that cannot be read.
+    pub fn geometry(self) -> tactile_data::Result<Geometry> {
+        let lamps = self.calibration.map(|path| Ok(Calibration::load(path)?.lamps())).transpose()?;
+        Ok(Geometry {
             channels: self.channels,
             quarter_turns: self.turn,
             mirror: self.mirror,
@@ -42,7 +53,8 @@ impl GeometryArgs {
             letterbox: self.letterbox,
             field_of_view_mm: self.field_of_view_mm.and_then(|mm| mm.try_into().ok()),
             frame_px: self.frame_px,
-        }
+            lamps,
+        })
     }
 }
 
@@ -70,7 +82,11 @@ mod tests {
 
     fn parsed(line: &str) -> Result<Geometry, String> {
         let words = std::iter::once("program").chain(line.split_whitespace());
-        Program::try_parse_from(words).map(|program| program.geometry.geometry()).map_err(|error| error.to_string())
+        Program::try_parse_from(words)
+            .map_err(|error| error.to_string())?
+            .geometry
+            .geometry()
+            .map_err(|error| error.to_string())
     }
 
     #[test]
@@ -85,6 +101,7 @@ mod tests {
             letterbox: true,
             field_of_view_mm: Some([9.0, 7.0]),
             frame_px: Some([80, 60]),
+            lamps: None,
         };
         assert_eq!(parsed(line), Ok(expected));
         assert_eq!(parsed(""), Ok(Geometry::default()));

@@ -50,7 +50,7 @@ impl Import {
             (None, Some(n)) => NoContact::First(n),
             (None, None) => NoContact::Guess,
         };
-        let geometry = self.geometry.geometry();
+        let geometry = self.geometry.geometry()?;
         if BagArgs::is_bag(&self.source) {
             return self.bag.run(&self.source, &self.out, Frames { no_contact, geometry });
         }

@@ -9,6 +9,7 @@ mod import;
 mod import_bag;
 mod inspect;
 mod merge;
+mod practice;
 mod render;
 mod speed;
 mod validate;
@@ -33,6 +34,7 @@ enum Command {
     Generate(generate::Generate),
     Merge(merge::Merge),
     Calibrate(calibrate::Calibrate),
+    BallPresses(practice::BallPresses),
     Render(render::Render),
     Compare(compare::Compare),
     Inspect(inspect::Inspect),
@@ -53,6 +55,7 @@ impl Cli {
             Command::Generate(generate) => generate.run(),
             Command::Merge(merge) => merge.run(),
             Command::Calibrate(calibrate) => calibrate.run(),
+            Command::BallPresses(presses) => presses.run(),
             Command::Render(render) => render.run(),
             Command::Compare(compare) => compare.run(),
             Command::Ring(ring) => ring.run(),

@@ -40,6 +40,7 @@ fn dataset(folder: &Path, touches: &[Touch]) -> Dataset {
         seed: None,
         source: "a test".into(),
         recording: None,
+        lamps: None,
         peg_from_hole: None,
     };
     let path = folder.join("dataset");

@@ -66,6 +66,7 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
         seed: None,
         source: format!("imported from {}", source.display()),
         recording: None,
+        lamps: view.lamps().cloned(),
         peg_from_hole: None,
     };
     let n_files = files.len();

@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::lamps::{CalibratedLamps, Lamps};
 use crate::picture;
 use crate::recording::provenance::{Channels, Mirror, Recording};
 
@@ -39,6 +40,8 @@ pub struct Geometry {
     pub field_of_view_mm: Option<[f64; 2]>,
     /// Width and height to bring the frames to, pixels; `None` keeps theirs.
     pub frame_px: Option<[usize; 2]>,
+    /// The sensor's lamps, calibrated on pictures turned and mirrored as these are.
+    pub lamps: Option<CalibratedLamps>,
 }
 
 /// What is kept of a picture after turning and mirroring.
@@ -102,6 +105,7 @@ pub struct View {
     crop_px: [usize; 4],
     frame_px: [usize; 2],
     field_of_view_mm: [f64; 2],
+    lamps: Option<Lamps>,
 }
 
 impl View {
@@ -115,7 +119,13 @@ impl View {
             crop_px: [0, 0, source_px[0], source_px[1]],
             frame_px,
             field_of_view_mm: FIELD_OF_VIEW_MM,
+            lamps: None,
         }
+    }
+
+    /// The sensor's lamps over the frame, where they are known.
+    pub fn lamps(&self) -> Option<&Lamps> {
+        self.lamps.as_ref()
     }
 
     /// Width and height that every picture has, pixels.
@@ -220,6 +230,8 @@ impl Geometry {
             return Err(Error::invalid("frame size", "1 pixel or more each way", show(view.frame_px)));
         }
         view.field_of_view_mm = self.field_of_view(kept_px, warnings)?;
+        view.lamps = self.lamps.as_ref().map(|lamps| lamps.on(view.field_of_view_mm));
+        view.lamps.as_ref().map_or(Ok(()), Lamps::validate)?;
         if !is_same_shape(shape(view.frame_px), shape(kept_px)) {
             let [x, y] = view.mm_per_px();
             let frame = show(view.frame_px);

@@ -155,6 +155,7 @@ mod tests {
             seed: None,
             source: "a test".into(),
             recording: None,
+            lamps: None,
             peg_from_hole: None,
         };
         DatasetWriter::create(out, meta, &frame(0)).unwrap()

@@ -4,6 +4,7 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use super::SensorRange;
 use crate::error::{Error, Result};
 use crate::random::{frame_rng, uniform};
 use crate::sensor::SensorSpec;
@@ -34,6 +35,9 @@ pub struct MazeBoards {
     /// Share of the rims and of the shells with a core inside: a socket's tongue, a plug's insulator, 0..=1.
     #[serde(default)]
     pub core_share: f64,
+    /// Other sensors, one drawn for each board; without them the scene's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensors: Option<SensorRange>,
     /// How boards are drawn.
     #[serde(default)]
     pub spec: MazeSpec,
@@ -80,6 +84,12 @@ impl MazeBoards {
         relief
     }
 
+    /// The diagonal of the largest view that a sensor may have, mm.
+    pub fn widest_view_mm(&self, sensor: &SensorSpec) -> f64 {
+        let [width, height] = sensor.field_of_view_mm;
+        self.sensors.map_or(1.0, |sensors| sensors.scale[1]) * width.hypot(height)
+    }
+
     /// Refuses boards that cannot be drawn or touched, naming the field.
     pub(super) fn validate(&self, sensor: &SensorSpec) -> Result<()> {
         if self.n_boards > MOST_BOARDS {
@@ -93,7 +103,8 @@ impl MazeBoards {
         if self.n_pairs == 0 {
             return Err(Error::invalid("parts.maze.n_pairs", "at least one pair", "0"));
         }
-        let view = sensor.field_of_view_mm[0].hypot(sensor.field_of_view_mm[1]);
+        self.sensors.map_or(Ok(()), |sensors| sensors.validate())?;
+        let view = self.widest_view_mm(sensor);
         let spec = &self.spec;
         if !(spec.side_mm > view && spec.side_mm <= 300.0) {
             let expected = format!("more than a view's diagonal of {view:.1} mm, at most 300");

@@ -5,6 +5,7 @@ mod maze_boards;
 mod origin;
 mod parts;
 mod preset;
+mod sensor_range;
 mod sensor_table;
 
 use std::path::Path;
@@ -22,7 +23,8 @@ use crate::touch::Side;
 
 pub use board::Board;
 pub use maze_boards::MazeBoards;
-pub use parts::{Connectors, Kit, Letters, PartFile, Parts, Solids};
+pub use parts::{Connectors, Kit, Letters, Outlines, PartFile, Parts, Solids};
+pub use sensor_range::SensorRange;
 
 /// A scene, as a TOML file declares it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -96,8 +98,23 @@ impl Scene {
             let calibration = Calibration::load(folder.join(path)).map_err(|e| e.within("sensor.calibration"))?;
             let spec = std::mem::take(&mut self.sensor);
             self.sensor = calibration.light_for(spec).map_err(|e| e.within("sensor.calibration"))?;
+        } else if self.sensor.calibration_centre_mm.is_some() {
+            return Err(Error::invalid("sensor.calibration_centre_mm", "a calibration that it is in", "none"));
         }
         Ok(())
+    }
+
+    /// The same scene under a calibrated sensor: what it shows, its light and its gel; frames keep their size in pixels, and
+    /// the gels of MAZE boards are drawn about the calibrated length, as widely as before.
+    pub fn under(mut self, calibration: &Calibration) -> Result<Self> {
+        let frame_px = self.sensor.frame_px;
+        let before_mm = SensorSpec::default().gel_length_mm;
+        self.sensor = SensorSpec { frame_px, ..calibration.spec(self.sensor)? };
+        if let (Parts::Maze(boards), Some(length_mm)) = (&mut self.parts, calibration.gel_length_mm) {
+            boards.gel_length_mm = boards.gel_length_mm.map(|mm| mm * length_mm / before_mm);
+        }
+        self.validate()?;
+        Ok(self)
     }
 
     /// Refuses a scene that cannot be touched, naming the field. Reads the files of its parts.

@@ -24,6 +24,7 @@ impl Scene {
             sensor: SensorOrigin {
                 field_of_view_mm: self.sensor.field_of_view_mm,
                 light: Some(light_name(&self.sensor.light)),
+                is_relit: self.sensor.known_lamps().is_some(),
             },
         }
     }
@@ -62,9 +63,11 @@ mod tests {
             scene.origin()
         };
         let cmu = lit(LightRig::named("cmu").unwrap());
-        assert_eq!(small.other_sensor(&cmu).unwrap(), ["lamps", "mini", "cmu"]);
+        // Its pictures are brought under a Mini's lamps.
+        assert_eq!((cmu.sensor.light.as_deref(), cmu.sensor.is_relit), (Some("cmu"), true));
+        assert_eq!(small.other_sensor(&cmu), None);
         let own = lit(LightRig::lamps([80.0, 50.0, 53.0], [83.0, -174.0, -97.0]));
         assert_eq!(own.sensor.light.as_ref().map(String::len), Some(12));
-        assert!(small.other_sensor(&own).is_some() && own.other_sensor(&own).is_none());
+        assert!(small.other_sensor(&own).is_none() && own.other_sensor(&own).is_none());
     }
 }

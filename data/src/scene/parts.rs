@@ -1,4 +1,4 @@
-//! The parts of a scene: letters, connectors, simple bodies, the user's own files, or MAZE boards.
+//! The parts of a scene: letters, connectors, simple bodies, random outlines, the user's own files, or MAZE boards.
 
 use std::path::{Path, PathBuf};
 
@@ -8,9 +8,9 @@ use super::MazeBoards;
 use crate::error::{Error, Result};
 use crate::shape::connector::Connector;
 use crate::shape::file::{self, FileScale, ending};
-use crate::shape::glyph::glyph;
+use crate::shape::glyph::{Font, glyph_of};
 use crate::shape::heights::GreyScale;
-use crate::shape::{Relief, Shape, Solid};
+use crate::shape::{Relief, Shape, Solid, outline};
 use crate::touch::Side;
 
 /// The parts of a scene.
@@ -26,26 +26,35 @@ pub enum Parts {
 /// Parts of several kinds, in this order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Kit {
-    /// Letters of a heavy sans, one part each.
+    /// Letters, one part each.
     pub letters: Option<Letters>,
     /// Connectors, one part each.
     pub connectors: Option<Connectors>,
     /// Balls, cylinders, rings and cuboids, one part each.
     pub solids: Option<Solids>,
+    /// Random closed outlines, one part each.
+    pub outlines: Option<Outlines>,
     /// The user's own parts.
     pub files: Vec<PartFile>,
 }
 
-/// Letters of one size.
+/// Letters, digits or signs of one size and font.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Letters {
     /// The letters, each once.
     pub letters: String,
+    /// Their font; a heavy sans without it.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub font: Font,
     /// Height of a letter, mm.
     pub height_mm: f64,
     /// Width a letter is narrowed to where it would be wider, mm.
     pub max_width_mm: f64,
+}
+
+fn is_default(font: &Font) -> bool {
+    *font == Font::default()
 }
 
 /// Connectors; plug and receptacle have their own dimensions, without the scene's clearance.
@@ -63,6 +72,21 @@ pub struct Solids {
     /// The bodies, each once. A ball's hole is round, as a cylinder's is.
     pub names: Vec<Solid>,
 }
+
+/// Random closed outlines: blobs, polygons, stars, gears and notched rings in turn, see [`outline`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Outlines {
+    /// How many.
+    pub n: usize,
+    /// What draws them.
+    pub seed: u64,
+    /// Least and greatest length of the longer side, mm.
+    pub size_mm: [f64; 2],
+}
+
+/// The most outlines of a scene: what is known of a part before it is touched takes memory.
+const MOST_OUTLINES: usize = 10_000;
 
 /// A part from the user's own files: an outline (`svg`), heights (`png`, `npy`) or a mesh (`stl`), each centred
 /// on its own box.
@@ -113,6 +137,8 @@ struct Declared {
     connectors: Option<Connectors>,
     #[serde(skip_serializing_if = "Option::is_none")]
     solids: Option<Solids>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    outlines: Option<Outlines>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     files: Vec<PartFile>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -123,12 +149,14 @@ impl TryFrom<Declared> for Parts {
     type Error = Error;
 
     fn try_from(declared: Declared) -> Result<Self> {
-        let Declared { letters, connectors, solids, files, maze } = declared;
-        let kit = Kit { letters, connectors, solids, files };
+        let Declared { letters, connectors, solids, outlines, files, maze } = declared;
+        let kit = Kit { letters, connectors, solids, outlines, files };
         match maze {
             None => Ok(Self::Kit(kit)),
             Some(boards) if kit == Kit::default() => Ok(Self::Maze(boards)),
-            Some(_) => Err(Error::invalid("parts", "either maze or letters, connectors, solids and files", "both")),
+            Some(_) => {
+                Err(Error::invalid("parts", "either maze or letters, connectors, solids, outlines and files", "both"))
+            }
         }
     }
 }
@@ -136,8 +164,8 @@ impl TryFrom<Declared> for Parts {
 impl From<Parts> for Declared {
     fn from(parts: Parts) -> Self {
         match parts {
-            Parts::Kit(Kit { letters, connectors, solids, files }) => {
-                Self { letters, connectors, solids, files, maze: None }
+            Parts::Kit(Kit { letters, connectors, solids, outlines, files }) => {
+                Self { letters, connectors, solids, outlines, files, maze: None }
             }
             Parts::Maze(boards) => Self { maze: Some(boards), ..Self::default() },
         }
@@ -150,21 +178,24 @@ enum Origin<'a> {
     Letter(char, &'a Letters),
     Connector(Connector),
     Solid(Solid),
+    Outline(usize, Outlines),
     File(usize, &'a PartFile),
 }
 
 impl Kit {
     /// A kit of letters alone.
     pub fn of_letters(letters: &str, height_mm: f64, max_width_mm: f64) -> Self {
-        Self { letters: Some(Letters { letters: letters.into(), height_mm, max_width_mm }), ..Self::default() }
+        let letters = Letters { letters: letters.into(), font: Font::Sans, height_mm, max_width_mm };
+        Self { letters: Some(letters), ..Self::default() }
     }
 
     fn origins(&self) -> impl Iterator<Item = Origin<'_>> {
         let letters = self.letters.iter().flat_map(|of| of.letters.chars().map(move |c| Origin::Letter(c, of)));
         let connectors = self.connectors.iter().flat_map(|of| of.names.iter().map(|name| Origin::Connector(*name)));
         let solids = self.solids.iter().flat_map(|of| of.names.iter().map(|solid| Origin::Solid(*solid)));
+        let outlines = self.outlines.iter().flat_map(|of| (0..of.n).map(move |index| Origin::Outline(index, *of)));
         let files = self.files.iter().enumerate().map(|(i, file)| Origin::File(i, file));
-        letters.chain(connectors).chain(solids).chain(files)
+        letters.chain(connectors).chain(solids).chain(outlines).chain(files)
     }
 
     /// Names of the parts.
@@ -173,6 +204,7 @@ impl Kit {
             Origin::Letter(letter, _) => letter.to_string(),
             Origin::Connector(connector) => connector.name().to_owned(),
             Origin::Solid(solid) => solid.to_string(),
+            Origin::Outline(index, _) => outline::name(index),
             Origin::File(_, file) => file.name.clone(),
         };
         self.origins().map(name).collect()
@@ -184,8 +216,8 @@ impl Kit {
             return Err(Error::invalid("part", "a part of the scene", part.to_string()));
         };
         match origin {
-            Origin::Letter(letter, Letters { height_mm, max_width_mm, .. }) => {
-                let outline = glyph(letter, *height_mm, *max_width_mm)?;
+            Origin::Letter(letter, Letters { font, height_mm, max_width_mm, .. }) => {
+                let outline = glyph_of(*font, letter, *height_mm, *max_width_mm)?;
                 Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
             }
             Origin::Connector(connector) => Ok(Part {
@@ -199,6 +231,10 @@ impl Kit {
             Origin::Solid(solid) => {
                 Ok(Part::extruded(solid.outline(), solid.relief(Side::Peg, clearance_mm)?, clearance_mm))
             }
+            Origin::Outline(index, Outlines { seed, size_mm, .. }) => {
+                let outline = outline::outline(seed, index, size_mm);
+                Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
+            }
             Origin::File(i, file) => file.part(&format!("parts.files[{i}]"), clearance_mm),
         }
     }
@@ -208,9 +244,12 @@ impl Kit {
         if let Some(letters) = &self.letters {
             letters.validate()?;
         }
+        if let Some(outlines) = &self.outlines {
+            outlines.validate()?;
+        }
         let names = self.names();
         if names.is_empty() {
-            return Err(Error::invalid("parts", "at least one letter, connector, solid or file", "none"));
+            return Err(Error::invalid("parts", "at least one letter, connector, solid, outline or file", "none"));
         }
         for (i, name) in names.iter().enumerate() {
             if name.trim().is_empty() || name.contains(char::is_control) {
@@ -273,7 +312,22 @@ impl Letters {
             return Err(Error::invalid(format!("parts.letters.{field}"), "0 to 200 mm", value.to_string()));
         }
         for letter in self.letters.chars() {
-            glyph(letter, self.height_mm, self.max_width_mm).map_err(|e| e.within("parts.letters.letters"))?;
+            glyph_of(self.font, letter, self.height_mm, self.max_width_mm)
+                .map_err(|e| e.within("parts.letters.letters"))?;
+        }
+        Ok(())
+    }
+}
+
+impl Outlines {
+    fn validate(&self) -> Result<()> {
+        if !(1..=MOST_OUTLINES).contains(&self.n) {
+            return Err(Error::invalid("parts.outlines.n", format!("1 to {MOST_OUTLINES}"), self.n.to_string()));
+        }
+        let [least, most] = self.size_mm;
+        if !(least >= 1.0 && most >= least && most <= 200.0) {
+            let got = format!("{least} to {most}");
+            return Err(Error::invalid("parts.outlines.size_mm", "1 to 200 mm, in order", got));
         }
         Ok(())
     }

@@ -2,6 +2,7 @@ use std::path::{Path, PathBuf};
 
 use super::*;
 use crate::se2::Se2;
+use crate::sensor::light::{self, LightRig};
 use crate::simulator::{Simulator, frame_rng};
 
 /// A folder with a scene file of these lines before `[reach]`, and with files next to it.
@@ -41,6 +42,11 @@ fn every_preset_is_valid_and_survives_a_file() {
         scene.validate().unwrap();
         let back: Scene = toml::from_str(&toml::to_string(&scene).unwrap()).unwrap();
         assert_eq!(back, scene);
+        // Datasets that are there describe their sensor without what came later.
+        assert!(
+            !toml::to_string(&scene).unwrap().contains("exposure")
+                && !toml::to_string(&scene).unwrap().contains("font")
+        );
         let stored: Scene = serde_json::from_value(serde_json::to_value(&scene).unwrap()).unwrap();
         assert_eq!(stored, scene);
     }
@@ -192,13 +198,14 @@ fn the_field_of_view_is_told_in_any_way_and_only_one() {
     refused("field_of_view_mm = [18.6, 0.0]", &["sensor.field_of_view_mm", "positive"]);
     refused("mm_per_px = [-0.05, 0.05]", &["sensor.mm_per_px", "positive"]);
     refused("gel_length_mm = 0.0", &["sensor.gel_length_mm"]);
+    refused("exposure = 0.0", &["sensor.exposure", "0.1 to 4"]);
     refused("gel_length_cm = 0.1", &["gel_length_cm"]);
 }
 
 #[test]
-fn a_calibration_gives_the_light_of_a_sensor_of_its_size_only() {
+fn a_calibration_gives_its_light_to_every_view_within_it() {
     let written = Written::new();
-    let light = crate::sensor::light::LightRig::named("cmu").unwrap();
+    let light = LightRig::named("cmu").unwrap();
     let calibration = Calibration {
         schema: crate::calibrate::SCHEMA.into(),
         frame_px: [320, 240],
@@ -214,9 +221,53 @@ fn a_calibration_gives_the_light_of_a_sensor_of_its_size_only() {
     let sensor = written.load(&with("frame_px = [80, 60]")).unwrap().sensor;
     assert_eq!((sensor.light, sensor.gel_length_mm, sensor.frame_px), (light, 1.5, [80, 60]));
     assert_eq!(sensor.calibration, None);
-    written.refused(&with("preset = \"gelsight-mini-sdk\""), &["sensor.calibration", "20.3 x 15.2"]);
+    let sdk = written.load(&with("preset = \"gelsight-mini-sdk\"")).unwrap().sensor;
+    assert_eq!(
+        sdk,
+        calibration.light_for(SensorSpec { field_of_view_mm: [20.3, 15.2], ..SensorSpec::default() }).unwrap()
+    );
+    written.refused(&with("field_of_view_mm = [26.0, 20.0]"), &["sensor.calibration", "26.0 x 20.0"]);
+    let crop =
+        written.load(&with("field_of_view_mm = [9.3, 14.3]\ncalibration_centre_mm = [-4.65, 0.0]")).unwrap().sensor;
+    // The left half: its right border is the middle of the whole.
+    let along = |rig: &LightRig, x| light::value(&rig.along_x[0], x, 0.5);
+    assert!((along(&crop.light, 1.0) - along(&calibration.light, 0.0)).abs() < 1e-4);
+    written.refused(&format!("{LETTERS}\n[sensor]\ncalibration_centre_mm = [1.0, 0.0]"), &["calibration_centre_mm"]);
     written.refused(&with("light = \"mini\""), &["light or calibration"]);
     written.refused(&with("").replace("mine", "yours"), &["sensor.calibration", "yours.toml"]);
+}
+
+#[test]
+fn a_preset_under_a_calibrated_sensor_shows_what_that_sensor_shows() {
+    let mine = Calibration {
+        schema: crate::calibrate::SCHEMA.into(),
+        frame_px: [320, 240],
+        field_of_view_mm: [20.3, 15.2],
+        source: "by hand".into(),
+        gel_length_mm: Some(1.8),
+        contact_share: None,
+        leave_one_out: None,
+        light: LightRig::named("cmu").unwrap(),
+    };
+    let maze = Scene::preset("maze").unwrap();
+    let own = maze.clone().under(&mine).unwrap();
+    let expected = SensorSpec {
+        field_of_view_mm: [20.3, 15.2],
+        light: mine.light.clone(),
+        gel_length_mm: 1.8,
+        ..maze.sensor.clone()
+    };
+    assert_eq!(own.sensor, expected);
+    let lengths = |scene: &Scene| match &scene.parts {
+        Parts::Maze(boards) => boards.gel_length_mm,
+        Parts::Kit(_) => panic!("a kit"),
+    };
+    // Half as long again as the default of 1.2 mm.
+    let [shortest, longest] = lengths(&own);
+    assert_eq!([0.9, 1.6], lengths(&maze));
+    assert!((shortest - 1.35).abs() < 1e-9 && (longest - 2.4).abs() < 1e-9, "{shortest} {longest}");
+    let plain = maze.under(&Calibration { gel_length_mm: None, ..mine }).unwrap();
+    assert_eq!(lengths(&plain), [0.9, 1.6]);
 }
 
 #[test]
@@ -339,6 +390,21 @@ fn simple_bodies_are_parts_by_their_names() {
 }
 
 #[test]
+fn letters_of_another_font_digits_and_outlines_are_parts() {
+    let written = Written::new();
+    let letters = "[parts.letters]\nletters = \"A7\"\nfont = \"serif\"\nheight_mm = 12.0\nmax_width_mm = 16.0";
+    let outlines = |text: &str| format!("{letters}\n[parts.outlines]\n{text}");
+    let scene = written.load(&outlines("n = 3\nseed = 5\nsize_mm = [8.0, 14.0]")).unwrap();
+    assert_eq!(scene.part_names(), ["A", "7", "blob-0", "polygon-1", "star-2"]);
+    let sans = written.load(&letters.replace("font = \"serif\"", "")).unwrap();
+    assert_ne!(sans.shape(0, 1).unwrap(), scene.shape(0, 1).unwrap());
+    assert_eq!(scene.shape(3, 1).unwrap(), crate::shape::outline::outline(5, 1, [8.0, 14.0]));
+    written.refused(&outlines("n = 0\nseed = 5\nsize_mm = [8.0, 14.0]"), &["parts.outlines.n", "1 to 10000"]);
+    written.refused(&outlines("n = 3\nseed = 5\nsize_mm = [14.0, 8.0]"), &["parts.outlines.size_mm", "in order"]);
+    written.refused(&letters.replace("serif", "comic"), &["comic", "serif"]);
+}
+
+#[test]
 fn a_wrong_file_of_a_part_is_named_with_its_field() {
     let written = Written::new();
     let svg = "<svg xmlns='http://www.w3.org/2000/svg' width='9mm' height='9mm' viewBox='0 0 9 9'>";
@@ -388,7 +454,7 @@ fn every_example_scene_loads_and_can_be_touched() {
         }
         n_scenes += 1;
     }
-    assert!(n_scenes >= 11);
+    assert!(n_scenes >= 15);
 }
 
 /// By the width of the contact over a bar's middle: an I of width w and a gauge of w + 2 x 0.5 mm.

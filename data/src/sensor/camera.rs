@@ -1,6 +1,6 @@
 //! What a real camera and a real print add: gain drift, white noise, dust, layer lines, JPEG.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use multiversion::multiversion;
 use rand::rngs::ChaCha8Rng;
@@ -8,6 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::gel::TiltedPress;
+use super::light_field::LightField;
 use super::rounding::to_byte;
 use super::{SensorSpec, jpeg};
 use crate::frame::Frame;
@@ -26,8 +27,9 @@ pub struct Camera {
     size_px: [usize; 2],
     noise_counts: [f32; 3],
     jpeg_quality: [u8; 2],
+    light_field: LightField,
     /// Share of the light that dust leaves, for each pixel and channel.
-    dust: Vec<f32>,
+    dust: Arc<[f32]>,
 }
 
 /// Normal variates drawn once; a frame reads them from a random place on, which is a thousand times
@@ -64,8 +66,26 @@ impl Camera {
             size_px: spec.frame_px,
             noise_counts: spec.noise_counts.map(|n| n as f32),
             jpeg_quality: spec.jpeg_quality,
+            light_field: spec.light_field,
             dust: (0..width * height).flat_map(|i| [light(i); 3]).collect(),
         }
+    }
+
+    /// The same camera and dust, with the noise, compression and light field of another sensor of this size.
+    #[must_use]
+    pub fn varied(&self, spec: &SensorSpec) -> Self {
+        Self {
+            size_px: self.size_px,
+            noise_counts: spec.noise_counts.map(|n| n as f32),
+            jpeg_quality: spec.jpeg_quality,
+            light_field: spec.light_field,
+            dust: self.dust.clone(),
+        }
+    }
+
+    /// Adds what a press changes over the whole picture; `depth_mm` is its deepest point in view.
+    pub fn add_light_field(&self, rgb: &mut [f32], depth_mm: f64, rng: &mut ChaCha8Rng) {
+        self.light_field.add(rgb, self.size_px, depth_mm, rng);
     }
 
     /// Takes the picture: shaded RGB counts to a frame.

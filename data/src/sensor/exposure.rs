@@ -31,6 +31,10 @@ impl Exposure<'_> {
         if self.fidelity >= Fidelity::Shadow {
             shadow::cast(&mut rgb, depths, self.optics, self.mm_per_px);
         }
+        if self.fidelity >= Fidelity::Camera {
+            let deepest_mm = depths.iter().copied().fold(0.0, f32::max);
+            self.camera.add_light_field(&mut rgb, f64::from(deepest_mm), rng);
+        }
         self.expose(rgb, rng)
     }
 

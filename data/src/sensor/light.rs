@@ -12,13 +12,14 @@
 //! 2001), less the constant, which is the frame at rest. Of a real Mini's Taxim table they leave 2 to 4 counts
 //! (root mean square over the frame and slopes up to 58 degrees) of 22 to 32: `tactile-data calibrate --taxim`.
 
+mod known;
+
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
+use crate::lamps::{Lamps, on_view};
+pub use crate::lamps::{Quadratic, value};
 use crate::suggest::with_closest;
-
-/// Factors of `1, x, y, x^2, x y, y^2` over the frame, x and y in -1..=1, x right and y down; counts.
-pub type Quadratic = [f32; 6];
 
 /// The most that a factor may be, counts: a lamp's change cannot leave the 8 bits by much.
 const MAX_COUNTS: f32 = 4_096.0;
@@ -29,11 +30,6 @@ const MINI_AT_REST: [Quadratic; 3] = [
     [109.4, -2.9, -6.1, -27.3, 1.0, -15.9],
     [133.8, -4.3, -19.3, -42.2, 2.7, -41.7],
 ];
-
-/// How far each lamp of a Mini reaches, as a share of its strength at the centre: quadratics through a real
-/// calibration table's values at the centre and the four sides.
-const MINI_FALL_OFF: [Quadratic; 3] =
-    [[1.0, 0.0, 0.12, -0.33, 0.0, -0.45], [1.0, 0.0, 0.0, -0.30, 0.0, -0.30], [1.0, 0.0, -0.28, -0.30, 0.0, -0.40]];
 
 /// A sensor's light, each factor for red, green and blue. In a scene it is written out or given by the name
 /// of a known rig: `light = "mini"`.
@@ -103,37 +99,33 @@ impl Shadow {
 impl Default for LightRig {
     /// A GelSight Mini.
     fn default() -> Self {
-        // Fitted on a real calibration table of a Mini, to 10 %.
-        Self::lamps([97.0, 50.0, 53.0], [83.0, -174.0, -97.0])
+        let Lamps { along_x, along_y } = Lamps::default();
+        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, shadow: Shadow::default() }
     }
 }
 
 impl LightRig {
     /// Names of the known rigs.
-    pub const NAMES: [&str; 2] = ["mini", "cmu"];
+    pub const NAMES: [&str; 3] = ["mini", "mini-table", "cmu"];
 
     /// One lamp for each channel: its brightness at the frame's centre in counts, and the direction in which
     /// it lights a slope, degrees from x towards y. Background and fall-off are a Mini's.
     pub fn lamps(counts: [f64; 3], towards_deg: [f64; 3]) -> Self {
-        let lamp = |share: fn(f64) -> f64| {
-            [0, 1, 2].map(|c| {
-                let strength = counts[c] * share(towards_deg[c].to_radians());
-                MINI_FALL_OFF[c].map(|factor| (strength * f64::from(factor)) as f32)
-            })
-        };
-        Self {
-            at_rest: MINI_AT_REST,
-            along_x: lamp(f64::cos),
-            along_y: lamp(f64::sin),
-            walls: None,
-            shadow: Shadow::default(),
-        }
+        let Lamps { along_x, along_y } = Lamps::towards(counts, towards_deg);
+        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, shadow: Shadow::default() }
     }
 
-    /// A known rig: `mini`, or `cmu`, the lamps of an older GelSight (fitted on Taxim's table of it).
+    /// How it answers gentle slopes.
+    pub fn response(&self) -> Lamps {
+        Lamps { along_x: self.along_x, along_y: self.along_y }
+    }
+
+    /// A known rig: `mini`, a closed form near a GelSight Mini; `mini-table`, that sensor's calibration table fitted
+    /// again, nearer to real frames; or `cmu`, the lamps of an older GelSight (fitted on Taxim's table of it).
     pub fn named(name: &str) -> Result<Self> {
         match name {
             "mini" => Ok(Self::default()),
+            "mini-table" => Ok(known::mini_by_table()),
             "cmu" => Ok(Self::lamps([65.0, 45.0, 47.0], [178.0, 62.0, -54.0])),
             _ => {
                 let got = with_closest(name, Self::NAMES);
@@ -161,6 +153,36 @@ impl LightRig {
             Walls { steep, across, diagonal }
         });
         Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
+    }
+
+    /// The same rig with each channel's response `share` times as strong, as a longer or shorter exposure has it; the
+    /// frame at rest stays.
+    pub fn exposed(&self, share: f32) -> Self {
+        let scaled = |factors: &[Quadratic; 3]| factors.map(|channel| channel.map(|counts| share * counts));
+        let walls = self.walls.as_ref().map(|walls| Walls {
+            steep: scaled(&walls.steep),
+            across: scaled(&walls.across),
+            diagonal: scaled(&walls.diagonal),
+        });
+        let (along_x, along_y) = (scaled(&self.along_x), scaled(&self.along_y));
+        Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
+    }
+
+    /// The same light as another view of the same gel has it, whose place `u` (-1..=1 in x and y) is at `centre + half * u`
+    /// of this one: every factor re-expressed, exactly. A view of the same size about the same middle changes no bit.
+    pub fn on_view(&self, centre: [f64; 2], half: [f64; 2]) -> Self {
+        let part = |part: &[Quadratic; 3]| part.each_ref().map(|factor| on_view(factor, centre, half));
+        Self {
+            at_rest: part(&self.at_rest),
+            along_x: part(&self.along_x),
+            along_y: part(&self.along_y),
+            walls: self.walls.as_ref().map(|walls| Walls {
+                steep: part(&walls.steep),
+                across: part(&walls.across),
+                diagonal: part(&walls.diagonal),
+            }),
+            shadow: self.shadow,
+        }
     }
 
     /// Refuses numbers that no light can be, naming the field.
@@ -208,11 +230,6 @@ impl<'de> Deserialize<'de> for LightRig {
     }
 }
 
-/// A quadratic's value at a place of the frame, -1..=1 in x and y.
-pub fn value(k: &Quadratic, x: f32, y: f32) -> f32 {
-    k[0] + k[1] * x + k[2] * y + k[3] * x * x + k[4] * x * y + k[5] * y * y
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -237,6 +254,28 @@ mod tests {
     }
 
     #[test]
+    fn a_place_of_the_gel_has_the_same_light_in_every_view() {
+        let flat = |counts: f32| [[counts, 3.0, -5.0, 2.0, 7.0, -4.0]; 3];
+        let walls = Walls { steep: flat(25.0), across: flat(-9.0), diagonal: flat(4.0) };
+        let rig = LightRig { walls: Some(walls), ..LightRig::named("cmu").unwrap() };
+        assert_eq!(rig.on_view([0.0; 2], [1.0; 2]), rig);
+        let (centre, half) = ([0.3, -0.2], [0.6, 1.1]);
+        let seen = rig.on_view(centre, half);
+        let factors = |rig: &LightRig| {
+            let walls = rig.walls.clone().unwrap();
+            [rig.at_rest, rig.along_x, rig.along_y, walls.steep, walls.across, walls.diagonal].concat()
+        };
+        for (x, y) in [(-1.0, -1.0), (-0.4, 0.7), (0.0, 0.0), (0.9, -0.3), (1.0, 1.0)] {
+            let there = [centre[0] + half[0] * x, centre[1] + half[1] * y].map(|at| at as f32);
+            for (own, other) in factors(&rig).iter().zip(factors(&seen)) {
+                let (direct, again) = (value(own, there[0], there[1]), value(&other, x as f32, y as f32));
+                // Sums of six terms of up to 150 counts in f32.
+                assert!((direct - again).abs() < 1e-4, "{direct} {again}");
+            }
+        }
+    }
+
+    #[test]
     fn a_rig_is_read_by_name_or_in_full() {
         #[derive(Debug, PartialEq, Serialize, Deserialize)]
         struct Sensor {
@@ -248,7 +287,7 @@ mod tests {
         let json = serde_json::to_string(&cmu).unwrap();
         assert_eq!(serde_json::from_str::<Sensor>(&json).unwrap(), cmu);
         let error = toml::from_str::<Sensor>("light = \"sun\"").unwrap_err().to_string();
-        assert!(error.contains("expected one of mini, cmu, got sun"), "{error}");
+        assert!(error.contains("expected one of mini, mini-table, cmu, got sun"), "{error}");
     }
 
     #[test]

@@ -6,6 +6,7 @@ pub mod gel;
 pub mod geometry;
 pub mod jpeg;
 pub mod light;
+pub mod light_field;
 pub mod membrane;
 pub mod obstacle;
 pub mod optics;
@@ -19,8 +20,10 @@ use serde::{Deserialize, Serialize};
 use strum::{IntoStaticStr, VariantArray};
 
 use crate::error::{Error, Result};
+use crate::lamps::Lamps;
 use crate::suggest;
 use light::LightRig;
+use light_field::LightField;
 
 /// How much of the sensor is computed; each tier includes the ones before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, IntoStaticStr, VariantArray)]
@@ -57,6 +60,12 @@ impl FromStr for Fidelity {
     }
 }
 
+/// Whether a light is known, as it is unless a scene says otherwise.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn is_known(light_known: &bool) -> bool {
+    *light_known
+}
+
 /// A tactile sensor. The defaults are a GelSight Mini as the paper has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -82,6 +91,18 @@ pub struct SensorSpec {
     /// one, the gel length; none once it is read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
+    /// Whether the light above is known to those who use the frames, as after a calibration: then pictures are brought
+    /// under the lamps that the network knows.
+    #[serde(skip_serializing_if = "is_known")]
+    pub light_known: bool,
+    /// Counts of the lamps and of the frame at rest as a share of those that `light` states: half an exposure is 0.5.
+    /// What is read out on top of the light, its noise, stays.
+    #[serde(skip_serializing_if = "is_whole")]
+    pub exposure: f64,
+    /// Where the middle of this sensor's view is in the calibrated frame, mm right of and below its middle; without it they
+    /// are the same. None once the calibration is read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration_centre_mm: Option<[f64; 2]>,
     /// Standard deviation of the white noise of each channel, counts.
     pub noise_counts: [f64; 3],
     /// Worst and best JPEG quality.
@@ -90,8 +111,15 @@ pub struct SensorSpec {
     pub texture_mm: [f64; 2],
     /// Specks of dust on the gel.
     pub n_specks: usize,
+    /// The smooth change of the whole picture that comes with a press.
+    #[serde(skip_serializing_if = "LightField::is_none")]
+    pub light_field: LightField,
     /// Seed of what is fixed for one sensor: its specks.
     pub seed: u64,
+}
+
+fn is_whole(share: &f64) -> bool {
+    *share == 1.0
 }
 
 impl Default for SensorSpec {
@@ -107,14 +135,21 @@ impl Default for SensorSpec {
             place_jitter_mm: 0.05,
             light: LightRig::default(),
             calibration: None,
+            light_known: true,
+            exposure: 1.0,
+            calibration_centre_mm: None,
             noise_counts: [1.8, 1.8, 2.5],
             jpeg_quality: [75, 90],
             texture_mm: [0.0, 0.02],
             n_specks: 12,
+            light_field: LightField::default(),
             seed: 0,
         }
     }
 }
+
+/// Shortest and longest exposure, as shares: darker is noise, brighter is white.
+const EXPOSURES: std::ops::RangeInclusive<f64> = 0.1..=4.0;
 
 /// More specks of dust than this leave nothing of a frame.
 const MOST_SPECKS: usize = 10_000;
@@ -148,6 +183,10 @@ impl SensorSpec {
                 return Err(Error::invalid(format!("sensor.{field}"), "0 or more, in order", value.to_string()));
             }
         }
+        if !EXPOSURES.contains(&self.exposure) {
+            let expected = format!("{} to {}", EXPOSURES.start(), EXPOSURES.end());
+            return Err(Error::invalid("sensor.exposure", expected, self.exposure.to_string()));
+        }
         if self.n_specks > MOST_SPECKS {
             let expected = format!("at most {MOST_SPECKS}");
             return Err(Error::invalid("sensor.n_specks", expected, self.n_specks.to_string()));
@@ -156,7 +195,15 @@ impl SensorSpec {
         if !(1..=100).contains(&worst) || !(worst..=100).contains(&best) {
             return Err(Error::invalid("sensor.jpeg_quality", "1..=100 in order", format!("{worst}..{best}")));
         }
+        self.light_field.validate()?;
         self.light.validate()
+    }
+
+    /// The lamps as they answer gentle slopes at this exposure, where they are known and are not those that the network
+    /// knows ([`Lamps::default`]).
+    pub fn known_lamps(&self) -> Option<Lamps> {
+        let lamps = self.light.exposed(self.exposure as f32).response();
+        (self.light_known && lamps != Lamps::default()).then_some(lamps)
     }
 
     /// Size of a pixel in x and y, mm.

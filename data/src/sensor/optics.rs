@@ -17,18 +17,19 @@ pub struct Optics {
 }
 
 impl Optics {
-    /// Computes the frame at rest.
+    /// Computes the frame at rest and the lamps, both at the sensor's exposure.
     pub fn new(spec: &SensorSpec) -> Self {
         let [width, height] = spec.frame_px;
+        let exposure = spec.exposure as f32;
         let rest = |i: usize| {
             let (x, y) = (place(i % width, width), place(i / width, height));
-            spec.light.at_rest.iter().map(move |channel| value(channel, x, y).max(2.0))
+            spec.light.at_rest.iter().map(move |channel| exposure * value(channel, x, y).max(2.0))
         };
         let at_rest = (0..width * height).flat_map(rest).collect();
-        Self { size_px: spec.frame_px, at_rest, rig: spec.light.clone() }
+        Self { size_px: spec.frame_px, at_rest, rig: spec.light.exposed(exposure) }
     }
 
-    /// The same light over a real sensor's no-contact frame, of the same size.
+    /// The same light over a real sensor's no-contact frame, of the same size and already at the sensor's exposure.
     pub fn over(mut self, no_contact: &Frame) -> Result<Self> {
         let [width, height] = self.size_px;
         let got = [no_contact.width_px(), no_contact.height_px()];
@@ -199,6 +200,25 @@ mod tests {
             let values = optics.at_rest.iter().skip(channel).step_by(3);
             let mean = values.sum::<f32>() / (160.0 * 120.0);
             assert!((mean - real).abs() < 3.0, "channel {channel}: {mean}");
+        }
+    }
+
+    #[test]
+    fn half_an_exposure_halves_the_frame_at_rest_and_what_a_slope_adds() {
+        let light = LightRig {
+            walls: Some(Walls {
+                steep: [[20.0, 1.0, 0.0, -3.0, 0.0, 0.0]; 3],
+                across: [[-7.0, 0.0, 0.0, 0.0, 0.0, 0.0]; 3],
+                diagonal: [[4.0, 0.0, 2.0, 0.0, 0.0, 0.0]; 3],
+            }),
+            ..LightRig::default()
+        };
+        let spec = SensorSpec { frame_px: [12, 10], light, ..SensorSpec::default() };
+        let depths = plane([0.9, -0.5], [12, 10], [0.1, 0.1]);
+        let shaded = |exposure| Optics::new(&SensorSpec { exposure, ..spec.clone() }).shade(&depths, [0.1, 0.1]);
+        for (half, whole) in shaded(0.5).iter().zip(shaded(1.0)) {
+            // Rounding of f32 near 256 counts.
+            assert!((2.0 * half - whole).abs() < 1e-3, "{half} of {whole}");
         }
     }
 

@@ -1,5 +1,6 @@
-//! Letters as parts: the outlines of DejaVu Sans Bold.
+//! Letters as parts: the outlines of DejaVu Sans Bold, or of its serif.
 
+use serde::{Deserialize, Serialize};
 use ttf_parser::{Face, OutlineBuilder};
 
 use super::Shape;
@@ -9,11 +10,27 @@ use crate::error::{Error, Result};
 /// Straight pieces a curve is cut into: 0.02 mm off at most on a letter of 32 mm.
 const PIECES: usize = 12;
 
-/// The outline of a letter, `height_mm` high and narrowed to `max_width_mm` where it would be wider,
+/// A font that comes with the program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Font {
+    /// DejaVu Sans Bold.
+    #[default]
+    Sans,
+    /// DejaVu Serif Bold.
+    Serif,
+}
+
+/// The outline of a letter of the sans, `height_mm` high and narrowed to `max_width_mm` where it would be wider,
 /// centred on its own box.
 pub fn glyph(letter: char, height_mm: f64, max_width_mm: f64) -> Result<Shape> {
+    glyph_of(Font::Sans, letter, height_mm, max_width_mm)
+}
+
+/// The outline of a letter of a font, as [`glyph`].
+pub fn glyph_of(font: Font, letter: char, height_mm: f64, max_width_mm: f64) -> Result<Shape> {
     let unknown = |got: String| Error::invalid("part", "a letter of the font", got);
-    let face = font()?;
+    let face = face(font)?;
     let id = face.glyph_index(letter).ok_or_else(|| unknown(format!("'{letter}'")))?;
     let mut outline = Flatten::new(PIECES);
     face.outline_glyph(id, &mut outline).ok_or_else(|| unknown(format!("'{letter}', which has no outline")))?;
@@ -30,7 +47,7 @@ pub fn glyph(letter: char, height_mm: f64, max_width_mm: f64) -> Result<Shape> {
 /// The outline of a line of text of size `em_px`, and its width, pixels. It begins at 0, 0,
 /// the left end of its base line; y points down. Letters that the font lacks are left out.
 pub(crate) fn line_of_text(text: &str, em_px: f64) -> Result<(Shape, f64)> {
-    let face = font()?;
+    let face = face(Font::Sans)?;
     let scale = em_px / f64::from(face.units_per_em());
     let (mut shape, mut x_px) = (Shape::default(), 0.0);
     for id in text.chars().filter_map(|letter| face.glyph_index(letter)) {
@@ -44,8 +61,12 @@ pub(crate) fn line_of_text(text: &str, em_px: f64) -> Result<(Shape, f64)> {
     Ok((shape, x_px))
 }
 
-fn font() -> Result<Face<'static>> {
-    Face::parse(dejavu::sans::bold(), 0).map_err(|e| Error::invalid("font", "a TrueType font", e.to_string()))
+fn face(font: Font) -> Result<Face<'static>> {
+    let bytes = match font {
+        Font::Sans => dejavu::sans::bold(),
+        Font::Serif => dejavu::serif::bold(),
+    };
+    Face::parse(bytes, 0).map_err(|e| Error::invalid("font", "a TrueType font", e.to_string()))
 }
 
 impl OutlineBuilder for Flatten {
@@ -75,11 +96,22 @@ mod tests {
 
     #[test]
     fn letters_have_the_size_asked_for_and_lie_centred() {
-        for letter in 'A'..='Z' {
-            let [x_min, y_min, x_max, y_max] = glyph(letter, 32.0, 40.0).unwrap().bounds();
+        for (font, letter) in ('0'..='9').chain('A'..='Z').flat_map(|c| [(Font::Sans, c), (Font::Serif, c)]) {
+            let [x_min, y_min, x_max, y_max] = glyph_of(font, letter, 32.0, 40.0).unwrap().bounds();
             assert!((y_max - y_min - 32.0).abs() < 1e-9 && x_max - x_min <= 40.0 + 1e-9, "{letter}");
             assert!((x_max + x_min).abs() < 1e-9 && (y_max + y_min).abs() < 1e-9, "{letter}");
         }
+    }
+
+    #[test]
+    fn an_i_with_serifs_is_wider_at_its_ends_than_in_the_middle_and_without_is_not() {
+        let width = |font, y_mm: f64| {
+            let raster = Raster::coverage(&glyph_of(font, 'I', 12.0, 16.0).unwrap(), 8.0, 0.1);
+            let row = ((y_mm + 8.0) / 0.1) as usize;
+            raster.values[row * raster.n..(row + 1) * raster.n].iter().sum::<f32>() * 0.1
+        };
+        assert!((width(Font::Sans, 5.5) - width(Font::Sans, 0.0)).abs() < 0.1);
+        assert!(width(Font::Serif, 5.5) > 1.5 * width(Font::Serif, 0.0));
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub mod heights;
 mod island;
 pub mod level_line;
 pub mod maze;
+pub mod outline;
 pub mod raster;
 pub mod relief;
 pub mod solid;

@@ -121,6 +121,10 @@ typedef enum tf_status {
      */
     TF_STATUS_UNUSABLE = 23,
     /**
+     * A touch of a peg in an episode of holes, or the other way.
+     */
+    TF_STATUS_WRONG_SIDE = 24,
+    /**
      * The runner has as many jobs without a polled outcome as it may have.
      */
     TF_STATUS_QUEUE_FULL = 30,
@@ -221,6 +225,20 @@ typedef enum tf_format {
      */
     TF_FORMAT_BGR8 = 1,
 } tf_format;
+
+/**
+ * Which half of a mating pair is touched.
+ */
+typedef enum tf_side {
+    /**
+     * A hole, whose peg is looked for.
+     */
+    TF_SIDE_HOLE = 0,
+    /**
+     * A raised part, recognised among the bank's own.
+     */
+    TF_SIDE_PEG = 1,
+} tf_side;
 
 /**
  * Which inference runs.
@@ -410,6 +428,21 @@ typedef struct tf_frame {
      */
     uint32_t format;
 } tf_frame;
+
+/**
+ * How a sensor's lamps light a slope of the gel, as `tactile-data calibrate` writes it (`[light]`): for red, green and
+ * blue the factors of 1, x, y, x^2, x y, y^2 over the frame, x and y in -1..1, x right and y down, counts.
+ */
+typedef struct tf_lamps {
+    /**
+     * Response to a slope along x.
+     */
+    float along_x[3][6];
+    /**
+     * Response to a slope along y.
+     */
+    float along_y[3][6];
+} tf_lamps;
 
 /**
  * How an episode infers, chooses and stops. Filled by tf_episode_config_default(); change what you need. A setting with a
@@ -720,7 +753,7 @@ enum tf_status tf_bank_part_name(const struct tf_bank *bank, size_t part, const 
 enum tf_status tf_bank_sha256(const struct tf_bank *bank, uint8_t *buffer, size_t capacity, size_t *required);
 
 /**
- * A sensor whose frame at rest, without contact, is `at_rest`.
+ * A sensor that touches holes, and whose frame at rest, without contact, is `at_rest`.
  * TF_STATUS_FRAME_DARK, _SATURATED, _UNIFORM: that frame shows nothing. TF_STATUS_UNUSABLE: it is smaller than the model's
  * input.
  */
@@ -729,12 +762,31 @@ enum tf_status tf_sensor_new(const struct tf_model *model,
                              struct tf_sensor **out);
 
 /**
+ * tf_sensor_new() of a sensor that touches this side. An episode is of one side: the settings are those of
+ * tf_episode_config_of_side(), and a touch of the other side is refused with TF_STATUS_WRONG_SIDE.
+ * \param touched  a value of tf_side
+ */
+enum tf_status tf_sensor_new_of_side(const struct tf_model *model,
+                                     const struct tf_frame *at_rest,
+                                     uint32_t touched,
+                                     struct tf_sensor **out);
+
+/**
+ * The same sensor, whose lamps are known: its pictures are brought under the lamps that the network knows. Without it they
+ * are taken to be a GelSight Mini's. The first sensor stays as it is.
+ * TF_STATUS_UNUSABLE: lamps that do not show slopes in all directions.
+ */
+enum tf_status tf_sensor_lit_by(const struct tf_sensor *sensor,
+                                const struct tf_lamps *lamps,
+                                struct tf_sensor **out);
+
+/**
  * Frees a sensor; null is allowed. What was made with it goes on working.
  */
 void tf_sensor_free(struct tf_sensor *sensor);
 
 /**
- * What a frame of a touched hole shows: some milliseconds of work, on the caller's thread.
+ * What a frame of a touch shows: some milliseconds of work, on the caller's thread.
  * \param out  where the handle goes, to be freed by tf_observation_free(); null after an error
  * TF_STATUS_FRAME_...: the frame cannot be used.
  */
@@ -753,10 +805,21 @@ void tf_observation_free(struct tf_observation *observation);
 enum tf_status tf_observation_edge_share(const struct tf_observation *observation, float *edge_share);
 
 /**
- * Fills in the settings that were measured to be good for a model.
+ * Fills in the settings that were measured to be good for a model where holes are touched.
  * \param size  sizeof(tf_episode_config) of your program
  */
 enum tf_status tf_episode_config_default(const struct tf_model *model,
+                                         size_t size,
+                                         struct tf_episode_config *config);
+
+/**
+ * Fills in the settings that were measured to be good for a model where this side is touched; of a model without a
+ * calibration for pegs, those for holes.
+ * \param touched  a value of tf_side
+ * \param size  sizeof(tf_episode_config) of your program
+ */
+enum tf_status tf_episode_config_of_side(const struct tf_model *model,
+                                         uint32_t touched,
                                          size_t size,
                                          struct tf_episode_config *config);
 

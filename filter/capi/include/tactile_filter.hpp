@@ -260,6 +260,14 @@ public:
         return detail::give(status, Sensor(handle));
     }
 
+    // The same sensor with known lamps: its pictures are brought under those that the network knows.
+    Result<Sensor> lit_by(const tf_lamps &lamps) const
+    {
+        tf_sensor *handle = nullptr;
+        const tf_status status = tf_sensor_lit_by(get(), &lamps, &handle);
+        return detail::give(status, Sensor(handle));
+    }
+
     // What a frame of a touch shows.
     Result<Observation> observe(const tf_frame &frame) const
     {

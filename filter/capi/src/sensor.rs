@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use tactile_data::frame::Frame;
+use tactile_data::lamps::Lamps;
 use tactile_data::touch::Side;
 use tactile_filter::{Observation, Sensor};
 
@@ -38,6 +39,17 @@ pub(crate) fn side(value: u32) -> Result<Side, Failure> {
         value if value == tf_side::Peg as u32 => Ok(Side::Peg),
         other => Err(Failure::argument("side", "a value of tf_side", other)),
     }
+}
+
+/// How a sensor's lamps light a slope of the gel, as `tactile-data calibrate` writes it (`[light]`): for red, green and
+/// blue the factors of 1, x, y, x^2, x y, y^2 over the frame, x and y in -1..1, x right and y down, counts.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct tf_lamps {
+    /// Response to a slope along x.
+    pub along_x: [[f32; 6]; 3],
+    /// Response to a slope along y.
+    pub along_y: [[f32; 6]; 3],
 }
 
 /// A picture of the sensor. The library copies what it needs: the pixels are the caller's again after the call.
@@ -125,6 +137,23 @@ pub unsafe extern "C" fn tf_sensor_new_of_side(
         let (model, at_rest) = unsafe { (get(model, "model")?, read(at_rest)?) };
         let sensor = Sensor::new(model.model.clone(), &at_rest)?.of_side(side(touched)?);
         Ok(tf_sensor { sensor: Arc::new(sensor) })
+    };
+    call(|| unsafe { give(out, make) })
+}
+
+/// The same sensor, whose lamps are known: its pictures are brought under the lamps that the network knows. Without it they
+/// are taken to be a GelSight Mini's. The first sensor stays as it is.
+/// TF_STATUS_UNUSABLE: lamps that do not show slopes in all directions.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_sensor_lit_by(
+    sensor: *const tf_sensor,
+    lamps: *const tf_lamps,
+    out: *mut *mut tf_sensor,
+) -> tf_status {
+    let make = || {
+        let (sensor, lamps) = unsafe { (get(sensor, "sensor")?, get(lamps, "lamps")?) };
+        let lamps = Lamps { along_x: lamps.along_x, along_y: lamps.along_y };
+        Ok(tf_sensor { sensor: Arc::new(sensor.sensor.as_ref().clone().lit_by(&lamps)?) })
     };
     call(|| unsafe { give(out, make) })
 }

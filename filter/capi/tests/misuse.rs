@@ -303,6 +303,36 @@ fn a_touch_of_the_other_side_is_refused() {
 }
 
 #[test]
+fn known_lamps_make_another_sensor_and_lamps_in_one_line_none() {
+    let world = world();
+    let rest = Picture::of(world.path("rest.ppm"));
+    let (mut sensor, mut lit, mut none) = (null_mut(), null_mut(), null_mut());
+    let lamp = |towards: f32| [40.0 * towards, 0.0, 0.0, 0.0, 0.0, 0.0];
+    // Red from the left, green from above, blue from below.
+    let lamps = tf_lamps { along_x: [lamp(1.0), lamp(0.0), lamp(0.0)], along_y: [lamp(0.0), lamp(1.0), lamp(-1.0)] };
+    let line = tf_lamps { along_x: [lamp(1.0), lamp(-1.0), lamp(1.0)], along_y: [lamp(0.0); 3] };
+    unsafe {
+        ok(tf_sensor_new(world.model, &rest.frame(), &mut sensor));
+        ok(tf_sensor_lit_by(sensor, &lamps, &mut lit));
+        assert_ne!(tf_sensor_lit_by(sensor, &line, &mut none), tf_status::Ok);
+        assert_eq!(tf_sensor_lit_by(sensor, std::ptr::null(), &mut none), tf_status::Argument);
+        assert!(none.is_null());
+        let picture = Picture::of(world.path("touch-2.ppm"));
+        let (mut plain, mut other) = (null_mut(), null_mut());
+        ok(tf_sensor_observe(sensor, &picture.frame(), &mut plain));
+        ok(tf_sensor_observe(lit, &picture.frame(), &mut other));
+        let share = |observation| {
+            let mut share = 0.0;
+            ok(tf_observation_edge_share(observation, &mut share));
+            share
+        };
+        assert_ne!(share(plain), share(other));
+        [plain, other].into_iter().for_each(|observation| tf_observation_free(observation));
+        [sensor, lit].into_iter().for_each(|sensor| tf_sensor_free(sensor));
+    }
+}
+
+#[test]
 fn the_belief_over_the_parts_adds_up_to_their_posterior() {
     let world = world();
     let episode = world.episode();

@@ -1,12 +1,16 @@
 //! What is touched: the holes of a simulated scene or of a recording, or their pegs.
 
+use std::sync::Arc;
+
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
+use tactile_data::lamps::Lamps;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::Bank;
+use tactile_filter::Sensor;
+use tactile_infer::{Bank, Model};
 
 use crate::error::{Error, Result};
 
@@ -71,6 +75,11 @@ impl RecordedHoles {
     /// The recording.
     pub fn dataset(&self) -> &Dataset {
         &self.dataset
+    }
+
+    /// The sensor's lamps, where they are known.
+    pub fn lamps(&self) -> Option<&Lamps> {
+        self.dataset.meta().lamps.as_ref()
     }
 
     /// What of it is not used, a line each.
@@ -167,6 +176,22 @@ impl<'a> Holes<'a> {
             Self::Simulated(simulator, _) => simulator.no_contact(seeds.first().copied().unwrap_or(0) ^ 0x7265_7374),
             Self::Recorded(recorded) => recorded.dataset.no_contact().clone(),
         }
+    }
+
+    /// The sensor that touches them, whose frame at rest is `no_contact`; its lamps are made up for where they are known.
+    ///
+    /// # Errors
+    /// A frame that shows nothing, or lamps that do not show slopes in all directions.
+    pub fn sensor(&self, model: &Arc<Model>, no_contact: &Frame) -> Result<Sensor> {
+        let lamps = match self {
+            Self::Simulated(simulator, _) => simulator.scene().sensor.known_lamps(),
+            Self::Recorded(recorded) => recorded.lamps().cloned(),
+        };
+        let sensor = Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side());
+        Ok(match lamps {
+            Some(lamps) => sensor.lit_by(&lamps)?,
+            None => sensor,
+        })
     }
 
     /// Width and height of what a frame shows, mm.

@@ -15,11 +15,11 @@ use crate::evaluate::{Banks, Protocol, Run, run_all, run_one};
 use crate::holes::Holes;
 use crate::result::{Choice, Inference, Method, Poses, Row};
 use crate::summary::{Label, quantile, rows};
+use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::budget::{Pace, Point, Settings};
 use tactile_filter::particle::ParticleConfig;
-use tactile_filter::{EpisodeConfig, Sensor};
 
 /// Touches after which a point is taken.
 pub const TOUCHES: [usize; 6] = [1, 2, 3, 4, 6, 10];
@@ -154,7 +154,7 @@ pub struct Bench<'a> {
 pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
     let Bench { holes, model, no_contact, protocol, .. } = bench;
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
-    let sensor = Sensor::new(Arc::clone(model), no_contact)?.of_side(holes.side());
+    let sensor = holes.sensor(model, no_contact)?;
     let config = settings.applied_to(&EpisodeConfig::of_side(model, holes.side()));
     let run = Run { holes: *holes, sensor: &sensor, bank: &bank, config: &config, protocol };
     let outcomes = run_all(&run, &|_, _| ())?;

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use tactile_data::grid::PoseGrid;
+use tactile_data::lamps::CalibratedLamps;
 use tactile_data::recording::geometry::{Crop, Geometry};
 use tactile_data::recording::provenance::{Channels, Mirror};
 use tactile_data::recording::ros::rigid::Rigid;
@@ -65,6 +66,11 @@ pub struct CameraParameters {
     pub letterbox: bool,
     /// What the kept picture shows along x and y, mm; a GelSight Mini's if not given.
     pub field_of_view_mm: Option<[f64; 2]>,
+    /// A file of the sensor's light, as `tactile-data calibrate` writes it, of pictures turned and mirrored likewise.
+    pub calibration: Option<String>,
+    /// What that file says; the node itself reads no files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lamps: Option<CalibratedLamps>,
     /// A picture of a touch is at most this old, seconds.
     pub max_age_s: f64,
     /// After so many seconds without a new picture the camera counts as gone, and a new frame at rest is asked for.
@@ -89,6 +95,8 @@ impl Default for CameraParameters {
             crop: None,
             letterbox: false,
             field_of_view_mm: None,
+            calibration: None,
+            lamps: None,
             max_age_s: 0.3,
             reconnect_s: 2.0,
             clock: Clock::default(),
@@ -308,6 +316,7 @@ impl CameraParameters {
             letterbox: self.letterbox,
             field_of_view_mm: self.field_of_view_mm,
             frame_px: None,
+            lamps: self.lamps.clone(),
         })
     }
 }

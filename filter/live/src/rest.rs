@@ -41,12 +41,11 @@ impl Calibrated {
         let rest = view.frame(&picture, "no-contact frame")?;
         let frames = pictures.iter().map(|picture| Ok(view.frame(picture, "no-contact frame")?));
         let frames = frames.collect::<Result<Vec<_>>>()?;
-        Ok(Self {
-            sensor: Sensor::new(Arc::clone(model), &rest)?,
-            stillness: Stillness::new(&rest, &frames)?,
-            watch: ContactWatch::default(),
-            view,
-        })
+        let mut sensor = Sensor::new(Arc::clone(model), &rest)?;
+        if let Some(lamps) = view.lamps() {
+            sensor = sensor.lit_by(lamps)?;
+        }
+        Ok(Self { sensor, stillness: Stillness::new(&rest, &frames)?, watch: ContactWatch::default(), view })
     }
 
     /// The same, touching this side.

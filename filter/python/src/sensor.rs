@@ -2,6 +2,7 @@
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
+use tactile_data::lamps::Lamps;
 use tactile_data::touch::Side;
 use tactile_filter::{Observation, Sensor};
 
@@ -27,6 +28,14 @@ impl PySensor {
         let size_px = [rest.width_px(), rest.height_px()];
         let side = side_of(side)?;
         compute(py, || Ok(Self { sensor: Sensor::new(model.0.clone(), &rest)?.of_side(side), size_px }))
+    }
+
+    /// The same sensor, whose lamps are known: its pictures are brought under the lamps that the network knows. Without it
+    /// they are taken to be a GelSight Mini's. `along_x` and `along_y` are those of `[light]` in the file that
+    /// `tactile-data calibrate` writes: for red, green and blue the factors of 1, x, y, x^2, x y, y^2 over the frame.
+    fn lit_by(&self, py: Python<'_>, along_x: [[f32; 6]; 3], along_y: [[f32; 6]; 3]) -> PyResult<Self> {
+        let lamps = Lamps { along_x, along_y };
+        compute(py, || Ok(Self { sensor: self.sensor.clone().lit_by(&lamps)?, size_px: self.size_px }))
     }
 
     /// What a frame of a touch shows: uint8 `[height, width, 3]`, RGB, of the size of the frame at rest.

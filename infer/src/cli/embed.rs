@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
+use tactile_data::calibrate::Calibration;
 use tactile_data::frame::TactileImage;
 use tactile_data::touch::Side;
 use tactile_data::{npy, output, picture};
@@ -22,6 +23,9 @@ pub struct EmbedArgs {
     /// Picture of the sensor at rest, from the same camera; the network sees the difference from it
     #[arg(long, value_name = "IMAGE")]
     no_contact: PathBuf,
+    /// The sensor's light over these pictures, as `tactile-data calibrate` measured it [default: a GelSight Mini's]
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
     /// Embed as touches of holes (queries, `predictor(encoder(image))`) or as views of pegs (keys, `encoder(image)`)
     #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
     side: Side,
@@ -83,7 +87,10 @@ impl EmbedArgs {
     /// What the network sees of each picture.
     fn tactile_images(&self, model: &Model) -> Result<Vec<TactileImage>> {
         let rest = &self.no_contact;
-        let background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
+        let mut background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
+        if let Some(path) = &self.calibration {
+            background = background.lit_by(&Calibration::load(path)?.lamps().lamps)?;
+        }
         let seen = |path: &PathBuf| {
             let image = background.tactile_image(&picture::read(path)?);
             Ok(image.map_err(|error| error.within(path.display()))?)

@@ -1,6 +1,7 @@
 //! The command line of `tactile-infer`.
 
 mod align;
+mod calibrate;
 mod convert;
 mod embed;
 mod speed;
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use serde::Serialize;
+use tactile_data::calibrate::Calibration;
 use tactile_data::grid_fit::Tolerance;
 use tactile_data::output;
 use tactile_data::progress::reporter;
@@ -17,9 +19,6 @@ use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::Side;
 use tactile_infer::bank::Bank;
-use tactile_infer::calibrate::calibrate;
-use tactile_infer::calibration::{Calibration, Gap};
-use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::matching::{Touched, match_single_touches};
 use tactile_infer::recorded::{BankPoses, bank_of_dataset};
 use tactile_infer::simulated::bank_of_scene;
@@ -55,11 +54,7 @@ enum Command {
     )]
     Embed(embed::EmbedArgs),
     Align(align::AlignArgs),
-    /// Fit the likelihood's temperature and floor on parts for tuning, and store them with the model.
-    #[command(
-        after_help = "Example:\n  tactile-infer calibrate --model model/model.safetensors --bank dev.bank --holes dev-holes"
-    )]
-    Calibrate(CalibrateArgs),
+    Calibrate(calibrate::CalibrateArgs),
     /// Store a model's weights in another format: another model, with banks of its own.
     #[command(
         after_help = "Example:\n  tactile-infer convert --model model.safetensors --weights f16 --out half.safetensors"
@@ -145,27 +140,6 @@ impl PosesArgs {
 }
 
 #[derive(Args)]
-struct CalibrateArgs {
-    #[command(flatten)]
-    model: ModelArgs,
-    /// Bank of pegs made by the model: parts for tuning, never those of an evaluation
-    #[arg(long, value_name = "FILE")]
-    bank: PathBuf,
-    /// Dataset of touches of the same parts, between the recorded poses: holes, or with --side peg pegs
-    #[arg(long, visible_alias = "touches", value_name = "DIR")]
-    holes: PathBuf,
-    /// Which side is touched: each has a calibration of its own
-    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
-    side: Side,
-    /// Write the calibrated checkpoint here [default: into the model's own file, whose identity stays the same]
-    #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
-    /// Print the calibration as JSON
-    #[arg(long)]
-    json: bool,
-}
-
-#[derive(Args)]
 struct BankArgs {
     #[command(flatten)]
     model: ModelArgs,
@@ -175,6 +149,9 @@ struct BankArgs {
     /// Simulate the touches of a scene instead, and keep no dataset of them
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: Option<String>,
+    /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
+    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    calibration: Option<PathBuf>,
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -219,7 +196,7 @@ impl Cli {
             Command::Embed(args) => args.run(),
             Command::Bank(args) => bank(args),
             Command::Match(args) => matches(args),
-            Command::Calibrate(args) => calibrate_model(args),
+            Command::Calibrate(args) => args.run(),
             Command::Convert(args) => args.run(),
             Command::Align(args) => args.run(),
             Command::Speed(args) => args.run(),
@@ -230,7 +207,8 @@ impl Cli {
 fn bank(args: &BankArgs) -> Result<()> {
     let data_files = args.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
     let scene_file = args.scene.as_ref().map(PathBuf::from);
-    output::prepare_file(&args.out, data_files.chain(scene_file).chain([args.model.path.clone()]))?;
+    let read = scene_file.into_iter().chain(args.calibration.clone()).chain([args.model.path.clone()]);
+    output::prepare_file(&args.out, data_files.chain(read))?;
     let model = args.model.load()?;
     let bank = match (&args.data, &args.scene) {
         (Some(data), _) => embed_pegs(&model, &Dataset::open(data)?, &args.poses)?,
@@ -270,6 +248,9 @@ fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
     /// A planned touch, without its row.
     const TOUCH_BYTES: usize = 64;
     let mut scene = Scene::load(scene)?;
+    if let Some(path) = &args.calibration {
+        scene = scene.under(&Calibration::load(path)?)?;
+    }
     if let Some(reach) = &mut scene.reach {
         reach.xy_step_mm = args.poses.xy_step_mm.unwrap_or(reach.xy_step_mm);
         reach.theta_step_deg = args.poses.theta_step_deg.unwrap_or(reach.theta_step_deg);
@@ -314,34 +295,6 @@ fn matches(args: &MatchArgs) -> Result<()> {
 /// Whether two paths lead to one folder.
 fn same_folder(one: &Path, other: &Path) -> bool {
     one.canonicalize().is_ok_and(|one| other.canonicalize().is_ok_and(|other| one == other))
-}
-
-fn calibrate_model(args: &CalibrateArgs) -> Result<()> {
-    let path = &args.model.path;
-    let out = args.out.as_ref().unwrap_or(path);
-    let holes_files = FILES.map(|file| args.holes.join(file)).into_iter();
-    // A calibration may be written into the model that it is of.
-    output::prepare_file(out, holes_files.chain([args.bank.clone()]))?;
-    let model = args.model.load()?;
-    let bank = Bank::load(&args.bank, &model)?;
-    let calibration = calibrate(&model, &bank, &Dataset::open(&args.holes)?, args.side)?;
-    let (checkpoint, _) = Checkpoint::load(path)?;
-    checkpoint.with_calibration(args.side, calibration).save(out)?;
-    if args.json {
-        return print_json(&calibration);
-    }
-    let Calibration { temperature, outlier_floor, blank_agreement, low_similarity, .. } = calibration;
-    println!("{}: temperature {temperature:.4}, outlier floor {outlier_floor:.1e}", out.display());
-    let side = args.side;
-    println!("  blank agreement {blank_agreement:.3}; 99 in 100 {side}s reach cosine {low_similarity:.2}");
-    println!(
-        "  {:.3} nats to find the pose by one touch ({:.2} by chance), {} {side}s",
-        calibration.nll_nats, calibration.chance_nats, calibration.n_holes
-    );
-    if let Some(Gap { mean, sd }) = calibration.gap {
-        println!("  the view touched is {mean:.3} below the best, standard deviation {sd:.3}");
-    }
-    Ok(())
 }
 
 /// Prints a result for programs.

@@ -150,7 +150,9 @@ fn episodes(bench: &Bench<'_>, half: usize, presses: &[&Label], light: &Fitted) 
     bench.run(
         "tactile-data",
         &format!(
-            "import balls-{half} --no-contact balls/no_contact.png --field-of-view-mm {x} {y} --out balls-set-{half}"
+            "import balls-{half} --no-contact balls/no_contact.png --field-of-view-mm {x} {y} \
+             --calibration {} --out balls-set-{half}",
+            light.file
         ),
     )?;
     bench.replay(&bank, &format!("balls-set-{half}"))
@@ -178,7 +180,8 @@ fn compare(bench: &Bench<'_>, half: usize, presses: &[&Label], [light, own]: [&F
     };
     let presses = presses.iter().map(press).collect::<Result<Vec<_>>>()?;
     let name = format!("ball-twin-{half}");
-    Twins::of(bench, &Views { name: &name, rest: "balls/no_contact.png", view_mm: view_mm() }, &presses)
+    let views = Views { name: &name, rest: "balls/no_contact.png", view_mm: view_mm(), calibration: Some(&light.file) };
+    Twins::of(bench, &views, &presses)
 }
 
 /// Adds a line.

@@ -43,7 +43,7 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
     let render = format!(
         "{PART} --as-peg --pose={x:.4},{y:.4},0 --depth-mm 0.6 --frame-px 320x240 --field-of-view-mm {width} {height}"
     );
-    let views = Views { name: "cuboid-twin", rest: &rest, view_mm: VIEW_MM };
+    let views = Views { name: "cuboid-twin", rest: &rest, view_mm: VIEW_MM, calibration: None };
     let twins = Twins::of(bench, &views, &[Press { picture: press, render }])?;
     let about = "One press of a printed cuboid's flat face on a Mini whose gel carries marks, named among simulated views \
                  under the default light of a Mini. The frame at rest has its marks elsewhere, so that they show twice. \

@@ -22,6 +22,8 @@ pub struct Views<'a> {
     pub rest: &'a str,
     /// Width and height of what a frame shows, mm.
     pub view_mm: [f64; 2],
+    /// A calibration file of the light; a Mini's without.
+    pub calibration: Option<&'a str>,
 }
 
 /// How near presses and their twins come.
@@ -36,7 +38,7 @@ pub struct Twins {
 impl Twins {
     /// Renders the twin of each press and compares the two.
     pub fn of(bench: &Bench<'_>, views: &Views<'_>, presses: &[Press]) -> Result<Self> {
-        let Views { name, rest, view_mm: [x, y] } = views;
+        let Views { name, rest, view_mm: [x, y], calibration } = views;
         let mut far_counts = Vec::new();
         let mut pictures = Vec::new();
         for (n, Press { picture, render }) in presses.iter().enumerate() {
@@ -55,7 +57,8 @@ impl Twins {
             far_counts.push([real?, simulated?]);
             pictures.extend([picture.clone(), twin]);
         }
-        let line = format!("embed {} --model MODEL --side peg --no-contact {rest}", pictures.join(" "));
+        let light = calibration.map_or(String::new(), |file| format!(" --calibration {file}"));
+        let line = format!("embed {} --model MODEL --side peg --no-contact {rest}{light}", pictures.join(" "));
         let embedded = bench.json("tactile-infer", &line)?;
         let rows = entries(&embedded, "/images")?.iter().map(|row| numbers(row, "/embedding"));
         let rows = rows.collect::<Result<Vec<_>>>()?;

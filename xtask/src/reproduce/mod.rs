@@ -1,6 +1,7 @@
 //! `cargo xtask reproduce`: every table and figure of the paper, and the trade of speed for accuracy, on one page.
 
 mod parts;
+mod sensors;
 
 use std::path::{Path, PathBuf};
 
@@ -22,6 +23,15 @@ pub struct ReproduceArgs {
     /// Only these parts [default: all]
     #[arg(long = "part", value_enum)]
     parts: Vec<Part>,
+    /// Episodes of each evaluation [default: 500 of the paper's protocol, 300 of what it does not have]
+    #[arg(long)]
+    episodes: Option<usize>,
+    /// Compare sensors on the letters for tuning, M to X, as every choice must; the other parts stay as they are.
+    #[arg(long)]
+    tuning_letters: bool,
+    /// Folder of real images; the sensor that is calibrated on them is skipped where they are missing.
+    #[arg(long, default_value = "../shared/real-gelsight")]
+    real: PathBuf,
     /// The model to evaluate [default: the one that comes with the project]
     #[arg(long)]
     model: Option<PathBuf>,
@@ -46,6 +56,8 @@ pub enum Part {
     Hard,
     /// Other lamps, gels, cameras, presses, and what does not belong to a part.
     Robust,
+    /// The table of sensors, as it comes and calibrated, touched anywhere; and parts of other kinds.
+    Sensors,
     /// Speed against accuracy.
     Tradeoff,
 }
@@ -74,13 +86,20 @@ impl Amount {
 
 /// Runs what is left to do and writes the page.
 pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<()> {
-    let folder = if args.smoke { "reproduction-smoke" } else { "reproduction" };
+    let folder = match (args.smoke, args.tuning_letters) {
+        (true, _) => "reproduction-smoke",
+        (_, true) => "reproduction-tuning",
+        _ => "reproduction",
+    };
     let out = workspace.folder(args.out.as_deref(), Path::new(folder))?;
     let model = args.model.clone().unwrap_or_else(|| workspace.shipped_model());
     let model = model.canonicalize().map_err(Error::io(&model))?;
     let amount = if args.smoke { Amount::SMOKE } else { Amount::WHOLE };
+    let amount = args.episodes.map_or(amount, |episodes| Amount { episodes, fewer: episodes, ..amount });
     let parts = if args.parts.is_empty() { Part::value_variants() } else { &args.parts };
-    step::run_all("reproduce", &parts::steps(workspace, &model, parts, amount), workspace, &out)?;
+    let real = workspace.root.join(&args.real);
+    let job = parts::Job { workspace, model: &model, amount, tuning_letters: args.tuning_letters, real };
+    step::run_all("reproduce", &parts::steps(&job, parts), workspace, &out)?;
     workspace.program("tactile-filter").words("reproduction . --out reproduction.html").run(&out)?;
     println!("{}", out.join("reproduction.html").display());
     Ok(())

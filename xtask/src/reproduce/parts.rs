@@ -8,7 +8,7 @@ use crate::step::Step;
 use crate::workspace::Workspace;
 
 /// A finer bank, for touches between the paper's poses.
-const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
+pub(super) const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 
 /// The ways that the paper's tables compare.
 const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random";
@@ -17,7 +17,7 @@ const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random
 const INFORMED: &str = "--engines exact --actions information,random";
 
 /// The default alone.
-const DEFAULT: &str = "--engines exact --actions information";
+pub(super) const DEFAULT: &str = "--engines exact --actions information";
 
 /// How a bank is made.
 #[derive(Clone, Copy)]
@@ -31,7 +31,7 @@ enum Kind {
 }
 
 /// The banks: name, kind and scene, a preset or a file.
-const BANKS: [(&str, Kind, &str); 15] = [
+const BANKS: [(&str, Kind, &str); 18] = [
     ("small", Kind::Recorded, "alphabet-small"),
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
@@ -47,13 +47,16 @@ const BANKS: [(&str, Kind, &str); 15] = [
     ("robust-shallow-press", Kind::Plain, "robust/shallow-press.toml"),
     ("robust-crowded-board", Kind::Plain, "robust/crowded-board.toml"),
     ("robust-attachment", Kind::Plain, "robust/attachment.toml"),
+    ("serif-letters", Kind::Fine, "serif-letters.toml"),
+    ("digits", Kind::Fine, "digits.toml"),
+    ("outlines", Kind::Fine, "outlines.toml"),
 ];
 
 /// Part, name, bank, the scene where it is not the bank's, ways and settings.
 type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
 
 /// The evaluations.
-const EVALUATIONS: [Evaluation; 21] = [
+const EVALUATIONS: [Evaluation; 24] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
@@ -82,6 +85,9 @@ const EVALUATIONS: [Evaluation; 21] = [
     (Part::Robust, "robust-crowded-board", "robust-crowded-board", None, DEFAULT, ""),
     (Part::Robust, "robust-crowded-holes", "small", Some("robust/crowded-board.toml"), DEFAULT, ""),
     (Part::Robust, "robust-attachment", "robust-attachment", None, DEFAULT, ""),
+    (Part::Sensors, "parts-serif-letters", "serif-letters", None, DEFAULT, "--poses off-grid"),
+    (Part::Sensors, "parts-digits", "digits", None, DEFAULT, "--poses off-grid"),
+    (Part::Sensors, "parts-outlines", "outlines", None, DEFAULT, "--poses off-grid"),
 ];
 
 /// Models that are trained to be compared in the trade-off: name, dataset, settings.
@@ -92,19 +98,32 @@ const MODELS: [(&str, &str, &str); 4] = [
     ("tiny-narrow", "maze", "--width 16"),
 ];
 
+/// What steps are made for.
+pub struct Job<'a> {
+    /// Where the programs are.
+    pub workspace: &'a Workspace,
+    /// The model to evaluate.
+    pub model: &'a Path,
+    /// How much of everything.
+    pub amount: Amount,
+    /// Whether sensors are compared on the letters for tuning.
+    pub tuning_letters: bool,
+    /// Folder of real images.
+    pub real: PathBuf,
+}
+
 /// Makes steps.
-struct Maker<'a> {
-    workspace: &'a Workspace,
-    model: &'a Path,
-    amount: Amount,
+pub(super) struct Maker<'a> {
+    pub(super) job: &'a Job<'a>,
     steps: Vec<Step>,
 }
 
 /// The steps of some parts; what several need is made once.
-pub fn steps(workspace: &Workspace, model: &Path, parts: &[Part], amount: Amount) -> Vec<Step> {
-    let mut maker = Maker { workspace, model, amount, steps: Vec::new() };
+pub fn steps(job: &Job, parts: &[Part]) -> Vec<Step> {
+    let mut maker = Maker { job, steps: Vec::new() };
     for part in parts {
         match part {
+            Part::Sensors => maker.sensors(),
             Part::Assembly => maker.assembly(),
             Part::Tradeoff => maker.tradeoff(),
             _ => maker.evaluations(*part),
@@ -114,13 +133,14 @@ pub fn steps(workspace: &Workspace, model: &Path, parts: &[Part], amount: Amount
 }
 
 impl Maker<'_> {
-    fn evaluations(&mut self, part: Part) {
+    pub(super) fn evaluations(&mut self, part: Part) {
         for (_, name, bank, scene, ways, more) in EVALUATIONS.into_iter().filter(|row| row.0 == part) {
             let model = match part {
-                Part::Hard => self.calibrate(name, self.model, &format!("alphabet-{name}-dev"), false),
-                _ => self.model.to_path_buf(),
+                Part::Hard => self.calibrate(name, self.job.model, &format!("alphabet-{name}-dev"), false),
+                _ => self.job.model.to_path_buf(),
             };
-            let episodes = if part == Part::Robust { self.amount.fewer } else { self.amount.episodes };
+            let Amount { episodes, fewer, .. } = self.job.amount;
+            let episodes = if matches!(part, Part::Robust | Part::Sensors) { fewer } else { episodes };
             let (bank, scene_of_bank) = self.bank(bank);
             let scene = scene.map_or(scene_of_bank, |scene| self.scene(scene));
             let program = self.program("tactile-filter", "evaluate --model").arg(&model);
@@ -132,17 +152,17 @@ impl Maker<'_> {
 
     fn assembly(&mut self) {
         let (bank, scene) = self.bank("four-letters");
-        let program = self.program("tactile-filter", "assemble --model").arg(self.model);
+        let program = self.program("tactile-filter", "assemble --model").arg(self.job.model);
         let program = program.words(format!("--bank {bank} --scene")).arg(scene);
-        let program = program.words(format!("--trials {} --out assembly", self.amount.trials));
+        let program = program.words(format!("--trials {} --out assembly", self.job.amount.trials));
         let step = Step::new("assembly", program, "assembly").with_last("assembly.json");
-        self.add(step.needs(self.model).needs(bank));
+        self.add(step.needs(self.job.model).needs(bank));
     }
 
     fn tradeoff(&mut self) {
-        let (episodes, settings) = self.amount.of_settings;
-        let mut models = vec![self.model.to_path_buf()];
-        for (name, data, more) in if self.amount.trains { &MODELS[..] } else { &[] } {
+        let (episodes, settings) = self.job.amount.of_settings;
+        let mut models = vec![self.job.model.to_path_buf()];
+        for (name, data, more) in if self.job.amount.trains { &MODELS[..] } else { &[] } {
             models.push(self.trained(name, data, more));
         }
         let mut program = self.program("tactile-filter", format!("tradeoff --out tradeoff --episodes {episodes}"));
@@ -168,13 +188,13 @@ impl Maker<'_> {
     }
 
     /// Calibrates a model on a scene for tuning, at its recorded poses or anywhere; returns its file.
-    fn calibrate(&mut self, name: &str, model: &Path, scene: &str, anywhere: bool) -> PathBuf {
+    pub(super) fn calibrate(&mut self, name: &str, model: &Path, scene: &str, anywhere: bool) -> PathBuf {
         let (of_bank, of_holes) = if anywhere { (FINE, "--anywhere 40") } else { ("", "") };
-        let (holes, bank) = (format!("{scene}-holes"), format!("{name}-dev.bank"));
+        let (holes, bank) = (format!("{}-holes", scene.trim_end_matches(".toml")), format!("{name}-dev.bank"));
         let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
         let program = self.program("tactile-infer", "bank --model").arg(model);
         let program = program.words(format!("--scene {scene} --out {bank} {of_bank}"));
-        self.add(Step::new(&bank, program, &bank).needs(model));
+        self.add(Step::new(&bank, program, &bank).needs(model).needs(scene));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
         let program = program.words(format!("--bank {bank} --holes {holes} --out {calibrated}"));
@@ -187,7 +207,7 @@ impl Maker<'_> {
         let found = BANKS.into_iter().find(|(bank, ..)| *bank == name);
         let (_, kind, scene) = found.unwrap_or((name, Kind::Plain, name));
         let (bank, scene) = (format!("{name}.bank"), self.scene(scene));
-        let mut program = self.program("tactile-infer", "bank --model").arg(self.model);
+        let mut program = self.program("tactile-infer", "bank --model").arg(self.job.model);
         let mut touches = None;
         if let Kind::Recorded = kind {
             let pegs = format!("{name}-pegs");
@@ -197,7 +217,7 @@ impl Maker<'_> {
             let steps = if let Kind::Fine = kind { FINE } else { "" };
             program = program.words("--scene").arg(&scene).words(format!("--out {bank} {steps}"));
         }
-        let step = Step::new(&bank, program, &bank).needs(self.model);
+        let step = Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene);
         self.add(touches.into_iter().fold(step, Step::needs));
         (bank, scene)
     }
@@ -206,36 +226,46 @@ impl Maker<'_> {
     fn dataset(&mut self, name: &str, scene: &str, more: &str) -> PathBuf {
         let program = self.program("tactile-data", "generate --scene").arg(scene);
         let program = program.words(format!("--out {name} {more}"));
-        self.add(Step::new(name, program, name).with_last("meta.json"));
+        self.add(Step::new(name, program, name).with_last("meta.json").needs(scene));
         Path::new(name).join("meta.json")
     }
 
     /// Adds a step that is not there yet.
-    fn add(&mut self, step: Step) {
+    pub(super) fn add(&mut self, step: Step) {
         if self.steps.iter().all(|other| other.name != step.name) {
             self.steps.push(step);
         }
     }
 
-    fn program(&self, name: &str, words: impl AsRef<str>) -> Program {
-        self.workspace.program(name).words(words)
+    pub(super) fn program(&self, name: &str, words: impl AsRef<str>) -> Program {
+        self.job.workspace.program(name).words(words)
     }
 
     /// A preset's name as it is, a scene file with its folder.
     fn scene(&self, name: &str) -> String {
-        let file = self.workspace.root.join("data").join("scenes").join(name);
+        let file = self.job.workspace.root.join("data").join("scenes").join(name);
         if name.ends_with(".toml") { file.display().to_string() } else { name.into() }
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use clap::ValueEnum;
 
+    /// A job without real images.
+    pub fn job(tuning_letters: bool) -> Job<'static> {
+        let workspace = Box::leak(Box::new(Workspace { root: "/r".into(), target: "/t".into() }));
+        Job { workspace, model: Path::new("/m"), amount: Amount::SMOKE, tuning_letters, real: "/absent".into() }
+    }
+
+    /// The names of the steps of a job.
+    pub fn names_of(job: &Job, parts: &[Part]) -> Vec<String> {
+        steps(job, parts).into_iter().map(|step| step.name).collect()
+    }
+
     fn names(parts: &[Part], amount: Amount) -> Vec<String> {
-        let workspace = Workspace { root: "/r".into(), target: "/t".into() };
-        steps(&workspace, Path::new("/m"), parts, amount).into_iter().map(|step| step.name).collect()
+        names_of(&Job { amount, ..job(false) }, parts)
     }
 
     #[test]

@@ -122,6 +122,7 @@ fn meta(bag: &Bag, source: &Path, view: &View) -> Result<Meta> {
         seed: None,
         source: format!("imported from the bag {}", source.display()),
         recording: Some(view.recording(bag.sha256()?)),
+        lamps: view.lamps().cloned(),
         peg_from_hole: None,
     })
 }

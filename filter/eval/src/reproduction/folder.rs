@@ -15,7 +15,7 @@ use crate::assembly::Assembly;
 use crate::error::{Error, Result};
 use crate::result::{Evaluation, SCHEMA};
 
-/// The folders of evaluations, in the order of the page; those of robustness follow by name.
+/// The folders of evaluations, in the order of the page; those of robustness, sensors and other parts follow by name.
 const EVALUATIONS: [&str; 13] = [
     "small",
     "large",
@@ -34,6 +34,12 @@ const EVALUATIONS: [&str; 13] = [
 
 /// What the name of a robustness row's folder begins with.
 pub(super) const ROBUST: &str = "robust-";
+
+/// The same of a sensor's folders.
+pub(super) const SENSOR: &str = "sensor-";
+
+/// The same of parts of other kinds.
+pub(super) const PARTS: &str = "parts-";
 
 /// All that was found in a folder.
 #[derive(Clone, Debug, Default)]
@@ -74,7 +80,7 @@ impl Reproduction {
         let absolute = |path: &Path| fs::canonicalize(path).map_err(Error::io(path));
         let mut found = Self { way: way(&absolute(beside)?, &absolute(folder)?), ..Self::default() };
         let mut names: Vec<String> = EVALUATIONS.map(String::from).into();
-        names.extend(robust_folders(folder)?);
+        names.extend(folders_by_name(folder)?);
         for name in names {
             let path = folder.join(&name).join("evaluation.json");
             if let Some(evaluation) = read::<Evaluation>(&path, "an evaluation")? {
@@ -127,13 +133,14 @@ impl Reproduction {
     }
 }
 
-/// The names of the robustness rows' folders, sorted.
-fn robust_folders(folder: &Path) -> Result<Vec<String>> {
+/// The names of the folders of robustness, sensors and other parts, sorted.
+fn folders_by_name(folder: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
         let entry = entry.map_err(Error::io(folder))?;
         let name = entry.file_name();
-        let name = name.to_str().filter(|name| name.starts_with(ROBUST) && entry.path().is_dir());
+        let name = name.to_str().filter(|name| [ROBUST, SENSOR, PARTS].iter().any(|start| name.starts_with(start)));
+        let name = name.filter(|_| entry.path().is_dir());
         names.extend(name.map(String::from));
     }
     names.sort_unstable();

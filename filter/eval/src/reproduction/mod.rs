@@ -13,9 +13,11 @@ mod informed;
 mod page;
 mod robust;
 mod section;
+mod sensors;
 mod speed;
 mod steps;
 mod tables;
 
 pub use folder::{Reproduction, Step};
 pub use page::{html, summary};
+pub use sensors::{SensorTable, table as sensor_table};

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::folder::Reproduction;
 use super::section::Finding;
 use super::tables::{CONNECTORS, LARGE, SMALL, tallies};
-use super::{absent, assembly, cell, classes, hard, informed, robust, speed, steps, tables};
+use super::{absent, assembly, cell, classes, hard, informed, robust, sensors, speed, steps, tables};
 use crate::page::numbers::{capital, interval, milliseconds, number, percent_sign};
 use crate::page::shell::{Section, page, tile};
 use crate::report::tradeoff;
@@ -32,6 +32,7 @@ fn all(found: &Reproduction) -> Vec<Finding> {
         assembly::finding(found),
         hard::finding(found),
         robust::finding(found),
+        sensors::finding(found),
         absent::finding(found),
         speed::finding(found),
         steps::finding(found),
@@ -152,10 +153,10 @@ mod tests {
     #[test]
     fn each_section_is_there_whether_it_was_run_or_not() {
         let (html, lines) = (html(&some()), summary(&some()));
-        assert_eq!((html.matches("<section id=").count(), lines.len()), (11, 11));
+        assert_eq!((html.matches("<section id=").count(), lines.len()), (12, 12));
         let n_missing = lines.iter().filter(|line| line.ends_with("not run")).count();
-        // Tables II and III, classes, informed, robustness, unknown parts, speed.
-        assert_eq!(n_missing, 7, "{lines:#?}");
+        // Tables II and III, classes, informed, robustness, sensors, unknown parts, speed.
+        assert_eq!(n_missing, 8, "{lines:#?}");
         assert!(html.contains(r##"href="#every-step""##) && html.contains(r#"id="every-step""#));
     }
 

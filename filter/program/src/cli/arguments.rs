@@ -7,6 +7,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use tactile_data::lamps::Lamps;
 use tactile_data::output;
 use tactile_data::scene::Scene;
 use tactile_data::touch::Side;
@@ -121,6 +122,13 @@ pub struct Touched {
     /// Which side is touched: holes, or raised parts that are recognised among the bank's own
     #[arg(long, value_name = "SIDE", default_value_t, value_parser = named::<Side>(&Side::NAMES))]
     pub side: Side,
+}
+
+/// Says where the light of some touches and that of a bank's views do not go together.
+pub fn warn_of_light(bank: &Bank, lamps: Option<&Lamps>) {
+    if let Some(why) = bank.other_light(lamps) {
+        eprintln!("warning: {why}");
+    }
 }
 
 /// Says where pegs are touched and nothing was measured of how far the model can be believed there.

@@ -13,8 +13,8 @@ use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
 use tactile_eval::holes::Holes;
 use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
+use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
-use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Model;
 
 use super::arguments::{Engine, Inputs, Output, Seeds, command_line, positive, to_json};
@@ -62,7 +62,8 @@ impl Assemble {
     pub fn run(self) -> Result<()> {
         let (model, bank) = self.inputs.load()?;
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
-        let sensor = Sensor::new(model.clone(), &Holes::Simulated(&simulator, Side::Hole).at_rest(&self.seeds.seeds))?;
+        let holes = Holes::Simulated(&simulator, Side::Hole);
+        let sensor = holes.sensor(&model, &holes.at_rest(&self.seeds.seeds))?;
         let config = self.config(&simulator, &model)?;
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
+use tactile_data::calibrate::Calibration;
 use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
@@ -47,6 +48,9 @@ pub struct Evaluate {
     /// Scene whose holes are simulated: the name of a preset, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml", required_unless_present = "holes", conflicts_with = "holes")]
     scene: Option<String>,
+    /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
+    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    calibration: Option<PathBuf>,
     /// Recorded touches instead: the filter chooses among the touches of this dataset, each at most once
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
@@ -165,7 +169,7 @@ impl Evaluate {
             let (kept, config, promised) = self.budget.choose(&task, &base)?;
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
-        let sensor = Sensor::new(model.clone(), &no_contact)?.of_side(self.which.side);
+        let sensor = holes.sensor(&model, &no_contact)?;
         arguments::warn_of_calibration(&model, self.which.side);
         Ok(Subject { touched, model, bank, sensor, protocol, ways, promise })
     }
@@ -173,14 +177,20 @@ impl Evaluate {
     /// Loads what is touched, and refuses a bank that does not fit it.
     fn touched(&self, bank: &Bank, poses: Poses) -> Result<Touched> {
         if let Some(scene) = &self.scene {
+            let scene = Scene::load(scene)?;
+            let scene = match &self.calibration {
+                Some(path) => scene.under(&Calibration::load(path)?)?,
+                None => scene,
+            };
             // A touched peg is another print than the one that a bank holds by default.
             let print = if self.which.side.is_hole() { 1 } else { 2 };
-            let simulator = Simulator::new(Scene::load(scene)?, print)?;
+            let simulator = Simulator::new(scene, print)?;
             self.inputs.check_scene(bank, simulator.scene(), poses)?;
             return Ok(Touched::Scene(Box::new(simulator), self.which.side));
         }
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
         let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
+        arguments::warn_of_light(bank, recorded.lamps());
         recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
         match (poses, recorded.on_grid(bank)) {
             (Poses::OnGrid, [on, all]) if on < all => {
@@ -199,8 +209,12 @@ impl Evaluate {
         let of_holes = self.holes.iter().flat_map(|holes| store::FILES.map(|file| holes.join(file)));
         let of_holes: Vec<PathBuf> = of_holes.collect();
         let scene = self.scene.as_deref().unwrap_or_default();
-        let inputs: Vec<&Path> =
-            self.inputs.files(scene).into_iter().chain(of_holes.iter().map(PathBuf::as_path)).collect();
+        let inputs: Vec<&Path> = self
+            .inputs
+            .files(scene)
+            .into_iter()
+            .chain(of_holes.iter().chain(&self.calibration).map(PathBuf::as_path))
+            .collect();
         match self.shard {
             Some(shard) => Ok(output::prepare_file(&self.shard_file(shard), inputs)?),
             None => prepare(&self.output, &inputs),

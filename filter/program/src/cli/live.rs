@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use serde_json::{Map, Value};
+use tactile_data::calibrate::Calibration;
 use tactile_data::output::check_file;
 use tactile_data::scene::Scene;
 use tactile_infer::{Bank, Model};
@@ -163,7 +164,12 @@ impl Live {
             let (name, value) = word.split_once(":=").ok_or_else(wrong)?;
             Parameters::set(&mut read, name, value)?;
         }
-        Ok(Parameters::of(read)?)
+        let mut parameters = Parameters::of(read)?;
+        let camera = &mut parameters.camera;
+        if let Some(path) = camera.calibration.as_ref().filter(|path| !path.is_empty()) {
+            camera.lamps = Some(Calibration::load(path)?.lamps());
+        }
+        Ok(parameters)
     }
 
     fn session(&self, names: &Names, parameters: Parameters, onlookers: Vec<Onlooker>) -> Result<Session> {

@@ -13,7 +13,7 @@ use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
 
-use super::arguments::{Engine, Inputs, Touched, warn_of_calibration};
+use super::arguments::{Engine, Inputs, Touched, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
 use super::live::tell;
@@ -62,7 +62,11 @@ impl Replay {
         self.warn_of_scale(&model, &dataset);
         let side = self.touched.side;
         warn_of_calibration(&model, side);
-        let sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side);
+        let mut sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side);
+        warn_of_light(&bank, dataset.meta().lamps.as_ref());
+        if let Some(lamps) = &dataset.meta().lamps {
+            sensor = sensor.lit_by(lamps)?;
+        }
         let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model, side)?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());

@@ -7,10 +7,14 @@ use tactile_data::output;
 use tactile_eval::Result;
 use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::reproduction;
+use tactile_infer::safefile::write_whole;
+
+use super::arguments::to_json;
 
 /// Make one page of the paper's tables and figures, with ours next to them, from what cargo xtask reproduce left.
 ///
-/// Prints what each table comes to. What is missing from the folder is shown as not run.
+/// Prints what each table comes to. What is missing from the folder is shown as not run. Where sensors were compared
+/// their table is written as sensors.json, next to the page.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter reproduction reproduction --out reproduction/reproduction.html")]
 pub struct Reproduction {
@@ -28,6 +32,10 @@ impl Reproduction {
         check_page(&self.out)?;
         let found = reproduction::Reproduction::load(&self.folder, &self.out)?;
         write_page(&self.out, &reproduction::html(&found))?;
+        if let Some(table) = reproduction::sensor_table(&found) {
+            let json = to_json("sensors", &table)?;
+            write_whole(&self.out.with_file_name("sensors.json"), json.as_bytes())?;
+        }
         reproduction::summary(&found).iter().for_each(|line| println!("{line}"));
         println!("  {}", self.out.display());
         Ok(())

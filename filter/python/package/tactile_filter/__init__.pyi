@@ -201,6 +201,8 @@ class Sensor:
         """`rest_frame`: a frame without contact, `[height, width, 3]`, RGB."""
     def observe(self, frame: npt.NDArray[np.uint8]) -> Observation:
         """What a frame of a touch shows: `[height, width, 3]`, RGB, of the size of the frame at rest."""
+    def lit_by(self, along_x: Sequence[Sequence[float]], along_y: Sequence[Sequence[float]]) -> Self:
+        """The same sensor with known lamps: `[light]` of `tactile-data calibrate`, `[3, 6]` each, RGB."""
     @property
     def model(self) -> Model: ...
     @property

@@ -1,0 +1,158 @@
+//! Other sensors than the scene's own, one drawn for each MAZE board.
+
+use rand::rngs::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::random::uniform;
+use crate::sensor::SensorSpec;
+
+/// What differs from sensor to sensor, lowest and highest. Other lamps are not among it: pictures are
+/// brought under the lamps that the network knows ([`Lamps`](crate::lamps::Lamps)).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorRange {
+    /// How deep a board is pressed, mm.
+    pub depth_mm: [f64; 2],
+    /// The camera's noise, as a multiple of the scene's.
+    pub noise: [f64; 2],
+    /// Worst JPEG quality of a sensor; the best is [`Self::QUALITIES`] more.
+    pub jpeg_quality: [u8; 2],
+    /// Width and height of what a frame shows, as a multiple of the scene's: other drivers scale and crop.
+    pub scale: [f64; 2],
+    /// The smooth change that comes with a press, as a multiple of the scene's
+    /// [`light_field`](SensorSpec::light_field).
+    pub light_field: [f64; 2],
+}
+
+impl Default for SensorRange {
+    fn default() -> Self {
+        Self {
+            depth_mm: [0.35, 0.9],
+            noise: [0.5, 2.0],
+            jpeg_quality: [60, 88],
+            scale: [0.92, 1.1],
+            light_field: [0.0, 2.0],
+        }
+    }
+}
+
+impl SensorRange {
+    /// From the worst to the best JPEG quality of one sensor.
+    pub const QUALITIES: u8 = 12;
+
+    /// A sensor drawn round `spec`.
+    pub fn draw(&self, spec: SensorSpec, rng: &mut ChaCha8Rng) -> SensorSpec {
+        let (depth_mm, noise) = (uniform(rng, self.depth_mm), uniform(rng, self.noise));
+        let worst = uniform(rng, self.jpeg_quality.map(f64::from)).round() as u8;
+        let scale = uniform(rng, self.scale);
+        SensorSpec {
+            depth_mm,
+            // As uneven as the scene's, for its depth.
+            depth_jitter_mm: spec.depth_jitter_mm * depth_mm / spec.depth_mm,
+            noise_counts: spec.noise_counts.map(|counts| noise * counts),
+            jpeg_quality: [worst, (worst + Self::QUALITIES).min(100)],
+            field_of_view_mm: spec.field_of_view_mm.map(|mm| scale * mm),
+            light_field: spec.light_field.times(uniform(rng, self.light_field)),
+            ..spec
+        }
+    }
+
+    /// Refuses ranges that no sensor has, naming the field.
+    pub(super) fn validate(&self) -> Result<()> {
+        let quality = self.jpeg_quality.map(f64::from);
+        for (field, [low, high], least, most) in [
+            ("depth_mm", self.depth_mm, 0.05, 5.0),
+            ("noise", self.noise, 0.0, 100.0),
+            ("jpeg_quality", quality, 1.0, 100.0),
+            ("scale", self.scale, 0.5, 2.0),
+            ("light_field", self.light_field, 0.0, 100.0),
+        ] {
+            if !(low >= least && high >= low && high <= most) {
+                let expected = format!("{least} to {most}, in order");
+                return Err(Error::invalid(format!("parts.maze.sensors.{field}"), expected, format!("{low}..{high}")));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Frame;
+    use crate::random::frame_rng;
+    use crate::scene::{Parts, Scene};
+    use crate::se2::Se2;
+    use crate::sensor::light_field::LightField;
+    use crate::simulator::Simulator;
+    use crate::touch::Side;
+
+    #[test]
+    fn a_sensor_is_drawn_in_the_ranges_and_all_over_them() {
+        let range = SensorRange::default();
+        let scene = SensorSpec { light_field: LightField::FITTED, ..SensorSpec::default() };
+        let drawn: Vec<SensorSpec> = (0..400).map(|i| range.draw(scene.clone(), &mut frame_rng(3, i))).collect();
+        let covers = |value: &dyn Fn(&SensorSpec) -> f64, [low, high]: [f64; 2]| {
+            let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+            for spec in &drawn {
+                (least, most) = (least.min(value(spec)), most.max(value(spec)));
+                spec.validate().unwrap();
+            }
+            // Of 400 the extreme ones are within a twentieth of the ends but for one time in 10^8.
+            let near = 0.05 * (high - low);
+            assert!(
+                least >= low - 1e-9 && least < low + near && most <= high + 1e-9 && most > high - near,
+                "{least} {most}"
+            );
+        };
+        covers(&|spec| spec.depth_mm, range.depth_mm);
+        covers(&|spec| spec.noise_counts[2] / scene.noise_counts[2], range.noise);
+        covers(&|spec| spec.field_of_view_mm[0] / scene.field_of_view_mm[0], range.scale);
+        covers(&|spec| spec.light_field.linear_counts / LightField::FITTED.linear_counts, range.light_field);
+        assert!(drawn.iter().all(|spec| (spec.mm_per_px()[0] / spec.mm_per_px()[1] - 0.975_f64).abs() < 0.01));
+    }
+
+    fn touch(sensors: Option<SensorRange>) -> Frame {
+        let mut scene = Scene::preset("maze").unwrap();
+        scene.sensor.frame_px = [40, 30];
+        if let Parts::Maze(boards) = &mut scene.parts {
+            (boards.n_boards, boards.n_held_out, boards.sensors) = (2, 1, sensors);
+        }
+        let simulator = Simulator::new(scene, 5).unwrap();
+        simulator.touch(0, Side::Peg, &Se2::new(3.0, -4.0, 0.3), &mut frame_rng(1, 1_000)).unwrap()
+    }
+
+    #[test]
+    fn a_range_of_nothing_leaves_each_pixel_and_another_does_not() {
+        let fixed = SensorRange {
+            depth_mm: [0.6; 2],
+            noise: [1.0; 2],
+            jpeg_quality: [75; 2],
+            scale: [1.0; 2],
+            light_field: [1.0; 2],
+        };
+        let quality = SensorSpec::default().jpeg_quality;
+        assert_eq!(quality, [75, 90]);
+        let (own, same, other) = (touch(None), touch(Some(fixed)), touch(Some(SensorRange::default())));
+        // The worst quality is the scene's, the best 3 less: a pixel differs by what compression loses.
+        let far = |a: &Frame, b: &Frame| a.rgb().iter().zip(b.rgb()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+        assert!(far(&own, &same) <= 12, "{}", far(&own, &same));
+        assert!(far(&own, &other) > 20, "{}", far(&own, &other));
+    }
+
+    #[test]
+    fn a_range_that_no_sensor_has_is_refused_by_name() {
+        let mut scene = Scene::preset("maze").unwrap();
+        let mut refusal = |sensors| {
+            if let Parts::Maze(boards) = &mut scene.parts {
+                boards.sensors = Some(sensors);
+            }
+            scene.validate().unwrap_err().to_string()
+        };
+        let range = SensorRange::default();
+        assert!(refusal(SensorRange { scale: [1.1, 0.9], ..range }).starts_with("parts.maze.sensors.scale: expected"));
+        assert!(refusal(SensorRange { depth_mm: [f64::NAN, 1.0], ..range }).contains("sensors.depth_mm"));
+        assert!(refusal(SensorRange { jpeg_quality: [0, 90], ..range }).contains("sensors.jpeg_quality"));
+    }
+}

@@ -1,0 +1,313 @@
+//! Fits a [`Calibration`] to touches of holes, or of pegs, whose parts and poses are known.
+
+mod compared;
+mod fit;
+mod sample;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::store::Dataset;
+use tactile_data::touch::Side;
+
+use crate::bank::Bank;
+use crate::calibration::{BLANK_SHARE, Calibration, Gap, Prior};
+use crate::error::{Error, Result};
+use crate::model::Model;
+use crate::recorded::tactile_images;
+use compared::{Compared, Weights};
+use sample::{gap_of, low_similarity, n_counted, pooled_gap};
+
+/// Without a prior fewer holes with an edge than this say too little.
+const MIN_HOLES: usize = 50;
+
+/// More than this many holes are thinned out evenly.
+const MAX_HOLES: usize = 1_500;
+
+/// What a model's own calibration counts as, in touches, when a sensor's touches are few. Chosen on tuning letters under
+/// three sensors (`NOTES.md`); of the gap and the best cosines a tenth of it counts.
+pub const PRIOR_TOUCHES: f64 = 20.0;
+
+/// Groups that touches are left out in, to judge a calibration by what it has not seen.
+const N_GROUPS: usize = 10;
+
+/// Which touches of a dataset are compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Choice {
+    /// Those of this side. Touches of pegs should not be the ones that the bank was made of.
+    pub side: Side,
+    /// So many of them, evenly spread; `None`: all, at most 1,500.
+    pub n: Option<usize>,
+    /// The first of them comes this many after the dataset's first: other numbers below the spread choose other holes.
+    pub first: usize,
+}
+
+impl Choice {
+    fn of(self, holes: &[usize]) -> Vec<usize> {
+        let step = self.n.map_or(holes.len().div_ceil(MAX_HOLES), |n| holes.len() / n.max(1)).max(1);
+        let n = self.n.unwrap_or(MAX_HOLES);
+        holes.iter().skip(self.first).step_by(step).take(n).copied().collect()
+    }
+}
+
+/// Touches of one side, each compared with all views of a bank.
+#[derive(Clone, Debug)]
+pub struct Touches {
+    name: String,
+    side: Side,
+    compared: Vec<Compared>,
+    /// Those at a recorded pose, and of them those that are blank or edged as the recorded view.
+    n_placed: usize,
+    n_agree: usize,
+}
+
+impl Touches {
+    /// Compares holes of a dataset with a bank. Those beyond the recorded poses say nothing and are left out.
+    ///
+    /// # Errors
+    /// A bank of another model, or holes of parts that the bank does not hold or without their poses.
+    pub fn new(model: &Model, bank: &Bank, holes: &Dataset, choice: Choice) -> Result<Self> {
+        let name = holes.meta().name.clone();
+        let side = choice.side;
+        let of_side: Vec<usize> = (0..holes.len()).filter(|i| holes.touch(*i).side == Some(side)).collect();
+        let frames = choice.of(&of_side);
+        let images = tactile_images(&model.background_of(holes)?, holes, &frames)?;
+        let queries = model.embed_side(&images, side)?;
+        let is_edged = |share: f32| share >= BLANK_SHARE;
+        let edged: Vec<usize> =
+            (0..bank.n_rows()).filter(|row| is_edged(bank.edge_shares()[*row]) && bank.is_recorded(*row)).collect();
+        let (mut found, mut all) = (Self { name, side, compared: Vec::new(), n_placed: 0, n_agree: 0 }, Vec::new());
+        for (i, frame) in frames.iter().enumerate() {
+            let touch = holes.touch(*frame);
+            let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
+            let (Some(part), Some(pose)) = (known, touch.part_from_sensor) else {
+                let (of, expected) = (&found.name, format!("{side}s of the bank's parts, with their poses"));
+                return Err(Error::invalid(format!("{of}: index row {frame}"), expected, format!("{:?}", touch.part)));
+            };
+            let nearest = bank.grid().nearest(&pose);
+            let Some(cell) = nearest.filter(|cell| bank.is_recorded(part * bank.grid().len() + cell)) else { continue };
+            let shows_edge = is_edged(images[i].edge_share);
+            found.n_placed += 1;
+            found.n_agree += usize::from(is_edged(bank.edge_shares()[part * bank.grid().len() + cell]) == shows_edge);
+            if !shows_edge {
+                continue;
+            }
+            let query = &queries[i * model.dim()..(i + 1) * model.dim()];
+            let near = (0..edged.len()).filter(|at| {
+                let (of, cell) = (edged[*at] / bank.grid().len(), edged[*at] % bank.grid().len());
+                of == part && is_near(bank.grid(), &bank.grid().pose(cell), &pose)
+            });
+            let near: Vec<usize> = near.collect();
+            if !near.is_empty() {
+                bank.similarities(query, &mut all);
+                let cosines: Vec<f32> = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).collect();
+                found.compared.push(Compared::new(&cosines, &near));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Touches that show an edge within the bank's poses: what a calibration is made of.
+    pub fn len(&self) -> usize {
+        self.compared.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.compared.is_empty()
+    }
+
+    /// How well a temperature, a floor and a low similarity suit these touches; `None` without any.
+    pub fn judge(&self, temperature: f64, outlier_floor: f64, low_similarity: f32) -> Option<Judgement> {
+        let n = self.len() as f64;
+        let n_low = self.compared.iter().filter(|hole| hole.best < low_similarity).count();
+        (!self.is_empty()).then(|| Judgement {
+            nll_nats: fit::nll(&self.compared, temperature, outlier_floor),
+            low_share: n_low as f64 / n,
+            gap: gap_of(&self.gaps()),
+        })
+    }
+
+    fn gaps(&self) -> Vec<f64> {
+        self.compared.iter().map(Compared::gap).collect()
+    }
+}
+
+/// How well a calibration suits touches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Judgement {
+    /// Mean negative log-probability of the recorded poses around the true one, nats.
+    pub nll_nats: f64,
+    /// Share of touches below its low similarity, 0..=1: one in a hundred is meant.
+    pub low_share: f64,
+    /// How far the views touched were below the best.
+    pub gap: Gap,
+}
+
+/// A calibration, and what it is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Calibrated {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// 95 % interval of its temperature.
+    pub temperature_interval: [f64; 2],
+    /// 95 % interval of its mean gap.
+    pub gap_interval: Option<[f64; 2]>,
+    /// By how much it explains touches that it has not seen better than the prior does; `None` without a prior or with
+    /// fewer than two touches.
+    pub gain: Option<Gain>,
+}
+
+/// What touches left out in turn say of a calibration by the others.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gain {
+    /// Mean negative log-probability of the recorded poses around the true one by the prior, nats.
+    pub before_nats: f64,
+    /// The same by the other touches and the prior.
+    pub after_nats: f64,
+    /// Standard error of the difference, nats.
+    pub standard_error: f64,
+}
+
+/// Fits temperature and floor by maximum likelihood: for each hole the recorded poses within one step of
+/// the true one, on the right part, are to be found among all rows of the bank, each weighing
+/// `exp((s - s_max) / tau) + eps`. The holes should lie between the recorded poses, as a robot's do.
+///
+/// With a prior it is the largest posterior, and all else that a calibration holds is that of the touches and of the prior's
+/// together: as few as ten move it as far as they can tell, and none would leave it.
+///
+/// # Errors
+/// Too few touches: none with a prior, fewer than fifty without.
+pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated> {
+    let compared = &touches.compared;
+    let least = if prior.is_some() { 1 } else { MIN_HOLES };
+    if compared.len() < least {
+        let expected = format!("{least} or more {}s that show an edge within the bank's poses", touches.side);
+        return Err(Error::invalid(&touches.name, expected, compared.len().to_string()));
+    }
+    let found = fit::fit(compared, prior);
+    let bests: Vec<f32> = compared.iter().map(|hole| hole.best).collect();
+    let gap = pooled_gap(&touches.gaps(), prior);
+    let n_gaps = compared.len() as f64 + prior.map_or(0.0, n_counted);
+    let calibration = Calibration {
+        temperature: found.temperature,
+        outlier_floor: found.floor,
+        blank_agreement: blank_agreement(touches, prior),
+        low_similarity: low_similarity(&bests, prior).unwrap_or(-1.0),
+        nll_nats: fit::nll(compared, found.temperature, found.floor),
+        gap,
+        chance_nats: compared.iter().map(Compared::chance).sum::<f64>() / compared.len() as f64,
+        n_holes: compared.len(),
+        prior: prior.copied(),
+    };
+    Ok(Calibrated {
+        calibration,
+        temperature_interval: fit::temperature_interval(compared, prior, &found),
+        gap_interval: gap.map(|Gap { mean, sd }| [-1.96, 1.96].map(|z| mean + z * sd / n_gaps.sqrt())),
+        gain: prior.and_then(|prior| gain(compared, prior)),
+    })
+}
+
+/// How often blank and edged agree, the prior's touches counted. Alone by Laplace's rule: no finite sample makes disagreement
+/// impossible.
+fn blank_agreement(touches: &Touches, prior: Option<&Prior>) -> f64 {
+    let (agree, placed) = (f64::from(touches.n_agree as u32), f64::from(touches.n_placed as u32));
+    match prior {
+        Some(prior) => (prior.n_touches * prior.blank_agreement + agree) / (prior.n_touches + placed),
+        None => (agree + 1.0) / (placed + 2.0),
+    }
+}
+
+/// Leaves each tenth of the touches out in turn.
+fn gain(compared: &[Compared], prior: &Prior) -> Option<Gain> {
+    let n_groups = N_GROUPS.min(compared.len());
+    if n_groups < 2 {
+        return None;
+    }
+    let of_group = |group: usize| {
+        let is_out = |i: &usize| i % n_groups == group;
+        let (out, others): (Vec<usize>, Vec<usize>) = (0..compared.len()).partition(is_out);
+        let others: Vec<Compared> = others.into_iter().map(|i| compared[i].clone()).collect();
+        let fit = fit::fit(&others, Some(prior));
+        let [before, after] = [(prior.temperature, prior.outlier_floor), (fit.temperature, fit.floor)]
+            .map(|(temperature, floor)| Weights::new(temperature, floor));
+        let nats = |i: usize| [compared[i].nll(&before), compared[i].nll(&after)];
+        out.into_iter().map(nats).collect::<Vec<_>>()
+    };
+    let nats: Vec<[f64; 2]> = (0..n_groups).into_par_iter().flat_map_iter(of_group).collect();
+    let n = nats.len() as f64;
+    let mean = |which: usize| nats.iter().map(|nats| nats[which]).sum::<f64>() / n;
+    let differences: Vec<f64> = nats.iter().map(|[before, after]| before - after).collect();
+    let standard_error = gap_of(&differences).sd / (n - 1.0).sqrt();
+    Some(Gain { before_nats: mean(0), after_nats: mean(1), standard_error })
+}
+
+/// Whether a recorded pose is within one step of another pose on every axis.
+fn is_near(grid: &PoseGrid, recorded: &Se2, pose: &Se2) -> bool {
+    let turn = wrap_angle(recorded.theta_rad - pose.theta_rad).to_degrees().abs();
+    let shift = (recorded.x_mm - pose.x_mm).abs().max((recorded.y_mm - pose.y_mm).abs());
+    shift < grid.xy_step_mm && turn < grid.theta_step_deg
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn touches(compared: Vec<Compared>) -> Touches {
+        Touches { name: "mine".into(), side: Side::Hole, n_placed: compared.len(), n_agree: compared.len(), compared }
+    }
+
+    const PRIOR: Prior = Prior {
+        n_touches: 8.0,
+        temperature: 0.03,
+        outlier_floor: 1e-4,
+        blank_agreement: 0.95,
+        low_similarity: 0.7,
+        gap: Some(Gap { mean: 0.01, sd: 0.01 }),
+    };
+
+    #[test]
+    fn a_gap_is_to_the_best_row_of_those_round_the_true_pose() {
+        let gaps = [&[2, 1][..], &[0, 2]].map(|near| Compared::new(&[0.9, 0.4, 0.6], near).gap());
+        assert!((gaps[0] - 0.3).abs() < 1e-6 && gaps[1] == 0.0, "{gaps:?}");
+    }
+
+    #[test]
+    fn few_touches_are_enough_with_a_prior_only() {
+        let two = touches(vec![Compared::new(&[0.9, 0.85, 0.3], &[1]); 2]);
+        let refused = calibrate(&two, None).unwrap_err().to_string();
+        assert!(refused.contains("50 or more holes") && refused.ends_with("got 2"), "{refused}");
+        let Calibrated { calibration, temperature_interval: [low, high], gain, .. } =
+            calibrate(&two, Some(&PRIOR)).unwrap();
+        // A tenth of the prior's eight and two of 0.05 each: 0.108 / 2.8; (8 x 0.95 + 2) / 10.
+        assert!((calibration.gap.unwrap().mean - 0.108 / 2.8).abs() < 1e-6, "{calibration:?}");
+        assert!((calibration.blank_agreement - 0.96).abs() < 1e-12);
+        assert!(low < calibration.temperature && calibration.temperature < high);
+        assert!(calibration.temperature > 0.03 && gain.unwrap().after_nats < gain.unwrap().before_nats);
+        let none = calibrate(&touches(Vec::new()), Some(&PRIOR)).unwrap_err().to_string();
+        assert!(none.contains("1 or more holes"), "{none}");
+    }
+
+    #[test]
+    fn the_same_touches_again_change_nothing() {
+        let two = touches(vec![Compared::new(&[0.9, 0.85, 0.3], &[1]); 2]);
+        let once = calibrate(&two, Some(&PRIOR)).unwrap().calibration;
+        let again = calibrate(&two, Some(&once.as_prior(8.0))).unwrap().calibration;
+        assert_eq!(again, once);
+        // The touches of a calibration without a prior are one themselves.
+        let alone = Calibration { prior: None, ..once };
+        assert_eq!(alone.as_prior(3.0).temperature, once.temperature);
+    }
+
+    #[test]
+    fn a_choice_is_spread_over_all_holes() {
+        let holes: Vec<usize> = (0..480).collect();
+        let of = |n, first| Choice { n, first, ..Choice::default() }.of(&holes);
+        assert_eq!(of(Some(10), 3), (0..10).map(|i| 3 + 48 * i).collect::<Vec<_>>());
+        assert_eq!(of(None, 0), holes);
+        assert_eq!(of(Some(1_000), 0).len(), 480);
+        let many: Vec<usize> = (0..4_000).collect();
+        assert_eq!(Choice::default().of(&many).len(), 1_334);
+    }
+}

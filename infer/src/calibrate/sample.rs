@@ -1,0 +1,123 @@
+//! Mean, spread and low end of few values, with what was known before them.
+
+use crate::calibration::{Gap, Prior};
+
+/// The normal distribution's quantile below which one in a hundred values lies, in standard deviations.
+const ONE_IN_100: f64 = 2.326;
+
+/// So many touches show by themselves which cosine 99 in 100 reach.
+const ENOUGH: usize = 100;
+
+/// How much of a prior's touches count for gaps and best cosines: they differ from sensor to sensor by several times, the
+/// temperature by a quarter, so that what is known of one sensor says less of them (`NOTES.md`).
+const SHARE: f64 = 0.1;
+
+/// Mean and standard deviation of values, of which there is at least one.
+pub(super) fn gap_of(values: &[f64]) -> Gap {
+    let mean_of = |value: &dyn Fn(f64) -> f64| values.iter().map(|v| value(*v)).sum::<f64>() / values.len() as f64;
+    let mean = mean_of(&|v| v);
+    Gap { mean, sd: mean_of(&|v| (v - mean).powi(2)).sqrt() }
+}
+
+/// The gap of values together with a tenth of the prior's touches, as if those had been values of its own mean and spread.
+pub(super) fn pooled_gap(values: &[f64], prior: Option<&Prior>) -> Option<Gap> {
+    let before = prior.and_then(|prior| prior.gap.map(|gap| (n_counted(prior), gap)));
+    let Some((weight, before)) = before else { return (!values.is_empty()).then(|| gap_of(values)) };
+    if values.is_empty() {
+        return Some(before);
+    }
+    let (own, n) = (gap_of(values), values.len() as f64);
+    let pooled = |a: f64, b: f64| (weight * a + n * b) / (weight + n);
+    let mean = pooled(before.mean, own.mean);
+    let square = |gap: Gap| gap.sd.powi(2) + (gap.mean - mean).powi(2);
+    Some(Gap { mean, sd: pooled(square(before), square(own)).sqrt() })
+}
+
+/// The cosine that 99 in 100 touches reach, by their best cosines. From fewer than a hundred it is where the next touch
+/// falls below with a chance of one in a hundred, were they normal; the prior's counts as a tenth of its touches.
+pub(super) fn low_similarity(bests: &[f32], prior: Option<&Prior>) -> Option<f32> {
+    let mut sorted = bests.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let own = sorted.get(sorted.len() / 100).copied();
+    let Some(prior) = prior else { return own };
+    let Some(least) = own else { return Some(prior.low_similarity) };
+    let n = bests.len() as f64;
+    let own = if bests.len() >= ENOUGH { f64::from(least) } else { next_of_100(bests).unwrap_or(f64::from(least)) };
+    let before = f64::from(prior.low_similarity);
+    let n_before = n_counted(prior);
+    Some(((n_before * before + n * own) / (n_before + n)).clamp(-1.0, 1.0) as f32)
+}
+
+/// How many touches of a prior count here.
+pub(super) fn n_counted(prior: &Prior) -> f64 {
+    SHARE * prior.n_touches
+}
+
+/// Below this the next of normal values falls with a chance of one in a hundred; `None` of fewer than three.
+fn next_of_100(values: &[f32]) -> Option<f64> {
+    if values.len() < 3 {
+        return None;
+    }
+    let n = values.len() as f64;
+    let Gap { mean, sd } = gap_of(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
+    let freedom = n - 1.0;
+    let of_sample = sd * (n / freedom).sqrt();
+    Some(mean - student(freedom) * of_sample * (1.0 + 1.0 / n).sqrt())
+}
+
+/// Student's 99 % quantile (Abramowitz and Stegun 26.7.5, two terms): within 4 % from four degrees of freedom, too small below.
+fn student(freedom: f64) -> f64 {
+    let z = ONE_IN_100;
+    let first = (z.powi(3) + z) / 4.0;
+    let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0;
+    z + first / freedom + second / freedom.powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn prior(n_touches: f64) -> Prior {
+        Prior {
+            n_touches,
+            temperature: 0.03,
+            outlier_floor: 1e-5,
+            blank_agreement: 0.96,
+            low_similarity: 0.7,
+            gap: Some(Gap { mean: 2.0, sd: 1.0 }),
+        }
+    }
+
+    #[test]
+    fn a_gap_with_a_prior_is_that_of_all_values_together() {
+        // By hand: 1, 2 and 6 have a mean of 3 and squares of 4, 1 and 9 from it.
+        assert_eq!(gap_of(&[1.0, 2.0, 6.0]), Gap { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
+        // Values of mean 2 and spread 1, as a tenth of the prior's forty touches would be: 1, 3, 1, 3.
+        let all = gap_of(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
+        let pooled = pooled_gap(&[1.0, 2.0, 6.0], Some(&prior(40.0))).unwrap();
+        assert!((pooled.mean - all.mean).abs() < 1e-12 && (pooled.sd - all.sd).abs() < 1e-12, "{pooled:?} {all:?}");
+        assert_eq!(pooled_gap(&[], Some(&prior(40.0))), prior(40.0).gap);
+        assert_eq!(pooled_gap(&[], None), None);
+    }
+
+    #[test]
+    fn student_is_the_tables() {
+        for (freedom, table) in [(4.0, 3.747), (9.0, 2.821), (20.0, 2.528), (60.0, 2.390)] {
+            assert!((student(freedom) / table - 1.0).abs() < 0.035, "{freedom}: {}", student(freedom));
+        }
+    }
+
+    #[test]
+    fn the_low_end_of_few_is_below_them_and_drawn_to_the_prior() {
+        assert_eq!(low_similarity(&[], Some(&prior(100.0))), Some(0.7));
+        let ten: Vec<f32> = (0..10).map(|i| 0.80 + 0.01 * i as f32).collect();
+        // Mean 0.845, sample deviation 0.0303: 0.845 - 2.82 x 0.0303 x 1.049 = 0.755, half way to 0.7.
+        let low = low_similarity(&ten, Some(&prior(100.0))).unwrap();
+        assert!((low - 0.728).abs() < 0.002, "{low}");
+        assert_eq!(low_similarity(&ten, None), Some(0.80));
+        let many: Vec<f32> = (0..400).map(|i| 0.5 + 0.001 * i as f32).collect();
+        // 400 of its own and a tenth of the prior's 100.
+        let low = low_similarity(&many, Some(&prior(100.0))).unwrap();
+        assert!((f64::from(low) - (400.0 * 0.504 + 7.0) / 410.0).abs() < 1e-6, "{low}");
+    }
+}
