@@ -80,8 +80,7 @@ impl LikelihoodConfig {
     }
 
     /// The defaults with what was measured of a model where this side is touched, where it was. A model without a
-    /// calibration for touched pegs is believed as for holes, which is too little rather than too much: a peg's touch is
-    /// more like the recorded one.
+    /// calibration for touched pegs is believed as for holes: measured, the two hardly differ (`infer/NOTES.md`).
     ///
     /// A calibration finds the temperature at which ONE touch is believed rightly. Several touches of one
     /// hole share their error (the same print, the same wear of the network), so that their product is

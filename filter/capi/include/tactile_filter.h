@@ -227,6 +227,20 @@ typedef enum tf_format {
 } tf_format;
 
 /**
+ * Which half of a mating pair is touched.
+ */
+typedef enum tf_side {
+    /**
+     * A hole, whose peg is looked for.
+     */
+    TF_SIDE_HOLE = 0,
+    /**
+     * A raised part, recognised among the bank's own.
+     */
+    TF_SIDE_PEG = 1,
+} tf_side;
+
+/**
  * Which inference runs.
  */
 typedef enum tf_engine {

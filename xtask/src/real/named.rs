@@ -16,6 +16,8 @@ pub struct Named {
     probability: f64,
     /// Why it stopped; none where the presses ended first.
     stop: Option<String>,
+    /// Whether the filter warned that no press looked like any view of the bank.
+    is_warned: bool,
     n_touches: usize,
 }
 
@@ -29,6 +31,8 @@ pub struct Counts {
     confident_wrong: usize,
     none_of_these: usize,
     unsure: usize,
+    /// The filter warned that no press looked like any view of the bank, however it came out.
+    warned: usize,
     /// Episodes of parts that are not in the bank.
     strangers: usize,
 }
@@ -43,14 +47,18 @@ impl Named {
             part,
             probability: number(line, "/probability")?,
             stop: text("stop"),
+            is_warned: !entries(line, "/warnings")?.is_empty(),
             n_touches: entries(line, "/frames")?.len(),
         })
     }
 
     /// For programs.
     pub fn json(&self) -> Value {
-        let Self { truth, part, probability, stop, n_touches } = self;
-        json!({ "truth": truth, "part": part, "probability": probability, "stop": stop, "n_touches": n_touches })
+        let Self { truth, part, probability, stop, is_warned, n_touches } = self;
+        json!({
+            "truth": truth, "part": part, "probability": probability, "stop": stop, "warned": is_warned,
+            "n_touches": n_touches,
+        })
     }
 }
 
@@ -61,8 +69,9 @@ impl Counts {
     /// Counts episodes.
     pub fn of(named: &[Named]) -> Self {
         let mut counts = Self { n: named.len(), ..Self::default() };
-        for Named { truth, part, stop, .. } in named {
+        for Named { truth, part, stop, is_warned, .. } in named {
             let is_right = truth.as_ref() == Some(part);
+            counts.warned += usize::from(*is_warned);
             counts.named_right += usize::from(is_right);
             counts.strangers += usize::from(truth.is_none());
             match stop.as_deref() {
@@ -77,24 +86,24 @@ impl Counts {
 
     /// For programs.
     pub fn json(&self) -> Value {
-        let Self { n, named_right, confident_right, confident_wrong, none_of_these, unsure, strangers } = self;
         json!({
-            "n": n, "named_right": named_right, "confident_right": confident_right, "confident_wrong": confident_wrong,
-            "none_of_these": none_of_these, "unsure": unsure, "strangers": strangers,
+            "n": self.n, "named_right": self.named_right, "confident_right": self.confident_right,
+            "confident_wrong": self.confident_wrong, "none_of_these": self.none_of_these, "unsure": self.unsure,
+            "warned": self.warned, "strangers": self.strangers,
         })
     }
 }
 
 impl fmt::Display for Counts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { n, named_right, confident_right, confident_wrong, none_of_these, unsure, strangers } = self;
+        let Self { n, named_right, confident_right, confident_wrong, none_of_these, unsure, warned, strangers } = self;
         if strangers < n {
             write!(f, "{named_right} of {} named right; ", n - strangers)?;
         }
         write!(
             f,
             "confident and right {confident_right}, confident and wrong {confident_wrong}, none of these \
-             {none_of_these}, unsure {unsure}"
+             {none_of_these}, unsure {unsure}; unlike any view {warned}"
         )
     }
 }
@@ -106,7 +115,7 @@ mod tests {
     #[test]
     fn each_episode_counts_once_and_a_stranger_is_never_named_right() {
         let line = |truth: &str, part: &str, stop: Option<&str>| {
-            let line = json!({ "truth": truth, "part": part, "probability": 0.9, "stop": stop, "frames": [0, 1] });
+            let line = json!({ "truth": truth, "part": part, "probability": 0.9, "stop": stop, "frames": [0, 1], "warnings": [] });
             Named::read(&line).unwrap()
         };
         let named = [
@@ -125,6 +134,7 @@ mod tests {
             confident_wrong: 2,
             none_of_these: 2,
             unsure: 2,
+            warned: 0,
             strangers: 2,
         };
         assert_eq!(Counts::of(&named), expected);
