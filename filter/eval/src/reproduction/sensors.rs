@@ -85,7 +85,7 @@ impl Way {
 /// The table for programs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorTable {
-    /// [`SENSORS_SCHEMA`].
+    /// `tactile-filter/sensors/1`.
     pub schema: String,
     /// A row for each sensor and way that was run.
     pub rows: Vec<SensorRow>,
