@@ -35,6 +35,7 @@ impl RobotArgs {
     #[cfg(feature = "ros2")]
     pub fn run(self) -> Result<()> {
         use tactile_data::scene::Scene;
+        use tactile_data::touch::Side;
         use tactile_live::shell::ros_robot::RobotNetwork;
 
         use super::live::{stop_on_ctrl_c, tell};
