@@ -146,13 +146,18 @@ impl Background {
     }
 
     /// The same sensor, whose lamps are known: its pictures are brought under the lamps of a GelSight Mini
-    /// ([`Lamps::default`]), which the network knows. Without it they are taken to be these.
+    /// ([`Lamps::default`]), which the network knows. With `None`, or without this, they are taken to be these.
     ///
     /// Fails where the lamps do not show slopes in all directions.
-    pub fn lit_by(mut self, lamps: &Lamps) -> Result<Self> {
-        lamps.validate()?;
+    pub fn lit_by<'a>(mut self, lamps: impl Into<Option<&'a Lamps>>) -> Result<Self> {
         let known = Lamps::default();
-        self.colours = (*lamps != known).then(|| lamps.change_to(&known, self.preprocessing.input_px));
+        self.colours = match lamps.into() {
+            Some(lamps) => {
+                lamps.validate()?;
+                (*lamps != known).then(|| lamps.change_to(&known, self.preprocessing.input_px))
+            }
+            None => None,
+        };
         Ok(self)
     }
 

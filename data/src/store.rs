@@ -275,11 +275,7 @@ impl Dataset {
     /// # Errors
     /// A frame that shows nothing, or lamps that do not show slopes in all directions.
     pub fn background(&self, preprocessing: &Preprocessing) -> Result<Background> {
-        let background = Background::new(&self.no_contact, preprocessing)?;
-        match &self.meta.lamps {
-            Some(lamps) => background.lit_by(lamps),
-            None => Ok(background),
-        }
+        Background::new(&self.no_contact, preprocessing)?.lit_by(&self.meta.lamps)
     }
 }
 

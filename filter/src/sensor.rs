@@ -35,11 +35,11 @@ impl Sensor {
     }
 
     /// The same sensor, whose lamps are known from a calibration (`tactile-data calibrate`): its pictures are brought under
-    /// the lamps that the network knows. Without it they are taken to be a GelSight Mini's.
+    /// the lamps that the network knows. With `None`, or without this, they are taken to be a GelSight Mini's.
     ///
     /// # Errors
     /// Lamps that do not show slopes in all directions.
-    pub fn lit_by(self, lamps: &Lamps) -> Result<Self> {
+    pub fn lit_by<'a>(self, lamps: impl Into<Option<&'a Lamps>>) -> Result<Self> {
         let Self { model, background, side } = self;
         Ok(Self { model, background: background.lit_by(lamps)?, side })
     }

@@ -137,10 +137,7 @@ impl<'a> Views<'a> {
         let rests = [rest(holes)?, rest(pegs)?];
         let background = |of: &Dataset, rest: &Frame| -> Result<Background> {
             let background = model.background(&middle(rest, None, &Se2::IDENTITY, mm_per_px)?)?;
-            match &of.meta().lamps {
-                Some(lamps) => Ok(background.lit_by(lamps)?),
-                None => Ok(background),
-            }
+            Ok(background.lit_by(&of.meta().lamps)?)
         };
         let backgrounds = [background(holes, &rests[0])?, background(pegs, &rests[1])?];
         Ok(Self { holes, pegs, size_px, mm_per_px, rests, backgrounds })

@@ -31,10 +31,7 @@ pub fn bank_of_scene(
         return Err(Error::invalid(&scene.name, "a reach: the poses at which each peg is touched", "none"));
     };
     let planned = plan(scene, &[Side::Peg], Places::EachPose, seed)?;
-    let mut background = model.background(&simulator.no_contact(seed))?;
-    if let Some(lamps) = scene.sensor.known_lamps() {
-        background = background.lit_by(&lamps)?;
-    }
+    let background = model.background(&simulator.no_contact(seed))?.lit_by(&scene.sensor.known_lamps())?;
     let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
     for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
         progress(chunk * CHUNK, planned.len());

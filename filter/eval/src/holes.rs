@@ -187,11 +187,7 @@ impl<'a> Holes<'a> {
             Self::Simulated(simulator, _) => simulator.scene().sensor.known_lamps(),
             Self::Recorded(recorded) => recorded.lamps().cloned(),
         };
-        let sensor = Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side());
-        Ok(match lamps {
-            Some(lamps) => sensor.lit_by(&lamps)?,
-            None => sensor,
-        })
+        Ok(Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side()).lit_by(&lamps)?)
     }
 
     /// Width and height of what a frame shows, mm.

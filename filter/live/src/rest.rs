@@ -41,11 +41,12 @@ impl Calibrated {
         let rest = view.frame(&picture, "no-contact frame")?;
         let frames = pictures.iter().map(|picture| Ok(view.frame(picture, "no-contact frame")?));
         let frames = frames.collect::<Result<Vec<_>>>()?;
-        let mut sensor = Sensor::new(Arc::clone(model), &rest)?;
-        if let Some(lamps) = view.lamps() {
-            sensor = sensor.lit_by(lamps)?;
-        }
-        Ok(Self { sensor, stillness: Stillness::new(&rest, &frames)?, watch: ContactWatch::default(), view })
+        Ok(Self {
+            sensor: Sensor::new(Arc::clone(model), &rest)?.lit_by(view.lamps())?,
+            stillness: Stillness::new(&rest, &frames)?,
+            watch: ContactWatch::default(),
+            view,
+        })
     }
 
     /// The same, touching this side.

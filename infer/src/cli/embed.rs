@@ -87,10 +87,9 @@ impl EmbedArgs {
     /// What the network sees of each picture.
     fn tactile_images(&self, model: &Model) -> Result<Vec<TactileImage>> {
         let rest = &self.no_contact;
-        let mut background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
-        if let Some(path) = &self.calibration {
-            background = background.lit_by(&Calibration::load(path)?.lamps().lamps)?;
-        }
+        let background = model.background(&picture::read(rest)?).map_err(|error| error.within(rest.display()))?;
+        let calibration = self.calibration.as_ref().map(Calibration::load).transpose()?;
+        let background = background.lit_by(&calibration.map(|of| of.light.response()))?;
         let seen = |path: &PathBuf| {
             let image = background.tactile_image(&picture::read(path)?);
             Ok(image.map_err(|error| error.within(path.display()))?)

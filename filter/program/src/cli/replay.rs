@@ -62,11 +62,9 @@ impl Replay {
         self.warn_of_scale(&model, &dataset);
         let side = self.touched.side;
         warn_of_calibration(&model, side);
-        let mut sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side);
-        warn_of_light(&bank, dataset.meta().lamps.as_ref());
-        if let Some(lamps) = &dataset.meta().lamps {
-            sensor = sensor.lit_by(lamps)?;
-        }
+        let lamps = dataset.meta().lamps.as_ref();
+        warn_of_light(&bank, lamps);
+        let sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side).lit_by(lamps)?;
         let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model, side)?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
