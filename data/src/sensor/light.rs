@@ -99,8 +99,7 @@ impl Shadow {
 impl Default for LightRig {
     /// A GelSight Mini.
     fn default() -> Self {
-        let Lamps { along_x, along_y } = Lamps::default();
-        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, shadow: Shadow::default() }
+        Self::of(Lamps::default())
     }
 }
 
@@ -111,7 +110,11 @@ impl LightRig {
     /// One lamp for each channel: its brightness at the frame's centre in counts, and the direction in which
     /// it lights a slope, degrees from x towards y. Background and fall-off are a Mini's.
     pub fn lamps(counts: [f64; 3], towards_deg: [f64; 3]) -> Self {
-        let Lamps { along_x, along_y } = Lamps::towards(counts, towards_deg);
+        Self::of(Lamps::towards(counts, towards_deg))
+    }
+
+    /// Lamps over a Mini's frame at rest.
+    fn of(Lamps { along_x, along_y }: Lamps) -> Self {
         Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, shadow: Shadow::default() }
     }
 
@@ -158,29 +161,28 @@ impl LightRig {
     /// The same rig with each channel's response `share` times as strong, as a longer or shorter exposure has it; the
     /// frame at rest stays.
     pub fn exposed(&self, share: f32) -> Self {
-        let scaled = |factors: &[Quadratic; 3]| factors.map(|channel| channel.map(|counts| share * counts));
-        let walls = self.walls.as_ref().map(|walls| Walls {
-            steep: scaled(&walls.steep),
-            across: scaled(&walls.across),
-            diagonal: scaled(&walls.diagonal),
-        });
-        let (along_x, along_y) = (scaled(&self.along_x), scaled(&self.along_y));
-        Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
+        self.changed(|factors| factors.map(|channel| channel.map(|counts| share * counts)))
     }
 
     /// The same light as another view of the same gel has it, whose place `u` (-1..=1 in x and y) is at `centre + half * u`
     /// of this one: every factor re-expressed, exactly. A view of the same size about the same middle changes no bit.
     pub fn on_view(&self, centre: [f64; 2], half: [f64; 2]) -> Self {
         let part = |part: &[Quadratic; 3]| part.each_ref().map(|factor| on_view(factor, centre, half));
+        Self { at_rest: part(&self.at_rest), ..self.changed(part) }
+    }
+
+    /// The same rig with each part of its response changed alike; the frame at rest stays.
+    fn changed(&self, part: impl Fn(&[Quadratic; 3]) -> [Quadratic; 3]) -> Self {
+        let walls = self.walls.as_ref().map(|walls| Walls {
+            steep: part(&walls.steep),
+            across: part(&walls.across),
+            diagonal: part(&walls.diagonal),
+        });
         Self {
-            at_rest: part(&self.at_rest),
+            at_rest: self.at_rest,
             along_x: part(&self.along_x),
             along_y: part(&self.along_y),
-            walls: self.walls.as_ref().map(|walls| Walls {
-                steep: part(&walls.steep),
-                across: part(&walls.across),
-                diagonal: part(&walls.diagonal),
-            }),
+            walls,
             shadow: self.shadow,
         }
     }
