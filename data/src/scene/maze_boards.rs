@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::random::{frame_rng, uniform};
 use crate::sensor::SensorSpec;
 use crate::shape::maze::MazeSpec;
-use crate::shape::{Face, Layer, Relief, Shape};
+use crate::shape::{Face, Layer, Relief, Rounding, Shape};
 use crate::touch::Side;
 
 /// A set of MAZE boards.
@@ -35,6 +35,10 @@ pub struct MazeBoards {
     /// Share of the rims and of the shells with a core inside: a socket's tongue, a plug's insulator, 0..=1.
     #[serde(default)]
     pub core_share: f64,
+    /// Share of the boards whose holes have rounded edges and, drawn separately, of those whose pegs have, 0..=1.
+    /// A wall narrower than twice the rounding is a dome.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub rounded_share: f64,
     /// Other sensors, one drawn for each board; without them the scene's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensors: Option<SensorRange>,
@@ -52,6 +56,17 @@ const CORE_INSET_MM: [f64; 2] = [0.2, 1.0];
 /// Least and greatest depth of a core below its rim or shell, mm.
 const CORE_DROP_MM: [f64; 2] = [0.0, 0.8];
 
+/// Least and greatest width of a rounded edge, mm, drawn log-uniformly: from a broken edge to a dome.
+const ROUNDING_MM: [f64; 2] = [0.3, 4.0];
+
+/// How far a rounded edge falls, as a share of its width, and at most, mm: what lies deeper is hardly touched.
+const FALL_SHARE: [f64; 2] = [0.3, 1.0];
+const MOST_FALL_MM: f64 = 1.0;
+
+fn is_zero(share: &f64) -> bool {
+    *share == 0.0
+}
+
 fn default_band() -> [f64; 2] {
     [0.25, 2.5]
 }
@@ -62,9 +77,19 @@ impl MazeBoards {
         frame_rng(seed ^ 0x6261_6e64, 2 * board as u64 + u64::from(side == Side::Peg))
     }
 
-    /// One side of a board whose pegs have the outline `walls`; its rim or shell is drawn from
+    /// One side of a board whose pegs have the outline `walls`; its rim or shell and its rounding are drawn from
     /// [`Self::band_rng`].
     pub(super) fn side(&self, walls: Shape, side: Side, clearance_mm: f64, rng: &mut ChaCha8Rng) -> Relief {
+        let relief = self.banded(walls, side, clearance_mm, rng);
+        if rng.random::<f64>() >= self.rounded_share {
+            return relief;
+        }
+        let width_mm = uniform(rng, ROUNDING_MM.map(f64::ln)).exp();
+        let fall_mm = (width_mm * uniform(rng, FALL_SHARE)).min(MOST_FALL_MM);
+        relief.rounded(Rounding { width_mm, fall_mm })
+    }
+
+    fn banded(&self, walls: Shape, side: Side, clearance_mm: f64, rng: &mut ChaCha8Rng) -> Relief {
         let whole = match side {
             Side::Peg => Relief::peg(walls.clone()),
             Side::Hole => Relief::hole(walls.clone(), clearance_mm),
@@ -79,7 +104,14 @@ impl MazeBoards {
         if rng.random::<f64>() < self.core_share {
             // A shell's core begins where the shell ends.
             let grow_mm = -inset_mm - if side == Side::Peg { band_mm } else { 0.0 };
-            relief.layers.push(Layer::Face(Face { outline: walls, grow_mm, outside: false, drop_mm, band_mm: None }));
+            relief.layers.push(Layer::Face(Face {
+                outline: walls,
+                grow_mm,
+                outside: false,
+                drop_mm,
+                band_mm: None,
+                rounding: None,
+            }));
         }
         relief
     }
@@ -129,6 +161,7 @@ impl MazeBoards {
         let shares = [
             ("band_share", self.band_share, 1.0),
             ("core_share", self.core_share, 1.0),
+            ("rounded_share", self.rounded_share, 1.0),
             ("spec.node_jitter", spec.node_jitter, 0.5),
             ("spec.bent_share", spec.bent_share, 1.0),
             ("spec.island_share", spec.island_share, 1.0),
@@ -201,6 +234,27 @@ mod tests {
             assert!(at(&peg, 2.4) == 0.0 && at(&hole, 2.9) == 0.0);
             assert!([&peg, &hole].iter().all(|side| (0.2..=1.0).contains(&at(side, 0.0))));
         }
+    }
+
+    #[test]
+    fn edges_are_rounded_as_often_as_asked_and_nothing_else_is_changed() {
+        let (sharp, rounded) = (boards(0.5, 0.5), MazeBoards { rounded_share: 0.25, ..boards(0.5, 0.5) });
+        let mut n_rounded = 0;
+        for board in 0..400 {
+            let [plain, mut relief] = [&sharp, &rounded].map(|boards| drawn(boards, board, Side::Peg, 0.15, 7));
+            n_rounded += usize::from(!relief.is_flat() && relief != plain);
+            for layer in &mut relief.layers {
+                if let Layer::Face(Face { rounding, .. }) = layer {
+                    let given = rounding.take().is_none_or(|Rounding { width_mm, fall_mm }| {
+                        (0.3..=4.0).contains(&width_mm) && (0.09..=1.0).contains(&fall_mm) && fall_mm <= width_mm
+                    });
+                    assert!(given);
+                }
+            }
+            assert_eq!(relief, plain);
+        }
+        // Four standard errors of a share of 400.
+        assert!((f64::from(n_rounded as u32) / 400.0 - 0.25).abs() < 0.087, "{n_rounded}");
     }
 
     #[test]

@@ -39,6 +39,7 @@ impl Scene {
                     band_share: 0.5,
                     band_mm: [0.25, 2.5],
                     core_share: 0.4,
+                    rounded_share: 0.0,
                     sensors: None,
                     spec: MazeSpec::default(),
                 };

@@ -29,8 +29,8 @@ impl Default for SensorRange {
     fn default() -> Self {
         Self {
             depth_mm: [0.35, 0.9],
-            noise: [0.5, 2.0],
-            jpeg_quality: [60, 88],
+            noise: [0.5, 3.0],
+            jpeg_quality: [30, 88],
             scale: [0.92, 1.1],
             light_field: [0.0, 2.0],
         }

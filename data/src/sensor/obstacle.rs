@@ -48,18 +48,21 @@ fn raise(highest: &mut Raster, layer: &Layer, half_mm: f64, gel_length_mm: Optio
             if depth <= 0.0 {
                 return;
             }
-            let limit_mm = face.grow_mm.abs() + face.band_mm.unwrap_or(0.0) + 2.0 * cell_mm;
+            let rounded_mm = face.rounding.map_or(0.0, |rounding| rounding.width_mm);
+            let limit_mm = face.grow_mm.abs() + face.band_mm.unwrap_or(0.0) + rounded_mm + 2.0 * cell_mm;
             let distances = Raster::distance(&face.outline, half_mm, cell_mm, limit_mm);
             let sign = if face.outside { -1.0 } else { 1.0 };
             for (value, distance) in highest.values.iter_mut().zip(distances.values) {
                 let outside = sign * (distance - face.grow_mm as f32);
                 // Outside a band is what is beyond either of its edges.
-                let share = match face.band_mm.map_or(outside, |band| outside.max(-outside - band as f32)) {
+                let outside = face.band_mm.map_or(outside, |band| outside.max(-outside - band as f32));
+                let share = match outside {
                     ..=0.0 => 1.0,
                     outside if outside < cell_mm as f32 => gel_length_mm.map_or(0.0, |l| (-outside / l as f32).exp()),
                     _ => continue,
                 };
-                *value = value.max(depth * share);
+                let fallen = face.rounding.map_or(0.0, |rounding| rounding.fallen_mm(f64::from(-outside)) as f32);
+                *value = value.max((depth - fallen) * share);
             }
         }
         Layer::Heights(map) => {
@@ -81,7 +84,7 @@ fn raise(highest: &mut Raster, layer: &Layer, half_mm: f64, gel_length_mm: Optio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Face, HeightMap, Shape};
+    use crate::shape::{Face, HeightMap, Rounding, Shape};
 
     fn square(half: f64) -> Shape {
         Shape { regions: vec![vec![vec![[-half, -half], [half, -half], [half, half], [-half, half]]]] }
@@ -115,9 +118,32 @@ mod tests {
     }
 
     #[test]
+    fn a_rounded_edge_falls_as_an_ellipse_does_and_is_touched_down_to_the_press() {
+        let rounding = Rounding { width_mm: 1.0, fall_mm: 0.8 };
+        let felt = |relief: Relief, side| obstacle(&[relief.rounded(rounding)], side, CELLS, None, 0.5);
+        let peg = felt(Relief::peg(square(2.0)), Side::Peg);
+        let hole = felt(Relief::hole(square(2.0), 0.0), Side::Hole);
+        for inside_mm in [0.05, 0.15, 0.45, 0.75, 1.05, 1.45] {
+            let from_flat = f64::max(1.0 - inside_mm, 0.0);
+            let expected = f64::max(0.5 - 0.8 * (1.0 - (1.0 - from_flat.powi(2)).sqrt()), 0.0);
+            for felt in [at(&peg, 2.0 - inside_mm, 0.0), at(&hole, 2.0 + inside_mm, 0.0)] {
+                assert!((f64::from(felt) - expected).abs() < 1e-3, "{inside_mm}: {felt}, not {expected}");
+            }
+        }
+        assert!(at(&peg, 1.95, 0.0) == 0.0 && at(&peg, 0.0, 0.0) == 0.5);
+    }
+
+    #[test]
     fn lower_faces_and_heights_are_met_when_pressed_past_their_drop() {
         let face = |half, drop_mm| {
-            Layer::Face(Face { outline: square(half), grow_mm: 0.0, outside: false, drop_mm, band_mm: None })
+            Layer::Face(Face {
+                outline: square(half),
+                grow_mm: 0.0,
+                outside: false,
+                drop_mm,
+                band_mm: None,
+                rounding: None,
+            })
         };
         let steps = [Relief { layers: vec![face(1.0, 0.0), face(2.0, 0.25)] }];
         let board = obstacle(&steps, Side::Peg, CELLS, None, 1.0);

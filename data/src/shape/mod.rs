@@ -20,7 +20,7 @@ pub mod svg;
 
 pub use height_map::HeightMap;
 pub use raster::Raster;
-pub use relief::{Face, Layer, Relief};
+pub use relief::{Face, Layer, Relief, Rounding};
 pub use solid::Solid;
 
 /// A closed outline: points in mm, the last joined to the first.

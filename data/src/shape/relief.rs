@@ -35,12 +35,41 @@ pub struct Face {
     pub drop_mm: f64,
     /// The face is a band of this width along the outline instead of all on its side of it, mm: a shell, a rim.
     pub band_mm: Option<f64>,
+    /// How its edges are rounded; none: they are sharp.
+    pub rounding: Option<Rounding>,
+}
+
+/// A rounded edge: from `width_mm` inside the outline outwards the face falls as a quarter of an ellipse does. A face
+/// less than twice as wide is a dome.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rounding {
+    /// How far from the outline the face begins to fall, mm, more than 0.
+    pub width_mm: f64,
+    /// How far it has fallen at the outline, mm.
+    pub fall_mm: f64,
+}
+
+impl Rounding {
+    /// How far the face has fallen at a place `inside_mm` from the outline, mm.
+    pub fn fallen_mm(self, inside_mm: f64) -> f64 {
+        let from_flat = (1.0 - inside_mm / self.width_mm).clamp(0.0, 1.0);
+        self.fall_mm * (1.0 - (1.0 - from_flat * from_flat).sqrt())
+    }
 }
 
 impl Relief {
     /// A peg: the outline's inside is raised.
     pub fn peg(outline: Shape) -> Self {
-        Self { layers: vec![Layer::Face(Face { outline, grow_mm: 0.0, outside: false, drop_mm: 0.0, band_mm: None })] }
+        Self {
+            layers: vec![Layer::Face(Face {
+                outline,
+                grow_mm: 0.0,
+                outside: false,
+                drop_mm: 0.0,
+                band_mm: None,
+                rounding: None,
+            })],
+        }
     }
 
     /// A hole: a plate with an opening, wider than the outline by `clearance_mm` on every side.
@@ -52,13 +81,21 @@ impl Relief {
                 outside: true,
                 drop_mm: 0.0,
                 band_mm: None,
+                rounding: None,
             })],
         }
     }
 
     /// A measured plate with its openings: off the map the plate continues at the height of the map's top.
     pub fn plate(map: HeightMap) -> Self {
-        let edge = Face { outline: rectangle(map.bounds()), grow_mm: 0.0, outside: true, drop_mm: 0.0, band_mm: None };
+        let edge = Face {
+            outline: rectangle(map.bounds()),
+            grow_mm: 0.0,
+            outside: true,
+            drop_mm: 0.0,
+            band_mm: None,
+            rounding: None,
+        };
         Self { layers: vec![Layer::Heights(map), Layer::Face(edge)] }
     }
 
@@ -82,6 +119,16 @@ impl Relief {
         self
     }
 
+    /// The same relief with the edges of its faces rounded.
+    pub fn rounded(mut self, rounding: Rounding) -> Self {
+        for layer in &mut self.layers {
+            if let Layer::Face(face) = layer {
+                face.rounding = Some(rounding);
+            }
+        }
+        self
+    }
+
     /// The same relief moved by `offset_mm`.
     pub fn shifted(self, [dx, dy]: [f64; 2]) -> Self {
         let moved = |layer| match layer {
@@ -94,8 +141,11 @@ impl Relief {
     /// Whether all that can be touched is at one height, so that a deeper press only scales the gel's
     /// surface.
     pub fn is_flat(&self) -> bool {
-        self.layers.iter().all(|layer| matches!(layer, Layer::Face(face) if face.drop_mm == 0.0))
+        self.layers
+            .iter()
+            .all(|layer| matches!(layer, Layer::Face(face) if face.drop_mm == 0.0 && face.rounding.is_none()))
     }
+
     /// Whether the side looks the same after half a turn about the part's centre (a peg of I, N and O does),
     /// to 1 % of what differs from the open or the bare plate round it.
     pub fn is_half_turn_symmetric(&self) -> bool {
@@ -161,7 +211,14 @@ mod tests {
         let square = rectangle([-3.0, -3.0, 3.0, 3.0]);
         let upper = rectangle([-3.0, -3.0, 3.0, 0.0]);
         let layer = |outline: &Shape, drop_mm| {
-            Layer::Face(Face { outline: outline.clone(), grow_mm: 0.0, outside: false, drop_mm, band_mm: None })
+            Layer::Face(Face {
+                outline: outline.clone(),
+                grow_mm: 0.0,
+                outside: false,
+                drop_mm,
+                band_mm: None,
+                rounding: None,
+            })
         };
         let stepped = |drop_mm| Relief { layers: vec![layer(&upper, 0.0), layer(&square, drop_mm)] };
         assert!(stepped(0.0).is_half_turn_symmetric() && !stepped(0.5).is_half_turn_symmetric());
