@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
 use tactile_infer::Model;
-use tactile_infer::calibration::Gap;
 
 use crate::action::ActionConfig;
 use crate::belief::EngineConfig;
@@ -48,8 +47,8 @@ pub struct EpisodeConfig {
     pub seed: u64,
 }
 
-/// The least fit of a part in the bank, on the tuning letters.
-const NONE_FIT: f64 = -0.9;
+/// One in 160, were the mean cosine of a hole's touches normal.
+const NONE_FIT: f64 = -2.5;
 
 impl Default for EpisodeConfig {
     /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V). 99 in 100
@@ -65,18 +64,12 @@ impl Default for EpisodeConfig {
             between_poses: true,
             subdivisions: 2,
             none_fit: Some(NONE_FIT),
-            fit_margin: 2.5,
+            fit_margin: 8.0,
             none_touches: 4,
             low_similarity: 0.8,
             seed: 1,
         }
     }
-}
-
-/// By how much the thresholds of fit widen for a sensor with this gap, at least 1: the view that was touched then matches
-/// worse than the defaults expect, on average plus one standard deviation, below which four touches rarely all fall.
-fn threshold_scale(gap: &Gap, temperature: f64) -> f64 {
-    ((gap.mean + gap.sd) / temperature / -NONE_FIT).max(1.0)
 }
 
 impl EpisodeConfig {
@@ -91,11 +84,7 @@ impl EpisodeConfig {
         let default = Self::default();
         let calibration = calibration_of(model, side);
         let low_similarity = calibration.map_or(default.low_similarity, |c| c.low_similarity);
-        let likelihood = LikelihoodConfig::of_side(model, side);
-        let gap = calibration.and_then(|calibration| calibration.gap);
-        let scale = gap.map_or(1.0, |gap| threshold_scale(&gap, likelihood.temperature));
-        let (none_fit, fit_margin) = (Some(scale * NONE_FIT), scale * default.fit_margin);
-        Self { likelihood, low_similarity, none_fit, fit_margin, ..default }
+        Self { likelihood: LikelihoodConfig::of_side(model, side), low_similarity, ..default }
     }
 
     /// Alg. 1 as printed, K = 100, where it cannot be taken literally read as follows: log-likelihood =
@@ -177,14 +166,6 @@ impl EpisodeConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn thresholds_widen_in_proportion_to_the_gap_and_never_narrow() {
-        // (0.05 + 0.04) / 0.05 = 1.8 nats where the defaults allow 0.9.
-        assert!((threshold_scale(&Gap { mean: 0.05, sd: 0.04 }, 0.05) - 2.0).abs() < 1e-12);
-        // 0.02 / 0.05 = 0.4 nats: less than the defaults allow.
-        assert_eq!(threshold_scale(&Gap { mean: 0.01, sd: 0.01 }, 0.05), 1.0);
-    }
 
     #[test]
     fn a_fit_is_asked_for_less_the_more_touches_there_are() {

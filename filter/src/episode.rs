@@ -285,6 +285,7 @@ mod tests {
     use super::*;
     use crate::action::{ActionConfig, ActionRule};
     use crate::belief::EngineConfig;
+    use crate::likelihood::LikelihoodConfig;
     use crate::particle::ParticleConfig;
     use crate::synthetic::World;
     use rand::rngs::ChaCha8Rng;
@@ -469,7 +470,9 @@ mod tests {
         let reason = |bank: &Arc<Bank>, part: usize, seed: u64| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let mut pose = GRID.pose(rng.random_range(0..GRID.len()));
-            let config = EpisodeConfig { between_poses: false, ..EpisodeConfig::default() };
+            // As 200 touches of this world match their own views.
+            let likelihood = LikelihoodConfig { matched_mean: 0.914, matched_sd: 0.035, ..LikelihoodConfig::default() };
+            let config = EpisodeConfig { between_poses: false, likelihood, ..EpisodeConfig::default() };
             let mut episode = Episode::begin(config, bank.clone(), &world.touch(part, &pose, &mut rng)).unwrap();
             loop {
                 let moved = match episode.decide(&world.reach(&pose)).unwrap() {

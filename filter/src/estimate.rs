@@ -47,8 +47,9 @@ pub struct Estimate {
     pub symmetry: Symmetry,
     /// Covariance of that pose: (x mm, y mm, theta rad); zeros for a recorded pose.
     pub covariance: [[f64; 3]; 3],
-    /// How well that part explains what was felt: the mean log-likelihood of its match with each edged touch, 0 for
-    /// the best recorded view each time; `None` where no edge was felt.
+    /// How well that part explains what was felt ([`Belief::fit`](crate::belief::Belief::fit)): how many standard deviations
+    /// the edged touches look more like its views than the touches of a part that is there do on average; `None` where no
+    /// edge was felt.
     pub fit: Option<f64>,
     /// Probability of each part of the bank, `[n_parts]`.
     pub class_posterior: Vec<f64>,

@@ -3,7 +3,8 @@
 use multiversion::multiversion;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::se2::Se2;
+use tactile_infer::between::{Around, is_fine};
 use tactile_infer::neighbours::Neighbours;
 
 use crate::nearest::Nearest;
@@ -24,60 +25,25 @@ pub enum Interpolation {
 
 impl Interpolation {
     /// Whether similarities are interpolated on this grid.
-    ///
-    /// On the tuning letters M-X the interpolated cosine of the true pose is 0.02 below the best of all
-    /// views with a grid of 2 mm and 10 or 15 degrees, and 0.11 with 4 mm and 15 or 30 degrees, where
-    /// the nearest view does as well.
     pub fn is_cubic(self, grid: &PoseGrid) -> bool {
         match self {
-            Self::Auto => grid.xy_step_mm <= 2.5 && grid.theta_step_deg <= 20.0,
+            Self::Auto => is_fine(grid),
             Self::Nearest => false,
             Self::Cubic => true,
         }
     }
 }
 
-/// The four recorded places around a place on one axis, with the weights of cubic (Catmull-Rom) interpolation:
-/// exact at recorded places; at the border a parabola goes on through the last three.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Around {
-    /// Indices of the four, and the nearest one.
-    indices: [usize; 4],
-    nearest: usize,
-    weights: [f32; 4],
-    /// How far outside the recorded area the place is, steps.
-    outside: f64,
+/// What [`Around`] does to whole lines of values, and to lengths.
+trait AroundLines {
+    fn values<'a>(&self, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]);
+    fn square_weights(&self) -> (f32, [f32; 6]);
+    fn pairs(&self) -> [(usize, usize); 6];
+    fn square(&self, cosine: impl Fn(usize, usize) -> f32) -> f32;
+    fn squares<'a>(&self, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]);
 }
 
-impl Around {
-    /// A place on an axis of `n` recorded ones from `-half` on.
-    fn new(value: f64, half: f64, step: f64, n: usize) -> Self {
-        let place = (value + half) / step;
-        let inside = place.clamp(0.0, (n - 1) as f64);
-        let low = (inside as usize).min(n.saturating_sub(2));
-        Self {
-            indices: [-1, 0, 1, 2].map(|k: isize| low.saturating_add_signed(k).min(n - 1)),
-            nearest: (inside + 0.5) as usize,
-            weights: at_border(catmull_rom((inside - low as f64) as f32), low == 0, low + 2 >= n, n),
-            outside: place - inside,
-        }
-    }
-
-    fn x_or_y(grid: &PoseGrid, mm: f64) -> Self {
-        Self::new(mm, grid.xy_half_mm, grid.xy_step_mm, grid.n_xy())
-    }
-
-    fn theta(grid: &PoseGrid, theta_rad: f64) -> Self {
-        let turn = wrap_angle(theta_rad).to_degrees();
-        Self::new(turn, grid.theta_half_deg, grid.theta_step_deg, grid.n_theta())
-    }
-
-    /// The interpolated value of what is at each index.
-    fn value(&self, at: impl Fn(usize) -> f32) -> f32 {
-        let ([a, b, c, d], w) = (self.indices, &self.weights);
-        w[0] * at(a) + w[1] * at(b) + w[2] * at(c) + w[3] * at(d)
-    }
-
+impl AroundLines for Around {
     /// The same of each value of a line at each index.
     #[inline(always)]
     fn values<'a>(&self, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
@@ -157,9 +123,7 @@ impl ViewWeights {
     /// The poses around a pose, or around the border's nearest to it; `None` more than one step outside
     /// the recorded area.
     pub fn new(grid: &PoseGrid, part_from_sensor: &Se2) -> Option<Self> {
-        let Se2 { x_mm, y_mm, theta_rad } = *part_from_sensor;
-        let axes = [Around::x_or_y(grid, x_mm), Around::x_or_y(grid, y_mm), Around::theta(grid, theta_rad)];
-        Self::of(axes, grid.strides())
+        Self::of(Around::pose(grid, part_from_sensor), grid.strides())
     }
 
     fn of(axes: [Around; 3], strides: [usize; 3]) -> Option<Self> {
@@ -313,24 +277,6 @@ fn along_y(n: usize, ys: &[Around], find: impl Fn(&Around, &mut [f32])) -> Vec<f
         found[index..].iter_mut().step_by(ys.len()).zip(&line).for_each(|(found, value)| *found = *value);
     }
     found
-}
-
-/// Weights of the four points around a place `f` between the middle two, 0..=1 (Catmull and Rom 1974).
-fn catmull_rom(f: f32) -> [f32; 4] {
-    let (f2, f3) = (f * f, f * f * f);
-    [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, -0.5 * f2 + 0.5 * f3]
-}
-
-/// Weights where the first or the last of the four points is outside the border: what a parabola through
-/// the last three recorded points (a line through two) would have there.
-fn at_border([a, b, c, d]: [f32; 4], first: bool, last: bool, n: usize) -> [f32; 4] {
-    match (first, last) {
-        _ if n == 1 => [0.0, 1.0, 0.0, 0.0],
-        (true, true) => [0.0, b + 2.0 * a - d, c - a + 2.0 * d, 0.0],
-        (true, false) => [0.0, b + 3.0 * a, c - 3.0 * a, d + a],
-        (false, true) => [a + d, b - 3.0 * d, c + 3.0 * d, 0.0],
-        (false, false) => [a, b, c, d],
-    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,10 @@
 //! cosine `s` between hole query and peg key, by `exp((s - s_max) / temperature) + outlier_floor`,
 //! relative to its mean over the edged views: 1 says nothing. The floor bounds what one bad match can
 //! cost. A blank view has no such picture: there the second factor is 1.
+//!
+//! Outside the recorded area the view is unknown. Where views are interpolated it counts as one of `unknown_similarity`: were it
+//! worth as much as an average view, the best of the recorded ones, however poor, would be believed wherever the true
+//! view was not recorded.
 
 use std::sync::Arc;
 
@@ -12,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::calibration::{BLANK_SHARE, Calibration};
+use tactile_infer::calibration::{BLANK_SHARE, Calibration, Spread};
 use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::dot;
 
@@ -42,6 +46,18 @@ pub struct LikelihoodConfig {
     pub nearest_tolerance: f64,
     /// How views between recorded poses are judged.
     pub interpolation: Interpolation,
+    /// Where views are interpolated, one outside the recorded area is as likely as a recorded one whose cosine with an
+    /// edged touch is this, -1..=1. `None`, and where they are not: as an average recorded one, whatever the touch.
+    pub unknown_similarity: Option<f64>,
+    /// What a part's fit is measured by ([`crate::Estimate::fit`]): the cosine of an edged touch with the view that it was
+    /// made at, mean ...
+    pub matched_mean: f64,
+    /// ... and standard deviation, positive.
+    pub matched_sd: f64,
+    /// And how far that is below the best cosine with any recorded view: mean ...
+    pub gap_mean: f64,
+    /// ... and standard deviation, positive.
+    pub gap_sd: f64,
     /// Touches nearer than this share evidence, mm, not negative; zero: all count as independent.
     pub overlap_mm: f64,
     /// Touches at one place turned by less than this share evidence, degrees; positive.
@@ -59,6 +75,11 @@ impl Default for LikelihoodConfig {
             blank_agreement: 0.96,
             nearest_tolerance: 0.25,
             interpolation: Interpolation::Auto,
+            unknown_similarity: Some(0.74),
+            matched_mean: 0.94,
+            matched_sd: 0.03,
+            gap_mean: 0.01,
+            gap_sd: 0.03,
             overlap_mm: 3.0,
             overlap_deg: 15.0,
         }
@@ -74,6 +95,7 @@ impl LikelihoodConfig {
             blank_share: 0.0,
             nearest_tolerance: 1.0,
             interpolation: Interpolation::Nearest,
+            unknown_similarity: None,
             overlap_mm: 0.0,
             ..Self::default()
         }
@@ -89,10 +111,18 @@ impl LikelihoodConfig {
     pub fn of_side(model: &Model, side: Side) -> Self {
         let default = Self::default();
         let Some(calibration) = calibration_of(model, side) else { return default };
+        let gap = calibration.gap.unwrap_or(Spread { mean: default.gap_mean, sd: default.gap_sd });
+        let gap = Spread { sd: gap.sd.max(LEAST_SD), ..gap };
+        let matched = matched(calibration, &default);
         Self {
             temperature: SHARED_ERROR * calibration.temperature,
             outlier_floor: calibration.outlier_floor.max(default.outlier_floor),
             blank_agreement: calibration.blank_agreement.clamp(0.5, default.blank_agreement),
+            unknown_similarity: Some((matched.mean - UNKNOWN_SDS * matched.sd).max(-1.0)),
+            matched_mean: matched.mean,
+            matched_sd: matched.sd,
+            gap_mean: gap.mean,
+            gap_sd: gap.sd,
             ..default
         }
     }
@@ -115,6 +145,14 @@ impl LikelihoodConfig {
         let agreement = self.blank_agreement;
         check("blank_agreement", "above 0 and below 1", agreement, agreement > 0.0 && agreement < 1.0)?;
         check("nearest_tolerance", "a positive number", self.nearest_tolerance, positive(self.nearest_tolerance))?;
+        let cosines = -1.0..=1.0;
+        if let Some(unknown) = self.unknown_similarity {
+            check("unknown_similarity", "-1..=1", unknown, cosines.contains(&unknown))?;
+        }
+        check("matched_mean", "-1..=1", self.matched_mean, cosines.contains(&self.matched_mean))?;
+        check("matched_sd", "a positive number", self.matched_sd, positive(self.matched_sd))?;
+        check("gap_mean", "0..=2", self.gap_mean, (0.0..=2.0).contains(&self.gap_mean))?;
+        check("gap_sd", "a positive number", self.gap_sd, positive(self.gap_sd))?;
         let apart = self.overlap_mm.is_finite() && self.overlap_mm >= 0.0;
         check("overlap_mm", "a number, not negative", self.overlap_mm, apart)?;
         check("overlap_deg", "a positive number", self.overlap_deg, positive(self.overlap_deg))
@@ -135,6 +173,24 @@ impl LikelihoodConfig {
 pub(crate) fn calibration_of(model: &Model, side: Side) -> Option<&Calibration> {
     model.calibration(side).or_else(|| model.calibration(Side::Hole))
 }
+
+/// The cosine with the view touched. A calibration made before it was measured says only which best cosine 99 in 100
+/// touches reach: were they normal, it is 2.33 standard deviations below the mean.
+fn matched(calibration: &Calibration, default: &LikelihoodConfig) -> Spread {
+    let of_low = || {
+        let sd = calibration.gap.map_or(default.matched_sd, |gap| gap.sd.max(default.matched_sd));
+        Spread { mean: (f64::from(calibration.low_similarity) + 2.33 * sd).min(default.matched_mean), sd }
+    };
+    let Spread { mean, sd } = calibration.matched.unwrap_or_else(of_low);
+    Spread { mean, sd: sd.max(LEAST_SD) }
+}
+
+/// Few touches may agree by chance; cosines of no sensor lie nearer together.
+const LEAST_SD: f64 = 0.01;
+
+/// A recorded view whose cosine is so many standard deviations below that of the view touched is less likely than one that
+/// nobody recorded. On the tuning letters the fit is right most often with 7 (`NOTES.md`).
+const UNKNOWN_SDS: f64 = 7.0;
 
 /// By how much the temperature of several touches exceeds that of one.
 const SHARED_ERROR: f64 = 2.0;
@@ -160,11 +216,13 @@ enum Shows {
 pub struct TouchLikelihood {
     /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
     pub similarities: Vec<f32>,
-    /// Outside the recorded area, where the view is unknown: the log of the average likelihood of an edged or
-    /// a blank view, either as likely as the other.
+    /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view,
+    /// either as likely as the other.
     pub log_unknown: f64,
     /// The largest cosine with any edged view, -1..=1; -1 where no view is edged.
     pub best_similarity: f32,
+    /// The cosine that matches are measured from: the best, or an unknown view's where that is more.
+    reference: f32,
     /// Whether the touch showed no edge.
     pub blank: bool,
     /// What each row of the bank shows, `[n_rows]`.
@@ -195,17 +253,25 @@ impl TouchLikelihood {
         let of_edged = similarities.iter().zip(&shows).filter(|(_, shows)| **shows == Shows::Edge);
         let mut above_best: Vec<f64> = of_edged.map(|(similarity, _)| f64::from(*similarity)).collect();
         let best_similarity = simd::largest(&above_best).max(-1.0) as f32;
-        above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(best_similarity));
+        // Where no recorded view matches better than an unknown one, that is the best match.
+        let is_cubic = config.interpolation.is_cubic(bank.grid());
+        let unknown_similarity = config.unknown_similarity.filter(|_| is_cubic).map(|cosine| cosine as f32);
+        let reference = unknown_similarity.map_or(best_similarity, |unknown| unknown.max(best_similarity));
+        above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(reference));
         let model = MatchModel::new(config);
         let log_mean = model.log_mean(above_best);
-        let unknown = if blank { UNKNOWN_IS_BLANK } else { 1.0 - UNKNOWN_IS_BLANK };
-        let log_unknown = unknown.ln();
-        let neighbours = config.interpolation.is_cubic(bank.grid()).then(|| bank.neighbours().clone());
+        let log_unknown = match unknown_similarity {
+            _ if blank => UNKNOWN_IS_BLANK.ln(),
+            Some(unknown) => (1.0 - UNKNOWN_IS_BLANK).ln() + model.log(f64::from(unknown - reference)) - log_mean,
+            None => (1.0 - UNKNOWN_IS_BLANK).ln(),
+        };
+        let neighbours = is_cubic.then(|| bank.neighbours().clone());
         let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
         Ok(Self {
             similarities,
             log_unknown,
             best_similarity,
+            reference,
             blank,
             shows,
             neighbours,
@@ -230,14 +296,15 @@ impl TouchLikelihood {
             (Shows::Edge, true) | (Shows::Nothing, false) => self.log_disagrees,
             (Shows::Nothing, true) => self.log_agrees,
             (Shows::Edge, false) => {
-                self.log_agrees + (self.log_below(similarity - self.best_similarity) - self.log_mean)
+                let above = f64::from(similarity - self.reference);
+                self.log_agrees + (self.model.log(above) - self.log_mean)
             }
         }
     }
 
     /// The same of an edged touch at views of these cosines, near rows that show an edge too.
     pub(crate) fn match_logs(&self, similarities: &[f32]) -> Vec<f64> {
-        let above_best = similarities.iter().map(|similarity| similarity - self.best_similarity).collect();
+        let above_best = similarities.iter().map(|similarity| similarity - self.reference).collect();
         self.model.logs(above_best, self.log_agrees - self.log_mean)
     }
 
@@ -254,11 +321,6 @@ impl TouchLikelihood {
     /// part's views, [`in_planes`](crate::interpolation::in_planes).
     pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> Vec<f32> {
         lattice.cosines(planes, self.neighbours.as_ref().map(|neighbours| &neighbours[part]))
-    }
-
-    /// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
-    pub(crate) fn log_below(&self, above_best: f32) -> f64 {
-        self.model.log(f64::from(above_best))
     }
 
     /// The settings it was made with.
@@ -290,14 +352,13 @@ impl MatchModel {
         Self { temperature: config.temperature, log_floor: config.outlier_floor.ln() }
     }
 
-    /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the best and one is the best; 0
-    /// without any.
+    /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the reference; 0 without any.
     fn log_mean(self, mut above_best: Vec<f64>) -> f64 {
         let n = above_best.len() as f64;
         above_best.iter_mut().for_each(|d| *d /= self.temperature);
         let mut powers = Vec::new();
         simd::lower(&mut above_best, 0.0, &mut powers);
-        if n > 0.0 { (simd::sum(&powers) / n + self.log_floor.exp()).ln() } else { 0.0 }
+        if n > 0.0 { (simd::sum(&powers) / n + self.log_floor.exp()).ln().max(LOWEST) } else { 0.0 }
     }
 
     fn log(self, above_best: f64) -> f64 {

@@ -92,7 +92,9 @@ mod tests {
             let truth = Se2::from_degrees(truth[0], truth[1], truth[2]);
             let touch = |pose: &Se2, rng: &mut ChaCha8Rng| {
                 let observation = world.touch(part, pose, rng);
-                TouchLikelihood::new(&observation, &world.bank, &LikelihoodConfig::default()).unwrap()
+                // The best views of this world match by 0.5 to 0.98.
+                let config = LikelihoodConfig { unknown_similarity: Some(0.3), ..LikelihoodConfig::default() };
+                TouchLikelihood::new(&observation, &world.bank, &config).unwrap()
             };
             let mut belief = Belief::new(&world.bank, EngineConfig::Exact, 1, 1, touch(&truth, &mut rng));
             let mut pose = truth;

@@ -24,7 +24,11 @@ pub struct Calibration {
     /// How far the cosine with the view that was touched is below the best with any; `None` in models calibrated before
     /// it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gap: Option<Gap>,
+    pub gap: Option<Spread>,
+    /// The cosine with the view that was touched, interpolated where the bank is fine enough for it
+    /// ([`Bank::cosine_at`](crate::Bank::cosine_at)); `None` in models calibrated before it was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matched: Option<Spread>,
     /// Holes with an edge that were compared.
     pub n_holes: usize,
     /// What was known before them, where it counted.
@@ -43,6 +47,7 @@ impl Calibration {
             blank_agreement: self.blank_agreement,
             low_similarity: self.low_similarity,
             gap: self.gap,
+            matched: self.matched,
         };
         self.prior.map_or(own, |prior| Prior { n_touches, ..prior })
     }
@@ -63,13 +68,16 @@ pub struct Prior {
     pub low_similarity: f32,
     /// How far the view that was touched is below the best.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gap: Option<Gap>,
+    pub gap: Option<Spread>,
+    /// The cosine with the view that was touched.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matched: Option<Spread>,
 }
 
-/// Cosines that lie below the best.
+/// Mean and spread of many values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Gap {
-    /// By how much on average.
+pub struct Spread {
+    /// The mean.
     pub mean: f64,
     /// The standard deviation.
     pub sd: f64,

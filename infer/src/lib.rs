@@ -36,6 +36,7 @@
 
 pub mod architecture;
 pub mod bank;
+pub mod between;
 #[cfg(feature = "datasets")]
 pub mod calibrate;
 pub mod calibration;

@@ -282,6 +282,7 @@ mod tests {
             low_similarity: 0.7,
             nll_nats: 1.0,
             chance_nats: 2.0,
+            matched: None,
             gap: None,
             prior: None,
             n_holes: 60,

@@ -594,6 +594,31 @@ typedef struct tf_episode_config {
      * Touches at one place turned by less than this share evidence, degrees; positive.
      */
     double overlap_deg;
+    /**
+     * The cosine of an edged touch with the view that it was made at: mean, -1 to 1 ...
+     */
+    double matched_mean;
+    /**
+     * ... and standard deviation, positive: what tf_estimate.fit is measured by. This and what follows are
+     * not of the first version of this struct.
+     */
+    double matched_sd;
+    /**
+     * How far that is below the best cosine with any recorded view: mean, 0 to 2 ...
+     */
+    double gap_mean;
+    /**
+     * ... and standard deviation, positive.
+     */
+    double gap_sd;
+    /**
+     * A view outside the recorded area is as likely as a recorded one whose cosine with the touch is this, -1 to 1.
+     */
+    double unknown_similarity;
+    /**
+     * 0: it is as likely as an average recorded one.
+     */
+    uint32_t has_unknown_similarity;
 } tf_episode_config;
 
 /**

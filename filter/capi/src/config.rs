@@ -127,6 +127,29 @@ pub struct tf_episode_config {
     pub overlap_mm: f64,
     /// Touches at one place turned by less than this share evidence, degrees; positive.
     pub overlap_deg: f64,
+
+    /// The cosine of an edged touch with the view that it was made at: mean, -1 to 1 ...
+    pub matched_mean: f64,
+    /// ... and standard deviation, positive: what tf_estimate.fit is measured by. This and what follows are
+    /// not of the first version of this struct.
+    pub matched_sd: f64,
+    /// How far that is below the best cosine with any recorded view: mean, 0 to 2 ...
+    pub gap_mean: f64,
+    /// ... and standard deviation, positive.
+    pub gap_sd: f64,
+    /// A view outside the recorded area is as likely as a recorded one whose cosine with the touch is this, -1 to 1.
+    pub unknown_similarity: f64,
+    /// 0: it is as likely as an average recorded one.
+    pub has_unknown_similarity: u32,
+}
+
+/// The size of the struct's first version.
+const FIRST_SIZE: usize = std::mem::offset_of!(tf_episode_config, matched_mean);
+
+/// Refuses a size that no version of the struct has.
+fn check_size(name: &str, size: usize) -> Result<(), Failure> {
+    let known = [FIRST_SIZE, size_of::<tf_episode_config>()];
+    if known.contains(&size) { Ok(()) } else { Err(Failure::argument(name, known[1], size)) }
 }
 
 impl From<&EpisodeConfig> for tf_episode_config {
@@ -183,6 +206,12 @@ impl From<&EpisodeConfig> for tf_episode_config {
             nearest_tolerance: likelihood.nearest_tolerance,
             overlap_mm: likelihood.overlap_mm,
             overlap_deg: likelihood.overlap_deg,
+            matched_mean: likelihood.matched_mean,
+            matched_sd: likelihood.matched_sd,
+            gap_mean: likelihood.gap_mean,
+            gap_sd: likelihood.gap_sd,
+            unknown_similarity: likelihood.unknown_similarity.unwrap_or_default(),
+            has_unknown_similarity: likelihood.unknown_similarity.is_some().into(),
         }
     }
 }
@@ -257,6 +286,15 @@ fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
         blank_agreement: config.blank_agreement,
         nearest_tolerance: config.nearest_tolerance,
         interpolation,
+        unknown_similarity: optional(
+            "has_unknown_similarity",
+            config.has_unknown_similarity,
+            config.unknown_similarity,
+        )?,
+        matched_mean: config.matched_mean,
+        matched_sd: config.matched_sd,
+        gap_mean: config.gap_mean,
+        gap_sd: config.gap_sd,
         overlap_mm: config.overlap_mm,
         overlap_deg: config.overlap_deg,
     })
@@ -302,11 +340,11 @@ pub(crate) fn check_memory(config: &EpisodeConfig) -> Result<(), Failure> {
 /// `config` is null or points to as many bytes as its `size` says.
 pub(crate) unsafe fn read(config: *const tf_episode_config) -> Result<EpisodeConfig, Failure> {
     let size = *unsafe { get(config.cast::<usize>(), "config")? };
-    // So far there is one version of the struct; the first later one reads the shorter struct over the defaults here.
-    if size != size_of::<tf_episode_config>() {
-        return Err(Failure::argument("config.size", size_of::<tf_episode_config>(), size));
-    }
-    checked(unsafe { get(config, "config")? })
+    check_size("config.size", size)?;
+    // What the program does not know has its default.
+    let mut whole = tf_episode_config::from(&EpisodeConfig::default());
+    unsafe { std::ptr::copy_nonoverlapping(config.cast::<u8>(), (&raw mut whole).cast(), size) };
+    checked(&whole)
 }
 
 /// Fills in the settings that were measured to be good for a model where holes are touched.
@@ -332,11 +370,12 @@ pub unsafe extern "C" fn tf_episode_config_of_side(
     config: *mut tf_episode_config,
 ) -> tf_status {
     call(|| {
-        if size != size_of::<tf_episode_config>() {
-            return Err(Failure::argument("size", size_of::<tf_episode_config>(), size));
-        }
+        check_size("size", size)?;
         let default = EpisodeConfig::of_side(&unsafe { get(model, "model")? }.model, side(touched)?);
-        unsafe { out(config, "config")?.put((&default).into()) };
+        let default = tf_episode_config { size, ..(&default).into() };
+        out(config.cast::<usize>(), "config")?;
+        // No more than the program has room for.
+        unsafe { std::ptr::copy_nonoverlapping((&raw const default).cast::<u8>(), config.cast(), size) };
         Ok(())
     })
 }
@@ -357,6 +396,14 @@ mod tests {
             let back = unsafe { read(&there) };
             assert_eq!(back.map_err(|failure| failure.message), Ok(config));
         }
+    }
+
+    #[test]
+    fn a_program_of_the_first_version_has_the_later_settings_defaults() {
+        // What lies behind its struct is not read.
+        let there = tf_episode_config { size: FIRST_SIZE, matched_sd: f64::NAN, ..(&EpisodeConfig::default()).into() };
+        assert_eq!(unsafe { read(&there) }.map_err(|failure| failure.message), Ok(EpisodeConfig::default()));
+        assert_eq!(FIRST_SIZE + 48, size_of::<tf_episode_config>());
     }
 
     #[test]

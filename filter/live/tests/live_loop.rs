@@ -160,7 +160,7 @@ fn the_log_of_a_node_that_was_killed_holds_all_but_the_last_second() {
 #[test]
 fn a_robot_that_comes_after_one_that_was_killed_begins_a_hole_of_its_own() {
     let mut session = Session::new(node());
-    let n_decisions = run_for(2.4, &mut session);
+    let n_decisions = run_for(1.6, &mut session);
     assert!(n_decisions >= 1 && session.node().episode().is_some(), "{n_decisions}");
     let (outcomes, lines) = run(RobotSettings { n_episodes: 2, seed: 5, ..RobotSettings::default() }, &mut session);
     assert!(outcomes.iter().all(is_right), "{outcomes:?} {lines:?}");

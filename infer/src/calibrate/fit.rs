@@ -122,7 +122,15 @@ mod tests {
     }
 
     fn prior(temperature: f64, n_touches: f64) -> Prior {
-        Prior { n_touches, temperature, outlier_floor: 1e-5, blank_agreement: 0.96, low_similarity: 0.74, gap: None }
+        Prior {
+            n_touches,
+            temperature,
+            outlier_floor: 1e-5,
+            blank_agreement: 0.96,
+            low_similarity: 0.74,
+            gap: None,
+            matched: None,
+        }
     }
 
     #[test]

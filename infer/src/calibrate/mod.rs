@@ -12,12 +12,12 @@ use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
 use crate::bank::Bank;
-use crate::calibration::{BLANK_SHARE, Calibration, Gap, Prior};
+use crate::calibration::{BLANK_SHARE, Calibration, Prior, Spread};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::recorded::tactile_images;
 use compared::{Compared, Weights};
-use sample::{gap_of, low_similarity, n_counted, pooled_gap};
+use sample::{low_similarity, n_counted, pooled, spread_of};
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -57,6 +57,8 @@ pub struct Touches {
     name: String,
     side: Side,
     compared: Vec<Compared>,
+    /// The cosine with the view that was touched, of those for which the bank has one.
+    matched: Vec<f64>,
     /// Those at a recorded pose, and of them those that are blank or edged as the recorded view.
     n_placed: usize,
     n_agree: usize,
@@ -77,7 +79,8 @@ impl Touches {
         let is_edged = |share: f32| share >= BLANK_SHARE;
         let edged: Vec<usize> =
             (0..bank.n_rows()).filter(|row| is_edged(bank.edge_shares()[*row]) && bank.is_recorded(*row)).collect();
-        let (mut found, mut all) = (Self { name, side, compared: Vec::new(), n_placed: 0, n_agree: 0 }, Vec::new());
+        let mut found = Self { name, side, compared: Vec::new(), matched: Vec::new(), n_placed: 0, n_agree: 0 };
+        let mut all = Vec::new();
         for (i, frame) in frames.iter().enumerate() {
             let touch = holes.touch(*frame);
             let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
@@ -103,6 +106,7 @@ impl Touches {
                 bank.similarities(query, &mut all);
                 let cosines: Vec<f32> = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).collect();
                 found.compared.push(Compared::new(&cosines, &near));
+                found.matched.extend(bank.cosine_at(query, part, &pose).map(f64::from));
             }
         }
         Ok(found)
@@ -125,7 +129,7 @@ impl Touches {
         (!self.is_empty()).then(|| Judgement {
             nll_nats: fit::nll(&self.compared, temperature, outlier_floor),
             low_share: n_low as f64 / n,
-            gap: gap_of(&self.gaps()),
+            gap: spread_of(&self.gaps()),
         })
     }
 
@@ -142,7 +146,7 @@ pub struct Judgement {
     /// Share of touches below its low similarity, 0..=1: one in a hundred is meant.
     pub low_share: f64,
     /// How far the views touched were below the best.
-    pub gap: Gap,
+    pub gap: Spread,
 }
 
 /// A calibration, and what it is worth.
@@ -188,7 +192,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
     }
     let found = fit::fit(compared, prior);
     let bests: Vec<f32> = compared.iter().map(|hole| hole.best).collect();
-    let gap = pooled_gap(&touches.gaps(), prior);
+    let gap = pooled(&touches.gaps(), prior, |prior| prior.gap);
     let n_gaps = compared.len() as f64 + prior.map_or(0.0, n_counted);
     let calibration = Calibration {
         temperature: found.temperature,
@@ -197,6 +201,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
         low_similarity: low_similarity(&bests, prior).unwrap_or(-1.0),
         nll_nats: fit::nll(compared, found.temperature, found.floor),
         gap,
+        matched: pooled(&touches.matched, prior, |prior| prior.matched),
         chance_nats: compared.iter().map(Compared::chance).sum::<f64>() / compared.len() as f64,
         n_holes: compared.len(),
         prior: prior.copied(),
@@ -204,7 +209,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
     Ok(Calibrated {
         calibration,
         temperature_interval: fit::temperature_interval(compared, prior, &found),
-        gap_interval: gap.map(|Gap { mean, sd }| [-1.96, 1.96].map(|z| mean + z * sd / n_gaps.sqrt())),
+        gap_interval: gap.map(|Spread { mean, sd }| [-1.96, 1.96].map(|z| mean + z * sd / n_gaps.sqrt())),
         gain: prior.and_then(|prior| gain(compared, prior)),
     })
 }
@@ -239,7 +244,7 @@ fn gain(compared: &[Compared], prior: &Prior) -> Option<Gain> {
     let n = nats.len() as f64;
     let mean = |which: usize| nats.iter().map(|nats| nats[which]).sum::<f64>() / n;
     let differences: Vec<f64> = nats.iter().map(|[before, after]| before - after).collect();
-    let standard_error = gap_of(&differences).sd / (n - 1.0).sqrt();
+    let standard_error = spread_of(&differences).sd / (n - 1.0).sqrt();
     Some(Gain { before_nats: mean(0), after_nats: mean(1), standard_error })
 }
 
@@ -255,7 +260,14 @@ mod tests {
     use super::*;
 
     fn touches(compared: Vec<Compared>) -> Touches {
-        Touches { name: "mine".into(), side: Side::Hole, n_placed: compared.len(), n_agree: compared.len(), compared }
+        Touches {
+            name: "mine".into(),
+            side: Side::Hole,
+            n_placed: compared.len(),
+            n_agree: compared.len(),
+            matched: Vec::new(),
+            compared,
+        }
     }
 
     const PRIOR: Prior = Prior {
@@ -264,7 +276,8 @@ mod tests {
         outlier_floor: 1e-4,
         blank_agreement: 0.95,
         low_similarity: 0.7,
-        gap: Some(Gap { mean: 0.01, sd: 0.01 }),
+        gap: Some(Spread { mean: 0.01, sd: 0.01 }),
+        matched: None,
     };
 
     #[test]

@@ -1,6 +1,6 @@
 //! Mean, spread and low end of few values, with what was known before them.
 
-use crate::calibration::{Gap, Prior};
+use crate::calibration::{Prior, Spread};
 
 /// The normal distribution's quantile below which one in a hundred values lies, in standard deviations.
 const ONE_IN_100: f64 = 2.326;
@@ -13,24 +13,29 @@ const ENOUGH: usize = 100;
 const SHARE: f64 = 0.1;
 
 /// Mean and standard deviation of values, of which there is at least one.
-pub(super) fn gap_of(values: &[f64]) -> Gap {
+pub(super) fn spread_of(values: &[f64]) -> Spread {
     let mean_of = |value: &dyn Fn(f64) -> f64| values.iter().map(|v| value(*v)).sum::<f64>() / values.len() as f64;
     let mean = mean_of(&|v| v);
-    Gap { mean, sd: mean_of(&|v| (v - mean).powi(2)).sqrt() }
+    Spread { mean, sd: mean_of(&|v| (v - mean).powi(2)).sqrt() }
 }
 
-/// The gap of values together with a tenth of the prior's touches, as if those had been values of its own mean and spread.
-pub(super) fn pooled_gap(values: &[f64], prior: Option<&Prior>) -> Option<Gap> {
-    let before = prior.and_then(|prior| prior.gap.map(|gap| (n_counted(prior), gap)));
-    let Some((weight, before)) = before else { return (!values.is_empty()).then(|| gap_of(values)) };
+/// The spread of values together with a tenth of the prior's touches, as if those had been values of the spread that
+/// `known` takes from it.
+pub(super) fn pooled(
+    values: &[f64],
+    prior: Option<&Prior>,
+    known: impl Fn(&Prior) -> Option<Spread>,
+) -> Option<Spread> {
+    let before = prior.and_then(|prior| known(prior).map(|spread| (n_counted(prior), spread)));
+    let Some((weight, before)) = before else { return (!values.is_empty()).then(|| spread_of(values)) };
     if values.is_empty() {
         return Some(before);
     }
-    let (own, n) = (gap_of(values), values.len() as f64);
+    let (own, n) = (spread_of(values), values.len() as f64);
     let pooled = |a: f64, b: f64| (weight * a + n * b) / (weight + n);
     let mean = pooled(before.mean, own.mean);
-    let square = |gap: Gap| gap.sd.powi(2) + (gap.mean - mean).powi(2);
-    Some(Gap { mean, sd: pooled(square(before), square(own)).sqrt() })
+    let square = |spread: Spread| spread.sd.powi(2) + (spread.mean - mean).powi(2);
+    Some(Spread { mean, sd: pooled(square(before), square(own)).sqrt() })
 }
 
 /// The cosine that 99 in 100 touches reach, by their best cosines. From fewer than a hundred it is where the next touch
@@ -59,7 +64,7 @@ fn next_of_100(values: &[f32]) -> Option<f64> {
         return None;
     }
     let n = values.len() as f64;
-    let Gap { mean, sd } = gap_of(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
+    let Spread { mean, sd } = spread_of(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
     let freedom = n - 1.0;
     let of_sample = sd * (n / freedom).sqrt();
     Some(mean - student(freedom) * of_sample * (1.0 + 1.0 / n).sqrt())
@@ -84,20 +89,21 @@ mod tests {
             outlier_floor: 1e-5,
             blank_agreement: 0.96,
             low_similarity: 0.7,
-            gap: Some(Gap { mean: 2.0, sd: 1.0 }),
+            gap: Some(Spread { mean: 2.0, sd: 1.0 }),
+            matched: None,
         }
     }
 
     #[test]
-    fn a_gap_with_a_prior_is_that_of_all_values_together() {
+    fn a_spread_with_a_prior_is_that_of_all_values_together() {
         // By hand: 1, 2 and 6 have a mean of 3 and squares of 4, 1 and 9 from it.
-        assert_eq!(gap_of(&[1.0, 2.0, 6.0]), Gap { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
+        assert_eq!(spread_of(&[1.0, 2.0, 6.0]), Spread { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
         // Values of mean 2 and spread 1, as a tenth of the prior's forty touches would be: 1, 3, 1, 3.
-        let all = gap_of(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
-        let pooled = pooled_gap(&[1.0, 2.0, 6.0], Some(&prior(40.0))).unwrap();
-        assert!((pooled.mean - all.mean).abs() < 1e-12 && (pooled.sd - all.sd).abs() < 1e-12, "{pooled:?} {all:?}");
-        assert_eq!(pooled_gap(&[], Some(&prior(40.0))), prior(40.0).gap);
-        assert_eq!(pooled_gap(&[], None), None);
+        let all = spread_of(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
+        let both = pooled(&[1.0, 2.0, 6.0], Some(&prior(40.0)), |prior| prior.gap).unwrap();
+        assert!((both.mean - all.mean).abs() < 1e-12 && (both.sd - all.sd).abs() < 1e-12, "{both:?} {all:?}");
+        assert_eq!(pooled(&[], Some(&prior(40.0)), |prior| prior.gap), prior(40.0).gap);
+        assert_eq!(pooled(&[], None, |prior| prior.gap), None);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::Side;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibrate::{Calibrated, Choice, Gain, Judgement, PRIOR_TOUCHES, Touches, calibrate};
-use tactile_infer::calibration::{Calibration, Gap, Prior};
+use tactile_infer::calibration::{Calibration, Prior, Spread};
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::{Error, Result};
 
@@ -137,8 +137,9 @@ fn judged(others: &Touches, calibration: &Calibration) -> Option<Judged> {
 /// A calibration before and after, and what it is worth.
 fn text(found: &Calibrated) -> String {
     let Calibrated { calibration, temperature_interval: [low, high], gap_interval, gain } = found;
-    let Calibration { temperature, outlier_floor, blank_agreement, low_similarity, n_holes, gap, prior, .. } =
-        calibration;
+    let Calibration {
+        temperature, outlier_floor, blank_agreement, low_similarity, n_holes, gap, matched, prior, ..
+    } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
@@ -157,12 +158,16 @@ fn text(found: &Calibrated) -> String {
         "  {:.3} nats to find the pose by one touch ({:.2} by chance)",
         calibration.nll_nats, calibration.chance_nats
     );
-    if let (Some(Gap { mean, sd }), Some([low, high])) = (gap, gap_interval) {
+    if let (Some(Spread { mean, sd }), Some([low, high])) = (gap, gap_interval) {
         let was = |prior: &Prior| prior.gap.map_or("unknown".into(), |gap| format!("{:.3}", gap.mean));
         text += &format!(
             "\n  the view touched is {}{mean:.3} (95 % {low:.3} to {high:.3}) below the best, standard deviation {sd:.3}",
             before(&was)
         );
+    }
+    if let Some(Spread { mean, sd }) = matched {
+        let was = |prior: &Prior| prior.matched.map_or("unknown".into(), |matched| format!("{:.3}", matched.mean));
+        text += &format!("\n  the cosine with it is {}{mean:.3}, standard deviation {sd:.3}", before(&was));
     }
     if let Some(Gain { before_nats, after_nats, standard_error }) = gain {
         let difference = after_nats - before_nats;

@@ -93,8 +93,7 @@ pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], co
         let now = first_from_sensor.last().map_or(Pose::from_degrees(0.0, 0.0, 0.0), |before| before.then(&moved));
         let weight = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
         first_from_sensor.push(now);
-        let of_row = log_rows(edge_shares, touch, config);
-        let unknown = 0.5_f64.ln();
+        let Logs { of_row, unknown, .. } = Logs::of(edge_shares, touch, config, None);
         for (cell, first) in recorded.iter().enumerate() {
             let pose = first.then(&now);
             let Some((seen, trust)) = nearest(grid, &recorded, &pose, config.nearest_tolerance) else {
@@ -119,26 +118,50 @@ pub fn normalise(logs: &mut [f64]) {
     logs.iter_mut().for_each(|log| *log -= largest + sum.ln());
 }
 
-/// The log-likelihood at each row: agreement about blankness, and among edged views the match relative to its mean.
-fn log_rows(edge_shares: &[f32], touch: &Touch, config: &LikelihoodConfig) -> Vec<f64> {
-    let is_blank = |share: f32| share < config.blank_share;
-    let best = (0..edge_shares.len())
-        .filter(|row| !is_blank(edge_shares[*row]))
-        .map(|row| touch.cosines[row])
-        .fold(-1.0, f64::max);
-    let floor = config.outlier_floor.ln();
-    let log_match = |row: usize| log_sum((touch.cosines[row] - best) / config.temperature, floor);
-    let edged: Vec<usize> = (0..edge_shares.len()).filter(|row| !is_blank(edge_shares[*row])).collect();
-    // No match is above 1 + floor: its plain mean is safe.
-    let log_mean = (edged.iter().map(|row| log_match(*row).exp()).sum::<f64>() / edged.len() as f64).ln();
-    let agreement = config.blank_agreement;
-    (0..edge_shares.len())
-        .map(|row| match (is_blank(edge_shares[row]), is_blank(touch.edge_share)) {
-            (false, false) => agreement.ln() + log_match(row) - log_mean,
-            (true, true) => agreement.ln(),
-            _ => (1.0 - agreement).ln(),
-        })
-        .collect()
+/// The log-likelihoods of a touch.
+struct Logs {
+    /// At each row: agreement about blankness, and among edged views the match relative to its mean.
+    of_row: Vec<f64>,
+    /// Where the view is unknown: blank or not, either as likely, and if not as a row of a given cosine.
+    unknown: f64,
+    /// The cosine from which matches are measured, and the log-likelihood there.
+    #[cfg(test)]
+    reference: [f64; 2],
+}
+
+impl Logs {
+    fn of(edge_shares: &[f32], touch: &Touch, config: &LikelihoodConfig, unknown: Option<f64>) -> Self {
+        let is_blank = |share: f32| share < config.blank_share;
+        let best = (0..edge_shares.len())
+            .filter(|row| !is_blank(edge_shares[*row]))
+            .map(|row| touch.cosines[row])
+            .fold(-1.0, f64::max);
+        // Cosines are in f32.
+        let unknown = unknown.map(|cosine| f64::from(cosine as f32));
+        let reference = unknown.map_or(best, |unknown| unknown.max(best));
+        let floor = config.outlier_floor.ln();
+        let log_of = |cosine: f64| log_sum((cosine - reference) / config.temperature, floor);
+        let log_match = |row: usize| log_of(touch.cosines[row]);
+        let edged: Vec<usize> = (0..edge_shares.len()).filter(|row| !is_blank(edge_shares[*row])).collect();
+        // No match is above 1 + floor: its plain mean is safe.
+        let log_mean = (edged.iter().map(|row| log_match(*row).exp()).sum::<f64>() / edged.len() as f64).ln();
+        let agreement = config.blank_agreement;
+        let of_row = (0..edge_shares.len())
+            .map(|row| match (is_blank(edge_shares[row]), is_blank(touch.edge_share)) {
+                (false, false) => agreement.ln() + log_match(row) - log_mean,
+                (true, true) => agreement.ln(),
+                _ => (1.0 - agreement).ln(),
+            })
+            .collect();
+        let of_unknown =
+            if is_blank(touch.edge_share) { 0.0 } else { unknown.map_or(0.0, |cosine| log_of(cosine) - log_mean) };
+        Self {
+            of_row,
+            unknown: 0.5_f64.ln() + of_unknown,
+            #[cfg(test)]
+            reference: [reference, agreement.ln() + log_of(reference) - log_mean],
+        }
+    }
 }
 
 /// log(exp(a) + exp(b)), either of them -inf.
@@ -268,11 +291,8 @@ mod tests {
             let query: Vec<f64> = observation.query.iter().map(|value| f64::from(*value)).collect();
             let (edge_share, recorded) = (observation.edge_share, cosines(&sample.rows, &observation.query));
             let touch = Touch { moved: *moved, edge_share, cosines: recorded };
-            let of_row = log_rows(&sample.edge_shares, &touch, config);
-            let edged = || (0..of_row.len()).filter(|row| sample.edge_shares[*row] >= config.blank_share);
-            let best = edged().map(|row| touch.cosines[row]).fold(-1.0, f64::max);
-            // What a row of the best cosine has, so that log_mean need not be found again.
-            let at_best = edged().map(|row| of_row[row]).fold(f64::NEG_INFINITY, f64::max);
+            let Logs { of_row, unknown, reference: [best, at_best] } =
+                Logs::of(&sample.edge_shares, &touch, config, config.unknown_similarity);
             let floor = config.outlier_floor.ln();
             for (cell, first) in poses(states).iter().enumerate() {
                 let pose = first.then(&now);
@@ -300,7 +320,6 @@ mod tests {
                         let match_log = |cosine: f64| log_sum((cosine - best) / config.temperature, floor);
                         log = at_best + match_log(cosine.clamp(-1.0, 1.0)) - match_log(best);
                     }
-                    let unknown = 0.5_f64.ln();
                     let mixed =
                         if trust > 0.0 { log_sum(trust.ln() + log, (1.0 - trust).ln() + unknown) } else { unknown };
                     logs[part * states.len() + cell] += unknown + weight * (mixed - unknown);

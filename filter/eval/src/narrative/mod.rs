@@ -71,8 +71,8 @@ pub struct NarrativeTouch {
     pub probability: f64,
     /// Believed pose of the sensor on `guess`.
     pub guess_from_sensor: Se2,
-    /// How well `guess` explains the touches so far, nats: [`tactile_filter::Estimate::fit`]; `None` where no
-    /// edge was felt.
+    /// How well `guess` explains the touches so far, standard deviations: [`tactile_filter::Estimate::fit`]; `None` where
+    /// no edge was felt.
     pub fit: Option<f64>,
     /// The least `fit` with which the filter would be confident after this touch; `None` for any.
     pub fit_needed: Option<f64>,

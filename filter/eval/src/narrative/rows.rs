@@ -173,10 +173,6 @@ fn fit(touch: &NarrativeTouch) -> String {
     match (touch.fit, touch.fit_needed) {
         (None, _) => "no edge felt yet".into(),
         (Some(fit), None) => format!("fit {}", number(fit, 2)),
-        // No fit is above zero: the fewer the touches, the more is asked for.
-        (Some(fit), Some(needed)) if needed > 0.0 => {
-            format!("fit {}, too few touches to be confident", number(fit, 2))
-        }
         (Some(fit), Some(needed)) => format!("fit {}, to be confident {} or more", number(fit, 2), number(needed, 2)),
     }
 }

@@ -55,7 +55,8 @@ fn caption() -> Markup {
         "rougher estimates from fewer draws. " b { "Where the first touch was:" } " a map for each part; the stronger the "
         "blue, the more probable the place, on one scale for the touch. The number is the part’s whole probability. The red "
         "ring is the truth: watch the blue gather in it. Above the maps, the most probable part and its " b { "fit:" }
-        " how well it explains what was felt; higher is better, 0 is as well as the best recorded view of any part. To be "
+        " how many standard deviations the touches look more like its views than the touches of a part that is there do on "
+        "average: 0 is as expected, far below it the part is not there. The fewer the touches, the more is asked for. To be "
         "confident the filter must be sure of a part that fits; a part that is probable only because the others fit even "
         "worse is none of these parts."
     }

@@ -21,6 +21,9 @@ pub struct Tuning {
     /// Likelihood of a quite different view, relative to that of the best match
     #[arg(long, value_name = "SHARE")]
     outlier_floor: Option<f64>,
+    /// A view outside the recorded area is as likely as a recorded one of this cosine with the touch
+    #[arg(long, value_name = "COSINE")]
+    unknown_similarity: Option<f64>,
     /// Probability that hole and peg at one pose are both blank or both not
     #[arg(long, value_name = "P")]
     blank_agreement: Option<f64>,
@@ -76,6 +79,7 @@ impl Tuning {
         let (likelihood, action) = (&mut config.likelihood, &mut config.action);
         set(&mut likelihood.temperature, self.temperature);
         set(&mut likelihood.outlier_floor, self.outlier_floor);
+        likelihood.unknown_similarity = self.unknown_similarity.or(likelihood.unknown_similarity);
         set(&mut likelihood.blank_agreement, self.blank_agreement);
         set(&mut likelihood.blank_share, self.blank_share);
         set(&mut likelihood.overlap_mm, self.overlap_mm);

@@ -53,6 +53,11 @@ class _Settings(TypedDict, total=False):
     blank_share: float
     blank_agreement: float
     nearest_tolerance: float
+    unknown_similarity: float | None
+    matched_mean: float
+    matched_sd: float
+    gap_mean: float
+    gap_sd: float
     interpolation: Literal["auto", "nearest", "cubic"]
     overlap_mm: float
     overlap_deg: float
