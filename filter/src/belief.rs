@@ -217,7 +217,7 @@ impl Belief {
         refine(&self.views, &self.touches, state.part, &start)
     }
 
-    /// How well a part at a pose explains what was felt: the mean over the edged touches of the lower of
+    /// How well a part at a pose explains what was felt: the lower of the two means over the edged touches of
     /// [`Evidence::standard_scores`], in standard deviations of such a mean; `None` where no edge was felt within the
     /// recorded area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<f64> {

@@ -34,51 +34,17 @@ impl Interpolation {
     }
 }
 
-/// What [`Around`] does to whole lines of values, and to lengths.
-trait AroundLines {
-    fn values<'a>(&self, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]);
-    fn square_weights(&self) -> (f32, [f32; 6]);
-    fn pairs(&self) -> [(usize, usize); 6];
-    fn square(&self, cosine: impl Fn(usize, usize) -> f32) -> f32;
-    fn squares<'a>(&self, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]);
+/// [`Around::value`] of each value of a line at each index.
+#[inline(always)]
+fn values_of<'a>(at: &Around, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
+    simd::blend(&at.weights, at.indices.map(line), out);
 }
 
-impl AroundLines for Around {
-    /// The same of each value of a line at each index.
-    #[inline(always)]
-    fn values<'a>(&self, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-        simd::blend(&self.weights, self.indices.map(line), out);
-    }
-
-    /// How the embedding interpolated along this axis gets its squared length from the cosines between the four: its
-    /// square is the constant and, so weighted, the cosines at [`Self::pairs`].
-    fn square_weights(&self) -> (f32, [f32; 6]) {
-        let w = &self.weights;
-        let squares = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3];
-        let of = [(0, 1), (1, 2), (2, 3), (0, 2), (1, 3), (0, 3)].map(|(a, b)| 2.0 * w[a] * w[b]);
-        (squares, of)
-    }
-
-    /// The pairs among the four, each as the index of the first and the steps to the second.
-    fn pairs(&self) -> [(usize, usize); 6] {
-        let [a, b, c, _] = self.indices;
-        [(a, 1), (b, 1), (c, 1), (a, 2), (b, 2), (a, 3)]
-    }
-
-    /// The squared length of the embedding interpolated along this axis, from the cosine of what is at an index with
-    /// what is some steps further.
-    fn square(&self, cosine: impl Fn(usize, usize) -> f32) -> f32 {
-        let (constant, weights) = self.square_weights();
-        let sum: f32 = weights.iter().zip(self.pairs()).map(|(weight, (index, k))| weight * cosine(index, k)).sum();
-        constant + sum
-    }
-
-    /// The same for each value of a line of cosines.
-    #[inline(always)]
-    fn squares<'a>(&self, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]) {
-        let (constant, weights) = self.square_weights();
-        simd::blend_six(constant, &weights, self.pairs().map(|(index, k)| line(index, k)), out);
-    }
+/// [`Around::square`] for each value of a line of cosines.
+#[inline(always)]
+fn squares_of<'a>(at: &Around, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]) {
+    let (constant, weights) = at.square_weights();
+    simd::blend_six(constant, &weights, at.pairs().map(|(index, k)| line(index, k)), out);
 }
 
 /// Views that have nothing in common could interpolate to nothing at all.
@@ -214,11 +180,11 @@ impl LatticeWeights {
     fn values(&self, planes: &[f32]) -> Vec<f32> {
         let (n, n_states) = (self.n_xy, self.ys.len());
         let mut of_angle = vec![0.0; n * n];
-        self.theta.values(|theta| &planes[theta * n * n..][..n * n], &mut of_angle);
-        let of_ys = along_y(n, &self.ys, |y, out| y.values(|y| &of_angle[y * n..][..n], out));
+        values_of(&self.theta, |theta| &planes[theta * n * n..][..n * n], &mut of_angle);
+        let of_ys = along_y(n, &self.ys, |y, out| values_of(y, |y| &of_angle[y * n..][..n], out));
         let mut values = vec![0.0; self.xs.len() * n_states];
         for (x, values) in self.xs.iter().zip(values.chunks_exact_mut(n_states)) {
-            x.values(|x| &of_ys[x * n_states..][..n_states], values);
+            values_of(x, |x| &of_ys[x * n_states..][..n_states], values);
         }
         values
     }
@@ -229,12 +195,12 @@ impl LatticeWeights {
         let (n, n_states, angle) = (self.n_xy, self.ys.len(), self.theta.nearest);
         // Squared lengths: along theta for each place of the views, along x and y for a state on that axis and a view on the other.
         let mut along_theta = vec![0.0; n * n];
-        self.theta.squares(|theta, k| neighbours.plane(2, k, theta), &mut along_theta);
+        squares_of(&self.theta, |theta, k| neighbours.plane(2, k, theta), &mut along_theta);
         let of_y = |y: usize, k: usize| &neighbours.plane(1, k, angle)[y * n..][..n];
-        let along_y = along_y(n, &self.ys, |y, out| y.squares(of_y, out));
+        let along_y = along_y(n, &self.ys, |y, out| squares_of(y, of_y, out));
         let (mut of_places, mut of_states) = (vec![0.0; n], vec![0.0; n_states]);
         for (x, cosines) in self.xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
-            x.squares(|x, k| &neighbours.plane(0, k, angle)[x * n..][..n], &mut of_places);
+            squares_of(x, |x, k| &neighbours.plane(0, k, angle)[x * n..][..n], &mut of_places);
             of_places.iter_mut().zip(&along_theta[x.nearest * n..]).for_each(|(square, theta)| *square *= theta);
             for ((square, y), along_y) in of_states.iter_mut().zip(&self.ys).zip(&along_y[x.nearest * n_states..]) {
                 *square = of_places[y.nearest] * along_y;

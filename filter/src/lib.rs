@@ -45,6 +45,7 @@ pub mod interpolation;
 #[cfg(test)]
 mod invariants;
 pub mod likelihood;
+mod match_model;
 pub mod modes;
 mod nearest;
 mod observation;

@@ -6,9 +6,9 @@
 //! relative to its mean over the edged views: 1 says nothing. The floor bounds what one bad match can
 //! cost. A blank view has no such picture: there the second factor is 1.
 //!
-//! Outside the recorded area the view is unknown. Where views are interpolated it counts as one of `unknown_similarity`: were it
-//! worth as much as an average view, the best of the recorded ones, however poor, would be believed wherever the true
-//! view was not recorded.
+//! Outside the recorded area the view is unknown. Where views are interpolated it counts as one of
+//! `unknown_similarity`. Were it worth as much as an average view, a touch whose own view was not recorded would speak
+//! for the best of the recorded ones, even a poor one.
 
 use std::sync::Arc;
 
@@ -22,10 +22,10 @@ use tactile_infer::similarity::dot;
 
 use crate::error::{Error, Result};
 use crate::interpolation::{Interpolation, LatticeWeights, ViewWeights};
+use crate::match_model::MatchModel;
 use crate::observation::Observation;
 use crate::overlap::Overlap;
 use crate::simd;
-use crate::softplus::softplus;
 
 /// How similarities become probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,7 +47,7 @@ pub struct LikelihoodConfig {
     /// How views between recorded poses are judged.
     pub interpolation: Interpolation,
     /// Where views are interpolated, one outside the recorded area is as likely as a recorded one whose cosine with an
-    /// edged touch is this, -1..=1. `None`, and where they are not: as an average recorded one, whatever the touch.
+    /// edged touch is this, -1..=1. `None`, and where they are not: as an average recorded one, the same for every touch.
     pub unknown_similarity: Option<f64>,
     /// What a part's fit is measured by ([`crate::Estimate::fit`]): the cosine of an edged touch with the view that it was
     /// made at, mean ...
@@ -112,8 +112,8 @@ impl LikelihoodConfig {
         let default = Self::default();
         let Some(calibration) = calibration_of(model, side) else { return default };
         let gap = calibration.gap.unwrap_or(Spread { mean: default.gap_mean, sd: default.gap_sd });
-        let gap = Spread { sd: gap.sd.max(LEAST_SD), ..gap };
-        let matched = matched(calibration, &default);
+        let matched = calibration.matched.unwrap_or_else(|| matched_by_best(calibration, &default));
+        let [gap, matched] = [gap, matched].map(|Spread { mean, sd }| Spread { mean, sd: sd.max(LEAST_SD) });
         Self {
             temperature: SHARED_ERROR * calibration.temperature,
             outlier_floor: calibration.outlier_floor.max(default.outlier_floor),
@@ -174,22 +174,18 @@ pub(crate) fn calibration_of(model: &Model, side: Side) -> Option<&Calibration> 
     model.calibration(side).or_else(|| model.calibration(Side::Hole))
 }
 
-/// The cosine with the view touched. A calibration made before it was measured says only which best cosine 99 in 100
+/// The cosine with the view touched, of a calibration made before that was measured. It says which best cosine 99 in 100
 /// touches reach: were they normal, it is 2.33 standard deviations below the mean.
-fn matched(calibration: &Calibration, default: &LikelihoodConfig) -> Spread {
-    let of_low = || {
-        let sd = calibration.gap.map_or(default.matched_sd, |gap| gap.sd.max(default.matched_sd));
-        Spread { mean: (f64::from(calibration.low_similarity) + 2.33 * sd).min(default.matched_mean), sd }
-    };
-    let Spread { mean, sd } = calibration.matched.unwrap_or_else(of_low);
-    Spread { mean, sd: sd.max(LEAST_SD) }
+fn matched_by_best(calibration: &Calibration, default: &LikelihoodConfig) -> Spread {
+    let sd = calibration.gap.map_or(default.matched_sd, |gap| gap.sd.max(default.matched_sd));
+    Spread { mean: (f64::from(calibration.low_similarity) + 2.33 * sd).min(default.matched_mean), sd }
 }
 
 /// Few touches may agree by chance; cosines of no sensor lie nearer together.
 const LEAST_SD: f64 = 0.01;
 
 /// A recorded view whose cosine is so many standard deviations below that of the view touched is less likely than one that
-/// nobody recorded. On the tuning letters the fit is right most often with 7 (`NOTES.md`).
+/// nobody recorded. With 4 more parts of the bank are taken for none of these (`NOTES.md`).
 const UNKNOWN_SDS: f64 = 7.0;
 
 /// By how much the temperature of several touches exceeds that of one.
@@ -229,7 +225,7 @@ pub struct TouchLikelihood {
     shows: Vec<Shows>,
     /// How alike the bank's neighbouring views are, `[n_parts]`; `None` where none are interpolated.
     neighbours: Option<Arc<[Neighbours]>>,
-    /// Log of the mean of `exp((s - best) / tau) + eps` over the edged rows.
+    /// Log of the mean of `exp((s - reference) / tau) + eps` over the edged rows.
     log_mean: f64,
     /// Logs of the probabilities that blank and edged agree and that they do not.
     log_agrees: f64,
@@ -258,7 +254,7 @@ impl TouchLikelihood {
         let unknown_similarity = config.unknown_similarity.filter(|_| is_cubic).map(|cosine| cosine as f32);
         let reference = unknown_similarity.map_or(best_similarity, |unknown| unknown.max(best_similarity));
         above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(reference));
-        let model = MatchModel::new(config);
+        let model = MatchModel::new(config.temperature, config.outlier_floor);
         let log_mean = model.log_mean(above_best);
         let log_unknown = match unknown_similarity {
             _ if blank => UNKNOWN_IS_BLANK.ln(),
@@ -338,58 +334,6 @@ impl TouchLikelihood {
         self.shows[row] != Shows::Unknown
     }
 }
-
-/// log(exp(d / tau) + eps) for a cosine `d` above the best, mostly below it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct MatchModel {
-    temperature: f64,
-    /// Log of eps; -inf where no match costs all.
-    log_floor: f64,
-}
-
-impl MatchModel {
-    fn new(config: &LikelihoodConfig) -> Self {
-        Self { temperature: config.temperature, log_floor: config.outlier_floor.ln() }
-    }
-
-    /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the reference; 0 without any.
-    fn log_mean(self, mut above_best: Vec<f64>) -> f64 {
-        let n = above_best.len() as f64;
-        above_best.iter_mut().for_each(|d| *d /= self.temperature);
-        let mut powers = Vec::new();
-        simd::lower(&mut above_best, 0.0, &mut powers);
-        if n > 0.0 { (simd::sum(&powers) / n + self.log_floor.exp()).ln().max(LOWEST) } else { 0.0 }
-    }
-
-    fn log(self, above_best: f64) -> f64 {
-        let log = (above_best / self.temperature).clamp(LOWEST, HIGHEST);
-        if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log }
-    }
-
-    /// The same of many, in f32 where that is fine enough, each with `more` added.
-    fn logs(self, mut above_best: Vec<f32>, more: f64) -> Vec<f64> {
-        // No cosine in f32 is good to more than 1e-7, which below this temperature is a thousandth of a nat.
-        const COLDEST: f64 = 1e-4;
-        if self.temperature < COLDEST || self.log_floor == f64::NEG_INFINITY {
-            return above_best.into_iter().map(|above_best| self.log(f64::from(above_best)) + more).collect();
-        }
-        let (per_cosine, floor) = ((1.0 / self.temperature) as f32, self.log_floor as f32);
-        for value in &mut above_best {
-            let log = *value * per_cosine;
-            *value = if log < HIGHEST as f32 { log } else { HIGHEST as f32 } - floor;
-        }
-        simd::softplus(&mut above_best);
-        let more = self.log_floor + more;
-        above_best.into_iter().map(|log| more + f64::from(log)).collect()
-    }
-}
-
-/// Between recorded views a cosine may rise above the best of them, but by no more than this says anything, nats.
-const HIGHEST: f64 = 30.0;
-
-/// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite views
-/// are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
-const LOWEST: f64 = -1e12;
 
 fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     let query = &observation.query;

@@ -30,6 +30,7 @@ pub struct Around {
 
 impl Around {
     /// A place on an axis of `n` recorded ones, at least one, from `-half` on, each `step` further.
+    #[inline]
     pub fn new(value: f64, half: f64, step: f64, n: usize) -> Self {
         let place = (value + half) / step;
         let inside = place.clamp(0.0, (n - 1) as f64);
@@ -43,17 +44,20 @@ impl Around {
     }
 
     /// A place along x or y of a grid, mm.
+    #[inline]
     pub fn x_or_y(grid: &PoseGrid, mm: f64) -> Self {
         Self::new(mm, grid.xy_half_mm, grid.xy_step_mm, grid.n_xy())
     }
 
     /// An angle of a grid, radians.
+    #[inline]
     pub fn theta(grid: &PoseGrid, theta_rad: f64) -> Self {
         let turn = wrap_angle(theta_rad).to_degrees();
         Self::new(turn, grid.theta_half_deg, grid.theta_step_deg, grid.n_theta())
     }
 
     /// A pose of a grid: its x, y and angle.
+    #[inline]
     pub fn pose(grid: &PoseGrid, pose: &Se2) -> [Self; 3] {
         [Self::x_or_y(grid, pose.x_mm), Self::x_or_y(grid, pose.y_mm), Self::theta(grid, pose.theta_rad)]
     }
@@ -62,6 +66,31 @@ impl Around {
     pub fn value(&self, at: impl Fn(usize) -> f32) -> f32 {
         let ([a, b, c, d], w) = (self.indices, &self.weights);
         w[0] * at(a) + w[1] * at(b) + w[2] * at(c) + w[3] * at(d)
+    }
+
+    /// How the embedding interpolated along this axis gets its squared length from the cosines between the four: its
+    /// square is the constant and, so weighted, the cosines at [`Self::pairs`].
+    #[inline]
+    pub fn square_weights(&self) -> (f32, [f32; 6]) {
+        let w = &self.weights;
+        let squares = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + w[3] * w[3];
+        let of = [(0, 1), (1, 2), (2, 3), (0, 2), (1, 3), (0, 3)].map(|(a, b)| 2.0 * w[a] * w[b]);
+        (squares, of)
+    }
+
+    /// The pairs among the four, each as the index of the first and the steps to the second.
+    #[inline]
+    pub fn pairs(&self) -> [(usize, usize); 6] {
+        let [a, b, c, _] = self.indices;
+        [(a, 1), (b, 1), (c, 1), (a, 2), (b, 2), (a, 3)]
+    }
+
+    /// The squared length of the embedding interpolated along this axis, from the cosine of what is at an index with
+    /// what is some steps further.
+    pub fn square(&self, cosine: impl Fn(usize, usize) -> f32) -> f32 {
+        let (constant, weights) = self.square_weights();
+        let sum: f32 = weights.iter().zip(self.pairs()).map(|(weight, (index, k))| weight * cosine(index, k)).sum();
+        constant + sum
     }
 }
 
@@ -93,27 +122,25 @@ impl Bank {
         if axes.iter().any(|axis| axis.outside != 0.0) {
             return None;
         }
-        let row_of = |indices: [usize; 3]| {
-            let row =
-                part * grid.len() + indices.iter().zip(strides).map(|(index, stride)| index * stride).sum::<usize>();
-            self.is_recorded(row).then_some(row)
-        };
-        if !is_fine(grid) {
-            let row = self.row(row_of(axes.map(|axis| axis.nearest))?);
-            return Some((dot(&row, query) / dot(&row, &row).sqrt()).clamp(-1.0, 1.0));
+        // The row of each view that counts, and its weight: one axis after the other.
+        let mut views = vec![(part * grid.len(), 1.0_f32)];
+        for (axis, stride) in axes.iter().zip(strides) {
+            let along: Vec<(usize, f32)> = if is_fine(grid) {
+                axis.indices.into_iter().zip(axis.weights).filter(|(_, weight)| *weight != 0.0).collect()
+            } else {
+                vec![(axis.nearest, 1.0)]
+            };
+            let further = |(row, weight): (usize, f32)| {
+                along.iter().map(move |(index, of_axis)| (row + index * stride, weight * of_axis))
+            };
+            views = views.into_iter().flat_map(further).collect();
         }
         let mut embedding = vec![0.0_f32; self.dim()];
-        let [x, y, theta] = &axes;
-        for (of_x, x) in x.weights.iter().zip(x.indices) {
-            for (of_y, y) in y.weights.iter().zip(y.indices) {
-                for (of_theta, theta) in theta.weights.iter().zip(theta.indices) {
-                    let weight = of_x * of_y * of_theta;
-                    if weight != 0.0 {
-                        let row = self.row(row_of([x, y, theta])?);
-                        embedding.iter_mut().zip(&*row).for_each(|(sum, value)| *sum += weight * value);
-                    }
-                }
+        for (row, weight) in views {
+            if !self.is_recorded(row) {
+                return None;
             }
+            embedding.iter_mut().zip(&*self.row(row)).for_each(|(sum, value)| *sum += weight * value);
         }
         let length = dot(&embedding, &embedding).sqrt();
         (length > 0.0).then(|| (dot(&embedding, query) / length).clamp(-1.0, 1.0))

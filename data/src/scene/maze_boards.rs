@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::SensorRange;
+use super::{SensorRange, is_zero};
 use crate::error::{Error, Result};
 use crate::random::{frame_rng, uniform};
 use crate::sensor::SensorSpec;
@@ -63,10 +63,6 @@ const ROUNDING_MM: [f64; 2] = [0.3, 4.0];
 const FALL_SHARE: [f64; 2] = [0.3, 1.0];
 const MOST_FALL_MM: f64 = 1.0;
 
-fn is_zero(share: &f64) -> bool {
-    *share == 0.0
-}
-
 fn default_band() -> [f64; 2] {
     [0.25, 2.5]
 }
@@ -104,14 +100,7 @@ impl MazeBoards {
         if rng.random::<f64>() < self.core_share {
             // A shell's core begins where the shell ends.
             let grow_mm = -inset_mm - if side == Side::Peg { band_mm } else { 0.0 };
-            relief.layers.push(Layer::Face(Face {
-                outline: walls,
-                grow_mm,
-                outside: false,
-                drop_mm,
-                band_mm: None,
-                rounding: None,
-            }));
+            relief.layers.push(Layer::Face(Face { grow_mm, drop_mm, ..Face::of(walls) }));
         }
         relief
     }

@@ -296,7 +296,7 @@ mod tests {
     fn knob() -> Vec<Relief> {
         let face = |half: f64, drop_mm| {
             let outline = box_of([-half, half], [-half, half]);
-            Layer::Face(Face { outline, grow_mm: 0.0, outside: false, drop_mm, band_mm: None, rounding: None })
+            Layer::Face(Face { drop_mm, ..Face::of(outline) })
         };
         let dome = |i: usize| (i as f32 * 0.1 - 2.45).powi(2);
         let heights: Vec<f32> = (0..2_500).map(|i| -(dome(i % 50) + dome(i / 50)) / 10.0).collect();

@@ -135,16 +135,7 @@ mod tests {
 
     #[test]
     fn lower_faces_and_heights_are_met_when_pressed_past_their_drop() {
-        let face = |half, drop_mm| {
-            Layer::Face(Face {
-                outline: square(half),
-                grow_mm: 0.0,
-                outside: false,
-                drop_mm,
-                band_mm: None,
-                rounding: None,
-            })
-        };
+        let face = |half, drop_mm| Layer::Face(Face { drop_mm, ..Face::of(square(half)) });
         let steps = [Relief { layers: vec![face(1.0, 0.0), face(2.0, 0.25)] }];
         let board = obstacle(&steps, Side::Peg, CELLS, None, 1.0);
         assert_eq!([at(&board, 0.0, 0.0), at(&board, 1.5, 0.0), at(&board, 2.5, 0.0)], [1.0, 0.75, 0.0]);

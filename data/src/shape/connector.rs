@@ -125,7 +125,7 @@ impl Connector {
 }
 
 fn face(outline: Shape, drop_mm: f64) -> Face {
-    Face { outline, grow_mm: 0.0, outside: false, drop_mm, band_mm: None, rounding: None }
+    Face { drop_mm, ..Face::of(outline) }
 }
 
 fn one(contour: Contour) -> Shape {

@@ -39,6 +39,13 @@ pub struct Face {
     pub rounding: Option<Rounding>,
 }
 
+impl Face {
+    /// All inside an outline, at the height of the side's highest point, with sharp edges.
+    pub fn of(outline: Shape) -> Self {
+        Self { outline, grow_mm: 0.0, outside: false, drop_mm: 0.0, band_mm: None, rounding: None }
+    }
+}
+
 /// A rounded edge: from `width_mm` inside the outline outwards the face falls as a quarter of an ellipse does. A face
 /// less than twice as wide is a dome.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,42 +67,18 @@ impl Rounding {
 impl Relief {
     /// A peg: the outline's inside is raised.
     pub fn peg(outline: Shape) -> Self {
-        Self {
-            layers: vec![Layer::Face(Face {
-                outline,
-                grow_mm: 0.0,
-                outside: false,
-                drop_mm: 0.0,
-                band_mm: None,
-                rounding: None,
-            })],
-        }
+        Self { layers: vec![Layer::Face(Face::of(outline))] }
     }
 
     /// A hole: a plate with an opening, wider than the outline by `clearance_mm` on every side.
     pub fn hole(outline: Shape, clearance_mm: f64) -> Self {
-        Self {
-            layers: vec![Layer::Face(Face {
-                outline,
-                grow_mm: clearance_mm,
-                outside: true,
-                drop_mm: 0.0,
-                band_mm: None,
-                rounding: None,
-            })],
-        }
+        let plate = Face { grow_mm: clearance_mm, outside: true, ..Face::of(outline) };
+        Self { layers: vec![Layer::Face(plate)] }
     }
 
     /// A measured plate with its openings: off the map the plate continues at the height of the map's top.
     pub fn plate(map: HeightMap) -> Self {
-        let edge = Face {
-            outline: rectangle(map.bounds()),
-            grow_mm: 0.0,
-            outside: true,
-            drop_mm: 0.0,
-            band_mm: None,
-            rounding: None,
-        };
+        let edge = Face { outside: true, ..Face::of(rectangle(map.bounds())) };
         Self { layers: vec![Layer::Heights(map), Layer::Face(edge)] }
     }
 
@@ -210,16 +193,7 @@ mod tests {
     fn a_step_tells_the_halves_of_a_square_apart() {
         let square = rectangle([-3.0, -3.0, 3.0, 3.0]);
         let upper = rectangle([-3.0, -3.0, 3.0, 0.0]);
-        let layer = |outline: &Shape, drop_mm| {
-            Layer::Face(Face {
-                outline: outline.clone(),
-                grow_mm: 0.0,
-                outside: false,
-                drop_mm,
-                band_mm: None,
-                rounding: None,
-            })
-        };
+        let layer = |outline: &Shape, drop_mm| Layer::Face(Face { drop_mm, ..Face::of(outline.clone()) });
         let stepped = |drop_mm| Relief { layers: vec![layer(&upper, 0.0), layer(&square, drop_mm)] };
         assert!(stepped(0.0).is_half_turn_symmetric() && !stepped(0.5).is_half_turn_symmetric());
     }

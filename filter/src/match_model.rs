@@ -1,0 +1,58 @@
+//! How likely an edged touch is at a recorded view, by their cosine.
+
+use crate::simd;
+use crate::softplus::softplus;
+
+/// log(exp(d / tau) + eps) for a cosine `d` above the one that it is measured from, mostly below it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MatchModel {
+    temperature: f64,
+    /// Log of eps; -inf where no match costs all.
+    log_floor: f64,
+}
+
+impl MatchModel {
+    /// By a temperature tau and a floor eps.
+    pub fn new(temperature: f64, outlier_floor: f64) -> Self {
+        Self { temperature, log_floor: outlier_floor.ln() }
+    }
+
+    /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the reference; 0 without any.
+    pub fn log_mean(self, mut above_best: Vec<f64>) -> f64 {
+        let n = above_best.len() as f64;
+        above_best.iter_mut().for_each(|d| *d /= self.temperature);
+        let mut powers = Vec::new();
+        simd::lower(&mut above_best, 0.0, &mut powers);
+        if n > 0.0 { (simd::sum(&powers) / n + self.log_floor.exp()).ln().max(LOWEST) } else { 0.0 }
+    }
+
+    /// For one cosine.
+    pub fn log(self, above_best: f64) -> f64 {
+        let log = (above_best / self.temperature).clamp(LOWEST, HIGHEST);
+        if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log }
+    }
+
+    /// The same of many, in f32 where that is fine enough, each with `more` added.
+    pub fn logs(self, mut above_best: Vec<f32>, more: f64) -> Vec<f64> {
+        // No cosine in f32 is good to more than 1e-7, which below this temperature is a thousandth of a nat.
+        const COLDEST: f64 = 1e-4;
+        if self.temperature < COLDEST || self.log_floor == f64::NEG_INFINITY {
+            return above_best.into_iter().map(|above_best| self.log(f64::from(above_best)) + more).collect();
+        }
+        let (per_cosine, floor) = ((1.0 / self.temperature) as f32, self.log_floor as f32);
+        for value in &mut above_best {
+            let log = *value * per_cosine;
+            *value = if log < HIGHEST as f32 { log } else { HIGHEST as f32 } - floor;
+        }
+        simd::softplus(&mut above_best);
+        let more = self.log_floor + more;
+        above_best.into_iter().map(|log| more + f64::from(log)).collect()
+    }
+}
+
+/// Between recorded views a cosine may rise above the best of them, but by no more than this says anything, nats.
+const HIGHEST: f64 = 30.0;
+
+/// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite views
+/// are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
+const LOWEST: f64 = -1e12;
