@@ -84,6 +84,7 @@ pub mod simulator;
 pub mod store;
 #[cfg(feature = "datasets")]
 pub mod suggest;
+pub mod symmetry;
 pub mod touch;
 
 pub use error::{Error, FrameFault, Result};

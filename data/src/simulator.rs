@@ -15,6 +15,7 @@ use crate::sensor::gel::{Surface, TiltedPress};
 use crate::sensor::geometry::{self, ContactMask};
 use crate::sensor::optics::Optics;
 use crate::sensor::{Fidelity, SensorSpec};
+use crate::symmetry::Symmetry;
 use crate::touch::Side;
 
 pub use crate::random::frame_rng;
@@ -31,7 +32,7 @@ pub struct Simulator {
     camera: Camera,
     optics: Optics,
     sides: Vec<[OnceLock<Result<Touchable>>; 2]>,
-    symmetric: Vec<OnceLock<bool>>,
+    symmetries: Vec<OnceLock<Symmetry>>,
     /// The sensor over each MAZE board.
     sensors: Vec<OnceLock<BoardSensor>>,
 }
@@ -60,7 +61,7 @@ impl Simulator {
             camera: Camera::new(&scene.sensor),
             optics: Optics::new(&scene.sensor),
             sides: parts.iter().map(|_| Default::default()).collect(),
-            symmetric: parts.iter().map(|_| OnceLock::new()).collect(),
+            symmetries: parts.iter().map(|_| OnceLock::new()).collect(),
             sensors: parts.iter().map(|_| OnceLock::new()).collect(),
             parts,
             board_seed,
@@ -78,11 +79,11 @@ impl Simulator {
         &self.parts
     }
 
-    /// Whether a part looks the same after half a turn: its pose is then known only up to one.
-    pub fn is_half_turn_symmetric(&self, part: usize) -> bool {
+    /// The turns after which a part's peg looks the same: its pose is then known only up to them.
+    pub fn symmetry(&self, part: usize) -> Symmetry {
         let peg = || self.scene.reliefs(part, Side::Peg, self.board_seed).ok()?.into_iter().next();
-        let look = || peg().is_some_and(|peg| peg.is_half_turn_symmetric());
-        self.symmetric.get(part).is_some_and(|known| *known.get_or_init(look))
+        let look = || peg().map_or(Symmetry::NONE, |peg| peg.symmetry());
+        self.symmetries.get(part).map_or(Symmetry::NONE, |known| *known.get_or_init(look))
     }
 
     /// The sensor at rest: the mean of a few exposures.

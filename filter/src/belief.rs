@@ -11,6 +11,7 @@ use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
+use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
 
 use crate::evidence::Evidence;
@@ -229,6 +230,22 @@ impl Belief {
         (n > 0.0).then(|| sum / n / (SHARED_VARIANCE + (1.0 - SHARED_VARIANCE) / n).sqrt())
     }
 
+    /// Share of the belief in a part, 0..=1, in states whose first touch was made within `mm` of a pose or, by the part's
+    /// symmetry, of one that feels the same; a state is as wide as its cell. 0 where the part is ruled out.
+    pub fn share_near(&self, part: usize, part_from_first: &Se2, mm: f64, symmetry: &Symmetry) -> f64 {
+        let of_part = &self.masses()[part * self.grid.len()..(part + 1) * self.grid.len()];
+        let reach = mm + self.grid.xy_step_mm * std::f64::consts::FRAC_1_SQRT_2;
+        let is_near = |cell: usize| {
+            let pose = self.grid.pose(cell);
+            symmetry.nearest_twin(&pose, part_from_first).distance_mm(part_from_first) <= reach
+        };
+        // A ten-thousandth of it in the lightest states does not matter, and is most of them.
+        let all: f64 = of_part.iter().sum();
+        let least = 1e-4 * all / of_part.len() as f64;
+        let near = of_part.iter().enumerate().filter(|(cell, mass)| **mass > least && is_near(*cell));
+        if all > 0.0 { near.map(|(_, mass)| mass).sum::<f64>() / all } else { 0.0 }
+    }
+
     /// `n` states drawn from the belief, ascending, each about as often as it is probable.
     pub fn draw(&self, n: usize, rng: &mut ChaCha8Rng) -> Vec<Hypothesis> {
         let drawn = systematic(&self.masses(), n, rng.random());
@@ -322,6 +339,27 @@ mod tests {
                 (moved, Observation::new(query, edge_share))
             })
             .collect()
+    }
+
+    #[test]
+    fn two_places_that_feel_the_same_are_not_one() {
+        let mut rows = unit_rows(N_CELLS, 4);
+        let [left, right] = [-4.0, 4.0].map(|x| GRID.nearest(&Se2::new(x, 0.0, 0.0)).unwrap());
+        rows[right] = rows[left].clone();
+        let bank = bank(&[&rows]);
+        let config =
+            LikelihoodConfig { temperature: 1e-3, outlier_floor: 0.0, blank_share: 0.0, ..LikelihoodConfig::default() };
+        let touch = TouchLikelihood::new(&Observation::new(rows[left].clone(), 0.3), &bank, &config).unwrap();
+        let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
+        let near = |x: f64, mm: f64, symmetry: Symmetry| belief.share_near(0, &Se2::new(x, 0.0, 0.0), mm, &symmetry);
+        // A cell of 4 mm reaches 2.8 mm from its centre.
+        let [at_left, between] = [-4.0, 0.0].map(|x| near(x, 1.0, Symmetry::NONE));
+        assert!((at_left - 0.5).abs() < 0.01 && between < 0.01, "{at_left} {between}");
+        assert!((near(-4.0, 6.0, Symmetry::NONE) - 1.0).abs() < 0.01);
+        // By half a turn about the middle the state at the right is the place at the left, seen the other way round.
+        let half_turn = Symmetry { order: Some(2), centre_mm: [0.0; 2] };
+        let turned = Se2::new(-4.0, 0.0, std::f64::consts::PI);
+        assert!((belief.share_near(0, &turned, 1.0, &half_turn) - 0.5).abs() < 0.01);
     }
 
     /// log p(touch | state) of a touch, judged again.

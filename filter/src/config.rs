@@ -23,8 +23,9 @@ pub struct EpisodeConfig {
     pub likelihood: LikelihoodConfig,
     /// delta_prob: stop when a part is more probable than this, 0..=1, and an edge was felt. 1: never for this reason.
     pub stop_probability: f64,
-    /// To be confident the place must be known as well, to this standard deviation along x and along y, mm; positive.
-    /// `None`: sure of the part is sure enough.
+    /// To be confident the place must be known as well: the first touch's to this standard deviation along x and along y,
+    /// mm, positive, with as much of the belief in the part as `stop_probability` says within three of them. Only with a
+    /// bank fine enough to be interpolated, and `between_poses`. `None`: sure of the part is sure enough.
     pub stop_place_mm: Option<f64>,
     /// N_max: stop after this many touches, the first included; at least 1.
     pub max_touches: usize,

@@ -41,12 +41,18 @@ impl Episode {
     /// Begins with the first touch.
     ///
     /// # Errors
-    /// A config out of range, an observation of another model than the bank's, or one that no sensor makes.
+    /// A config out of range, a stop for the place with a bank that does not tell places between its poses, an
+    /// observation of another model than the bank's, or one that no sensor makes.
     pub fn begin(config: EpisodeConfig, bank: Arc<Bank>, observation: &Observation) -> Result<Self> {
         config.validate()?;
         check_model(&bank, observation)?;
         let first = TouchLikelihood::new(observation, &bank, &config.likelihood)?;
         let between = config.between_poses && config.likelihood.interpolation.is_cubic(bank.grid());
+        if let (Some(mm), false) = (config.stop_place_mm, between) {
+            let expected =
+                "poses between recorded ones and a bank fine enough to be interpolated: no other place is known";
+            return Err(Error::config("episode.stop_place_mm", expected, format!("{mm}")));
+        }
         let subdivisions = if between { config.subdivisions } else { 1 };
         let belief = Belief::new(&bank, config.engine, subdivisions, config.seed, first);
         Ok(Self { config, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
@@ -191,8 +197,10 @@ impl Episode {
         let placed = if matters { Some(self.place(part)) } else { None };
         let reason = self.config.stop(probability, placed.as_ref().and_then(|placed| placed.fit), n_touches);
         let is_placed = |placed: &Placed, mm: f64| {
-            let [[x, ..], [_, y, _], _] = placed.refined.covariance;
-            x.max(y) <= mm * mm
+            let Refined { part_from_first, covariance: [[x, ..], [_, y, _], _] } = placed.refined;
+            // Three standard deviations hold 99 % of one hill; another one farther away is a second place.
+            let near = || self.belief.share_near(part, &part_from_first, 3.0 * mm, &self.bank.symmetry(part));
+            x.max(y) <= mm * mm && near() >= self.config.stop_probability
         };
         match (reason, self.config.stop_place_mm, placed) {
             (Some(StopReason::Confident), Some(mm), Some(placed)) if !is_placed(&placed, mm) => {
@@ -285,6 +293,7 @@ mod tests {
     use super::*;
     use crate::action::{ActionConfig, ActionRule};
     use crate::belief::EngineConfig;
+    use crate::interpolation::Interpolation;
     use crate::likelihood::LikelihoodConfig;
     use crate::particle::ParticleConfig;
     use crate::synthetic::World;
@@ -451,7 +460,8 @@ mod tests {
         let eager = EpisodeConfig { stop_probability: 0.0, fit_margin: 0.0, ..never_confident(2) };
         assert_eq!(reason(eager, &reach), Some(StopReason::Confident));
         // Sure of the part, but not of the place to a micrometre; to a metre it is.
-        let placed = |mm, max_touches| EpisodeConfig { stop_place_mm: Some(mm), max_touches, ..eager };
+        let likelihood = LikelihoodConfig { interpolation: Interpolation::Cubic, ..eager.likelihood };
+        let placed = |mm, max_touches| EpisodeConfig { stop_place_mm: Some(mm), max_touches, likelihood, ..eager };
         assert_eq!(reason(placed(1e-3, 2), &reach), None);
         assert_eq!(reason(placed(1e-3, 1), &reach), Some(StopReason::TouchLimit));
         assert_eq!(reason(placed(1e3, 2), &reach), Some(StopReason::Confident));
@@ -462,6 +472,20 @@ mod tests {
         let doubtful = EpisodeConfig { none_fit: Some(0.0), none_touches: 1, ..never_confident(2) };
         let strange = EpisodeConfig { between_poses: false, ..doubtful };
         assert_ne!(reason(strange, &reach), Some(StopReason::Confident));
+    }
+
+    #[test]
+    fn no_place_is_promised_that_the_bank_cannot_tell() {
+        let world = World::new(4, GRID, 0.2, 0.02, 2);
+        let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
+        let config = EpisodeConfig { stop_place_mm: Some(0.5), ..EpisodeConfig::default() };
+        let coarse = Episode::begin(config, world.bank.clone(), &touch).unwrap_err().to_string();
+        assert!(coarse.contains("stop_place_mm") && coarse.contains("fine enough"), "{coarse}");
+        let likelihood = LikelihoodConfig { interpolation: Interpolation::Cubic, ..config.likelihood };
+        let fine = EpisodeConfig { likelihood, ..config };
+        assert!(Episode::begin(fine, world.bank.clone(), &touch).is_ok());
+        let recorded = EpisodeConfig { between_poses: false, ..fine };
+        assert!(Episode::begin(recorded, world.bank.clone(), &touch).is_err());
     }
 
     #[test]

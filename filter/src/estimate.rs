@@ -1,7 +1,7 @@
 //! What is known of a hole after the touches so far.
 
 use tactile_data::se2::Se2;
-use tactile_infer::symmetry::Symmetry;
+use tactile_data::symmetry::Symmetry;
 
 use crate::modes::Mode;
 

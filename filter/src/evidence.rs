@@ -2,14 +2,11 @@
 
 use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::Se2;
+use tactile_infer::calibration::Spread;
 
 use crate::interpolation::{LatticeWeights, ViewWeights, in_planes};
 use crate::likelihood::TouchLikelihood;
 use crate::nearest::{Nearest, nearest_view, trusted};
-
-/// Parts unlike those that were calibrated on match with so much more variance, a standard deviation of the cosine: 0.050 on
-/// outlines drawn at random instead of 0.034 on the tuning letters.
-const OTHER_PARTS: f64 = 0.0325;
 
 /// A touch, judged from every state.
 #[derive(Clone, Debug)]
@@ -128,11 +125,11 @@ impl Evidence {
         }
         let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor))?;
         let is_known = self.likelihood.is_recorded(seen.row) && (!self.cubic || seen.trust == 1.0);
-        let config = self.likelihood.config();
         let best = f64::from(self.likelihood.best_similarity);
         let scores = || {
-            let expected = [(config.matched_mean, config.matched_sd), (best - config.gap_mean, config.gap_sd)];
-            expected.map(|(mean, sd)| ((f64::from(seen.similarity) - mean) / sd.hypot(OTHER_PARTS)).max(LEAST))
+            let (matched, gap) = self.likelihood.expected(part);
+            let expected = [matched, Spread { mean: best - gap.mean, sd: gap.sd }];
+            expected.map(|Spread { mean, sd }| ((f64::from(seen.similarity) - mean) / sd).max(LEAST))
         };
         is_known.then(|| if self.likelihood.is_edged(seen.row) { scores() } else { [MISMATCH; 2] })
     }

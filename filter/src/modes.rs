@@ -2,7 +2,7 @@
 
 use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_infer::symmetry::Symmetry;
+use tactile_data::symmetry::Symmetry;
 
 use crate::belief::{Belief, Hypothesis};
 
@@ -71,7 +71,12 @@ fn merge_twins(modes: Vec<Mode>, grid: &PoseGrid, symmetry: &dyn Fn(usize) -> Sy
             let turned = wrap_angle(twin.theta_rad - b.part_from_sensor.theta_rad).to_degrees().abs();
             twin.distance_mm(&b.part_from_sensor) <= 2.0 * grid.xy_step_mm && turned <= 2.0 * grid.theta_step_deg
         };
-        a.part == b.part && symmetry(a.part).twins(&a.part_from_sensor)[1..].iter().any(near)
+        let symmetry = symmetry(a.part);
+        let is_turned = || match symmetry.order {
+            None => near(&symmetry.nearest_twin(&a.part_from_sensor, &b.part_from_sensor)),
+            Some(_) => symmetry.twins(&a.part_from_sensor)[1..].iter().any(near),
+        };
+        a.part == b.part && is_turned()
     };
     let mut merged: Vec<Mode> = Vec::new();
     for mode in modes {
@@ -165,7 +170,8 @@ mod tests {
         let turned = |mode: Mode| Mode { part_from_sensor: Se2::new(0.0, 0.0, PI) * mode.part_from_sensor, ..mode };
         let modes =
             || vec![mode(0, 0.4, 80.0), mode(1, 0.25, 80.0), turned(mode(0, 0.2, 82.0)), turned(mode(1, 0.15, 0.0))];
-        let half_turn = |part| if part == 0 { Symmetry { order: 2, centre_mm: [0.0; 2] } } else { Symmetry::NONE };
+        let half_turn =
+            |part| if part == 0 { Symmetry { order: Some(2), centre_mm: [0.0; 2] } } else { Symmetry::NONE };
         let merged = merge_twins(modes(), &PoseGrid::SMALL, &half_turn);
         assert_eq!(
             merged.iter().map(|mode| (mode.part, mode.mass)).collect::<Vec<_>>(),

@@ -8,17 +8,18 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::lamps::Lamps;
 use tactile_data::origin::Origin;
 use tactile_data::se2::Se2;
+use tactile_data::symmetry::Symmetry;
 
 use crate::checkpoint::{from_json, to_json};
 use crate::error::{Error, Result};
+use crate::matches::Matches;
 use crate::model::Model;
 use crate::neighbours::{Neighbours, neighbours};
 use crate::precision::Precision;
 use crate::rows::Rows;
 use crate::safefile::{NamedTensor, SafeFile};
-use crate::symmetry::{Symmetry, symmetry};
+use crate::symmetry::{of_declared, symmetry};
 use crate::threads;
-use crate::views::Views;
 
 /// The version of the bank's layout.
 pub const SCHEMA: &str = "tactile-filter/bank/2";
@@ -41,6 +42,7 @@ pub struct Bank {
     model_sha256: Arc<str>,
     origin: Option<Origin>,
     symmetries: Vec<Symmetry>,
+    matches: Arc<Matches>,
     neighbours: Arc<[Neighbours]>,
 }
 
@@ -57,8 +59,8 @@ impl Bank {
         model_sha256: impl Into<Arc<str>>,
     ) -> Result<Self> {
         let mut bank = Self::checked(parts, grid, rows, edge_shares, model_sha256.into())?;
-        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank.views(), part));
-        bank.neighbours = neighbours(&bank.views()).into();
+        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank, part));
+        bank.neighbours = neighbours(&bank.grid, &bank.rows).into();
         Ok(bank)
     }
 
@@ -84,7 +86,8 @@ impl Bank {
             return Err(Error::invalid(format!("bank row {row}"), "an edge share in 0..=1", got));
         }
         let (origin, missing, symmetries, neighbours) = (None, Vec::new(), Vec::new(), Arc::default());
-        Ok(Self { parts, grid, rows, edge_shares, missing, model_sha256, origin, symmetries, neighbours })
+        let matches = Arc::default();
+        Ok(Self { parts, grid, rows, edge_shares, missing, model_sha256, origin, symmetries, matches, neighbours })
     }
 
     /// The same bank, of which some rows were not recorded: the filter takes what is seen there as unknown. What they
@@ -97,7 +100,7 @@ impl Bank {
             return Ok(Self { missing, ..self });
         }
         let mut bank = self.lacking(missing)?;
-        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank.views(), part));
+        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank, part));
         Ok(bank)
     }
 
@@ -122,6 +125,45 @@ impl Bank {
         Self { origin: Some(origin), ..self }
     }
 
+    /// The same bank, with the symmetries of its parts as they are known, `[n_parts]`: from their geometry, say.
+    ///
+    /// # Errors
+    /// Another number of them, or one that no part has.
+    pub fn with_symmetries(self, symmetries: Vec<Symmetry>) -> Result<Self> {
+        if symmetries.len() != self.parts.len() || !symmetries.iter().all(Symmetry::is_valid) {
+            let got = format!("{symmetries:?}");
+            return Err(Error::invalid("symmetries", format!("one for each of {} parts", self.parts.len()), got));
+        }
+        Ok(Self { symmetries, ..self })
+    }
+
+    /// The same bank, with how well the touches of each part match its views.
+    ///
+    /// # Errors
+    /// Another number of parts, or numbers that no touches give.
+    pub fn with_matches(self, matches: Matches) -> Result<Self> {
+        matches.validate(self.parts.len())?;
+        Ok(Self { matches: Arc::new(matches), ..self })
+    }
+
+    /// The same bank, with a part that is declared to feel the same after `order` turns, or after any (`None`), about the
+    /// centre where its views fit that best.
+    ///
+    /// # Errors
+    /// A part that the bank does not hold, or no number of turns.
+    pub fn with_declared(mut self, part: &str, order: Option<usize>) -> Result<Self> {
+        let Some(index) = self.parts.iter().position(|name| name == part) else {
+            return Err(Error::invalid("symmetry", format!("one of the parts {}", self.parts.join(" ")), part));
+        };
+        if !(Symmetry { order, ..Symmetry::NONE }.is_valid()) {
+            let expected = format!("1 to {} turns, or round", Symmetry::MAX_ORDER);
+            let got = order.unwrap_or_default().to_string();
+            return Err(Error::invalid(format!("symmetry of part {part}"), expected, got));
+        }
+        self.symmetries[index] = of_declared(&self, index, order);
+        Ok(self)
+    }
+
     /// The same bank with its rows kept in another format: less memory, and cosines a little off
     /// (NOTES.md gives what each costs).
     ///
@@ -132,8 +174,10 @@ impl Bank {
             return Ok(self);
         }
         let rows = self.rows.to_precision(precision)?;
-        let bank = Self::from_rows(self.parts, self.grid, rows, self.edge_shares, self.model_sha256)?;
-        Ok(Self { origin: self.origin, ..bank.with_missing(self.missing)? })
+        let Self { parts, grid, edge_shares, model_sha256, origin, missing, symmetries, matches, .. } = self;
+        let bank = Self::checked(parts, grid, rows, edge_shares, model_sha256)?;
+        let neighbours = neighbours(&bank.grid, &bank.rows).into();
+        Ok(Self { origin, missing, symmetries, matches, neighbours, ..bank })
     }
 
     /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept.
@@ -162,7 +206,8 @@ impl Bank {
             let of_part = self.missing.iter().filter(|row| range(part).contains(*row));
             missing.extend(of_part.map(|row| row - part * n_cells + new * n_cells));
         }
-        Ok(Self { origin, missing, symmetries, neighbours, ..some })
+        let matches = Arc::new(self.matches.of_parts(parts));
+        Ok(Self { origin, missing, symmetries, matches, neighbours, ..some })
     }
 
     /// The bank without one part, by its index.
@@ -212,6 +257,9 @@ impl Bank {
             ("grid".into(), to_json(&self.grid)?),
             ("model_sha256".into(), self.model_sha256.to_string()),
         ];
+        if *self.matches != Matches::default() {
+            text.push(("matches".into(), to_json(&*self.matches)?));
+        }
         if !self.missing.is_empty() {
             text.push(("missing".into(), to_json(&self.missing)?));
         }
@@ -237,11 +285,9 @@ impl Bank {
         let grid: PoseGrid = from_json(file.text("grid")?)?;
         let model_sha256: Arc<str> = file.text("model_sha256")?.into();
         let symmetries: Vec<Symmetry> = from_json(file.text("symmetries")?)?;
-        if symmetries.len() != parts.len() || symmetries.iter().any(|symmetry| !symmetry.is_valid()) {
-            return Err(Error::invalid("symmetries", format!("one for each of {} parts", parts.len()), "others"));
-        }
         let origin = file.text("origin").ok().map(from_json).transpose()?;
         let missing: Vec<usize> = file.text("missing").ok().map(from_json).transpose()?.unwrap_or_default();
+        let matches: Option<Matches> = file.text("matches").ok().map(from_json).transpose()?;
         let mut take = |name: &str| {
             let at = file.tensors.iter().position(|tensor| tensor.name == name);
             at.map(|at| file.tensors.swap_remove(at)).ok_or_else(|| Error::invalid(name, "a tensor", "none"))
@@ -254,8 +300,12 @@ impl Bank {
             (None, _) => return Err(Error::invalid("rows", "a shape [n, dim]", format!("{:?}", rows.shape))),
         };
         let bank = Self::checked(parts, grid, rows, edge_shares.values, model_sha256)?;
-        let neighbours = neighbours(&bank.views()).into();
-        Self { origin, symmetries, neighbours, ..bank }.lacking(missing)
+        let neighbours = neighbours(&bank.grid, &bank.rows).into();
+        let bank = Self { origin, neighbours, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
+        match matches {
+            Some(matches) => bank.with_matches(matches),
+            None => Ok(bank),
+        }
     }
 
     /// Names of the parts, in row order.
@@ -323,10 +373,6 @@ impl Bank {
         self.rows.cosine(row_a, row_b)
     }
 
-    fn views(&self) -> Views<'_> {
-        Views { grid: &self.grid, rows: &self.rows, edge_shares: &self.edge_shares, missing: &self.missing }
-    }
-
     /// For each row, the share of the view that shows an edge, 0..=1; zero for a blank view.
     pub fn edge_shares(&self) -> &[f32] {
         &self.edge_shares
@@ -338,6 +384,11 @@ impl Bank {
     /// Where `part` is not below the number of parts.
     pub fn symmetry(&self, part: usize) -> Symmetry {
         self.symmetries[part]
+    }
+
+    /// How well the touches of each part match its views; empty where nothing is known of it.
+    pub fn matches(&self) -> &Arc<Matches> {
+        &self.matches
     }
 
     /// How alike each part's neighbouring views are, `[n_parts]`.
@@ -376,9 +427,12 @@ impl Bank {
 mod tests {
     use super::*;
     use crate::architecture::NetworkConfig;
+    use crate::calibration::Spread;
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
+    use crate::matches::PartMatch;
     use tactile_data::frame::Preprocessing;
+    use tactile_data::touch::Side;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 
@@ -407,6 +461,12 @@ mod tests {
         let path = folder.path().join("bank");
         for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
             let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
+            let matched =
+                Some(PartMatch { matched: Spread { mean: 0.9, sd: 0.1 }, gap: Spread { mean: 0.0, sd: 0.1 } });
+            let matches = Matches { holes: vec![matched, None, matched], pegs: vec![None; 3] };
+            let kept = kept.with_matches(matches).unwrap();
+            let kept = kept.with_declared("B", None).unwrap().with_declared("C", Some(5)).unwrap();
+            assert_eq!([0, 1, 2].map(|part| kept.symmetry(part).order), [Some(1), None, Some(5)]);
             kept.save(&path).unwrap();
             assert_eq!(Bank::load(&path, &model).unwrap(), kept);
             let without = kept.without(1).unwrap();
@@ -420,6 +480,15 @@ mod tests {
     #[test]
     fn the_bank_of_some_parts_is_the_one_made_of_their_rows() {
         let whole = bank(vec![0.2; 9], "mine").unwrap();
+        let spread = |mean| Spread { mean, sd: 0.1 };
+        let of_part = |mean| Some(PartMatch { matched: spread(mean), gap: spread(0.0) });
+        let matches = Matches { holes: vec![of_part(0.1), None, of_part(0.3)], pegs: vec![None; 3] };
+        let known = whole.clone().with_matches(matches.clone()).unwrap();
+        assert_ne!(known.sha256().unwrap(), whole.sha256().unwrap());
+        let some = known.with_parts(&[2, 0]).unwrap();
+        let of_hole = |part: usize| some.matches().of(part, Side::Hole);
+        assert_eq!([of_hole(0), of_hole(1), of_hole(2)], [of_part(0.3), of_part(0.1), None]);
+        assert!(some.with_matches(matches).unwrap_err().to_string().contains("each of 2 parts"));
         let afresh = |names: &[&str], from: usize| {
             let rows = (from..from + names.len() * 3).flat_map(|row| whole.row(row).into_owned()).collect();
             let names: Vec<String> = names.iter().map(|name| (*name).into()).collect();

@@ -119,7 +119,8 @@ impl Bank {
     pub fn cosine_at(&self, query: &[f32], part: usize, part_from_sensor: &Se2) -> Option<f32> {
         let (grid, strides) = (self.grid(), self.grid().strides());
         let axes = Around::pose(grid, part_from_sensor);
-        if axes.iter().any(|axis| axis.outside != 0.0) {
+        // Composed poses reach the border but for rounding.
+        if axes.iter().any(|axis| axis.outside.abs() > 1e-9) {
             return None;
         }
         // The row of each view that counts, and its weight: one axis after the other.

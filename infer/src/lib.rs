@@ -50,6 +50,7 @@ pub mod error;
 #[cfg(all(test, feature = "burn"))]
 mod fuzz;
 #[cfg(feature = "datasets")]
+pub mod matches;
 pub mod matching;
 pub mod model;
 pub mod neighbours;
@@ -67,9 +68,8 @@ pub mod safefile;
 pub mod similarity;
 #[cfg(feature = "sim")]
 pub mod simulated;
-pub mod symmetry;
+mod symmetry;
 mod threads;
-mod views;
 
 pub use bank::Bank;
 pub use checkpoint::Checkpoint;

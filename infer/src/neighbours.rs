@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use tactile_data::grid::PoseGrid;
+
+use crate::rows::Rows;
 use crate::threads;
-use crate::views::Views;
 
 /// For each view of one part, the cosines with those one to three steps further along each axis; 1 where the grid ends
 /// before. All of one angle, axis and distance lie together, in order of the place on the axis: neighbours are
@@ -52,10 +54,10 @@ impl Neighbours {
 }
 
 /// The neighbours of each part's views, `[n_parts]`.
-pub(crate) fn neighbours(views: &Views<'_>) -> Vec<Neighbours> {
-    let (n_xy, n_theta, n_cells) = (views.grid.n_xy(), views.grid.n_theta(), views.grid.len());
-    let strides = views.grid.strides();
-    let norms: Vec<f32> = (0..views.rows.len()).map(|row| views.rows.cosine(row, row).max(0.0).sqrt()).collect();
+pub(crate) fn neighbours(grid: &PoseGrid, rows: &Rows) -> Vec<Neighbours> {
+    let (n_xy, n_theta, n_cells) = (grid.n_xy(), grid.n_theta(), grid.len());
+    let strides = grid.strides();
+    let norms: Vec<f32> = (0..rows.len()).map(|row| rows.cosine(row, row).max(0.0).sqrt()).collect();
     let of_part = |part: usize| {
         let cosine = |view: [usize; 3], axis: usize, k: usize| {
             if view[axis] + k >= [n_xy, n_xy, n_theta][axis] {
@@ -64,10 +66,10 @@ pub(crate) fn neighbours(views: &Views<'_>) -> Vec<Neighbours> {
             let cell: usize = view.iter().zip(strides).map(|(index, stride)| index * stride).sum();
             let row = part * n_cells + cell;
             let further = row + k * strides[axis];
-            let cosine = views.rows.cosine(row, further) / (norms[row] * norms[further]);
+            let cosine = rows.cosine(row, further) / (norms[row] * norms[further]);
             if cosine.is_finite() { cosine.clamp(-1.0, 1.0) } else { 0.0 }
         };
         Neighbours::new(n_xy, n_theta, cosine)
     };
-    threads::map(views.rows.len() / n_cells, of_part)
+    threads::map(rows.len() / n_cells, of_part)
 }

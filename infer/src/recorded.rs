@@ -87,6 +87,8 @@ pub fn bank_of_dataset(
     let bank = Bank::from_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
         .and_then(|bank| bank.with_missing(missing));
     let bank = bank.map_err(|error| error.within(name))?.with_origin(origin);
+    #[cfg(feature = "sim")]
+    let bank = with_geometry(model, bank, dataset)?;
     Ok(RecordedBank { bank, notes: notes.lines })
 }
 
@@ -203,6 +205,19 @@ fn origin(dataset: &Dataset, parts: &[String]) -> Origin {
     let part = |name: &String| PartOrigin { name: name.clone(), size_mm: None };
     let sensor = SensorOrigin { field_of_view_mm, light: None, is_relit: meta.lamps.is_some() };
     Origin { name: meta.name.clone(), parts: parts.iter().map(part).collect(), sensor }
+}
+
+/// A bank of a simulated dataset with what its parts' geometry tells.
+#[cfg(feature = "sim")]
+fn with_geometry(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank> {
+    let meta = dataset.meta();
+    let (Some(scene), Some(seed)) = (meta.scene.clone(), meta.seed) else { return Ok(bank) };
+    let Ok(scene) = serde_json::from_value(scene) else { return Ok(bank) };
+    let simulator = tactile_data::simulator::Simulator::new(scene, seed)?;
+    if bank.parts().iter().all(|part| simulator.parts().contains(part)) {
+        return crate::simulated::with_geometry(model, bank, &simulator, seed);
+    }
+    Ok(bank)
 }
 
 /// What the network sees of some frames of a dataset, in their order.

@@ -17,6 +17,7 @@ pub mod relief;
 pub mod solid;
 pub mod stl;
 pub mod svg;
+mod symmetry;
 
 pub use height_map::HeightMap;
 pub use raster::Raster;

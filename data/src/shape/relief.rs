@@ -1,10 +1,7 @@
 //! One side of a part as the gel meets it: faces at several heights, or a height map.
 
+use super::Shape;
 use super::height_map::HeightMap;
-use super::{Raster, Shape};
-
-/// Deepest drop that counts when two halves of a side are compared, mm: what is lower is hardly touched.
-const LOOK_MM: f32 = 1.0;
 
 /// One side of one part, seen from the sensor. Where there is no layer it is open and never touched.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -128,84 +125,9 @@ impl Relief {
             .iter()
             .all(|layer| matches!(layer, Layer::Face(face) if face.drop_mm == 0.0 && face.rounding.is_none()))
     }
-
-    /// Whether the side looks the same after half a turn about the part's centre (a peg of I, N and O does),
-    /// to 1 % of what differs from the open or the bare plate round it.
-    pub fn is_half_turn_symmetric(&self) -> bool {
-        let bounds = self.layers.iter().flat_map(|layer| match layer {
-            Layer::Face(face) => face.outline.bounds(),
-            Layer::Heights(map) => map.bounds(),
-        });
-        let half = bounds.map(f64::abs).fold(0.0, f64::max);
-        if half == 0.0 {
-            return true;
-        }
-        // Heights above the deepest that counts, as a share of it: coverage for a flat peg.
-        let (half_mm, cell_mm) = (1.05 * half, half / 100.0);
-        let n = (2.0 * half_mm / cell_mm).ceil() as usize;
-        let mut values = vec![0.0_f32; n * n];
-        let rise = |drop_mm: f32| (1.0 - drop_mm / LOOK_MM).max(0.0);
-        let mut around = 0.0;
-        for layer in &self.layers {
-            match layer {
-                Layer::Face(face) => {
-                    let height = rise(face.drop_mm as f32);
-                    around = if face.outside { height.max(around) } else { around };
-                    let covered = Raster::coverage(&face.outline, half_mm, cell_mm);
-                    for (value, covered) in values.iter_mut().zip(covered.values) {
-                        *value = value.max(height * if face.outside { 1.0 - covered } else { covered });
-                    }
-                }
-                Layer::Heights(map) => {
-                    let centre = |i: usize| (i as f64 + 0.5 - 0.5 * n as f64) * cell_mm;
-                    for (i, value) in values.iter_mut().enumerate() {
-                        *value = value.max(map.drop_at([centre(i % n), centre(i / n)]).map_or(0.0, rise));
-                    }
-                }
-            }
-        }
-        let differs: f32 = values.iter().zip(values.iter().rev()).map(|(a, b)| (a - b).abs()).sum();
-        differs < 0.01 * values.iter().map(|value| (value - around).abs()).sum::<f32>()
-    }
 }
 
 /// A rectangle as an outline, from `[x_min, y_min, x_max, y_max]` in mm.
 pub fn rectangle([x_min, y_min, x_max, y_max]: [f64; 4]) -> Shape {
     Shape { regions: vec![vec![vec![[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]]]] }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::shape::glyph::glyph;
-
-    #[test]
-    fn letters_that_look_alike_upside_down_are_known_on_both_sides() {
-        let symmetric = |side: fn(Shape) -> Relief| -> String {
-            ('A'..='Z').filter(|c| side(glyph(*c, 32.0, 40.0).unwrap()).is_half_turn_symmetric()).collect()
-        };
-        // This font draws H, S, X and Z a little heavier at the foot: their halves differ.
-        assert_eq!(symmetric(Relief::peg), "INO");
-        assert_eq!(symmetric(|outline| Relief::hole(outline, 0.15)), "INO");
-    }
-
-    #[test]
-    fn a_step_tells_the_halves_of_a_square_apart() {
-        let square = rectangle([-3.0, -3.0, 3.0, 3.0]);
-        let upper = rectangle([-3.0, -3.0, 3.0, 0.0]);
-        let layer = |outline: &Shape, drop_mm| Layer::Face(Face { drop_mm, ..Face::of(outline.clone()) });
-        let stepped = |drop_mm| Relief { layers: vec![layer(&upper, 0.0), layer(&square, drop_mm)] };
-        assert!(stepped(0.0).is_half_turn_symmetric() && !stepped(0.5).is_half_turn_symmetric());
-    }
-
-    #[test]
-    fn a_measured_surface_is_judged_by_its_heights() {
-        let map = |height: fn(f64, f64) -> f64| {
-            let at = |i: usize| (i as f64 - 29.5) * 0.1;
-            let heights: Vec<f32> = (0..3_600).map(|i| height(at(i % 60), at(i / 60)) as f32).collect();
-            Relief { layers: vec![Layer::Heights(HeightMap::new([60, 60], [0.1, 0.1], &heights).unwrap())] }
-        };
-        assert!(map(|x, y| x * y).is_half_turn_symmetric());
-        assert!(!map(|x, _| 0.2 * x).is_half_turn_symmetric());
-    }
 }

@@ -3,9 +3,9 @@
 use std::ffi::c_char;
 
 use tactile_data::se2::Se2;
+use tactile_data::symmetry::Symmetry;
 use tactile_filter::modes::Mode;
 use tactile_filter::{Decision, Estimate, StopReason, Warning};
-use tactile_infer::symmetry::Symmetry;
 
 use crate::model::Parts;
 use crate::pointer::{fill, get};
@@ -76,6 +76,9 @@ impl From<StopReason> for tf_stop {
     }
 }
 
+/// tf_estimate.symmetry_order of a round part, which feels the same after any turn.
+pub const TF_ROUND: usize = 360;
+
 /// Bit of tf_estimate.warnings: no edged touch looks like any recorded view; perhaps none of these parts.
 pub const TF_WARNING_LOW_SIMILARITY: u32 = 1;
 /// Bit of tf_estimate.warnings: every touch was blank, no edge was ever seen.
@@ -109,7 +112,8 @@ pub struct tf_estimate {
     pub log_evidence: f64,
     /// Touches taken in.
     pub n_touches: usize,
-    /// Turns by 360 degrees / symmetry_order about the centre change nothing that can be felt; 1: only the full turn.
+    /// Turns by 360 degrees / symmetry_order about the centre change nothing that can be felt; 1: only the full turn does
+    /// so; TF_ROUND: any turn.
     pub symmetry_order: usize,
     /// That centre along x and y in the part's frame, mm.
     pub symmetry_centre_mm: [f64; 2],
@@ -165,7 +169,7 @@ impl tf_estimate {
             entropy_nats: estimate.entropy_nats,
             log_evidence: estimate.log_evidence,
             n_touches: estimate.n_touches,
-            symmetry_order: estimate.symmetry.order,
+            symmetry_order: estimate.symmetry.order.unwrap_or(TF_ROUND),
             symmetry_centre_mm: estimate.symmetry.centre_mm,
         })
     }
@@ -243,7 +247,8 @@ pub struct tf_state {
 }
 
 /// The poses that touch cannot tell from an estimate's, itself first: insert at any of them.
-/// \param required  where their number goes, symmetry_order; with a capacity of 0 nothing else is written
+/// \param required  where their number goes, symmetry_order, or 36 of a round part; with a capacity of 0
+///                  nothing else is written
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_estimate_twins(
     estimate: *const tf_estimate,
@@ -251,15 +256,14 @@ pub unsafe extern "C" fn tf_estimate_twins(
     capacity: usize,
     required: *mut usize,
 ) -> tf_status {
-    /// More turns than any symmetry that a bank knows.
-    const MAX_ORDER: usize = 360;
     call(|| unsafe {
         let estimate = get(estimate, "estimate")?;
-        let order = estimate.symmetry_order;
-        if !(1..=MAX_ORDER).contains(&order) {
-            return Err(Failure::argument("estimate.symmetry_order", format!("1 to {MAX_ORDER}"), order));
-        }
+        let order = Some(estimate.symmetry_order).filter(|order| *order != TF_ROUND);
         let symmetry = Symmetry { order, centre_mm: estimate.symmetry_centre_mm };
+        if !symmetry.is_valid() {
+            let expected = format!("1 to {} or TF_ROUND, and a finite centre", Symmetry::MAX_ORDER);
+            return Err(Failure::argument("estimate.symmetry_order", expected, estimate.symmetry_order));
+        }
         let twins: Vec<tf_pose> =
             symmetry.twins(&estimate.part_from_sensor.into()).into_iter().map(Into::into).collect();
         fill(&twins, buffer, capacity, required)

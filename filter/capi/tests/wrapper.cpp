@@ -46,5 +46,7 @@ int main()
     estimate.symmetry_order = 2;
     const auto twins = tf::twins(estimate);
     expect(twins.ok() && twins.value().size() == 2);
+    estimate.symmetry_order = TF_ROUND;
+    expect(tf::twins(estimate).ok() && tf::twins(estimate).value().size() == 36);
     return n_wrong;
 }

@@ -265,15 +265,9 @@ pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Scored {
 }
 
 fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>) -> Scored {
-    let truth = hole.part_from_first();
-    let half_turn = Se2::new(0.0, 0.0, std::f64::consts::PI);
-    let twins = [Some(truth), hole.is_symmetric().then_some(half_turn * truth)];
-    let off = |pose: Se2| {
-        let turned = wrap_angle(pose.theta_rad - part_from_first.theta_rad).to_degrees().abs();
-        (pose.distance_mm(&part_from_first), turned)
-    };
-    let nearer = |a: (f64, f64), b: (f64, f64)| if b.0 + b.1 < a.0 + a.1 { b } else { a };
-    let (xy_mm, theta_deg) = twins.into_iter().flatten().map(off).fold((f64::INFINITY, f64::INFINITY), nearer);
+    let truth = hole.symmetry().nearest_twin(&hole.part_from_first(), &part_from_first);
+    let xy_mm = truth.distance_mm(&part_from_first);
+    let theta_deg = wrap_angle(truth.theta_rad - part_from_first.theta_rad).to_degrees().abs();
     let right = part == hole.part();
     let same_cell = xy_mm < 0.5 * grid.xy_step_mm && theta_deg < 0.5 * grid.theta_step_deg;
     Scored { right, exact_cell: right && same_cell, xy_mm, theta_deg, ..Scored::default() }

@@ -5,6 +5,7 @@ use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::simulator::frame_rng;
+use tactile_data::symmetry::Symmetry;
 use tactile_filter::action::Action;
 use tactile_filter::{Observation, Sensor};
 
@@ -16,7 +17,7 @@ use crate::result::Poses;
 pub struct Hole<'a> {
     holes: Holes<'a>,
     part: usize,
-    symmetric: bool,
+    symmetry: Symmetry,
     first: Se2,
     part_from_sensor: Se2,
     seed: u64,
@@ -47,14 +48,14 @@ impl<'a> Hole<'a> {
                 (0, at)
             }
         };
-        let symmetric = holes.is_symmetric(part);
-        Self { holes, part, symmetric, first, part_from_sensor: first, seed, stream, frame, touched: Vec::new() }
+        let symmetry = holes.symmetry(part);
+        Self { holes, part, symmetry, first, part_from_sensor: first, seed, stream, frame, touched: Vec::new() }
     }
 
     /// The simulated hole of one part; the pose follows from the seed and the episode's number.
     pub fn of_part(holes: Holes<'a>, part: usize, grid: &PoseGrid, seed: u64, episode: usize) -> Self {
-        let symmetric = holes.is_symmetric(part);
-        Self { part, symmetric, ..Self::new(holes, grid, Poses::OffGrid, seed, episode) }
+        let symmetry = holes.symmetry(part);
+        Self { part, symmetry, ..Self::new(holes, grid, Poses::OffGrid, seed, episode) }
     }
 
     /// Name of the part whose hole this is.
@@ -72,9 +73,9 @@ impl<'a> Hole<'a> {
         self.part
     }
 
-    /// Whether the part looks the same after half a turn.
-    pub fn is_symmetric(&self) -> bool {
-        self.symmetric
+    /// The turns after which the part looks the same.
+    pub fn symmetry(&self) -> Symmetry {
+        self.symmetry
     }
 
     /// Number of the episode's stream of random draws.

@@ -8,6 +8,7 @@ use tactile_data::lamps::Lamps;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
+use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_filter::Sensor;
 use tactile_infer::{Bank, Model};
@@ -33,7 +34,7 @@ pub struct RecordedHoles {
     /// The frames of each part's hole.
     frames: Vec<Vec<usize>>,
     /// Whether the bank has found each part to look the same after half a turn.
-    symmetric: Vec<bool>,
+    symmetries: Vec<Symmetry>,
     notes: Vec<String>,
 }
 
@@ -68,8 +69,8 @@ impl RecordedHoles {
         if n_unknown > 0 {
             notes.push(format!("{n_unknown} touches of {side}s are not used: part or pose is not known"));
         }
-        let symmetric = (0..parts.len()).map(|part| bank.symmetry(part).order.is_multiple_of(2)).collect();
-        Ok(Self { dataset, side, parts, frames, symmetric, notes })
+        let symmetries = (0..parts.len()).map(|part| bank.symmetry(part)).collect();
+        Ok(Self { dataset, side, parts, frames, symmetries, notes })
     }
 
     /// The recording.
@@ -154,11 +155,11 @@ impl<'a> Holes<'a> {
         matches!(self, Self::Recorded(_))
     }
 
-    /// Whether a part looks the same after half a turn: by its outline, or of a recording by the bank's own views.
-    pub fn is_symmetric(&self, part: usize) -> bool {
+    /// The turns after which a part looks the same: by its geometry, or of a recording as the bank has it.
+    pub fn symmetry(&self, part: usize) -> Symmetry {
         match self {
-            Self::Simulated(simulator, _) => simulator.is_half_turn_symmetric(part),
-            Self::Recorded(recorded) => recorded.symmetric[part],
+            Self::Simulated(simulator, _) => simulator.symmetry(part),
+            Self::Recorded(recorded) => recorded.symmetries[part],
         }
     }
 

@@ -32,8 +32,8 @@ pub struct Replayed {
     pub probability: f64,
     /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
     pub part_from_sensor: [f64; 3],
-    /// Turns of the part, none among them, that feel the same: 1 for a part without symmetry.
-    pub symmetry_order: usize,
+    /// Turns of the part, none among them, that feel the same: 1 for a part without symmetry; `None`: any turn.
+    pub symmetry_order: Option<usize>,
     /// The part that was touched, where the recording says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<String>,

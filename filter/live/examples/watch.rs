@@ -94,7 +94,7 @@ fn touch(n: usize) -> Pressed {
 
 fn messages(n: usize, time_s: f64) -> Vec<Message> {
     let message = |time_s, level, text: &str| Message { time_s, level, text: text.into() };
-    let mut messages = vec![message(0.0, Level::Info, "model 3dea8e13f76b, bank of 12 parts, seed 1")];
+    let mut messages = vec![message(0.0, Level::Info, "model a8f8e6c56406, bank of 12 parts, seed 1")];
     if n >= FAULT {
         let at = FAULT as f64 * STEP_S;
         messages.push(message(at, Level::Warning, "camera: saturated frames, mean 243 of 255; touch again"));

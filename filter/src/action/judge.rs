@@ -207,6 +207,8 @@ struct Pairing<'a> {
     bank: &'a Bank,
     /// Mean of [`Self::similarity`] over two edged views at random.
     average: f64,
+    /// What a state whose view is unknown adds where an edged one would be seen.
+    unknown: f64,
 }
 
 impl<'a> Pairing<'a> {
@@ -217,12 +219,19 @@ impl<'a> Pairing<'a> {
         let shares = bank.edge_shares();
         let is_edged = |row: &usize| !likelihood.is_blank(shares[*row]) && bank.is_recorded(*row);
         let edged: Vec<usize> = (0..shares.len()).filter(is_edged).collect();
-        let mut pairing = Self { rule, likelihood, bank, average: 1.0 };
+        let mut pairing = Self { rule, likelihood, bank, average: 1.0, unknown: 1.0 };
         if !edged.is_empty() {
             let mut any = || edged[rng.random_range(0..edged.len())];
             let similarities = (0..Self::N_SAMPLED).map(|_| pairing.similarity(any(), any()));
             pairing.average = similarities.sum::<f64>() / Self::N_SAMPLED as f64;
         }
+        pairing.unknown = match (rule, likelihood.unknown_similarity) {
+            (ActionRule::Paper, _) => pairing.average,
+            (_, Some(cosine)) if likelihood.interpolation.is_cubic(bank.grid()) => {
+                pairing.likely(cosine) / pairing.average
+            }
+            _ => 1.0,
+        };
         pairing
     }
 
@@ -232,14 +241,18 @@ impl<'a> Pairing<'a> {
         let cosine = f64::from(self.bank.peg_similarity(row_a, row_b)).clamp(-1.0, 1.0);
         match self.rule {
             ActionRule::Paper => (-(cosine + 1.0) / self.likelihood.temperature).exp(),
-            _ => ((cosine - 1.0) / self.likelihood.temperature).exp() + self.likelihood.outlier_floor,
+            _ => self.likely(cosine),
         }
     }
 
-    /// What a state whose recorded view (row, trust) is `view` adds, where row `touched` would be seen. An
-    /// unknown view adds the average.
+    /// The filter's likelihood of a view of this cosine, relative to that of the same view.
+    fn likely(&self, cosine: f64) -> f64 {
+        ((cosine - 1.0) / self.likelihood.temperature).exp() + self.likelihood.outlier_floor
+    }
+
+    /// What a state whose recorded view (row, trust) is `view` adds, where the edged row `touched` would be seen.
     fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
-        let Some((row, trust)) = view else { return if self.rule == ActionRule::Paper { self.average } else { 1.0 } };
+        let Some((row, trust)) = view else { return self.unknown };
         if self.rule == ActionRule::Paper {
             return self.similarity(row, touched);
         }
@@ -250,7 +263,7 @@ impl<'a> Pairing<'a> {
             (true, true) => agreement,
             _ => 1.0 - agreement,
         };
-        trust * ratio + 1.0 - trust
+        trust * ratio + (1.0 - trust) * self.unknown
     }
 }
 
@@ -260,6 +273,7 @@ mod tests {
     use super::super::{ActionConfig, judge};
     use super::*;
     use crate::belief::{Belief, EngineConfig};
+    use crate::interpolation::Interpolation;
     use crate::likelihood::TouchLikelihood;
     use crate::observation::Observation;
     use rand::SeedableRng;
@@ -275,6 +289,26 @@ mod tests {
             assert!((pairing.value(Some((row, 1.0)), 2) - (-(cosine + 1.0) / 0.5).exp()).abs() < 1e-6);
         }
         assert_eq!(pairing.value(None, 2), pairing.average);
+    }
+
+    #[test]
+    fn an_unknown_view_is_worth_what_the_filter_takes_it_for_where_views_are_interpolated() {
+        let bank = bank(0.2);
+        let fine = LikelihoodConfig { interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
+        let unknown = |rule, likelihood: &LikelihoodConfig| {
+            let pairing = Pairing::new(rule, likelihood, &bank, &mut ChaCha8Rng::seed_from_u64(1));
+            (pairing.value(None, 2), pairing.average)
+        };
+        let (got, average) = unknown(ActionRule::Information, &fine);
+        let cosine = fine.unknown_similarity.unwrap();
+        let likely = ((cosine - 1.0) / fine.temperature).exp() + fine.outlier_floor;
+        assert!((got - likely / average).abs() < 1e-12 && got < 1.0, "{got}");
+        // An average one, where none are interpolated or nothing is known of them.
+        let coarse = LikelihoodConfig { interpolation: Interpolation::Nearest, ..fine };
+        let average_one = LikelihoodConfig { unknown_similarity: None, ..fine };
+        assert_eq!([coarse, average_one].map(|likelihood| unknown(ActionRule::Information, &likelihood).0), [1.0; 2]);
+        let (paper, average) = unknown(ActionRule::Paper, &fine);
+        assert_eq!(paper, average);
     }
 
     const X: [f32; 3] = [1.0, 0.0, 0.0];

@@ -7,6 +7,7 @@ mod embed;
 mod speed;
 
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
@@ -19,8 +20,9 @@ use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::Side;
 use tactile_infer::bank::Bank;
+use tactile_infer::matches::PartMatch;
 use tactile_infer::matching::{Touched, match_single_touches};
-use tactile_infer::recorded::{BankPoses, bank_of_dataset};
+use tactile_infer::recorded::{BankPoses, bank_of_dataset, parts_on_grid};
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
@@ -155,6 +157,9 @@ struct BankArgs {
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// A part feels the same after N turns, or is round; else its geometry tells, or of recorded touches their likeness
+    #[arg(long = "symmetry", value_name = "PART=N|round", value_delimiter = ',')]
+    symmetries: Vec<Declared>,
     #[command(flatten)]
     rows: RowsArgs,
     #[command(flatten)]
@@ -162,6 +167,27 @@ struct BankArgs {
     /// With --scene: draws jitter and noise
     #[arg(long, default_value_t = 1, help_heading = "Poses")]
     seed: u64,
+}
+
+/// A symmetry that the user declares.
+#[derive(Clone, Debug)]
+struct Declared {
+    part: String,
+    /// `None`: round.
+    order: Option<usize>,
+}
+
+impl FromStr for Declared {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (part, order) = text.rsplit_once('=').ok_or("expected PART=N or PART=round, as in --symmetry gear=12")?;
+        let order = match order {
+            "round" => None,
+            number => Some(number.parse().map_err(|_| format!("expected a number of turns or round, got {number}"))?),
+        };
+        Ok(Self { part: part.into(), order })
+    }
 }
 
 #[derive(Args)]
@@ -204,6 +230,9 @@ impl Cli {
     }
 }
 
+/// Parts whose holes match their own views by less than this are worth a word: letters do by 0.9, a stranger by 0.8.
+const LOW_MATCH: f64 = 0.8;
+
 fn bank(args: &BankArgs) -> Result<()> {
     let data_files = args.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
     let scene_file = args.scene.as_ref().map(PathBuf::from);
@@ -211,10 +240,15 @@ fn bank(args: &BankArgs) -> Result<()> {
     output::prepare_file(&args.out, data_files.chain(read))?;
     let model = args.model.load()?;
     let bank = match (&args.data, &args.scene) {
-        (Some(data), _) => embed_pegs(&model, &Dataset::open(data)?, &args.poses)?,
+        (Some(data), _) => {
+            let dataset = Dataset::open(data)?;
+            check_declared(&args.symmetries, &parts_on_grid(&dataset, args.poses.poses()?)?)?;
+            embed_pegs(&model, &dataset, &args.poses)?
+        }
         (_, scene) => simulate(args, &model, scene.as_deref().unwrap_or_default())?,
     };
-    let bank = bank.with_precision(args.rows.rows)?;
+    let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
+    let bank = args.symmetries.iter().try_fold(bank.with_precision(args.rows.rows)?, declare)?;
     bank.save(&args.out)?;
     let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
     println!(
@@ -226,14 +260,38 @@ fn bank(args: &BankArgs) -> Result<()> {
         bank.rows().n_bytes() as f64 / 1e6
     );
     let symmetric = |part: usize| {
-        let order = bank.symmetry(part).order;
-        (order > 1).then(|| format!("{} after {} degrees", bank.parts()[part], 360 / order))
+        let name = &bank.parts()[part];
+        match bank.symmetry(part).order {
+            Some(1) => None,
+            Some(order) => Some(format!("{name} after {:.0} degrees", 360.0 / order as f64)),
+            None => Some(format!("{name} after any turn")),
+        }
     };
     let symmetric: Vec<_> = (0..n_parts).filter_map(symmetric).collect();
     if !symmetric.is_empty() {
         println!("feels the same turned: {}", symmetric.join(", "));
     }
+    for (part, name) in bank.parts().iter().enumerate() {
+        if let Some(PartMatch { matched, .. }) =
+            bank.matches().of(part, Side::Hole).filter(|of| of.matched.mean < LOW_MATCH)
+        {
+            let mean = matched.mean;
+            eprintln!(
+                "note: part {name}: its hole hardly feels like its peg (cosine {mean:.2} on average); often mistaken"
+            );
+        }
+    }
     Ok(())
+}
+
+/// Refuses a symmetry of a part that will not be there, before the work.
+fn check_declared(declared: &[Declared], parts: &[String]) -> Result<()> {
+    match declared.iter().find(|declared| !parts.contains(&declared.part)) {
+        Some(odd) => {
+            Err(Error::invalid("--symmetry", format!("one of the parts {}", parts.join(" ")), odd.part.clone()))
+        }
+        None => Ok(()),
+    }
 }
 
 /// A bank of recorded pegs; what it lacks is said.
@@ -256,6 +314,7 @@ fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
         reach.theta_step_deg = args.poses.theta_step_deg.unwrap_or(reach.theta_step_deg);
     }
     scene.validate()?;
+    check_declared(&args.symmetries, &scene.part_names())?;
     let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
     let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
     output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;

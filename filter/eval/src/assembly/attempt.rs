@@ -36,7 +36,7 @@ pub struct Attempt {
     pub went_in: bool,
     /// How far from the hole's centre the peg was brought, mm, the grasp error included.
     pub xy_mm: f64,
-    /// How far it was turned against the hole, degrees, modulo the part's own half turn.
+    /// How far it was turned against the hole, degrees, modulo the part's symmetry.
     pub theta_deg: f64,
     /// Milliseconds of each touch from its frame to the decision what to do next, `[n_touches]`.
     pub decision_ms: Vec<f64>,

@@ -16,6 +16,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::shape::Shape;
 use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, StopReason};
 use tactile_infer::Bank;
@@ -189,8 +190,7 @@ impl<'a> Workcell<'a> {
             .ok_or_else(|| Error::invalid("estimate", "a part of the scene", estimate.part.clone()))?;
         let hole_from_peg = brought(&hole.part_from_sensor(), &estimate.part_from_sensor, held_from_peg);
         let (opening, clearance_mm) = &self.openings[part];
-        let half_turn = self.simulator.is_half_turn_symmetric(part);
-        let (xy_mm, theta_deg) = error(&hole_from_peg, half_turn);
+        let (xy_mm, theta_deg) = error(&hole_from_peg, &self.simulator.symmetry(part));
         Ok(Attempt {
             part,
             named,
@@ -219,10 +219,10 @@ fn brought(part_from_sensor: &Se2, believed_from_sensor: &Se2, held_from_peg: &S
     *part_from_sensor * believed_from_sensor.inverse() * *held_from_peg
 }
 
-/// How far a peg is off its hole, mm and degrees, to the nearer of two twins where it has one.
-fn error(hole_from_peg: &Se2, half_turn: bool) -> (f64, f64) {
-    let turned = wrap_angle(hole_from_peg.theta_rad).to_degrees().abs();
-    (hole_from_peg.distance_mm(&Se2::IDENTITY), if half_turn { turned.min(180.0 - turned) } else { turned })
+/// How far a peg is off its hole, mm and degrees, to the nearest of its twins.
+fn error(hole_from_peg: &Se2, symmetry: &Symmetry) -> (f64, f64) {
+    let twin = symmetry.nearest_twin(&Se2::IDENTITY, hole_from_peg);
+    (hole_from_peg.distance_mm(&twin), wrap_angle(hole_from_peg.theta_rad - twin.theta_rad).to_degrees().abs())
 }
 
 #[cfg(test)]
@@ -288,17 +288,19 @@ mod tests {
         assert!((off.x_mm + 2.0).abs() < 1e-12 && off.y_mm.abs() < 1e-12);
         // Turned about the sensor by 10 degrees, the part's centre moves on an arc: 2 r sin(5 degrees).
         let believed = truth * Se2::from_degrees(0.0, 0.0, 10.0);
-        let (mm, deg) = error(&brought(&truth, &believed, &Se2::IDENTITY), false);
+        let (mm, deg) = error(&brought(&truth, &believed, &Se2::IDENTITY), &Symmetry::NONE);
         let arc = 2.0 * 58_f64.sqrt() * 5_f64.to_radians().sin();
         assert!((mm - arc).abs() < 1e-12 && (deg - 10.0).abs() < 1e-9);
     }
 
     #[test]
     fn an_error_is_to_the_nearer_twin() {
-        let off = |deg: f64, half_turn| error(&Se2::from_degrees(0.3, 0.4, deg), half_turn).1;
-        assert!((off(-178.0, true) - 2.0).abs() < 1e-9 && (off(-178.0, false) - 178.0).abs() < 1e-9);
-        assert!((off(3.0, true) - 3.0).abs() < 1e-9);
-        assert_eq!(error(&Se2::new(0.3, 0.4, PI), true).0, 0.5);
+        let of = |order| Symmetry { order, ..Symmetry::NONE };
+        let off = |deg: f64, order| error(&Se2::from_degrees(0.3, 0.4, deg), &of(order)).1;
+        assert!((off(-178.0, Some(2)) - 2.0).abs() < 1e-9 && (off(-178.0, Some(1)) - 178.0).abs() < 1e-9);
+        assert!((off(3.0, Some(2)) - 3.0).abs() < 1e-9 && (off(74.0, Some(5)) - 2.0).abs() < 1e-9);
+        assert!(off(74.0, None) < 1e-9);
+        assert!((error(&Se2::new(0.3, 0.4, PI), &of(Some(2))).0 - 0.5).abs() < 1e-12);
     }
 
     #[test]

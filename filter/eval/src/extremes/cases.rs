@@ -4,10 +4,10 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
 use tactile_infer::precision::Precision;
 use tactile_infer::rows::Rows;
-use tactile_infer::symmetry::Symmetry;
 
 use super::case::{Case, Group};
 use super::reference::{Pose, Touch, log_posterior};

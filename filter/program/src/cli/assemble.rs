@@ -15,7 +15,7 @@ use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
 use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
-use tactile_infer::Model;
+use tactile_infer::{Bank, Model};
 
 use super::arguments::{Engine, Inputs, Output, Seeds, command_line, positive, to_json};
 use super::tuning::Tuning;
@@ -64,7 +64,7 @@ impl Assemble {
         let simulator = Simulator::new(Scene::load(&self.scene)?, 1)?;
         let holes = Holes::Simulated(&simulator, Side::Hole);
         let sensor = holes.sensor(&model, &holes.at_rest(&self.seeds.seeds))?;
-        let config = self.config(&simulator, &model)?;
+        let config = self.config(&simulator, &model, &bank)?;
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
         self.output.prepare(FILES[0], FILES[1], &self.inputs.files(&self.scene))?;
@@ -93,13 +93,15 @@ impl Assemble {
         Ok(())
     }
 
-    fn config(&self, simulator: &Simulator, model: &Arc<Model>) -> Result<EpisodeConfig> {
+    fn config(&self, simulator: &Simulator, model: &Arc<Model>, bank: &Bank) -> Result<EpisodeConfig> {
         let mut config = self.tuning.config(Engine::Exact, ActionRule::Information, model, Side::Hole)?;
         if !self.strangers {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             config.none_touches = config.max_touches + 1;
         }
-        config.stop_place_mm = Some(self.place_mm.unwrap_or(0.5 * simulator.scene().clearance_mm));
+        let by_play = 0.5 * simulator.scene().clearance_mm;
+        let tells_places = config.likelihood.interpolation.is_cubic(bank.grid());
+        config.stop_place_mm = self.place_mm.or(tells_places.then_some(by_play));
         Ok(config)
     }
 

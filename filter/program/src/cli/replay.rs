@@ -128,8 +128,11 @@ impl Replay {
         }
         let [x, y, theta] = replayed.part_from_sensor;
         let truth = replayed.truth.as_ref().map_or(String::new(), |part| format!(", truth {part}"));
-        let order = replayed.symmetry_order;
-        let twins = if order > 1 { format!(" or turned by {} deg", 360 / order) } else { String::new() };
+        let twins = match replayed.symmetry_order {
+            None => " or at any angle".to_string(),
+            Some(1) => String::new(),
+            Some(order) => format!(" or turned by {:.0} deg", 360.0 / order as f64),
+        };
         println!(
             "episode {number}: {} touches, {} with {:.1} %, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
             replayed.frames.len(),
