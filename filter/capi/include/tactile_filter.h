@@ -27,6 +27,11 @@
 #define TF_ABI_VERSION 1
 
 /**
+ * tf_estimate.symmetry_order of a round part, which feels the same after any turn.
+ */
+#define TF_ROUND 360
+
+/**
  * Bit of tf_estimate.warnings: no edged touch looks like any recorded view; perhaps none of these parts.
  */
 #define TF_WARNING_LOW_SIMILARITY 1
@@ -394,7 +399,8 @@ typedef struct tf_estimate {
      */
     size_t n_touches;
     /**
-     * Turns by 360 degrees / symmetry_order about the centre change nothing that can be felt; 1: only the full turn.
+     * Turns by 360 degrees / symmetry_order about the centre change nothing that can be felt; 1: only the full turn does
+     * so; TF_ROUND: any turn.
      */
     size_t symmetry_order;
     /**
@@ -729,7 +735,8 @@ struct tf_pose tf_pose_inverse(struct tf_pose a_from_b);
 
 /**
  * The poses that touch cannot tell from an estimate's, itself first: insert at any of them.
- * \param required  where their number goes, symmetry_order; with a capacity of 0 nothing else is written
+ * \param required  where their number goes, symmetry_order, or 36 of a round part; with a capacity of 0
+ *                  nothing else is written
  */
 enum tf_status tf_estimate_twins(const struct tf_estimate *estimate,
                                  struct tf_pose *buffer,

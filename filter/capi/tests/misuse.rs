@@ -293,8 +293,10 @@ fn a_touch_of_the_other_side_is_refused() {
         let mut config = world.config;
         let size = size_of::<tf_episode_config>();
         assert_eq!(tf_episode_config_of_side(world.model, 7, size, &mut config), tf_status::Argument);
-        // Nothing was measured of this model: pegs are believed as holes are.
+        // The shipped model was calibrated on either side, and a peg looks more like a peg.
         ok(tf_episode_config_of_side(world.model, tf_side::Peg as u32, size, &mut config));
+        assert!(config.matched_mean > world.config.matched_mean && config.temperature < world.config.temperature);
+        ok(tf_episode_config_of_side(world.model, tf_side::Hole as u32, size, &mut config));
         assert_eq!(config, world.config);
         tf_observation_free(peg);
         tf_sensor_free(sensor);
