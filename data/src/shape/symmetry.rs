@@ -71,7 +71,7 @@ impl<'a> Compared<'a> {
             rises.iter().enumerate().map(moment).sum::<f64>() / f64::from(mass)
         };
         let centre_mm = [mean(&|i| i % n), mean(&|i| i / n)];
-        (mass > 0.0).then(|| Self { centre_mm, rises, mass, ..at_once })
+        (mass > 0.0).then_some(Self { centre_mm, rises, mass, ..at_once })
     }
 
     /// Centre of a row or column of the raster, mm.
