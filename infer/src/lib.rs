@@ -49,8 +49,8 @@ pub mod encoder;
 pub mod error;
 #[cfg(all(test, feature = "burn"))]
 mod fuzz;
-#[cfg(feature = "datasets")]
 pub mod matches;
+#[cfg(feature = "datasets")]
 pub mod matching;
 pub mod model;
 pub mod neighbours;
