@@ -18,6 +18,7 @@ use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
+use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_infer::bank::Bank;
 use tactile_infer::matches::PartMatch;
@@ -184,7 +185,10 @@ impl FromStr for Declared {
         let (part, order) = text.rsplit_once('=').ok_or("expected PART=N or PART=round, as in --symmetry gear=12")?;
         let order = match order {
             "round" => None,
-            number => Some(number.parse().map_err(|_| format!("expected a number of turns or round, got {number}"))?),
+            number => match number.parse() {
+                Ok(turns) if (1..=Symmetry::MAX_ORDER).contains(&turns) => Some(turns),
+                _ => return Err(format!("expected 1 to {} turns or round, got {number}", Symmetry::MAX_ORDER)),
+            },
         };
         Ok(Self { part: part.into(), order })
     }
@@ -371,5 +375,15 @@ mod tests {
     fn the_command_line_is_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_symmetry_is_a_number_of_turns_or_round() {
+        let order = |text: &str| text.parse::<Declared>().map(|declared| (declared.part, declared.order));
+        assert_eq!(order("gear=12"), Ok(("gear".into(), Some(12))));
+        assert_eq!(order("a=b=round"), Ok(("a=b".into(), None)));
+        for wrong in ["gear", "gear=0", "gear=37", "gear=-1", "gear=", "gear=square"] {
+            assert!(order(wrong).unwrap_err().starts_with("expected"), "{wrong}");
+        }
     }
 }
