@@ -1,7 +1,8 @@
 //! The bank: one embedding for each recorded pose of each peg.
 
+mod file;
+
 use std::borrow::Cow;
-use std::path::Path;
 use std::sync::Arc;
 
 use tactile_data::grid::PoseGrid;
@@ -10,14 +11,12 @@ use tactile_data::origin::Origin;
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 
-use crate::checkpoint::{from_json, to_json};
+use crate::calibration::BLANK_SHARE;
 use crate::error::{Error, Result};
 use crate::matches::Matches;
-use crate::model::Model;
 use crate::neighbours::{Neighbours, neighbours};
 use crate::precision::Precision;
 use crate::rows::Rows;
-use crate::safefile::{NamedTensor, SafeFile};
 use crate::symmetry::{of_declared, symmetry};
 use crate::threads;
 
@@ -58,10 +57,27 @@ impl Bank {
         edge_shares: Vec<f32>,
         model_sha256: impl Into<Arc<str>>,
     ) -> Result<Self> {
-        let mut bank = Self::checked(parts, grid, rows, edge_shares, model_sha256.into())?;
-        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank, part));
-        bank.neighbours = neighbours(&bank.grid, &bank.rows).into();
-        Ok(bank)
+        Ok(Self::of_rows(parts, grid, rows, edge_shares, model_sha256.into())?.with_found_symmetries())
+    }
+
+    /// Like [`Self::from_rows`], where something else than the views tells the symmetries: none is claimed yet.
+    pub(crate) fn of_rows(
+        parts: Vec<String>,
+        grid: PoseGrid,
+        rows: Rows,
+        edge_shares: Vec<f32>,
+        model_sha256: Arc<str>,
+    ) -> Result<Self> {
+        let bank = Self::checked(parts, grid, rows, edge_shares, model_sha256)?;
+        let symmetries = vec![Symmetry::NONE; bank.parts.len()];
+        let neighbours = neighbours(&bank.grid, &bank.rows).into();
+        Ok(Self { symmetries, neighbours, ..bank })
+    }
+
+    /// The same bank, with the symmetries that its views show.
+    pub(crate) fn with_found_symmetries(self) -> Self {
+        let symmetries = threads::map(self.parts.len(), |part| symmetry(&self, part));
+        Self { symmetries, ..self }
     }
 
     /// A bank that does not know its symmetries and neighbours yet.
@@ -99,13 +115,11 @@ impl Bank {
         if missing.is_empty() {
             return Ok(Self { missing, ..self });
         }
-        let mut bank = self.lacking(missing)?;
-        bank.symmetries = threads::map(bank.parts.len(), |part| symmetry(&bank, part));
-        Ok(bank)
+        Ok(self.lacking(missing)?.with_found_symmetries())
     }
 
     /// The same bank, with its symmetries as they are.
-    fn lacking(self, mut missing: Vec<usize>) -> Result<Self> {
+    pub(crate) fn lacking(self, mut missing: Vec<usize>) -> Result<Self> {
         missing.sort_unstable();
         missing.dedup();
         if let Some(odd) = missing.iter().find(|row| **row >= self.n_rows()) {
@@ -175,9 +189,8 @@ impl Bank {
         }
         let rows = self.rows.to_precision(precision)?;
         let Self { parts, grid, edge_shares, model_sha256, origin, missing, symmetries, matches, .. } = self;
-        let bank = Self::checked(parts, grid, rows, edge_shares, model_sha256)?;
-        let neighbours = neighbours(&bank.grid, &bank.rows).into();
-        Ok(Self { origin, missing, symmetries, matches, neighbours, ..bank })
+        let bank = Self::of_rows(parts, grid, rows, edge_shares, model_sha256)?;
+        Ok(Self { origin, missing, symmetries, matches, ..bank })
     }
 
     /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept.
@@ -220,92 +233,6 @@ impl Bank {
             return Err(Error::invalid("bank", format!("one of {} parts", self.parts.len()), got));
         }
         self.with_parts(&(0..self.parts.len()).filter(|other| *other != part).collect::<Vec<_>>())
-    }
-
-    /// Saves the bank in one file, bound to its model's checksum, its rows in the format they are kept in.
-    ///
-    /// # Errors
-    /// A file that cannot be written; the one that was there stays.
-    pub fn save(&self, path: &Path) -> Result<()> {
-        let mut file = self.identity()?;
-        file.text.push(("symmetries".into(), to_json(&self.symmetries)?));
-        if let Some(origin) = &self.origin {
-            file.text.push(("origin".into(), to_json(origin)?));
-        }
-        file.save_as(path, SCHEMA, self.rows.precision())
-    }
-
-    /// SHA-256 of its parts, poses, rows and model, as 64 hex digits: of all that an episode's numbers depend on.
-    ///
-    /// # Errors
-    /// None that a bank could have; building the text of it may fail in principle.
-    pub fn sha256(&self) -> Result<String> {
-        Ok(self.identity()?.sha256())
-    }
-
-    fn identity(&self) -> Result<SafeFile> {
-        let n_rows = self.n_rows();
-        let tensor = |name: &str, shape, values| NamedTensor { name: name.into(), shape, values };
-        let (rows, scales) = self.rows.parts();
-        let mut tensors = vec![
-            tensor("rows", vec![n_rows, self.dim()], rows),
-            tensor("edge_shares", vec![n_rows], self.edge_shares.clone()),
-        ];
-        tensors.extend(scales.map(|scales| tensor("scales", vec![n_rows], scales)));
-        let mut text = vec![
-            ("parts".into(), to_json(&self.parts)?),
-            ("grid".into(), to_json(&self.grid)?),
-            ("model_sha256".into(), self.model_sha256.to_string()),
-        ];
-        if *self.matches != Matches::default() {
-            text.push(("matches".into(), to_json(&*self.matches)?));
-        }
-        if !self.missing.is_empty() {
-            text.push(("missing".into(), to_json(&self.missing)?));
-        }
-        Ok(SafeFile { tensors, blobs: Vec::new(), text })
-    }
-
-    /// Loads a bank, its rows in the format that the file holds.
-    ///
-    /// # Errors
-    /// [`Error::WrongModel`] for one made by another model; a file that cannot be read, is damaged or holds no bank.
-    pub fn load(path: &Path, model: &Model) -> Result<Self> {
-        let (file, precision) = SafeFile::load_as(path, SCHEMA)?;
-        let got = file.text("model_sha256").map_err(|error| error.within(path.display()))?;
-        if *got != **model.sha256() {
-            let (what, expected) = (path.display().to_string(), model.sha256().to_string());
-            return Err(Error::WrongModel { what, expected, got: got.into() });
-        }
-        Self::of_file(file, precision).map_err(|error| error.within(path.display()))
-    }
-
-    fn of_file(mut file: SafeFile, precision: Precision) -> Result<Self> {
-        let parts: Vec<String> = from_json(file.text("parts")?)?;
-        let grid: PoseGrid = from_json(file.text("grid")?)?;
-        let model_sha256: Arc<str> = file.text("model_sha256")?.into();
-        let symmetries: Vec<Symmetry> = from_json(file.text("symmetries")?)?;
-        let origin = file.text("origin").ok().map(from_json).transpose()?;
-        let missing: Vec<usize> = file.text("missing").ok().map(from_json).transpose()?.unwrap_or_default();
-        let matches: Option<Matches> = file.text("matches").ok().map(from_json).transpose()?;
-        let mut take = |name: &str| {
-            let at = file.tensors.iter().position(|tensor| tensor.name == name);
-            at.map(|at| file.tensors.swap_remove(at)).ok_or_else(|| Error::invalid(name, "a tensor", "none"))
-        };
-        let rows = take("rows")?;
-        let edge_shares = take("edge_shares")?;
-        let rows = match (rows.shape.get(1), precision) {
-            (Some(dim), Precision::I8) => Rows::scaled(*dim, &rows.values, take("scales")?.values)?,
-            (Some(dim), _) => Rows::new(*dim, rows.values)?.to_precision(precision)?,
-            (None, _) => return Err(Error::invalid("rows", "a shape [n, dim]", format!("{:?}", rows.shape))),
-        };
-        let bank = Self::checked(parts, grid, rows, edge_shares.values, model_sha256)?;
-        let neighbours = neighbours(&bank.grid, &bank.rows).into();
-        let bank = Self { origin, neighbours, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
-        match matches {
-            Some(matches) => bank.with_matches(matches),
-            None => Ok(bank),
-        }
     }
 
     /// Names of the parts, in row order.
@@ -378,6 +305,12 @@ impl Bank {
         &self.edge_shares
     }
 
+    /// The rows whose views were recorded and show an edge, in order.
+    pub fn edged_rows(&self) -> Vec<usize> {
+        let is_edged = |row: &usize| self.edge_shares[*row] >= BLANK_SHARE && self.is_recorded(*row);
+        (0..self.n_rows()).filter(is_edged).collect()
+    }
+
     /// The turns under which a part stays the same.
     ///
     /// # Panics
@@ -431,6 +364,7 @@ mod tests {
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
     use crate::matches::PartMatch;
+    use crate::model::Model;
     use tactile_data::frame::Preprocessing;
     use tactile_data::touch::Side;
 

@@ -100,6 +100,7 @@ mod simulated {
             let mut around = |half: f64| half * (2.0 * RngExt::random::<f64>(rng) - 1.0);
             Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
         };
+        let edged = bank.edged_rows();
         // The touch's cosine with its own view, and how far that is below the best.
         let compare = |(part, side, stream): (usize, Side, u64)| -> Result<Option<[f64; 2]>> {
             let mut rng = frame_rng(seed, stream);
@@ -111,8 +112,7 @@ mod simulated {
             let query = model.embed_side(&[image], side)?;
             let mut all = Vec::new();
             bank.similarities(&query, &mut all);
-            let is_edged = |row: &usize| bank.edge_shares()[*row] >= BLANK_SHARE && bank.is_recorded(*row);
-            let best = (0..bank.n_rows()).filter(is_edged).map(|row| all[row]).fold(-1.0, f32::max);
+            let best = edged.iter().map(|row| all[*row]).fold(-1.0, f32::max);
             let matched = bank.cosine_at(&query, part, &pose);
             Ok(matched.map(|matched| [f64::from(matched), f64::from(best - matched)]))
         };
@@ -124,17 +124,10 @@ mod simulated {
                 (1..=N_TOUCHES).map(|touch| touch + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg)));
             let compared = streams.collect::<Vec<_>>().into_par_iter().map(|stream| compare((part, side, stream)));
             let compared: Vec<[f64; 2]> = compared.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
-            let [matched, gap] = [0, 1].map(|of| spread(compared.iter().map(|values| values[of])));
-            Ok((compared.len() >= ENOUGH).then_some(PartMatch { matched, gap }))
+            let spread = |of: usize| Spread::of(&compared.iter().map(|values| values[of]).collect::<Vec<_>>());
+            Ok((compared.len() >= ENOUGH).then(|| PartMatch { matched: spread(0), gap: spread(1) }))
         };
         let of_side = |side: Side| (0..parts.len()).map(|part| of_part(part, side)).collect::<Result<Vec<_>>>();
         Ok(Matches { holes: of_side(Side::Hole)?, pegs: of_side(Side::Peg)? })
-    }
-
-    /// Mean and standard deviation.
-    fn spread(values: impl Iterator<Item = f64> + Clone) -> Spread {
-        let n = values.clone().count().max(1) as f64;
-        let mean = values.clone().sum::<f64>() / n;
-        Spread { mean, sd: (values.map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt() }
     }
 }

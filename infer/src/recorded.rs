@@ -84,12 +84,10 @@ pub fn bank_of_dataset(
     }
     let parts: Vec<String> = parts.into_iter().map(str::to_owned).collect();
     let origin = origin(dataset, &parts);
-    let bank = Bank::from_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
-        .and_then(|bank| bank.with_missing(missing));
+    let bank = Bank::of_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
+        .and_then(|bank| bank.lacking(missing));
     let bank = bank.map_err(|error| error.within(name))?.with_origin(origin);
-    #[cfg(feature = "sim")]
-    let bank = with_geometry(model, bank, dataset)?;
-    Ok(RecordedBank { bank, notes: notes.lines })
+    Ok(RecordedBank { bank: with_known_parts(model, bank, dataset)?, notes: notes.lines })
 }
 
 /// Distinct touches that are taken for a cell.
@@ -207,17 +205,19 @@ fn origin(dataset: &Dataset, parts: &[String]) -> Origin {
     Origin { name: meta.name.clone(), parts: parts.iter().map(part).collect(), sensor }
 }
 
-/// A bank of a simulated dataset with what its parts' geometry tells.
-#[cfg(feature = "sim")]
-fn with_geometry(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank> {
-    let meta = dataset.meta();
-    let (Some(scene), Some(seed)) = (meta.scene.clone(), meta.seed) else { return Ok(bank) };
-    let Ok(scene) = serde_json::from_value(scene) else { return Ok(bank) };
-    let simulator = tactile_data::simulator::Simulator::new(scene, seed)?;
-    if bank.parts().iter().all(|part| simulator.parts().contains(part)) {
-        return crate::simulated::with_geometry(model, bank, &simulator, seed);
+/// A bank with what its parts' geometry tells where the dataset was simulated, else with the symmetries that its views show.
+#[cfg_attr(not(feature = "sim"), expect(unused_variables, reason = "geometry is known to the simulator alone"))]
+fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank> {
+    #[cfg(feature = "sim")]
+    if let (Some(scene), Some(seed)) = (dataset.meta().scene.clone(), dataset.meta().seed)
+        && let Ok(scene) = serde_json::from_value(scene)
+    {
+        let simulator = tactile_data::simulator::Simulator::new(scene, seed)?;
+        if bank.parts().iter().all(|part| simulator.parts().contains(part)) {
+            return crate::simulated::with_geometry(model, bank, &simulator, seed);
+        }
     }
-    Ok(bank)
+    Ok(bank.with_found_symmetries())
 }
 
 /// What the network sees of some frames of a dataset, in their order.

@@ -44,7 +44,7 @@ pub fn bank_of_scene(
     }
     progress(planned.len(), planned.len());
     let parts = simulator.parts().to_vec();
-    let bank = Bank::from_rows(parts, reach, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())?;
+    let bank = Bank::of_rows(parts, reach, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())?;
     with_geometry(model, bank.with_origin(scene.origin()), &simulator, seed)
 }
 

@@ -17,7 +17,6 @@ use crate::result::Poses;
 pub struct Hole<'a> {
     holes: Holes<'a>,
     part: usize,
-    symmetry: Symmetry,
     first: Se2,
     part_from_sensor: Se2,
     seed: u64,
@@ -48,14 +47,12 @@ impl<'a> Hole<'a> {
                 (0, at)
             }
         };
-        let symmetry = holes.symmetry(part);
-        Self { holes, part, symmetry, first, part_from_sensor: first, seed, stream, frame, touched: Vec::new() }
+        Self { holes, part, first, part_from_sensor: first, seed, stream, frame, touched: Vec::new() }
     }
 
     /// The simulated hole of one part; the pose follows from the seed and the episode's number.
     pub fn of_part(holes: Holes<'a>, part: usize, grid: &PoseGrid, seed: u64, episode: usize) -> Self {
-        let symmetry = holes.symmetry(part);
-        Self { part, symmetry, ..Self::new(holes, grid, Poses::OffGrid, seed, episode) }
+        Self { part, ..Self::new(holes, grid, Poses::OffGrid, seed, episode) }
     }
 
     /// Name of the part whose hole this is.
@@ -75,7 +72,7 @@ impl<'a> Hole<'a> {
 
     /// The turns after which the part looks the same.
     pub fn symmetry(&self) -> Symmetry {
-        self.symmetry
+        self.holes.symmetry(self.part)
     }
 
     /// Number of the episode's stream of random draws.

@@ -33,7 +33,7 @@ pub struct RecordedHoles {
     parts: Vec<String>,
     /// The frames of each part's hole.
     frames: Vec<Vec<usize>>,
-    /// Whether the bank has found each part to look the same after half a turn.
+    /// The turns after which each part looks the same, as the bank has it.
     symmetries: Vec<Symmetry>,
     notes: Vec<String>,
 }

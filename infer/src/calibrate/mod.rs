@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::recorded::tactile_images;
 use compared::{Compared, Weights};
-use sample::{low_similarity, n_counted, pooled, spread_of};
+use sample::{low_similarity, n_counted, pooled};
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -77,8 +77,7 @@ impl Touches {
         let images = tactile_images(&model.background_of(holes)?, holes, &frames)?;
         let queries = model.embed_side(&images, side)?;
         let is_edged = |share: f32| share >= BLANK_SHARE;
-        let edged: Vec<usize> =
-            (0..bank.n_rows()).filter(|row| is_edged(bank.edge_shares()[*row]) && bank.is_recorded(*row)).collect();
+        let edged = bank.edged_rows();
         let mut found = Self { name, side, compared: Vec::new(), matched: Vec::new(), n_placed: 0, n_agree: 0 };
         let mut all = Vec::new();
         for (i, frame) in frames.iter().enumerate() {
@@ -129,7 +128,7 @@ impl Touches {
         (!self.is_empty()).then(|| Judgement {
             nll_nats: fit::nll(&self.compared, temperature, outlier_floor),
             low_share: n_low as f64 / n,
-            gap: spread_of(&self.gaps()),
+            gap: Spread::of(&self.gaps()),
         })
     }
 
@@ -244,7 +243,7 @@ fn gain(compared: &[Compared], prior: &Prior) -> Option<Gain> {
     let n = nats.len() as f64;
     let mean = |which: usize| nats.iter().map(|nats| nats[which]).sum::<f64>() / n;
     let differences: Vec<f64> = nats.iter().map(|[before, after]| before - after).collect();
-    let standard_error = spread_of(&differences).sd / (n - 1.0).sqrt();
+    let standard_error = Spread::of(&differences).sd / (n - 1.0).sqrt();
     Some(Gain { before_nats: mean(0), after_nats: mean(1), standard_error })
 }
 

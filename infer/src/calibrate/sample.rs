@@ -12,13 +12,6 @@ const ENOUGH: usize = 100;
 /// temperature by a quarter, so that what is known of one sensor says less of them (`NOTES.md`).
 const SHARE: f64 = 0.1;
 
-/// Mean and standard deviation of values, of which there is at least one.
-pub(super) fn spread_of(values: &[f64]) -> Spread {
-    let mean_of = |value: &dyn Fn(f64) -> f64| values.iter().map(|v| value(*v)).sum::<f64>() / values.len() as f64;
-    let mean = mean_of(&|v| v);
-    Spread { mean, sd: mean_of(&|v| (v - mean).powi(2)).sqrt() }
-}
-
 /// The spread of values together with a tenth of the prior's touches, as if those had been values of the spread that
 /// `known` takes from it.
 pub(super) fn pooled(
@@ -27,11 +20,11 @@ pub(super) fn pooled(
     known: impl Fn(&Prior) -> Option<Spread>,
 ) -> Option<Spread> {
     let before = prior.and_then(|prior| known(prior).map(|spread| (n_counted(prior), spread)));
-    let Some((weight, before)) = before else { return (!values.is_empty()).then(|| spread_of(values)) };
+    let Some((weight, before)) = before else { return (!values.is_empty()).then(|| Spread::of(values)) };
     if values.is_empty() {
         return Some(before);
     }
-    let (own, n) = (spread_of(values), values.len() as f64);
+    let (own, n) = (Spread::of(values), values.len() as f64);
     let pooled = |a: f64, b: f64| (weight * a + n * b) / (weight + n);
     let mean = pooled(before.mean, own.mean);
     let square = |spread: Spread| spread.sd.powi(2) + (spread.mean - mean).powi(2);
@@ -64,7 +57,7 @@ fn next_of_100(values: &[f32]) -> Option<f64> {
         return None;
     }
     let n = values.len() as f64;
-    let Spread { mean, sd } = spread_of(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
+    let Spread { mean, sd } = Spread::of(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
     let freedom = n - 1.0;
     let of_sample = sd * (n / freedom).sqrt();
     Some(mean - student(freedom) * of_sample * (1.0 + 1.0 / n).sqrt())
@@ -97,9 +90,9 @@ mod tests {
     #[test]
     fn a_spread_with_a_prior_is_that_of_all_values_together() {
         // By hand: 1, 2 and 6 have a mean of 3 and squares of 4, 1 and 9 from it.
-        assert_eq!(spread_of(&[1.0, 2.0, 6.0]), Spread { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
+        assert_eq!(Spread::of(&[1.0, 2.0, 6.0]), Spread { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
         // Values of mean 2 and spread 1, as a tenth of the prior's forty touches would be: 1, 3, 1, 3.
-        let all = spread_of(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
+        let all = Spread::of(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
         let both = pooled(&[1.0, 2.0, 6.0], Some(&prior(40.0)), |prior| prior.gap).unwrap();
         assert!((both.mean - all.mean).abs() < 1e-12 && (both.sd - all.sd).abs() < 1e-12, "{both:?} {all:?}");
         assert_eq!(pooled(&[], Some(&prior(40.0)), |prior| prior.gap), prior(40.0).gap);
