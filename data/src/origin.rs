@@ -35,7 +35,7 @@ pub struct SensorOrigin {
 }
 
 /// The name of the lamps that the network knows.
-const KNOWN_LAMPS: &str = "mini";
+const KNOWN_LAMPS: &str = "mini-table";
 
 impl SensorOrigin {
     /// Whether the network saw its pictures under the lamps that it knows.
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn what_differs_is_named_with_both_values() {
-        let mine = origin("AB", Some([10.0, 12.0]), [18.6, 14.3], Some("mini"));
+        let mine = origin("AB", Some([10.0, 12.0]), [18.6, 14.3], Some("mini-table"));
         assert_eq!((mine.other_parts(&mine), mine.other_sensor(&mine)), (None, None));
         let others = [
             (origin("AC", Some([10.0, 12.0]), [18.6, 14.3], None), ["parts", "A B", "A C"]),
@@ -108,17 +108,17 @@ mod tests {
         for (other, expected) in others {
             assert_eq!(mine.other_parts(&other).unwrap(), expected);
         }
-        let wide = origin("AB", None, [20.3, 15.2], Some("mini"));
+        let wide = origin("AB", None, [20.3, 15.2], Some("mini-table"));
         assert_eq!(mine.other_sensor(&wide).unwrap(), ["field of view", "18.6 x 14.3 mm", "20.3 x 15.2 mm"]);
         let lit = origin("AB", None, [18.6, 14.3], Some("cmu"));
-        assert_eq!(mine.other_sensor(&lit).unwrap(), ["lamps", "mini", "cmu"]);
+        assert_eq!(mine.other_sensor(&lit).unwrap(), ["lamps", "mini-table", "cmu"]);
         let relit = Origin { sensor: SensorOrigin { is_relit: true, ..lit.sensor.clone() }, ..lit.clone() };
         assert_eq!((mine.other_sensor(&relit), lit.other_sensor(&relit).is_some()), (None, true));
     }
 
     #[test]
     fn what_is_unknown_differs_from_nothing() {
-        let mine = origin("AB", Some([10.0, 12.0]), [18.6, 14.3], Some("mini"));
+        let mine = origin("AB", Some([10.0, 12.0]), [18.6, 14.3], Some("mini-table"));
         let unknown = origin("AB", None, [18.61, 14.3], None);
         assert_eq!((mine.other_parts(&unknown), mine.other_sensor(&unknown)), (None, None));
     }

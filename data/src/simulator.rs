@@ -7,7 +7,7 @@ use rand::rngs::ChaCha8Rng;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::random::{around_zero, uniform};
-use crate::scene::{Parts, Scene};
+use crate::scene::{MazeBoards, Parts, Scene};
 use crate::se2::Se2;
 use crate::sensor::camera::{Camera, LayerLines, to_frame};
 use crate::sensor::exposure::Exposure;
@@ -33,11 +33,11 @@ pub struct Simulator {
     optics: Optics,
     sides: Vec<[OnceLock<Result<Touchable>>; 2]>,
     symmetries: Vec<OnceLock<Symmetry>>,
-    /// The sensor over each MAZE board.
-    sensors: Vec<OnceLock<BoardSensor>>,
+    /// The sensors over the holes and over the pegs of each MAZE board.
+    sensors: Vec<[OnceLock<BoardSensor>; 2]>,
 }
 
-/// A sensor drawn for one board.
+/// A sensor drawn for one side of a board.
 #[derive(Debug)]
 struct BoardSensor {
     spec: SensorSpec,
@@ -62,7 +62,7 @@ impl Simulator {
             optics: Optics::new(&scene.sensor),
             sides: parts.iter().map(|_| Default::default()).collect(),
             symmetries: parts.iter().map(|_| OnceLock::new()).collect(),
-            sensors: parts.iter().map(|_| OnceLock::new()).collect(),
+            sensors: parts.iter().map(|_| Default::default()).collect(),
             parts,
             board_seed,
             scene,
@@ -114,7 +114,7 @@ impl Simulator {
     /// from `rng`, so that two touches at one pose differ as real ones do.
     pub fn touch(&self, part: usize, side: Side, part_from_sensor: &Se2, rng: &mut ChaCha8Rng) -> Result<Frame> {
         let touchable = self.side(part, side)?;
-        let (spec, optics, camera) = self.sensor(part);
+        let (spec, optics, camera) = self.sensor(part, side);
         if !part_from_sensor.is_finite() {
             return Err(Error::invalid("touch", "a finite pose", format!("{part_from_sensor:?}")));
         }
@@ -146,8 +146,8 @@ impl Simulator {
         let Some(sides) = self.sides.get(part) else {
             return Err(Error::invalid("part", format!("one of {} parts", self.parts.len()), part.to_string()));
         };
-        let prepared = sides[usize::from(side == Side::Peg)].get_or_init(|| {
-            let (spec, ..) = self.sensor(part);
+        let prepared = sides[index_of(side)].get_or_init(|| {
+            let (spec, ..) = self.sensor(part, side);
             let reliefs = self.scene.reliefs(part, side, self.board_seed)?;
             let half_mm = self.scene.half_extent_mm();
             if self.scene.fidelity == Fidelity::Geometry {
@@ -162,41 +162,45 @@ impl Simulator {
         prepared.as_ref().map_err(|e| Error::invalid(&self.parts[part], "a part that can be pressed", e.to_string()))
     }
 
-    /// The sensor over a part: the scene's own, or what was drawn for a MAZE board.
-    fn sensor(&self, part: usize) -> (&SensorSpec, &Optics, &Camera) {
-        if !matches!(self.scene.parts, Parts::Maze(_)) {
+    /// The sensor over one side of a part: the scene's own, or what was drawn for a MAZE board.
+    fn sensor(&self, part: usize, side: Side) -> (&SensorSpec, &Optics, &Camera) {
+        let Parts::Maze(boards) = &self.scene.parts else {
             return (&self.scene.sensor, &self.optics, &self.camera);
-        }
-        let BoardSensor { spec, optics, camera } = self.sensors[part].get_or_init(|| {
-            let spec = self.drawn(part);
+        };
+        let BoardSensor { spec, optics, camera } = self.sensors[part][index_of(side)].get_or_init(|| {
+            let spec = self.drawn(boards, part, side);
             BoardSensor { optics: Optics::new(&spec), camera: self.camera.varied(&spec), spec }
         });
         (spec, optics, camera)
     }
 
-    /// The sensor of a MAZE board, drawn round the scene's own, since another gel and other lamps are what a trained
-    /// model meets.
-    fn drawn(&self, part: usize) -> SensorSpec {
-        let spec = &self.scene.sensor;
-        let Parts::Maze(boards) = &self.scene.parts else { return spec.clone() };
-        let mut rng = frame_rng(self.board_seed, u64::MAX - part as u64);
-        let gel_length_mm = uniform(&mut rng, boards.gel_length_mm);
-        let mut around = |half| around_zero(&mut rng, half);
-        // Two Minis' fitted lamps differ by some 4 to 17 degrees and 10 % of brightness.
-        let (strength, turn_deg) = ([0; 3].map(|_| 1.0 + around(0.15)), [0; 3].map(|_| around(10.0)));
-        let spec = SensorSpec { gel_length_mm, light: spec.light.varied(strength, turn_deg), ..spec.clone() };
-        match boards.sensors {
-            Some(sensors) => sensors.draw(spec, &mut rng),
-            None => spec,
+    /// The sensor of one side of a MAZE board, drawn round the scene's own, since another gel and other lamps are what a
+    /// trained model meets.
+    fn drawn(&self, boards: &MazeBoards, part: usize, side: Side) -> SensorSpec {
+        let rng = |first: u64| frame_rng(self.board_seed, first - part as u64);
+        let of_pegs = boards.draw_sensor(&self.scene.sensor, &mut rng(u64::MAX));
+        match boards.sensors.and_then(|sensors| sensors.hole_scale) {
+            Some(scale) if side == Side::Hole => {
+                let mut rng = rng(u64::MAX / 2);
+                let of_holes = boards.draw_sensor(&self.scene.sensor, &mut rng);
+                let scale = uniform(&mut rng, scale);
+                SensorSpec { field_of_view_mm: of_pegs.field_of_view_mm.map(|mm| scale * mm), ..of_holes }
+            }
+            _ => of_pegs,
         }
     }
+}
+
+/// Holes first.
+fn index_of(side: Side) -> usize {
+    usize::from(side == Side::Peg)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::frame::{Background, Preprocessing, TactileImage};
-    use crate::scene::Kit;
+    use crate::scene::{Kit, SensorRange};
 
     fn simulator(name: &str) -> Simulator {
         Simulator::new(Scene::preset(name).unwrap(), 1).unwrap()
@@ -220,6 +224,25 @@ mod tests {
         let touch = |seed| simulator.touch(0, Side::Hole, &Se2::IDENTITY, &mut frame_rng(seed, 0)).unwrap();
         assert_eq!(touch(1), touch(1));
         assert_ne!(touch(1), touch(2));
+    }
+
+    #[test]
+    fn holes_are_felt_by_a_sensor_of_their_own_where_the_scene_says_so() {
+        let sensors = |hole_scale| {
+            let mut scene = Scene::preset("maze").unwrap();
+            let Parts::Maze(boards) = &mut scene.parts else { panic!("maze boards") };
+            (boards.n_boards, boards.n_held_out) = (3, 1);
+            boards.sensors = Some(SensorRange { hole_scale, ..SensorRange::default() });
+            let simulator = Simulator::new(scene, 5).unwrap();
+            [0, 1, 2].map(|part| [Side::Hole, Side::Peg].map(|side| simulator.sensor(part, side).0.clone()))
+        };
+        let width = |spec: &SensorSpec| spec.field_of_view_mm[0];
+        for ([hole, peg], [_, alone]) in sensors(Some([1.02, 1.04])).iter().zip(&sensors(None)) {
+            assert!(peg == alone && hole.gel_length_mm != peg.gel_length_mm && hole.light != peg.light);
+            assert!(hole.noise_counts != peg.noise_counts && hole.depth_mm != peg.depth_mm);
+            assert!((1.02..1.04).contains(&(width(hole) / width(peg))), "{} {}", width(hole), width(peg));
+        }
+        assert!(sensors(None).iter().all(|[hole, peg]| hole == peg));
     }
 
     #[test]

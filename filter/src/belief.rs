@@ -15,7 +15,7 @@ use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
 
 use crate::evidence::Evidence;
-use crate::exact::Exact;
+use crate::exact::{Exact, TouchWeights};
 use crate::likelihood::TouchLikelihood;
 use crate::overlap::Overlap;
 use crate::particle::{Particle, ParticleConfig};
@@ -64,6 +64,7 @@ pub struct Belief {
     grid: PoseGrid,
     n_parts: usize,
     overlap: Overlap,
+    shared_error: f64,
     touches: Vec<Evidence>,
     engine: Engine,
     class_posterior: Vec<f64>,
@@ -76,17 +77,18 @@ impl Belief {
     /// `subdivisions`: parts of a step of the bank's grid between two states, at least 1. More than 1 only where
     /// views are interpolated between the bank's poses: a state may then lie between them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
-        let (views, n_parts, overlap) = (*bank.grid(), bank.parts().len(), first.config().overlap());
+        let (views, n_parts) = (*bank.grid(), bank.parts().len());
+        let (overlap, shared_error) = (first.config().overlap(), first.config().shared_error);
         let grid = views.subdivided(subdivisions.max(1));
         let mut exact = Exact::uniform(n_parts * grid.len());
         let mut log_states = Vec::new();
         let evidence = Evidence::new([&views, &grid], Se2::IDENTITY, 1.0, first, &mut |log_part| {
-            exact.weigh(log_part);
+            exact.weigh(log_part, TouchWeights::FULL);
             if engine != EngineConfig::Exact {
                 log_states.extend_from_slice(log_part);
             }
         });
-        let log_evidence = exact.update();
+        let log_evidence = exact.update(TouchWeights::FULL);
         let engine = match engine {
             EngineConfig::Exact => Engine::Exact(exact),
             EngineConfig::Particle(config) => {
@@ -95,7 +97,8 @@ impl Belief {
             }
         };
         let class_posterior = engine.of_parts(n_parts, grid.len());
-        Self { views, grid, n_parts, overlap, touches: vec![evidence], engine, class_posterior, log_evidence }
+        let touches = vec![evidence];
+        Self { views, grid, n_parts, overlap, shared_error, touches, engine, class_posterior, log_evidence }
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
@@ -103,28 +106,36 @@ impl Belief {
     pub fn update(&mut self, sensor_from_next: &Se2, likelihood: TouchLikelihood) -> f64 {
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
         let new_share = |earlier: &Evidence| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
-        let weight = self.touches.iter().map(new_share).fold(1.0, f64::min);
+        let weight = if self.is_beyond(&first_from_sensor) {
+            0.0
+        } else {
+            self.touches.iter().map(new_share).fold(1.0, f64::min)
+        };
+        let (before, joint) = (self.joint_weight(0.0), self.joint_weight(weight));
+        let weights = TouchWeights { joint, of_earlier: joint / before };
         let (grid, n_cells) = (&self.grid, self.grid.len());
         let judge = |take: &mut dyn FnMut(&[f64])| {
             Evidence::new([&self.views, grid], first_from_sensor, weight, likelihood, take)
         };
         let log_evidence = match &mut self.engine {
             Engine::Exact(exact) => {
-                self.touches.push(judge(&mut |log_part| exact.weigh(log_part)));
-                exact.update()
+                self.touches.push(judge(&mut |log_part| exact.weigh(log_part, weights)));
+                exact.update(weights)
             }
             Engine::Particle { particle, log_likelihoods } => {
                 let mut log_states = Vec::with_capacity(self.n_parts * n_cells);
                 self.touches.push(judge(&mut |log_part| log_states.extend_from_slice(log_part)));
-                let log_evidence = particle.update(|state| log_states[state]);
+                let earlier =
+                    |state| if joint == before { 0.0 } else { (joint - before) * log_score(log_likelihoods, state) };
+                let log_evidence = particle.update(|state| joint * log_states[state] + earlier(state));
                 log_likelihoods.push(log_states);
                 particle.rejuvenate(
                     |state, direction| {
                         let cell = neighbour(grid, state % n_cells, direction)?;
                         Some(state - state % n_cells + cell)
                     },
-                    |state| log_score(log_likelihoods, state),
-                    |state| log_score(&log_likelihoods[1..], state),
+                    |state| joint * log_score(log_likelihoods, state),
+                    |state| joint * log_score(log_likelihoods, state) - log_likelihoods[0][state],
                 );
                 log_evidence
             }
@@ -132,6 +143,23 @@ impl Belief {
         self.class_posterior = self.engine.of_parts(self.n_parts, n_cells);
         self.log_evidence += log_evidence;
         log_evidence
+    }
+
+    /// Whether no state sees a recorded view after a motion since the first touch: such a touch says nothing.
+    fn is_beyond(&self, first_from_sensor: &Se2) -> bool {
+        let PoseGrid { xy_half_mm, xy_step_mm, .. } = self.views;
+        // From one corner of the recorded area to the other, and what is trusted beyond its rim.
+        let tolerance = self.touches.first().map_or(0.0, |touch| touch.likelihood.config().nearest_tolerance);
+        let diagonal_mm = 2.0 * std::f64::consts::SQRT_2 * xy_half_mm;
+        let rim_mm = xy_step_mm * (8.0 * tolerance).max(2.0);
+        first_from_sensor.x_mm.hypot(first_from_sensor.y_mm) > diagonal_mm + rim_mm
+    }
+
+    /// The power to which the likelihood of each touch is taken, 0..=1, with another one of which `new_share` is new:
+    /// [`LikelihoodConfig::shared_error`](crate::LikelihoodConfig::shared_error).
+    pub(crate) fn joint_weight(&self, new_share: f64) -> f64 {
+        let n_touches = self.touches.iter().map(|touch| touch.weight).sum::<f64>() + new_share;
+        (1.0 + self.shared_error * (n_touches - 1.0).max(0.0)).recip()
     }
 
     /// log p(all touches), up to the constants of [`TouchLikelihood`]: 0 says no more than chance, -inf
@@ -215,7 +243,7 @@ impl Belief {
     /// The pose of the first touch around a state, to below the grid's step.
     pub fn refine(&self, state: Hypothesis) -> Refined {
         let start = self.grid.pose(state.cell);
-        refine(&self.views, &self.touches, state.part, &start)
+        refine(&self.views, &self.touches, self.joint_weight(0.0), state.part, &start)
     }
 
     /// How well a part at a pose explains what was felt: the lower of the two means over the edged touches of
@@ -348,7 +376,7 @@ mod tests {
         rows[right] = rows[left].clone();
         let bank = bank(&[&rows]);
         let config =
-            LikelihoodConfig { temperature: 1e-3, outlier_floor: 0.0, blank_share: 0.0, ..LikelihoodConfig::default() };
+            LikelihoodConfig { temperature: 1e-3, outlier_share: 0.0, blank_share: 0.0, ..LikelihoodConfig::default() };
         let touch = TouchLikelihood::new(&Observation::new(rows[left].clone(), 0.3), &bank, &config).unwrap();
         let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
         let near = |x: f64, mm: f64, symmetry: Symmetry| belief.share_near(0, &Se2::new(x, 0.0, 0.0), mm, &symmetry);
@@ -371,9 +399,9 @@ mod tests {
         log_states
     }
 
-    /// Touches that share no evidence, wherever they are.
+    /// Touches that share no evidence, wherever they are, and no error.
     fn independent() -> LikelihoodConfig {
-        LikelihoodConfig { overlap_mm: 0.0, ..LikelihoodConfig::default() }
+        LikelihoodConfig { overlap_mm: 0.0, shared_error: 0.0, ..LikelihoodConfig::default() }
     }
 
     fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
@@ -402,17 +430,19 @@ mod tests {
                 let cosines: Vec<f64> = rows.iter().map(cosine).collect();
                 let edged = || (0..rows.len()).filter(|row| !blank_row(*row));
                 let best = edged().map(|row| cosines[row]).fold(-1.0, f64::max);
-                let look = |row: usize| ((cosines[row] - best) / c.temperature).exp() + c.outlier_floor;
-                let mean = edged().map(look).sum::<f64>() / edged().count() as f64;
+                let alike = |row: usize| ((cosines[row] - best) / c.temperature).exp();
+                let mean = edged().map(alike).sum::<f64>() / edged().count() as f64;
+                let look = |row: usize| (1.0 - c.outlier_share) * alike(row) / mean + c.outlier_share;
                 (0..rows.len())
                     .map(|row| match (blank_row(row), touch.edge_share == 0.0) {
-                        (false, false) => c.blank_agreement * look(row) / mean,
+                        (false, false) => c.blank_agreement * look(row),
                         (true, true) => c.blank_agreement,
                         _ => 1.0 - c.blank_agreement,
                     })
                     .collect()
             })
             .collect();
+        let joint = 1.0 / (1.0 + c.shared_error * (touches.len() - 1) as f64);
         let mut masses: Vec<f64> = (0..n_parts * N_CELLS)
             .map(|state| {
                 let mut pose = GRID.pose(state % N_CELLS);
@@ -445,7 +475,7 @@ mod tests {
                         }
                     };
                 }
-                product
+                product.powf(joint)
             })
             .collect();
         let sum: f64 = masses.iter().sum();
@@ -460,7 +490,8 @@ mod tests {
         fn the_exact_engine_agrees_with_the_definition(seed in 0..1000_u64, n_touches in 1..6_usize) {
             let rows = unit_rows(3 * N_CELLS, seed);
             let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
-            let (touches, config) = (touches(n_touches, seed), independent());
+            let touches = touches(n_touches, seed);
+            let config = LikelihoodConfig { shared_error: 0.1, ..independent() };
             let belief = run(&bank, EngineConfig::Exact, &touches, &config);
             let expected = brute_force(&rows, 3, &touches, &config);
             for (got, expected) in belief.masses().iter().zip(&expected) {

@@ -117,9 +117,9 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
     let overlap = prop::sample::select(vec![0.0, 3.0, 1e-9, 1e9]);
     let tolerance = prop::sample::select(vec![0.25, 1.0, 1e-9, 1e9]);
     let likelihood = (temperature, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
-        |(temperature, outlier_floor, interpolation, overlap_mm, nearest_tolerance, blank_share)| LikelihoodConfig {
+        |(temperature, outlier_share, interpolation, overlap_mm, nearest_tolerance, blank_share)| LikelihoodConfig {
             temperature,
-            outlier_floor,
+            outlier_share,
             interpolation,
             overlap_mm,
             nearest_tolerance,

@@ -7,7 +7,7 @@ use tactile_infer::Bank;
 use tactile_infer::rows::Rows;
 
 use crate::belief::{Belief, EngineConfig};
-use crate::exact::Exact;
+use crate::exact::{Exact, TouchWeights};
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 use crate::observation::Observation;
 use crate::particle::{Particle, ParticleConfig};
@@ -90,8 +90,8 @@ proptest! {
                 .flat_map(|(exact, probability)| {
                     (0..3).map(move |symbol| {
                         let mut exact = exact.clone();
-                        exact.weigh(&[0, 1, 2, 3].map(|state| table[state][symbol].ln()));
-                        exact.update();
+                        exact.weigh(&[0, 1, 2, 3].map(|state| table[state][symbol].ln()), TouchWeights::FULL);
+                        exact.update(TouchWeights::FULL);
                         (exact, probability * table[truth][symbol])
                     })
                 })

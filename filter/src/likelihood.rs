@@ -2,9 +2,10 @@
 //!
 //! A touch is two observations. Whether the view is blank (shows no edge) agrees with the bank's view
 //! at the true pose with probability `blank_agreement`. The picture of the edges is judged by the
-//! cosine `s` between hole query and peg key, by `exp((s - s_max) / temperature) + outlier_floor`,
-//! relative to its mean over the edged views: 1 says nothing. The floor bounds what one bad match can
-//! cost. A blank view has no such picture: there the second factor is 1.
+//! cosine `s` between hole query and peg key: `exp(s / temperature)` relative to its mean over the edged views says how
+//! much likelier the touch is there than anywhere, and one touch in a hundred (`outlier_share`) may look like any view,
+//! so that a likelihood is a mixture of that and 1, which says nothing. A blank view has no such picture: there the second
+//! factor is 1.
 //!
 //! Outside the recorded area the view is unknown. Where views are interpolated it counts as one of
 //! `unknown_similarity`. Were it worth as much as an average view, a touch whose own view was not recorded would speak
@@ -34,9 +35,9 @@ use crate::simd;
 pub struct LikelihoodConfig {
     /// tau: the difference of cosine that changes a probability by a factor e. Positive.
     pub temperature: f64,
-    /// Likelihood of a view that looks quite different from the recorded one, relative to that of the
-    /// best match, 0..=1. Zero: one bad match can rule a state out for good.
-    pub outlier_floor: f64,
+    /// Share of the touches that look like any view rather than like their own, 0 to below 1: a slip, a crumb. It bounds
+    /// what one touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
+    pub outlier_share: f64,
     /// A view with a smaller share of edge pixels is blank, 0..=1. Zero: no view is blank.
     pub blank_share: f32,
     /// Probability that hole and peg at one pose are both blank or both edged; above 0 and below 1.
@@ -59,6 +60,10 @@ pub struct LikelihoodConfig {
     pub gap_mean: f64,
     /// ... and standard deviation, positive.
     pub gap_sd: f64,
+    /// Share of their error that the touches of one hole have in common, 0..=1: the same print, the same network. Zero:
+    /// all they say is multiplied. Else n touches count as n / (1 + share (n - 1)), each likelihood taken to that power of
+    /// n, as the mean of n numbers of which any two correlate so much.
+    pub shared_error: f64,
     /// Touches nearer than this share evidence, mm, not negative; zero: all count as independent.
     pub overlap_mm: f64,
     /// Touches at one place turned by less than this share evidence, degrees; positive.
@@ -71,7 +76,7 @@ impl Default for LikelihoodConfig {
     fn default() -> Self {
         Self {
             temperature: 0.03,
-            outlier_floor: 3e-4,
+            outlier_share: 0.02,
             blank_share: BLANK_SHARE,
             blank_agreement: 0.96,
             nearest_tolerance: 0.25,
@@ -81,6 +86,7 @@ impl Default for LikelihoodConfig {
             matched_sd: 0.03,
             gap_mean: 0.01,
             gap_sd: 0.03,
+            shared_error: 0.15,
             overlap_mm: 3.0,
             overlap_deg: 15.0,
         }
@@ -92,11 +98,12 @@ impl LikelihoodConfig {
     /// floor, no blank views, every view inside the recorded area trusted.
     pub fn paper() -> Self {
         Self {
-            outlier_floor: 0.0,
+            outlier_share: 0.0,
             blank_share: 0.0,
             nearest_tolerance: 1.0,
             interpolation: Interpolation::Nearest,
             unknown_similarity: None,
+            shared_error: 0.0,
             overlap_mm: 0.0,
             ..Self::default()
         }
@@ -105,10 +112,7 @@ impl LikelihoodConfig {
     /// The defaults with what was measured of a model where this side is touched, where it was. A model without a
     /// calibration for touched pegs is believed as for holes: measured, the two hardly differ (`infer/NOTES.md`).
     ///
-    /// A calibration finds the temperature at which ONE touch is believed rightly. Several touches of one
-    /// hole share their error (the same print, the same wear of the network), so that their product is
-    /// too sure. Of 1.5, 2 and 3 times the temperature, 2 named most small tuning letters after three touches off the
-    /// grid. The floor never falls below the default: it bounds what one spoilt touch can cost.
+    /// The share of outliers never falls below the default: few touches of a calibration have any.
     pub fn of_side(model: &Model, side: Side) -> Self {
         let default = Self::default();
         let Some(calibration) = calibration_of(model, side) else { return default };
@@ -116,8 +120,8 @@ impl LikelihoodConfig {
         let matched = calibration.matched.unwrap_or_else(|| matched_by_best(calibration, &default));
         let [gap, matched] = [gap, matched].map(|Spread { mean, sd }| Spread { mean, sd: sd.max(LEAST_SD) });
         Self {
-            temperature: SHARED_ERROR * calibration.temperature,
-            outlier_floor: calibration.outlier_floor.max(default.outlier_floor),
+            temperature: calibration.temperature,
+            outlier_share: calibration.outlier_share.max(default.outlier_share),
             blank_agreement: calibration.blank_agreement.clamp(0.5, default.blank_agreement),
             unknown_similarity: Some((matched.mean - UNKNOWN_SDS * matched.sd).max(-1.0)),
             matched_mean: matched.mean,
@@ -140,7 +144,7 @@ impl LikelihoodConfig {
             if fine { Ok(()) } else { Err(Error::config(format!("likelihood.{name}"), expected, got.to_string())) }
         };
         check("temperature", "a positive number", self.temperature, positive(self.temperature))?;
-        check("outlier_floor", "0..=1", self.outlier_floor, (0.0..=1.0).contains(&self.outlier_floor))?;
+        check("outlier_share", "0 to below 1", self.outlier_share, (0.0..1.0).contains(&self.outlier_share))?;
         let share = f64::from(self.blank_share);
         check("blank_share", "0..=1", share, (0.0..=1.0).contains(&share))?;
         let agreement = self.blank_agreement;
@@ -154,6 +158,7 @@ impl LikelihoodConfig {
         check("matched_sd", "a positive number", self.matched_sd, positive(self.matched_sd))?;
         check("gap_mean", "0..=2", self.gap_mean, (0.0..=2.0).contains(&self.gap_mean))?;
         check("gap_sd", "a positive number", self.gap_sd, positive(self.gap_sd))?;
+        check("shared_error", "0..=1", self.shared_error, (0.0..=1.0).contains(&self.shared_error))?;
         let apart = self.overlap_mm.is_finite() && self.overlap_mm >= 0.0;
         check("overlap_mm", "a number, not negative", self.overlap_mm, apart)?;
         check("overlap_deg", "a positive number", self.overlap_deg, positive(self.overlap_deg))
@@ -188,9 +193,6 @@ const LEAST_SD: f64 = 0.01;
 /// A recorded view whose cosine is so many standard deviations below that of the view touched is less likely than one that
 /// nobody recorded. With 4 more parts of the bank are taken for none of these (`NOTES.md`).
 const UNKNOWN_SDS: f64 = 7.0;
-
-/// By how much the temperature of several touches exceeds that of one.
-const SHARED_ERROR: f64 = 2.0;
 
 /// Probability that a view outside the recorded area is blank. Around a small part nearly all are and on a
 /// large one few; were it the recorded views' own share, a blank touch outside would speak for a wrong
@@ -234,8 +236,6 @@ pub struct TouchLikelihood {
     side: Side,
     /// How alike the bank's neighbouring views are, `[n_parts]`; `None` where none are interpolated.
     neighbours: Option<Arc<[Neighbours]>>,
-    /// Log of the mean of `exp((s - reference) / tau) + eps` over the edged rows.
-    log_mean: f64,
     /// Logs of the probabilities that blank and edged agree and that they do not.
     log_agrees: f64,
     log_disagrees: f64,
@@ -263,11 +263,13 @@ impl TouchLikelihood {
         let unknown_similarity = config.unknown_similarity.filter(|_| is_cubic).map(|cosine| cosine as f32);
         let reference = unknown_similarity.map_or(best_similarity, |unknown| unknown.max(best_similarity));
         above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(reference));
-        let model = MatchModel::new(config.temperature, config.outlier_floor);
-        let log_mean = model.log_mean(above_best);
+        // A view outside the recorded area is one more that a touch may be made at.
+        let beside = unknown_similarity.map(|unknown| f64::from(unknown - reference));
+        above_best.extend(beside);
+        let model = MatchModel::new(config.temperature, config.outlier_share, above_best);
         let log_unknown = match unknown_similarity {
             _ if blank => UNKNOWN_IS_BLANK.ln(),
-            Some(unknown) => (1.0 - UNKNOWN_IS_BLANK).ln() + model.log(f64::from(unknown - reference)) - log_mean,
+            Some(unknown) => (1.0 - UNKNOWN_IS_BLANK).ln() + model.log(f64::from(unknown - reference)),
             None => (1.0 - UNKNOWN_IS_BLANK).ln(),
         };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());
@@ -282,7 +284,6 @@ impl TouchLikelihood {
             matches: bank.matches().clone(),
             side: observation.side,
             neighbours,
-            log_mean,
             log_agrees,
             log_disagrees,
             model,
@@ -306,6 +307,11 @@ impl TouchLikelihood {
         }
     }
 
+    /// The mean of `exp((s - best) / tau)` over the views, 0..=1; `None` where the touch is blank.
+    pub(crate) fn mean_match(&self) -> Option<f64> {
+        (!self.blank).then_some(self.model.mean)
+    }
+
     /// The log-likelihood at one row of the bank; finite.
     pub fn log_row(&self, row: usize) -> f64 {
         self.log_between(self.similarities[row], row)
@@ -320,7 +326,7 @@ impl TouchLikelihood {
             (Shows::Nothing, true) => self.log_agrees,
             (Shows::Edge, false) => {
                 let above = f64::from(similarity - self.reference);
-                self.log_agrees + (self.model.log(above) - self.log_mean)
+                self.log_agrees + self.model.log(above)
             }
         }
     }
@@ -328,7 +334,7 @@ impl TouchLikelihood {
     /// The same of an edged touch at views of these cosines, near rows that show an edge too.
     pub(crate) fn match_logs(&self, similarities: &[f32]) -> Vec<f64> {
         let above_best = similarities.iter().map(|similarity| similarity - self.reference).collect();
-        self.model.logs(above_best, self.log_agrees - self.log_mean)
+        self.model.logs(above_best, self.log_agrees)
     }
 
     /// The cosine at a pose between the views of one part, whose rows start at `start`.
@@ -411,7 +417,7 @@ mod tests {
 
     /// The defaults but for round numbers.
     fn round() -> LikelihoodConfig {
-        LikelihoodConfig { temperature: 0.1, outlier_floor: 0.01, ..LikelihoodConfig::default() }
+        LikelihoodConfig { temperature: 0.1, outlier_share: 0.01, ..LikelihoodConfig::default() }
     }
 
     #[test]
@@ -419,9 +425,10 @@ mod tests {
         let bank = bank(&[[1.0, 0.0], [0.8, 0.6], [1.0, 0.0]], &[0.2, 0.2, 0.0]);
         let config = round();
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
-        let (best, other) = (1.01, (-2.0_f64).exp() + 0.01); // cosines 1 and 0.8, tau 0.1, eps 0.01
+        let (best, other) = (1.0, (-2.0_f64).exp()); // cosines 1 and 0.8, tau 0.1, eps 0.01
         let mean = (best + other) / 2.0;
-        let by_hand = [0.96 * best / mean, 0.96 * other / mean, 0.04];
+        let [best, other] = [best, other].map(|look| 0.99 * look / mean + 0.01);
+        let by_hand = [0.96 * best, 0.96 * other, 0.04];
         for (log, expected) in log_rows(&seen).iter().zip(by_hand) {
             // Cosines are f32: 6e-8 over a temperature of 0.1.
             assert!((log.exp() - expected).abs() < 2e-6, "{} {expected}", log.exp());
@@ -465,18 +472,19 @@ mod tests {
     }
 
     #[test]
-    fn one_bad_match_costs_at_most_the_floor() {
+    fn one_bad_match_costs_at_most_the_share_of_outliers() {
         let bank = bank(&[[1.0, 0.0], [-1.0, 0.0]], &[0.2, 0.2]);
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &round()).unwrap();
-        assert!((log_rows(&seen)[0] - log_rows(&seen)[1] - (1.01_f64 / 0.01).ln()).abs() < 1e-6);
+        // Half of the views match: twice as likely as anywhere.
+        assert!((log_rows(&seen)[0] - log_rows(&seen)[1] - ((0.99 * 2.0 + 0.01) / 0.01_f64).ln()).abs() < 1e-6);
     }
 
     #[test]
     fn any_temperature_gives_finite_numbers() {
         let bank = bank(&[[1.0, 0.0], [-1.0, 0.0]], &[0.2, 0.2]);
         for temperature in [1e-4, 1.0, 1e4] {
-            for outlier_floor in [0.0, 0.01] {
-                let config = LikelihoodConfig { temperature, outlier_floor, ..LikelihoodConfig::default() };
+            for outlier_share in [0.0, 0.01] {
+                let config = LikelihoodConfig { temperature, outlier_share, ..LikelihoodConfig::default() };
                 config.validate().unwrap();
                 let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &config).unwrap();
                 assert!(log_rows(&seen).iter().chain([&seen.log_unknown]).all(|log| log.is_finite()));

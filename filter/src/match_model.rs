@@ -3,33 +3,38 @@
 use crate::simd;
 use crate::softplus::softplus;
 
-/// log(exp(d / tau) + eps) for a cosine `d` above the one that it is measured from, mostly below it.
+/// `log((1 - eps) exp(d / tau) / M + eps)` for a cosine `d` above the one that it is measured from, mostly below it: a touch
+/// is of the view that matches, `M` being the mean of `exp(d / tau)` over all views, but for a share eps of all touches,
+/// which may look like any.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MatchModel {
     temperature: f64,
-    /// Log of eps; -inf where no match costs all.
+    /// The mean over all views.
+    pub mean: f64,
+    /// Log of `eps M / (1 - eps)`; -inf where no touch is an outlier.
     log_floor: f64,
+    /// Log of `M / (1 - eps)`.
+    log_scale: f64,
 }
 
 impl MatchModel {
-    /// By a temperature tau and a floor eps.
-    pub fn new(temperature: f64, outlier_floor: f64) -> Self {
-        Self { temperature, log_floor: outlier_floor.ln() }
-    }
-
-    /// The log of the mean of `exp(d / tau) + eps` over cosines none of which is above the reference; 0 without any.
-    pub fn log_mean(self, mut above_best: Vec<f64>) -> f64 {
+    /// By a temperature tau, a share of outliers eps and the cosines of all views, none of which is above the reference.
+    pub fn new(temperature: f64, outlier_share: f64, mut above_best: Vec<f64>) -> Self {
         let n = above_best.len() as f64;
-        above_best.iter_mut().for_each(|d| *d /= self.temperature);
+        above_best.iter_mut().for_each(|d| *d /= temperature);
         let mut powers = Vec::new();
         simd::lower(&mut above_best, 0.0, &mut powers);
-        if n > 0.0 { (simd::sum(&powers) / n + self.log_floor.exp()).ln().max(LOWEST) } else { 0.0 }
+        let mean = if n > 0.0 { (simd::sum(&powers) / n).max(f64::MIN_POSITIVE) } else { 1.0 };
+        let scale = mean / (1.0 - outlier_share);
+        Self { temperature, mean, log_floor: (outlier_share * scale).ln(), log_scale: scale.ln() }
     }
 
     /// For one cosine.
     pub fn log(self, above_best: f64) -> f64 {
         let log = (above_best / self.temperature).clamp(LOWEST, HIGHEST);
-        if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log }
+        let above =
+            if self.log_floor > f64::NEG_INFINITY { self.log_floor + softplus(log - self.log_floor) } else { log };
+        above - self.log_scale
     }
 
     /// The same of many, in f32 where that is fine enough, each with `more` added.
@@ -45,7 +50,7 @@ impl MatchModel {
             *value = if log < HIGHEST as f32 { log } else { HIGHEST as f32 } - floor;
         }
         simd::softplus(&mut above_best);
-        let more = self.log_floor + more;
+        let more = self.log_floor - self.log_scale + more;
         above_best.into_iter().map(|log| more + f64::from(log)).collect()
     }
 }

@@ -159,7 +159,7 @@ fn draw_one(cumulative: &[f64], rng: &mut ChaCha8Rng) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::exact::Exact;
+    use crate::exact::{Exact, TouchWeights};
 
     const TOUCHES: [[f64; 4]; 3] = [[0.4, 0.3, 0.2, 0.1], [0.1, 0.5, 0.2, 0.2], [0.3, 0.6, 0.9, 0.1]];
 
@@ -184,8 +184,8 @@ mod tests {
     fn many_particles_agree_with_the_exact_engine() {
         let mut exact = Exact::uniform(4);
         TOUCHES.iter().for_each(|touch| {
-            exact.weigh(&touch.map(f64::ln));
-            exact.update();
+            exact.weigh(&touch.map(f64::ln), TouchWeights::FULL);
+            exact.update(TouchWeights::FULL);
         });
         for (resample_share, n_moves) in [(0.0, 0), (0.5, 0), (1.0, 0), (0.5, 1), (1.0, 4)] {
             let config = ParticleConfig { n_particles: 100_000, resample_share, n_moves, adaptive: false };

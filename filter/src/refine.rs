@@ -26,8 +26,9 @@ pub struct Refined {
 }
 
 /// The mean pose around `start`, a state's pose, under all touches: a lattice of one grid step either way,
-/// then finer ones around its mean. Deterministic; on a grid of one pose an axis it stays there.
-pub fn refine(grid: &PoseGrid, touches: &[Evidence], part: usize, start: &Se2) -> Refined {
+/// then finer ones around its mean. `joint_weight`: the power to which each touch's likelihood is taken. Deterministic;
+/// on a grid of one pose an axis it stays there.
+pub fn refine(grid: &PoseGrid, touches: &[Evidence], joint_weight: f64, part: usize, start: &Se2) -> Refined {
     let spans = [
         if grid.n_xy() > 1 { grid.xy_step_mm } else { 0.0 },
         if grid.n_xy() > 1 { grid.xy_step_mm } else { 0.0 },
@@ -43,7 +44,8 @@ pub fn refine(grid: &PoseGrid, touches: &[Evidence], part: usize, start: &Se2) -
         touches.iter().for_each(|touch| touch.add_logs(grid, part, [&xs, &ys, &thetas], &mut sums));
         let [dx, dy, dt] = offsets;
         let at = |i: usize| [dx[i / N_POINTS / N_POINTS], dy[i / N_POINTS % N_POINTS], dt[i % N_POINTS]];
-        let scored: Vec<([f64; 3], f64)> = sums.iter().enumerate().map(|(i, sum)| (at(i), POWER * sum)).collect();
+        let scored: Vec<([f64; 3], f64)> =
+            sums.iter().enumerate().map(|(i, sum)| (at(i), POWER * joint_weight * sum)).collect();
         let best = scored.iter().map(|(_, score)| *score).fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> = scored.iter().map(|(_, score)| (score - best).exp()).collect();
         let total: f64 = weights.iter().sum();
@@ -57,7 +59,8 @@ pub fn refine(grid: &PoseGrid, touches: &[Evidence], part: usize, start: &Se2) -
         // Twice the deviation either way holds the mass; a lattice may not lose a peak between its points.
         half = axes.map(|axis| (2.5 * covariance[axis][axis].sqrt()).clamp(0.3 * half[axis], spans[axis]));
     }
-    Refined { part_from_first: centre, covariance }
+    // A normal distribution taken to a power is wider by that power's inverse.
+    Refined { part_from_first: centre, covariance: covariance.map(|row| row.map(|value| POWER * value)) }
 }
 
 fn moved(pose: &Se2, [x_mm, y_mm, theta_rad]: [f64; 3]) -> Se2 {
@@ -122,7 +125,7 @@ mod tests {
     #[test]
     fn a_grid_of_one_pose_stays_there() {
         let one = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 2.0, theta_half_deg: 0.0, theta_step_deg: 15.0 };
-        let found = refine(&one, &[], 0, &Se2::IDENTITY);
+        let found = refine(&one, &[], 1.0, 0, &Se2::IDENTITY);
         assert_eq!((found.part_from_first, found.covariance), (Se2::IDENTITY, [[0.0; 3]; 3]));
     }
 }

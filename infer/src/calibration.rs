@@ -11,8 +11,8 @@ pub const BLANK_SHARE: f32 = 0.01;
 pub struct Calibration {
     /// tau: the difference of cosine that changes a probability by a factor e.
     pub temperature: f64,
-    /// Likelihood of a quite different view, relative to that of the best match.
-    pub outlier_floor: f64,
+    /// Share of the touches that look like any view rather than like their own.
+    pub outlier_share: f64,
     /// Probability that a hole and the nearest recorded peg are both blank or both edged.
     pub blank_agreement: f64,
     /// 99 in 100 holes with an edge reach this cosine with some recorded peg.
@@ -43,7 +43,7 @@ impl Calibration {
         let own = Prior {
             n_touches,
             temperature: self.temperature,
-            outlier_floor: self.outlier_floor,
+            outlier_share: self.outlier_share,
             blank_agreement: self.blank_agreement,
             low_similarity: self.low_similarity,
             gap: self.gap,
@@ -60,8 +60,8 @@ pub struct Prior {
     pub n_touches: f64,
     /// The temperature.
     pub temperature: f64,
-    /// The floor.
-    pub outlier_floor: f64,
+    /// The share of outliers.
+    pub outlier_share: f64,
     /// How often blank and edged agree.
     pub blank_agreement: f64,
     /// The cosine that 99 in 100 edged touches reach.

@@ -14,8 +14,8 @@ use crate::network::{Network, tensors_of};
 use crate::precision::Precision;
 use crate::safefile::{NamedTensor, SafeFile};
 
-/// The version of the checkpoint's layout.
-pub const SCHEMA: &str = "tactile-filter/checkpoint/1";
+/// The version of the checkpoint's layout. Models of the first one know other lamps.
+pub const SCHEMA: &str = "tactile-filter/checkpoint/2";
 
 /// The entries of the calibrations in a checkpoint: of touched holes and of touched pegs.
 const CALIBRATIONS: [&str; 2] = ["calibration", "peg_calibration"];

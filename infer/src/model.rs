@@ -277,7 +277,7 @@ mod tests {
         let bare = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
         let of = |temperature: f64| Calibration {
             temperature,
-            outlier_floor: 1e-3,
+            outlier_share: 1e-3,
             blank_agreement: 0.9,
             low_similarity: 0.7,
             nll_nats: 1.0,

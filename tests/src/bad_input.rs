@@ -126,7 +126,7 @@ fn a_checkpoint_of_another_version_or_cut_short_is_refused() {
     let sample = Sample::shared();
     let folder = tempfile::tempdir().unwrap();
     let good = fs::read(sample.folder().join("model/model.safetensors")).unwrap();
-    let (now, later) = (b"tactile-filter/checkpoint/1", b"tactile-filter/checkpoint/2");
+    let (now, later) = (b"tactile-filter/checkpoint/2", b"tactile-filter/checkpoint/3");
     let at = good.windows(now.len()).position(|bytes| bytes == now).unwrap();
     let mut of_later = good.clone();
     of_later[at..at + later.len()].copy_from_slice(later);
@@ -136,7 +136,7 @@ fn a_checkpoint_of_another_version_or_cut_short_is_refused() {
     let bank = folder.path().join("pegs.bank");
     fs::write(&bank, "precious").unwrap();
     for (bytes, words) in [
-        (&of_later[..], ["tactile-filter/checkpoint/1", "tactile-filter/checkpoint/2"]),
+        (&of_later[..], ["tactile-filter/checkpoint/2", "tactile-filter/checkpoint/3"]),
         (&good[..good.len() - 1], ["a whole safetensors file", "got"]),
         (&changed, ["checksum", &sample.model_sha256]),
         (&[], ["a whole safetensors file", "got"]),

@@ -26,7 +26,7 @@ pub fn spec() -> SensorSpec {
     SensorSpec {
         frame_px: [160, 120],
         gel_length_mm: 1.2,
-        light: LightRig { walls: Some(walls), ..LightRig::default() },
+        light: LightRig { walls: Some(walls), ..LightRig::named("mini").unwrap() },
         ..SensorSpec::default()
     }
 }

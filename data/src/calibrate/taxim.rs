@@ -153,7 +153,7 @@ mod tests {
     fn the_table_of_a_known_rig_gives_it_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("polycalib.npz");
-        let rig = LightRig::default();
+        let rig = LightRig::named("mini").unwrap();
         let arrays = [("grad_b", 0), ("grad_g", 1), ("grad_r", 2)];
         write(&path, &arrays.map(|(name, channel)| (name, [25, 25, 6], table(&rig, channel))));
         let read = read(&path, [64, 48], [0.29, 0.3], rig.at_rest).unwrap();

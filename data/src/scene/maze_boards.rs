@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{SensorRange, is_zero};
 use crate::error::{Error, Result};
-use crate::random::{frame_rng, uniform};
+use crate::random::{around_zero, frame_rng, uniform};
 use crate::sensor::SensorSpec;
 use crate::shape::maze::MazeSpec;
 use crate::shape::{Face, Layer, Relief, Rounding, Shape};
@@ -108,7 +108,21 @@ impl MazeBoards {
     /// The diagonal of the largest view that a sensor may have, mm.
     pub fn widest_view_mm(&self, sensor: &SensorSpec) -> f64 {
         let [width, height] = sensor.field_of_view_mm;
-        self.sensors.map_or(1.0, |sensors| sensors.scale[1]) * width.hypot(height)
+        self.sensors.map_or(1.0, |sensors| sensors.widest()) * width.hypot(height)
+    }
+
+    /// A sensor drawn round the scene's own: another gel, other lamps and, where boards are felt by many sensors, another
+    /// press, camera and scale.
+    pub fn draw_sensor(&self, spec: &SensorSpec, rng: &mut ChaCha8Rng) -> SensorSpec {
+        let gel_length_mm = uniform(rng, self.gel_length_mm);
+        let mut around = |half| around_zero(rng, half);
+        // Two Minis' fitted lamps differ by some 4 to 17 degrees and 10 % of brightness.
+        let (strength, turn_deg) = ([0; 3].map(|_| 1.0 + around(0.15)), [0; 3].map(|_| around(10.0)));
+        let spec = SensorSpec { gel_length_mm, light: spec.light.varied(strength, turn_deg), ..spec.clone() };
+        match self.sensors {
+            Some(sensors) => sensors.draw(spec, rng),
+            None => spec,
+        }
     }
 
     /// Refuses boards that cannot be drawn or touched, naming the field.

@@ -79,9 +79,8 @@ impl Scene {
 /// that compresses hard. The same sensor records the bank.
 ///
 /// Chosen on the tuning letters alone, for one figure: the nearest recorded view to one touch on the grid names
-/// about as many parts as the paper's 39.6 %. With the shipped model it names 37.2, 41.0 and 44.0 % (500 episodes
-/// each, banks and episodes of other seeds; 98 % under the default sensor). Place, noise and compression cost the
-/// most, tilt and depth less; print and dust hardly count.
+/// about as many parts as the paper's 39.6 %, with an earlier model (37.2, 41.0 and 44.0 %, 500 episodes each). Place,
+/// noise and compression cost the most, tilt and depth less; print and dust hardly count.
 fn rough_for_small() -> SensorSpec {
     SensorSpec {
         place_jitter_mm: 0.6,
@@ -92,8 +91,8 @@ fn rough_for_small() -> SensorSpec {
     }
 }
 
-/// The sensor of `alphabet-large-hard`, chosen as [`rough_for_small`]: the paper's one touch names 41.9 %. With the
-/// same model it is 41.2, 41.4 and 38.0 % (500 episodes each; 88 % under the default sensor).
+/// The sensor of `alphabet-large-hard`, chosen as [`rough_for_small`]: the paper's one touch names 41.9 %, with the
+/// same model it was 41.2, 41.4 and 38.0 % (500 episodes each).
 fn rough_for_large() -> SensorSpec {
     SensorSpec {
         place_jitter_mm: 0.5,

@@ -23,6 +23,11 @@ pub struct SensorRange {
     /// The smooth change that comes with a press, as a multiple of the scene's
     /// [`light_field`](SensorSpec::light_field).
     pub light_field: [f64; 2],
+    /// Holes are felt by another sensor than pegs, drawn in the same ranges, as touches are compared with a bank that was
+    /// made under another sensor. It shows so much more or less than that of the pegs, a factor. Without this one sensor
+    /// feels both sides of a board.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hole_scale: Option<[f64; 2]>,
 }
 
 impl Default for SensorRange {
@@ -33,6 +38,7 @@ impl Default for SensorRange {
             jpeg_quality: [30, 88],
             scale: [0.92, 1.1],
             light_field: [0.0, 2.0],
+            hole_scale: None,
         }
     }
 }
@@ -40,6 +46,11 @@ impl Default for SensorRange {
 impl SensorRange {
     /// From the worst to the best JPEG quality of one sensor.
     pub const QUALITIES: u8 = 12;
+
+    /// Width and height of the widest view that can be drawn, as a multiple of the scene's.
+    pub fn widest(&self) -> f64 {
+        self.scale[1] * self.hole_scale.map_or(1.0, |[_, most]| most.max(1.0))
+    }
 
     /// A sensor drawn round `spec`.
     pub fn draw(&self, spec: SensorSpec, rng: &mut ChaCha8Rng) -> SensorSpec {
@@ -67,6 +78,7 @@ impl SensorRange {
             ("jpeg_quality", quality, 1.0, 100.0),
             ("scale", self.scale, 0.5, 2.0),
             ("light_field", self.light_field, 0.0, 100.0),
+            ("hole_scale", self.hole_scale.unwrap_or([1.0; 2]), 0.5, 2.0),
         ] {
             if !(low >= least && high >= low && high <= most) {
                 let expected = format!("{least} to {most}, in order");
@@ -131,6 +143,7 @@ mod tests {
             jpeg_quality: [75; 2],
             scale: [1.0; 2],
             light_field: [1.0; 2],
+            hole_scale: None,
         };
         let quality = SensorSpec::default().jpeg_quality;
         assert_eq!(quality, [75, 90]);

@@ -32,7 +32,7 @@ const MINI_AT_REST: [Quadratic; 3] = [
 ];
 
 /// A sensor's light, each factor for red, green and blue. In a scene it is written out or given by the name
-/// of a known rig: `light = "mini"`.
+/// of a known rig: `light = "mini-table"`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LightRig {
     /// The frame at rest, counts.
@@ -97,15 +97,15 @@ impl Shadow {
 }
 
 impl Default for LightRig {
-    /// A GelSight Mini.
+    /// A GelSight Mini as its calibration table has it, walls included.
     fn default() -> Self {
-        Self::of(Lamps::default())
+        known::mini_by_table()
     }
 }
 
 impl LightRig {
     /// Names of the known rigs.
-    pub const NAMES: [&str; 3] = ["mini", "mini-table", "cmu"];
+    pub const NAMES: [&str; 3] = ["mini-table", "mini", "cmu"];
 
     /// One lamp for each channel: its brightness at the frame's centre in counts, and the direction in which
     /// it lights a slope, degrees from x towards y. Background and fall-off are a Mini's.
@@ -123,12 +123,13 @@ impl LightRig {
         Lamps { along_x: self.along_x, along_y: self.along_y }
     }
 
-    /// A known rig: `mini`, a closed form near a GelSight Mini; `mini-table`, that sensor's calibration table fitted
-    /// again, nearer to real frames; or `cmu`, the lamps of an older GelSight (fitted on Taxim's table of it).
+    /// A known rig: `mini-table`, a GelSight Mini's calibration table fitted again, the default; `mini`, a closed form of
+    /// it with one direction for each lamp and no walls, farther from real frames; or `cmu`, the lamps of an older
+    /// GelSight (fitted on Taxim's table of it).
     pub fn named(name: &str) -> Result<Self> {
         match name {
-            "mini" => Ok(Self::default()),
-            "mini-table" => Ok(known::mini_by_table()),
+            "mini-table" => Ok(Self::default()),
+            "mini" => Ok(Self::lamps([97.0, 50.0, 53.0], [83.0, -174.0, -97.0])),
             "cmu" => Ok(Self::lamps([65.0, 45.0, 47.0], [178.0, 62.0, -54.0])),
             _ => {
                 let got = with_closest(name, Self::NAMES);
@@ -243,7 +244,7 @@ mod tests {
 
     #[test]
     fn a_varied_rig_is_turned_and_scaled() {
-        let rig = LightRig::default().varied([1.1, 0.9, 1.0], [10.0, -20.0, 0.0]);
+        let rig = LightRig::named("mini").unwrap().varied([1.1, 0.9, 1.0], [10.0, -20.0, 0.0]);
         for (channel, (deg, counts)) in [(93.0, 106.7), (166.0, 45.0), (-97.0, 53.0)].into_iter().enumerate() {
             assert!((direction(&rig, channel) - deg).abs() < 1e-4, "{}", direction(&rig, channel));
             let strength = rig.along_x[channel][0].hypot(rig.along_y[channel][0]);
@@ -289,7 +290,7 @@ mod tests {
         let json = serde_json::to_string(&cmu).unwrap();
         assert_eq!(serde_json::from_str::<Sensor>(&json).unwrap(), cmu);
         let error = toml::from_str::<Sensor>("light = \"sun\"").unwrap_err().to_string();
-        assert!(error.contains("expected one of mini, mini-table, cmu, got sun"), "{error}");
+        assert!(error.contains("expected one of mini-table, mini, cmu, got sun"), "{error}");
     }
 
     #[test]

@@ -112,7 +112,6 @@ pub struct SensorSpec {
     /// Specks of dust on the gel.
     pub n_specks: usize,
     /// The smooth change of the whole picture that comes with a press.
-    #[serde(skip_serializing_if = "LightField::is_none")]
     pub light_field: LightField,
     /// Seed of what is fixed for one sensor: its specks.
     pub seed: u64,
@@ -142,7 +141,7 @@ impl Default for SensorSpec {
             jpeg_quality: [75, 90],
             texture_mm: [0.0, 0.02],
             n_specks: 12,
-            light_field: LightField::default(),
+            light_field: LightField::FITTED,
             seed: 0,
         }
     }

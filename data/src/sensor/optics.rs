@@ -168,8 +168,9 @@ mod tests {
         let mut steep = [[0.0; 6]; 3];
         steep[0] = [0.0, 3.0, 5.0, 7.0, 11.0, 13.0];
         let walls = Walls { steep, across: [[20.0, 0.0, 0.0, 0.0, 0.0, 0.0]; 3], diagonal: [[0.0; 6]; 3] };
-        let mini = SensorSpec { frame_px: [12, 10], ..SensorSpec::default() };
-        let spec = SensorSpec { light: LightRig { walls: Some(walls), ..LightRig::default() }, ..mini.clone() };
+        let light = LightRig { walls: None, ..LightRig::default() };
+        let mini = SensorSpec { frame_px: [12, 10], light: light.clone(), ..SensorSpec::default() };
+        let spec = SensorSpec { light: LightRig { walls: Some(walls), ..light }, ..mini.clone() };
         let slope = [0.9_f64, 0.5];
         let depths = plane(slope, [12, 10], [0.1, 0.1]);
         let added: Vec<f32> = (Optics::new(&spec).shade(&depths, [0.1, 0.1]).iter())

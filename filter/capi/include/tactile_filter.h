@@ -585,9 +585,9 @@ typedef struct tf_episode_config {
      */
     double temperature;
     /**
-     * Likelihood of a view that looks quite different, relative to the best match, 0 to 1.
+     * Share of the touches that look like any view rather than like their own, 0 to below 1.
      */
-    double outlier_floor;
+    double outlier_share;
     /**
      * How far from its pose the nearest view is trusted wholly, steps of the grid; positive.
      */
@@ -625,6 +625,11 @@ typedef struct tf_episode_config {
      * 0: it is as likely as an average recorded one.
      */
     uint32_t has_unknown_similarity;
+    /**
+     * Share of their error that the touches of one hole have in common, 0 to 1: n touches count as
+     * n / (1 + share (n - 1)).
+     */
+    double shared_error;
 } tf_episode_config;
 
 /**

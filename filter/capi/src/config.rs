@@ -119,8 +119,8 @@ pub struct tf_episode_config {
     pub blank_agreement: f64,
     /// The difference of cosine that changes a probability by a factor e; positive.
     pub temperature: f64,
-    /// Likelihood of a view that looks quite different, relative to the best match, 0 to 1.
-    pub outlier_floor: f64,
+    /// Share of the touches that look like any view rather than like their own, 0 to below 1.
+    pub outlier_share: f64,
     /// How far from its pose the nearest view is trusted wholly, steps of the grid; positive.
     pub nearest_tolerance: f64,
     /// Touches nearer than this share evidence, mm, not negative.
@@ -141,6 +141,9 @@ pub struct tf_episode_config {
     pub unknown_similarity: f64,
     /// 0: it is as likely as an average recorded one.
     pub has_unknown_similarity: u32,
+    /// Share of their error that the touches of one hole have in common, 0 to 1: n touches count as
+    /// n / (1 + share (n - 1)).
+    pub shared_error: f64,
 }
 
 /// The size of the struct's first version.
@@ -202,7 +205,7 @@ impl From<&EpisodeConfig> for tf_episode_config {
             blank_share: likelihood.blank_share,
             blank_agreement: likelihood.blank_agreement,
             temperature: likelihood.temperature,
-            outlier_floor: likelihood.outlier_floor,
+            outlier_share: likelihood.outlier_share,
             nearest_tolerance: likelihood.nearest_tolerance,
             overlap_mm: likelihood.overlap_mm,
             overlap_deg: likelihood.overlap_deg,
@@ -212,6 +215,7 @@ impl From<&EpisodeConfig> for tf_episode_config {
             gap_sd: likelihood.gap_sd,
             unknown_similarity: likelihood.unknown_similarity.unwrap_or_default(),
             has_unknown_similarity: likelihood.unknown_similarity.is_some().into(),
+            shared_error: likelihood.shared_error,
         }
     }
 }
@@ -281,7 +285,7 @@ fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
     };
     Ok(LikelihoodConfig {
         temperature: config.temperature,
-        outlier_floor: config.outlier_floor,
+        outlier_share: config.outlier_share,
         blank_share: config.blank_share,
         blank_agreement: config.blank_agreement,
         nearest_tolerance: config.nearest_tolerance,
@@ -295,6 +299,7 @@ fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
         matched_sd: config.matched_sd,
         gap_mean: config.gap_mean,
         gap_sd: config.gap_sd,
+        shared_error: config.shared_error,
         overlap_mm: config.overlap_mm,
         overlap_deg: config.overlap_deg,
     })
@@ -403,7 +408,7 @@ mod tests {
         // What lies behind its struct is not read.
         let there = tf_episode_config { size: FIRST_SIZE, matched_sd: f64::NAN, ..(&EpisodeConfig::default()).into() };
         assert_eq!(unsafe { read(&there) }.map_err(|failure| failure.message), Ok(EpisodeConfig::default()));
-        assert_eq!(FIRST_SIZE + 48, size_of::<tf_episode_config>());
+        assert_eq!(FIRST_SIZE + 56, size_of::<tf_episode_config>());
     }
 
     #[test]

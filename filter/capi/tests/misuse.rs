@@ -295,7 +295,7 @@ fn a_touch_of_the_other_side_is_refused() {
         assert_eq!(tf_episode_config_of_side(world.model, 7, size, &mut config), tf_status::Argument);
         // The shipped model was calibrated on either side, and a peg looks more like a peg.
         ok(tf_episode_config_of_side(world.model, tf_side::Peg as u32, size, &mut config));
-        assert!(config.matched_mean > world.config.matched_mean && config.temperature < world.config.temperature);
+        assert!(config.matched_mean > world.config.matched_mean && config.matched_sd < world.config.matched_sd);
         ok(tf_episode_config_of_side(world.model, tf_side::Hole as u32, size, &mut config));
         assert_eq!(config, world.config);
         tf_observation_free(peg);

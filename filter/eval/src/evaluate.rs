@@ -118,6 +118,8 @@ pub struct Scored {
     pub xy_mm: f64,
     /// Angle of the first touch's pose, degrees, modulo the part's symmetry.
     pub theta_deg: f64,
+    /// Squared error of the first touch's pose, normalised by the covariance stated; `None` where none was.
+    pub normalised_error: Option<f64>,
     /// Probability of the most probable part.
     pub probability: f64,
     /// How well that part explains what was felt.
@@ -252,8 +254,27 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
         fit: estimate.fit,
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
         named: hole.index_of(&estimate.part),
+        normalised_error: normalised_error(estimate, hole),
         ..score_pose(&estimate.part, estimate.part_from_first, bank.grid(), hole)
     }
+}
+
+/// `e^T C^-1 e` of the pose's error `e` in x, y and angle and its covariance `C`, by a Cholesky factor of that; `None`
+/// where `C` is of a pose that cannot vary.
+fn normalised_error(estimate: &Estimate, hole: &Hole<'_>) -> Option<f64> {
+    let found = estimate.part_from_first;
+    let truth = hole.symmetry().nearest_twin(&hole.part_from_first(), &found);
+    let error = [truth.x_mm - found.x_mm, truth.y_mm - found.y_mm, wrap_angle(truth.theta_rad - found.theta_rad)];
+    let (mut factor, mut solved) = ([[0.0; 3]; 3], [0.0; 3]);
+    for i in 0..3 {
+        for j in 0..=i {
+            let rest = estimate.covariance[i][j] - (0..j).map(|k| factor[i][k] * factor[j][k]).sum::<f64>();
+            factor[i][j] = if i == j { rest.sqrt() } else { rest / factor[j][j] };
+        }
+        solved[i] = (error[i] - (0..i).map(|k| factor[i][k] * solved[k]).sum::<f64>()) / factor[i][i];
+    }
+    let square: f64 = solved.iter().map(|value| value * value).sum();
+    square.is_finite().then_some(square)
 }
 
 /// How good it is to name one row of the bank, with certainty, after the first touch.

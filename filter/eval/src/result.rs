@@ -184,6 +184,17 @@ pub struct Row {
     /// Episodes that name the right part: those behind the errors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_correct: Option<usize>,
+    /// Mean difference between the probability of the part named and the share of episodes in which it is right, over
+    /// tenths of that probability weighed by their episodes (expected calibration error), 0..=1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration_error: Option<f64>,
+    /// Mean squared pose error of place and angle, normalised by the covariance that the filter stated: 3 where that is
+    /// right. `None` where poses are those of recorded views.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub normalised_pose_error: Option<f64>,
+    /// Share of poses within the ellipsoid that should hold 95 %, 0..=1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_ellipsoid: Option<f64>,
 }
 
 /// What the stopping rule did.

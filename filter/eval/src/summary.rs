@@ -35,6 +35,10 @@ pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
     let n_right = right.len().max(1) as f64;
     let mean = |of: fn(&Scored) -> f64| right.iter().map(|s| of(s)).sum::<f64>() / n_right;
     let median = |of: fn(&Scored) -> f64| quantile(right.iter().map(|s| of(s)).collect(), 0.5);
+    let errors: Vec<f64> = right.iter().filter_map(|s| s.normalised_error).collect();
+    let share_of_poses = |of: &dyn Fn(f64) -> f64| {
+        (!errors.is_empty()).then(|| errors.iter().map(|error| of(*error)).sum::<f64>() / errors.len() as f64)
+    };
     Row {
         method: label.method,
         inference: label.inference,
@@ -50,7 +54,24 @@ pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
         xy_mm_median: Some(median(|s| s.xy_mm)),
         theta_deg_median: Some(median(|s| s.theta_deg)),
         n_correct: Some(right.len()),
+        calibration_error: Some(calibration_error(scored)),
+        normalised_pose_error: share_of_poses(&|error| error),
+        within_ellipsoid: share_of_poses(&|error| f64::from(u8::from(error <= WITHIN_95))),
     }
+}
+
+/// The 95th percentile of chi-square with three degrees of freedom.
+const WITHIN_95: f64 = 7.814_727_903;
+
+/// The expected calibration error over tenths of the probability (Naeini et al. 2015).
+fn calibration_error(scored: &[Scored]) -> f64 {
+    const N_BINS: usize = 10;
+    let mut excess = [0.0; N_BINS];
+    for s in scored {
+        let bin = ((s.probability * N_BINS as f64) as usize).min(N_BINS - 1);
+        excess[bin] += s.probability.min(1.0) - f64::from(u8::from(s.right));
+    }
+    excess.iter().map(|sum: &f64| sum.abs()).sum::<f64>() / scored.len().max(1) as f64
 }
 
 /// Where each episode would have stopped by the rule of `config`, or at its last touch. The share of

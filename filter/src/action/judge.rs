@@ -39,7 +39,7 @@ impl<'a> Judge<'a> {
         n_suppositions: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let Situation { config, likelihood, belief, bank, .. } = *situation;
+        let Situation { config, belief, .. } = *situation;
         let drawn = belief.draw(n_draws, rng);
         let mut supposed: Vec<Hypothesis> =
             (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
@@ -47,7 +47,7 @@ impl<'a> Judge<'a> {
             supposed[0] = best;
         }
         let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();
-        let pairing = Pairing::new(config.rule, likelihood, bank, rng);
+        let pairing = Pairing::new(situation, rng);
         let supposed = supposed.into_iter().map(|hypothesis| (hypothesis, 1.0)).collect();
         Self::of(situation, pairing, draws, supposed)
     }
@@ -205,27 +205,45 @@ struct Pairing<'a> {
     rule: ActionRule,
     likelihood: &'a LikelihoodConfig,
     bank: &'a Bank,
-    /// Mean of [`Self::similarity`] over two edged views at random.
+    /// Temperature, what a view of any cosine adds, and agreement and disagreement of blank views, as they count together
+    /// with the touches made.
+    temperature: f64,
+    floor: f64,
+    agrees: f64,
+    disagrees: f64,
+    /// What [`Self::similarity`] is over edged views at random.
     average: f64,
     /// What a state whose view is unknown adds where an edged one would be seen.
     unknown: f64,
 }
 
 impl<'a> Pairing<'a> {
-    /// Pairs sampled for the average: its relative error, some 6 %, moves no score by more.
-    const N_SAMPLED: usize = 256;
-
-    fn new(rule: ActionRule, likelihood: &'a LikelihoodConfig, bank: &'a Bank, rng: &mut ChaCha8Rng) -> Self {
-        let shares = bank.edge_shares();
-        let is_edged = |row: &usize| !likelihood.is_blank(shares[*row]) && bank.is_recorded(*row);
-        let edged: Vec<usize> = (0..shares.len()).filter(is_edged).collect();
-        let mut pairing = Self { rule, likelihood, bank, average: 1.0, unknown: 1.0 };
-        if !edged.is_empty() {
-            let mut any = || edged[rng.random_range(0..edged.len())];
-            let similarities = (0..Self::N_SAMPLED).map(|_| pairing.similarity(any(), any()));
-            pairing.average = similarities.sum::<f64>() / Self::N_SAMPLED as f64;
+    fn new(situation: &Situation<'a>, rng: &mut ChaCha8Rng) -> Self {
+        let Situation { config, likelihood, bank, belief, .. } = *situation;
+        let joint = belief.joint_weight(1.0);
+        let LikelihoodConfig { temperature, outlier_share, blank_agreement, .. } = *likelihood;
+        let mut pairing = Self {
+            rule: config.rule,
+            likelihood,
+            bank,
+            temperature: temperature / joint,
+            floor: 0.0,
+            agrees: blank_agreement.powf(joint),
+            disagrees: (1.0 - blank_agreement).powf(joint),
+            average: 1.0,
+            unknown: 1.0,
+        };
+        let felt: Vec<f64> = belief.touches().iter().filter_map(|touch| touch.likelihood.mean_match()).collect();
+        if felt.is_empty() || config.rule == ActionRule::Paper {
+            pairing.average = pairing.mean_of_pairs(rng);
+            pairing.floor = outlier_share * pairing.average;
+        } else {
+            // What the filter measured matches by.
+            let mean = felt.iter().sum::<f64>() / felt.len() as f64;
+            pairing.average = mean.powf(joint);
+            pairing.floor = (outlier_share / (1.0 - outlier_share) * mean).powf(joint);
         }
-        pairing.unknown = match (rule, likelihood.unknown_similarity) {
+        pairing.unknown = match (config.rule, likelihood.unknown_similarity) {
             (ActionRule::Paper, _) => pairing.average,
             (_, Some(cosine)) if likelihood.interpolation.is_cubic(bank.grid()) => {
                 pairing.likely(cosine) / pairing.average
@@ -235,19 +253,33 @@ impl<'a> Pairing<'a> {
         pairing
     }
 
+    /// The mean of [`Self::similarity`] over pairs of edged views; 1 where there is none.
+    fn mean_of_pairs(&self, rng: &mut ChaCha8Rng) -> f64 {
+        /// Pairs sampled: the mean's relative error, some 6 %, moves no score by more.
+        const N_SAMPLED: usize = 256;
+        let shares = self.bank.edge_shares();
+        let is_edged = |row: &usize| !self.likelihood.is_blank(shares[*row]) && self.bank.is_recorded(*row);
+        let edged: Vec<usize> = (0..shares.len()).filter(is_edged).collect();
+        if edged.is_empty() {
+            return 1.0;
+        }
+        let mut any = || edged[rng.random_range(0..edged.len())];
+        (0..N_SAMPLED).map(|_| self.similarity(any(), any())).sum::<f64>() / N_SAMPLED as f64
+    }
+
     /// For the paper's rule 1 / f_PP, scaled so that it cannot overflow; else the filter's likelihood of
     /// seeing one view where the other is recorded, without its blank part.
     fn similarity(&self, row_a: usize, row_b: usize) -> f64 {
         let cosine = f64::from(self.bank.peg_similarity(row_a, row_b)).clamp(-1.0, 1.0);
         match self.rule {
-            ActionRule::Paper => (-(cosine + 1.0) / self.likelihood.temperature).exp(),
+            ActionRule::Paper => (-(cosine + 1.0) / self.temperature).exp(),
             _ => self.likely(cosine),
         }
     }
 
     /// The filter's likelihood of a view of this cosine, relative to that of the same view.
     fn likely(&self, cosine: f64) -> f64 {
-        ((cosine - 1.0) / self.likelihood.temperature).exp() + self.likelihood.outlier_floor
+        ((cosine - 1.0) / self.temperature).exp() + self.floor
     }
 
     /// What a state whose recorded view (row, trust) is `view` adds, where the edged row `touched` would be seen.
@@ -257,11 +289,10 @@ impl<'a> Pairing<'a> {
             return self.similarity(row, touched);
         }
         let is_blank = |row: usize| self.likelihood.is_blank(self.bank.edge_shares()[row]);
-        let agreement = self.likelihood.blank_agreement;
         let ratio = match (is_blank(row), is_blank(touched)) {
-            (false, false) => agreement * self.similarity(row, touched) / self.average,
-            (true, true) => agreement,
-            _ => 1.0 - agreement,
+            (false, false) => self.agrees * self.similarity(row, touched) / self.average,
+            (true, true) => self.agrees,
+            _ => self.disagrees,
         };
         trust * ratio + (1.0 - trust) * self.unknown
     }
@@ -279,30 +310,70 @@ mod tests {
     use rand::SeedableRng;
     use tactile_infer::rows::Rows;
 
+    /// What is made of a bank whose rows of one part all show edges, once one of them was touched.
+    fn with_pairing<T>(rule: ActionRule, likelihood: &LikelihoodConfig, take: impl FnOnce(&Pairing, f64) -> T) -> T {
+        let bank = bank(0.2);
+        let touch = TouchLikelihood::new(&Observation::new(bank.row(2).into_owned(), 0.2), &bank, likelihood).unwrap();
+        let mean = touch.mean_match().unwrap();
+        let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
+        let config = ActionConfig { rule, ..ActionConfig::default() };
+        let situation = Situation {
+            config: &config,
+            likelihood,
+            belief: &belief,
+            bank: &bank,
+            candidates: &[],
+            only_recorded: true,
+        };
+        take(&Pairing::new(&situation, &mut ChaCha8Rng::seed_from_u64(1)), mean)
+    }
+
     #[test]
     fn the_papers_score_agrees_with_hand_arithmetic() {
-        let bank = bank(0.2);
-        let likelihood = LikelihoodConfig { temperature: 0.5, ..LikelihoodConfig::default() };
-        let pairing = Pairing::new(ActionRule::Paper, &likelihood, &bank, &mut ChaCha8Rng::seed_from_u64(1));
-        // 1 / exp(cos / tau), scaled by exp(-1 / tau): cosines -1, 0 and 1.
+        let likelihood = LikelihoodConfig { temperature: 0.5, ..LikelihoodConfig::paper() };
+        with_pairing(ActionRule::Paper, &likelihood, |pairing, _| {
+            // 1 / exp(cos / tau), scaled by exp(-1 / tau): cosines -1, 0 and 1.
+            for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
+                assert!((pairing.value(Some((row, 1.0)), 2) - (-(cosine + 1.0) / 0.5).exp()).abs() < 1e-6);
+            }
+            assert_eq!(pairing.value(None, 2), pairing.average);
+        });
+    }
+
+    #[test]
+    fn a_view_counts_as_the_filter_will_weigh_it_with_the_touch_made() {
+        let independent = LikelihoodConfig { shared_error: 0.0, temperature: 0.5, ..LikelihoodConfig::default() };
+        let value = |likelihood: &LikelihoodConfig, row| {
+            with_pairing(ActionRule::Information, likelihood, |pairing, mean| {
+                (pairing.value(Some((row, 1.0)), 2), mean)
+            })
+        };
         for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
-            assert!((pairing.value(Some((row, 1.0)), 2) - (-(cosine + 1.0) / 0.5).exp()).abs() < 1e-6);
+            let (got, mean) = value(&independent, row);
+            // Up to 1 - eps, which all share.
+            let by_hand = 0.96 * (((cosine - 1.0) / 0.5).exp() / mean + 0.02 / 0.98);
+            assert!((got - by_hand).abs() < 1e-6, "{got} {by_hand}");
+            // Of two touches that share all of their error either counts as half a touch.
+            let alike = value(&LikelihoodConfig { shared_error: 1.0, outlier_share: 0.0, ..independent }, row).0;
+            let whole = value(&LikelihoodConfig { outlier_share: 0.0, ..independent }, row).0;
+            assert!((alike - whole.sqrt()).abs() < 1e-6, "{alike} {whole}");
         }
-        assert_eq!(pairing.value(None, 2), pairing.average);
     }
 
     #[test]
     fn an_unknown_view_is_worth_what_the_filter_takes_it_for_where_views_are_interpolated() {
-        let bank = bank(0.2);
-        let fine = LikelihoodConfig { interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
         let unknown = |rule, likelihood: &LikelihoodConfig| {
-            let pairing = Pairing::new(rule, likelihood, &bank, &mut ChaCha8Rng::seed_from_u64(1));
-            (pairing.value(None, 2), pairing.average)
+            with_pairing(rule, likelihood, |pairing, _| (pairing.value(None, 2), pairing.average))
+        };
+        let fine = LikelihoodConfig {
+            interpolation: Interpolation::Cubic,
+            shared_error: 0.0,
+            unknown_similarity: Some(0.9),
+            ..LikelihoodConfig::default()
         };
         let (got, average) = unknown(ActionRule::Information, &fine);
-        let cosine = fine.unknown_similarity.unwrap();
-        let likely = ((cosine - 1.0) / fine.temperature).exp() + fine.outlier_floor;
-        assert!((got - likely / average).abs() < 1e-12 && got < 1.0, "{got}");
+        let likely = (-0.1 / fine.temperature).exp() + 0.02 / 0.98 * average;
+        assert!((got - likely / average).abs() < 1e-6 && got < 1.0, "{got}");
         // An average one, where none are interpolated or nothing is known of them.
         let coarse = LikelihoodConfig { interpolation: Interpolation::Nearest, ..fine };
         let average_one = LikelihoodConfig { unknown_similarity: None, ..fine };
@@ -323,7 +394,7 @@ mod tests {
         let shares = vec![0.2; 3 * parts.len()];
         let rows = parts.concat().concat();
         let bank = Bank::from_rows(names, GRID, Rows::new(3, rows).unwrap(), shares, "").unwrap();
-        let likelihood = LikelihoodConfig { outlier_floor: 0.0, ..LikelihoodConfig::default() };
+        let likelihood = LikelihoodConfig { outlier_share: 0.0, shared_error: 0.0, ..LikelihoodConfig::default() };
         let touch = Observation::new(X.to_vec(), 0.2);
         let belief =
             Belief::new(&bank, EngineConfig::Exact, 1, 1, TouchLikelihood::new(&touch, &bank, &likelihood).unwrap());

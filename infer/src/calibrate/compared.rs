@@ -40,29 +40,31 @@ impl Compared {
         let of_range = |(n, weight): (&u32, &f64)| f64::from(*n) * weight;
         let all: f64 = self.rows_by_gap.iter().zip(&weights.of_range).map(of_range).sum();
         let near: f64 = self.near.iter().map(|gap| weights.at(f64::from(*gap))).sum();
-        all.ln() - near.ln()
+        let by_chance = (-self.chance()).exp();
+        -((1.0 - weights.outlier_share) * near / all + weights.outlier_share * by_chance).ln()
     }
 }
 
-/// What a row weighs by how far it is below the best: `exp(-gap / temperature) + floor`.
+/// What a row weighs by how far it is below the best, `exp(-gap / temperature)`, but for a share of touches that may be of
+/// any row.
 #[derive(Clone, Debug)]
 pub(super) struct Weights {
     temperature: f64,
-    floor: f64,
+    outlier_share: f64,
     /// In the middle of each range.
     of_range: Vec<f64>,
 }
 
 impl Weights {
-    /// The weights at a temperature and a floor.
-    pub fn new(temperature: f64, floor: f64) -> Self {
-        let mut weights = Self { temperature, floor, of_range: Vec::new() };
+    /// The weights at a temperature, and the share of outliers.
+    pub fn new(temperature: f64, outlier_share: f64) -> Self {
+        let mut weights = Self { temperature, outlier_share, of_range: Vec::new() };
         let n_ranges = (2.0 / GAP) as usize + 2;
         weights.of_range = (0..n_ranges).map(|i| weights.at((i as f64 + 0.5) * f64::from(GAP))).collect();
         weights
     }
 
     fn at(&self, gap: f64) -> f64 {
-        (-gap / self.temperature).exp() + self.floor
+        (-gap / self.temperature).exp()
     }
 }

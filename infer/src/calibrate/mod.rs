@@ -121,12 +121,12 @@ impl Touches {
         self.compared.is_empty()
     }
 
-    /// How well a temperature, a floor and a low similarity suit these touches; `None` without any.
-    pub fn judge(&self, temperature: f64, outlier_floor: f64, low_similarity: f32) -> Option<Judgement> {
+    /// How well a temperature, a share of outliers and a low similarity suit these touches; `None` without any.
+    pub fn judge(&self, temperature: f64, outlier_share: f64, low_similarity: f32) -> Option<Judgement> {
         let n = self.len() as f64;
         let n_low = self.compared.iter().filter(|hole| hole.best < low_similarity).count();
         (!self.is_empty()).then(|| Judgement {
-            nll_nats: fit::nll(&self.compared, temperature, outlier_floor),
+            nll_nats: fit::nll(&self.compared, temperature, outlier_share),
             low_share: n_low as f64 / n,
             gap: Spread::of(&self.gaps()),
         })
@@ -173,7 +173,7 @@ pub struct Gain {
     pub standard_error: f64,
 }
 
-/// Fits temperature and floor by maximum likelihood: for each hole the recorded poses within one step of
+/// Fits temperature and share of outliers by maximum likelihood: for each hole the recorded poses within one step of
 /// the true one, on the right part, are to be found among all rows of the bank, each weighing
 /// `exp((s - s_max) / tau) + eps`. The holes should lie between the recorded poses, as a robot's do.
 ///
@@ -195,10 +195,10 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
     let n_gaps = compared.len() as f64 + prior.map_or(0.0, n_counted);
     let calibration = Calibration {
         temperature: found.temperature,
-        outlier_floor: found.floor,
+        outlier_share: found.share,
         blank_agreement: blank_agreement(touches, prior),
         low_similarity: low_similarity(&bests, prior).unwrap_or(-1.0),
-        nll_nats: fit::nll(compared, found.temperature, found.floor),
+        nll_nats: fit::nll(compared, found.temperature, found.share),
         gap,
         matched: pooled(&touches.matched, prior, |prior| prior.matched),
         chance_nats: compared.iter().map(Compared::chance).sum::<f64>() / compared.len() as f64,
@@ -234,8 +234,8 @@ fn gain(compared: &[Compared], prior: &Prior) -> Option<Gain> {
         let (out, others): (Vec<usize>, Vec<usize>) = (0..compared.len()).partition(is_out);
         let others: Vec<Compared> = others.into_iter().map(|i| compared[i].clone()).collect();
         let fit = fit::fit(&others, Some(prior));
-        let [before, after] = [(prior.temperature, prior.outlier_floor), (fit.temperature, fit.floor)]
-            .map(|(temperature, floor)| Weights::new(temperature, floor));
+        let [before, after] = [(prior.temperature, prior.outlier_share), (fit.temperature, fit.share)]
+            .map(|(temperature, share)| Weights::new(temperature, share));
         let nats = |i: usize| [compared[i].nll(&before), compared[i].nll(&after)];
         out.into_iter().map(nats).collect::<Vec<_>>()
     };
@@ -272,7 +272,7 @@ mod tests {
     const PRIOR: Prior = Prior {
         n_touches: 8.0,
         temperature: 0.03,
-        outlier_floor: 1e-4,
+        outlier_share: 1e-4,
         blank_agreement: 0.95,
         low_similarity: 0.7,
         gap: Some(Spread { mean: 0.01, sd: 0.01 }),

@@ -79,7 +79,7 @@ mod tests {
         Prior {
             n_touches,
             temperature: 0.03,
-            outlier_floor: 1e-5,
+            outlier_share: 1e-5,
             blank_agreement: 0.96,
             low_similarity: 0.7,
             gap: Some(Spread { mean: 2.0, sd: 1.0 }),

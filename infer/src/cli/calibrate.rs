@@ -128,9 +128,9 @@ impl CalibrateArgs {
 }
 
 fn judged(others: &Touches, calibration: &Calibration) -> Option<Judged> {
-    let Calibration { temperature, outlier_floor, low_similarity, prior, .. } = *calibration;
-    let before = prior.and_then(|prior| others.judge(prior.temperature, prior.outlier_floor, prior.low_similarity));
-    let after = others.judge(temperature, outlier_floor, low_similarity)?;
+    let Calibration { temperature, outlier_share, low_similarity, prior, .. } = *calibration;
+    let before = prior.and_then(|prior| others.judge(prior.temperature, prior.outlier_share, prior.low_similarity));
+    let after = others.judge(temperature, outlier_share, low_similarity)?;
     Some(Judged { n_holes: others.len(), before, after })
 }
 
@@ -138,16 +138,16 @@ fn judged(others: &Touches, calibration: &Calibration) -> Option<Judged> {
 fn text(found: &Calibrated) -> String {
     let Calibrated { calibration, temperature_interval: [low, high], gap_interval, gain } = found;
     let Calibration {
-        temperature, outlier_floor, blank_agreement, low_similarity, n_holes, gap, matched, prior, ..
+        temperature, outlier_share, blank_agreement, low_similarity, n_holes, gap, matched, prior, ..
     } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
     let mut text = format!("{n_holes} touches with an edge{counted}\n");
     text += &format!(
-        "  temperature {}{temperature:.4} (95 % {low:.4} to {high:.4}), outlier floor {}{outlier_floor:.1e}\n",
+        "  temperature {}{temperature:.4} (95 % {low:.4} to {high:.4}), share of outliers {}{outlier_share:.1e}\n",
         before(&|prior| format!("{:.4}", prior.temperature)),
-        before(&|prior| format!("{:.1e}", prior.outlier_floor))
+        before(&|prior| format!("{:.1e}", prior.outlier_share))
     );
     text += &format!(
         "  blank agreement {}{blank_agreement:.3}; 99 in 100 holes reach cosine {}{low_similarity:.2}\n",

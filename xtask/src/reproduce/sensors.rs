@@ -23,9 +23,11 @@ const BALLS: (&str, &str) = ("fots-balls", "gelsight-ball-fots");
 const OF_BALLS: &str = "--ball-mm 4.70 --px-per-mm 19.58";
 
 /// Each sensor's name, and what its scene says of it: all else is the default's.
-const SENSORS: [(&str, &str); 12] = [
+const SENSORS: [(&str, &str); 13] = [
     (OWN, ""),
     ("cmu-lamps", "light = \"cmu\""),
+    // The closed form of a Mini's lamps.
+    ("closed-form-lamps", "light = \"mini\""),
     // 320 x 240 pixels of 1/19.58 mm, turned.
     (BALLS.0, "calibration = \"fots-balls-light.toml\"\nfield_of_view_mm = [16.34, 12.26]"),
     ("mini-sdk", "preset = \"gelsight-mini-sdk\""),
@@ -145,7 +147,11 @@ mod tests {
             for (sensor, _) in SENSORS.into_iter().filter(|(sensor, _)| *sensor != BALLS.0) {
                 let of = |end: &str| names.iter().any(|name| *name == format!("sensor-{sensor}-{end}"));
                 assert!(of("shipped") && of("calibrated") && of("own-bank") == (sensor != OWN), "{sensor}");
-                assert_eq!(of("light-known"), ["cmu-lamps", "half-exposure"].contains(&sensor), "{sensor}");
+                assert_eq!(
+                    of("light-known"),
+                    ["cmu-lamps", "closed-form-lamps", "half-exposure"].contains(&sensor),
+                    "{sensor}"
+                );
             }
             let at = |name: &str| names.iter().position(|found| found == name);
             let bank = if tuning_letters { "sensor-default-dev.bank" } else { "sensor-default.bank" };

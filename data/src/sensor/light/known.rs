@@ -1,17 +1,9 @@
 //! Known rigs, by name.
 
 use super::{LightRig, Quadratic, Shadow, Walls};
+use crate::lamps::{MINI_ALONG_X, MINI_ALONG_Y};
 
-/// Response of a GelSight Mini, fitted to the Taxim table of one in TacEx (640x480, MIT), of whose
-/// 32.3, 21.6 and 23.2 counts (root mean square for red, green and blue) it leaves 4.4, 1.9 and 2.5:
-///
-/// ```text
-/// tactile-data calibrate --taxim polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295
-/// ```
-const TABLE_ALONG_X: [Quadratic; 3] =
-    [[8.8, -0.2, 0.5, -9.7, 4.8, -4.5], [-50.1, 9.8, 3.8, 34.6, -6.9, 9.2], [-4.9, 8.6, 1.3, -2.4, -8.9, -2.9]];
-const TABLE_ALONG_Y: [Quadratic; 3] =
-    [[96.9, 1.8, 22.1, -66.2, -3.1, -99.3], [-6.2, -1.2, 6.3, 6.1, -1.9, 6.4], [-53.6, -0.5, 26.9, 20.2, -6.1, 44.8]];
+/// What the same table leaves for walls ([`MINI_ALONG_X`](crate::lamps::MINI_ALONG_X)).
 const TABLE_STEEP: [Quadratic; 3] = [
     [-17.5, -8.4, 22.7, 21.0, -28.7, -17.6],
     [-14.6, 3.3, -1.0, 11.5, 12.8, -11.9],
@@ -26,8 +18,8 @@ const TABLE_DIAGONAL: [Quadratic; 3] =
 pub(super) fn mini_by_table() -> LightRig {
     LightRig {
         at_rest: super::MINI_AT_REST,
-        along_x: TABLE_ALONG_X,
-        along_y: TABLE_ALONG_Y,
+        along_x: MINI_ALONG_X,
+        along_y: MINI_ALONG_Y,
         walls: Some(Walls { steep: TABLE_STEEP, across: TABLE_ACROSS, diagonal: TABLE_DIAGONAL }),
         shadow: Shadow::default(),
     }

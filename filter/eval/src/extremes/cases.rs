@@ -58,11 +58,11 @@ pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
         ("f16 bank, of the rows before rounding", &half_bank, &sample, COSINE_ERROR + HALF_ROUNDING),
     ];
     let mut cases = Vec::new();
-    for (of_floor, outlier_floor) in [("", LikelihoodConfig::default().outlier_floor), (", no floor", 0.0)] {
+    for (of_outliers, outlier_share) in [("", LikelihoodConfig::default().outlier_share), (", no outliers", 0.0)] {
         for (name, bank, of_reference, cosine_error) in kinds {
             for half_decades in -8..=8 {
                 let temperature = 10.0_f64.powf(f64::from(half_decades) / 2.0);
-                let config = LikelihoodConfig { temperature, outlier_floor, ..LikelihoodConfig::default() };
+                let config = LikelihoodConfig { temperature, outlier_share, ..LikelihoodConfig::default() };
                 let bound = rounding_bound(cosine_error, temperature, n_touches);
                 if bound > 1.0 {
                     continue;
@@ -70,7 +70,7 @@ pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
                 let belief = sample.belief_with(bank, EngineConfig::Exact, seed, &config)?;
                 let error = relative_error(&belief, &of_reference.reference(&config));
                 let expected = "as in f64, to the rounding of the cosines";
-                let case = Case::measured(Group::Temperature, format!("{name}{of_floor}"), expected, error, bound);
+                let case = Case::measured(Group::Temperature, format!("{name}{of_outliers}"), expected, error, bound);
                 cases.push(case.at(temperature).right_part(names_truth(&belief)));
             }
         }

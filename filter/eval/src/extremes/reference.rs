@@ -87,11 +87,12 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
 pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], config: &LikelihoodConfig) -> Vec<f64> {
     let recorded = poses(grid);
     let mut logs = vec![0.0; edge_shares.len()];
-    let mut first_from_sensor: Vec<Pose> = Vec::new();
+    let (mut first_from_sensor, mut n_touches): (Vec<Pose>, f64) = (Vec::new(), 0.0);
     for touch in touches {
         let moved = Pose::of(&touch.moved);
         let now = first_from_sensor.last().map_or(Pose::from_degrees(0.0, 0.0, 0.0), |before| before.then(&moved));
         let weight = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
+        n_touches += if is_far(&now, config, grid) { 0.0 } else { weight };
         first_from_sensor.push(now);
         let Logs { of_row, unknown, .. } = Logs::of(edge_shares, touch, config, None);
         for (cell, first) in recorded.iter().enumerate() {
@@ -107,8 +108,21 @@ pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], co
             }
         }
     }
+    weigh_together(&mut logs, n_touches, config);
     normalise(&mut logs);
     logs
+}
+
+/// Whether no recorded view is near, wherever the first touch was: the touch does not count.
+fn is_far(first_from_sensor: &Pose, config: &LikelihoodConfig, grid: &PoseGrid) -> bool {
+    let rim_mm = grid.xy_step_mm * (8.0 * config.nearest_tolerance).max(2.0);
+    first_from_sensor.x.hypot(first_from_sensor.y) > 8.0_f64.sqrt() * grid.xy_half_mm + rim_mm
+}
+
+/// Touches that share an error count as fewer.
+fn weigh_together(logs: &mut [f64], n_touches: f64, config: &LikelihoodConfig) {
+    let n_alike = 1.0 + config.shared_error * (n_touches - 1.0).max(0.0);
+    logs.iter_mut().for_each(|log| *log /= n_alike);
 }
 
 /// Makes exp of the logs sum to 1.
@@ -139,27 +153,30 @@ impl Logs {
         // Cosines are in f32.
         let unknown = unknown.map(|cosine| f64::from(cosine as f32));
         let reference = unknown.map_or(best, |unknown| unknown.max(best));
-        let floor = config.outlier_floor.ln();
-        let log_of = |cosine: f64| log_sum((cosine - reference) / config.temperature, floor);
-        let log_match = |row: usize| log_of(touch.cosines[row]);
         let edged: Vec<usize> = (0..edge_shares.len()).filter(|row| !is_blank(edge_shares[*row])).collect();
-        // No match is above 1 + floor: its plain mean is safe.
-        let log_mean = (edged.iter().map(|row| log_match(*row).exp()).sum::<f64>() / edged.len() as f64).ln();
+        // No cosine is above the reference: the plain mean is safe. An unknown view is one more.
+        let alike = edged.iter().map(|row| touch.cosines[*row]).chain(unknown);
+        let powers: Vec<f64> = alike.map(|cosine| ((cosine - reference) / config.temperature).exp()).collect();
+        let log_mean = (powers.iter().sum::<f64>() / powers.len() as f64).ln();
+        let share = config.outlier_share;
+        let log_of = |cosine: f64| {
+            log_sum((1.0 - share).ln() + (cosine - reference) / config.temperature - log_mean, share.ln())
+        };
+        let log_match = |row: usize| log_of(touch.cosines[row]);
         let agreement = config.blank_agreement;
         let of_row = (0..edge_shares.len())
             .map(|row| match (is_blank(edge_shares[row]), is_blank(touch.edge_share)) {
-                (false, false) => agreement.ln() + log_match(row) - log_mean,
+                (false, false) => agreement.ln() + log_match(row),
                 (true, true) => agreement.ln(),
                 _ => (1.0 - agreement).ln(),
             })
             .collect();
-        let of_unknown =
-            if is_blank(touch.edge_share) { 0.0 } else { unknown.map_or(0.0, |cosine| log_of(cosine) - log_mean) };
+        let of_unknown = if is_blank(touch.edge_share) { 0.0 } else { unknown.map_or(0.0, log_of) };
         Self {
             of_row,
             unknown: 0.5_f64.ln() + of_unknown,
             #[cfg(test)]
-            reference: [reference, agreement.ln() + log_of(reference) - log_mean],
+            reference: [reference, log_mean],
         }
     }
 }
@@ -207,10 +224,12 @@ mod tests {
 
     #[test]
     fn two_parts_and_one_touch_by_hand() {
-        let config = LikelihoodConfig { temperature: 0.1, outlier_floor: 0.01, ..LikelihoodConfig::default() };
+        let config = LikelihoodConfig { temperature: 0.1, outlier_share: 0.01, ..LikelihoodConfig::default() };
         let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: vec![1.0, 0.8] };
         let logs = log_posterior(&ONE_POSE, &[0.2, 0.2], &[touch], &config);
-        let odds = 1.01 / ((-2.0_f64).exp() + 0.01);
+        let (best, other) = (1.0, (-2.0_f64).exp());
+        let look = |alike: f64| 0.99 * alike / ((best + other) / 2.0) + 0.01;
+        let odds = look(best) / look(other);
         assert!((logs[0] - logs[1] - odds.ln()).abs() < 1e-12);
         assert!((logs[0].exp() + logs[1].exp() - 1.0).abs() < 1e-12);
     }
@@ -283,17 +302,18 @@ mod tests {
     fn log_posterior_between(sample: &Sample, states: &PoseGrid, config: &LikelihoodConfig) -> Vec<f64> {
         let n_views = sample.grid.len();
         let mut logs = vec![0.0; sample.n_parts * states.len()];
-        let mut first_from_sensor: Vec<Pose> = Vec::new();
+        let (mut first_from_sensor, mut n_touches): (Vec<Pose>, f64) = (Vec::new(), 0.0);
         for (moved, observation) in &sample.touches {
             let now = first_from_sensor.last().map_or(Pose::of(moved), |before| before.then(&Pose::of(moved)));
             let weight = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
+            n_touches += if is_far(&now, config, &sample.grid) { 0.0 } else { weight };
             first_from_sensor.push(now);
             let query: Vec<f64> = observation.query.iter().map(|value| f64::from(*value)).collect();
             let (edge_share, recorded) = (observation.edge_share, cosines(&sample.rows, &observation.query));
             let touch = Touch { moved: *moved, edge_share, cosines: recorded };
-            let Logs { of_row, unknown, reference: [best, at_best] } =
+            let Logs { of_row, unknown, reference: [reference, log_mean] } =
                 Logs::of(&sample.edge_shares, &touch, config, config.unknown_similarity);
-            let floor = config.outlier_floor.ln();
+            let share = config.outlier_share;
             for (cell, first) in poses(states).iter().enumerate() {
                 let pose = first.then(&now);
                 let degrees = pose.turn[1].atan2(pose.turn[0]).to_degrees();
@@ -317,8 +337,8 @@ mod tests {
                         let along_theta = length(&of([&ones[0], &ones[1], w[2]]));
                         let inner: f64 = of(w).iter().zip(&query).map(|(a, b)| a * b).sum();
                         let cosine = inner / length(&query) / (along_x * along_y * along_theta).max(0.3);
-                        let match_log = |cosine: f64| log_sum((cosine - best) / config.temperature, floor);
-                        log = at_best + match_log(cosine.clamp(-1.0, 1.0)) - match_log(best);
+                        let above = (cosine.clamp(-1.0, 1.0) - reference) / config.temperature - log_mean;
+                        log = config.blank_agreement.ln() + log_sum((1.0 - share).ln() + above, share.ln());
                     }
                     let mixed =
                         if trust > 0.0 { log_sum(trust.ln() + log, (1.0 - trust).ln() + unknown) } else { unknown };
@@ -326,6 +346,7 @@ mod tests {
                 }
             }
         }
+        weigh_together(&mut logs, n_touches, config);
         normalise(&mut logs);
         logs
     }

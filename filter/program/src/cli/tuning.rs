@@ -18,9 +18,9 @@ pub struct Tuning {
     /// Temperature tau: how much the likelihood makes of a difference in similarity
     #[arg(long, value_name = "TAU")]
     temperature: Option<f64>,
-    /// Likelihood of a quite different view, relative to that of the best match
+    /// Share of the touches that look like any view rather than like their own
     #[arg(long, value_name = "SHARE")]
-    outlier_floor: Option<f64>,
+    outlier_share: Option<f64>,
     /// A view outside the recorded area is as likely as a recorded one of this cosine with the touch
     #[arg(long, value_name = "COSINE")]
     unknown_similarity: Option<f64>,
@@ -51,6 +51,9 @@ pub struct Tuning {
     /// How much better the fit must be after one touch, half as much after two, for the filter to be confident
     #[arg(long, value_name = "FIT")]
     fit_margin: Option<f64>,
+    /// Share of their error that the touches of one hole have in common
+    #[arg(long, value_name = "SHARE")]
+    shared_error: Option<f64>,
     /// Touches nearer than this to each other share evidence, mm
     #[arg(long, value_name = "MM")]
     overlap_mm: Option<f64>,
@@ -78,10 +81,11 @@ impl Tuning {
         config.action.rule = rule;
         let (likelihood, action) = (&mut config.likelihood, &mut config.action);
         set(&mut likelihood.temperature, self.temperature);
-        set(&mut likelihood.outlier_floor, self.outlier_floor);
+        set(&mut likelihood.outlier_share, self.outlier_share);
         likelihood.unknown_similarity = self.unknown_similarity.or(likelihood.unknown_similarity);
         set(&mut likelihood.blank_agreement, self.blank_agreement);
         set(&mut likelihood.blank_share, self.blank_share);
+        set(&mut likelihood.shared_error, self.shared_error);
         set(&mut likelihood.overlap_mm, self.overlap_mm);
         set(&mut action.min_separation_mm, self.min_separation_mm);
         set(&mut action.travel_nats_per_mm, self.travel_nats_per_mm);

@@ -49,7 +49,7 @@ class _Settings(TypedDict, total=False):
     travel_nats_per_mm: float
     # How similarities become probabilities.
     temperature: float
-    outlier_floor: float
+    outlier_share: float
     blank_share: float
     blank_agreement: float
     nearest_tolerance: float
@@ -58,6 +58,7 @@ class _Settings(TypedDict, total=False):
     matched_sd: float
     gap_mean: float
     gap_sd: float
+    shared_error: float
     interpolation: Literal["auto", "nearest", "cubic"]
     overlap_mm: float
     overlap_deg: float
