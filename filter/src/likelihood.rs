@@ -3,7 +3,7 @@
 //! A touch is two observations. Whether the view is blank (shows no edge) agrees with the bank's view
 //! at the true pose with probability `blank_agreement`. The picture of the edges is judged by the
 //! cosine `s` between hole query and peg key: `exp(s / temperature)` relative to its mean over the edged views says how
-//! much likelier the touch is there than anywhere, and one touch in a hundred (`outlier_share`) may look like any view,
+//! much likelier the touch is there than anywhere, and two touches in a hundred (`outlier_share`) may look like any view,
 //! so that a likelihood is a mixture of that and 1, which says nothing. A blank view has no such picture: there the second
 //! factor is 1.
 //!
@@ -71,7 +71,7 @@ pub struct LikelihoodConfig {
 }
 
 impl Default for LikelihoodConfig {
-    /// Bounded, blank-aware. Temperature and floor for a model without calibration; agreement from 94-99 %
+    /// Bounded, blank-aware. Temperature and share of outliers for a model without calibration; agreement from 94-99 %
     /// measured at equal poses.
     fn default() -> Self {
         Self {
@@ -95,7 +95,7 @@ impl Default for LikelihoodConfig {
 
 impl LikelihoodConfig {
     /// The paper's weight (Eq. 2, Alg. 1 line 14) read as log-likelihood = cosine / temperature: no
-    /// floor, no blank views, every view inside the recorded area trusted.
+    /// outliers, no blank views, every view inside the recorded area trusted.
     pub fn paper() -> Self {
         Self {
             outlier_share: 0.0,

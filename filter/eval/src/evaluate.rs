@@ -259,12 +259,17 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
     }
 }
 
+/// How far the true pose of the first touch, or the nearest that feels the same, is from a pose: x and y in mm, angle in
+/// radians.
+fn pose_error(found: &Se2, hole: &Hole<'_>) -> [f64; 3] {
+    let truth = hole.symmetry().nearest_twin(&hole.part_from_first(), found);
+    [truth.x_mm - found.x_mm, truth.y_mm - found.y_mm, wrap_angle(truth.theta_rad - found.theta_rad)]
+}
+
 /// `e^T C^-1 e` of the pose's error `e` in x, y and angle and its covariance `C`, by a Cholesky factor of that; `None`
 /// where `C` is of a pose that cannot vary.
 fn normalised_error(estimate: &Estimate, hole: &Hole<'_>) -> Option<f64> {
-    let found = estimate.part_from_first;
-    let truth = hole.symmetry().nearest_twin(&hole.part_from_first(), &found);
-    let error = [truth.x_mm - found.x_mm, truth.y_mm - found.y_mm, wrap_angle(truth.theta_rad - found.theta_rad)];
+    let error = pose_error(&estimate.part_from_first, hole);
     let (mut factor, mut solved) = ([[0.0; 3]; 3], [0.0; 3]);
     for i in 0..3 {
         for j in 0..=i {
@@ -286,9 +291,8 @@ pub fn score_row(row: usize, bank: &Bank, hole: &Hole<'_>) -> Scored {
 }
 
 fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>) -> Scored {
-    let truth = hole.symmetry().nearest_twin(&hole.part_from_first(), &part_from_first);
-    let xy_mm = truth.distance_mm(&part_from_first);
-    let theta_deg = wrap_angle(truth.theta_rad - part_from_first.theta_rad).to_degrees().abs();
+    let [x_mm, y_mm, theta_rad] = pose_error(&part_from_first, hole);
+    let (xy_mm, theta_deg) = (x_mm.hypot(y_mm), theta_rad.to_degrees().abs());
     let right = part == hole.part();
     let same_cell = xy_mm < 0.5 * grid.xy_step_mm && theta_deg < 0.5 * grid.theta_step_deg;
     Scored { right, exact_cell: right && same_cell, xy_mm, theta_deg, ..Scored::default() }
