@@ -13,6 +13,7 @@ use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Error as FilterError, Sensor};
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -20,7 +21,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let bank_path = std::env::temp_dir().join(format!("controller-{}.bank", std::process::id()));
     let reach = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
     let scene = Scene { reach: Some(reach), ..Scene::load("alphabet-small")? };
-    bank_of_scene(&Model::load(model_path.as_ref())?, &scene, 1, &|_, _| ())?.save(&bank_path)?; // once, at the desk
+    let desk = Model::load(model_path.as_ref())?;
+    bank_of_scene(&desk, &scene, Views::Both, 1, &|_, _| ())?.save(&bank_path)?; // once, at the desk
     let truth = Se2::from_degrees(3.0, -2.0, 20.0);
     let mut robot = Robot { simulator: Simulator::new(scene, 1)?, part: 6, part_from_sensor: truth, n_touches: 0 };
 

@@ -16,6 +16,7 @@ use tactile_filter::runner::{Answer, Fault, Job, MAX_CAPACITY, Outcome, Runner, 
 use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Sensor};
 use tactile_infer::rows::Rows;
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
 
 /// Three letters, a sensor over the second one, and a bank that is coarse and so quickly made.
@@ -33,7 +34,7 @@ fn world() -> &'static World {
         scene.reach = Some(PoseGrid { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 45.0, theta_step_deg: 45.0 });
         let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../infer/models/maze-small.safetensors");
         let model = Arc::new(Model::load(model.as_ref()).unwrap());
-        let bank = Arc::new(bank_of_scene(&model, &scene, 1, &|_, _| ()).unwrap());
+        let bank = Arc::new(bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ()).unwrap());
         World { simulator: Simulator::new(scene, 1).unwrap(), model, bank }
     })
 }

@@ -19,6 +19,7 @@ use crate::precision::Precision;
 use crate::rows::Rows;
 use crate::symmetry::{of_declared, symmetry};
 use crate::threads;
+use crate::views::Views;
 
 /// The version of the bank's layout.
 pub const SCHEMA: &str = "tactile-filter/bank/2";
@@ -39,6 +40,7 @@ pub struct Bank {
     /// Rows that were not recorded, in order; what they hold is interpolated from those around them.
     missing: Vec<usize>,
     model_sha256: Arc<str>,
+    views: Views,
     origin: Option<Origin>,
     symmetries: Vec<Symmetry>,
     matches: Arc<Matches>,
@@ -102,8 +104,20 @@ impl Bank {
             return Err(Error::invalid(format!("bank row {row}"), "an edge share in 0..=1", got));
         }
         let (origin, missing, symmetries, neighbours) = (None, Vec::new(), Vec::new(), Arc::default());
-        let matches = Arc::default();
-        Ok(Self { parts, grid, rows, edge_shares, missing, model_sha256, origin, symmetries, matches, neighbours })
+        let (matches, views) = (Arc::default(), Views::Pegs);
+        Ok(Self {
+            parts,
+            grid,
+            rows,
+            edge_shares,
+            missing,
+            model_sha256,
+            views,
+            origin,
+            symmetries,
+            matches,
+            neighbours,
+        })
     }
 
     /// The same bank, of which some rows were not recorded: the filter takes what is seen there as unknown. What they
@@ -137,6 +151,12 @@ impl Bank {
     #[must_use]
     pub fn with_origin(self, origin: Origin) -> Self {
         Self { origin: Some(origin), ..self }
+    }
+
+    /// The same bank, whose rows are of such views.
+    #[must_use]
+    pub fn with_views(self, views: Views) -> Self {
+        Self { views, ..self }
     }
 
     /// The same bank, with the symmetries of its parts as they are known, `[n_parts]`: from their geometry, say.
@@ -220,7 +240,7 @@ impl Bank {
             missing.extend(of_part.map(|row| row - part * n_cells + new * n_cells));
         }
         let matches = Arc::new(self.matches.of_parts(parts));
-        Ok(Self { origin, missing, symmetries, matches, neighbours, ..some })
+        Ok(Self { views: self.views, origin, missing, symmetries, matches, neighbours, ..some })
     }
 
     /// The bank without one part, by its index.
@@ -233,6 +253,11 @@ impl Bank {
             return Err(Error::invalid("bank", format!("one of {} parts", self.parts.len()), got));
         }
         self.with_parts(&(0..self.parts.len()).filter(|other| *other != part).collect::<Vec<_>>())
+    }
+
+    /// What its views are of.
+    pub fn views(&self) -> Views {
+        self.views
     }
 
     /// Names of the parts, in row order.

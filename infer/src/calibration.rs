@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::views::Views;
+
 /// A view with a smaller share of edge pixels is blank.
 pub const BLANK_SHARE: f32 = 0.01;
 
@@ -29,6 +31,9 @@ pub struct Calibration {
     /// ([`Bank::cosine_at`](crate::Bank::cosine_at)); `None` in models calibrated before it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
+    /// What the views of the bank were of that the touches were compared with.
+    #[serde(default, skip_serializing_if = "Views::is_pegs")]
+    pub views: Views,
     /// Holes with an edge that were compared.
     pub n_holes: usize,
     /// What was known before them, where it counted.
@@ -48,6 +53,7 @@ impl Calibration {
             low_similarity: self.low_similarity,
             gap: self.gap,
             matched: self.matched,
+            views: self.views,
         };
         self.prior.map_or(own, |prior| Prior { n_touches, ..prior })
     }
@@ -72,6 +78,9 @@ pub struct Prior {
     /// The cosine with the view that was touched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
+    /// What the bank's views were of.
+    #[serde(default, skip_serializing_if = "Views::is_pegs")]
+    pub views: Views,
 }
 
 /// Mean and spread of many values.

@@ -70,6 +70,7 @@ pub mod similarity;
 pub mod simulated;
 mod symmetry;
 mod threads;
+pub mod views;
 
 pub use bank::Bank;
 pub use checkpoint::Checkpoint;
@@ -77,3 +78,4 @@ pub use device::DeviceKind;
 pub use error::{Error, Result};
 pub use model::Model;
 pub use precision::Precision;
+pub use views::Views;

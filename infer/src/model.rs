@@ -207,6 +207,7 @@ fn planes(images: &[TactileImage], [width, height]: [usize; 2]) -> Result<Vec<f3
 mod tests {
     use super::*;
     use crate::precision::Precision;
+    use crate::views::Views;
 
     #[test]
     fn a_saved_model_embeds_as_before() {
@@ -283,6 +284,7 @@ mod tests {
             nll_nats: 1.0,
             chance_nats: 2.0,
             matched: None,
+            views: Views::Pegs,
             gap: None,
             prior: None,
             n_holes: 60,

@@ -20,6 +20,7 @@ use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, StopReason};
 use tactile_infer::Model;
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
@@ -59,7 +60,7 @@ fn fine_scene() -> Result<Scene> {
 pub fn record(folder: &Path, scene: Scene) -> Result<String> {
     std::fs::copy(MODEL, folder.join("model.safetensors"))?;
     let model = Arc::new(Model::load(MODEL.as_ref())?);
-    let bank = Arc::new(bank_of_scene(&model, &scene, 1, &|_, _| ())?);
+    let bank = Arc::new(bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ())?);
     bank.save(&folder.join("parts.bank"))?;
     let simulator = Simulator::new(scene, 1)?;
     let at_rest = simulator.no_contact(7);

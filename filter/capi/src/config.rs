@@ -6,6 +6,7 @@ use tactile_filter::belief::EngineConfig;
 use tactile_filter::interpolation::Interpolation;
 use tactile_filter::likelihood::LikelihoodConfig;
 use tactile_filter::particle::ParticleConfig;
+use tactile_infer::Views;
 
 use crate::model::tf_model;
 use crate::pointer::{get, out};
@@ -44,6 +45,15 @@ pub enum tf_interpolation {
     Nearest = 1,
     /// Interpolated.
     Cubic = 2,
+}
+
+/// What the views of a bank are of.
+#[repr(C)]
+pub enum tf_views {
+    /// Of pegs, as a robot records them.
+    Pegs = 0,
+    /// Of pegs and their holes, as a scene has them.
+    Both = 1,
 }
 
 /// How an episode infers, chooses and stops. Filled by tf_episode_config_default(); change what you need. A setting with a
@@ -144,15 +154,20 @@ pub struct tf_episode_config {
     /// Share of their error that the touches of one hole have in common, 0 to 1: n touches count as
     /// n / (1 + share (n - 1)).
     pub shared_error: f64,
+    /// A tf_views: what the views of the bank are of that matched_mean and matched_sd were measured with.
+    pub matched_views: u32,
 }
 
 /// The size of the struct's first version.
 const FIRST_SIZE: usize = std::mem::offset_of!(tf_episode_config, matched_mean);
 
+/// The size of its second version.
+const SECOND_SIZE: usize = std::mem::offset_of!(tf_episode_config, matched_views);
+
 /// Refuses a size that no version of the struct has.
 fn check_size(name: &str, size: usize) -> Result<(), Failure> {
-    let known = [FIRST_SIZE, size_of::<tf_episode_config>()];
-    if known.contains(&size) { Ok(()) } else { Err(Failure::argument(name, known[1], size)) }
+    let newest = size_of::<tf_episode_config>();
+    if [FIRST_SIZE, SECOND_SIZE, newest].contains(&size) { Ok(()) } else { Err(Failure::argument(name, newest, size)) }
 }
 
 impl From<&EpisodeConfig> for tf_episode_config {
@@ -171,6 +186,10 @@ impl From<&EpisodeConfig> for tf_episode_config {
             Interpolation::Auto => tf_interpolation::Auto,
             Interpolation::Nearest => tf_interpolation::Nearest,
             Interpolation::Cubic => tf_interpolation::Cubic,
+        };
+        let views = match likelihood.matched_views {
+            Views::Pegs => tf_views::Pegs,
+            Views::Both => tf_views::Both,
         };
         Self {
             size: size_of::<Self>(),
@@ -216,6 +235,7 @@ impl From<&EpisodeConfig> for tf_episode_config {
             unknown_similarity: likelihood.unknown_similarity.unwrap_or_default(),
             has_unknown_similarity: likelihood.unknown_similarity.is_some().into(),
             shared_error: likelihood.shared_error,
+            matched_views: views as u32,
         }
     }
 }
@@ -283,6 +303,11 @@ fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
         value if value == tf_interpolation::Cubic as u32 => Interpolation::Cubic,
         other => return Err(unknown("interpolation", "tf_interpolation", other)),
     };
+    let matched_views = match config.matched_views {
+        value if value == tf_views::Pegs as u32 => Views::Pegs,
+        value if value == tf_views::Both as u32 => Views::Both,
+        other => return Err(unknown("matched_views", "tf_views", other)),
+    };
     Ok(LikelihoodConfig {
         temperature: config.temperature,
         outlier_share: config.outlier_share,
@@ -297,6 +322,7 @@ fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
         )?,
         matched_mean: config.matched_mean,
         matched_sd: config.matched_sd,
+        matched_views,
         gap_mean: config.gap_mean,
         gap_sd: config.gap_sd,
         shared_error: config.shared_error,
@@ -395,6 +421,7 @@ mod tests {
         let turned =
             ActionConfig { min_separation_deg: Some(20.0), rule: ActionRule::Random, ..ActionConfig::default() };
         let cubic = LikelihoodConfig { interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
+        let cubic = LikelihoodConfig { matched_views: Views::Both, ..cubic };
         let turned = EpisodeConfig { action: turned, likelihood: cubic, ..place };
         for config in [EpisodeConfig::default(), EpisodeConfig::paper(), place, turned] {
             let there = tf_episode_config::from(&config);
@@ -404,11 +431,15 @@ mod tests {
     }
 
     #[test]
-    fn a_program_of_the_first_version_has_the_later_settings_defaults() {
+    fn a_program_of_an_earlier_version_has_the_later_settings_defaults() {
         // What lies behind its struct is not read.
-        let there = tf_episode_config { size: FIRST_SIZE, matched_sd: f64::NAN, ..(&EpisodeConfig::default()).into() };
-        assert_eq!(unsafe { read(&there) }.map_err(|failure| failure.message), Ok(EpisodeConfig::default()));
-        assert_eq!(FIRST_SIZE + 56, size_of::<tf_episode_config>());
+        let default = tf_episode_config::from(&EpisodeConfig::default());
+        let first = tf_episode_config { size: FIRST_SIZE, matched_sd: f64::NAN, matched_views: 9, ..default };
+        let second = tf_episode_config { size: SECOND_SIZE, matched_views: 9, ..default };
+        for there in [first, second] {
+            assert_eq!(unsafe { read(&there) }.map_err(|failure| failure.message), Ok(EpisodeConfig::default()));
+        }
+        assert_eq!([FIRST_SIZE + 56, FIRST_SIZE + 64], [SECOND_SIZE, size_of::<tf_episode_config>()]);
     }
 
     #[test]
@@ -424,6 +455,7 @@ mod tests {
             (tf_episode_config { engine: 2, ..good }, config, "engine"),
             (tf_episode_config { rule: 3, ..good }, config, "rule"),
             (tf_episode_config { interpolation: 9, ..good }, config, "interpolation"),
+            (tf_episode_config { matched_views: 2, ..good }, config, "matched_views"),
             (tf_episode_config { between_poses: 7, ..good }, config, "between_poses"),
             (tf_episode_config { stop_probability: f64::NAN, ..good }, config, "episode.stop_probability"),
             (tf_episode_config { n_particles: usize::MAX, ..good }, config, "n_particles"),

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use tactile_data::touch::Side;
+use tactile_infer::Views;
 use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};
@@ -63,6 +64,9 @@ pub struct Setup {
     /// Which side was touched.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
     pub side: Side,
+    /// What the bank's views are of.
+    #[serde(default, skip_serializing_if = "Views::is_pegs")]
+    pub views: Views,
     /// Limit on each choice of a touch, ms.
     pub choose_ms: Option<f64>,
     /// The model.
@@ -209,6 +213,7 @@ impl Episodes {
             absent: setup.absent,
             recorded: setup.recorded,
             side: setup.side,
+            views: setup.views,
             model: setup.model.clone(),
             device: setup.device.clone(),
             n_threads: self.n_threads,
@@ -252,6 +257,7 @@ mod tests {
                 absent: false,
                 recorded: false,
                 side: Side::Hole,
+                views: Views::Pegs,
                 choose_ms: None,
                 model: ModelRecord { name: "m".into(), sha256: "ab".into(), parameters: 7, input_px: [8, 6] },
                 bank_sha256: "cd".into(),

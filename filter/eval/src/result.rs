@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
-use tactile_infer::Model;
+use tactile_infer::{Model, Views};
 
 /// The value of [`Evaluation::schema`].
 pub const SCHEMA: &str = "tactile-filter/evaluation/1";
@@ -29,6 +29,9 @@ pub struct Evaluation {
     /// Which side was touched: with `peg` the pegs were named, in all that is said of holes.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
     pub side: Side,
+    /// What the bank's views are of.
+    #[serde(default, skip_serializing_if = "Views::is_pegs")]
+    pub views: Views,
     /// The model that embedded the touches.
     pub model: ModelRecord,
     /// Device of the network.

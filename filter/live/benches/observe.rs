@@ -11,6 +11,7 @@ use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_infer::Model;
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 use tactile_live::robot::{Heard, Robot, RobotSettings, Sent};
 use tactile_live::{Event, Input, Node, Output, Parameters, Request, Topic};
 
@@ -31,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if let Some(reach) = &mut scene.reach {
         (reach.xy_step_mm, reach.theta_step_deg) = (2.0, 15.0);
     }
-    let bank = Arc::new(bank_of_scene(&model, &scene, 1, &|_, _| ())?);
+    let bank = Arc::new(bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ())?);
     for (name, jpeg) in [("pixels", None), ("JPEG", Some(90))] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
         let settings = RobotSettings { n_episodes: N_EPISODES, jpeg, ..RobotSettings::default() };

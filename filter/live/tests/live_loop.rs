@@ -12,6 +12,7 @@ use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::simulator::Simulator;
 use tactile_filter::StopReason;
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings, pair};
 use tactile_live::session::{Names, Session};
@@ -25,7 +26,7 @@ fn model_and_bank() -> (Arc<Model>, Arc<Bank>) {
     static MADE: OnceLock<(Arc<Model>, Arc<Bank>)> = OnceLock::new();
     let made = MADE.get_or_init(|| {
         let model = Model::load(Path::new(MODEL)).unwrap();
-        let bank = bank_of_scene(&model, &scene(), 1, &|_, _| ()).unwrap();
+        let bank = bank_of_scene(&model, &scene(), Views::Pegs, 1, &|_, _| ()).unwrap();
         (Arc::new(model), Arc::new(bank))
     });
     made.clone()

@@ -20,6 +20,7 @@ use tactile_filter::belief::EngineConfig;
 use tactile_filter::particle::ParticleConfig;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
 
 /// A program's error.
@@ -37,10 +38,10 @@ fn main() -> Result<()> {
     let model_path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../infer/models/maze-small.safetensors");
     let model = Arc::new(Model::load(&model_path)?);
     let mut scene = Scene::load("alphabet-small")?;
-    let coarse = bank_of_scene(&model, &scene, 1, &|_, _| ())?;
+    let coarse = bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ())?;
     coarse.save(&out.join("coarse.bank"))?;
     scene.reach = Some(FINE);
-    let fine = bank_of_scene(&model, &scene, 1, &|_, _| ())?;
+    let fine = bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ())?;
     fine.save(&out.join("fine.bank"))?;
 
     let simulator = Simulator::new(scene, 1)?;

@@ -61,15 +61,23 @@ impl PySimulator {
         array(py, &compute(py, touch)?)
     }
 
-    /// The bank of the scene's pegs, touched one by one at the poses of the scene's reach in these steps, mm and degrees.
+    /// The bank of the scene's parts, touched one by one at the poses of the scene's reach in these steps, mm and degrees.
+    /// Its views are of `"pegs"` alone or of `"both"` sides.
     /// Takes a minute or less. With steps above 2.5 mm or 20 degrees views are not interpolated.
-    #[pyo3(signature = (model, xy_step_mm = 2.0, theta_step_deg = 15.0))]
-    fn bank(&self, py: Python<'_>, model: &PyModel, xy_step_mm: f64, theta_step_deg: f64) -> PyResult<PyBank> {
+    #[pyo3(signature = (model, xy_step_mm = 2.0, theta_step_deg = 15.0, views = "both"))]
+    fn bank(
+        &self,
+        py: Python<'_>,
+        model: &PyModel,
+        xy_step_mm: f64,
+        theta_step_deg: f64,
+        views: &str,
+    ) -> PyResult<PyBank> {
         let mut scene = self.simulator.scene().clone();
         scene.reach = scene.reach.map(|reach| PoseGrid { xy_step_mm, theta_step_deg, ..reach });
         let bank = compute(py, || {
             scene.reach.as_ref().map_or(Ok(()), PoseGrid::validate)?;
-            Ok(bank_of_scene(&model.0, &scene, self.seed, &|_, _| ())?)
+            Ok(bank_of_scene(&model.0, &scene, views.parse()?, self.seed, &|_, _| ())?)
         })?;
         Ok(PyBank(Arc::new(bank)))
     }

@@ -14,6 +14,7 @@ use crate::model::Model;
 use crate::precision::Precision;
 use crate::rows::Rows;
 use crate::safefile::{NamedTensor, SafeFile};
+use crate::views::Views;
 
 impl Bank {
     /// Saves the bank in one file, bound to its model's checksum, its rows in the format they are kept in.
@@ -54,6 +55,9 @@ impl Bank {
         if *self.matches != Matches::default() {
             text.push(("matches".into(), to_json(&*self.matches)?));
         }
+        if !self.views.is_pegs() {
+            text.push(("views".into(), self.views.name().into()));
+        }
         if !self.missing.is_empty() {
             text.push(("missing".into(), to_json(&self.missing)?));
         }
@@ -81,6 +85,7 @@ impl Bank {
         let symmetries: Vec<Symmetry> = from_json(file.text("symmetries")?)?;
         let origin = file.text("origin").ok().map(from_json).transpose()?;
         let missing: Vec<usize> = file.text("missing").ok().map(from_json).transpose()?.unwrap_or_default();
+        let views: Views = file.text("views").ok().map(str::parse).transpose()?.unwrap_or_default();
         let matches: Option<Matches> = file.text("matches").ok().map(from_json).transpose()?;
         let mut take = |name: &str| {
             let at = file.tensors.iter().position(|tensor| tensor.name == name);
@@ -94,7 +99,7 @@ impl Bank {
             (None, _) => return Err(Error::invalid("rows", "a shape [n, dim]", format!("{:?}", rows.shape))),
         };
         let bank = Self::of_rows(parts, grid, rows, edge_shares.values, model_sha256)?;
-        let bank = Self { origin, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
+        let bank = Self { origin, views, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
         match matches {
             Some(matches) => bank.with_matches(matches),
             None => Ok(bank),

@@ -101,6 +101,7 @@ fn penalty(prior: &Prior, temperature: f64, share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::views::Views;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
@@ -130,6 +131,7 @@ mod tests {
             low_similarity: 0.74,
             gap: None,
             matched: None,
+            views: Views::Pegs,
         }
     }
 

@@ -16,6 +16,7 @@ use crate::calibration::{BLANK_SHARE, Calibration, Prior, Spread};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::recorded::tactile_images;
+use crate::views::Views;
 use compared::{Compared, Weights};
 use sample::{low_similarity, n_counted, pooled};
 
@@ -62,6 +63,8 @@ pub struct Touches {
     /// Those at a recorded pose, and of them those that are blank or edged as the recorded view.
     n_placed: usize,
     n_agree: usize,
+    /// What the bank's views are of.
+    views: Views,
 }
 
 impl Touches {
@@ -78,7 +81,8 @@ impl Touches {
         let queries = model.embed_side(&images, side)?;
         let is_edged = |share: f32| share >= BLANK_SHARE;
         let edged = bank.edged_rows();
-        let mut found = Self { name, side, compared: Vec::new(), matched: Vec::new(), n_placed: 0, n_agree: 0 };
+        let (compared, matched, views) = (Vec::new(), Vec::new(), bank.views());
+        let mut found = Self { name, side, compared, matched, n_placed: 0, n_agree: 0, views };
         let mut all = Vec::new();
         for (i, frame) in frames.iter().enumerate() {
             let touch = holes.touch(*frame);
@@ -200,7 +204,9 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
         low_similarity: low_similarity(&bests, prior).unwrap_or(-1.0),
         nll_nats: fit::nll(compared, found.temperature, found.share),
         gap,
-        matched: pooled(&touches.matched, prior, |prior| prior.matched),
+        // What touches match by against views of pegs alone says nothing of views of both sides.
+        matched: pooled(&touches.matched, prior, |prior| prior.matched.filter(|_| prior.views == touches.views)),
+        views: touches.views,
         chance_nats: compared.iter().map(Compared::chance).sum::<f64>() / compared.len() as f64,
         n_holes: compared.len(),
         prior: prior.copied(),
@@ -266,6 +272,7 @@ mod tests {
             n_agree: compared.len(),
             matched: Vec::new(),
             compared,
+            views: Views::Pegs,
         }
     }
 
@@ -277,6 +284,7 @@ mod tests {
         low_similarity: 0.7,
         gap: Some(Spread { mean: 0.01, sd: 0.01 }),
         matched: None,
+        views: Views::Pegs,
     };
 
     #[test]

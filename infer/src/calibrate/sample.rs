@@ -74,6 +74,7 @@ fn student(freedom: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::views::Views;
 
     fn prior(n_touches: f64) -> Prior {
         Prior {
@@ -84,6 +85,7 @@ mod tests {
             low_similarity: 0.7,
             gap: Some(Spread { mean: 2.0, sd: 1.0 }),
             matched: None,
+            views: Views::Pegs,
         }
     }
 

@@ -25,6 +25,7 @@ use tactile_infer::matches::PartMatch;
 use tactile_infer::matching::{Touched, match_single_touches};
 use tactile_infer::recorded::{BankPoses, bank_of_dataset, parts_on_grid};
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
 /// The part-mating model at work: banks of pegs, embeddings and matches of single touches.
@@ -102,6 +103,11 @@ fn side() -> impl TypedValueParser<Value = Side> {
     PossibleValuesParser::new(Side::NAMES).try_map(|name| name.parse::<Side>())
 }
 
+/// The parser of `--views`.
+fn views() -> impl TypedValueParser<Value = Views> {
+    PossibleValuesParser::new(Views::NAMES).try_map(|name| name.parse::<Views>())
+}
+
 /// The format of a bank's rows.
 #[derive(Args)]
 struct RowsArgs {
@@ -155,6 +161,10 @@ struct BankArgs {
     /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
     #[arg(long, value_name = "FILE.toml", requires = "scene")]
     calibration: Option<PathBuf>,
+    /// With --scene: views of pegs alone, as a robot records them, or of both sides, with the holes that the scene says
+    /// [default: both]
+    #[arg(long, value_name = "VIEWS", requires = "scene", value_parser = views())]
+    views: Option<Views>,
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -256,12 +266,13 @@ fn bank(args: &BankArgs) -> Result<()> {
     bank.save(&args.out)?;
     let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
     println!(
-        "{}: {n_parts} parts x {n_poses} poses = {} rows of {} {}, {:.1} MB in memory",
+        "{}: {n_parts} parts x {n_poses} poses = {} rows of {} {}, {:.1} MB in memory; views of {}",
         args.out.display(),
         bank.n_rows(),
         bank.dim(),
         bank.rows().precision(),
-        bank.rows().n_bytes() as f64 / 1e6
+        bank.rows().n_bytes() as f64 / 1e6,
+        if bank.views().is_pegs() { "pegs" } else { "pegs and their holes" }
     );
     let symmetric = |part: usize| {
         let name = &bank.parts()[part];
@@ -305,7 +316,7 @@ fn embed_pegs(model: &Model, pegs: &Dataset, poses: &PosesArgs) -> Result<Bank> 
     Ok(recorded.bank)
 }
 
-/// A bank of the pegs of a scene, touched as they are embedded.
+/// A bank of the parts of a scene, touched as they are embedded.
 fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
     /// A planned touch, without its row.
     const TOUCH_BYTES: usize = 64;
@@ -322,7 +333,7 @@ fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
     let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
     let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
     output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
-    bank_of_scene(model, &scene, args.seed, &reporter("touches"))
+    bank_of_scene(model, &scene, args.views.unwrap_or(Views::Both), args.seed, &reporter("touches"))
 }
 
 fn matches(args: &MatchArgs) -> Result<()> {

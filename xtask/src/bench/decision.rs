@@ -68,7 +68,7 @@ impl Decisions<'_> {
         let (suffix, steps) = if fine { ("-fine", "--xy-step-mm 2 --theta-step-deg 15") } else { ("", "") };
         let bank = format!("{scene}{suffix}.bank");
         let infer = self.workspace.program("tactile-infer").words("bank --model").arg(self.workspace.shipped_model());
-        infer.words(format!("--scene {scene} --out {bank} {steps}")).output(&self.out)?;
+        infer.words(format!("--scene {scene} --out {bank} --views pegs {steps}")).output(&self.out)?;
         Ok(bank)
     }
 

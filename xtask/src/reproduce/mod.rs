@@ -54,6 +54,8 @@ pub enum Part {
     Assembly,
     /// Scenes where one touch says as little as in the paper.
     Hard,
+    /// Banks that know what the holes look like, not only the pegs.
+    KnownHoles,
     /// Other lamps, gels, cameras, presses, and what does not belong to a part.
     Robust,
     /// The table of sensors, as it comes and calibrated, touched anywhere; and parts of other kinds.

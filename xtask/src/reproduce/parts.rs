@@ -28,10 +28,24 @@ enum Kind {
     Plain,
     /// Without a dataset, on a finer grid.
     Fine,
+    /// As [`Kind::Plain`], of pegs and of the holes that the scene says.
+    PlainBoth,
+    /// As [`Kind::Fine`], the same.
+    FineBoth,
+}
+
+impl Kind {
+    /// The flags of `tactile-infer bank` for one that is made without a dataset. Banks are of pegs alone, as a robot
+    /// records them, where nothing else is said.
+    fn flags(self) -> String {
+        let views = if matches!(self, Self::PlainBoth | Self::FineBoth) { "both" } else { "pegs" };
+        let steps = if matches!(self, Self::Fine | Self::FineBoth) { FINE } else { "" };
+        format!("--views {views} {steps}")
+    }
 }
 
 /// The banks: name, kind and scene, a preset or a file.
-const BANKS: [(&str, Kind, &str); 18] = [
+const BANKS: [(&str, Kind, &str); 24] = [
     ("small", Kind::Recorded, "alphabet-small"),
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
@@ -50,13 +64,19 @@ const BANKS: [(&str, Kind, &str); 18] = [
     ("serif-letters", Kind::Fine, "serif-letters.toml"),
     ("digits", Kind::Fine, "digits.toml"),
     ("outlines", Kind::Fine, "outlines.toml"),
+    ("small-both", Kind::FineBoth, "alphabet-small"),
+    ("large-both", Kind::FineBoth, "alphabet-large"),
+    ("outlines-both", Kind::FineBoth, "outlines.toml"),
+    ("connectors-both", Kind::PlainBoth, "connectors"),
+    ("small-hard-both", Kind::PlainBoth, "alphabet-small-hard"),
+    ("large-hard-both", Kind::PlainBoth, "alphabet-large-hard"),
 ];
 
 /// Part, name, bank, the scene where it is not the bank's, ways and settings.
 type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
 
 /// The evaluations.
-const EVALUATIONS: [Evaluation; 24] = [
+const EVALUATIONS: [Evaluation; 32] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
@@ -88,6 +108,14 @@ const EVALUATIONS: [Evaluation; 24] = [
     (Part::Sensors, "parts-serif-letters", "serif-letters", None, DEFAULT, "--poses off-grid"),
     (Part::Sensors, "parts-digits", "digits", None, DEFAULT, "--poses off-grid"),
     (Part::Sensors, "parts-outlines", "outlines", None, DEFAULT, "--poses off-grid"),
+    (Part::KnownHoles, "known-small", "small-both", None, INFORMED, "--poses off-grid"),
+    (Part::KnownHoles, "known-large", "large-both", None, INFORMED, "--poses off-grid"),
+    (Part::KnownHoles, "known-outlines", "outlines-both", None, INFORMED, "--poses off-grid"),
+    (Part::KnownHoles, "known-connectors", "connectors-both", None, INFORMED, ""),
+    (Part::KnownHoles, "known-small-absent", "small-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::KnownHoles, "known-connectors-absent", "connectors-both", None, DEFAULT, "--absent"),
+    (Part::KnownHoles, "known-small-hard", "small-hard-both", None, INFORMED, ""),
+    (Part::KnownHoles, "known-large-hard", "large-hard-both", None, INFORMED, ""),
 ];
 
 /// Models that are trained to be compared in the trade-off: name, dataset, settings.
@@ -136,7 +164,10 @@ impl Maker<'_> {
     pub(super) fn evaluations(&mut self, part: Part) {
         for (_, name, bank, scene, ways, more) in EVALUATIONS.into_iter().filter(|row| row.0 == part) {
             let model = match part {
-                Part::Hard => self.calibrate(name, self.job.model, &format!("alphabet-{name}-dev"), false),
+                _ if name.ends_with("-hard") => {
+                    let name = name.trim_start_matches("known-");
+                    self.calibrate(name, self.job.model, &format!("alphabet-{name}-dev"), false)
+                }
                 _ => self.job.model.to_path_buf(),
             };
             let Amount { episodes, fewer, .. } = self.job.amount;
@@ -193,7 +224,7 @@ impl Maker<'_> {
         let (holes, bank) = (format!("{}-holes", scene.trim_end_matches(".toml")), format!("{name}-dev.bank"));
         let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
         let program = self.program("tactile-infer", "bank --model").arg(model);
-        let program = program.words(format!("--scene {scene} --out {bank} {of_bank}"));
+        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {of_bank}"));
         self.add(Step::new(&bank, program, &bank).needs(model).needs(scene));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
@@ -214,8 +245,7 @@ impl Maker<'_> {
             touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
             program = program.words(format!("--data {pegs} --out {bank}"));
         } else {
-            let steps = if let Kind::Fine = kind { FINE } else { "" };
-            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {steps}"));
+            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {}", kind.flags()));
         }
         let step = Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene);
         self.add(touches.into_iter().fold(step, Step::needs));

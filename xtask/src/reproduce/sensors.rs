@@ -92,7 +92,7 @@ impl Maker<'_> {
         } else {
             let (scene, bank) = (self.letters(&name, "", LETTERS, lines), format!("{name}.bank"));
             let program = self.program("tactile-infer", "bank --model").arg(self.job.model);
-            let program = program.words(format!("--scene {scene} --out {bank} {FINE}"));
+            let program = program.words(format!("--scene {scene} --out {bank} --views pegs {FINE}"));
             self.add(Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene));
             (scene, bank)
         };

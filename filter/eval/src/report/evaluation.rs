@@ -67,6 +67,10 @@ fn top(evaluation: &Evaluation, paper: &PaperNumbers) -> Markup {
                 "Touch by touch the filter works out which part it is, and where on it the sensor is."
             }
             " " (n_episodes) " episodes, " (seeds(&evaluation.seeds)) "."
+            @if !evaluation.views.is_pegs() {
+                " The bank knows more than the paper’s: its scene says what the holes look like, and each view is of a peg and of its \
+                 hole, simulated by the same simulator that makes the touches here."
+            }
         }
         @if evaluation.recorded {
             p.caution {

@@ -66,11 +66,11 @@ impl PaperNumbers {
     }
 
     /// The numbers that an evaluation may be compared with: those of its scene, where holes were simulated, chose from as many
-    /// parts as the paper and all of them were in the bank; else none.
+    /// parts as the paper and all of them were in a bank of pegs; else none.
     pub fn of(evaluation: &Evaluation) -> Self {
         let n_parts = if evaluation.scene == "connectors" { 6 } else { 12 };
         let comparable = evaluation.n_classes == n_parts && !evaluation.absent && !evaluation.recorded;
-        let comparable = comparable && evaluation.side.is_hole();
+        let comparable = comparable && evaluation.side.is_hole() && evaluation.views.is_pegs();
         Self::of_scene(if comparable { &evaluation.scene } else { "" })
     }
 
@@ -85,16 +85,18 @@ mod tests {
     use super::*;
     use crate::result::tests::published;
     use tactile_data::touch::Side;
+    use tactile_infer::Views;
 
     #[test]
-    fn fewer_parts_strangers_recordings_and_pegs_have_no_number_of_the_paper() {
+    fn fewer_parts_strangers_recordings_pegs_and_known_holes_have_no_number_of_the_paper() {
         let whole: Evaluation = serde_json::from_value(published()).unwrap();
         assert_eq!(PaperNumbers::of(&whole).at(3).unwrap().accuracy_percent, 81.8);
         let few = Evaluation { n_classes: 4, ..whole.clone() };
         let strangers = Evaluation { absent: true, ..whole.clone() };
         let recorded = Evaluation { recorded: true, ..whole.clone() };
         let pegs = Evaluation { side: Side::Peg, ..whole.clone() };
-        for other in [few, strangers, recorded, pegs] {
+        let both = Evaluation { views: Views::Both, ..whole.clone() };
+        for other in [few, strangers, recorded, pegs, both] {
             assert_eq!(PaperNumbers::of(&other), PaperNumbers::of_scene("something else"));
         }
         let connectors = Evaluation { scene: "connectors".into(), n_classes: 6, ..whole };

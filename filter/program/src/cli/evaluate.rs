@@ -317,6 +317,7 @@ impl Evaluate {
             absent: protocol.absent,
             recorded: holes.is_recorded(),
             side: holes.side(),
+            views: bank.views(),
             choose_ms: protocol.choose_ms,
             model: ModelRecord::of(model),
             bank_sha256: bank.sha256()?,

@@ -23,6 +23,7 @@ use tactile_filter::budget::{Point, SCHEMA, Settings, Tradeoff};
 use tactile_infer::Model;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 
 use super::arguments::{Output, Seeds, check_episodes, command_line, poses, to_json};
 
@@ -173,7 +174,7 @@ impl TradeoffArgs {
             let reach = PoseGrid { xy_step_mm, theta_step_deg, ..sweep.reach };
             let mut scene = sweep.scene.clone();
             scene.reach = Some(reach);
-            let bank = bank_of_scene(model, &scene, self.bank_seed, &|_, _| ())?;
+            let bank = bank_of_scene(model, &scene, Views::Pegs, self.bank_seed, &|_, _| ())?;
             protocol.validate(holes, &bank)?;
             let bench = Bench { holes, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
             for index in same_bank {

@@ -56,6 +56,7 @@ class _Settings(TypedDict, total=False):
     unknown_similarity: float | None
     matched_mean: float
     matched_sd: float
+    matched_views: Literal["pegs", "both"]
     gap_mean: float
     gap_sd: float
     shared_error: float
@@ -393,8 +394,17 @@ class Simulator:
         """The frame without contact: `[height, width, 3]`."""
     def touch(self, part: str, part_from_sensor: _PoseLike, n: int = 0) -> npt.NDArray[np.uint8]:
         """A touch of a part's hole: `[height, width, 3]`. `n`: the number of the touch, which draws its noise."""
-    def bank(self, model: Model, xy_step_mm: float = 2.0, theta_step_deg: float = 15.0) -> Bank:
-        """The bank of the scene's pegs, touched one by one at the poses of the scene's reach in these steps.
+    def bank(
+        self,
+        model: Model,
+        xy_step_mm: float = 2.0,
+        theta_step_deg: float = 15.0,
+        views: Literal["pegs", "both"] = "both",
+    ) -> Bank:
+        """The bank of the scene's parts, touched one by one at the poses of the scene's reach in these steps.
+
+        Its views are of pegs alone, as a robot records them, or of both sides: of the pegs and of the holes that the scene
+        gives them.
 
         Takes a minute or less. With steps above 2.5 mm or 20 degrees views are not interpolated.
         """
