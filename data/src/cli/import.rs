@@ -10,7 +10,8 @@ use tactile_data::recording::folder::{self, NoContact};
 use super::geometry::GeometryArgs;
 use super::import_bag::{BagArgs, Frames};
 
-/// Import a recording, a folder of PNG, JPEG and GIF frames or a ROS 2 bag in MCAP, as a dataset.
+/// Import a recording, a folder of PNG, JPEG and GIF frames or a ROS 2 bag in MCAP, as a dataset. A build with
+/// --features ros1 reads ROS 1 bags as well.
 ///
 /// Every frame of an animated GIF counts. The index, CSV with a header or JSON lines, has the columns
 /// file, part, side, x_mm, y_mm, theta_deg, moved_x_mm, moved_y_mm, moved_theta_deg, pair, episode, time_s;
@@ -22,7 +23,7 @@ use super::import_bag::{BagArgs, Frames};
                   tactile-data import raw --channels bgr --turn 180 --crop border:1/7 --frame-px 160x120 --out mini"
 )]
 pub struct Import {
-    /// The folder, or one picture, animation or .mcap file
+    /// The folder, or one picture, animation, .mcap or .bag file
     source: PathBuf,
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]

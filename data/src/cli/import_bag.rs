@@ -1,4 +1,4 @@
-//! `tactile-data import` of a ROS 2 bag: its flags.
+//! `tactile-data import` of a bag: its flags.
 
 use std::path::Path;
 

@@ -2,36 +2,57 @@
 //!
 //! Numbers are little endian; 2, 4 and 8 byte numbers start at a multiple of their size, counted from behind the
 //! header (OMG DDS-RTPS 2.5, 10.2; XCDR version 1). Strings are a u32 length with the closing zero byte counted,
-//! sequences a u32 count.
+//! sequences a u32 count. A ROS 1 message has the same fields without header and alignment, and without the zero byte
+//! (<http://wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes>); so one reader does for both.
 
 use crate::error::{Error, Result};
 
 /// The header of plain CDR, little endian.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
+/// How the fields of a message follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// CDR, as in ROS 2.
+    Cdr,
+    /// One field directly behind the other, as in ROS 1; a message's header begins with a number, `seq`.
+    Ros1,
+}
+
 /// Reads fields in order. No length is believed before the bytes are seen to be there.
 #[derive(Debug)]
 pub struct Reader<'a> {
-    /// What follows the header.
+    /// The fields: of CDR, what follows the header.
     body: &'a [u8],
     at: usize,
     place: &'a str,
+    layout: Layout,
 }
 
 impl<'a> Reader<'a> {
-    /// Begins a message; `place` names it in errors.
+    /// Begins a message in CDR; `place` names it in errors.
     ///
     /// # Errors
     /// Another header than that of plain CDR, little endian.
     pub fn new(message: &'a [u8], place: &'a str) -> Result<Self> {
         let got = match message {
             // The last two bytes are options, which say nothing of the layout.
-            [0, 1, _, _, body @ ..] => return Ok(Self { body, at: 0, place }),
+            [0, 1, _, _, body @ ..] => return Ok(Self { body, at: 0, place, layout: Layout::Cdr }),
             [0, 0, _, _, ..] => "big endian".to_owned(),
             [a, b, c, d, ..] => format!("a header of {a:02x} {b:02x} {c:02x} {d:02x}"),
             short => format!("{} bytes", short.len()),
         };
         Err(Error::invalid(place, "a message in plain CDR, little endian (00 01 00 00)", got))
+    }
+
+    /// Begins a message in ROS 1's layout; `place` names it in errors.
+    pub fn ros1(message: &'a [u8], place: &'a str) -> Self {
+        Self { body: message, at: 0, place, layout: Layout::Ros1 }
+    }
+
+    /// How the message's fields follow each other.
+    pub fn layout(&self) -> Layout {
+        self.layout
     }
 
     /// The next `n_bytes` bytes of `field`.
@@ -47,7 +68,9 @@ impl<'a> Reader<'a> {
 
     /// A number's bytes, after its alignment.
     fn number<const N: usize>(&mut self, field: &str) -> Result<[u8; N]> {
-        self.take(self.at.next_multiple_of(N) - self.at, field)?;
+        if self.layout == Layout::Cdr {
+            self.take(self.at.next_multiple_of(N) - self.at, field)?;
+        }
         let mut bytes = [0; N];
         bytes.copy_from_slice(self.take(N, field)?);
         Ok(bytes)

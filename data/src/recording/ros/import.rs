@@ -15,7 +15,7 @@ use crate::recording::pipeline::{Item, Picture, push};
 use crate::recording::rest;
 use crate::recording::ros::bag::{Bag, Message, Messages};
 use crate::recording::ros::choice;
-use crate::recording::ros::messages::{CompressedImage, Image, Message as _, from_cdr};
+use crate::recording::ros::messages::{CompressedImage, Image, Message as _};
 use crate::recording::ros::picture::{Shown, of_compressed, of_image};
 use crate::recording::ros::placement::{Placement, Placer};
 use crate::recording::ros::pose_track::PoseTrack;
@@ -75,7 +75,7 @@ pub struct Imported {
     pub warnings: Vec<String>,
 }
 
-/// Imports the bag `source`, an MCAP file or a folder of them, to a dataset at `out`. `progress` gets the touches done
+/// Imports the bag `source`, an MCAP file or a folder of them (with the feature `ros1` a ROS 1 bag too), to a dataset at `out`. `progress` gets the touches done
 /// and all touches.
 ///
 /// # Errors
@@ -293,10 +293,9 @@ impl<'a> Film<'a> {
 fn show(message: Message) -> Result<(Shown, String)> {
     let place = message.place();
     let is_plain = message.channel.type_name == Image::TYPE;
-    let cdr = message.cdr()?;
     let shown = match is_plain {
-        true => of_image(from_cdr(&cdr, &place)?, &place)?,
-        false => of_compressed(from_cdr::<CompressedImage>(&cdr, &place)?, &place)?,
+        true => of_image(message.read(Image::read)?, &place)?,
+        false => of_compressed(message.read(CompressedImage::read)?, &place)?,
     };
     Ok((shown, place))
 }

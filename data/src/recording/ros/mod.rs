@@ -1,4 +1,4 @@
-//! ROS 2: its messages, and recordings of them in MCAP (rosbag2).
+//! ROS 2: its messages, and recordings of them in MCAP (rosbag2); recordings of ROS 1.
 
 pub mod cdr;
 pub mod definitions;
@@ -14,6 +14,8 @@ mod choice;
 #[cfg(feature = "mcap")]
 pub mod import;
 #[cfg(feature = "mcap")]
+mod mcap_file;
+#[cfg(feature = "mcap")]
 mod placement;
 #[cfg(feature = "mcap")]
 mod pose_track;
@@ -21,6 +23,8 @@ mod pose_track;
 mod records;
 #[cfg(feature = "mcap")]
 pub mod rigid;
+#[cfg(feature = "ros1")]
+mod ros1;
 #[cfg(feature = "mcap")]
 mod survey;
 #[cfg(feature = "mcap")]

@@ -5,9 +5,8 @@ use std::sync::Arc;
 
 use crate::error::Result;
 use crate::recording::ros::bag::{Bag, Message};
-use crate::recording::ros::cdr::Reader;
 use crate::recording::ros::messages::{
-    CompressedImage, Header, Image, Message as _, Pose, PoseStamped, TFMessage, TransformStamped, from_cdr,
+    CompressedImage, Header, Image, Message as _, Pose, PoseStamped, TFMessage, TransformStamped,
 };
 use crate::recording::ros::rigid::Rigid;
 use crate::recording::ros::transform_tree::TransformTree;
@@ -89,22 +88,21 @@ impl Survey {
         let (log_time_ns, place) = (message.log_time_ns, message.place());
         match channel.type_name.as_str() {
             type_name if is_picture(type_name) => {
-                let header = Header::read(&mut Reader::new(&message.cdr()?, &place)?)?;
+                let header = message.read(Header::read)?;
                 let time_ns = self.time_ns(&channel.topic, &header, log_time_ns);
                 self.pictures.entry(channel.topic.clone()).or_default().push(time_ns);
             }
             PoseStamped::TYPE => {
-                let PoseStamped { header, pose } = from_cdr(&message.cdr()?, &place)?;
+                let PoseStamped { header, pose } = message.read(PoseStamped::read)?;
                 self.note_pose(&channel.topic, &header, &pose, (log_time_ns, &place))?;
             }
             TransformStamped::TYPE => {
-                let TransformStamped { header, transform, .. } = from_cdr(&message.cdr()?, &place)?;
+                let TransformStamped { header, transform, .. } = message.read(TransformStamped::read)?;
                 self.note_pose(&channel.topic, &header, &transform, (log_time_ns, &place))?;
             }
             TFMessage::TYPE if with_transforms => {
                 let is_static = channel.topic.ends_with(STATIC_TRANSFORMS);
-                for TransformStamped { header, child_frame_id, transform } in
-                    from_cdr::<TFMessage>(&message.cdr()?, &place)?.transforms
+                for TransformStamped { header, child_frame_id, transform } in message.read(TFMessage::read)?.transforms
                 {
                     let pose = Rigid::from_pose(&transform, &place)?;
                     let time_ns = self.time_ns(&channel.topic, &header, log_time_ns);

@@ -1,4 +1,5 @@
-//! The ROS 2 messages that a tactile sensor and its robot send, and their bytes.
+//! The ROS 2 messages that a tactile sensor and its robot send, and their bytes; those of ROS 1 have the same fields,
+//! but for the number in a header, which is passed over.
 //!
 //! Lengths are metres, rotations unit quaternions, as everywhere in ROS.
 
@@ -13,7 +14,7 @@ pub use poses::{Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, TFMessa
 pub use reports::{DiagnosticArray, DiagnosticStatus, KeyValue, Level, Text, TriggerRequest, TriggerResponse};
 
 use crate::error::Result;
-use crate::recording::ros::cdr::{Reader, Writer};
+use crate::recording::ros::cdr::{Layout, Reader, Writer};
 
 /// A message with a name and a layout.
 pub trait Message: Sized {
@@ -88,6 +89,9 @@ pub struct Header {
 impl Header {
     /// Reads the fields.
     pub fn read(cdr: &mut Reader) -> Result<Self> {
+        if cdr.layout() == Layout::Ros1 {
+            cdr.u32("header.seq")?;
+        }
         Ok(Self { stamp: Time::read(cdr)?, frame_id: cdr.string("header.frame_id")? })
     }
 
