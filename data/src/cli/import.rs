@@ -6,12 +6,14 @@ use clap::Args;
 use tactile_data::Result;
 use tactile_data::progress;
 use tactile_data::recording::folder::{self, NoContact};
+use tactile_data::recording::parquet;
 
 use super::geometry::GeometryArgs;
 use super::import_bag::{BagArgs, Frames};
 
-/// Import a recording, a folder of PNG, JPEG and GIF frames or a ROS 2 bag in MCAP, as a dataset. A build with
-/// --features ros1 reads ROS 1 bags as well.
+/// Import a recording, a folder of PNG, JPEG and GIF frames or a ROS 2 bag in MCAP, as a dataset.
+///
+/// A build with --features ros1,parquet reads ROS 1 bags and Parquet with Hugging Face's images as well.
 ///
 /// Every frame of an animated GIF counts. The index, CSV with a header or JSON lines, has the columns
 /// file, part, side, x_mm, y_mm, theta_deg, moved_x_mm, moved_y_mm, moved_theta_deg, pair, episode, time_s;
@@ -23,7 +25,7 @@ use super::import_bag::{BagArgs, Frames};
                   tactile-data import raw --channels bgr --turn 180 --crop border:1/7 --frame-px 160x120 --out mini"
 )]
 pub struct Import {
-    /// The folder, or one picture, animation, .mcap or .bag file
+    /// The folder, or one picture, animation, .mcap, .bag or .parquet file
     source: PathBuf,
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]
@@ -56,7 +58,10 @@ impl Import {
             return self.bag.run(&self.source, &self.out, Frames { no_contact, geometry });
         }
         let how = folder::Import { index: self.index, no_contact, geometry };
-        let imported = folder::import(&self.source, &how, &self.out, &progress::reporter("files"))?;
+        let imported = match parquet::is_parquet(&self.source) {
+            true => parquet::import(&self.source, &how, &self.out, &progress::reporter("rows"))?,
+            false => folder::import(&self.source, &how, &self.out, &progress::reporter("files"))?,
+        };
         for warning in imported.warnings {
             eprintln!("warning: {warning}");
         }

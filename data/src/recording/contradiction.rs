@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::recording::index::{Row, place};
+use crate::recording::index::Row;
 use crate::se2::wrap_angle;
 use crate::touch::Side;
 
@@ -14,48 +14,56 @@ const MOTION_MM: f64 = 1.0;
 /// And by this much, degrees.
 const MOTION_DEG: f64 = 3.0;
 
-/// Checks the rows of an index against each other. What is odd but not wrong is added to `warnings`.
+/// Checks the rows of the index or the tables at `source` against each other. What is odd but not wrong is added to
+/// `warnings`.
 ///
 /// # Errors
-/// The first row that contradicts an earlier one, with the lines of both: a file twice; a pair with two holes, two pegs
-/// or two parts; an episode with two parts, or whose times go back; a motion that is not the one between the two poses
-/// of its episode.
-pub fn check(index: &Path, rows: &[Row], warnings: &mut Vec<String>) -> Result<()> {
-    let mut files: HashMap<&Path, u64> = HashMap::new();
+/// The first row that contradicts an earlier one, with the places of both: a file twice; a pair with two holes, two
+/// pegs or two parts; an episode with two parts, or whose times go back; a motion that is not the one between the two
+/// poses of its episode.
+pub fn check(source: &Path, rows: &[Row], warnings: &mut Vec<String>) -> Result<()> {
+    let mut files: HashMap<&Path, &Row> = HashMap::new();
     let mut pairs: HashMap<&str, Vec<&Row>> = HashMap::new();
     let mut episodes: HashMap<&str, Episode> = HashMap::new();
     for row in rows {
-        if let Some(before) = files.insert(&row.file, row.line) {
-            let got = format!("{} a second time, after line {before}", row.file.display());
-            return Err(Error::invalid(place(index, row.line), "each file once", got));
+        if let Some(file) = &row.file
+            && let Some(before) = files.insert(file, row)
+        {
+            let got = format!("{} a second time, after {}", file.display(), at(before, row));
+            return Err(Error::invalid(row.place.to_string(), "each file once", got));
         }
         if let Some(pair) = &row.touch.pair {
             let of_pair = pairs.entry(pair).or_default();
-            check_pair(of_pair, row).map_err(|e| e.within(format!("{}: pair {pair}", place(index, row.line))))?;
+            check_pair(of_pair, row).map_err(|e| e.within(format!("{}: pair {pair}", row.place)))?;
             of_pair.push(row);
         }
         if let Some(name) = &row.touch.episode {
             let episode = episodes.entry(name).or_default();
-            episode.take(row).map_err(|e| e.within(format!("{}: episode {name}", place(index, row.line))))?;
+            episode.take(row).map_err(|e| e.within(format!("{}: episode {name}", row.place)))?;
         }
     }
-    let alone = pairs.values().filter(|of_pair| of_pair.len() == 1).flatten();
-    if let Some(first) = alone.clone().min_by_key(|row| row.line) {
+    let is_alone = |row: &&Row| row.touch.pair.as_deref().is_some_and(|pair| pairs[pair].len() == 1);
+    if let Some(first) = rows.iter().find(is_alone) {
         let pair = first.touch.pair.as_deref().unwrap_or_default();
-        let n = alone.count();
+        let n = rows.iter().filter(is_alone).count();
         warnings.push(format!(
-            "{}: {n} pair(s) are named on one row only, first {pair} in line {}: a pair is a hole and a peg",
-            index.display(),
-            first.line
+            "{}: {n} pair(s) are named on one row only, first {pair} in {}: a pair is a hole and a peg",
+            source.display(),
+            first.place.in_text_about(source)
         ));
     }
     Ok(())
 }
 
+/// Where an earlier row is, in a text about a later one.
+fn at(before: &Row, row: &Row) -> String {
+    before.place.in_text_about(&row.place.file)
+}
+
 /// Checks a row against the earlier ones of its pair.
 fn check_pair(earlier: &[&Row], row: &Row) -> Result<()> {
     for before in earlier {
-        let after = |what: &str| format!("{what}, after line {}", before.line);
+        let after = |what: &str| format!("{what}, after {}", at(before, row));
         match (before.touch.side, row.touch.side) {
             (Some(Side::Hole), Some(Side::Hole)) => return Err(contradiction("side", "a peg", after("a second hole"))),
             (Some(Side::Peg), Some(Side::Peg)) => return Err(contradiction("side", "a hole", after("a second peg"))),
@@ -65,7 +73,7 @@ fn check_pair(earlier: &[&Row], row: &Row) -> Result<()> {
     }
     match earlier {
         [first, second, ..] => {
-            let got = format!("a third row, after lines {} and {}", first.line, second.line);
+            let got = format!("a third row, after {} and {}", at(first, row), at(second, row));
             Err(contradiction("rows", "a hole and a peg", got))
         }
         _ => Ok(()),
@@ -75,7 +83,7 @@ fn check_pair(earlier: &[&Row], row: &Row) -> Result<()> {
 fn check_part(before: &Row, row: &Row) -> Result<()> {
     match (&before.touch.part, &row.touch.part) {
         (Some(expected), Some(got)) if expected != got => {
-            Err(contradiction("part", format!("{expected}, as in line {}", before.line), got))
+            Err(contradiction("part", format!("{expected}, as in {}", at(before, row)), got))
         }
         _ => Ok(()),
     }
@@ -96,7 +104,7 @@ impl<'a> Episode<'a> {
         if let Some((before, then_s, now_s)) = self.time.and_then(|b| Some((b, b.touch.time_s?, row.touch.time_s?)))
             && now_s < then_s
         {
-            let expected = format!("{then_s} s or later, after line {}", before.line);
+            let expected = format!("{then_s} s or later, after {}", at(before, row));
             return Err(contradiction("time_s", expected, format!("{now_s} s")));
         }
         self.last.map_or(Ok(()), |before| check_motion(before, row))?;
@@ -127,7 +135,7 @@ fn check_motion(before: &Row, row: &Row) -> Result<()> {
         format!("{:.2}, {:.2} mm and {:.1} degrees", motion.x_mm, motion.y_mm, motion.theta_deg())
     };
     let between =
-        format!("{} in the sensor's frame, from the pose in line {} to this row's", show(expected), before.line);
+        format!("{} in the sensor's frame, from the pose in {} to this row's", show(expected), at(before, row));
     Err(contradiction("moved_*", between, show(moved)))
 }
 
@@ -170,7 +178,7 @@ mod tests {
             ),
             ("a,,peg,,,,,,,p,,\nb,,,,,,,,,,,\nc,,peg,,,,,,,p,,\n", "got a second peg, after line 2"),
             ("a,A,hole,,,,,,,p,,\nb,,,,,,,,,,,\nc,B,peg,,,,,,,p,,\n", "pair p: part: expected A, as in line 2, got B"),
-            ("a,A,hole,,,,,,,p,,\nb,A,peg,,,,,,,p,,\nc,A,,,,,,,,p,,\n", "a third row, after lines 2 and 3"),
+            ("a,A,hole,,,,,,,p,,\nb,A,peg,,,,,,,p,,\nc,A,,,,,,,,p,,\n", "a third row, after line 2 and line 3"),
             ("a,A,,,,,,,,,e,\nb,,,,,,,,,,e,\nc,B,,,,,,,,,e,\n", "episode e: part: expected A, as in line 2, got B"),
             (
                 "a,,,,,,,,,,e,5\nb,,,,,,,,,,e,\nc,,,,,,,,,,e,4.5\n",

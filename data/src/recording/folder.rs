@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::output;
 use crate::picture;
-use crate::recording::geometry::Geometry;
+use crate::recording::geometry::{Geometry, View};
 use crate::recording::listing::{Listing, list};
 use crate::recording::pipeline::{Item, Picture, push};
 use crate::recording::rest;
@@ -53,9 +53,31 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
     let mut warnings = Vec::new();
     let at_rest = if let NoContact::File(path) = &how.no_contact { Some(path.as_path()) } else { None };
     let Listing { files, mut hash } = list(source, how.index.as_deref(), at_rest, &mut warnings)?;
-    let no_contact = rest::find(&how.no_contact, &mut frames(&files), &mut warnings)?;
-    let view = how.geometry.settle(&no_contact, &mut warnings)?;
-    output::check_room(out, files.len(), view.frame_px())?;
+    let n_files = files.len();
+    let (view, mut writer) = begin(source, how, (&mut frames(&files), n_files), out, &mut warnings)?;
+    let mut items = files.into_iter().map(|(file, touch)| {
+        let bytes = fs::read(&file).map_err(Error::io(&file))?;
+        hash.update(&bytes);
+        Ok(Item { picture: Picture::Encoded(bytes), touch, place: file.display().to_string() })
+    });
+    let n_frames = push(&mut items, n_files, &view, &mut writer, progress)?;
+    drop(items);
+    writer.set_recording(view.recording(format!("{:x}", hash.finalize())));
+    writer.finish()?;
+    Ok(Imported { n_frames, warnings })
+}
+
+/// Finds the frame at rest among the frames, settles the geometry, and begins a dataset of `n_pictures` at `out`.
+pub(super) fn begin(
+    source: &Path,
+    how: &Import,
+    (frames, n_pictures): (&mut dyn Iterator<Item = Result<(Frame, String)>>, usize),
+    out: &Path,
+    warnings: &mut Vec<String>,
+) -> Result<(View, DatasetWriter)> {
+    let no_contact = rest::find(&how.no_contact, frames, warnings)?;
+    let view = how.geometry.settle(&no_contact, warnings)?;
+    output::check_room(out, n_pictures, view.frame_px())?;
     let meta = Meta {
         name: source.file_name().unwrap_or(source.as_os_str()).to_string_lossy().into_owned(),
         frame_px: view.frame_px(),
@@ -69,33 +91,26 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
         lamps: view.lamps().cloned(),
         peg_from_hole: None,
     };
-    let n_files = files.len();
-    let mut writer =
-        DatasetWriter::create(out, meta, &view.frame(&no_contact, "no-contact frame")?)?.expecting(n_files);
-    let mut items = files.into_iter().map(|(file, touch)| {
-        let bytes = fs::read(&file).map_err(Error::io(&file))?;
-        hash.update(&bytes);
-        Ok(Item { picture: Picture::Encoded(bytes), touch, place: file.display().to_string() })
-    });
-    let n_frames = push(&mut items, n_files, &view, &mut writer, progress)?;
-    drop(items);
-    writer.set_recording(view.recording(format!("{:x}", hash.finalize())));
-    writer.finish()?;
-    Ok(Imported { n_frames, warnings })
+    let writer = DatasetWriter::create(out, meta, &view.frame(&no_contact, "no-contact frame")?)?;
+    Ok((view, writer.expecting(n_pictures)))
 }
 
 /// The frames of the files, one after the other, each with its file.
 fn frames(files: &[(PathBuf, Touch)]) -> impl Iterator<Item = Result<(Frame, String)>> {
     files.iter().flat_map(|(file, _)| {
         let place = file.display().to_string();
-        let of_file = fs::read(file).map_err(Error::io(file)).and_then(|bytes| picture::frames(bytes, &place));
-        let (of_file, error) = match of_file {
-            Ok(frames) => (Some(frames), None),
-            Err(error) => (None, Some(Err(error))),
-        };
-        let of_file = of_file.into_iter().flatten().map(move |frame| Ok((frame?, place.clone())));
-        error.into_iter().chain(of_file)
+        frames_of(fs::read(file).map_err(Error::io(file)), place)
     })
+}
+
+/// The frames of a picture that was read or not, each with the picture's place.
+pub(super) fn frames_of(bytes: Result<Vec<u8>>, place: String) -> impl Iterator<Item = Result<(Frame, String)>> {
+    let (frames, error) = match bytes.and_then(|bytes| picture::frames(bytes, &place)) {
+        Ok(frames) => (Some(frames), None),
+        Err(error) => (None, Some(Err(error))),
+    };
+    let frames = frames.into_iter().flatten().map(move |frame| Ok((frame?, place.clone())));
+    error.into_iter().chain(frames)
 }
 
 #[cfg(test)]

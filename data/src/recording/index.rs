@@ -1,7 +1,8 @@
 //! The index of a recording: what is known of each of its pictures, as CSV or JSON lines.
 
-use std::fmt::Display;
+use std::fmt::{self, Display, Formatter};
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Number, Value};
@@ -28,7 +29,7 @@ pub const COLUMNS: [&str; 12] = [
 ];
 
 /// The columns that hold text; the others hold numbers.
-const TEXT: [&str; 5] = ["file", "part", "side", "pair", "episode"];
+pub const TEXT: [&str; 5] = ["file", "part", "side", "pair", "episode"];
 
 /// No robot reaches further, mm.
 const FARTHEST_MM: f64 = 10_000.0;
@@ -39,15 +40,39 @@ const MOST_TURNED_DEG: f64 = 3_600.0;
 /// More than 300 years, seconds: what is above was milliseconds or nanoseconds.
 const LATEST_S: f64 = 1e10;
 
-/// One row of an index.
+/// One row of an index or of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The line it begins in, from 1.
-    pub line: u64,
-    /// The picture, its folder in front.
-    pub file: PathBuf,
+    /// Where it is.
+    pub place: Place,
+    /// The picture, its folder in front; `None` where the row itself holds the picture.
+    pub file: Option<PathBuf>,
     /// What is known of it.
     pub touch: Touch,
+}
+
+/// Where a row is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The index or the table.
+    pub file: Arc<Path>,
+    /// What is counted: "line" of a text, "row" of a table.
+    pub unit: &'static str,
+    /// The line in which the row begins, or the row, from 1.
+    pub number: u64,
+}
+
+impl Display for Place {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        write!(f, "{} {} {}", self.file.display(), self.unit, self.number)
+    }
+}
+
+impl Place {
+    /// The place as a text about `file` names it: without the file where it is that one.
+    pub fn in_text_about(&self, file: &Path) -> String {
+        if *self.file == *file { format!("{} {}", self.unit, self.number) } else { self.to_string() }
+    }
 }
 
 /// What a row says, before it is checked. A cell that is empty or not there says nothing.
@@ -101,12 +126,32 @@ pub fn read(index: &Path, bytes: &[u8], folder: &Path) -> Result<Vec<Row>> {
     if rows.is_empty() {
         return Err(Error::invalid(index.display().to_string(), "at least one row that names a file", "none"));
     }
-    rows.into_iter().map(|(line, cells)| row(line, cells, &place(index, line), folder)).collect()
+    let index: Arc<Path> = index.into();
+    let row = |(number, mut cells): (u64, Cells)| {
+        let place = Place { file: Arc::clone(&index), unit: "line", number };
+        let named = cells.file.take();
+        check_name("file", named.as_deref(), &place)?;
+        let touch = touch(cells, &place)?;
+        let Some(named) = named else {
+            return Err(Error::invalid(place.to_string(), "the name of a file", "none"));
+        };
+        let file = Some(existing(&named, folder, &place)?);
+        Ok(Row { place, file, touch })
+    };
+    rows.into_iter().map(row).collect()
 }
 
-/// The place of a row, for errors.
-pub fn place(index: &Path, line: u64) -> String {
-    format!("{} line {line}", index.display())
+/// What the cells of a table's row say; a column that is not there, or null, says nothing.
+///
+/// # Errors
+/// The row's place and the cell: a value that is no pose, side or time.
+pub fn touch_of(cells: Map<String, Value>, place: &Place) -> Result<Touch> {
+    let cells = serde_json::from_value(Value::Object(cells));
+    touch(cells.map_err(|error| bad_row(place.to_string(), error))?, place)
+}
+
+fn line_place(index: &Path, number: u64) -> String {
+    format!("{} line {number}", index.display())
 }
 
 fn as_text<'a>(index: &Path, bytes: &'a [u8]) -> Result<&'a str> {
@@ -115,23 +160,17 @@ fn as_text<'a>(index: &Path, bytes: &'a [u8]) -> Result<&'a str> {
         return Err(Error::invalid(what(), "text in UTF-8", "UTF-16 (a spreadsheet saves it as CSV UTF-8)"));
     }
     let text = std::str::from_utf8(bytes).map_err(|error| {
-        let line = 1 + bytes[..error.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
-        Error::invalid(place(index, line as u64), "text in UTF-8", "bytes of another encoding")
+        let number = 1 + bytes[..error.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+        Error::invalid(line_place(index, number as u64), "text in UTF-8", "bytes of another encoding")
     })?;
     Ok(text.trim_start_matches('\u{feff}'))
 }
 
-fn row(line: u64, cells: Cells, place: &str, folder: &Path) -> Result<Row> {
-    let names = [("file", &cells.file), ("part", &cells.part), ("pair", &cells.pair), ("episode", &cells.episode)];
+fn touch(cells: Cells, place: &Place) -> Result<Touch> {
+    let names = [("part", &cells.part), ("pair", &cells.pair), ("episode", &cells.episode)];
     for (column, name) in names {
-        // A quote that is never closed takes in all rows after it.
-        if name.as_ref().is_some_and(|name| name.chars().any(char::is_control)) {
-            let got = format!("{:?} (a quote that is not closed?)", name.as_deref().unwrap_or_default());
-            let got: String = got.chars().take(80).collect();
-            return Err(Error::invalid(format!("{place}: {column}"), "a name on one line", got));
-        }
+        check_name(column, name.as_deref(), place)?;
     }
-    let Some(named) = cells.file else { return Err(Error::invalid(place, "the name of a file", "none")) };
     let side = match cells.side.as_deref() {
         None => None,
         Some("hole") => Some(Side::Hole),
@@ -144,7 +183,7 @@ fn row(line: u64, cells: Cells, place: &str, folder: &Path) -> Result<Row> {
         let expected = format!("seconds, at most {LATEST_S} from zero");
         return Err(Error::invalid(format!("{place}: time_s"), expected, time_s.to_string()));
     }
-    let touch = Touch {
+    Ok(Touch {
         part_from_sensor: pose(place, "x_mm, y_mm, theta_deg", [cells.x_mm, cells.y_mm, cells.theta_deg])?,
         moved: pose(place, "moved_*", [cells.moved_x_mm, cells.moved_y_mm, cells.moved_theta_deg])?,
         part: cells.part,
@@ -152,17 +191,28 @@ fn row(line: u64, cells: Cells, place: &str, folder: &Path) -> Result<Row> {
         pair: cells.pair,
         episode: cells.episode,
         time_s: cells.time_s,
-    };
-    let mut file = plain(&folder.join(&named));
-    if !file.is_file() {
-        // Written on Windows.
-        let with_slashes = plain(&folder.join(named.replace('\\', "/")));
-        if !with_slashes.is_file() {
-            return Err(Error::invalid(place, format!("the file {}", file.display()), "no such file"));
-        }
-        file = with_slashes;
+    })
+}
+
+/// A quote that is never closed takes in all rows after it.
+fn check_name(column: &str, name: Option<&str>, place: &Place) -> Result<()> {
+    let Some(name) = name.filter(|name| name.chars().any(char::is_control)) else { return Ok(()) };
+    let got: String = format!("{name:?} (a quote that is not closed?)").chars().take(80).collect();
+    Err(Error::invalid(format!("{place}: {column}"), "a name on one line", got))
+}
+
+/// The file that a row names.
+fn existing(named: &str, folder: &Path, place: &Place) -> Result<PathBuf> {
+    let file = plain(&folder.join(named));
+    if file.is_file() {
+        return Ok(file);
     }
-    Ok(Row { line, file, touch })
+    // Written on Windows.
+    let with_slashes = plain(&folder.join(named.replace('\\', "/")));
+    if with_slashes.is_file() {
+        return Ok(with_slashes);
+    }
+    Err(Error::invalid(place.to_string(), format!("the file {}", file.display()), "no such file"))
 }
 
 /// A path without `.`, and without `..` after a folder: a file then has one name.
@@ -180,7 +230,7 @@ fn plain(path: &Path) -> PathBuf {
     plain
 }
 
-fn pose(place: &str, columns: &str, values: [Option<f64>; 3]) -> Result<Option<Se2>> {
+fn pose(place: &Place, columns: &str, values: [Option<f64>; 3]) -> Result<Option<Se2>> {
     match values {
         [None, None, None] => Ok(None),
         [Some(x_mm), Some(y_mm), Some(theta_deg)] => {
@@ -203,7 +253,7 @@ fn json_rows(text: &str, index: &Path) -> Result<Vec<(u64, Cells)>> {
     let row = |(number, line): (u64, &str)| match serde_json::from_str(line) {
         Ok(row) => Ok((number, row)),
         // The line that serde_json names is the only one that it was given.
-        Err(error) => Err(bad_row(index, number, error.to_string().replace("line 1 ", ""))),
+        Err(error) => Err(bad_row(line_place(index, number), error.to_string().replace("line 1 ", ""))),
     };
     lines.map(row).collect()
 }
@@ -216,24 +266,26 @@ fn csv_rows(text: &str, index: &Path) -> Result<Vec<(u64, Cells)>> {
         None => (separator(text), text, 0),
     };
     let mut reader = csv::ReaderBuilder::new().delimiter(separator).trim(csv::Trim::All).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(|error| bad_row(index, 1, error))?.clone();
-    check_header(&header, &place(index, 1 + skipped))?;
+    let header = reader.headers().map_err(|error| bad_row(line_place(index, 1), error))?.clone();
+    check_header(&header, &line_place(index, 1 + skipped))?;
     let mut rows = Vec::new();
     let mut lines = Lines { text: text.as_bytes(), at: 0, line: 1 + skipped };
     for record in reader.records() {
-        let mut line = |position: Option<&csv::Position>| lines.line_of(position);
+        let mut line_of = |position: Option<&csv::Position>| lines.line_of(position);
         let record = record.map_err(|error| match error.kind() {
-            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-                bad_row(index, line(error.position()), format!("{len} cells under {expected_len} columns"))
-            }
-            _ => bad_row(index, line(error.position()), &error),
+            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => bad_row(
+                line_place(index, line_of(error.position())),
+                format!("{len} cells under {expected_len} columns"),
+            ),
+            _ => bad_row(line_place(index, line_of(error.position())), &error),
         })?;
-        let number = line(record.position());
+        let number = line_of(record.position());
         let mut cells = Map::new();
         for (column, cell) in header.iter().zip(&record).filter(|(_, cell)| !cell.is_empty()) {
-            cells.insert(column.to_owned(), value(column, cell, separator == b';', &place(index, number))?);
+            cells.insert(column.to_owned(), value(column, cell, separator == b';', &line_place(index, number))?);
         }
-        let cells = serde_json::from_value(Value::Object(cells)).map_err(|error| bad_row(index, number, error))?;
+        let cells =
+            serde_json::from_value(Value::Object(cells)).map_err(|error| bad_row(line_place(index, number), error))?;
         rows.push((number, cells));
     }
     Ok(rows)
@@ -297,125 +349,11 @@ fn value(column: &str, cell: &str, has_decimal_comma: bool, place: &str) -> Resu
     number.ok_or_else(|| Error::invalid(format!("{place}: {column}"), "a number", cell))
 }
 
-fn bad_row(index: &Path, line: u64, error: impl Display) -> Error {
+fn bad_row(place: String, error: impl Display) -> Error {
     // A reason may quote a cell of several lines.
-    Error::invalid(place(index, line), "a row of an index", error.to_string().replace(['\n', '\r'], " "))
+    Error::invalid(place, "a row of an index", error.to_string().replace(['\n', '\r'], " "))
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A folder with the pictures that the tests name; their content is not looked at.
-    fn folder() -> tempfile::TempDir {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::create_dir_all(folder.path().join("A/hole")).unwrap();
-        for file in ["1.png", "2.png", "a, b.png", "A/hole/3.png"] {
-            std::fs::write(folder.path().join(file), "").unwrap();
-        }
-        folder
-    }
-
-    fn rows(bytes: &[u8]) -> Result<Vec<Row>> {
-        let folder = folder();
-        let rows = read(Path::new("index.csv"), bytes, folder.path())?;
-        let relative = |row: Row| Row { file: row.file.strip_prefix(folder.path()).unwrap().to_path_buf(), ..row };
-        Ok(rows.into_iter().map(relative).collect())
-    }
-
-    fn refusal(bytes: &[u8]) -> String {
-        let message = rows(bytes).unwrap_err().to_string();
-        assert!(!message.contains('\n'), "{message}");
-        message
-    }
-
-    #[test]
-    fn commas_semicolons_tabs_and_json_lines_say_the_same() {
-        let header = COLUMNS.join(",");
-        let comma = format!("{header}\n1.png,A,hole,1.5,-2,30,0.5,0,1e1,p1,7,12.25\n2.png,,,,,,,,,,,\n");
-        let semicolon = comma.replace(',', ";").replace("1.5;", "1,5;").replace("12.25", "12,25");
-        let tab = comma.replace(',', "\t").replace('\n', "\r\n");
-        let json = r#"{"file": "1.png", "part": "A", "side": "hole", "x_mm": 1.5, "y_mm": -2, "theta_deg": 30,
-            "moved_x_mm": 0.5, "moved_y_mm": 0, "moved_theta_deg": 10, "pair": "p1", "episode": 7, "time_s": 12.25}"#;
-        let json = format!("{}\n{{\"file\": \"2.png\", \"part\": \"\", \"x_mm\": null}}\n", json.replace('\n', " "));
-        let touch = Touch {
-            part: Some("A".into()),
-            side: Some(Side::Hole),
-            part_from_sensor: Some(Se2::from_degrees(1.5, -2.0, 30.0)),
-            moved: Some(Se2::from_degrees(0.5, 0.0, 10.0)),
-            pair: Some("p1".into()),
-            episode: Some("7".into()),
-            time_s: Some(12.25),
-        };
-        for (text, first_line) in [(&comma, 2), (&semicolon, 2), (&tab, 2), (&json, 1)] {
-            let row = |line, file: &str, touch: &Touch| Row { line, file: file.into(), touch: touch.clone() };
-            let expected = [row(first_line, "1.png", &touch), row(first_line + 1, "2.png", &Touch::default())];
-            assert_eq!(rows(text.as_bytes()).unwrap(), expected, "{text}");
-        }
-    }
-
-    #[test]
-    fn byte_order_marks_quotes_blank_lines_and_a_named_separator_are_read() {
-        let text = "\u{feff}\"file\",\"part\"\r\n\"a, b.png\",\"say \"\"A\"\"\"\r\n\r\n1.png,\r\n";
-        let got = rows(text.as_bytes()).unwrap();
-        assert_eq!((got[0].file.to_str(), got[0].touch.part.as_deref()), (Some("a, b.png"), Some("say \"A\"")));
-        assert_eq!((got[1].line, &got[1].touch.part), (4, &None));
-        let got = rows(b"sep=;\nfile;x_mm;y_mm;theta_deg\n1.png;1,5;2;3\n").unwrap();
-        assert_eq!((got[0].line, got[0].touch.part_from_sensor.unwrap().x_mm), (3, 1.5));
-        assert!(refusal(b"file\na\\b.png\n").contains("no such file"));
-        assert_eq!(rows(b"file\nA\\hole\\3.png\n").unwrap()[0].file, Path::new("A/hole/3.png"));
-        assert_eq!(rows(b"file\n./A/../1.png\n").unwrap()[0].file, Path::new("1.png"));
-    }
-
-    #[test]
-    fn bad_rows_are_named_with_their_cell() {
-        for (row, expected) in [
-            ("9.png,1,2,3,", "9.png, got no such file"),
-            (",1,2,3,", "the name of a file"),
-            ("1.png,1,,3,", "x_mm, y_mm, theta_deg: expected all three numbers or none"),
-            ("1.png,1,2", "3 cells under 5 columns"),
-            ("1.png,1,2,east,", "theta_deg: expected a number, got east"),
-            ("1.png,\"1,5\",2,3,", "x_mm: expected a number, got 1,5"),
-            ("1.png,nan,1,1,", "x_mm: expected a number, got nan"),
-            ("1.png,inf,1,1,", "x_mm: expected a number, got inf"),
-            ("1.png,1e300,0,0,", "at most 10000 mm"),
-            ("1.png,1,2,1e9,", "3600 degrees"),
-            ("1.png,,,,1e300", "time_s: expected seconds"),
-            ("1.png,,,,nan", "time_s: expected a number"),
-            ("1.png,,,,1.7e18", "time_s: expected seconds, at most 10000000000 from zero"),
-        ] {
-            let message = refusal(format!("file,x_mm,y_mm,theta_deg,time_s\n2.png,0,0,0,\n{row}\n").as_bytes());
-            assert!(message.contains(expected) && message.starts_with("index.csv line 3"), "{message}");
-        }
-        for (row, expected) in [
-            (r#"{"file": "1.png", "x_mm": 1e999}"#, "number out of range"),
-            (r#"{"file": "1.png", "x_mm": NaN}"#, "expected value at column"),
-            (r#"{"file": "1.png", "file": "2.png"}"#, "duplicate field"),
-            (r#"{"file": "1.png", "angle": 3}"#, "unknown field `angle`"),
-            (r#"{"file": "1.png", "side": "left"}"#, "side: expected hole or peg, got left"),
-            (r#"{"file": "1.png""#, "EOF"),
-            (r#"[1]"#, "line 2"),
-        ] {
-            let message = refusal(format!("{{\"file\": \"2.png\"}}\n{row}\n").as_bytes());
-            assert!(message.contains(expected) && message.starts_with("index.csv line 2"), "{message}");
-        }
-    }
-
-    #[test]
-    fn bad_headers_and_encodings_are_named() {
-        for (text, expected) in [
-            (&b"file,angle\n1.png,3\n"[..], "line 1: expected file, part"),
-            (b"file,theta_dg\n1.png,3\n", "did you mean theta_deg?"),
-            (b"part,side\nA,hole\n", "a column file"),
-            (b"file,part,part\n1.png,A,B\n", "part twice"),
-            (b"file\n", "at least one row that names a file"),
-            (b"", "file"),
-            (b"\xff\xfef\0i\0", "UTF-16"),
-            (b"file\n\xe4.png\n", "line 2: expected text in UTF-8"),
-            (b"file;x_mm;y_mm;theta_deg\n1.png;1.234,5;0;0\n", "got 1.234,5"),
-        ] {
-            let message = refusal(text);
-            assert!(message.contains(expected), "{message}");
-        }
-    }
-}
+#[path = "index_tests.rs"]
+mod tests;

@@ -46,7 +46,7 @@ pub fn list(
             hash.update(&bytes);
             let rows = index::read(&index, &bytes, if is_file { Path::new("") } else { source })?;
             contradiction::check(&index, &rows, warnings)?;
-            rows.into_iter().map(|row| (row.file, row.touch)).collect()
+            rows.into_iter().filter_map(|row| Some((row.file?, row.touch))).collect()
         }
         None if is_file => vec![(source.to_path_buf(), Touch::default())],
         None => by_name(source, at_rest, warnings)?,

@@ -5,6 +5,7 @@ pub mod folder;
 pub mod geometry;
 pub mod index;
 pub mod listing;
+pub mod parquet;
 pub mod pipeline;
 pub mod provenance;
 pub mod rest;

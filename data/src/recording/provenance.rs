@@ -1,15 +1,18 @@
 //! How a recording became a dataset: what its meta data keep of the source.
 
+use std::fs::File;
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
 
 /// How a recording became a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recording {
-    /// SHA-256 of what was read: the index and every picture, in order, or the bag.
+    /// SHA-256 of what was read: the index and every picture, in order, or the files of a bag or of tables.
     pub source_sha256: String,
     /// Size of the source's pictures, pixels.
     pub source_px: [usize; 2],
@@ -23,6 +26,19 @@ pub struct Recording {
     /// The order of the source's colours.
     #[serde(default, skip_serializing_if = "Channels::is_rgb")]
     pub channels: Channels,
+}
+
+/// SHA-256 of files, one behind the other, in hexadecimal.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn sha256(files: &[PathBuf]) -> Result<String> {
+    let mut hash = Sha256::new();
+    for path in files {
+        let mut file = File::open(path).map_err(Error::io(path))?;
+        std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
+    }
+    Ok(format!("{:x}", hash.finalize()))
 }
 
 /// The axis of a picture that is turned round.

@@ -1,14 +1,13 @@
 //! A bag: one file, or a folder of files that one recording was split into. ROS 2 bags are in MCAP; ROS 1 bags are read
 //! with the feature `ros1`.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use sha2::{Digest, Sha256};
-
 use crate::error::{Error, Result};
+use crate::recording::provenance;
 use crate::recording::ros::cdr::{Layout, Reader};
 use crate::recording::ros::mcap_file::McapFile;
 #[cfg(feature = "ros1")]
@@ -125,8 +124,8 @@ fn kind(path: &Path) -> Option<Kind> {
 }
 
 impl Bag {
-    /// Finds the files of a bag: `source` itself, or the `.mcap` files in it, or else the `.bag` files in it where ROS 1
-    /// is read, by the numbers at the ends of their names.
+    /// Finds the files of a bag: `source` itself, or the `.mcap` files in it, or else the `.bag` files in it where
+    /// ROS 1 is read, by the numbers at the ends of their names.
     ///
     /// # Errors
     /// No bag; bags in another format, with the command that converts them.
@@ -153,12 +152,7 @@ impl Bag {
 
     /// SHA-256 of the file, or of the files one behind the other, in hexadecimal.
     pub fn sha256(&self) -> Result<String> {
-        let mut hash = Sha256::new();
-        for path in &self.files {
-            let mut file = File::open(path).map_err(Error::io(path))?;
-            std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
-        }
-        Ok(format!("{:x}", hash.finalize()))
+        provenance::sha256(&self.files)
     }
 
     /// The messages in the order in which they were recorded.

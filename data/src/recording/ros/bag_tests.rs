@@ -1,5 +1,7 @@
 //! Tests of [`super`]: files of MCAP, whole, cut and damaged.
 
+use sha2::{Digest, Sha256};
+
 use super::*;
 use crate::recording::ros::test_bag::{self, PACKINGS, Packing, Sent, image, pose};
 

@@ -75,8 +75,8 @@ pub struct Imported {
     pub warnings: Vec<String>,
 }
 
-/// Imports the bag `source`, an MCAP file or a folder of them (with the feature `ros1` a ROS 1 bag too), to a dataset at `out`. `progress` gets the touches done
-/// and all touches.
+/// Imports the bag `source`, an MCAP file or a folder of them (with the feature `ros1` ROS 1 bags too), to a dataset at
+/// `out`. `progress` gets the touches done and all touches.
 ///
 /// # Errors
 /// A bag that cannot be read, topics that are not clear, no touch in it.
