@@ -31,8 +31,8 @@ const NEVER_EMBEDDED: [&str; 6] = ["burn", "usvg", "zip", "ttf-parser", "clap", 
 /// Crates that a build script uses to compile or to find C and C++.
 const C_TOOLS: [&str; 8] = ["autotools", "bindgen", "cc", "cmake", "cxx-build", "nasm-rs", "pkg-config", "vcpkg"];
 
-/// Crates that are called `-sys` and compile nothing: the kernel's constants, generated as Rust.
-const PURE_RUST: [&str; 1] = ["linux-raw-sys"];
+/// Crates that are called `-sys` and are Rust: the kernel's constants, generated, and bzip2's library, translated.
+const PURE_RUST: [&str; 2] = ["linux-raw-sys", "libbz2-rs-sys"];
 
 /// Dependencies that a package must not have; `packages` are those of `cargo metadata`.
 pub fn layers(packages: &[Value]) -> Vec<Finding> {
