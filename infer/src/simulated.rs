@@ -134,7 +134,8 @@ mod tests {
     #[test]
     fn a_view_of_both_sides_is_as_near_to_the_peg_as_to_the_hole() {
         let (scene, model) = scene_and_model();
-        let [pegs, both] = [Views::Pegs, Views::Both].map(|of| bank_of_scene(&model, &scene, of, 5, &|_, _| ()).unwrap());
+        let [pegs, both] =
+            [Views::Pegs, Views::Both].map(|of| bank_of_scene(&model, &scene, of, 5, &|_, _| ()).unwrap());
         assert_eq!([pegs.views(), both.views()], [Views::Pegs, Views::Both]);
         assert_eq!(both.with_parts(&[1]).unwrap().views(), Views::Both);
         let folder = tempfile::tempdir().unwrap();

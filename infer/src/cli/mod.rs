@@ -292,7 +292,7 @@ fn bank(args: &BankArgs) -> Result<()> {
         {
             let mean = matched.mean;
             eprintln!(
-                "note: part {name}: its hole hardly feels like its peg (cosine {mean:.2} on average); often mistaken"
+                "note: part {name}: touches of its hole hardly match its views (cosine {mean:.2} on average); often mistaken"
             );
         }
     }

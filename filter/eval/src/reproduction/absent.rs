@@ -14,10 +14,12 @@ use crate::summary::wilson_95;
 /// Its entry in the contents.
 const SHORT: &str = "Unknown parts";
 /// Folder, name of the board, and the folder in which the parts are all there.
-const BOARDS: [(&str, &str, &str); 3] = [
+const BOARDS: [(&str, &str, &str); 5] = [
     ("small-absent", "small board", "small"),
     ("large-absent", "large board", "large"),
     ("small-anywhere-absent", "small board, touched anywhere", "small-anywhere"),
+    ("known-small-absent", "small board, touched anywhere, holes known", "known-small"),
+    ("known-connectors-absent", "connectors, holes known", "known-connectors"),
 ];
 
 /// The section.

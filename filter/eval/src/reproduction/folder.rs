@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::result::{Evaluation, SCHEMA};
 
 /// The folders of evaluations, in the order of the page; those of robustness, sensors and other parts follow by name.
-const EVALUATIONS: [&str; 13] = [
+const EVALUATIONS: [&str; 21] = [
     "small",
     "large",
     "connectors",
@@ -30,6 +30,14 @@ const EVALUATIONS: [&str; 13] = [
     "small-absent",
     "large-absent",
     "small-anywhere-absent",
+    "known-small",
+    "known-large",
+    "known-outlines",
+    "known-connectors",
+    "known-small-hard",
+    "known-large-hard",
+    "known-small-absent",
+    "known-connectors-absent",
 ];
 
 /// What the name of a robustness row's folder begins with.

@@ -10,6 +10,7 @@ mod classes;
 mod folder;
 mod hard;
 mod informed;
+mod known;
 mod page;
 mod robust;
 mod section;

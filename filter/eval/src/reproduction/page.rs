@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::folder::Reproduction;
 use super::section::Finding;
 use super::tables::{CONNECTORS, LARGE, SMALL, tallies};
-use super::{absent, assembly, cell, classes, hard, informed, robust, sensors, speed, steps, tables};
+use super::{absent, assembly, cell, classes, hard, informed, known, robust, sensors, speed, steps, tables};
 use crate::page::numbers::{capital, interval, milliseconds, number, percent_sign};
 use crate::page::shell::{Section, page, tile};
 use crate::report::tradeoff;
@@ -34,6 +34,7 @@ fn all(found: &Reproduction) -> Vec<Finding> {
         robust::finding(found),
         sensors::finding(found),
         absent::finding(found),
+        known::finding(found),
         speed::finding(found),
         steps::finding(found),
     ]
