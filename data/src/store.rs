@@ -192,6 +192,7 @@ pub struct Dataset {
     meta: Meta,
     fragment: Option<Fragment>,
     frames_sha256: String,
+    index_sha256: String,
     frames: Mmap,
     touches: Vec<Touch>,
     no_contact: Frame,
@@ -214,8 +215,8 @@ impl Dataset {
             return Err(Error::invalid(name(&path.join(INDEX)), format!("{} lines", content.n_frames), got));
         }
         let no_contact = read_no_contact(path, &content.meta)?;
-        let MetaFile { meta, fragment, frames_sha256, .. } = content;
-        Ok(Self { meta, fragment, frames_sha256, frames, touches, no_contact })
+        let MetaFile { meta, fragment, frames_sha256, index_sha256, .. } = content;
+        Ok(Self { meta, fragment, frames_sha256, index_sha256, frames, touches, no_contact })
     }
 
     /// What holds for the whole dataset.
@@ -231,6 +232,20 @@ impl Dataset {
     /// SHA-256 of the frames, 64 hex digits: the identity of the dataset.
     pub fn frames_sha256(&self) -> &str {
         &self.frames_sha256
+    }
+
+    /// SHA-256 of all that it holds, 64 hex digits: frames, index, meta data and the sensor at rest. What is made of two
+    /// datasets with the same one is the same.
+    ///
+    /// # Errors
+    /// Meta data that JSON cannot hold: none that was read from a file.
+    pub fn sha256(&self) -> Result<String> {
+        let meta = serde_json::to_vec(&self.meta).map_err(json_error(Path::new(META), "meta data"))?;
+        let mut hash = Sha256::new_with_prefix(&self.frames_sha256);
+        hash.update(&self.index_sha256);
+        hash.update(meta);
+        hash.update(self.no_contact.rgb());
+        Ok(format!("{:x}", hash.finalize()))
     }
 
     /// Number of frames.
@@ -551,6 +566,23 @@ mod tests {
             assert_eq!(dataset.touch(i.into()), &touch(i));
         }
         assert!(!partial_path(&out).unwrap().exists());
+    }
+
+    #[test]
+    fn a_dataset_is_told_from_one_that_differs_in_anything() {
+        let folder = tempfile::tempdir().unwrap();
+        let identity = |name: &str, spoil: &dyn Fn(&Path)| {
+            let out = folder.path().join(name);
+            write(&out);
+            spoil(&out);
+            Dataset::open(&out).unwrap().sha256().unwrap()
+        };
+        let first = identity("first", &|_| ());
+        assert_eq!(identity("again", &|_| ()), first);
+        assert_ne!(identity("meta", &|out| replace(out.join(META), "a test", "a lab")), first);
+        let at_rest = |out: &Path| picture::write_png(&out.join(NO_CONTACT), &frame(8)).unwrap();
+        assert_ne!(identity("at rest", &at_rest), first);
+        assert_ne!(identity("mounted", &|out| set_peg_from_hole(out, Se2::new(0.1, 0.0, 0.0)).unwrap()), first);
     }
 
     /// Opening checks the checksum, whether it was computed along the way or not.

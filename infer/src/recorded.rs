@@ -176,10 +176,14 @@ fn parts<'a>(pegs: &[Peg<'a>]) -> Vec<&'a str> {
     parts
 }
 
-fn grid(dataset: &Dataset, pegs: &[Peg<'_>], poses: BankPoses) -> Result<PoseGrid> {
-    // The robot was sent to a grid of the peg board, as the poses were stated.
+/// The poses that the robot was sent to: on a grid of the peg board.
+fn stated_poses(dataset: &Dataset, pegs: &[Peg<'_>]) -> Vec<Se2> {
     let stated = dataset.meta().peg_from_hole.unwrap_or(Se2::IDENTITY);
-    let all = || pegs.iter().map(|peg| stated * peg.pose).collect::<Vec<_>>();
+    pegs.iter().map(|peg| stated * peg.pose).collect()
+}
+
+fn grid(dataset: &Dataset, pegs: &[Peg<'_>], poses: BankPoses) -> Result<PoseGrid> {
+    let all = || stated_poses(dataset, pegs);
     let found = match (poses.resample, dataset.meta().reach) {
         (Some([mm, deg]), _) => grid_fit::covering(&all(), mm, deg),
         (None, Some(reach)) => return Ok(reach),
@@ -218,6 +222,46 @@ fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank
         }
     }
     Ok(bank.with_found_symmetries())
+}
+
+/// Where a dataset's pegs were touched.
+#[derive(Clone, Debug)]
+pub struct PegPoses {
+    /// Their parts, in order of appearance.
+    pub parts: Vec<String>,
+    /// The grid that the poses lie on, as stated or as found from them; `None`: on none.
+    pub grid: Option<PoseGrid>,
+    /// Touches of the part that has the fewest.
+    pub n_touches: usize,
+    /// All poses as the robot was sent to them.
+    poses: Vec<Se2>,
+}
+
+impl PegPoses {
+    /// Of a dataset.
+    ///
+    /// # Errors
+    /// No pegs, or one whose part or pose is not known.
+    pub fn of(dataset: &Dataset) -> Result<Self> {
+        let pegs = pegs(dataset)?;
+        let parts = parts(&pegs);
+        let n_touches = |part: &&str| pegs.iter().filter(|peg| peg.part == *part).count();
+        Ok(Self {
+            n_touches: parts.iter().map(n_touches).min().unwrap_or(0),
+            parts: parts.into_iter().map(str::to_owned).collect(),
+            grid: grid(dataset, &pegs, BankPoses::default()).ok(),
+            poses: stated_poses(dataset, &pegs),
+        })
+    }
+
+    /// Of some steps, mm and degrees, those whose grid over these poses is the finest with no more places than each part has
+    /// touches; `None` where all have more.
+    pub fn densest(&self, offered: &[[f64; 2]]) -> Option<[f64; 2]> {
+        let n_places = |[mm, deg]: [f64; 2]| Some(grid_fit::covering(&self.poses, mm, deg).ok()?.len());
+        let held =
+            offered.iter().filter_map(|steps| Some((n_places(*steps).filter(|n| *n <= self.n_touches)?, *steps)));
+        held.max_by_key(|(n, _)| *n).map(|(_, steps)| steps)
+    }
 }
 
 /// What the network sees of some frames of a dataset, in their order.
@@ -272,4 +316,59 @@ pub(crate) fn nearest_touches(grid: &PoseGrid, poses: &[Se2], tolerance: Toleran
         }
     }
     touches.into_iter().map(|touch| touch.map(|(_, index)| index)).collect()
+}
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use super::*;
+    use std::path::Path;
+    use tactile_data::store::{DatasetWriter, Meta};
+    use tactile_data::touch::Touch;
+
+    /// Pegs of two parts touched at some poses each, the second at one fewer.
+    fn dataset(at: &Path, poses: &[Se2]) -> Dataset {
+        let meta = Meta {
+            name: "pegs".into(),
+            frame_px: [4, 2],
+            mm_per_px: [4.65, 7.15],
+            reach: None,
+            held_out: Vec::new(),
+            scene: None,
+            seed: None,
+            source: "a test".into(),
+            recording: None,
+            lamps: None,
+            peg_from_hole: None,
+        };
+        let frame = Frame::new(4, 2, (0..24).collect()).unwrap();
+        let mut writer = DatasetWriter::create(at, meta, &frame).unwrap();
+        for (part, poses) in [("A", poses), ("B", &poses[1..])] {
+            for pose in poses {
+                let (part, side) = (Some(part.to_owned()), Some(Side::Peg));
+                writer.push(&frame, &Touch { part, side, part_from_sensor: Some(*pose), ..Touch::default() }).unwrap();
+            }
+        }
+        writer.finish().unwrap();
+        Dataset::open(at).unwrap()
+    }
+
+    #[test]
+    fn pegs_tell_their_grid_or_how_dense_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let on = PoseGrid { xy_half_mm: 6.0, xy_step_mm: 3.0, theta_half_deg: 40.0, theta_step_deg: 20.0 };
+        let poses: Vec<Se2> = (0..on.len()).map(|cell| on.pose(cell)).collect();
+        let regular = PegPoses::of(&dataset(&folder.path().join("regular"), &poses)).unwrap();
+        assert_eq!((regular.grid, regular.n_touches), (Some(on), on.len() - 1));
+        assert_eq!(regular.parts, ["A", "B"]);
+        // 100 touches over 16 mm and 120 degrees: a grid of 4 mm and 30 degrees has 5 x 5 x 5 places, one of 8 mm 45.
+        let wave = |i: usize, k: f64| (i as f64 * k).fract() * 2.0 - 1.0;
+        let place =
+            |i| Se2::from_degrees(8.0 * wave(i, 0.618_033), 8.0 * wave(i, 0.754_877), 60.0 * wave(i, 0.569_840));
+        let scattered =
+            PegPoses::of(&dataset(&folder.path().join("scattered"), &(0..101).map(place).collect::<Vec<_>>()));
+        let scattered = scattered.unwrap();
+        assert_eq!((scattered.grid, scattered.n_touches), (None, 100));
+        assert_eq!(scattered.densest(&[[8.0, 60.0], [8.0, 30.0], [4.0, 30.0]]), Some([8.0, 30.0]));
+        assert_eq!(scattered.densest(&[[4.0, 30.0], [2.0, 15.0]]), None);
+    }
 }

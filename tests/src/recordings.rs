@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use tactile_tests::programs::{run, workspace};
-use tactile_tests::samples::Sample;
+use tactile_tests::samples::{SCENE, Sample};
 
 use crate::readme::commands;
 
@@ -29,7 +29,7 @@ fn the_template_s_example_runs_from_pictures_to_a_report() {
     fs::create_dir_all(at.join("out/lab")).unwrap();
     let page = fs::read_to_string(workspace().join("data/recording-template/README.md")).unwrap();
     let commands = commands(&page);
-    assert_eq!(commands.len(), 15);
+    assert_eq!(commands.len(), 16);
     let mut said = String::new();
     for (program, words) in &commands {
         let ran = run(program, at, &words.iter().map(String::as_str).collect::<Vec<_>>());
@@ -52,6 +52,9 @@ fn the_template_s_example_runs_from_pictures_to_a_report() {
     assert!(accuracy > 0.9, "{accuracy}");
     let report = fs::read_to_string(at.join("out/lab/evaluation/report.html")).unwrap();
     assert!(report.contains("The touches are recorded:") && !report.contains("All of it is simulated"));
+    assert!(said.contains("the pegs were recorded every 4 mm and 30 degrees: finer steps are left out"));
+    let tradeoff = read_json(&at.join("out/lab/tradeoff/tradeoff.json"));
+    assert_eq!((&tradeoff["recorded"], &tradeoff["n_classes"]), (&true.into(), &3.into()));
 }
 
 #[test]
@@ -85,6 +88,84 @@ fn a_bag_brings_back_every_byte_and_an_evaluation_of_it_says_the_same() {
     assert!(direct["rows"].as_array().unwrap().len() == 1 + 2 * 3);
 }
 
+/// The steps of the banks of a trade-off, mm and degrees, without those that are there already.
+fn steps(tradeoff: &Value) -> Vec<[f64; 2]> {
+    let number = |value: &Value| value.as_f64().unwrap();
+    let of = |point: &Value| [number(&point["settings"]["xy_step_mm"]), number(&point["settings"]["theta_step_deg"])];
+    let mut steps: Vec<[f64; 2]> = tradeoff["points"].as_array().unwrap().iter().map(of).collect();
+    steps.dedup();
+    steps
+}
+
+#[test]
+fn a_trade_off_over_recordings_is_continued_but_not_with_another_recording() {
+    let sample = Sample::make();
+    let at = sample.folder();
+    let measured = |holes: &str, more: &str| {
+        let words = format!(
+            "tradeoff --model model/model.safetensors --pegs pegs --holes {holes} --settings 2 --episodes 4 --seeds 1,2 \
+             --out out {more}"
+        );
+        let ran = run("tactile-filter", at, &words.split_whitespace().collect::<Vec<_>>());
+        ran.done();
+        (ran.stderr.matches(" settings: ").count(), ran.stderr)
+    };
+    let (n_of_shard, said) = measured("holes", "--shard 1/2");
+    assert!(said.contains("the pegs were recorded every 4 mm and 30 degrees: finer steps are left out"), "{said}");
+    assert_eq!((n_of_shard, at.join("out/tradeoff.json").exists()), (1, false));
+    assert_eq!(measured("holes", "").0, 1);
+    let tradeoff = read_json(&at.join("out/tradeoff.json"));
+    assert_eq!((&tradeoff["recorded"], &tradeoff["scene"]), (&true.into(), &"two-letters".into()));
+    assert_eq!((&tradeoff["n_classes"], steps(&tradeoff)), (&2.into(), vec![[4.0, 30.0]]));
+    assert_eq!(read_json(&at.join("out/frontier.json"))["recorded"], true);
+    let page = fs::read_to_string(at.join("out/tradeoff.html")).unwrap();
+    assert!(page.contains("The touches are recorded:") && !page.contains("simulated holes"));
+    assert_eq!(measured("holes", "").0, 0);
+    // Of the same name, parts and poses.
+    done("tactile-data", at, "generate --scene two.toml --sides hole --seed 3 --out other-holes");
+    assert_eq!(measured("other-holes", "").0, 2);
+    assert_eq!(measured("holes", "").0, 2);
+}
+
+#[test]
+fn a_trade_off_resamples_finer_recordings() {
+    let sample = Sample::make();
+    let at = sample.folder();
+    let fine = SCENE.replace("xy_step_mm = 4.0", "xy_step_mm = 2.0").replace("deg = 30.0", "deg = 15.0");
+    fs::write(at.join("fine.toml"), fine).unwrap();
+    done("tactile-data", at, "generate --scene fine.toml --sides peg --missing 0.05 --out fine-pegs");
+    let words = "tradeoff --model model/model.safetensors --pegs fine-pegs --holes holes --settings 3 --episodes 4 \
+                 --seeds 1,2 --out out";
+    let ran = run("tactile-filter", at, &words.split_whitespace().collect::<Vec<_>>());
+    ran.done();
+    assert!(ran.stderr.contains("the pegs were recorded every 2 mm and 15 degrees"), "{}", ran.stderr);
+    assert_eq!(ran.stderr.matches("note: bank of 2 mm, 15°: part T: ").count(), 1, "{}", ran.stderr);
+    let steps = steps(&read_json(&at.join("out/tradeoff.json")));
+    assert!(steps.contains(&[2.0, 15.0]) && steps.contains(&[4.0, 15.0]), "{steps:?}");
+}
+
+#[test]
+fn a_trade_off_is_over_a_scene_or_over_pegs_and_holes() {
+    let sample = Sample::shared();
+    let with = "tradeoff --model model/model.safetensors --out never";
+    for (words, named) in [
+        ("--scene two.toml --pegs pegs --holes holes", "--scene"),
+        ("--pegs pegs", "--holes"),
+        ("--holes holes", "--pegs"),
+        ("--bank-seed 2 --pegs pegs --holes holes", "--bank-seed"),
+        ("--other-sensor", "--pegs"),
+    ] {
+        let line = format!("{with} {words}");
+        let ran = run("tactile-filter", sample.folder(), &line.split_whitespace().collect::<Vec<_>>());
+        assert!(ran.misused().contains(named), "{ran:?}");
+    }
+    assert!(!sample.folder().join("never").exists());
+    // A dataset's file is no place for a page.
+    let line = "tradeoff --model model/model.safetensors --pegs pegs --holes holes --out holes/meta.json";
+    let ran = run("tactile-filter", sample.folder(), &line.split_whitespace().collect::<Vec<_>>());
+    assert!(ran.failed().contains("meta.json"), "{ran:?}");
+}
+
 #[test]
 fn recordings_that_do_not_fit_are_refused_with_what_differs() {
     let sample = Sample::make();
@@ -104,6 +185,9 @@ fn recordings_that_do_not_fit_are_refused_with_what_differs() {
     assert!(scale.contains("field of view: expected 22 x 17 mm as in pictures"), "{scale}");
     let pegs = failed("tactile-filter", &format!("{evaluate} pegs"));
     assert!(pegs.contains("touches of the hole of T, with their poses"), "{pegs}");
+    let words = "tradeoff --model model/model.safetensors --pegs pegs --holes wide --settings 1 --episodes 2 --out out";
+    let tradeoff = run("tactile-filter", at, &words.split_whitespace().collect::<Vec<_>>());
+    assert!(tradeoff.code == Some(1) && tradeoff.stderr.contains("expected 22 x 17 mm as in pictures"), "{tradeoff:?}");
     let both = run("tactile-filter", at, &["evaluate", "--scene", "two.toml", "--holes", "holes"]);
     assert!(both.misused().contains("--holes"));
     // Scattered touches are on no grid; the flags that help are named.

@@ -27,7 +27,7 @@ pub enum Holes<'a> {
 /// A dataset's holes, of the parts of a bank.
 #[derive(Debug)]
 pub struct RecordedHoles {
-    dataset: Dataset,
+    dataset: Arc<Dataset>,
     side: Side,
     /// The bank's parts.
     parts: Vec<String>,
@@ -39,12 +39,14 @@ pub struct RecordedHoles {
 }
 
 impl RecordedHoles {
-    /// The touches of one side of a dataset whose poses are known, for the parts of a bank.
+    /// The touches of one side of a dataset whose poses are known, for the parts of a bank. An `Arc` lets several banks
+    /// share the dataset.
     ///
     /// # Errors
     /// A dataset of another scale than the bank's, no such touch, a part of the bank without any, or touches of other
     /// parts.
-    pub fn new(dataset: Dataset, side: Side, bank: &Bank, other_sensor: bool) -> Result<Self> {
+    pub fn new(dataset: impl Into<Arc<Dataset>>, side: Side, bank: &Bank, other_sensor: bool) -> Result<Self> {
+        let dataset = dataset.into();
         let name = dataset.meta().name.clone();
         check_scale(&dataset, bank, other_sensor)?;
         let parts = bank.parts().to_vec();

@@ -14,6 +14,7 @@ pub mod hole;
 pub mod holes;
 pub mod narrative;
 pub mod page;
+pub mod recorded_steps;
 pub mod replay;
 pub mod report;
 pub mod reproduction;

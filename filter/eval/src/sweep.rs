@@ -31,7 +31,7 @@ const TIMED: usize = 10;
 const PACE_S: f64 = 0.5;
 
 /// The bank's steps that are tried: mm and degrees.
-const STEPS: [[f64; 2]; 5] = [[4.0, 30.0], [4.0, 15.0], [2.0, 30.0], [2.0, 15.0], [2.0, 10.0]];
+pub(crate) const STEPS: [[f64; 2]; 5] = [[4.0, 30.0], [4.0, 15.0], [2.0, 30.0], [2.0, 15.0], [2.0, 10.0]];
 
 /// Draws, suppositions and finalists that are tried.
 const EFFORTS: [(usize, usize, Option<usize>); 7] = [
@@ -138,7 +138,7 @@ fn least(default: &Settings) -> Vec<Settings> {
 
 /// What a setting is measured on.
 pub struct Bench<'a> {
-    /// The scene.
+    /// What is touched.
     pub holes: Holes<'a>,
     /// The model.
     pub model: &'a Arc<Model>,

@@ -14,8 +14,12 @@ pub const SCHEMA: &str = "tactile-filter/tradeoff/1";
 pub struct Tradeoff {
     /// [`SCHEMA`].
     pub schema: String,
-    /// Name of the scene.
+    /// Name of the scene, or of the recording of the holes.
     pub scene: String,
+    /// Whether pegs and holes were recorded; else they were simulated, and the field is left out of the file. The intervals
+    /// of recorded ones cover which touches an episode draws, not other sensors, parts or prints.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub recorded: bool,
     /// Where holes were touched: `on-grid` or `off-grid`.
     pub poses: String,
     /// Parts to choose from.
@@ -213,6 +217,7 @@ mod tests {
         let mut made = Tradeoff {
             schema: SCHEMA.into(),
             scene: "s".into(),
+            recorded: false,
             poses: "off-grid".into(),
             n_classes: 2,
             n_episodes: 100,

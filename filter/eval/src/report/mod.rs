@@ -2,6 +2,7 @@
 
 pub(crate) mod comparison;
 mod evaluation;
+pub mod knobs;
 mod paper;
 mod parts;
 mod reliability;

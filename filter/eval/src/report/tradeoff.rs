@@ -3,13 +3,11 @@
 use maud::{Markup, html};
 use tactile_filter::budget::{Knob, Point, Settings, Tradeoff};
 
+use super::knobs::knobs;
 use crate::page::numbers::{interval, milliseconds, number, over, percent, percent_sign, seeds, signed, touch_count};
 use crate::page::scatter::{Dot, Scatter};
 use crate::page::shell::{Section, definitions, figure, page, tile};
 use crate::page::table::{cells, sortable};
-
-/// The number of touches at which knobs are compared.
-const COMPARED: usize = 3;
 
 /// What a trade-off comes to in figures.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,59 +47,12 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     })
 }
 
-/// A knob turned alone, and what that did.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Turn<'a> {
-    /// The knob.
-    pub knob: Knob,
-    /// Before and after.
-    pub points: [&'a Point; 2],
-}
-
-impl Turn<'_> {
-    /// Accuracy gained, in points of a per cent.
-    pub fn gain(&self) -> f64 {
-        100.0 * (self.points[1].accuracy - self.points[0].accuracy)
-    }
-
-    /// How many times as long a decision takes.
-    pub fn times(&self) -> f64 {
-        self.points[1].decision_ms_p50 / self.points[0].decision_ms_p50
-    }
-}
-
-/// From each of the three settings that most others differ from in one knob only, the fastest first: every such turn,
-/// after three touches.
-pub fn turns(tradeoff: &Tradeoff) -> Vec<Vec<Turn<'_>>> {
-    let compared: Vec<&Point> = tradeoff.points.iter().filter(|p| p.n_touches == COMPARED).collect();
-    let turn = |base: &'_ Point, other: &'_ Point| match base.settings.turned(&other.settings)[..] {
-        [knob] => Some(knob),
-        _ => None,
-    };
-    let from = |base: usize| -> Vec<Turn<'_>> {
-        let alone = |other: &&'_ Point| turn(compared[base], other);
-        let others = compared.iter().filter_map(|other| Some((alone(other)?, *other)));
-        others.map(|(knob, other)| Turn { knob, points: [compared[base], other] }).collect()
-    };
-    let mut all: Vec<Vec<Turn<'_>>> = (0..compared.len()).map(from).filter(|turns| !turns.is_empty()).collect();
-    all.sort_by_key(|turns| std::cmp::Reverse(turns.len()));
-    all.truncate(3);
-    all.sort_by(|a, b| a[0].points[0].decision_ms_p50.total_cmp(&b[0].points[0].decision_ms_p50));
-    all
-}
-
 /// The whole page.
 pub fn html(tradeoff: &Tradeoff) -> String {
-    let Tradeoff { scene, n_episodes, n_classes, machine, command, .. } = tradeoff;
+    let Tradeoff { scene, n_episodes, command, .. } = tradeoff;
     let top = html! {
         h1 { "Speed against accuracy: " (scene) }
-        p {
-            "Every setting was run on the same " (n_episodes) " simulated holes of " (n_classes) " parts, "
-            @if tradeoff.poses == "off-grid" { "touched anywhere, at any angle" } @else { "touched at recorded poses" }
-            ", and its decisions were timed on one core (" (machine) "). A decision is to see (encode), to update the belief and to "
-            "choose the next touch; the robot’s motion is not counted. Where the scene is one of letters for tuning, what is chosen "
-            "here says nothing in advance about the letters of the evaluation."
-        }
+        (about(tradeoff))
         div.tiles { @if let Some(verdict) = verdict(tradeoff) { (tiles(&verdict)) } }
     };
     let how =
@@ -113,6 +64,38 @@ pub fn html(tradeoff: &Tradeoff) -> String {
         Section::new("How", "How it was made", definitions(&how)),
     ];
     page(&format!("Tactile-Filter: speed against accuracy, {scene}"), &top, &sections)
+}
+
+/// What was run on what, and what that says of other parts and sensors.
+fn about(tradeoff: &Tradeoff) -> Markup {
+    let Tradeoff { n_episodes, n_classes, machine, .. } = tradeoff;
+    let is_anywhere = tradeoff.poses == "off-grid";
+    html! {
+        p {
+            "Every setting was run on the same " (n_episodes)
+            @if tradeoff.recorded {
+                " episodes with recorded holes of " (n_classes) " parts, "
+                @if is_anywhere { "whose touches may lie between the bank’s poses" } @else { "touched at the bank’s poses" }
+            } @else {
+                " simulated holes of " (n_classes) " parts, "
+                @if is_anywhere { "touched anywhere, at any angle" } @else { "touched at recorded poses" }
+            }
+            ", and its decisions were timed on one core (" (machine) "). A decision is to see (encode), to update the belief and to "
+            "choose the next touch; the robot’s motion is not counted."
+            @if !tradeoff.recorded {
+                " Where the scene is one of letters for tuning, what is chosen here says nothing in advance about the letters of "
+                "the evaluation."
+            }
+        }
+        @if tradeoff.recorded {
+            p.caution {
+                b { "The touches are recorded:" } " banks are made of recorded pegs, with no finer steps than these were touched at; "
+                "the filter chooses among the holes’ recorded touches, each at most once. The 95 % intervals cover which of the "
+                "touches an episode draws, not other sensors, parts or prints: episodes share their touches, so that many of them "
+                "say little more than the recording holds."
+            }
+        }
+    }
 }
 
 /// The verdict as tiles.
@@ -178,65 +161,6 @@ fn staircase(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
         rises
     });
     points
-}
-
-fn knobs(tradeoff: &Tradeoff) -> Markup {
-    html! {
-        p { "After " (touch_count(COMPARED)) ". " (by_chance(tradeoff)) }
-        @for turns in turns(tradeoff) { (knob_table(&turns)) }
-    }
-}
-
-/// Which differences of accuracy the number of episodes cannot separate from chance.
-fn by_chance(tradeoff: &Tradeoff) -> String {
-    let compared = || tradeoff.points.iter().filter(|p| p.n_touches == COMPARED).map(|p| p.accuracy);
-    let (n_points, n) = (compared().count().max(1) as f64, tradeoff.n_episodes.max(1) as f64);
-    let mean = compared().sum::<f64>() / n_points;
-    // Two shares of n episodes each; at least one episode's worth where all are right.
-    let points = (100.0 * 1.96 * (2.0 * mean * (1.0 - mean) / n).sqrt()).max(100.0 / n);
-    format!(
-        "{} episodes stand behind each point: a difference of less than about {} points is within what chance makes of two \
-         settings that are equally good (95 % interval of two shares near {} %, as if of different holes; they are the same \
-         holes, so it is rather too wide).",
-        tradeoff.n_episodes,
-        number(points, 1),
-        percent(mean)
-    )
-}
-
-fn knob_table(turns: &[Turn<'_>]) -> Markup {
-    let Some(first) = turns.first() else { return html! {} };
-    let base = first.points[0];
-    let most = turns.iter().max_by(|a, b| a.gain().total_cmp(&b.gain()));
-    let cheap = turns.iter().filter(|turn| turn.gain() >= -2.0).min_by(|a, b| a.times().total_cmp(&b.times()));
-    let what = |turn: &Turn<'_>| turn.points[1].settings.tell(turn.knob);
-    let row = |turn: &Turn<'_>| {
-        let [before, after] = turn.points;
-        cells![
-            after.settings.tell(turn.knob),
-            before.settings.tell(turn.knob),
-            signed(turn.gain(), 1),
-            number(turn.times(), 2),
-            number(after.memory_mb / before.memory_mb, 2),
-        ]
-    };
-    let rows: Vec<_> = turns.iter().map(row).collect();
-    let content = html! {
-        h4 {
-            "From " (in_words(&base.settings)) ": " (percent_sign(base.accuracy)) ", " (milliseconds(base.decision_ms_p50))
-        }
-        (sortable(&["Turned to", "from", "Accuracy, points", "Time, times", "Memory, times"], &rows))
-    };
-    let caption = html! {
-        @if let Some(turn) = most {
-            "Most is bought by " (what(turn)) " (" (signed(turn.gain(), 1)) " points, " (number(turn.times(), 1)) " times as long)"
-        }
-        @if let Some(turn) = cheap.filter(|turn| turn.times() < 1.0) {
-            "; most time is saved by " (what(turn)) " (" (number(turn.times(), 2)) " of it, " (signed(turn.gain(), 1)) " points)"
-        }
-        "."
-    };
-    figure(content, caption)
 }
 
 fn every_point(tradeoff: &Tradeoff) -> Markup {
@@ -313,7 +237,8 @@ pub(crate) mod tests {
         }
     }
 
-    fn tradeoff() -> Tradeoff {
+    /// Five settings, one of them after two numbers of touches.
+    pub(crate) fn tradeoff() -> Tradeoff {
         let points = vec![
             point(|_| (), 3, 0.90, 4.0),
             point(|s| s.n_draws = 8, 3, 0.70, 1.0),
@@ -325,6 +250,7 @@ pub(crate) mod tests {
         let mut tradeoff = Tradeoff {
             schema: SCHEMA.into(),
             scene: "a<b".into(),
+            recorded: false,
             poses: "off-grid".into(),
             n_classes: 12,
             n_episodes: 100,
@@ -347,17 +273,6 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_turn_is_of_one_knob_alone() {
-        let tradeoff = tradeoff();
-        let turns = turns(&tradeoff);
-        let base = turns.iter().find(|turns| turns.len() == 3).unwrap();
-        assert_eq!(base[0].points[0].settings, settings());
-        let found: Vec<(Knob, f64)> = base.iter().map(|turn| (turn.knob, turn.times())).collect();
-        assert_eq!(found, [(Knob::Effort, 0.25), (Knob::BankStep, 10.0), (Knob::Subdivisions, 0.5)]);
-        assert!((base[0].gain() + 20.0).abs() < 1e-9);
-    }
-
-    #[test]
     fn a_staircase_only_rises() {
         let steps = staircase(vec![[3.0, 5.0], [1.0, 2.0], [2.0, 1.0], [4.0, 5.0], [1.0, 1.0]]);
         assert_eq!(steps, [[1.0, 2.0], [3.0, 5.0]]);
@@ -373,10 +288,16 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn chance_is_stated_for_the_number_of_episodes() {
-        let few = Tradeoff { n_episodes: 40, ..tradeoff() };
-        // After three touches 80.6 % on average of five settings: 1.96 sqrt(2 x 0.806 x 0.194 / 40).
-        assert!(by_chance(&few).contains("less than about 17.3 points"), "{}", by_chance(&few));
-        assert!(by_chance(&Tradeoff { n_episodes: 4000, ..few }).contains("about 1.7 points"));
+    fn the_page_says_whether_touches_are_recorded() {
+        let simulated = tradeoff();
+        let recorded = Tradeoff { recorded: true, ..simulated.clone() };
+        let [of_simulated, of_recorded] = [&simulated, &recorded].map(html);
+        assert!(of_simulated.contains("100 simulated holes of 12 parts, touched anywhere"));
+        assert!(!of_simulated.contains("The touches are recorded:"));
+        assert!(of_recorded.contains("The touches are recorded:") && !of_recorded.contains("simulated"));
+        // What was published of simulated scenes stays as it is.
+        let [a, b] = [&simulated, &recorded].map(|tradeoff| serde_json::to_value(tradeoff).unwrap());
+        assert_eq!((a.get("recorded"), b.get("recorded")), (None, Some(&true.into())));
+        assert_eq!(serde_json::from_value::<Tradeoff>(b).unwrap(), recorded);
     }
 }

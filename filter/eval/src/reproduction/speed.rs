@@ -124,6 +124,7 @@ mod tests {
         Tradeoff {
             schema: SCHEMA.into(),
             scene: "a<b".into(),
+            recorded: false,
             poses: "off-grid".into(),
             n_classes: 12,
             n_episodes: 100,

@@ -12,6 +12,7 @@ use tactile_data::output;
 use tactile_data::scene::Scene;
 use tactile_data::touch::Side;
 use tactile_eval::fits::{check_bank, warn_of_coarse_grid};
+use tactile_eval::holes::RecordedHoles;
 use tactile_eval::page::shell::check_page;
 use tactile_eval::result::Poses;
 use tactile_eval::{Error, Result};
@@ -129,6 +130,13 @@ pub fn warn_of_light(bank: &Bank, lamps: Option<&Lamps>) {
     if let Some(why) = bank.other_light(lamps) {
         eprintln!("warning: {why}");
     }
+}
+
+/// A warning where touches are said to lie at a bank's poses and recorded ones do not.
+pub fn between_poses_of(recorded: &RecordedHoles, bank: &Bank, poses: Poses) -> Option<String> {
+    let [on, all] = recorded.on_grid(bank);
+    let is_between = poses == Poses::OnGrid && on < all;
+    is_between.then(|| format!("{} of {all} touches lie between the bank's poses: use --poses off-grid", all - on))
 }
 
 /// Says where pegs are touched and nothing was measured of how far the model can be believed there.

@@ -192,15 +192,8 @@ impl Evaluate {
         let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
         arguments::warn_of_light(bank, recorded.lamps());
         recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
-        match (poses, recorded.on_grid(bank)) {
-            (Poses::OnGrid, [on, all]) if on < all => {
-                eprintln!("warning: {} of {all} touches lie between the bank's poses: use --poses off-grid", all - on);
-            }
-            (Poses::OffGrid, _) => {
-                warn_of_coarse_grid(bank, poses).into_iter().for_each(|warning| eprintln!("warning: {warning}"));
-            }
-            _ => {}
-        }
+        let warnings = [arguments::between_poses_of(&recorded, bank, poses), warn_of_coarse_grid(bank, poses)];
+        warnings.into_iter().flatten().for_each(|warning| eprintln!("warning: {warning}"));
         Ok(Touched::Recording(Box::new(recorded)))
     }
 

@@ -7,25 +7,21 @@ use std::sync::Arc;
 
 use clap::Args;
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
 use tactile_data::progress::Progress;
-use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
-use tactile_data::simulator::Simulator;
-use tactile_data::touch::Side;
 use tactile_eval::evaluate::Protocol;
-use tactile_eval::holes::Holes;
 use tactile_eval::report::tradeoff::{self as page, in_words};
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_eval::{Error, Result};
-use tactile_filter::budget::{Point, SCHEMA, Settings, Tradeoff};
+use tactile_filter::budget::{Knob, Point, SCHEMA, Settings, Tradeoff};
 use tactile_infer::Model;
 use tactile_infer::safefile::write_whole;
-use tactile_infer::simulated::bank_of_scene;
-use tactile_infer::views::Views;
 
 use super::arguments::{Output, Seeds, check_episodes, command_line, poses, to_json};
+use source::{MeasuredOn, Source, SourceArgs};
+
+mod source;
 
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["tradeoff.html", "tradeoff.json"];
@@ -35,14 +31,14 @@ const FILES: [&str; 2] = ["tradeoff.html", "tradeoff.json"];
 /// Each setting is saved as soon as it is measured: the same command continues where it was stopped.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter tradeoff --model infer/models/maze-small.safetensors \
-                        --scene alphabet-small-dev --out tradeoff")]
+                        --scene alphabet-small-dev --out tradeoff\n  tactile-filter tradeoff --model \
+                        infer/models/maze-small.safetensors --pegs my-pegs --holes my-holes --out tradeoff")]
 pub struct TradeoffArgs {
     /// Checkpoint, once or several times: the first is measured with every setting, the others are compared with it
     #[arg(long = "model", required = true, value_name = "FILE")]
     models: Vec<PathBuf>,
-    /// Scene, preset or TOML file. What is shipped or used must be measured on parts for tuning
-    #[arg(long, value_name = "PRESET|FILE.toml", default_value = "alphabet-small-dev")]
-    scene: String,
+    #[command(flatten)]
+    source: SourceArgs,
     #[command(flatten)]
     output: Output,
     /// Episodes of each setting, shared out over the seeds
@@ -50,10 +46,7 @@ pub struct TradeoffArgs {
     episodes: usize,
     #[command(flatten, next_help_heading = "Episodes")]
     seeds: Seeds,
-    /// Seed of the touches of pegs
-    #[arg(long, value_name = "SEED", default_value_t = 1, help_heading = "Episodes")]
-    bank_seed: u64,
-    /// Where holes are touched: at recorded poses, as in the paper, or anywhere
+    /// Where holes are touched: at the bank's poses, as in the paper, or anywhere
     #[arg(long, value_name = "POSES", value_parser = poses(), default_value = "off-grid", help_heading = "Episodes")]
     poses: Poses,
     /// Measure only this many settings, evenly chosen [default: all]
@@ -69,19 +62,18 @@ pub struct TradeoffArgs {
 #[derive(PartialEq, Serialize, Deserialize)]
 struct Measured {
     planned: Planned,
-    scene: Scene,
+    #[serde(flatten)]
+    on: MeasuredOn,
     poses: Poses,
     n_episodes: usize,
     seeds: Vec<u64>,
-    bank_seed: u64,
     points: Vec<Point>,
 }
 
 /// The settings to measure, and what they are measured on.
 struct Sweep {
     models: Vec<Arc<Model>>,
-    scene: Scene,
-    reach: PoseGrid,
+    source: Source,
     planned: Vec<Planned>,
     /// Where each setting has its file.
     folder: PathBuf,
@@ -112,10 +104,8 @@ impl TradeoffArgs {
     /// Loads what is measured, plans, and checks that the results can be written.
     fn sweep(&self) -> Result<Sweep> {
         let models = self.models.iter().map(|path| Ok(Arc::new(Model::load(path)?))).collect::<Result<Vec<_>>>()?;
-        let scene = Scene::load(&self.scene)?;
-        let no_reach = || Error::invalid(&self.scene, "a scene of parts with a reach", "one without");
-        let reach = scene.reach.ok_or_else(no_reach)?;
-        let mut planned = plan(&models)?;
+        let source = self.source.load()?;
+        let (mut planned, note) = source.plan(plan(&models)?);
         for planned in &mut planned {
             let stem = self.models[planned.model].file_stem().unwrap_or_default();
             planned.settings.model = stem.to_string_lossy().into_owned();
@@ -126,10 +116,12 @@ impl TradeoffArgs {
         let folder = self.output.out.join("settings");
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         if self.shard.is_none() {
-            let inputs: Vec<&Path> = self.models.iter().map(PathBuf::as_path).chain([Path::new(&self.scene)]).collect();
+            let of_source = self.source.files();
+            let inputs: Vec<&Path> = self.models.iter().chain(&of_source).map(PathBuf::as_path).collect();
             self.output.prepare(FILES[0], FILES[1], &inputs)?;
         }
-        Ok(Sweep { models, scene, reach, planned, folder })
+        note.iter().for_each(|note| eprintln!("note: {note}"));
+        Ok(Sweep { models, source, planned, folder })
     }
 
     /// What is saved of a setting; `None` where nothing is, or something of another sweep.
@@ -141,46 +133,47 @@ impl TradeoffArgs {
         let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
         let found: Measured = serde_json::from_str(&text)
             .map_err(|e| Error::invalid(path.display().to_string(), "a measured setting", e.to_string()))?;
-        let expected = self.measured(sweep, index, found.points.clone());
+        let expected = self.measured(sweep, index, found.points.clone())?;
         Ok((found == expected).then_some(found))
     }
 
-    fn measured(&self, sweep: &Sweep, index: usize, points: Vec<Point>) -> Measured {
-        Measured {
+    fn measured(&self, sweep: &Sweep, index: usize, points: Vec<Point>) -> Result<Measured> {
+        Ok(Measured {
             planned: sweep.planned[index].clone(),
-            scene: sweep.scene.clone(),
+            on: sweep.source.measured_on()?,
             poses: self.poses,
             n_episodes: self.episodes,
             seeds: self.seeds.seeds.clone(),
-            bank_seed: self.bank_seed,
             points,
-        }
+        })
     }
 
     /// Measures the settings of these numbers, model by model and bank by bank.
     fn measure(&self, sweep: &Sweep, mut todo: Vec<usize>) -> Result<()> {
         todo.sort_by_key(|index| sweep.bank_of(*index));
-        let simulator = Simulator::new(sweep.scene.clone(), 1)?;
-        let holes = Holes::Simulated(&simulator, Side::Hole);
-        let no_contact = holes.at_rest(&self.seeds.seeds);
         let protocol = self.protocol();
         let progress = Progress::new("settings");
-        let mut done = 0;
+        let (mut done, mut said) = (0, Vec::new());
         for same_bank in todo.chunk_by(|a, b| sweep.bank_of(*a) == sweep.bank_of(*b)) {
             let Planned { model, settings } = &sweep.planned[same_bank[0]];
-            let (model, [xy_step_mm, theta_step_deg]) =
-                (&sweep.models[*model], [settings.xy_step_mm, settings.theta_step_deg]);
-            progress.on_bar(done, todo.len(), &format!("bank of {xy_step_mm} mm, {theta_step_deg}°"));
-            let reach = PoseGrid { xy_step_mm, theta_step_deg, ..sweep.reach };
-            let mut scene = sweep.scene.clone();
-            scene.reach = Some(reach);
-            let bank = bank_of_scene(model, &scene, Views::Pegs, self.bank_seed, &|_, _| ())?;
-            protocol.validate(holes, &bank)?;
-            let bench = Bench { holes, model, bank: &bank, no_contact: &no_contact, protocol: &protocol };
+            let model = &sweep.models[*model];
+            progress.on_bar(done, todo.len(), &settings.tell(Knob::BankStep));
+            let touched = sweep.source.pegs_and_holes(model, settings, self.poses)?;
+            for note in &touched.notes {
+                // Another model's bank of the same steps lacks the same.
+                if !said.contains(note) {
+                    progress.line(note);
+                    said.push(note.clone());
+                }
+            }
+            let (bank, holes) = (&touched.bank, touched.holes());
+            protocol.validate(holes, bank)?;
+            let no_contact = holes.at_rest(&self.seeds.seeds);
+            let bench = Bench { holes, model, bank, no_contact: &no_contact, protocol: &protocol };
             for index in same_bank {
                 let settings = &sweep.planned[*index].settings;
                 progress.on_bar(done, todo.len(), &in_words(settings));
-                let measured = self.measured(sweep, *index, measure(&bench, settings)?);
+                let measured = self.measured(sweep, *index, measure(&bench, settings)?)?;
                 write_whole(&sweep.path(*index), to_json("setting", &measured)?.as_bytes())?;
                 done += 1;
                 progress.line(&format!("{done}/{} settings: {}", todo.len(), in_words(settings)));
@@ -216,9 +209,10 @@ impl TradeoffArgs {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let mut tradeoff = Tradeoff {
             schema: SCHEMA.into(),
-            scene: sweep.scene.name.clone(),
+            scene: sweep.source.name().to_owned(),
+            recorded: sweep.source.is_recorded(),
             poses: poses.into(),
-            n_classes: sweep.scene.part_names().len(),
+            n_classes: sweep.source.n_classes(),
             n_episodes: self.episodes,
             seeds: self.seeds.seeds.clone(),
             machine: format!("{}, {threads} threads", std::env::consts::ARCH),
@@ -275,4 +269,34 @@ fn print_findings(tradeoff: &Tradeoff) {
     );
     print("most accurate", verdict.best);
     print("fastest within 2 points of it", verdict.fast);
+    if tradeoff.recorded {
+        println!("recorded touches: intervals cover which of them are drawn, not other sensors, parts or prints");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+    use tactile_data::scene::Scene;
+
+    #[test]
+    fn a_saved_setting_of_a_scene_has_the_fields_of_before_there_were_recordings() {
+        let settings = serde_json::json!({
+            "model": "small", "model_sha256": "ab", "xy_step_mm": 2.0, "theta_step_deg": 15.0, "rows": "f32",
+            "engine": "exact", "subdivisions": 2, "rule": "information", "n_draws": 8, "n_suppositions": 2,
+            "n_finalists": null,
+        });
+        let scene = Scene::preset("alphabet-small").unwrap();
+        let saved = serde_json::json!({
+            "planned": {"model": 0, "settings": settings}, "scene": scene, "poses": "off-grid", "n_episodes": 4,
+            "seeds": [1, 2], "bank_seed": 1, "points": [],
+        });
+        let read: Measured = serde_json::from_str(&saved.to_string()).unwrap();
+        assert!(read.on == MeasuredOn::Scene { scene: Box::new(scene), bank_seed: 1 });
+        let keys =
+            |value: &serde_json::Value| -> BTreeSet<String> { value.as_object().unwrap().keys().cloned().collect() };
+        assert_eq!(keys(&serde_json::to_value(&read).unwrap()), keys(&saved));
+        assert!(serde_json::from_str::<Measured>(&serde_json::to_string(&read).unwrap()).unwrap() == read);
+    }
 }
