@@ -254,12 +254,13 @@ impl PegPoses {
         })
     }
 
-    /// Of some steps, mm and degrees, those whose grid over these poses is the finest with no more places than each part has
-    /// touches; `None` where all have more.
+    /// Of some steps, mm and degrees, those whose grid over these poses is the finest with two touches of each part for each
+    /// place; `None` where each grid has more places. At two, 84 of 100 places of scattered touches have one within
+    /// 0.6 steps, as a resampled view needs.
     pub fn densest(&self, offered: &[[f64; 2]]) -> Option<[f64; 2]> {
         let n_places = |[mm, deg]: [f64; 2]| Some(grid_fit::covering(&self.poses, mm, deg).ok()?.len());
-        let held =
-            offered.iter().filter_map(|steps| Some((n_places(*steps).filter(|n| *n <= self.n_touches)?, *steps)));
+        let is_met = |n: &usize| 2 * n <= self.n_touches;
+        let held = offered.iter().filter_map(|steps| Some((n_places(*steps).filter(is_met)?, *steps)));
         held.max_by_key(|(n, _)| *n).map(|(_, steps)| steps)
     }
 }

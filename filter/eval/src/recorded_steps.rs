@@ -16,8 +16,7 @@ pub struct RecordedSteps {
 }
 
 impl RecordedSteps {
-    /// Of pegs on a grid its steps. Of scattered ones those of the sweep with the most places that are no more than each
-    /// part's touches; the coarsest, where all have more.
+    /// Of pegs on a grid its steps; of scattered ones those of the sweep that they are dense enough for, else the coarsest.
     pub fn of(pegs: &PegPoses) -> Self {
         let steps = match &pegs.grid {
             Some(grid) => [grid.xy_step_mm, grid.theta_step_deg],

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use tactile_filter::budget::{Knob, Point, Settings, Tradeoff};
 
 use super::knobs::knobs;
-use crate::page::numbers::{interval, milliseconds, number, over, percent, percent_sign, seeds, signed, touch_count};
+use crate::page::numbers::{interval, milliseconds, number, over, percent, percent_sign, seeds, touch_count};
 use crate::page::scatter::{Dot, Scatter};
 use crate::page::shell::{Section, definitions, figure, page, tile};
 use crate::page::table::{cells, sortable};
