@@ -296,6 +296,20 @@ typedef enum tf_interpolation {
 } tf_interpolation;
 
 /**
+ * What the views of a bank are of.
+ */
+typedef enum tf_views {
+    /**
+     * Of pegs, as a robot records them.
+     */
+    TF_VIEWS_PEGS = 0,
+    /**
+     * Of pegs and their holes, as a scene has them.
+     */
+    TF_VIEWS_BOTH = 1,
+} tf_views;
+
+/**
  * The recorded views of the parts. Never changes: any number of threads may use it at once.
  */
 typedef struct tf_bank tf_bank;
@@ -630,6 +644,10 @@ typedef struct tf_episode_config {
      * n / (1 + share (n - 1)).
      */
     double shared_error;
+    /**
+     * A tf_views: what the views of the bank are of that matched_mean and matched_sd were measured with.
+     */
+    uint32_t matched_views;
 } tf_episode_config;
 
 /**

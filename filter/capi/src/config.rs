@@ -170,26 +170,41 @@ fn check_size(name: &str, size: usize) -> Result<(), Failure> {
     if [FIRST_SIZE, SECOND_SIZE, newest].contains(&size) { Ok(()) } else { Err(Failure::argument(name, newest, size)) }
 }
 
+impl From<ActionRule> for tf_rule {
+    fn from(rule: ActionRule) -> Self {
+        match rule {
+            ActionRule::Information => Self::Information,
+            ActionRule::Paper => Self::Paper,
+            ActionRule::Random => Self::Random,
+        }
+    }
+}
+
+impl From<Interpolation> for tf_interpolation {
+    fn from(interpolation: Interpolation) -> Self {
+        match interpolation {
+            Interpolation::Auto => Self::Auto,
+            Interpolation::Nearest => Self::Nearest,
+            Interpolation::Cubic => Self::Cubic,
+        }
+    }
+}
+
+impl From<Views> for tf_views {
+    fn from(views: Views) -> Self {
+        match views {
+            Views::Pegs => Self::Pegs,
+            Views::Both => Self::Both,
+        }
+    }
+}
+
 impl From<&EpisodeConfig> for tf_episode_config {
     fn from(config: &EpisodeConfig) -> Self {
         let EpisodeConfig { action, likelihood, .. } = config;
         let (engine, particle) = match config.engine {
             EngineConfig::Exact => (tf_engine::Exact, ParticleConfig::default()),
             EngineConfig::Particle(particle) => (tf_engine::Particle, particle),
-        };
-        let rule = match action.rule {
-            ActionRule::Information => tf_rule::Information,
-            ActionRule::Paper => tf_rule::Paper,
-            ActionRule::Random => tf_rule::Random,
-        };
-        let interpolation = match likelihood.interpolation {
-            Interpolation::Auto => tf_interpolation::Auto,
-            Interpolation::Nearest => tf_interpolation::Nearest,
-            Interpolation::Cubic => tf_interpolation::Cubic,
-        };
-        let views = match likelihood.matched_views {
-            Views::Pegs => tf_views::Pegs,
-            Views::Both => tf_views::Both,
         };
         Self {
             size: size_of::<Self>(),
@@ -206,11 +221,11 @@ impl From<&EpisodeConfig> for tf_episode_config {
             low_similarity: config.low_similarity,
             subdivisions: config.subdivisions,
             engine: engine as u32,
-            rule: rule as u32,
+            rule: tf_rule::from(action.rule) as u32,
             n_particles: particle.n_particles,
             resample_share: particle.resample_share,
             adaptive_particles: particle.adaptive.into(),
-            interpolation: interpolation as u32,
+            interpolation: tf_interpolation::from(likelihood.interpolation) as u32,
             n_moves: particle.n_moves,
             n_draws: action.n_draws,
             n_suppositions: action.n_suppositions,
@@ -235,7 +250,7 @@ impl From<&EpisodeConfig> for tf_episode_config {
             unknown_similarity: likelihood.unknown_similarity.unwrap_or_default(),
             has_unknown_similarity: likelihood.unknown_similarity.is_some().into(),
             shared_error: likelihood.shared_error,
-            matched_views: views as u32,
+            matched_views: tf_views::from(likelihood.matched_views) as u32,
         }
     }
 }

@@ -18,9 +18,9 @@ const SCENES: [(&str, &str, &str, Poses); 6] = [
     ("known-small", "small letters, anywhere", "small-anywhere", Poses::OffGrid),
     ("known-large", "large letters, anywhere", "large-anywhere", Poses::OffGrid),
     ("known-outlines", "twelve outlines, anywhere", "parts-outlines", Poses::OffGrid),
-    ("known-connectors", "six connectors, recorded poses", "connectors", Poses::OnGrid),
-    ("known-small-hard", "small letters, a rough sensor, recorded poses", "small-hard", Poses::OnGrid),
-    ("known-large-hard", "large letters, a rough sensor, recorded poses", "large-hard", Poses::OnGrid),
+    ("known-connectors", "six connectors", "connectors", Poses::OnGrid),
+    ("known-small-hard", "small letters, rough sensor", "small-hard", Poses::OnGrid),
+    ("known-large-hard", "large letters, rough sensor", "large-hard", Poses::OnGrid),
 ];
 
 /// Numbers of touches in the table.
@@ -39,13 +39,13 @@ pub fn finding(found: &Reproduction) -> Finding {
         rows.extend(found.evaluation(of.2).map(|pegs| row(found.report(of.2, of.1), "pegs", pegs, of.3)));
         rows.push(row(found.report(of.0, of.1), "pegs and holes", both, of.3));
     }
-    let heads =
-        ["Touched", "the bank’s views", "1", "3", "5", "10", "touches", "none of these, %", "wrong of confident, %"];
+    let heads = ["Touched", "views of", "1", "3", "5", "10", "touches", "none of these, %", "sure and wrong, %"];
     let body = html! {
-        (figure(sortable(&heads, &rows), "Right part in % after so many touches. Where a scene says what the holes look like, each view of \
-            the bank can be of a peg and of its hole: the network errs about each view in its own way, and the middle of both is nearer \
-            to the touch. The holes are simulated by the same simulator that makes the touches here, with the same clearance: \
-            an aid that the paper does not have, and more than a real hole grants."))
+        (figure(sortable(&heads, &rows), "Right part in % after so many touches, anywhere or at recorded poses; wrong of those that \
+            stopped sure. Where a scene says what the holes look like, each view of the bank can be of a peg and of its hole: the \
+            network errs about each view in its own way, and the middle of both is nearer to the touch. The holes are simulated by \
+            the same simulator that makes the touches here, with the same clearance: an aid that the paper does not have, and more \
+            than a real hole grants."))
         (missing)
     };
     let line = |(of, both): &(&(&str, &str, &str, Poses), &Evaluation)| {
@@ -85,7 +85,7 @@ mod tests {
         let made = |first, third| evaluation("connectors", 0.5, &[(1, first), (3, third)]);
         let found = of(&[("connectors", made(0.882, 0.962)), ("known-connectors", made(0.982, 0.99))]);
         let finding = finding(&found);
-        assert_eq!(finding.line, "Known holes: after 3 touches six connectors, recorded poses 96.2 -> 99.0 %");
+        assert_eq!(finding.line, "Known holes: after 3 touches six connectors 96.2 -> 99.0 %");
         let html = finding.section.render().0;
         let [pegs, both] = ["88.2", "98.2"].map(|share| html.find(share).unwrap());
         assert!(pegs < both && html.contains("<code>known-small/</code>"));
