@@ -204,10 +204,6 @@ const UNKNOWN_SDS: f64 = 7.0;
 /// state that sees the touch at one of the few blank views inside.
 const UNKNOWN_IS_BLANK: f64 = 0.5;
 
-/// So many standard deviations below what is expected the mean cosine of many touches ends as none of these:
-/// 2.5 ([`none_fit`](crate::EpisodeConfig::none_fit)) times the root of the tenth of the variance that touches share.
-const BELOW_MEAN: f64 = 0.8;
-
 /// Parts unlike those that were calibrated on match with so much more variance, a standard deviation of the cosine: 0.050 on
 /// outlines drawn at random instead of 0.034 on the tuning letters. Where a bank knows how well each of its parts matches,
 /// that counts instead.
@@ -307,21 +303,14 @@ impl TouchLikelihood {
     /// best with any. As the calibration measured it on other parts and the bank of this one, whichever expects less.
     ///
     /// A bank of both sides matches better than the bank of pegs that a model is calibrated with, and how much better the
-    /// sensor leaves it is not known: half of it is counted on, until touches calibrate it; and more where strangers match so
-    /// well that they could not be told else (`NOTES.md`).
+    /// sensor leaves it is not known: half of it is counted on (`NOTES.md`), until touches calibrate it.
     pub fn expected(&self, part: usize) -> (Spread, Spread) {
         let LikelihoodConfig { matched_mean, matched_sd, matched_views, gap_mean, gap_sd, .. } = self.config;
         match self.matches.of(part, self.side) {
-            Some(PartMatch { matched, gap, mistaken }) => {
+            Some(PartMatch { matched, gap }) => {
                 let least = matched.mean.min(matched_mean);
                 let mean = match (self.views, matched_views) {
-                    (Views::Both, Views::Pegs) => {
-                        let half = 0.5 * (matched.mean + least);
-                        let apart = mistaken.map_or(half, |mistaken| {
-                            0.5 * (mistaken + matched.mean) + BELOW_MEAN * matched.sd.max(matched_sd)
-                        });
-                        apart.clamp(half, matched.mean)
-                    }
+                    (Views::Both, Views::Pegs) => 0.5 * (matched.mean + least),
                     (Views::Pegs, Views::Both) => matched.mean,
                     _ => least,
                 };
@@ -469,8 +458,8 @@ mod tests {
     #[test]
     fn a_part_is_expected_to_match_as_well_as_it_was_seen_to_and_no_better_than_others() {
         let spread = |mean, sd| Spread { mean, sd };
-        let poor = PartMatch { matched: spread(0.7, 0.08), gap: spread(0.1, 0.06), mistaken: None };
-        let good = PartMatch { matched: spread(0.99, 0.01), gap: spread(-0.04, 0.01), mistaken: None };
+        let poor = PartMatch { matched: spread(0.7, 0.08), gap: spread(0.1, 0.06) };
+        let good = PartMatch { matched: spread(0.99, 0.01), gap: spread(-0.04, 0.01) };
         let known = Matches { holes: vec![Some(poor), Some(good), None], pegs: vec![None; 3] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]], &[0.3; 3]).with_matches(known).unwrap();
         let config = LikelihoodConfig { matched_mean: 0.94, matched_sd: 0.03, gap_mean: 0.01, gap_sd: 0.02, ..round() };
@@ -486,7 +475,7 @@ mod tests {
     #[test]
     fn half_is_counted_on_of_what_a_bank_of_both_sides_matches_better_than_one_of_pegs() {
         let spread = |mean| Spread { mean, sd: 0.01 };
-        let part = |mean| Some(PartMatch { matched: spread(mean), gap: spread(0.0), mistaken: None });
+        let part = |mean| Some(PartMatch { matched: spread(mean), gap: spread(0.0) });
         let known = Matches { holes: vec![part(0.98), part(0.8)], pegs: vec![None; 2] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0]], &[0.3; 2]).with_matches(known).unwrap();
         let mean = |bank_views: Views, matched_views, part| {
@@ -500,16 +489,6 @@ mod tests {
         {
             assert!((mean(of_bank, of_calibration, 0) - first).abs() < 1e-12, "{of_bank:?} {of_calibration:?}");
             assert!((mean(of_bank, of_calibration, 1) - second).abs() < 1e-12, "{of_bank:?} {of_calibration:?}");
-        }
-        // Strangers that match by 0.9 end as none of these half way to 0.98 (0.94, and 0.8 deviations of 0.03 above it);
-        // those that match by 0.97 where the bank itself was, and poor ones need no more than half.
-        for (mistaken, expected) in [(0.9, 0.964), (0.97, 0.98), (0.5, 0.95)] {
-            let known = PartMatch { mistaken: Some(mistaken), ..part(0.98).unwrap() };
-            let matches = Matches { holes: vec![Some(known), None], pegs: vec![None; 2] };
-            let bank = bank.clone().with_views(Both).with_matches(matches).unwrap();
-            let config = LikelihoodConfig { matched_mean: 0.92, matched_sd: 0.03, ..round() };
-            let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
-            assert!((seen.expected(0).0.mean - expected).abs() < 1e-12, "{mistaken}");
         }
     }
 

@@ -443,7 +443,7 @@ mod tests {
     fn the_bank_of_some_parts_is_the_one_made_of_their_rows() {
         let whole = bank(vec![0.2; 9], "mine").unwrap();
         let spread = |mean| Spread { mean, sd: 0.1 };
-        let of_part = |mean| Some(PartMatch { matched: spread(mean), gap: spread(0.0), mistaken: None });
+        let of_part = |mean| Some(PartMatch { matched: spread(mean), gap: spread(0.0) });
         let matches = Matches { holes: vec![of_part(0.1), None, of_part(0.3)], pegs: vec![None; 3] };
         let known = whole.clone().with_matches(matches.clone()).unwrap();
         assert_ne!(known.sha256().unwrap(), whole.sha256().unwrap());

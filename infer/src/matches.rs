@@ -14,16 +14,12 @@ pub struct PartMatch {
     pub matched: Spread,
     /// How far that is below the best cosine with any recorded view of any part.
     pub gap: Spread,
-    /// The best cosine with a view of this part of those touches of other parts that no third part matches better, on
-    /// average: what a stranger looks like here. `None` where there are few, and in banks of pegs.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mistaken: Option<f64>,
 }
 
 impl PartMatch {
     fn is_valid(&self) -> bool {
         let fine = |spread: &Spread| spread.mean.is_finite() && spread.sd.is_finite() && spread.sd >= 0.0;
-        fine(&self.matched) && fine(&self.gap) && self.mistaken.is_none_or(f64::is_finite)
+        fine(&self.matched) && fine(&self.gap)
     }
 }
 
@@ -77,36 +73,12 @@ mod simulated {
     use crate::between::is_fine;
     use crate::calibration::BLANK_SHARE;
     use crate::model::Model;
-    use crate::views::Views;
 
     /// Touches of each side of each part.
     const N_TOUCHES: u64 = 64;
 
     /// Fewer edged ones say too little.
     const ENOUGH: usize = 16;
-
-    /// A touch and the views of a bank.
-    struct Compared {
-        /// Its cosine with its own view.
-        matched: f64,
-        /// How far that is below the best.
-        gap: f64,
-        /// The other part that matches it best, and its best cosine.
-        other: Option<(usize, f64)>,
-    }
-
-    /// What the touches of each part, `[n_parts]`, tell of one; `None` where too few of its own show an edge.
-    fn part_match(touches: &[Vec<Compared>], part: usize, is_with_strangers: bool) -> Option<PartMatch> {
-        let spread = |of: fn(&Compared) -> f64| Spread::of(&touches[part].iter().map(of).collect::<Vec<_>>());
-        let others = touches.iter().flatten().filter_map(|touch| touch.other);
-        let mistaken: Vec<f64> = others.filter(|(other, _)| *other == part).map(|(_, best)| best).collect();
-        let mistaken = (is_with_strangers && mistaken.len() >= ENOUGH).then(|| Spread::of(&mistaken).mean);
-        (touches[part].len() >= ENOUGH).then(|| PartMatch {
-            matched: spread(|touch| touch.matched),
-            gap: spread(|touch| touch.gap),
-            mistaken,
-        })
-    }
 
     /// Touches each part of a bank, `parts` in the simulator, anywhere within the bank's poses, or at them where they are
     /// too far apart to be interpolated, and compares. The frames are of another session than the bank's.
@@ -128,8 +100,9 @@ mod simulated {
             let mut around = |half: f64| half * (2.0 * RngExt::random::<f64>(rng) - 1.0);
             Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
         };
-        let (edged, n_cells) = (bank.edged_rows(), bank.grid().len());
-        let compare = |(part, side, stream): (usize, Side, u64)| -> Result<Option<Compared>> {
+        let edged = bank.edged_rows();
+        // The touch's cosine with its own view, and how far that is below the best.
+        let compare = |(part, side, stream): (usize, Side, u64)| -> Result<Option<[f64; 2]>> {
             let mut rng = frame_rng(seed, stream);
             let pose = pose(&mut rng);
             let image = background.tactile_image(&simulator.touch(parts[part], side, &pose, &mut rng)?)?;
@@ -139,17 +112,9 @@ mod simulated {
             let query = model.embed_side(&[image], side)?;
             let mut all = Vec::new();
             bank.similarities(&query, &mut all);
-            let mut bests = vec![-1.0_f32; parts.len()];
-            edged.iter().for_each(|row| bests[row / n_cells] = bests[row / n_cells].max(all[*row]));
-            let best = bests.iter().fold(-1.0_f32, |best, of| best.max(*of));
-            let others = (0..parts.len()).filter(|other| *other != part);
-            let mistaken_for = others.max_by(|a, b| bests[*a].total_cmp(&bests[*b]));
+            let best = edged.iter().map(|row| all[*row]).fold(-1.0, f32::max);
             let matched = bank.cosine_at(&query, part, &pose);
-            Ok(matched.map(|matched| Compared {
-                matched: f64::from(matched),
-                gap: f64::from(best - matched),
-                other: mistaken_for.map(|other| (other, f64::from(bests[other]))),
-            }))
+            Ok(matched.map(|matched| [f64::from(matched), f64::from(best - matched)]))
         };
         let sides = |part: usize| [(part, Side::Hole), (part, Side::Peg)];
         let all: Vec<(usize, Side)> = (0..parts.len()).flat_map(sides).collect();
@@ -158,13 +123,11 @@ mod simulated {
             let streams =
                 (1..=N_TOUCHES).map(|touch| touch + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg)));
             let compared = streams.collect::<Vec<_>>().into_par_iter().map(|stream| compare((part, side, stream)));
-            Ok(compared.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+            let compared: Vec<[f64; 2]> = compared.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
+            let spread = |of: usize| Spread::of(&compared.iter().map(|values| values[of]).collect::<Vec<_>>());
+            Ok((compared.len() >= ENOUGH).then(|| PartMatch { matched: spread(0), gap: spread(1) }))
         };
-        let of_side = |side: Side| -> Result<Vec<Option<PartMatch>>> {
-            let touches = (0..parts.len()).map(|part| of_part(part, side)).collect::<Result<Vec<Vec<Compared>>>>()?;
-            let of_part = |part: usize| part_match(&touches, part, bank.views() == Views::Both);
-            Ok((0..parts.len()).map(of_part).collect())
-        };
+        let of_side = |side: Side| (0..parts.len()).map(|part| of_part(part, side)).collect::<Result<Vec<_>>>();
         Ok(Matches { holes: of_side(Side::Hole)?, pegs: of_side(Side::Peg)? })
     }
 }
