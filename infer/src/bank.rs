@@ -420,11 +420,8 @@ mod tests {
         let path = folder.path().join("bank");
         for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
             let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
-            let matched = Some(PartMatch {
-                matched: Spread { mean: 0.9, sd: 0.1 },
-                gap: Spread { mean: 0.0, sd: 0.1 },
-                mistaken: None,
-            });
+            let matched =
+                Some(PartMatch { matched: Spread { mean: 0.9, sd: 0.1 }, gap: Spread { mean: 0.0, sd: 0.1 } });
             let matches = Matches { holes: vec![matched, None, matched], pegs: vec![None; 3] };
             let kept = kept.with_matches(matches).unwrap();
             let kept = kept.with_declared("B", None).unwrap().with_declared("C", Some(5)).unwrap();
