@@ -65,6 +65,7 @@ impl PySimulator {
     /// Its views are of `"pegs"` alone or of `"both"` sides.
     /// Takes a minute or less. With steps above 2.5 mm or 20 degrees views are not interpolated.
     #[pyo3(signature = (model, xy_step_mm = 2.0, theta_step_deg = 15.0, views = "both"))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn bank(
         &self,
         py: Python<'_>,
