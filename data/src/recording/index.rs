@@ -151,7 +151,7 @@ pub fn touch_of(cells: Map<String, Value>, place: &Place) -> Result<Touch> {
 }
 
 fn line_place(index: &Path, number: u64) -> String {
-    format!("{} line {number}", index.display())
+    Place { file: index.into(), unit: "line", number }.to_string()
 }
 
 fn as_text<'a>(index: &Path, bytes: &'a [u8]) -> Result<&'a str> {

@@ -71,7 +71,7 @@ impl Message {
     }
 
     /// Its bytes, unpacked where rosbag2 packed each message by itself.
-    fn unpacked(self) -> Result<Vec<u8>> {
+    pub(super) fn unpacked(self) -> Result<Vec<u8>> {
         if self.layout == Layout::Ros1 || !self.data.starts_with(&ZSTD_MAGIC) {
             return Ok(self.data);
         }

@@ -3,7 +3,7 @@
 use sha2::{Digest, Sha256};
 
 use super::*;
-use crate::recording::ros::test_bag::{self, PACKINGS, Packing, Sent, image, pose};
+use crate::recording::ros::test_bag::{self, PACKINGS, Packing, Received, Sent, expected, image, pose};
 
 fn sent() -> Vec<Sent> {
     (1..=8)
@@ -26,26 +26,9 @@ impl Written {
         self.folder.path().join("bag.mcap")
     }
 
-    /// All messages up to an error or the end, and what is said of the end.
-    fn read(&self) -> (Vec<(String, i64, Vec<u8>)>, String) {
-        let bag = Bag::open(&self.path()).unwrap();
-        let mut messages = bag.messages();
-        let mut read = Vec::new();
-        for message in &mut messages {
-            match message {
-                Ok(message) => {
-                    let channel = Arc::clone(&message.channel);
-                    read.push((channel.topic.clone(), message.log_time_ns, message.unpacked().unwrap_or_default()));
-                }
-                Err(error) => return (read, error.to_string()),
-            }
-        }
-        (read, messages.cuts().concat())
+    fn read(&self) -> (Received, String) {
+        test_bag::read(&self.path())
     }
-}
-
-fn expected(sent: &[Sent]) -> Vec<(String, i64, Vec<u8>)> {
-    sent.iter().map(|(topic, _, time, data)| ((*topic).to_owned(), *time as i64, data.clone())).collect()
 }
 
 #[test]

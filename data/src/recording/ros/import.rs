@@ -365,4 +365,4 @@ impl Items<'_> {
 
 #[cfg(test)]
 #[path = "import_tests.rs"]
-mod tests;
+pub(super) mod tests;

@@ -9,7 +9,8 @@ use crate::recording::ros::messages::{TFMessage, TransformStamped, to_cdr};
 use crate::recording::ros::test_bag::{self, PACKINGS, Packing, Sent, header, image, in_plane, pose, rgb};
 use crate::store::Dataset;
 
-fn how() -> Import {
+/// Everything guessed, the first frame at rest.
+pub fn how() -> Import {
     Import {
         image_topic: None,
         poses: PoseSource::Guess,

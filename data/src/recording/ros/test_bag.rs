@@ -2,13 +2,40 @@
 //! `mcap` cannot do here: zstd and lz4.
 
 use std::io::Write;
+use std::path::Path;
 
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
+use crate::recording::ros::bag::Bag;
 use crate::recording::ros::messages::{Header, Image, Message, Pose, PoseStamped, Time, to_cdr};
 
 /// A message to write: topic, type, time of recording in nanoseconds, bytes.
 pub type Sent = (&'static str, &'static str, u64, Vec<u8>);
+
+/// What is read of messages: topic, time of recording in nanoseconds, bytes as they were before they were packed.
+pub type Received = Vec<(String, i64, Vec<u8>)>;
+
+/// What is to be read of messages that were sent.
+pub fn expected(sent: &[Sent]) -> Received {
+    sent.iter().map(|(topic, _, time, data)| ((*topic).to_owned(), *time as i64, data.clone())).collect()
+}
+
+/// All messages of a bag up to an error or the end, and what is said of the end.
+pub fn read(path: &Path) -> (Received, String) {
+    let bag = Bag::open(path).unwrap();
+    let mut messages = bag.messages();
+    let mut read = Vec::new();
+    for message in &mut messages {
+        match message {
+            Ok(message) => {
+                let (topic, time_ns) = (message.channel.topic.clone(), message.log_time_ns);
+                read.push((topic, time_ns, message.unpacked().unwrap_or_default()));
+            }
+            Err(error) => return (read, error.to_string()),
+        }
+    }
+    (read, messages.cuts().concat())
+}
 
 /// How a test's bag is packed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

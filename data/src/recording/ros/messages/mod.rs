@@ -102,7 +102,7 @@ impl Header {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use std::fmt::Debug;
 
@@ -140,7 +140,8 @@ mod tests {
     const DIAG: &str = "000100000c00000035a49a1401000000000000000100000002000000070000006672616d657300000700\
                          000066726f7a656e0000010000000000000001000000060000006167655f7300000004000000312e3500";
 
-    fn bytes(hex: &str) -> Vec<u8> {
+    /// The bytes that hexadecimal digits say; what is between them is passed over.
+    pub fn bytes(hex: &str) -> Vec<u8> {
         let digits: Vec<u8> = hex.chars().filter_map(|c| c.to_digit(16)).map(|digit| digit as u8).collect();
         digits.chunks(2).map(|pair| 16 * pair[0] + pair[1]).collect()
     }

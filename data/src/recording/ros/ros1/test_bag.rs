@@ -6,10 +6,7 @@ use lz4_flex::frame::{BlockSize, FrameEncoder, FrameInfo};
 
 use crate::recording::ros::messages::Pose;
 use crate::recording::ros::ros1::records::{MAGIC, op};
-use crate::recording::ros::test_bag::{in_plane, rgb};
-
-/// A message to write: topic, type, time of recording in nanoseconds, bytes.
-pub type Sent = (&'static str, &'static str, u64, Vec<u8>);
+use crate::recording::ros::test_bag::{Sent, in_plane, rgb};
 
 /// The names of compressions.
 pub const PACKINGS: [&str; 3] = ["none", "bz2", "lz4"];

@@ -4,17 +4,17 @@ use std::fmt::Debug;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::test_bag::{End, PACKINGS, Sent, bag, image, pose, transform};
+use super::test_bag::{End, PACKINGS, bag, image, pose, transform};
 use super::*;
-use crate::recording::folder::NoContact;
-use crate::recording::geometry::Geometry;
 use crate::recording::ros::bag::Bag;
 use crate::recording::ros::cdr::Reader;
+use crate::recording::ros::import::tests::how;
 use crate::recording::ros::import::{Import, Imported, PoseSource, import};
+use crate::recording::ros::messages::tests::bytes;
 use crate::recording::ros::messages::{
     self, CompressedImage, Header, Image, Message as _, PoseStamped, TFMessage, Time, TransformStamped, to_cdr,
 };
-use crate::recording::ros::test_bag::{self, Packing, in_plane};
+use crate::recording::ros::test_bag::{self, Packing, Received, Sent, expected, in_plane};
 use crate::se2::Se2;
 use crate::store::Dataset;
 
@@ -39,25 +39,9 @@ impl Written {
         self.0.path().join("touches.bag")
     }
 
-    /// All messages up to an error or the end, and what is said of the end.
-    fn read(&self) -> (Vec<(String, i64, Vec<u8>)>, String) {
-        let bag = Bag::open(&self.path()).unwrap();
-        let mut messages = bag.messages();
-        let mut read = Vec::new();
-        for message in &mut messages {
-            match message {
-                Ok(message) => {
-                    read.push((message.channel.topic.clone(), message.log_time_ns, message.bytes().to_vec()));
-                }
-                Err(error) => return (read, error.to_string()),
-            }
-        }
-        (read, messages.cuts().concat())
+    fn read(&self) -> (Received, String) {
+        test_bag::read(&self.path())
     }
-}
-
-fn expected(sent: &[Sent]) -> Vec<(String, i64, Vec<u8>)> {
-    sent.iter().map(|(topic, _, time, data)| ((*topic).to_owned(), *time as i64, data.clone())).collect()
 }
 
 #[test]
@@ -193,21 +177,6 @@ fn imported(path: &Path, how: &Import) -> (Dataset, Imported) {
     (Dataset::open(&out.path().join("out")).unwrap(), imported)
 }
 
-fn how() -> Import {
-    Import {
-        image_topic: None,
-        poses: PoseSource::Guess,
-        touches: None,
-        max_gap_ms: 100.0,
-        part: None,
-        side: None,
-        tool_from_sensor: None,
-        board: Some(Se2::from_degrees(1.0, 2.0, 90.0)),
-        no_contact: NoContact::First(1),
-        geometry: Geometry::default(),
-    }
-}
-
 /// What a film with poses and transforms becomes, from a ROS 1 bag and from a ROS 2 bag.
 #[test]
 fn a_bag_of_ros_1_becomes_the_dataset_that_a_bag_of_ros_2_becomes() {
@@ -229,7 +198,8 @@ fn a_bag_of_ros_1_becomes_the_dataset_that_a_bag_of_ros_2_becomes() {
     let mcap = written.0.path().join("touches.mcap");
     let frames = PoseSource::Frames(["base", "gelsight"].map(str::to_owned));
     fs::write(&mcap, test_bag::bag(Packing::NoChunks, &new)).unwrap();
-    for how in [how(), Import { poses: frames, ..how() }] {
+    let guessed = Import { board: Some(Se2::from_degrees(1.0, 2.0, 90.0)), ..how() };
+    for how in [guessed.clone(), Import { poses: frames, ..guessed }] {
         let ((old, from_old), (new, from_new)) = (imported(&written.path(), &how), imported(&mcap, &how));
         assert_eq!((old.frames_sha256(), old.touches()), (new.frames_sha256(), new.touches()));
         assert_eq!((from_old.notes, from_old.warnings), (from_new.notes, from_new.warnings));
@@ -249,11 +219,6 @@ const TF: &str = "02000000070000000c00000035a49a14040000006261736505000000746f6f
                   00000000000840000000000000000000000000000000000000000000000000000000000000f03f070000000c00000035a49a\
                   1405000000746f6f6c300600000073656e736f72000000000000f0bf000000000000d03f0000000000000000000000000000\
                   f03f000000000000000000000000000000000000000000000000";
-
-fn bytes(hex: &str) -> Vec<u8> {
-    let digits: Vec<u8> = hex.chars().filter_map(|c| c.to_digit(16)).map(|digit| digit as u8).collect();
-    digits.chunks(2).map(|pair| 16 * pair[0] + pair[1]).collect()
-}
 
 fn check<M: messages::Message + PartialEq + Debug>(hex: &str, message: &M) {
     let bytes = bytes(hex);
