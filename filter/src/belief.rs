@@ -16,7 +16,7 @@ use tactile_infer::Bank;
 
 use crate::evidence::Evidence;
 use crate::exact::{Exact, TouchWeights};
-use crate::likelihood::TouchLikelihood;
+use crate::likelihood::{LikelihoodConfig, SHARED_VARIANCE, TouchLikelihood};
 use crate::overlap::Overlap;
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
@@ -43,10 +43,6 @@ pub enum EngineConfig {
     Particle(ParticleConfig),
 }
 
-/// Share of the cosines' variance that the touches of one hole have in common: the same print, the same network. On the
-/// tuning letters anywhere the mean of eight has a standard deviation of 0.015, each one of 0.034.
-const SHARED_VARIANCE: f64 = 0.1;
-
 #[derive(Clone, Debug)]
 enum Engine {
     Exact(Exact),
@@ -65,6 +61,7 @@ pub struct Belief {
     n_parts: usize,
     overlap: Overlap,
     shared_error: f64,
+    matched_shared: f64,
     touches: Vec<Evidence>,
     engine: Engine,
     class_posterior: Vec<f64>,
@@ -78,7 +75,8 @@ impl Belief {
     /// views are interpolated between the bank's poses: a state may then lie between them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
         let (views, n_parts) = (*bank.grid(), bank.parts().len());
-        let (overlap, shared_error) = (first.config().overlap(), first.config().shared_error);
+        let LikelihoodConfig { shared_error, matched_shared, .. } = *first.config();
+        let overlap = first.config().overlap();
         let grid = views.subdivided(subdivisions.max(1));
         let mut exact = Exact::uniform(n_parts * grid.len());
         let mut log_states = Vec::new();
@@ -98,7 +96,18 @@ impl Belief {
         };
         let class_posterior = engine.of_parts(n_parts, grid.len());
         let touches = vec![evidence];
-        Self { views, grid, n_parts, overlap, shared_error, touches, engine, class_posterior, log_evidence }
+        Self {
+            views,
+            grid,
+            n_parts,
+            overlap,
+            shared_error,
+            matched_shared,
+            touches,
+            engine,
+            class_posterior,
+            log_evidence,
+        }
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
@@ -253,9 +262,9 @@ impl Belief {
         let scores = self.touches.iter().filter_map(|touch| touch.standard_scores(&self.views, part, part_from_first));
         let add = |([a, b], n): ([f64; 2], f64), [c, d]: [f64; 2]| ([a + c, b + d], n + 1.0);
         let ([of_all, below_best], n) = scores.fold(([0.0; 2], 0.0), add);
-        let sum = of_all.min(below_best);
-        // The standard deviation of the mean of scores that share a part of their variance.
-        (n > 0.0).then(|| sum / n / (SHARED_VARIANCE + (1.0 - SHARED_VARIANCE) / n).sqrt())
+        // By the standard deviation of the mean of scores that share a part of their variance.
+        let mean = |sum: f64, shared: f64| sum / n / (shared + (1.0 - shared) / n).sqrt();
+        (n > 0.0).then(|| mean(of_all, self.matched_shared).min(mean(below_best, SHARED_VARIANCE)))
     }
 
     /// Share of the belief in a part, 0..=1, in states whose first touch was made within `mm` of a pose or, by the part's
@@ -327,7 +336,6 @@ fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::likelihood::LikelihoodConfig;
     use crate::observation::Observation;
     use proptest::prelude::*;
     use rand::SeedableRng;

@@ -57,6 +57,8 @@ pub struct LikelihoodConfig {
     pub matched_mean: f64,
     /// ... and standard deviation, positive ...
     pub matched_sd: f64,
+    /// ... of whose square the touches of one hole have this share in common, 0..=1: the same print, the same sensor ...
+    pub matched_shared: f64,
     /// ... of a bank with such views. In one of others a part's own mean counts, as far as it is known.
     pub matched_views: Views,
     /// And how far that is below the best cosine with any recorded view: mean ...
@@ -87,6 +89,7 @@ impl Default for LikelihoodConfig {
             unknown_similarity: Some(0.74),
             matched_mean: 0.94,
             matched_sd: 0.03,
+            matched_shared: SHARED_VARIANCE,
             matched_views: Views::Pegs,
             gap_mean: 0.01,
             gap_sd: 0.03,
@@ -130,6 +133,7 @@ impl LikelihoodConfig {
             unknown_similarity: Some((matched.mean - UNKNOWN_SDS * matched.sd).max(-1.0)),
             matched_mean: matched.mean,
             matched_sd: matched.sd,
+            matched_shared: shared_variance(calibration),
             matched_views: calibration.views,
             gap_mean: gap.mean,
             gap_sd: gap.sd,
@@ -161,6 +165,7 @@ impl LikelihoodConfig {
         }
         check("matched_mean", "-1..=1", self.matched_mean, cosines.contains(&self.matched_mean))?;
         check("matched_sd", "a positive number", self.matched_sd, positive(self.matched_sd))?;
+        check("matched_shared", "0..=1", self.matched_shared, (0.0..=1.0).contains(&self.matched_shared))?;
         check("gap_mean", "0..=2", self.gap_mean, (0.0..=2.0).contains(&self.gap_mean))?;
         check("gap_sd", "a positive number", self.gap_sd, positive(self.gap_sd))?;
         check("shared_error", "0..=1", self.shared_error, (0.0..=1.0).contains(&self.shared_error))?;
@@ -192,12 +197,27 @@ fn matched_by_best(calibration: &Calibration, default: &LikelihoodConfig) -> Spr
     Spread { mean: (f64::from(calibration.low_similarity) + 2.33 * sd).min(default.matched_mean), sd }
 }
 
+/// Share of the cosines' variance that the touches of one hole under one sensor have in common: the same print, the same
+/// network. On the tuning letters anywhere the mean of eight has a standard deviation of 0.015, each one of 0.034.
+pub(crate) const SHARED_VARIANCE: f64 = 0.1;
+
+/// The share with what sensors differ by, which all touches of one have in common.
+fn shared_variance(calibration: &Calibration) -> f64 {
+    match (calibration.between_sensors, calibration.matched) {
+        (Some(between), Some(matched)) if matched.sd > 0.0 => {
+            let between = (between / matched.sd).powi(2).min(1.0);
+            between + (1.0 - between) * SHARED_VARIANCE
+        }
+        _ => SHARED_VARIANCE,
+    }
+}
+
 /// Few touches may agree by chance; cosines of no sensor lie nearer together.
 const LEAST_SD: f64 = 0.01;
 
 /// A recorded view whose cosine is so many standard deviations below that of the view touched is less likely than one that
 /// nobody recorded. With 4 more parts of the bank are taken for none of these (`NOTES.md`).
-const UNKNOWN_SDS: f64 = 7.0;
+const UNKNOWN_SDS: f64 = 5.0;
 
 /// Probability that a view outside the recorded area is blank. Around a small part nearly all are and on a
 /// large one few; were it the recorded views' own share, a blank touch outside would speak for a wrong

@@ -31,6 +31,10 @@ pub struct Calibration {
     /// ([`Bank::cosine_at`](crate::Bank::cosine_at)); `None` in models calibrated before it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
+    /// How far the mean of that differs from sensor to sensor, a standard deviation that is part of the one in `matched`:
+    /// touches of one sensor have it in common. `None` where touches of one sensor were compared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub between_sensors: Option<f64>,
     /// What the views of the bank were of that the touches were compared with.
     #[serde(default, skip_serializing_if = "Views::is_pegs")]
     pub views: Views,
@@ -53,6 +57,7 @@ impl Calibration {
             low_similarity: self.low_similarity,
             gap: self.gap,
             matched: self.matched,
+            between_sensors: self.between_sensors,
             views: self.views,
         };
         self.prior.map_or(own, |prior| Prior { n_touches, ..prior })
@@ -78,6 +83,9 @@ pub struct Prior {
     /// The cosine with the view that was touched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
+    /// How far the mean of that differs from sensor to sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub between_sensors: Option<f64>,
     /// What the bank's views were of.
     #[serde(default, skip_serializing_if = "Views::is_pegs")]
     pub views: Views,

@@ -284,6 +284,7 @@ mod tests {
             nll_nats: 1.0,
             chance_nats: 2.0,
             matched: None,
+            between_sensors: None,
             views: Views::Pegs,
             gap: None,
             prior: None,

@@ -7,7 +7,7 @@ use tactile_data::calibrate::Calibration;
 use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard};
 use tactile_data::lab::Lab;
 use tactile_data::progress;
-use tactile_data::scene::{Parts, Scene};
+use tactile_data::scene::{Parts, Scene, SensorRange};
 use tactile_data::se2::Se2;
 use tactile_data::sensor::Fidelity;
 use tactile_data::shard::Shard;
@@ -62,6 +62,9 @@ pub struct Generate {
     /// geometry, gel, optics, camera or shadow [default: the scene's]
     #[arg(long, value_name = "TIER", help_heading = "Sensor")]
     fidelity: Option<Fidelity>,
+    /// Touch with the N-th of the sensors that a user may have instead of the scene's: other press, camera, gel and light field
+    #[arg(long, value_name = "N", help_heading = "Sensor")]
+    drawn_sensor: Option<u64>,
     #[command(flatten)]
     lab: LabArgs,
     /// Only part i of n, for `tactile-data merge`; one that is complete already is left as it is. `env` takes i and
@@ -137,7 +140,14 @@ impl Generate {
         if let Some(path) = &self.calibration {
             scene = scene.under(&Calibration::load(path)?)?;
         }
+        if let Some(number) = self.drawn_sensor {
+            scene.sensor = SensorRange::another(&scene.sensor, number);
+        }
         match &mut scene.parts {
+            Parts::Maze(_) if self.drawn_sensor.is_some() => {
+                let expected = "a scene of letters, solids, files or connectors: MAZE boards have sensors of their own";
+                return Err(Error::invalid("--drawn-sensor", expected, scene.name));
+            }
             Parts::Maze(boards) => {
                 boards.n_pairs = self.pairs.unwrap_or(boards.n_pairs);
                 if let Some(n_boards) = self.boards {

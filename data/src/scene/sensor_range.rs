@@ -4,7 +4,7 @@ use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::random::uniform;
+use crate::random::{frame_rng, uniform};
 use crate::sensor::SensorSpec;
 
 /// What differs from sensor to sensor, lowest and highest. Other lamps are not among it: pictures are
@@ -30,6 +30,9 @@ pub struct SensorRange {
     pub hole_scale: Option<[f64; 2]>,
 }
 
+/// Decay lengths of other gels, mm.
+const GEL_LENGTH_MM: [f64; 2] = [0.8, 1.8];
+
 impl Default for SensorRange {
     fn default() -> Self {
         Self {
@@ -50,6 +53,14 @@ impl SensorRange {
     /// Width and height of the widest view that can be drawn, as a multiple of the scene's.
     pub fn widest(&self) -> f64 {
         self.scale[1] * self.hole_scale.map_or(1.0, |[_, most]| most.max(1.0))
+    }
+
+    /// The `number`-th of the sensors that a user may have instead of `spec`: other press, camera, gel and smooth light field,
+    /// of the same view and lamps, which are stated or measured. Drawn from the default ranges.
+    pub fn another(spec: &SensorSpec, number: u64) -> SensorSpec {
+        let mut rng = frame_rng(u64::from_be_bytes(*b"sensors "), number);
+        let gel_length_mm = uniform(&mut rng, GEL_LENGTH_MM);
+        Self { scale: [1.0; 2], ..Self::default() }.draw(SensorSpec { gel_length_mm, ..spec.clone() }, &mut rng)
     }
 
     /// A sensor drawn round `spec`.
@@ -93,7 +104,6 @@ impl SensorRange {
 mod tests {
     use super::*;
     use crate::frame::Frame;
-    use crate::random::frame_rng;
     use crate::scene::{Parts, Scene};
     use crate::se2::Se2;
     use crate::sensor::light_field::LightField;
@@ -123,6 +133,18 @@ mod tests {
         covers(&|spec| spec.field_of_view_mm[0] / scene.field_of_view_mm[0], range.scale);
         covers(&|spec| spec.light_field.linear_counts / LightField::FITTED.linear_counts, range.light_field);
         assert!(drawn.iter().all(|spec| (spec.mm_per_px()[0] / spec.mm_per_px()[1] - 0.975_f64).abs() < 0.01));
+    }
+
+    #[test]
+    fn another_sensor_is_the_same_for_a_number_and_shows_as_much() {
+        let scene = SensorSpec::default();
+        let drawn: Vec<SensorSpec> = (0..20).map(|number| SensorRange::another(&scene, number)).collect();
+        assert_eq!(SensorRange::another(&scene, 7), drawn[7]);
+        let gels: Vec<f64> = drawn.iter().map(|spec| spec.gel_length_mm).collect();
+        assert!(gels.iter().all(|mm| (0.8..=1.8).contains(mm)) && gels.iter().any(|mm| *mm < 1.1));
+        assert!(gels.iter().any(|mm| *mm > 1.5));
+        assert!(drawn.iter().all(|spec| spec.field_of_view_mm == scene.field_of_view_mm && spec.light == scene.light));
+        drawn.iter().for_each(|spec| spec.validate().unwrap());
     }
 
     fn touch(sensors: Option<SensorRange>) -> Frame {

@@ -156,6 +156,8 @@ pub struct tf_episode_config {
     pub shared_error: f64,
     /// A tf_views: what the views of the bank are of that matched_mean and matched_sd were measured with.
     pub matched_views: u32,
+    /// Share of the square of matched_sd that the touches of one hole have in common, 0 to 1.
+    pub matched_shared: f64,
 }
 
 /// The size of the struct's first version.
@@ -164,10 +166,17 @@ const FIRST_SIZE: usize = std::mem::offset_of!(tf_episode_config, matched_mean);
 /// The size of its second version.
 const SECOND_SIZE: usize = std::mem::offset_of!(tf_episode_config, matched_views);
 
+/// The size of its third version.
+const THIRD_SIZE: usize = std::mem::offset_of!(tf_episode_config, matched_shared);
+
 /// Refuses a size that no version of the struct has.
 fn check_size(name: &str, size: usize) -> Result<(), Failure> {
     let newest = size_of::<tf_episode_config>();
-    if [FIRST_SIZE, SECOND_SIZE, newest].contains(&size) { Ok(()) } else { Err(Failure::argument(name, newest, size)) }
+    if [FIRST_SIZE, SECOND_SIZE, THIRD_SIZE, newest].contains(&size) {
+        Ok(())
+    } else {
+        Err(Failure::argument(name, newest, size))
+    }
 }
 
 impl From<ActionRule> for tf_rule {
@@ -251,6 +260,7 @@ impl From<&EpisodeConfig> for tf_episode_config {
             has_unknown_similarity: likelihood.unknown_similarity.is_some().into(),
             shared_error: likelihood.shared_error,
             matched_views: tf_views::from(likelihood.matched_views) as u32,
+            matched_shared: likelihood.matched_shared,
         }
     }
 }
@@ -337,6 +347,7 @@ fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
         )?,
         matched_mean: config.matched_mean,
         matched_sd: config.matched_sd,
+        matched_shared: config.matched_shared,
         matched_views,
         gap_mean: config.gap_mean,
         gap_sd: config.gap_sd,
@@ -451,10 +462,12 @@ mod tests {
         let default = tf_episode_config::from(&EpisodeConfig::default());
         let first = tf_episode_config { size: FIRST_SIZE, matched_sd: f64::NAN, matched_views: 9, ..default };
         let second = tf_episode_config { size: SECOND_SIZE, matched_views: 9, ..default };
-        for there in [first, second] {
+        let third = tf_episode_config { size: THIRD_SIZE, matched_shared: f64::NAN, ..default };
+        for there in [first, second, third] {
             assert_eq!(unsafe { read(&there) }.map_err(|failure| failure.message), Ok(EpisodeConfig::default()));
         }
-        assert_eq!([FIRST_SIZE + 56, FIRST_SIZE + 64], [SECOND_SIZE, size_of::<tf_episode_config>()]);
+        let sizes = [SECOND_SIZE, THIRD_SIZE, size_of::<tf_episode_config>()];
+        assert_eq!([56, 64, 72].map(|bytes| FIRST_SIZE + bytes), sizes);
     }
 
     #[test]

@@ -131,6 +131,7 @@ mod tests {
             low_similarity: 0.74,
             gap: None,
             matched: None,
+            between_sensors: None,
             views: Views::Pegs,
         }
     }

@@ -3,6 +3,7 @@
 mod compared;
 mod fit;
 mod sample;
+mod sensors;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -19,6 +20,7 @@ use crate::recorded::tactile_images;
 use crate::views::Views;
 use compared::{Compared, Weights};
 use sample::{low_similarity, n_counted, pooled};
+use sensors::Matched;
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -58,8 +60,8 @@ pub struct Touches {
     name: String,
     side: Side,
     compared: Vec<Compared>,
-    /// The cosine with the view that was touched, of those for which the bank has one.
-    matched: Vec<f64>,
+    /// The cosine with the view that was touched, of those for which the bank has one, sensor by sensor.
+    matched: Vec<Vec<f64>>,
     /// Those at a recorded pose, and of them those that are blank or edged as the recorded view.
     n_placed: usize,
     n_agree: usize,
@@ -81,7 +83,7 @@ impl Touches {
         let queries = model.embed_side(&images, side)?;
         let is_edged = |share: f32| share >= BLANK_SHARE;
         let edged = bank.edged_rows();
-        let (compared, matched, views) = (Vec::new(), Vec::new(), bank.views());
+        let (compared, matched, views) = (Vec::new(), vec![Vec::new()], bank.views());
         let mut found = Self { name, side, compared, matched, n_placed: 0, n_agree: 0, views };
         let mut all = Vec::new();
         for (i, frame) in frames.iter().enumerate() {
@@ -109,10 +111,26 @@ impl Touches {
                 bank.similarities(query, &mut all);
                 let cosines: Vec<f32> = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).collect();
                 found.compared.push(Compared::new(&cosines, &near));
-                found.matched.extend(bank.cosine_at(query, part, &pose).map(f64::from));
+                found.matched[0].extend(bank.cosine_at(query, part, &pose).map(f64::from));
             }
         }
         Ok(found)
+    }
+
+    /// These touches and those of another sensor, compared with the same bank.
+    ///
+    /// # Errors
+    /// Touches of the other side, or compared with views of another kind.
+    pub fn and(mut self, other: Self) -> Result<Self> {
+        if (other.side, other.views) != (self.side, self.views) {
+            let expected = format!("{}s, compared with the same bank as those of {}", self.side, self.name);
+            return Err(Error::invalid(other.name, expected, format!("{}s", other.side)));
+        }
+        self.compared.extend(other.compared);
+        self.matched.extend(other.matched);
+        self.n_placed += other.n_placed;
+        self.n_agree += other.n_agree;
+        Ok(self)
     }
 
     /// Touches that show an edge within the bank's poses: what a calibration is made of.
@@ -196,6 +214,10 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
     let found = fit::fit(compared, prior);
     let bests: Vec<f32> = compared.iter().map(|hole| hole.best).collect();
     let gap = pooled(&touches.gaps(), prior, |prior| prior.gap);
+    // What touches match by against views of pegs alone says nothing of views of both sides.
+    let of_such_views =
+        prior.copied().map(|prior| Prior { matched: prior.matched.filter(|_| prior.views == touches.views), ..prior });
+    let matched = Matched::of(&touches.matched, of_such_views.as_ref());
     let n_gaps = compared.len() as f64 + prior.map_or(0.0, n_counted);
     let calibration = Calibration {
         temperature: found.temperature,
@@ -204,8 +226,8 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
         low_similarity: low_similarity(&bests, prior).unwrap_or(-1.0),
         nll_nats: fit::nll(compared, found.temperature, found.share),
         gap,
-        // What touches match by against views of pegs alone says nothing of views of both sides.
-        matched: pooled(&touches.matched, prior, |prior| prior.matched.filter(|_| prior.views == touches.views)),
+        matched: matched.map(|matched| matched.all),
+        between_sensors: matched.and_then(|matched| matched.between),
         views: touches.views,
         chance_nats: compared.iter().map(Compared::chance).sum::<f64>() / compared.len() as f64,
         n_holes: compared.len(),
@@ -270,7 +292,7 @@ mod tests {
             side: Side::Hole,
             n_placed: compared.len(),
             n_agree: compared.len(),
-            matched: Vec::new(),
+            matched: vec![Vec::new()],
             compared,
             views: Views::Pegs,
         }
@@ -284,6 +306,7 @@ mod tests {
         low_similarity: 0.7,
         gap: Some(Spread { mean: 0.01, sd: 0.01 }),
         matched: None,
+        between_sensors: None,
         views: Views::Pegs,
     };
 

@@ -85,6 +85,7 @@ mod tests {
             low_similarity: 0.7,
             gap: Some(Spread { mean: 2.0, sd: 1.0 }),
             matched: None,
+            between_sensors: None,
             views: Views::Pegs,
         }
     }

@@ -11,6 +11,7 @@ use tactile_infer::bank::Bank;
 use tactile_infer::calibrate::{Calibrated, Choice, Gain, Judgement, PRIOR_TOUCHES, Touches, calibrate};
 use tactile_infer::calibration::{Calibration, Prior, Spread};
 use tactile_infer::checkpoint::Checkpoint;
+use tactile_infer::model::Model;
 use tactile_infer::{Error, Result};
 
 use super::{ModelArgs, print_json};
@@ -30,9 +31,10 @@ pub struct CalibrateArgs {
     /// Bank of pegs made by the model: parts for tuning, never those of an evaluation
     #[arg(long, value_name = "FILE")]
     bank: PathBuf,
-    /// Dataset of touches of the same parts, between the recorded poses: holes, or with --side peg pegs
-    #[arg(long, value_name = "DIR")]
-    holes: PathBuf,
+    /// Dataset of touches of the same parts, between the recorded poses: holes, or with --side peg pegs. Several, one of each
+    /// sensor: how far sensors differ is measured, too, for a model that is to be used with any
+    #[arg(long, value_name = "DIR", required = true)]
+    holes: Vec<PathBuf>,
     /// Which side is touched: each has a calibration of its own
     #[arg(long, value_name = "SIDE", default_value_t, value_parser = super::side())]
     side: Side,
@@ -42,7 +44,7 @@ pub struct CalibrateArgs {
     /// How many touches the model's own calibration counts as (for how well views match, a tenth); 0 forgets it
     #[arg(long, value_name = "N", default_value_t = PRIOR_TOUCHES, help_heading = "Few touches")]
     prior_touches: f64,
-    /// Use only so many of the holes, evenly spread
+    /// Use only so many of the holes of a dataset, evenly spread
     #[arg(long, value_name = "N", help_heading = "Few touches")]
     touches: Option<usize>,
     /// The first of them comes this many after the first hole
@@ -80,19 +82,14 @@ impl CalibrateArgs {
     pub fn run(&self) -> Result<()> {
         let path = &self.model.path;
         let out = self.out.as_ref().unwrap_or(path);
-        let datasets = [Some(&self.holes), self.judge.as_ref()].into_iter().flatten();
+        let datasets = self.holes.iter().chain(&self.judge);
         let files = datasets.flat_map(|data| FILES.map(|file| data.join(file)));
         // A calibration may be written into the model that it is of.
         output::prepare_file(out, files.chain([self.bank.clone()]))?;
         let model = self.model.load()?;
         let bank = Bank::load(&self.bank, &model)?;
         let prior = self.prior(model.calibration(self.side))?;
-        let choice = Choice { side: self.side, n: self.touches, first: self.first };
-        let holes = Dataset::open(&self.holes)?;
-        if let Some(why) = bank.other_light(holes.meta().lamps.as_ref()) {
-            eprintln!("warning: {why}");
-        }
-        let touches = Touches::new(&model, &bank, &holes, choice)?;
+        let touches = self.touches(&model, &bank)?;
         let others = self.judge.as_ref().map(|path| {
             let choice = Choice { side: self.side, ..Choice::default() };
             Touches::new(&model, &bank, &Dataset::open(path)?, choice)
@@ -117,6 +114,21 @@ impl CalibrateArgs {
         Ok(())
     }
 
+    /// The touches of all sensors.
+    fn touches(&self, model: &Model, bank: &Bank) -> Result<Touches> {
+        let choice = Choice { side: self.side, n: self.touches, first: self.first };
+        let touches = |path: &PathBuf| {
+            let holes = Dataset::open(path)?;
+            if let Some(why) = bank.other_light(holes.meta().lamps.as_ref()) {
+                eprintln!("warning: {}: {why}", path.display());
+            }
+            Touches::new(model, bank, &holes, choice)
+        };
+        let of_each = self.holes.iter().map(touches).collect::<Result<Vec<_>>>()?;
+        let joined = of_each.into_iter().map(Ok).reduce(|all: Result<Touches>, next| all?.and(next?)).transpose()?;
+        joined.ok_or_else(|| Error::invalid("--holes", "a dataset", "none"))
+    }
+
     /// What the model knows already.
     fn prior(&self, known: Option<&Calibration>) -> Result<Option<Prior>> {
         let n = self.prior_touches;
@@ -138,7 +150,16 @@ fn judged(others: &Touches, calibration: &Calibration) -> Option<Judged> {
 fn text(found: &Calibrated) -> String {
     let Calibrated { calibration, temperature_interval: [low, high], gap_interval, gain } = found;
     let Calibration {
-        temperature, outlier_share, blank_agreement, low_similarity, n_holes, gap, matched, prior, ..
+        temperature,
+        outlier_share,
+        blank_agreement,
+        low_similarity,
+        n_holes,
+        gap,
+        matched,
+        between_sensors,
+        prior,
+        ..
     } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
@@ -168,6 +189,9 @@ fn text(found: &Calibrated) -> String {
     if let Some(Spread { mean, sd }) = matched {
         let was = |prior: &Prior| prior.matched.map_or("unknown".into(), |matched| format!("{:.3}", matched.mean));
         text += &format!("\n  the cosine with it is {}{mean:.3}, standard deviation {sd:.3}", before(&was));
+    }
+    if let Some(between) = between_sensors {
+        text += &format!(", of it {between:.3} from sensor to sensor");
     }
     if let Some(Gain { before_nats, after_nats, standard_error }) = gain {
         let difference = after_nats - before_nats;

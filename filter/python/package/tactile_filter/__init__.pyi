@@ -56,6 +56,7 @@ class _Settings(TypedDict, total=False):
     unknown_similarity: float | None
     matched_mean: float
     matched_sd: float
+    matched_shared: float
     matched_views: Literal["pegs", "both"]
     gap_mean: float
     gap_sd: float
