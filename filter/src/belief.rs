@@ -4,7 +4,7 @@
 //! controller reports, `part_from_sensor = part_from_first * first_from_sensor` (paper, Sec. IV-D). The
 //! likelihood of each touch is kept, so that any state can be scored again over all touches.
 
-use std::borrow::Cow;
+use std::ops::Range;
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
@@ -14,14 +14,14 @@ use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
 
+use crate::blocks::{Blocks, Layout};
 use crate::evidence::Evidence;
-use crate::exact::{Exact, TouchWeights};
+use crate::exact::Exact;
 use crate::likelihood::{LikelihoodConfig, SHARED_VARIANCE, TouchLikelihood};
 use crate::overlap::Overlap;
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
-use crate::resample::systematic;
-use crate::simd;
+use crate::resample::{log_normalize, systematic};
 
 /// One state: which part, and where on it the first touch was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -36,12 +36,17 @@ pub struct Hypothesis {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EngineConfig {
-    /// All states: exact on the grid.
+    /// All states: exact on the grid, but for [`ALLOWED_ERROR`].
     #[default]
     Exact,
     /// The paper's particle filter.
     Particle(ParticleConfig),
 }
+
+/// The share of the belief that the exact engine may leave out after each touch, in states that cannot hold more of it
+/// together: the total variation from the posterior over all states is at most this, however many touches were made.
+/// [`Belief::of_all_states`] leaves none out.
+pub const ALLOWED_ERROR: f64 = 5e-4;
 
 #[derive(Clone, Debug)]
 enum Engine {
@@ -74,28 +79,40 @@ impl Belief {
     /// `subdivisions`: parts of a step of the bank's grid between two states, at least 1. More than 1 only where
     /// views are interpolated between the bank's poses: a state may then lie between them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
-        let (views, n_parts) = (*bank.grid(), bank.parts().len());
-        let LikelihoodConfig { shared_error, matched_shared, .. } = *first.config();
-        let overlap = first.config().overlap();
-        let grid = views.subdivided(subdivisions.max(1));
-        let mut exact = Exact::uniform(n_parts * grid.len());
-        let mut log_states = Vec::new();
-        let evidence = Evidence::new([&views, &grid], Se2::IDENTITY, 1.0, first, &mut |log_part| {
-            exact.weigh(log_part, TouchWeights::FULL);
-            if engine != EngineConfig::Exact {
-                log_states.extend_from_slice(log_part);
-            }
-        });
-        let log_evidence = exact.update(TouchWeights::FULL);
-        let engine = match engine {
-            EngineConfig::Exact => Engine::Exact(exact),
-            EngineConfig::Particle(config) => {
-                let particle = Particle::draw(config, exact.log_posterior(), seed);
-                Engine::Particle { particle, log_likelihoods: vec![log_states] }
-            }
+        let EngineConfig::Particle(config) = engine else {
+            return Self::within(ALLOWED_ERROR, bank, subdivisions, first);
         };
-        let class_posterior = engine.of_parts(n_parts, grid.len());
-        let touches = vec![evidence];
+        let (views, grid) = (*bank.grid(), bank.grid().subdivided(subdivisions.max(1)));
+        let mut log_states = Vec::new();
+        let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
+        let first = Evidence::new([&views, &grid], Se2::IDENTITY, 1.0, first, &mut take);
+        let mut log_posterior = log_states.clone();
+        let log_sum = log_normalize(&mut log_posterior).unwrap_or(f64::NEG_INFINITY);
+        let log_evidence = log_sum - (log_states.len() as f64).ln();
+        let particle = Particle::draw(config, &log_posterior, seed);
+        Self::begun(bank, grid, first, Engine::Particle { particle, log_likelihoods: vec![log_states] }, log_evidence)
+    }
+
+    /// Like [`Self::new`] with the exact engine, which here leaves no state out: slower, and for comparison.
+    pub fn of_all_states(bank: &Bank, subdivisions: usize, first: TouchLikelihood) -> Self {
+        Self::within(0.0, bank, subdivisions, first)
+    }
+
+    fn within(allowed: f64, bank: &Bank, subdivisions: usize, first: TouchLikelihood) -> Self {
+        let (views, grid) = (*bank.grid(), bank.grid().subdivided(subdivisions.max(1)));
+        let Layout { n_angles, n_places } = Layout::of(&grid);
+        let mut exact = Exact::uniform(bank.parts().len() * n_angles, n_places, allowed);
+        let first = Evidence::of(&views, Se2::IDENTITY, 1.0, first);
+        let log_evidence = weigh(&mut exact, [&views, &grid], std::slice::from_ref(&first), 1.0);
+        Self::begun(bank, grid, first, Engine::Exact(exact), log_evidence)
+    }
+
+    fn begun(bank: &Bank, grid: PoseGrid, first: Evidence, engine: Engine, log_evidence: f64) -> Self {
+        let (views, n_parts) = (*bank.grid(), bank.parts().len());
+        let LikelihoodConfig { shared_error, matched_shared, .. } = *first.likelihood.config();
+        let overlap = first.likelihood.config().overlap();
+        let class_posterior = engine.of_parts(n_parts, &grid);
+        let touches = vec![first];
         Self {
             views,
             grid,
@@ -121,19 +138,17 @@ impl Belief {
             self.touches.iter().map(new_share).fold(1.0, f64::min)
         };
         let (before, joint) = (self.joint_weight(0.0), self.joint_weight(weight));
-        let weights = TouchWeights { joint, of_earlier: joint / before };
         let (grid, n_cells) = (&self.grid, self.grid.len());
-        let judge = |take: &mut dyn FnMut(&[f64])| {
-            Evidence::new([&self.views, grid], first_from_sensor, weight, likelihood, take)
-        };
         let log_evidence = match &mut self.engine {
             Engine::Exact(exact) => {
-                self.touches.push(judge(&mut |log_part| exact.weigh(log_part, weights)));
-                exact.update(weights)
+                self.touches.push(Evidence::of(&self.views, first_from_sensor, weight, likelihood));
+                weigh(exact, [&self.views, grid], &self.touches, joint)
             }
             Engine::Particle { particle, log_likelihoods } => {
                 let mut log_states = Vec::with_capacity(self.n_parts * n_cells);
-                self.touches.push(judge(&mut |log_part| log_states.extend_from_slice(log_part)));
+                let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
+                let grids = [&self.views, grid];
+                self.touches.push(Evidence::new(grids, first_from_sensor, weight, likelihood, &mut take));
                 let earlier =
                     |state| if joint == before { 0.0 } else { (joint - before) * log_score(log_likelihoods, state) };
                 let log_evidence = particle.update(|state| joint * log_states[state] + earlier(state));
@@ -149,9 +164,18 @@ impl Belief {
                 log_evidence
             }
         };
-        self.class_posterior = self.engine.of_parts(self.n_parts, n_cells);
+        self.class_posterior = self.engine.of_parts(self.n_parts, &self.grid);
         self.log_evidence += log_evidence;
         log_evidence
+    }
+
+    /// The total variation from the posterior over all states is at most this, 0..=1: what was left out of the belief
+    /// because it cannot hold more together. At most [`ALLOWED_ERROR`]; of particles nothing is known, and it is 0.
+    pub fn left_out(&self) -> f64 {
+        match &self.engine {
+            Engine::Exact(exact) => exact.left_out(),
+            Engine::Particle { .. } => 0.0,
+        }
     }
 
     /// Whether no state sees a recorded view after a motion since the first touch: such a touch says nothing.
@@ -199,9 +223,36 @@ impl Belief {
 
     /// Those of [`Self::states`] that have at least a probability.
     pub fn states_from(&self, least: f64) -> Vec<(Hypothesis, f64)> {
-        let masses = self.masses();
-        let held = masses.iter().enumerate().filter(|(_, mass)| **mass > 0.0 && **mass >= least);
-        held.map(|(state, mass)| (hypothesis(state, self.grid.len()), *mass)).collect()
+        self.states_of(0..self.n_parts, least)
+    }
+
+    /// Those of some parts.
+    fn states_of(&self, parts: Range<usize>, least: f64) -> Vec<(Hypothesis, f64)> {
+        let n_cells = self.grid.len();
+        let is_held = |(_, mass): &(Hypothesis, f64)| *mass > 0.0 && *mass >= least;
+        match &self.engine {
+            Engine::Exact(exact) => {
+                let Layout { n_angles, n_places } = Layout::of(&self.grid);
+                let mut states = Vec::new();
+                for part in parts {
+                    let of_angle = |angle| Some((angle, exact.probabilities(part * n_angles + angle)?));
+                    let held: Vec<(usize, Vec<f64>)> = (0..n_angles).filter_map(of_angle).collect();
+                    for place in 0..n_places {
+                        let state = |(angle, masses): &(usize, Vec<f64>)| {
+                            (Hypothesis { part, cell: place * n_angles + angle }, masses[place])
+                        };
+                        states.extend(held.iter().map(state).filter(is_held));
+                    }
+                }
+                states
+            }
+            Engine::Particle { particle, .. } => {
+                let masses = masses(particle, self.n_states());
+                let all = parts.start * n_cells..parts.end * n_cells;
+                let state = |state| (Hypothesis { part: state / n_cells, cell: state % n_cells }, masses[state]);
+                all.map(state).filter(is_held).collect()
+            }
+        }
     }
 
     /// The number of states, held or not.
@@ -217,10 +268,10 @@ impl Belief {
     /// Shannon entropy over the states, nats.
     pub fn entropy_nats(&self) -> f64 {
         match &self.engine {
-            Engine::Exact(exact) => simd::entropy(exact.posterior(), exact.log_posterior()),
-            Engine::Particle { .. } => {
-                let positive = |mass: &&f64| **mass > 0.0;
-                self.masses().iter().filter(positive).map(|mass| -mass * mass.ln()).sum()
+            Engine::Exact(exact) => exact.entropy(),
+            Engine::Particle { particle, .. } => {
+                let masses = masses(particle, self.n_states());
+                masses.iter().filter(|mass| **mass > 0.0).map(|mass| -mass * mass.ln()).sum()
             }
         }
     }
@@ -231,22 +282,21 @@ impl Belief {
     /// `None` only where no state of `part` is held.
     pub fn best(&self, part: Option<usize>) -> Option<Hypothesis> {
         let n_cells = self.grid.len();
-        let asked = part.map_or(0..self.n_states(), |part| part * n_cells..(part + 1) * n_cells);
-        let best = match &self.engine {
+        let parts = part.map_or(0..self.n_parts, |part| part..part + 1);
+        match &self.engine {
             Engine::Exact(exact) => {
-                let logs = &exact.log_posterior()[asked.clone()];
-                let largest = simd::largest(logs);
-                let state = logs.iter().position(|log| *log == largest).map(|index| asked.start + index);
-                state.filter(|state| exact.posterior()[*state] > 0.0)
+                let layout = Layout::of(&self.grid);
+                let likeliest = exact.likeliest(parts.start * layout.n_angles..parts.end * layout.n_angles);
+                likeliest.into_iter().map(|state| layout.hypothesis(state)).min()
             }
-            Engine::Particle { log_likelihoods, .. } => {
-                let masses = self.masses();
-                let held = asked.filter(|state| masses[*state] > 0.0);
+            Engine::Particle { particle, log_likelihoods } => {
+                let masses = masses(particle, self.n_states());
+                let held = (parts.start * n_cells..parts.end * n_cells).filter(|state| masses[*state] > 0.0);
                 let scored = held.map(|state| (log_score(log_likelihoods, state), state));
-                scored.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, state)| state)
+                let best = scored.reduce(|best, next| if next.0 > best.0 { next } else { best });
+                best.map(|(_, state)| Hypothesis { part: state / n_cells, cell: state % n_cells })
             }
-        };
-        best.map(|state| hypothesis(state, n_cells))
+        }
     }
 
     /// The pose of the first touch around a state, to below the grid's step.
@@ -270,51 +320,66 @@ impl Belief {
     /// Share of the belief in a part, 0..=1, in states whose first touch was made within `mm` of a pose or, by the part's
     /// symmetry, of one that feels the same; a state is as wide as its cell. 0 where the part is ruled out.
     pub fn share_near(&self, part: usize, part_from_first: &Se2, mm: f64, symmetry: &Symmetry) -> f64 {
-        let of_part = &self.masses()[part * self.grid.len()..(part + 1) * self.grid.len()];
+        let of_part = self.states_of(part..part + 1, 0.0);
         let reach = mm + self.grid.xy_step_mm * std::f64::consts::FRAC_1_SQRT_2;
         let is_near = |cell: usize| {
             let pose = self.grid.pose(cell);
             symmetry.nearest_twin(&pose, part_from_first).distance_mm(part_from_first) <= reach
         };
         // A ten-thousandth of it in the lightest states does not matter, and is most of them.
-        let all: f64 = of_part.iter().sum();
-        let least = 1e-4 * all / of_part.len() as f64;
-        let near = of_part.iter().enumerate().filter(|(cell, mass)| **mass > least && is_near(*cell));
+        let all: f64 = of_part.iter().map(|(_, mass)| mass).sum();
+        let least = 1e-4 * all / self.grid.len() as f64;
+        let near = of_part.iter().filter(|(state, mass)| *mass > least && is_near(state.cell));
         if all > 0.0 { near.map(|(_, mass)| mass).sum::<f64>() / all } else { 0.0 }
     }
 
     /// `n` states drawn from the belief, ascending, each about as often as it is probable.
     pub fn draw(&self, n: usize, rng: &mut ChaCha8Rng) -> Vec<Hypothesis> {
-        let drawn = systematic(&self.masses(), n, rng.random());
-        drawn.into_iter().map(|state| hypothesis(state, self.grid.len())).collect()
-    }
-
-    /// The probability of each state, `[n_parts * n_cells]`.
-    fn masses(&self) -> Cow<'_, [f64]> {
-        self.engine.masses(self.n_states())
+        let (offset, n_cells) = (rng.random(), self.grid.len());
+        let mut drawn: Vec<Hypothesis> = match &self.engine {
+            Engine::Exact(exact) => {
+                let layout = Layout::of(&self.grid);
+                exact.draw(n, offset).into_iter().map(|state| layout.hypothesis(state)).collect()
+            }
+            Engine::Particle { particle, .. } => {
+                let drawn = systematic(&masses(particle, self.n_states()), n, offset);
+                drawn.into_iter().map(|state| Hypothesis { part: state / n_cells, cell: state % n_cells }).collect()
+            }
+        };
+        drawn.sort_unstable();
+        drawn
     }
 }
 
 impl Engine {
-    fn masses(&self, n_states: usize) -> Cow<'_, [f64]> {
+    /// The probability of each part, `[n_parts]`.
+    fn of_parts(&self, n_parts: usize, grid: &PoseGrid) -> Vec<f64> {
+        let mut of_parts = vec![0.0; n_parts];
         match self {
-            Self::Exact(exact) => Cow::Borrowed(exact.posterior()),
+            Self::Exact(exact) => {
+                let n_angles = Layout::of(grid).n_angles;
+                exact.shares().enumerate().for_each(|(block, share)| of_parts[block / n_angles] += share);
+            }
             Self::Particle { particle, .. } => {
-                let mut masses = vec![0.0; n_states];
-                particle.weighted().for_each(|(state, weight)| masses[state] += weight);
-                Cow::Owned(masses)
+                particle.weighted().for_each(|(state, weight)| of_parts[state / grid.len()] += weight);
             }
         }
-    }
-
-    /// The probability of each part, `[n_parts]`.
-    fn of_parts(&self, n_parts: usize, n_cells: usize) -> Vec<f64> {
-        self.masses(n_parts * n_cells).chunks_exact(n_cells).map(simd::sum).collect()
+        of_parts
     }
 }
 
-fn hypothesis(state: usize, n_cells: usize) -> Hypothesis {
-    Hypothesis { part: state / n_cells, cell: state % n_cells }
+/// Takes in the last of some touches.
+fn weigh(exact: &mut Exact, grids: [&PoseGrid; 2], touches: &[Evidence], joint: f64) -> f64 {
+    let mut blocks = Blocks::of(grids, touches);
+    let highest = blocks.highest();
+    exact.update(joint, &highest, &mut |block, touch, sums| blocks.add(block, touch, sums))
+}
+
+/// The probability of each state by its particles, `[n_states]`.
+fn masses(particle: &Particle, n_states: usize) -> Vec<f64> {
+    let mut masses = vec![0.0; n_states];
+    particle.weighted().for_each(|(state, weight)| masses[state] += weight);
+    masses
 }
 
 fn log_score(log_likelihoods: &[Vec<f64>], state: usize) -> f64 {
@@ -398,6 +463,13 @@ mod tests {
         assert!((belief.share_near(0, &turned, 1.0, &half_turn) - 0.5).abs() < 0.01);
     }
 
+    /// The probability of each state, in order.
+    fn masses_of(belief: &Belief) -> Vec<f64> {
+        let mut masses = vec![0.0; belief.n_states()];
+        belief.states().iter().for_each(|(state, mass)| masses[state.part * belief.grid().len() + state.cell] = *mass);
+        masses
+    }
+
     /// log p(touch | state) of a touch, judged again.
     fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
         let Evidence { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
@@ -415,6 +487,16 @@ mod tests {
     fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
         let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
         let mut belief = Belief::new(bank, engine, 1, 3, likelihood(&touches[0].1));
+        for (moved, touch) in &touches[1..] {
+            belief.update(moved, likelihood(touch));
+        }
+        belief
+    }
+
+    /// The same with all states.
+    fn run_all(bank: &Bank, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
+        let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
+        let mut belief = Belief::of_all_states(bank, 1, likelihood(&touches[0].1));
         for (moved, touch) in &touches[1..] {
             belief.update(moved, likelihood(touch));
         }
@@ -500,11 +582,30 @@ mod tests {
             let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
             let touches = touches(n_touches, seed);
             let config = LikelihoodConfig { shared_error: 0.1, ..independent() };
-            let belief = run(&bank, EngineConfig::Exact, &touches, &config);
+            let belief = run_all(&bank, &touches, &config);
             let expected = brute_force(&rows, 3, &touches, &config);
-            for (got, expected) in belief.masses().iter().zip(&expected) {
+            for (got, expected) in masses_of(&belief).iter().zip(&expected) {
                 // Cosines are f32 (error 1e-7), divided by tau 0.1, over at most 5 touches.
                 prop_assert!((got - expected).abs() <= 1e-5 * expected + 1e-12, "{got} {expected}");
+            }
+        }
+
+        /// Of touches at random, which contradict each other, after each of them.
+        #[test]
+        fn what_is_left_out_moves_the_posterior_no_more_than_it_says(seed in 0..1000_u64, cubic in any::<bool>()) {
+            let rows = unit_rows(3 * N_CELLS, seed);
+            let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
+            let interpolation =
+                if cubic { crate::interpolation::Interpolation::Cubic } else { crate::interpolation::Interpolation::Nearest };
+            let config = LikelihoodConfig { interpolation, ..LikelihoodConfig::default() };
+            let touches = touches(10, seed);
+            for n_touches in 1..=10 {
+                let belief = run(&bank, EngineConfig::Exact, &touches[..n_touches], &config);
+                let all = run_all(&bank, &touches[..n_touches], &config);
+                let (belief_masses, all_masses) = (masses_of(&belief), masses_of(&all));
+                let apart = belief_masses.iter().zip(&all_masses).map(|(a, b)| (a - b).abs()).sum::<f64>() / 2.0;
+                prop_assert!(apart <= belief.left_out() + 1e-12 && belief.left_out() <= ALLOWED_ERROR, "{apart}");
+                prop_assert_eq!(all.left_out(), 0.0);
             }
         }
 
@@ -590,9 +691,9 @@ mod tests {
         let bank = bank(&[&rows[..27], &rows[27..]]);
         let mut touches = touches(2, 6);
         touches[1] = (Se2::IDENTITY, touches[0].1.clone());
-        let once = run(&bank, EngineConfig::Exact, &touches[..1], &LikelihoodConfig::default());
-        let twice = run(&bank, EngineConfig::Exact, &touches, &LikelihoodConfig::default());
-        assert!(once.masses().iter().zip(twice.masses().iter()).all(|(a, b)| (a - b).abs() < 1e-12));
+        let once = run_all(&bank, &touches[..1], &LikelihoodConfig::default());
+        let twice = run_all(&bank, &touches, &LikelihoodConfig::default());
+        assert!(masses_of(&once).iter().zip(masses_of(&twice).iter()).all(|(a, b)| (a - b).abs() < 1e-12));
         let counted_twice = run(&bank, EngineConfig::Exact, &touches, &independent());
         assert!(counted_twice.entropy_nats() < once.entropy_nats() - 0.1);
     }
@@ -621,11 +722,8 @@ mod tests {
         let mut touches = touches(2, 4);
         touches[1].0 = Se2::from_degrees(100.0, 0.0, 0.0);
         let config = LikelihoodConfig::default();
-        let (before, after) = (
-            run(&bank, EngineConfig::Exact, &touches[..1], &config),
-            run(&bank, EngineConfig::Exact, &touches, &config),
-        );
-        for (a, b) in before.masses().iter().zip(after.masses().iter()) {
+        let (before, after) = (run_all(&bank, &touches[..1], &config), run_all(&bank, &touches, &config));
+        for (a, b) in masses_of(&before).iter().zip(masses_of(&after).iter()) {
             assert!((a - b).abs() < 1e-12);
         }
     }

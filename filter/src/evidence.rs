@@ -4,6 +4,7 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 
+use crate::blocks::Blocks;
 use crate::interpolation::{LatticeWeights, ViewWeights, in_planes};
 use crate::likelihood::TouchLikelihood;
 use crate::nearest::{Nearest, nearest_view, trusted};
@@ -21,6 +22,15 @@ pub struct Evidence {
     tolerance: f64,
 }
 
+/// How the states of one angle see a touch, the same for every part.
+#[derive(Debug)]
+pub(crate) enum AngleViews {
+    /// The nearest recorded view of each, `[n_places]`; `None` where it is unknown.
+    Nearest(Vec<Option<Nearest>>),
+    /// The recorded views around each.
+    Between(LatticeWeights),
+}
+
 impl Evidence {
     /// Judges a touch, with the share of its evidence that counts, from every state: each part at each pose of `states`,
     /// with the views of a bank whose grid is `grid`. `take` is given log p(touch | state) of one part after the other,
@@ -32,65 +42,110 @@ impl Evidence {
         likelihood: TouchLikelihood,
         take: &mut dyn FnMut(&[f64]),
     ) -> Self {
-        let config = likelihood.config();
-        let (cubic, tolerance) = (config.interpolation.is_cubic(grid), config.nearest_tolerance);
-        let evidence = Self { first_from_sensor, likelihood, weight, cubic, tolerance };
-        if cubic {
-            evidence.judge_between(grid, states, take);
-        } else {
-            evidence.judge_nearest(grid, states, take);
-        }
-        evidence
-    }
-
-    /// Does what [`Self::new`] says by the nearest recorded views.
-    fn judge_nearest(&self, grid: &PoseGrid, states: &PoseGrid, take: &mut dyn FnMut(&[f64])) {
-        let cells = NearestCell::on(grid);
-        let nearest = |cell| trusted(grid, &cells, &(states.pose(cell) * self.first_from_sensor), self.tolerance);
-        let nearest: Vec<Option<Nearest>> = (0..states.len()).map(nearest).collect();
-        for start in (0..self.likelihood.similarities.len()).step_by(grid.len()) {
-            let log_of = |nearest: &Option<Nearest>| match nearest {
-                Some(Nearest { cell, trust }) => self.log_trusted(self.likelihood.log_row(start + cell), *trust),
-                None => self.likelihood.log_unknown,
-            };
-            take(&nearest.iter().map(log_of).collect::<Vec<_>>());
-        }
-    }
-
-    /// Does what [`Self::new`] says between the recorded views.
-    fn judge_between(&self, grid: &PoseGrid, states: &PoseGrid, take: &mut dyn FnMut(&[f64])) {
-        let (n_views, n_angles) = (grid.len(), states.n_theta());
-        // Which views are known is the same for every part.
-        let lattices =
-            (0..n_angles).map(|angle| (angle, LatticeWeights::of_states(grid, states, angle, &self.first_from_sensor)));
-        let lattices: Vec<(usize, LatticeWeights)> = lattices.filter(|(_, lattice)| lattice.has_known()).collect();
-        let n_places = states.len() / n_angles;
-        // Angle slowest, as they are found.
-        let mut log_lattices = vec![self.likelihood.log_unknown; states.len()];
-        let mut log_part = log_lattices.clone();
-        for (part, similarities) in self.likelihood.similarities.chunks_exact(n_views).enumerate() {
-            // A blank touch is like every blank view.
-            let planes = (!self.likelihood.blank).then(|| in_planes(similarities, grid));
-            for (angle, lattice) in &lattices {
-                let log_lattice = &mut log_lattices[angle * n_places..][..n_places];
-                let matches = planes
-                    .as_ref()
-                    .map(|planes| self.likelihood.match_logs(&self.likelihood.on_lattice(lattice, part, planes)));
-                lattice.for_each_known(|place, Nearest { cell, trust }| {
-                    let row = part * n_views + cell;
-                    let log = match &matches {
-                        Some(logs) if self.likelihood.is_edged(row) => logs[place],
-                        _ => self.likelihood.log_row(row),
-                    };
-                    log_lattice[place] = self.log_trusted(log, trust);
-                });
-            }
-            for (place, logs) in log_part.chunks_exact_mut(n_angles).enumerate() {
-                let of_place = log_lattices[place..].iter().step_by(n_places);
-                logs.iter_mut().zip(of_place).for_each(|(log, found)| *log = *found);
+        let evidence = Self::of(grid, first_from_sensor, weight, likelihood);
+        let n_angles = states.n_theta();
+        let n_parts = evidence.likelihood.similarities.len() / grid.len();
+        let mut blocks = Blocks::of([grid, states], std::slice::from_ref(&evidence));
+        let mut log_part = vec![0.0; states.len()];
+        for part in 0..n_parts {
+            for angle in 0..n_angles {
+                let mut log_block = vec![0.0; states.len() / n_angles];
+                blocks.add(part * n_angles + angle, 0, &mut log_block);
+                let of_angle = log_part[angle..].iter_mut().step_by(n_angles);
+                of_angle.zip(log_block).for_each(|(log, found)| *log = found);
             }
             take(&log_part);
         }
+        drop(blocks);
+        evidence
+    }
+
+    /// A touch that no state was asked about, with the views of a bank whose grid is `grid`.
+    pub(crate) fn of(grid: &PoseGrid, first_from_sensor: Se2, weight: f64, likelihood: TouchLikelihood) -> Self {
+        let config = likelihood.config();
+        let (cubic, tolerance) = (config.interpolation.is_cubic(grid), config.nearest_tolerance);
+        Self { first_from_sensor, likelihood, weight, cubic, tolerance }
+    }
+
+    /// How the states of an angle see it.
+    pub(crate) fn views_of_angle(&self, [grid, states]: [&PoseGrid; 2], angle: usize) -> AngleViews {
+        if self.cubic {
+            return AngleViews::Between(LatticeWeights::of_states(grid, states, angle, &self.first_from_sensor));
+        }
+        let cells = NearestCell::on(grid);
+        let nearest = |cell| trusted(grid, &cells, &(states.pose(cell) * self.first_from_sensor), self.tolerance);
+        AngleViews::Nearest((angle..states.len()).step_by(states.n_theta()).map(nearest).collect())
+    }
+
+    /// log p(touch | state) is at most this for the states of a part at an angle.
+    pub(crate) fn highest(&self, part: usize, views: &AngleViews) -> f64 {
+        let unknown = self.likelihood.log_unknown;
+        let best_of_angles = self.likelihood.best_of_angles(part);
+        let most = match views {
+            AngleViews::Between(lattice) if !lattice.has_known() => return unknown,
+            AngleViews::Between(lattice) => lattice.most(best_of_angles),
+            AngleViews::Nearest(_) => best_of_angles.iter().copied().fold(-1.0, f32::max),
+        };
+        unknown + self.weight * (self.likelihood.highest(most) - unknown)
+    }
+
+    /// Adds log p(touch | state) of the states of a part at an angle, `[n_places]`. `planes`: where views are interpolated
+    /// for a touch that is not blank, its cosines with the part's views, [`in_planes`].
+    pub(crate) fn add_block(
+        &self,
+        grid: &PoseGrid,
+        part: usize,
+        seen: (&AngleViews, Option<&[f32]>),
+        sums: &mut [f64],
+    ) {
+        let unknown = self.likelihood.log_unknown;
+        let first_row = part * grid.len();
+        match seen {
+            (AngleViews::Nearest(nearest), _) => {
+                for (sum, nearest) in sums.iter_mut().zip(nearest) {
+                    *sum += nearest.map_or(unknown, |Nearest { cell, trust }| {
+                        self.log_trusted(self.likelihood.log_row(first_row + cell), trust)
+                    });
+                }
+            }
+            (AngleViews::Between(lattice), _) if !lattice.has_known() || self.weight == 0.0 => {
+                sums.iter_mut().for_each(|sum| *sum += unknown);
+            }
+            (AngleViews::Between(lattice), planes) => {
+                let logs = self.logs_between(first_row, lattice, planes.map(|planes| (part, planes)));
+                sums.iter_mut().zip(logs).for_each(|(sum, log)| *sum += log);
+            }
+        }
+    }
+
+    /// log p(touch | state) of the states of a lattice, for the part whose rows start at `first_row`.
+    fn logs_between(&self, first_row: usize, lattice: &LatticeWeights, planes: Option<(usize, &[f32])>) -> Vec<f64> {
+        let on_lattice = |(part, planes)| self.likelihood.on_lattice(lattice, part, planes);
+        let matches = planes.map(|planes| self.likelihood.match_logs(&on_lattice(planes)));
+        let log_of = |place: usize, row: usize| match &matches {
+            Some(matches) if self.likelihood.is_edged(row) => matches[place],
+            _ => self.likelihood.log_row(row),
+        };
+        let mut logs = vec![self.likelihood.log_unknown; lattice.n_places()];
+        let [xs, ys] = lattice.inside();
+        let n_ys = lattice.n_ys();
+        let above_first: Vec<usize> = ys.clone().map(|y| lattice.cell(0, y) - lattice.cell(0, ys.start)).collect();
+        for x in xs {
+            let (first_place, row) = (x * n_ys + ys.start, first_row + lattice.cell(x, ys.start));
+            let line = logs[first_place..].iter_mut().zip(&above_first).enumerate();
+            line.for_each(|(y, (log, above))| *log = self.log_trusted(log_of(first_place + y, row + above), 1.0));
+        }
+        lattice.for_each_outside(|place, Nearest { cell, trust }| {
+            logs[place] = self.log_trusted(log_of(place, first_row + cell), trust);
+        });
+        logs
+    }
+
+    /// The cosines with a part's views as [`Self::add_block`] needs them.
+    pub(crate) fn planes(&self, grid: &PoseGrid, part: usize) -> Option<Vec<f32>> {
+        // A blank touch is like every blank view.
+        let is_matched = self.cubic && !self.likelihood.blank;
+        is_matched.then(|| in_planes(&self.likelihood.similarities[part * grid.len()..][..grid.len()], grid))
     }
 
     /// Adds log p(touch | part and pose of the first touch) at every pose of a lattice, any x and y in mm and angles in
@@ -100,14 +155,20 @@ impl Evidence {
             let turned = Se2::new(0.0, 0.0, *theta) * self.first_from_sensor;
             let shifted = |places: &[f64], by: f64| places.iter().map(|mm| by + mm).collect::<Vec<_>>();
             let (xs, ys) = (shifted(xs, turned.x_mm), shifted(ys, turned.y_mm));
-            let lattice = self.cubic.then(|| LatticeWeights::at(grid, turned.theta_rad, &xs, &ys));
-            for (place, sum) in sums[k..].iter_mut().step_by(thetas.len()).enumerate() {
-                let (x, y) = (place / ys.len(), place % ys.len());
-                let seen = match &lattice {
-                    Some(lattice) => lattice.weights(x, y).map(|weights| self.seen_between(grid, part, &weights)),
-                    None => self.seen(grid, part, &Se2::new(xs[x], ys[y], turned.theta_rad)),
-                };
-                *sum += seen.map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen));
+            let sums = sums[k..].iter_mut().step_by(thetas.len());
+            let unknown = self.likelihood.log_unknown;
+            if self.cubic {
+                let lattice = LatticeWeights::at(grid, turned.theta_rad, &xs, &ys);
+                for (sum, seen) in sums.zip(self.likelihood.on_few(&lattice, part, grid.len())) {
+                    *sum += seen.map_or(unknown, |(Nearest { cell, trust }, similarity)| {
+                        self.log_seen(Seen { row: part * grid.len() + cell, similarity, trust })
+                    });
+                }
+            } else {
+                for (place, sum) in sums.enumerate() {
+                    let pose = Se2::new(xs[place / ys.len()], ys[place % ys.len()], turned.theta_rad);
+                    *sum += self.seen(grid, part, &pose).map_or(unknown, |seen| self.log_seen(seen));
+                }
             }
         }
     }
@@ -137,17 +198,13 @@ impl Evidence {
     /// The view of a part from the sensor's pose; `None` where it is unknown.
     fn seen(&self, grid: &PoseGrid, part: usize, part_from_sensor: &Se2) -> Option<Seen> {
         if self.cubic {
-            return Some(self.seen_between(grid, part, &ViewWeights::new(grid, part_from_sensor)?));
+            let (weights, start) = (ViewWeights::new(grid, part_from_sensor)?, part * grid.len());
+            let similarity = self.likelihood.between(&weights, start, grid.len());
+            return Some(Seen { row: start + weights.cell, similarity, trust: weights.trust });
         }
         let Nearest { cell, trust } = nearest_view(grid, part_from_sensor, self.tolerance)?;
         let row = part * grid.len() + cell;
         Some(Seen { row, similarity: self.likelihood.similarities[row], trust })
-    }
-
-    fn seen_between(&self, grid: &PoseGrid, part: usize, weights: &ViewWeights) -> Seen {
-        let start = part * grid.len();
-        let similarity = self.likelihood.between(weights, start, grid.len());
-        Seen { row: start + weights.cell, similarity, trust: weights.trust }
     }
 
     fn log_seen(&self, Seen { row, similarity, trust }: Seen) -> f64 {

@@ -1,5 +1,7 @@
 //! What the bank knows of a pose that it did not record: similarities interpolated between the views around it.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
@@ -34,15 +36,29 @@ impl Interpolation {
     }
 }
 
+/// The one index that counts, where a place is a recorded one.
+#[inline(always)]
+fn recorded(at: &Around) -> Option<usize> {
+    let is_only = |k: &usize| at.weights.iter().enumerate().all(|(j, w)| *w == if j == *k { 1.0 } else { 0.0 });
+    (0..4).find(is_only).map(|k| at.indices[k])
+}
+
 /// [`Around::value`] of each value of a line at each index.
 #[inline(always)]
 fn values_of<'a>(at: &Around, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-    simd::blend(&at.weights, at.indices.map(line), out);
+    match recorded(at) {
+        Some(index) => out.copy_from_slice(&line(index)[..out.len()]),
+        None => simd::blend(&at.weights, at.indices.map(line), out),
+    }
 }
 
 /// [`Around::square`] for each value of a line of cosines.
 #[inline(always)]
 fn squares_of<'a>(at: &Around, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]) {
+    if recorded(at).is_some() {
+        out.fill(1.0);
+        return;
+    }
     let (constant, weights) = at.square_weights();
     simd::blend_six(constant, &weights, at.pairs().map(|(index, k)| line(index, k)), out);
 }
@@ -57,6 +73,11 @@ fn directed(cosine: f32, square: f32) -> f32 {
     let square = if square > SHORTEST * SHORTEST { square } else { SHORTEST * SHORTEST };
     (cosine / square.sqrt()).clamp(-1.0, 1.0)
 }
+
+/// A state's view between recorded ones counts as at most so much more like a touch than the best of all views of its part
+/// at the angles around it: no state need be looked at to know that it matches no better. With 0.1 the true view is more
+/// than that above the recorded ones now and then, with 0.2 the posterior of letters stays as it is (`NOTES.md`).
+const ABOVE_BEST: f32 = 0.2;
 
 /// How far outside the recorded area a view still resembles the one at its border, in steps: the trust is
 /// `exp(-(d / FADE)^2 / 2)`. Were it unknown at once, a touch just outside would speak for states that
@@ -102,12 +123,17 @@ impl ViewWeights {
     /// their interpolated embedding, whose length is about the product of its lengths along each axis, through the
     /// nearest recorded pose.
     pub fn cosine(&self, cosines: &[f32], neighbours: &Neighbours) -> f32 {
+        self.directed(self.value(cosines), neighbours)
+    }
+
+    /// [`Self::cosine`] by the [`Self::value`] of the cosines.
+    pub(crate) fn directed(&self, value: f32, neighbours: &Neighbours) -> f32 {
         let n = self.strides[0] / self.strides[1];
         let [x, y, theta] = &self.axes;
         let along_x = x.square(|x, k| neighbours.plane(0, k, theta.nearest)[x * n + y.nearest]);
         let along_y = y.square(|y, k| neighbours.plane(1, k, theta.nearest)[y * n + x.nearest]);
         let along_theta = theta.square(|theta, k| neighbours.plane(2, k, theta)[x.nearest * n + y.nearest]);
-        directed(self.value(cosines), along_x * along_theta * along_y)
+        directed(value, along_x * along_theta * along_y)
     }
 
     /// The interpolated value of one part's `cells`, `[grid.len()]`.
@@ -150,24 +176,82 @@ impl LatticeWeights {
         ViewWeights::of([self.xs[x], self.ys[y], self.theta], self.strides)
     }
 
+    /// [`ViewWeights::value`] at all places, x slowest, of one part's `cells`, `[grid.len()]`: for few places near each
+    /// other, which share most of what is around them.
+    pub(crate) fn values_of_few(&self, cells: &[f32]) -> Vec<f32> {
+        let window = |axis: &[Around]| {
+            let indices = || axis.iter().flat_map(|at| at.indices);
+            indices().min().unwrap_or(0)..indices().max().map_or(0, |last| last + 1)
+        };
+        let ([of_x, of_y, _], n_ys) = (self.strides, self.ys.len());
+        let (around_x, around_y) = (window(&self.xs), window(&self.ys));
+        let at = |(x, y): (usize, usize)| self.theta.value(|theta| cells[x * of_x + y * of_y + theta]);
+        let all = around_x.clone().flat_map(|x| around_y.clone().map(move |y| (x, y)));
+        let of_angle: Vec<f32> = all.map(at).collect();
+        let mut of_ys = Vec::with_capacity(around_x.len() * n_ys);
+        for line in of_angle.chunks_exact(around_y.len().max(1)) {
+            of_ys.extend(self.ys.iter().map(|y| y.value(|y| line[y - around_y.start])));
+        }
+        let of_x =
+            |x: &Around| (0..n_ys).map(|y| x.value(|x| of_ys[(x - around_x.start) * n_ys + y])).collect::<Vec<_>>();
+        self.xs.iter().flat_map(of_x).collect()
+    }
+
     /// Whether the view from any state is known.
     pub fn has_known(&self) -> bool {
         let inmost = |axis: &[Around]| axis.iter().map(|at| at.outside.abs()).fold(f64::INFINITY, f64::min);
         trust([inmost(&self.xs), inmost(&self.ys), self.theta.outside]).is_some()
     }
 
-    /// Calls `take` with each state whose view is known, by its place, x slowest: the nearest cell to it and how far its
-    /// view is trusted.
-    pub fn for_each_known(&self, mut take: impl FnMut(usize, Nearest)) {
-        let (theta, [of_x, of_y, _]) = (self.theta.outside, self.strides);
-        for (index, x) in self.xs.iter().enumerate() {
-            for (place, y) in (index * self.ys.len()..).zip(&self.ys) {
-                let is_inside = x.outside == 0.0 && y.outside == 0.0 && theta == 0.0;
-                let trust = if is_inside { Some(1.0) } else { trust([x.outside, y.outside, theta]) };
-                let cell = x.nearest * of_x + y.nearest * of_y + self.theta.nearest;
-                trust.into_iter().for_each(|trust| take(place, Nearest { cell, trust }));
+    /// Places along y.
+    pub fn n_ys(&self) -> usize {
+        self.ys.len()
+    }
+
+    /// Places in all.
+    pub fn n_places(&self) -> usize {
+        self.xs.len() * self.ys.len()
+    }
+
+    /// The places along x and those along y from which views are within the recorded area: none where the angle is
+    /// outside it.
+    pub fn inside(&self) -> [Range<usize>; 2] {
+        let inside = |axis: &[Around]| {
+            let is_inside = |at: &Around| at.outside == 0.0;
+            let first = axis.iter().position(is_inside).unwrap_or(axis.len());
+            first..axis[first..].iter().position(|at| !is_inside(at)).map_or(axis.len(), |n| first + n)
+        };
+        let ranges = [inside(&self.xs), inside(&self.ys)];
+        if self.theta.outside == 0.0 && ranges.iter().all(|range| !range.is_empty()) { ranges } else { [0..0, 0..0] }
+    }
+
+    /// Calls `take` with each state whose view is known though outside the recorded area, by its place, x slowest: the
+    /// nearest cell to it and how far its view is trusted.
+    pub fn for_each_outside(&self, mut take: impl FnMut(usize, Nearest)) {
+        let [inside_x, inside_y] = self.inside();
+        for (x, at_x) in self.xs.iter().enumerate() {
+            let skipped = if inside_x.contains(&x) { inside_y.clone() } else { 0..0 };
+            for y in (0..skipped.start).chain(skipped.end..self.ys.len()) {
+                if let Some(trust) = trust([at_x.outside, self.ys[y].outside, self.theta.outside]) {
+                    take(x * self.ys.len() + y, Nearest { cell: self.cell(x, y), trust });
+                }
             }
         }
+    }
+
+    /// The nearest cell to the state at one of the xs and one of the ys.
+    #[inline]
+    pub fn cell(&self, x: usize, y: usize) -> usize {
+        let [of_x, of_y, _] = self.strides;
+        self.xs[x].nearest * of_x + self.ys[y].nearest * of_y + self.theta.nearest
+    }
+
+    /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views at
+    /// each angle, `[n_theta]`.
+    pub fn most(&self, best_of_angles: &[f32]) -> f32 {
+        let counts = self.theta.indices.iter().zip(self.theta.weights).filter(|(_, weight)| *weight != 0.0);
+        let best = counts.map(|(index, _)| best_of_angles[*index]).fold(-1.0, f32::max);
+        (best + ABOVE_BEST).min(1.0)
     }
 
     /// [`ViewWeights::cosine`] at each state, x slowest, from the cosines with one part's recorded views as [`in_planes`]
@@ -342,7 +426,11 @@ mod tests {
                 let planes = in_planes(&cells, &FINE);
                 let (seen, plain) = (lattice.cosines(&planes, Some(&neighbours)), lattice.cosines(&planes, None));
                 let mut nearest = vec![None; states.n_xy() * states.n_xy()];
-                lattice.for_each_known(|place, found| nearest[place] = Some(found));
+                let [inside_x, inside_y] = lattice.inside();
+                for (x, y) in inside_x.flat_map(|x| inside_y.clone().map(move |y| (x, y))) {
+                    nearest[x * lattice.n_ys() + y] = Some(Nearest { cell: lattice.cell(x, y), trust: 1.0 });
+                }
+                lattice.for_each_outside(|place, found| nearest[place] = Some(found));
                 for (place, nearest) in nearest.into_iter().enumerate() {
                     let weights = ViewWeights::new(&FINE, &(states.pose(place * states.n_theta() + angle) * moved));
                     prop_assert_eq!(nearest.is_some(), weights.is_some());

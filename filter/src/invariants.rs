@@ -6,8 +6,8 @@ use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::rows::Rows;
 
-use crate::belief::{Belief, EngineConfig};
-use crate::exact::{Exact, TouchWeights};
+use crate::belief::Belief;
+use crate::exact::Exact;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 use crate::observation::Observation;
 use crate::particle::{Particle, ParticleConfig};
@@ -20,7 +20,7 @@ fn posterior(rows: &[[f32; 3]], shares: &[f32], touches: &[[f32; 3]], config: &L
     let names = (0..rows.len()).map(|part| part.to_string()).collect();
     let bank = Bank::from_rows(names, POINT, Rows::new(3, rows.concat()).unwrap(), shares.to_vec(), "").unwrap();
     let seen = |query: &[f32; 3]| TouchLikelihood::new(&Observation::new(query.to_vec(), 0.2), &bank, config).unwrap();
-    let mut belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, seen(&touches[0]));
+    let mut belief = Belief::of_all_states(&bank, 1, seen(&touches[0]));
     for touch in &touches[1..] {
         belief.update(&Se2::IDENTITY, seen(touch));
     }
@@ -82,7 +82,7 @@ proptest! {
             .iter()
             .map(|table| table.iter().map(|row| row.map(|value| value / row.iter().sum::<f64>())).collect())
             .collect();
-        let mut sequences = vec![(Exact::uniform(4), 1.0)];
+        let mut sequences = vec![(Exact::uniform(1, 4, 0.0), 1.0)];
         let mut before = 0.25_f64.ln();
         for table in &tables {
             sequences = sequences
@@ -90,13 +90,14 @@ proptest! {
                 .flat_map(|(exact, probability)| {
                     (0..3).map(move |symbol| {
                         let mut exact = exact.clone();
-                        exact.weigh(&[0, 1, 2, 3].map(|state| table[state][symbol].ln()), TouchWeights::FULL);
-                        exact.update(TouchWeights::FULL);
+                        exact.update(1.0, &[0.0], &mut |_, _, sums| {
+                            sums.iter_mut().zip(table).for_each(|(sum, state)| *sum += state[symbol].ln());
+                        });
                         (exact, probability * table[truth][symbol])
                     })
                 })
                 .collect();
-            let after: f64 = sequences.iter().map(|(exact, probability)| probability * exact.log_posterior()[truth]).sum();
+            let after: f64 = sequences.iter().map(|(exact, probability)| probability * exact.probabilities(0).unwrap()[truth].ln()).sum();
             prop_assert!(after >= before - 1e-12, "{after} {before}");
             before = after;
         }

@@ -26,6 +26,7 @@ use tactile_infer::views::Views;
 use crate::error::{Error, Result};
 use crate::interpolation::{Interpolation, LatticeWeights, ViewWeights};
 use crate::match_model::MatchModel;
+use crate::nearest::Nearest;
 use crate::observation::Observation;
 use crate::overlap::Overlap;
 use crate::simd;
@@ -245,6 +246,9 @@ enum Shows {
 pub struct TouchLikelihood {
     /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
     pub similarities: Vec<f32>,
+    /// The largest of them with each part's views at each angle, `[n_parts, n_theta]`.
+    best_of_angles: Vec<f32>,
+    n_angles: usize,
     /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view,
     /// either as likely as the other.
     pub log_unknown: f64,
@@ -300,9 +304,13 @@ impl TouchLikelihood {
             None => (1.0 - UNKNOWN_IS_BLANK).ln(),
         };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());
+        let n_angles = bank.grid().n_theta();
+        let best_of_angles = best_of_angles(&similarities, bank.grid().len(), n_angles);
         let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
         Ok(Self {
             similarities,
+            best_of_angles,
+            n_angles,
             log_unknown,
             best_similarity,
             reference,
@@ -385,10 +393,43 @@ impl TouchLikelihood {
         }
     }
 
-    /// The cosines at the states of a lattice, as [`Self::between`] would find each; `planes` are the cosines with the
+    /// [`Self::between`] at each place of a lattice of few places, x slowest, with the nearest view; `None` where the view
+    /// is unknown.
+    pub(crate) fn on_few(&self, lattice: &LatticeWeights, part: usize, n_cells: usize) -> Vec<Option<(Nearest, f32)>> {
+        let values = lattice.values_of_few(&self.similarities[part * n_cells..(part + 1) * n_cells]);
+        let at = |(place, value): (usize, f32)| {
+            let weights = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys())?;
+            let directed = |neighbours: &Arc<[Neighbours]>| weights.directed(value, &neighbours[part]);
+            let cosine = self.neighbours.as_ref().map_or(value, directed);
+            Some((Nearest { cell: weights.cell, trust: weights.trust }, cosine))
+        };
+        values.into_iter().enumerate().map(at).collect()
+    }
+
+    /// The cosines at the states of a lattice, as [`Self::between`] would find each but for those far above any recorded
+    /// view ([`LatticeWeights::most`]); `planes` are the cosines with the
     /// part's views, [`in_planes`](crate::interpolation::in_planes).
     pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> Vec<f32> {
-        lattice.cosines(planes, self.neighbours.as_ref().map(|neighbours| &neighbours[part]))
+        let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[part]);
+        let (mut cosines, most) = (lattice.cosines(planes, neighbours), lattice.most(self.best_of_angles(part)));
+        cosines.iter_mut().for_each(|cosine| *cosine = cosine.min(most));
+        cosines
+    }
+
+    /// The largest cosine with a part's recorded views at each angle, `[n_theta]`.
+    pub(crate) fn best_of_angles(&self, part: usize) -> &[f32] {
+        &self.best_of_angles[part * self.n_angles..(part + 1) * self.n_angles]
+    }
+
+    /// The log-likelihood at no view is above this, where none has a larger cosine.
+    pub(crate) fn highest(&self, most: f32) -> f64 {
+        if self.blank {
+            return self.log_unknown.max(self.log_agrees).max(self.log_disagrees);
+        }
+        // Those of many states are found in f32, to so many nats.
+        const ROUNDING: f64 = 1e-5;
+        let matched = self.log_agrees + self.model.log(f64::from(most - self.reference)) + ROUNDING;
+        self.log_unknown.max(self.log_disagrees).max(matched)
     }
 
     /// The settings it was made with.
@@ -405,6 +446,18 @@ impl TouchLikelihood {
     pub fn is_recorded(&self, row: usize) -> bool {
         self.shows[row] != Shows::Unknown
     }
+}
+
+/// The largest of the cosines with each part's views at each angle, `[n_parts, n_theta]`; `[n_parts, n_x, n_y, n_theta]`.
+fn best_of_angles(similarities: &[f32], n_views: usize, n_angles: usize) -> Vec<f32> {
+    let of_part = |views: &[f32]| {
+        let mut best = vec![-1.0_f32; n_angles];
+        for line in views.chunks_exact(n_angles) {
+            best.iter_mut().zip(line).for_each(|(best, cosine)| *best = if *cosine > *best { *cosine } else { *best });
+        }
+        best
+    };
+    similarities.chunks_exact(n_views).flat_map(of_part).collect()
 }
 
 fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {

@@ -15,9 +15,9 @@ pub fn sum_of_positive(values: &[f64]) -> f64 {
     sum_of(values, values, |value, _| if value > 0.0 && value < f64::INFINITY { value } else { 0.0 })
 }
 
-/// Shannon entropy of masses, nats, from their logs; one of no mass says nothing.
-pub fn entropy(masses: &[f64], logs: &[f64]) -> f64 {
-    sum_of(masses, logs, |mass, log| if mass > 0.0 { -mass * log } else { 0.0 })
+/// The sum of how far each value is below the largest, weighted by powers.
+pub fn below(powers: &[f64], values: &[f64], largest: f64) -> f64 {
+    sum_of(powers, values, |power, value| if power > 0.0 { power * (largest - value) } else { 0.0 })
 }
 
 #[inline(always)]
@@ -52,6 +52,18 @@ pub fn lower(logs: &mut [f64], by: f64, exps: &mut Vec<f64>) {
         *log = lowered;
         *power = exp(lowered);
     }
+}
+
+/// `e^(joint (value - largest))` of each value, `largest` being the largest.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn powers(values: &[f64], largest: f64, joint: f64) -> Vec<f64> {
+    values.iter().map(|value| exp(joint * (*value - largest))).collect()
+}
+
+/// The sum of [`powers`].
+#[multiversion(targets("x86_64+avx2"))]
+pub fn sum_of_powers(values: &[f64], largest: f64, joint: f64) -> f64 {
+    sum_of(values, values, |value, _| exp(joint * (value - largest)))
 }
 
 /// e^x for x at most 0, to 2 units in the last place: `2^k e^r` with `r` within half a binary order of 0, by the
@@ -180,7 +192,7 @@ mod tests {
     fn the_ends_are_exact_and_what_is_no_number_is_nothing() {
         assert_eq!([exp(0.0), exp(-709.0), exp(-1e300), exp(f64::NEG_INFINITY)], [1.0, 0.0, 0.0, 0.0]);
         assert_eq!(sum_of_positive(&[f64::INFINITY, f64::NAN, -1.0, 2.0]), 2.0);
-        assert_eq!(entropy(&[0.5, 0.0, 0.5], &[-2.0, f64::NEG_INFINITY, -1.0]), 1.5);
+        assert_eq!(below(&[0.5, 0.0, 0.5], &[-2.0, -1e300, -1.0], -1.0), 0.5);
         assert_eq!(largest(&[f64::NAN, -2.0, f64::NAN]), -2.0);
         assert_eq!(largest(&[f64::NAN; 9]), f64::NEG_INFINITY);
         let (mut logs, mut exps) = (vec![3.0, f64::NAN, f64::NEG_INFINITY], vec![7.0]);

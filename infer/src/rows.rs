@@ -9,7 +9,7 @@ use multiversion::multiversion;
 
 use crate::error::{Error, Result};
 use crate::precision::Precision;
-use crate::similarity::dot;
+use crate::similarity::{dot, dots};
 
 /// The longest row: an embedding's largest length. Sums of whole numbers below stay in i32 for it.
 pub const MAX_DIM: usize = 4_096;
@@ -176,7 +176,7 @@ impl Rows {
     pub fn similarities(&self, query: &[f32], out: &mut Vec<f32>) {
         out.clear();
         match &self.values {
-            Values::F32(values) => out.extend(values.chunks_exact(self.dim).map(|row| dot(query, row))),
+            Values::F32(values) => dots(query, values, self.dim, out),
             Values::F16(values) => out.extend(values.chunks_exact(self.dim).map(|row| dot_half(query, row))),
             Values::Bf16(values) => out.extend(values.chunks_exact(self.dim).map(|row| dot_half(query, row))),
             Values::I8 { values, scales } => {

@@ -1,7 +1,21 @@
 //! Inner products of embeddings, and rows of unit length.
 
+use multiversion::multiversion;
+
 /// The inner product, summed in sixteen lanes so that it vectorises; the shorter length counts.
+#[multiversion(targets("x86_64+avx2"))]
 pub fn dot(a: &[f32], b: &[f32]) -> f32 {
+    in_lanes(a, b)
+}
+
+/// The inner product of one vector with each of `rows`, `[n, dim]`, appended to `out`: to the bit as [`dot`].
+#[multiversion(targets("x86_64+avx2"))]
+pub(crate) fn dots(query: &[f32], rows: &[f32], dim: usize, out: &mut Vec<f32>) {
+    out.extend(rows.chunks_exact(dim).map(|row| in_lanes(query, row)));
+}
+
+#[inline(always)]
+fn in_lanes(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0_f32; 16];
     let (a_chunks, b_chunks) = (a.chunks_exact(16), b.chunks_exact(16));
     let rest: f32 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(x, y)| x * y).sum();

@@ -160,6 +160,7 @@ impl<'a> Judge<'a> {
             self.part_from_sensor.iter().map(|from| trusted(grid, &self.cells, &moved(from), self.tolerance)).collect();
         let near = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
         let view = |draw: &Draw| near(draw).filter(|(row, _)| bank.is_recorded(*row));
+        let (mut rows, of_draws) = Rows::of(self.draws.iter().map(view));
         let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
         for (index, truth) in self.supposed.iter().enumerate() {
             let Some((row, trust)) = view(truth) else {
@@ -173,12 +174,13 @@ impl<'a> Judge<'a> {
                 continue;
             }
             n_contacts += 1;
+            let ratios = rows.ratios(&self.pairing, row);
             let (mut sum, mut n_states) = (0.0, 0.0);
-            for draw in &self.draws {
+            for (draw, view) in self.draws.iter().zip(&of_draws) {
                 if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
                     continue; // S without s*
                 }
-                let value = draw.count * self.pairing.value(view(draw), row);
+                let value = draw.count * self.pairing.mixed(view.map(|(at, trust)| (ratios[at], trust)));
                 report(index, draw, value);
                 sum += value;
                 n_states += draw.count;
@@ -189,6 +191,40 @@ impl<'a> Judge<'a> {
             };
         }
         Weighed { total, n_supposed, n_contacts }
+    }
+}
+
+/// The distinct rows that the draws see where a candidate leads, few of them though the draws are many, compared once
+/// with each row that would be touched.
+struct Rows {
+    seen: Vec<usize>,
+    /// Rows that would be touched, each with [`Pairing::ratio`] of each row seen.
+    touched: Vec<(usize, Vec<f64>)>,
+}
+
+impl Rows {
+    /// By the row that each draw sees and how far that is trusted; with it the same with the row's index here instead.
+    fn of(views: impl Iterator<Item = Option<(usize, f64)>>) -> (Self, Vec<Option<(usize, f64)>>) {
+        let mut seen: Vec<usize> = Vec::new();
+        let mut index_of = |row: usize| {
+            seen.iter().position(|other| *other == row).unwrap_or_else(|| {
+                seen.push(row);
+                seen.len() - 1
+            })
+        };
+        let of_draws = views.map(|view| view.map(|(row, trust)| (index_of(row), trust))).collect();
+        (Self { seen, touched: Vec::new() }, of_draws)
+    }
+
+    /// [`Pairing::ratio`] of each row seen where the row `touched` would be seen.
+    fn ratios(&mut self, pairing: &Pairing, touched: usize) -> &[f64] {
+        let known = self.touched.iter().position(|(row, _)| *row == touched);
+        let at = known.unwrap_or_else(|| {
+            let ratios = self.seen.iter().map(|row| pairing.ratio(*row, touched)).collect();
+            self.touched.push((touched, ratios));
+            self.touched.len() - 1
+        });
+        &self.touched[at].1
     }
 }
 
@@ -284,17 +320,29 @@ impl<'a> Pairing<'a> {
 
     /// What a state whose recorded view (row, trust) is `view` adds, where the edged row `touched` would be seen.
     fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
-        let Some((row, trust)) = view else { return self.unknown };
+        self.mixed(view.map(|(row, trust)| (self.ratio(row, touched), trust)))
+    }
+
+    /// What a state whose view is the row `row` adds, where the edged row `touched` would be seen.
+    fn ratio(&self, row: usize, touched: usize) -> f64 {
         if self.rule == ActionRule::Paper {
             return self.similarity(row, touched);
         }
         let is_blank = |row: usize| self.likelihood.is_blank(self.bank.edge_shares()[row]);
-        let ratio = match (is_blank(row), is_blank(touched)) {
+        match (is_blank(row), is_blank(touched)) {
             (false, false) => self.agrees * self.similarity(row, touched) / self.average,
             (true, true) => self.agrees,
             _ => self.disagrees,
-        };
-        trust * ratio + (1.0 - trust) * self.unknown
+        }
+    }
+
+    /// What a state adds by the [`Self::ratio`] of its view and how far that is trusted; `None`: its view is unknown.
+    fn mixed(&self, view: Option<(f64, f64)>) -> f64 {
+        match (self.rule, view) {
+            (_, None) => self.unknown,
+            (ActionRule::Paper, Some((ratio, _))) => ratio,
+            (_, Some((ratio, trust))) => trust * ratio + (1.0 - trust) * self.unknown,
+        }
     }
 }
 

@@ -20,12 +20,14 @@ pub enum Group {
     Chain,
     /// Angles round half a turn.
     Wrap,
+    /// Touches, of which each may leave states out.
+    LeftOut,
 }
 
 impl Group {
     /// All groups, in the order of the table.
-    pub const ALL: [Self; 6] =
-        [Self::Temperature, Self::Particles, Self::Classes, Self::Similarity, Self::Chain, Self::Wrap];
+    pub const ALL: [Self; 7] =
+        [Self::Temperature, Self::Particles, Self::Classes, Self::Similarity, Self::Chain, Self::Wrap, Self::LeftOut];
 
     /// What a person calls it.
     pub fn title(self) -> &'static str {
@@ -36,6 +38,7 @@ impl Group {
             Self::Similarity => "Similarities, queries and rows",
             Self::Chain => "Chained actions",
             Self::Wrap => "Angles round half a turn",
+            Self::LeftOut => "States left out",
         }
     }
 
@@ -48,6 +51,7 @@ impl Group {
             Self::Similarity => "",
             Self::Chain => "actions",
             Self::Wrap => "degrees",
+            Self::LeftOut => "touches",
         }
     }
 }

@@ -241,7 +241,7 @@ fn by_hand(variant: &str, expected: &str, rows: &[Vec<f32>], query: Vec<f32>, co
     let bank = point_bank(rows)?;
     let config = LikelihoodConfig::default();
     let first = TouchLikelihood::new(&Observation::new(query, 0.2), &bank, &config)?;
-    let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, first);
+    let belief = Belief::of_all_states(&bank, 1, first);
     let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec() };
     let error = relative_error(&belief, &log_posterior(&POINT, bank.edge_shares(), &[touch], &config));
     let bound = rounding_bound(COSINE_ERROR, config.temperature, 1);

@@ -2,6 +2,7 @@
 
 mod case;
 mod cases;
+mod left_out;
 mod page;
 mod plot;
 mod reference;
@@ -58,6 +59,7 @@ pub fn run(seed: u64, quick: bool, progress: &mut dyn FnMut(Group)) -> Result<Ex
             Group::Similarity => cases::similarities()?,
             Group::Chain => cases::chain(seed, quick)?,
             Group::Wrap => cases::wrap(seed)?,
+            Group::LeftOut => left_out::cases(seed)?,
         });
     }
     let timings = speed::timings(seed, quick)?;
@@ -78,6 +80,7 @@ mod tests {
                 Group::Similarity => cases::similarities(),
                 Group::Chain => cases::chain(1, true),
                 Group::Wrap => cases::wrap(1),
+                Group::LeftOut => left_out::cases(1),
             };
             for case in cases.unwrap() {
                 assert!(case.group == group && case.holds, "{case:?}");

@@ -216,7 +216,7 @@ mod tests {
     use super::super::sample::Sample;
     use super::*;
     use tactile_filter::Observation;
-    use tactile_filter::belief::{Belief, EngineConfig};
+    use tactile_filter::belief::Belief;
     use tactile_filter::interpolation::Interpolation;
     use tactile_filter::likelihood::TouchLikelihood;
 
@@ -337,7 +337,11 @@ mod tests {
                         let along_theta = length(&of([&ones[0], &ones[1], w[2]]));
                         let inner: f64 = of(w).iter().zip(&query).map(|(a, b)| a * b).sum();
                         let cosine = inner / length(&query) / (along_x * along_y * along_theta).max(0.3);
-                        let above = (cosine.clamp(-1.0, 1.0) - reference) / config.temperature - log_mean;
+                        // At most 0.2 above the best of the part's recorded views at the angles that count.
+                        let counts = |row: &usize| theta.weights[row % theta.weights.len()].abs() > 1e-6;
+                        let around = (part * n_views..(part + 1) * n_views).filter(counts);
+                        let most = around.map(|row| touch.cosines[row] + 0.2).fold(-1.0, f64::max).min(1.0);
+                        let above = (cosine.clamp(-1.0, most) - reference) / config.temperature - log_mean;
                         log = config.blank_agreement.ln() + log_sum((1.0 - share).ln() + above, share.ln());
                     }
                     let mixed =
@@ -359,7 +363,7 @@ mod tests {
         let bank = sample.bank().unwrap();
         let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, config).unwrap();
         // Thirds of a step: no state is as near to one recorded pose as to the next.
-        let mut belief = Belief::new(&bank, EngineConfig::Exact, 3, 1, likelihood(&sample.touches[0].1));
+        let mut belief = Belief::of_all_states(&bank, 3, likelihood(&sample.touches[0].1));
         sample.touches[1..].iter().for_each(|(moved, touch)| {
             belief.update(moved, likelihood(touch));
         });

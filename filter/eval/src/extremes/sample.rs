@@ -103,7 +103,8 @@ impl Sample {
         Ok(Bank::from_rows(names, self.grid, Rows::new(self.dim, rows)?, shares, "")?)
     }
 
-    /// What the filter believes after all touches.
+    /// What the filter believes after all touches; by the exact engine over all states, so that the arithmetic alone is
+    /// seen.
     pub fn belief(&self, engine: EngineConfig, seed: u64, config: &LikelihoodConfig) -> Result<Belief> {
         self.belief_with(&self.bank()?, engine, seed, config)
     }
@@ -117,7 +118,11 @@ impl Sample {
         config: &LikelihoodConfig,
     ) -> Result<Belief> {
         let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config);
-        let mut belief = Belief::new(bank, engine, 1, seed, likelihood(&self.touches[0].1)?);
+        let first = likelihood(&self.touches[0].1)?;
+        let mut belief = match engine {
+            EngineConfig::Exact => Belief::of_all_states(bank, 1, first),
+            EngineConfig::Particle(_) => Belief::new(bank, engine, 1, seed, first),
+        };
         for (moved, touch) in &self.touches[1..] {
             belief.update(moved, likelihood(touch)?);
         }

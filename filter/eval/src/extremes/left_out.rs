@@ -1,0 +1,68 @@
+//! What the exact engine leaves out, against the f64 reference over all states.
+
+use tactile_data::grid::PoseGrid;
+use tactile_data::se2::Se2;
+use tactile_filter::Observation;
+use tactile_filter::belief::{ALLOWED_ERROR, Belief, EngineConfig};
+use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
+
+use super::case::{Case, Group};
+use super::sample::Sample;
+use crate::error::Result;
+
+/// Touches of a hole.
+const N_TOUCHES: usize = 10;
+
+/// Cosines in f32, divided by temperatures of 0.03 and more, ten touches long.
+const ROUNDING: f64 = 1e-3 * ALLOWED_ERROR;
+
+/// The total variation after each of ten touches; of one hole, cold and warm, and of a hole whose later touches are those
+/// of another part, which the earlier ones ruled out.
+pub fn cases(seed: u64) -> Result<Vec<Case>> {
+    let grid = PoseGrid::SMALL;
+    // Far from each other, whatever the grid.
+    let cells: Vec<usize> = (0..N_TOUCHES).map(|k| (17 + 131 * k) % grid.len()).collect();
+    let motions: Vec<Se2> = cells.windows(2).map(|pair| grid.pose(pair[0]).inverse() * grid.pose(pair[1])).collect();
+    let sample = Sample::along(6, grid, 64, grid.pose(cells[0]), &motions, seed);
+    let other = Sample { touches: contradicted(&sample, &cells), ..sample.clone() };
+    let default = LikelihoodConfig::default();
+    let warm = LikelihoodConfig { temperature: 0.12, ..default };
+    let kinds = [("one hole", &sample, default), ("one hole, warm", &sample, warm), ("two holes", &other, default)];
+    let mut cases = Vec::new();
+    for (variant, sample, config) in kinds {
+        let bank = sample.bank()?;
+        let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, &config);
+        let mut belief = Belief::new(&bank, EngineConfig::Exact, 1, seed, likelihood(&sample.touches[0].1)?);
+        for n_touches in 1..=N_TOUCHES {
+            if let Some((moved, touch)) = sample.touches[1..n_touches].last() {
+                belief.update(moved, likelihood(touch)?);
+            }
+            let first = Sample { touches: sample.touches[..n_touches].to_vec(), ..sample.clone() };
+            let apart = total_variation(&belief, &first.reference(&config));
+            let expected = "the total variation from all states is within what may be left out";
+            let case = Case::measured(Group::LeftOut, variant, expected, apart, belief.left_out() + ROUNDING);
+            cases.push(case.at(n_touches as f64));
+        }
+    }
+    Ok(cases)
+}
+
+/// The touches of a sample at these cells, of which those from the fifth on show what the second part does there.
+fn contradicted(sample: &Sample, cells: &[usize]) -> Vec<(Se2, Observation)> {
+    let of_other = |cell: usize| {
+        let row = sample.grid.len() + cell;
+        let shown = sample.rows[row * sample.dim..(row + 1) * sample.dim].to_vec();
+        Observation::new(shown, sample.edge_shares[row])
+    };
+    let touches = sample.touches.iter().zip(cells).enumerate();
+    touches.map(|(at, ((moved, felt), cell))| (*moved, if at < 4 { felt.clone() } else { of_other(*cell) })).collect()
+}
+
+/// Half the sum of the differences between the belief and what it should be, given as logs.
+fn total_variation(belief: &Belief, expected: &[f64]) -> f64 {
+    let mut apart: Vec<f64> = expected.iter().map(|log| log.exp()).collect();
+    for (state, mass) in belief.states() {
+        apart[state.part * belief.grid().len() + state.cell] -= mass;
+    }
+    apart.iter().map(|apart| apart.abs()).sum::<f64>() / 2.0
+}
