@@ -208,12 +208,12 @@ impl Bank {
             return Ok(self);
         }
         let rows = self.rows.to_precision(precision)?;
-        let Self { parts, grid, edge_shares, model_sha256, origin, missing, symmetries, matches, .. } = self;
-        let bank = Self::of_rows(parts, grid, rows, edge_shares, model_sha256)?;
-        Ok(Self { origin, missing, symmetries, matches, ..bank })
+        let neighbours = neighbours(&self.grid, &rows).into();
+        Ok(Self { rows, neighbours, ..self })
     }
 
-    /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept.
+    /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept, and the rows are
+    /// shared: no copy is made of them, and they stay in memory for as long as one of the banks does.
     ///
     /// # Errors
     /// No part at all, or one that the bank does not hold.
@@ -419,7 +419,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bank");
         for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
-            let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
+            let kept = bank(vec![0.2; 9], "mine").unwrap().with_views(Views::Both).with_precision(precision).unwrap();
+            assert_eq!((kept.rows().precision(), kept.views()), (precision, Views::Both));
             let matched =
                 Some(PartMatch { matched: Spread { mean: 0.9, sd: 0.1 }, gap: Spread { mean: 0.0, sd: 0.1 } });
             let matches = Matches { holes: vec![matched, None, matched], pegs: vec![None; 3] };
