@@ -1,6 +1,7 @@
 //! Rows of unit length in the format they are kept in, and their cosines computed from it.
 
 use std::borrow::Cow;
+use std::io::Read;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -10,6 +11,7 @@ use multiversion::multiversion;
 
 use crate::error::{Error, Result};
 use crate::precision::Precision;
+use crate::safefile::pieces::read_values;
 use crate::similarity::dot;
 
 /// The longest row: an embedding's largest length. Sums of whole numbers below stay in i32 for it.
@@ -91,10 +93,7 @@ impl Rows {
             let expected = format!("whole rows of 1..={MAX_DIM} values");
             return Err(Error::invalid("bank", expected, format!("{} values in rows of {dim}", values.len())));
         }
-        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-            return Err(Error::invalid(format!("bank row {}", at / dim), "finite values", "NaN or infinity"));
-        }
-        Ok(Self::of(dim, Values::F32(values)))
+        Self::of(dim, Values::F32(values)).checked()
     }
 
     /// Rows of whole numbers in -127..=127, each row with the scale that makes them values.
@@ -108,13 +107,48 @@ impl Rows {
             let got = whole[at].to_string();
             return Err(Error::invalid(format!("bank row {}", at / dim), "whole numbers in -127..=127", got));
         }
+        Self::of(dim, Values::I8 { values: whole.iter().map(|v| *v as i8).collect(), scales }).checked()
+    }
+
+    /// Refuses values that no rows have.
+    pub(crate) fn checked(self) -> Result<Self> {
+        let not_finite = match &*self.values {
+            Values::F32(values) => values.iter().position(|value| !value.is_finite()),
+            Values::F16(values) => values.iter().position(|value| !value.is_finite()),
+            Values::Bf16(values) => values.iter().position(|value| !value.is_finite()),
+            Values::I8 { .. } => None,
+        };
+        if let Some(at) = not_finite {
+            return Err(Error::invalid(format!("bank row {}", at / self.dim), "finite values", "NaN or infinity"));
+        }
+        let Values::I8 { values, scales } = &*self.values else { return Ok(self) };
+        if let Some(at) = values.iter().position(|value| *value == i8::MIN) {
+            return Err(Error::invalid(format!("bank row {}", at / self.dim), "whole numbers in -127..=127", "-128"));
+        }
         // The largest value is then finite too.
         let is_scale = |scale: &f32| (0.0..=f32::MAX / 127.0).contains(scale);
-        if scales.len() != whole.len() / dim || !scales.iter().all(is_scale) {
-            let expected = format!("{} finite scales of zero or more", whole.len() / dim);
+        if scales.len() * self.dim != values.len() || !scales.iter().all(is_scale) {
+            let expected = format!("{} finite scales of zero or more", values.len() / self.dim);
             return Err(Error::invalid("bank scales", expected, format!("{} scales", scales.len())));
         }
-        Ok(Self::of(dim, Values::I8 { values: whole.iter().map(|v| *v as i8).collect(), scales }))
+        Ok(self)
+    }
+
+    /// Reads the rows of a file, `[n, dim]`, which are not checked yet; `scales` are those of rows of i8.
+    pub(crate) fn read(
+        [n, dim]: [usize; 2],
+        precision: Precision,
+        scales: Vec<f32>,
+        reader: &mut impl Read,
+    ) -> std::io::Result<Self> {
+        let n_values = n * dim;
+        let values = match precision {
+            Precision::F32 => Values::F32(read_values(reader, n_values, f32::from_le_bytes)?),
+            Precision::F16 => Values::F16(read_values(reader, n_values, f16::from_le_bytes)?),
+            Precision::Bf16 => Values::Bf16(read_values(reader, n_values, bf16::from_le_bytes)?),
+            Precision::I8 => Values::I8 { values: read_values(reader, n_values, i8::from_le_bytes)?, scales },
+        };
+        Ok(Self::of(dim, values))
     }
 
     /// The same rows in another format, rounded once.
@@ -299,13 +333,25 @@ impl Rows {
         Self { dim: self.dim, values: self.values.clone(), blocks }
     }
 
-    /// What a file holds: the values, and for i8 the scales.
-    pub(crate) fn parts(&self) -> (Vec<f32>, Option<Vec<f32>>) {
-        let Values::I8 { values, scales } = &*self.values else { return (self.to_f32(), None) };
-        let stored = self.stored_ranges(0..self.len());
-        let whole = stored.iter().flat_map(|at| &values[at.start * self.dim..at.end * self.dim]);
-        let of_rows = stored.iter().flat_map(|at| &scales[at.clone()]);
-        (whole.map(|value| f32::from(*value)).collect(), Some(of_rows.copied().collect()))
+    /// Some rows as they are in a file, little endian; those of i8 without their scales.
+    pub(crate) fn bytes(&self, rows: Range<usize>) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(rows.len() * self.dim * self.precision().dtype().bitsize() / 8);
+        for Range { start, end } in self.stored_ranges(rows) {
+            let at = start * self.dim..end * self.dim;
+            match &*self.values {
+                Values::F32(values) => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
+                Values::F16(values) => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
+                Values::Bf16(values) => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
+                Values::I8 { values, .. } => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
+            }
+        }
+        bytes
+    }
+
+    /// The scales of rows of i8, `[n]`.
+    pub(crate) fn scales(&self) -> Option<Vec<f32>> {
+        let Values::I8 { scales, .. } = &*self.values else { return None };
+        Some(self.stored_ranges(0..self.len()).into_iter().flat_map(|at| scales[at].iter().copied()).collect())
     }
 }
 
