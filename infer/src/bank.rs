@@ -208,12 +208,12 @@ impl Bank {
             return Ok(self);
         }
         let rows = self.rows.to_precision(precision)?;
-        let Self { parts, grid, edge_shares, model_sha256, origin, missing, symmetries, matches, .. } = self;
-        let bank = Self::of_rows(parts, grid, rows, edge_shares, model_sha256)?;
-        Ok(Self { origin, missing, symmetries, matches, ..bank })
+        let neighbours = neighbours(&self.grid, &rows).into();
+        Ok(Self { rows, neighbours, ..self })
     }
 
-    /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept.
+    /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept, and the rows are
+    /// shared: no copy is made of them, and they stay in memory for as long as one of the banks does.
     ///
     /// # Errors
     /// No part at all, or one that the bank does not hold.
@@ -390,6 +390,7 @@ mod tests {
     use crate::device::DeviceKind;
     use crate::matches::PartMatch;
     use crate::model::Model;
+    use crate::safefile::SafeFile;
     use tactile_data::frame::Preprocessing;
     use tactile_data::touch::Side;
 
@@ -410,16 +411,23 @@ mod tests {
         assert!(bank([0.0, 1.0].into_iter().cycle().take(9).collect(), "").is_ok());
     }
 
-    #[test]
-    fn a_bank_comes_back_in_the_format_it_was_kept_in() {
+    const FORMATS: [Precision; 4] = [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8];
+
+    fn model() -> Model {
         let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 6 };
         let network = config.init(3, &DeviceKind::Flex.tensor_device());
         let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
-        let model = Model::new(checkpoint, "mine".into(), DeviceKind::Flex).unwrap();
+        Model::new(checkpoint, "mine".into(), DeviceKind::Flex).unwrap()
+    }
+
+    #[test]
+    fn a_bank_comes_back_in_the_format_it_was_kept_in() {
+        let model = model();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bank");
-        for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
-            let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
+        for precision in FORMATS {
+            let kept = bank(vec![0.2; 9], "mine").unwrap().with_views(Views::Both).with_precision(precision).unwrap();
+            assert_eq!((kept.rows().precision(), kept.views()), (precision, Views::Both));
             let matched =
                 Some(PartMatch { matched: Spread { mean: 0.9, sd: 0.1 }, gap: Spread { mean: 0.0, sd: 0.1 } });
             let matches = Matches { holes: vec![matched, None, matched], pegs: vec![None; 3] };
@@ -434,6 +442,52 @@ mod tests {
         let other = bank(vec![0.2; 9], "another").unwrap();
         other.save(&path).unwrap();
         assert!(Bank::load(&path, &model).unwrap_err().to_string().contains("made by another"));
+    }
+
+    #[test]
+    fn a_file_written_in_pieces_is_the_one_that_is_written_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, other] = ["pieces", "whole"].map(|name| folder.path().join(name));
+        for precision in FORMATS {
+            let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
+            for kept in [kept.without(1).unwrap(), kept] {
+                kept.save(&path).unwrap();
+                let (mut file, found) = SafeFile::load_as(&path, SCHEMA).unwrap();
+                file.save_as(&other, SCHEMA, found).unwrap();
+                assert_eq!((found, std::fs::read(&path).unwrap()), (precision, std::fs::read(&other).unwrap()));
+                file.text.retain(|(name, _)| name != "symmetries" && name != "part_sha256");
+                assert_eq!(kept.sha256().unwrap(), file.sha256());
+            }
+        }
+    }
+
+    #[test]
+    fn a_spoilt_part_is_named() {
+        let (model, folder) = (model(), tempfile::tempdir().unwrap());
+        let path = folder.path().join("bank");
+        for (precision, size) in FORMATS.into_iter().zip([4, 2, 2, 1]) {
+            let kept = bank(vec![0.2; 9], "mine").unwrap().with_precision(precision).unwrap();
+            kept.save(&path).unwrap();
+            let good = std::fs::read(&path).unwrap();
+            // The rows come last, three of each part.
+            let spoilt = |rows: &[usize]| {
+                let mut bytes = good.clone();
+                rows.iter().for_each(|row| bytes[good.len() - (9 - row) * 6 * size] ^= 1);
+                std::fs::write(&path, bytes).unwrap();
+                Bank::load(&path, &model).unwrap_err().to_string()
+            };
+            let [one, two, all] = [&[4][..], &[1, 8], &[0, 5, 8]].map(spoilt);
+            assert!(one.contains("bank: part B: expected checksum") && one.contains("make the bank again"), "{one}");
+            assert!(two.contains("bank: part A: ") && two.contains("views of 2 parts"), "{two}");
+            // All parts at once: what they are compared with may be what is spoilt.
+            assert!(!all.contains("part A") && all.contains("checksum"), "{all}");
+            // A file of before has no checksums of parts.
+            std::fs::write(&path, &good).unwrap();
+            let (mut file, _) = SafeFile::load_as(&path, SCHEMA).unwrap();
+            file.text.retain(|(name, _)| name != "part_sha256");
+            file.save_as(&path, SCHEMA, precision).unwrap();
+            assert_eq!(Bank::load(&path, &model).unwrap(), kept);
+        }
     }
 
     #[test]

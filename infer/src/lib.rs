@@ -69,7 +69,7 @@ pub mod similarity;
 #[cfg(feature = "sim")]
 pub mod simulated;
 mod symmetry;
-mod threads;
+pub mod threads;
 pub mod views;
 
 pub use bank::Bank;

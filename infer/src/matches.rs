@@ -64,7 +64,6 @@ pub(crate) use simulated::match_touches;
 #[cfg(feature = "sim")]
 mod simulated {
     use rand::RngExt;
-    use rayon::prelude::*;
     use tactile_data::se2::Se2;
     use tactile_data::simulator::{Simulator, frame_rng};
 
@@ -73,12 +72,16 @@ mod simulated {
     use crate::between::is_fine;
     use crate::calibration::BLANK_SHARE;
     use crate::model::Model;
+    use crate::threads;
 
     /// Touches of each side of each part.
     const N_TOUCHES: u64 = 64;
 
     /// Fewer edged ones say too little.
     const ENOUGH: usize = 16;
+
+    /// Rows compared with all touches of a part before the next ones: as many as stay in a core's cache.
+    const ROWS_AT_A_TIME: usize = 64;
 
     /// Touches each part of a bank, `parts` in the simulator, anywhere within the bank's poses, or at them where they are
     /// too far apart to be interpolated, and compares. The frames are of another session than the bank's.
@@ -100,9 +103,8 @@ mod simulated {
             let mut around = |half: f64| half * (2.0 * RngExt::random::<f64>(rng) - 1.0);
             Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
         };
-        let edged = bank.edged_rows();
-        // The touch's cosine with its own view, and how far that is below the best.
-        let compare = |(part, side, stream): (usize, Side, u64)| -> Result<Option<[f64; 2]>> {
+        // The query of an edged touch and its cosine with its own view, where that is known.
+        let touch = |part: usize, side: Side, stream: u64| -> Result<Option<(Vec<f32>, f32)>> {
             let mut rng = frame_rng(seed, stream);
             let pose = pose(&mut rng);
             let image = background.tactile_image(&simulator.touch(parts[part], side, &pose, &mut rng)?)?;
@@ -110,24 +112,46 @@ mod simulated {
                 return Ok(None);
             }
             let query = model.embed_side(&[image], side)?;
-            let mut all = Vec::new();
-            bank.similarities(&query, &mut all);
-            let best = edged.iter().map(|row| all[*row]).fold(-1.0, f32::max);
             let matched = bank.cosine_at(&query, part, &pose);
-            Ok(matched.map(|matched| [f64::from(matched), f64::from(best - matched)]))
+            Ok(matched.map(|matched| (query, matched)))
         };
-        let sides = |part: usize| [(part, Side::Hole), (part, Side::Peg)];
-        let all: Vec<(usize, Side)> = (0..parts.len()).flat_map(sides).collect();
-        all.par_iter().try_for_each(|(part, side)| simulator.prepare(parts[*part], *side))?;
-        let of_part = |part: usize, side: Side| {
-            let streams =
-                (1..=N_TOUCHES).map(|touch| touch + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg)));
-            let compared = streams.collect::<Vec<_>>().into_par_iter().map(|stream| compare((part, side, stream)));
-            let compared: Vec<[f64; 2]> = compared.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
-            let spread = |of: usize| Spread::of(&compared.iter().map(|values| values[of]).collect::<Vec<_>>());
-            Ok((compared.len() >= ENOUGH).then(|| PartMatch { matched: spread(0), gap: spread(1) }))
+        let is_edged = edged(bank);
+        let of_part = |part: usize, side: Side| -> Result<Option<PartMatch>> {
+            let first = 1 + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg));
+            let touches = (first..first + N_TOUCHES).map(|stream| touch(part, side, stream));
+            let touches: Vec<(Vec<f32>, f32)> = touches.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
+            let queries: Vec<&[f32]> = touches.iter().map(|(query, _)| &query[..]).collect();
+            let best = best_of_each(bank, &is_edged, &queries);
+            let matched: Vec<f64> = touches.iter().map(|(_, matched)| f64::from(*matched)).collect();
+            let gaps = touches.iter().zip(best).map(|((_, matched), best)| f64::from(best - matched));
+            let (matched, gap) = (Spread::of(&matched), Spread::of(&gaps.collect::<Vec<_>>()));
+            Ok((touches.len() >= ENOUGH).then_some(PartMatch { matched, gap }))
         };
-        let of_side = |side: Side| (0..parts.len()).map(|part| of_part(part, side)).collect::<Result<Vec<_>>>();
+        let of_side = |side: Side| threads::each(0..parts.len(), |part| of_part(part, side));
         Ok(Matches { holes: of_side(Side::Hole)?, pegs: of_side(Side::Peg)? })
+    }
+
+    /// Which rows were recorded and show an edge, `[n_rows]`.
+    fn edged(bank: &Bank) -> Vec<bool> {
+        let mut is_edged = vec![false; bank.n_rows()];
+        bank.edged_rows().into_iter().for_each(|row| is_edged[row] = true);
+        is_edged
+    }
+
+    /// The best cosine of each query with any edged row of a bank, -1..=1; -1 where none is edged. The rows are read once
+    /// for all queries.
+    fn best_of_each(bank: &Bank, is_edged: &[bool], queries: &[&[f32]]) -> Vec<f32> {
+        let (mut best, mut cosines) = (vec![-1.0_f32; queries.len()], Vec::new());
+        for (start, is_edged) in (0..).step_by(ROWS_AT_A_TIME).zip(is_edged.chunks(ROWS_AT_A_TIME)) {
+            if !is_edged.contains(&true) {
+                continue;
+            }
+            for (best, query) in best.iter_mut().zip(queries) {
+                bank.rows().similarities_in(start..start + is_edged.len(), query, &mut cosines);
+                let of_edged = cosines.iter().zip(is_edged).filter(|(_, is_edged)| **is_edged);
+                *best = of_edged.fold(*best, |best, (cosine, _)| best.max(*cosine));
+            }
+        }
+        best
     }
 }

@@ -1,7 +1,9 @@
 //! Rows of unit length in the format they are kept in, and their cosines computed from it.
 
 use std::borrow::Cow;
+use std::io::Read;
 use std::ops::Range;
+use std::sync::Arc;
 
 use half::slice::HalfFloatSliceExt;
 use half::{bf16, f16};
@@ -9,6 +11,7 @@ use multiversion::multiversion;
 
 use crate::error::{Error, Result};
 use crate::precision::Precision;
+use crate::safefile::pieces::read_values;
 use crate::similarity::{dot, dots};
 
 /// The longest row: an embedding's largest length. Sums of whole numbers below stay in i32 for it.
@@ -21,14 +24,25 @@ const QUERY_MAX: f32 = 4_095.0;
 /// Values of half precision widened at a time, on the stack.
 const CHUNK: usize = 128;
 
-/// A matrix `[n, dim]`.
-#[derive(Clone, Debug, PartialEq)]
+/// A matrix `[n, dim]`. Its values are shared by its clones and by the matrices of some of its rows ([`Self::ranges`]).
+#[derive(Clone, Debug)]
 pub struct Rows {
     dim: usize,
-    values: Values,
+    values: Arc<Values>,
+    /// Which of the stored rows this matrix has, one block after the other; none of them empty.
+    blocks: Vec<Block>,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+/// Rows that are stored together.
+#[derive(Clone, Debug)]
+struct Block {
+    /// The first of them in the matrix.
+    first: usize,
+    /// Where they are stored.
+    stored: Range<usize>,
+}
+
+#[derive(Debug)]
 enum Values {
     F32(Vec<f32>),
     F16(Vec<f16>),
@@ -40,7 +54,35 @@ enum Values {
     },
 }
 
+impl Values {
+    /// Number of values.
+    fn len(&self) -> usize {
+        match self {
+            Self::F32(values) => values.len(),
+            Self::F16(values) => values.len(),
+            Self::Bf16(values) => values.len(),
+            Self::I8 { values, .. } => values.len(),
+        }
+    }
+}
+
+impl PartialEq for Rows {
+    /// Whether both hold the same values in the same format, however they are stored.
+    fn eq(&self, other: &Self) -> bool {
+        let alike = (self.dim, self.len(), self.precision()) == (other.dim, other.len(), other.precision());
+        alike && (0..self.len()).all(|row| self.row(row) == other.row(row))
+    }
+}
+
 impl Rows {
+    /// All of some values.
+    fn of(dim: usize, values: Values) -> Self {
+        let n = values.len() / dim;
+        let all = Block { first: 0, stored: 0..n };
+        let blocks = if n == 0 { Vec::new() } else { vec![all] };
+        Self { dim, values: Arc::new(values), blocks }
+    }
+
     /// Rows of `dim` values each, last axis fastest, in f32.
     ///
     /// # Errors
@@ -51,10 +93,7 @@ impl Rows {
             let expected = format!("whole rows of 1..={MAX_DIM} values");
             return Err(Error::invalid("bank", expected, format!("{} values in rows of {dim}", values.len())));
         }
-        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-            return Err(Error::invalid(format!("bank row {}", at / dim), "finite values", "NaN or infinity"));
-        }
-        Ok(Self { dim, values: Values::F32(values) })
+        Self::of(dim, Values::F32(values)).checked()
     }
 
     /// Rows of whole numbers in -127..=127, each row with the scale that makes them values.
@@ -68,13 +107,48 @@ impl Rows {
             let got = whole[at].to_string();
             return Err(Error::invalid(format!("bank row {}", at / dim), "whole numbers in -127..=127", got));
         }
+        Self::of(dim, Values::I8 { values: whole.iter().map(|v| *v as i8).collect(), scales }).checked()
+    }
+
+    /// Refuses values that no rows have.
+    pub(crate) fn checked(self) -> Result<Self> {
+        let not_finite = match &*self.values {
+            Values::F32(values) => values.iter().position(|value| !value.is_finite()),
+            Values::F16(values) => values.iter().position(|value| !value.is_finite()),
+            Values::Bf16(values) => values.iter().position(|value| !value.is_finite()),
+            Values::I8 { .. } => None,
+        };
+        if let Some(at) = not_finite {
+            return Err(Error::invalid(format!("bank row {}", at / self.dim), "finite values", "NaN or infinity"));
+        }
+        let Values::I8 { values, scales } = &*self.values else { return Ok(self) };
+        if let Some(at) = values.iter().position(|value| *value == i8::MIN) {
+            return Err(Error::invalid(format!("bank row {}", at / self.dim), "whole numbers in -127..=127", "-128"));
+        }
         // The largest value is then finite too.
         let is_scale = |scale: &f32| (0.0..=f32::MAX / 127.0).contains(scale);
-        if scales.len() != whole.len() / dim || !scales.iter().all(is_scale) {
-            let expected = format!("{} finite scales of zero or more", whole.len() / dim);
+        if scales.len() * self.dim != values.len() || !scales.iter().all(is_scale) {
+            let expected = format!("{} finite scales of zero or more", values.len() / self.dim);
             return Err(Error::invalid("bank scales", expected, format!("{} scales", scales.len())));
         }
-        Ok(Self { dim, values: Values::I8 { values: whole.iter().map(|v| *v as i8).collect(), scales } })
+        Ok(self)
+    }
+
+    /// Reads the rows of a file, `[n, dim]`, which are not checked yet; `scales` are those of rows of i8.
+    pub(crate) fn read(
+        [n, dim]: [usize; 2],
+        precision: Precision,
+        scales: Vec<f32>,
+        reader: &mut impl Read,
+    ) -> std::io::Result<Self> {
+        let n_values = n * dim;
+        let values = match precision {
+            Precision::F32 => Values::F32(read_values(reader, n_values, f32::from_le_bytes)?),
+            Precision::F16 => Values::F16(read_values(reader, n_values, f16::from_le_bytes)?),
+            Precision::Bf16 => Values::Bf16(read_values(reader, n_values, bf16::from_le_bytes)?),
+            Precision::I8 => Values::I8 { values: read_values(reader, n_values, i8::from_le_bytes)?, scales },
+        };
+        Ok(Self::of(dim, values))
     }
 
     /// The same rows in another format, rounded once.
@@ -106,12 +180,12 @@ impl Rows {
                 }
             }
         };
-        Ok(Self { dim: self.dim, values })
+        Ok(Self::of(self.dim, values))
     }
 
     /// The format that the rows are kept in.
     pub fn precision(&self) -> Precision {
-        match self.values {
+        match *self.values {
             Values::F32(_) => Precision::F32,
             Values::F16(_) => Precision::F16,
             Values::Bf16(_) => Precision::Bf16,
@@ -126,31 +200,37 @@ impl Rows {
 
     /// Number of rows.
     pub fn len(&self) -> usize {
-        self.n_values() / self.dim
+        self.blocks.last().map_or(0, |last| last.first + last.stored.len())
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.n_values() == 0
+        self.blocks.is_empty()
     }
 
-    fn n_values(&self) -> usize {
-        match &self.values {
-            Values::F32(values) => values.len(),
-            Values::F16(values) => values.len(),
-            Values::Bf16(values) => values.len(),
-            Values::I8 { values, .. } => values.len(),
-        }
+    /// Where a row is stored.
+    fn stored(&self, row: usize) -> usize {
+        let block = &self.blocks[self.block_of(row)];
+        let stored = block.stored.start + (row - block.first);
+        assert!(stored < block.stored.end, "row {row} of {}", self.len());
+        stored
     }
 
-    /// Memory that the rows take, bytes.
+    /// The block that has a row, or the last for one that there is not.
+    fn block_of(&self, row: usize) -> usize {
+        self.blocks.partition_point(|block| block.first <= row).saturating_sub(1)
+    }
+
+    /// Memory that the rows take, bytes, whether it is shared or not.
     pub fn n_bytes(&self) -> usize {
         self.len() * self.precision().n_bytes_of_row(self.dim())
     }
 
     /// All values, `[n, dim]`, in f32.
     pub fn to_f32(&self) -> Vec<f32> {
-        (0..self.len()).flat_map(|row| self.row(row).into_owned()).collect()
+        let mut all = Vec::with_capacity(self.len() * self.dim);
+        (0..self.len()).for_each(|row| all.extend_from_slice(&self.row(row)));
+        all
     }
 
     /// One row, `[dim]`, in f32: borrowed where it is kept so.
@@ -158,13 +238,14 @@ impl Rows {
     /// # Panics
     /// Where `row` is not below [`Self::len`].
     pub fn row(&self, row: usize) -> Cow<'_, [f32]> {
-        let at = row * self.dim..(row + 1) * self.dim;
-        match &self.values {
+        let stored = self.stored(row);
+        let at = stored * self.dim..(stored + 1) * self.dim;
+        match &*self.values {
             Values::F32(values) => Cow::Borrowed(&values[at]),
             Values::F16(values) => Cow::Owned(values[at].to_f32_vec()),
             Values::Bf16(values) => Cow::Owned(values[at].to_f32_vec()),
             Values::I8 { values, scales } => {
-                Cow::Owned(values[at].iter().map(|value| scales[row] * f32::from(*value)).collect())
+                Cow::Owned(values[at].iter().map(|value| scales[stored] * f32::from(*value)).collect())
             }
         }
     }
@@ -174,19 +255,45 @@ impl Rows {
     /// Rows of half precision are widened to f32, exactly. For rows of i8 the query is rounded to whole numbers of
     /// 12 bits and a sign, and the products are summed as integers.
     pub fn similarities(&self, query: &[f32], out: &mut Vec<f32>) {
+        self.similarities_in(0..self.len(), query, out);
+    }
+
+    /// [`Self::similarities`] with the rows of a range alone.
+    ///
+    /// # Panics
+    /// Where the range ends above [`Self::len`].
+    pub fn similarities_in(&self, range: Range<usize>, query: &[f32], out: &mut Vec<f32>) {
         out.clear();
-        match &self.values {
-            Values::F32(values) => dots(query, values, self.dim, out),
-            Values::F16(values) => out.extend(values.chunks_exact(self.dim).map(|row| dot_half(query, row))),
-            Values::Bf16(values) => out.extend(values.chunks_exact(self.dim).map(|row| dot_half(query, row))),
-            Values::I8 { values, scales } => {
-                let scale = query.iter().fold(0.0, |max: f32, value| max.max(value.abs())) / QUERY_MAX;
-                let whole = |value: &f32| if scale > 0.0 { (value / scale).round() as i16 } else { 0 };
-                let whole: Vec<i16> = query.iter().map(whole).collect();
-                out.extend(scales.iter().map(|of_row| scale * of_row));
-                times_dots_whole(&whole, values, out);
+        let dim = self.dim;
+        let (scale, whole) = match &*self.values {
+            Values::I8 { .. } => rounded(query),
+            _ => (0.0, Vec::new()),
+        };
+        for Range { start, end } in self.stored_ranges(range) {
+            let at = start * dim..end * dim;
+            match &*self.values {
+                Values::F32(values) => dots(query, &values[at], dim, out),
+                Values::F16(values) => out.extend(values[at].chunks_exact(dim).map(|row| dot_half(query, row))),
+                Values::Bf16(values) => out.extend(values[at].chunks_exact(dim).map(|row| dot_half(query, row))),
+                Values::I8 { values, scales } => {
+                    let first = out.len();
+                    out.extend(scales[start..end].iter().map(|of_row| scale * of_row));
+                    times_dots_whole(&whole, &values[at], &mut out[first..]);
+                }
             }
         }
+    }
+
+    /// Where the rows of a range are stored, block by block.
+    fn stored_ranges(&self, range: Range<usize>) -> Vec<Range<usize>> {
+        assert!(range.end <= self.len(), "rows {range:?} of {}", self.len());
+        let blocks = self.blocks.get(self.block_of(range.start)..).unwrap_or_default();
+        let of_block = |Block { first, stored }: &Block| {
+            let at = |row: usize| stored.start + row.clamp(*first, first + stored.len()) - first;
+            at(range.start)..at(range.end)
+        };
+        let begun = blocks.iter().take_while(|block| block.first < range.end);
+        begun.map(of_block).filter(|stored| !stored.is_empty()).collect()
     }
 
     /// The inner product of two rows.
@@ -194,47 +301,65 @@ impl Rows {
     /// # Panics
     /// Where a row is not below [`Self::len`].
     pub fn cosine(&self, row_a: usize, row_b: usize) -> f32 {
+        let (a, b) = (self.stored(row_a), self.stored(row_b));
         let at = |row: usize| row * self.dim..(row + 1) * self.dim;
-        let (a, b) = (at(row_a), at(row_b));
-        match &self.values {
-            Values::F32(values) => dot(&values[a], &values[b]),
-            Values::F16(values) => dot_halves(&values[a], &values[b]),
-            Values::Bf16(values) => dot_halves(&values[a], &values[b]),
+        match &*self.values {
+            Values::F32(values) => dot(&values[at(a)], &values[at(b)]),
+            Values::F16(values) => dot_halves(&values[at(a)], &values[at(b)]),
+            Values::Bf16(values) => dot_halves(&values[at(a)], &values[at(b)]),
             Values::I8 { values, scales } => {
-                let products = values[a].iter().zip(&values[b]).map(|(x, y)| i32::from(i16::from(*x) * i16::from(*y)));
-                products.sum::<i32>() as f32 * (scales[row_a] * scales[row_b])
+                let pairs = values[at(a)].iter().zip(&values[at(b)]);
+                let products = pairs.map(|(x, y)| i32::from(i16::from(*x) * i16::from(*y)));
+                products.sum::<i32>() as f32 * (scales[a] * scales[b])
             }
         }
     }
 
-    /// The rows of some ranges, one after the other.
+    /// The rows of some ranges, one after the other. They are not copied: the values are kept for as long as any matrix of
+    /// some of them is.
     ///
     /// # Panics
     /// Where a range ends above [`Self::len`].
+    #[must_use]
     pub fn ranges(&self, ranges: &[Range<usize>]) -> Self {
-        fn of<T: Clone>(values: &[T], ranges: &[Range<usize>], n: usize) -> Vec<T> {
-            ranges.iter().flat_map(|range| values[range.start * n..range.end * n].iter().cloned()).collect()
-        }
-        let values = match &self.values {
-            Values::F32(values) => Values::F32(of(values, ranges, self.dim)),
-            Values::F16(values) => Values::F16(of(values, ranges, self.dim)),
-            Values::Bf16(values) => Values::Bf16(of(values, ranges, self.dim)),
-            Values::I8 { values, scales } => {
-                Values::I8 { values: of(values, ranges, self.dim), scales: of(scales, ranges, 1) }
+        let mut blocks: Vec<Block> = Vec::new();
+        for stored in ranges.iter().flat_map(|range| self.stored_ranges(range.clone())) {
+            let first = blocks.last().map_or(0, |last| last.first + last.stored.len());
+            match blocks.last_mut().filter(|last| last.stored.end == stored.start) {
+                Some(last) => last.stored.end = stored.end,
+                None => blocks.push(Block { first, stored }),
             }
-        };
-        Self { dim: self.dim, values }
+        }
+        Self { dim: self.dim, values: self.values.clone(), blocks }
     }
 
-    /// What a file holds: the values, and for i8 the scales.
-    pub(crate) fn parts(&self) -> (Vec<f32>, Option<Vec<f32>>) {
-        match &self.values {
-            Values::I8 { values, scales } => {
-                (values.iter().map(|value| f32::from(*value)).collect(), Some(scales.clone()))
+    /// Some rows as they are in a file, little endian; those of i8 without their scales.
+    pub(crate) fn bytes(&self, rows: Range<usize>) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(rows.len() * self.dim * self.precision().dtype().bitsize() / 8);
+        for Range { start, end } in self.stored_ranges(rows) {
+            let at = start * self.dim..end * self.dim;
+            match &*self.values {
+                Values::F32(values) => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
+                Values::F16(values) => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
+                Values::Bf16(values) => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
+                Values::I8 { values, .. } => bytes.extend(values[at].iter().flat_map(|value| value.to_le_bytes())),
             }
-            _ => (self.to_f32(), None),
         }
+        bytes
     }
+
+    /// The scales of rows of i8, `[n]`.
+    pub(crate) fn scales(&self) -> Option<Vec<f32>> {
+        let Values::I8 { scales, .. } = &*self.values else { return None };
+        Some(self.stored_ranges(0..self.len()).into_iter().flat_map(|at| scales[at].iter().copied()).collect())
+    }
+}
+
+/// A query in whole numbers of 12 bits and a sign, and what they are to be multiplied by.
+fn rounded(query: &[f32]) -> (f32, Vec<i16>) {
+    let scale = query.iter().fold(0.0, |max: f32, value| max.max(value.abs())) / QUERY_MAX;
+    let whole = |value: &f32| if scale > 0.0 { (value / scale).round() as i16 } else { 0 };
+    (scale, query.iter().map(whole).collect())
 }
 
 /// The inner product of f32 and half precision, in chunks; the shorter length counts.
@@ -353,6 +478,33 @@ mod tests {
             assert_eq!(fewer.len(), 20);
             assert_eq!(fewer.row(9), rows.row(9));
             assert_eq!(fewer.row(10), rows.row(30));
+        }
+    }
+
+    #[test]
+    fn some_rows_are_those_copied_one_by_one() {
+        let query = &unit_rows()[3 * DIM..4 * DIM];
+        for precision in ALL {
+            let rows = kept(precision);
+            let some = rows.ranges(&[4..9, 9..11, 2..3, 30..30, 20..N]).ranges(&[1..8, 9..25, 0..2]);
+            // Of 4 to 10, 2 and 20 to 39 the rows 1 to 7, 9 to 24, and 0 and 1.
+            let chosen: Vec<usize> = [5..11, 2..3, 21..37, 4..6].into_iter().flatten().collect();
+            assert_eq!(some.len(), chosen.len());
+            let copied = chosen.iter().flat_map(|row| rows.row(*row).into_owned()).collect();
+            let copied = Rows::new(DIM, copied).unwrap().to_precision(precision).unwrap();
+            let (mut of_some, mut of_copied, mut in_range) = (Vec::new(), Vec::new(), Vec::new());
+            some.similarities(query, &mut of_some);
+            copied.similarities(query, &mut of_copied);
+            some.similarities_in(3..20, query, &mut in_range);
+            assert_eq!(in_range, of_some[3..20]);
+            if precision == Precision::I8 {
+                // Rounded twice.
+                assert!(of_some.iter().zip(&of_copied).all(|(a, b)| (a - b).abs() < 1e-6));
+            } else {
+                assert_eq!((&some, of_some), (&copied, of_copied));
+            }
+            assert_eq!(some.cosine(7, 24), rows.cosine(21, 5));
+            assert_eq!(some.to_f32(), (0..25).flat_map(|row| some.row(row).into_owned()).collect::<Vec<_>>());
         }
     }
 

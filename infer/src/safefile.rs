@@ -1,11 +1,14 @@
 //! Files of named tensors: safetensors with text entries, checksummed, written whole or not at all.
 
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use sha2::{Digest, Sha256};
+
+pub(crate) mod pieces;
 
 use crate::error::{Error, Result};
 use crate::precision::Precision;
@@ -49,26 +52,16 @@ impl SafeFile {
     pub fn sha256(&self) -> String {
         let mut tensors: Vec<&NamedTensor> = self.tensors.iter().collect();
         tensors.sort_by(|a, b| a.name.cmp(&b.name));
-        let mut text: Vec<_> = self.text.iter().collect();
-        text.sort();
-        let mut hash = Sha256::new();
-        for (key, value) in text {
-            hash.update(format!("{key}\0{value}\0"));
-        }
+        let mut content = ContentHash::of_text(&self.text);
         for tensor in tensors {
-            hash.update(format!("{}\0{:?}\0", tensor.name, tensor.shape));
-            let mut bytes = [0; 4_096];
-            for values in tensor.values.chunks(bytes.len() / 4) {
-                let places = bytes.as_chunks_mut::<4>().0.iter_mut();
-                places.zip(values).for_each(|(place, value)| *place = value.to_le_bytes());
-                hash.update(&bytes[..4 * values.len()]);
-            }
+            content.begin(&tensor.name, &tensor.shape);
+            content.values(&tensor.values);
         }
         for (name, bytes) in &self.blobs {
-            hash.update(format!("{name}\0{}\0", bytes.len()));
-            hash.update(bytes);
+            content.0.update(format!("{name}\0{}\0", bytes.len()));
+            content.0.update(bytes);
         }
-        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+        content.finish()
     }
 
     /// Writes a temporary file and renames it, so that a crash or a full disk leaves
@@ -163,6 +156,48 @@ impl SafeFile {
     }
 }
 
+/// SHA-256 of what a file holds: its text, then its tensors in the order of their names, each begun and followed by its
+/// values.
+pub(crate) struct ContentHash(Sha256);
+
+impl ContentHash {
+    /// Of text entries, in any order.
+    pub(crate) fn of_text(text: &[(String, String)]) -> Self {
+        let mut text: Vec<_> = text.iter().collect();
+        text.sort();
+        let mut hash = Sha256::new();
+        for (key, value) in text {
+            hash.update(format!("{key}\0{value}\0"));
+        }
+        Self(hash)
+    }
+
+    /// The next tensor.
+    pub(crate) fn begin(&mut self, name: &str, shape: &[usize]) {
+        self.0.update(format!("{name}\0{shape:?}\0"));
+    }
+
+    /// The next values of the tensor.
+    pub(crate) fn values(&mut self, values: &[f32]) {
+        let mut bytes = [0; 4_096];
+        for values in values.chunks(bytes.len() / 4) {
+            let places = bytes.as_chunks_mut::<4>().0.iter_mut();
+            places.zip(values).for_each(|(place, value)| *place = value.to_le_bytes());
+            self.0.update(&bytes[..4 * values.len()]);
+        }
+    }
+
+    /// 64 hex digits.
+    pub(crate) fn finish(self) -> String {
+        hex(&self.0.finalize())
+    }
+}
+
+/// Bytes as hex digits.
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// The same file with its header's entries in alphabetical order: the library writes its metadata in the order of a hash
 /// map, another at each run. `None` for what is no such file.
 fn with_ordered_header(content: &[u8]) -> Option<Vec<u8>> {
@@ -176,15 +211,21 @@ fn with_ordered_header(content: &[u8]) -> Option<Vec<u8>> {
 
 /// Writes a temporary file and renames it: the file appears whole or not at all.
 pub fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
+    write_in_pieces(path, &|file| file.write_all(content))
+}
+
+/// [`write_whole`] of what `write` writes.
+pub(crate) fn write_in_pieces(path: &Path, write: &dyn Fn(&mut BufWriter<File>) -> std::io::Result<()>) -> Result<()> {
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");
     let partial = Path::new(&partial);
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     }
-    let written = std::fs::File::create(partial).and_then(|mut file| {
-        file.write_all(content)?;
-        file.sync_all()
+    let written = File::create(partial).and_then(|file| {
+        let mut file = BufWriter::new(file);
+        write(&mut file)?;
+        file.into_inner()?.sync_all()
     });
     if let Err(error) = written {
         // The half-written file is of no use; the error that matters is the first one.

@@ -1,4 +1,9 @@
-//! A bank without a dataset: the parts of a scene touched and embedded as they come, nothing kept on disk.
+//! A bank without a dataset: the parts of a scene touched and embedded as they come, nothing kept on disk but, where that
+//! is asked for, the parts that are done.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 use tactile_data::frame::{Background, Frame, TactileImage};
@@ -9,17 +14,24 @@ use tactile_data::touch::Side;
 
 use crate::bank::Bank;
 use crate::calibration::BLANK_SHARE;
+use crate::checkpoint::to_json;
 use crate::error::{Error, Result};
 use crate::matches::match_touches;
 use crate::model::Model;
 use crate::rows::Rows;
+use crate::safefile::pieces::sha256_of;
+use crate::safefile::{NamedTensor, SafeFile};
+use crate::threads;
 use crate::views::{Views, to_middle};
 
 /// Touches embedded at a time.
-const CHUNK: usize = 256;
+const CHUNK: usize = 64;
 
 /// Sets the draws of the holes apart from those of the pegs.
 const HOLES: u64 = 0x686f_6c65_7300_0000;
+
+/// The version of the layout of a kept part.
+const PART_SCHEMA: &str = "tactile-filter/part-of-bank/1";
 
 /// The bank of a scene's parts at the poses of its reach. Of views of pegs it is to the bit the one that a dataset of them,
 /// generated with this seed, gives.
@@ -33,35 +45,157 @@ pub fn bank_of_scene(
     seed: u64,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Bank> {
-    let simulator = Simulator::new(scene.clone(), seed)?;
-    let Some(reach) = scene.reach else {
-        return Err(Error::invalid(&scene.name, "a reach: the poses at which each peg is touched", "none"));
-    };
-    let planned = plan(scene, &[Side::Peg], Places::EachPose, seed)?;
-    let background = model.background(&simulator.no_contact(seed))?.lit_by(&scene.sensor.known_lamps())?;
-    let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
-    for (chunk, touches) in planned.chunks(CHUNK).enumerate() {
-        progress(chunk * CHUNK, planned.len());
-        let frames = render(&simulator, seed, chunk * CHUNK, touches)?;
-        let images = see(&background, &frames)?;
-        let first_row = rows.len();
-        rows.extend(model.embed_pegs(&images)?);
-        edge_shares.extend(images.iter().map(|image| image.edge_share));
-        if views == Views::Both {
-            let of_holes: Vec<Planned> = touches.iter().map(|touch| Planned { side: Side::Hole, ..*touch }).collect();
-            let holes = see(&background, &render(&simulator, seed ^ HOLES, chunk * CHUNK, &of_holes)?)?;
-            let queries = model.embed_holes(&holes)?;
-            let keys = rows[first_row..].chunks_exact_mut(model.dim()).zip(queries.chunks_exact(model.dim()));
-            // A hole that shows no edge where its peg does tells nothing of what it looks like.
-            let edged = keys.zip(&holes).filter(|(_, hole)| hole.edge_share >= BLANK_SHARE);
-            edged.for_each(|((key, query), _)| to_middle(key, query));
+    SceneBank { model, scene, views, seed }.make(None, progress)
+}
+
+/// What a simulated bank is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct SceneBank<'a> {
+    /// Embeds the touches.
+    pub model: &'a Model,
+    /// The parts, and the poses at which each is touched.
+    pub scene: &'a Scene,
+    /// What each view is of.
+    pub views: Views,
+    /// Draws jitter and noise.
+    pub seed: u64,
+}
+
+/// The views of one part.
+struct PartViews {
+    /// `[n_cells, dim]`.
+    rows: Vec<f32>,
+    /// `[n_cells]`.
+    edge_shares: Vec<f32>,
+}
+
+impl SceneBank<'_> {
+    /// Makes the bank, as many parts at a time as the caller's pool has threads. Each part that is done is kept as a file in
+    /// the folder `kept`, where there is one: a bank begun there before goes on with what it lacks, and a file that is
+    /// damaged or was made of something else is made again. `progress` is called with the touches done and all of them.
+    ///
+    /// # Errors
+    /// As [`bank_of_scene`], and a folder that cannot be written.
+    pub fn make(&self, kept: Option<&Path>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Bank> {
+        let Self { model, scene, views, seed } = *self;
+        let simulator = Simulator::new(scene.clone(), seed)?;
+        let Some(reach) = scene.reach else {
+            return Err(Error::invalid(&scene.name, "a reach: the poses at which each peg is touched", "none"));
+        };
+        let planned = plan(scene, &[Side::Peg], Places::EachPose, seed)?;
+        let background = model.background(&simulator.no_contact(seed))?.lit_by(&scene.sensor.known_lamps())?;
+        let (n_parts, done) = (simulator.parts().len(), AtomicUsize::new(0));
+        let of_part = |part: usize| -> Result<PartViews> {
+            let n_done = |more: usize| progress(done.fetch_add(more, Ordering::Relaxed) + more, planned.len());
+            let file = kept.map(|folder| self.part_file(folder, part)).transpose()?;
+            if let Some(found) = file.as_ref().and_then(|file| file.load(reach.len(), model.dim())) {
+                n_done(reach.len());
+                return Ok(found);
+            }
+            let touches = part * reach.len()..(part + 1) * reach.len();
+            let made = self.touch_part(&simulator, &background, (&planned, touches), &n_done)?;
+            file.map_or(Ok(()), |file| file.save(&made, model.dim()))?;
+            Ok(made)
+        };
+        progress(0, planned.len());
+        let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
+        for of_part in threads::each(0..n_parts, of_part)? {
+            rows.extend_from_slice(&of_part.rows);
+            edge_shares.extend_from_slice(&of_part.edge_shares);
         }
+        let (parts, rows) = (simulator.parts().to_vec(), Rows::new(model.dim(), rows)?);
+        let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?;
+        with_geometry(model, bank.with_views(views).with_origin(scene.origin()), &simulator, seed)
     }
-    progress(planned.len(), planned.len());
-    let parts = simulator.parts().to_vec();
-    let bank = Bank::of_rows(parts, reach, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())?;
-    let bank = bank.with_views(views);
-    with_geometry(model, bank.with_origin(scene.origin()), &simulator, seed)
+
+    /// Removes what [`Self::make`] kept in a folder; anything else in it stays, and then the folder.
+    ///
+    /// # Errors
+    /// A file that cannot be removed.
+    pub fn forget(&self, kept: &Path) -> Result<()> {
+        for part in 0..self.scene.part_names().len() {
+            let path = part_path(kept, part);
+            if path.exists() {
+                std::fs::remove_file(&path).map_err(Error::io(&path))?;
+            }
+        }
+        let is_empty = std::fs::read_dir(kept).is_ok_and(|mut entries| entries.next().is_none());
+        if is_empty { std::fs::remove_dir(kept).map_err(Error::io(kept)) } else { Ok(()) }
+    }
+
+    /// Touches one part at each pose: the touches of a range of all that are planned.
+    fn touch_part(
+        &self,
+        simulator: &Simulator,
+        background: &Background,
+        (planned, range): (&[Planned], Range<usize>),
+        n_done: &dyn Fn(usize),
+    ) -> Result<PartViews> {
+        let (model, seed) = (self.model, self.seed);
+        let (mut rows, mut edge_shares) = (Vec::new(), Vec::new());
+        for first in range.clone().step_by(CHUNK) {
+            let touches = &planned[first..(first + CHUNK).min(range.end)];
+            let images = see(background, &render(simulator, seed, first, touches)?)?;
+            let first_value = rows.len();
+            rows.extend(model.embed_pegs(&images)?);
+            edge_shares.extend(images.iter().map(|image| image.edge_share));
+            if self.views == Views::Both {
+                let hole = |touch: &Planned| Planned { side: Side::Hole, ..*touch };
+                let of_holes: Vec<Planned> = touches.iter().map(hole).collect();
+                let holes = see(background, &render(simulator, seed ^ HOLES, first, &of_holes)?)?;
+                let queries = model.embed_holes(&holes)?;
+                let keys = rows[first_value..].chunks_exact_mut(model.dim()).zip(queries.chunks_exact(model.dim()));
+                // A hole that shows no edge where its peg does tells nothing of what it looks like.
+                let edged = keys.zip(&holes).filter(|(_, hole)| hole.edge_share >= BLANK_SHARE);
+                edged.for_each(|((key, query), _)| to_middle(key, query));
+            }
+            n_done(touches.len());
+        }
+        Ok(PartViews { rows, edge_shares })
+    }
+
+    /// The file that keeps a part, and what it is made of.
+    fn part_file(&self, folder: &Path, part: usize) -> Result<PartFile> {
+        let Self { model, scene, views, seed } = *self;
+        // The files of the user's own parts are in the scene by their names only: their geometry tells whether they changed.
+        let sides = [Side::Peg, Side::Hole].map(|side| scene.reliefs(part, side, seed));
+        let made_of = format!("{} {} {} {seed} {part} {sides:?}", model.sha256(), to_json(scene)?, views.name());
+        let made_of = sha256_of(&[env!("CARGO_PKG_VERSION").as_bytes(), made_of.as_bytes()]);
+        Ok(PartFile { path: part_path(folder, part), made_of })
+    }
+}
+
+fn part_path(folder: &Path, part: usize) -> PathBuf {
+    folder.join(format!("part-{part}.views"))
+}
+
+/// A part that is done, on disk.
+struct PartFile {
+    path: PathBuf,
+    made_of: String,
+}
+
+impl PartFile {
+    /// What the file keeps; `None` where there is none, or one that is damaged or of something else.
+    fn load(&self, n_cells: usize, dim: usize) -> Option<PartViews> {
+        let mut file = SafeFile::load(&self.path, PART_SCHEMA).ok()?;
+        let mut take = |name: &str, shape: &[usize]| {
+            let at = file.tensors.iter().position(|tensor| tensor.name == name && tensor.shape == shape);
+            at.map(|at| file.tensors.swap_remove(at).values)
+        };
+        let (rows, edge_shares) = (take("rows", &[n_cells, dim])?, take("edge_shares", &[n_cells])?);
+        file.text("made_of").is_ok_and(|made_of| made_of == self.made_of).then_some(PartViews { rows, edge_shares })
+    }
+
+    fn save(&self, views: &PartViews, dim: usize) -> Result<()> {
+        let n_cells = views.edge_shares.len();
+        let tensor =
+            |name: &str, shape, values: &[f32]| NamedTensor { name: name.into(), shape, values: values.into() };
+        let rows = tensor("rows", vec![n_cells, dim], &views.rows);
+        let tensors = vec![rows, tensor("edge_shares", vec![n_cells], &views.edge_shares)];
+        let text = vec![("made_of".into(), self.made_of.clone())];
+        SafeFile { tensors, blobs: Vec::new(), text }.save(&self.path, PART_SCHEMA)
+    }
 }
 
 fn see(background: &Background, frames: &[Frame]) -> Result<Vec<TactileImage>> {
@@ -129,6 +263,40 @@ mod tests {
             assert!(holes.matched.mean < pegs.matched.mean && holes.gap.mean > pegs.gap.mean, "{holes:?}");
         }
         assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
+    }
+
+    #[test]
+    fn a_bank_that_was_begun_goes_on_with_what_it_lacks() {
+        let (scene, model) = scene_and_model();
+        let job = SceneBank { model: &model, scene: &scene, views: Views::Both, seed: 5 };
+        let whole = job.make(None, &|_, _| ()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let kept = folder.path().join("kept");
+        let make = |job: &SceneBank<'_>| job.make(Some(&kept), &|_, _| ()).unwrap();
+        assert_eq!(make(&job), whole);
+        // Cut short, as no kill leaves it: made again. The other part is taken as it is, which another share of edge shows.
+        let [first, second] = [0, 1].map(|part| part_path(&kept, part));
+        let content = std::fs::read(&first).unwrap();
+        std::fs::write(&first, &content[..content.len() / 2]).unwrap();
+        let mut file = SafeFile::load(&second, PART_SCHEMA).unwrap();
+        let shares = file.tensors.iter_mut().find(|tensor| tensor.name == "edge_shares").unwrap();
+        shares.values[0] = 0.123;
+        file.save(&second, PART_SCHEMA).unwrap();
+        let again = make(&job);
+        let n_cells = whole.grid().len();
+        assert_eq!(again.edge_shares()[n_cells], 0.123);
+        assert_eq!(again.edge_shares()[..n_cells], whole.edge_shares()[..n_cells]);
+        assert_eq!((again.rows(), std::fs::read(&first).unwrap()), (whole.rows(), content));
+        // What was made with another seed, or of other sides, is not taken.
+        for other in [SceneBank { seed: 6, ..job }, SceneBank { views: Views::Pegs, ..job }] {
+            assert_eq!(make(&other), other.make(None, &|_, _| ()).unwrap());
+        }
+        std::fs::write(kept.join("mine"), "").unwrap();
+        job.forget(&kept).unwrap();
+        assert_eq!(std::fs::read_dir(&kept).unwrap().count(), 1);
+        std::fs::remove_file(kept.join("mine")).unwrap();
+        job.forget(&kept).unwrap();
+        assert!(!kept.exists());
     }
 
     #[test]

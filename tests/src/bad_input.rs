@@ -338,11 +338,11 @@ fn a_forged_bank_is_named() {
     let sample = Sample::shared();
     let folder = tempfile::tempdir().unwrap();
     let forged = folder.path().join("forged.bank");
-    let good = SafeFile::load(&sample.folder().join("pegs.bank"), SCHEMA).unwrap();
+    let (good, rows) = SafeFile::load_as(&sample.folder().join("pegs.bank"), SCHEMA).unwrap();
     let spoilt = |spoil: &dyn Fn(&mut SafeFile)| {
         let mut file = good.clone();
         spoil(&mut file);
-        file.save(&forged, SCHEMA).unwrap();
+        file.save_as(&forged, SCHEMA, rows).unwrap();
         let line =
             format!("tactile-filter replay --model model/model.safetensors --bank {} --data holes", forged.display());
         shell(&sample, &line)

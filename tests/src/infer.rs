@@ -47,8 +47,9 @@ fn a_picture_is_embedded_as_its_recorded_frame_was() {
     for (frame, row) in [3, 31].into_iter().zip(&rows) {
         let touch = pegs.touch(frame);
         let at = bank.row_at(touch.part.as_ref().unwrap(), &touch.part_from_sensor.unwrap()).unwrap();
-        // The same sums, but in a batch of another size.
-        assert!(largest_difference(row, &bank.row(at)) < 1e-5, "frame {frame}");
+        // The same sums, but in a batch of another size, and then rounded to 127 steps of the row's largest value.
+        let largest = row.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        assert!(largest_difference(row, &bank.row(at)) < 0.5 * largest / 127.0 + 1e-5, "frame {frame}");
     }
     // For people: a line an image, then the cosines, each image's with itself being one.
     let lines = ["embed", &images[0], &images[1], "--model", "model/model.safetensors"];

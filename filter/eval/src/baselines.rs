@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
 use tactile_data::frame::{Background, Frame, Preprocessing};
 use tactile_data::store::Dataset;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::matching::{best, images_by_row, nearest_by_pixel, recorded_cosines};
+use tactile_infer::threads;
 
 use crate::error::Result;
 use crate::evaluate::{Banks, Hole, Protocol, Scored, observe, score_row};
@@ -51,14 +51,10 @@ fn first_touches<T: Send>(
     protocol: &Protocol,
     judge: impl Fn(&Hole<'_>, Frame) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
-    let episodes = protocol.episodes.clone();
-    episodes
-        .into_par_iter()
-        .map(|index| {
-            let seed = protocol.seeds[index % protocol.seeds.len()];
-            let mut hole = Hole::new(holes, bank.grid(), protocol.poses, seed, index);
-            let frame = hole.touch()?;
-            judge(&hole, frame)
-        })
-        .collect()
+    threads::each(protocol.episodes.clone(), |index| {
+        let seed = protocol.seeds[index % protocol.seeds.len()];
+        let mut hole = Hole::new(holes, bank.grid(), protocol.poses, seed, index);
+        let frame = hole.touch()?;
+        judge(&hole, frame)
+    })
 }

@@ -9,7 +9,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use rand::RngExt;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
@@ -17,6 +16,7 @@ use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::simulator::frame_rng;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
+use tactile_infer::threads;
 
 use crate::error::{Error, Result};
 pub use crate::hole::{Hole, observe};
@@ -86,8 +86,8 @@ impl Banks {
         Self { whole: whole.clone(), absent: protocol.absent, n_classes: protocol.n_classes }
     }
 
-    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode. Made
-    /// anew for each hole, so that memory does not grow with the number of parts.
+    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode. It shares
+    /// the rows of the whole one.
     pub fn of(&self, hole: &Hole<'_>) -> Result<Arc<Bank>> {
         if self.absent {
             return Ok(Arc::new(self.whole.without(hole.part_index())?));
@@ -168,8 +168,8 @@ pub struct Run<'a> {
     pub protocol: &'a Protocol,
 }
 
-/// Runs all episodes of one configuration, in parallel; outcomes in order of the episodes. `progress` is called with
-/// the episodes done and all of them.
+/// Runs all episodes of one configuration, as many at a time as the pool has threads; outcomes in order of the episodes.
+/// `progress` is called with the episodes done and all of them.
 ///
 /// # Errors
 /// A protocol that does not fit scene and bank, a sensor of the other side, a touch that cannot be made or seen.
@@ -187,7 +187,7 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, protocol.episodes.len());
         outcome
     };
-    protocol.episodes.clone().into_par_iter().map(one).collect()
+    threads::each(protocol.episodes.clone(), one)
 }
 
 /// Runs one episode of a protocol. The same index gives the same hole, poses and frames, whichever others run.

@@ -1,5 +1,11 @@
 //! A bank as one file, and the checksum of what an episode's numbers depend on.
+//!
+//! The file is written and read part by part, so that saving and loading take little more memory than the bank. It states a
+//! checksum of the whole, and one of each part, which tells what is spoilt where the whole does not fit.
 
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -12,9 +18,84 @@ use crate::error::{Error, Result};
 use crate::matches::Matches;
 use crate::model::Model;
 use crate::precision::Precision;
-use crate::rows::Rows;
-use crate::safefile::{NamedTensor, SafeFile};
+use crate::rows::{MAX_DIM, Rows};
+use crate::safefile::ContentHash;
+use crate::safefile::pieces::{Entry, Opened, header, read_values, sha256_of};
+use crate::safefile::write_in_pieces;
 use crate::views::Views;
+
+/// Names of the tensors.
+const ROWS: &str = "rows";
+const EDGE_SHARES: &str = "edge_shares";
+const SCALES: &str = "scales";
+
+/// Name of the text entry with the checksum of each part.
+const OF_PARTS: &str = "part_sha256";
+
+/// The tensors of a bank.
+struct Content<'b> {
+    rows: &'b Rows,
+    edge_shares: &'b [f32],
+    /// Of rows of i8.
+    scales: Option<Vec<f32>>,
+}
+
+impl Content<'_> {
+    fn n_rows(&self) -> usize {
+        self.edge_shares.len()
+    }
+
+    /// What the header says of them, in the order that they have in a file.
+    fn entries(&self) -> Vec<Entry<'static>> {
+        let (n, precision) = (self.n_rows(), self.rows.precision());
+        let mut entries = vec![(EDGE_SHARES, Precision::F32, vec![n])];
+        entries.extend(self.scales.as_ref().map(|_| (SCALES, Precision::F32, vec![n])));
+        entries.push((ROWS, precision, vec![n, self.rows.dim()]));
+        entries
+    }
+
+    /// The rows of each part, where `n_cells` make one.
+    fn parts(&self, n_cells: usize) -> impl Iterator<Item = Range<usize>> {
+        let n_rows = self.n_rows();
+        (0..n_rows).step_by(n_cells.max(1)).map(move |start| start..(start + n_cells).min(n_rows))
+    }
+
+    fn write(&self, header: &[u8], n_cells: usize, file: &mut BufWriter<File>) -> std::io::Result<()> {
+        file.write_all(header)?;
+        file.write_all(&bytes(self.edge_shares))?;
+        file.write_all(&bytes(self.scales.as_deref().unwrap_or_default()))?;
+        self.parts(n_cells).try_for_each(|part| file.write_all(&self.rows.bytes(part)))
+    }
+
+    /// The checksum of a file with some text and these tensors: the one that
+    /// [`SafeFile::sha256`](crate::safefile::SafeFile::sha256) has.
+    fn sha256(&self, text: &[(String, String)], n_cells: usize) -> String {
+        let (n, precision) = (self.n_rows(), self.rows.precision());
+        let mut hash = ContentHash::of_text(text);
+        hash.begin(EDGE_SHARES, &[n]);
+        hash.values(self.edge_shares);
+        hash.begin(ROWS, &[n, self.rows.dim()]);
+        self.parts(n_cells).for_each(|part| hash.values(&precision.from_bytes(&self.rows.bytes(part))));
+        if let Some(scales) = &self.scales {
+            hash.begin(SCALES, &[n]);
+            hash.values(scales);
+        }
+        hash.finish()
+    }
+
+    /// The checksum of what a file holds of each part.
+    fn of_parts(&self, n_cells: usize) -> Vec<String> {
+        let of_part = |part: Range<usize>| {
+            let scales = self.scales.as_ref().map_or(Vec::new(), |scales| bytes(&scales[part.clone()]));
+            sha256_of(&[&self.rows.bytes(part.clone()), &bytes(&self.edge_shares[part]), &scales])
+        };
+        self.parts(n_cells).map(of_part).collect()
+    }
+}
+
+fn bytes(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
 
 impl Bank {
     /// Saves the bank in one file, bound to its model's checksum, its rows in the format they are kept in.
@@ -22,12 +103,16 @@ impl Bank {
     /// # Errors
     /// A file that cannot be written; the one that was there stays.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let mut file = self.identity()?;
-        file.text.push(("symmetries".into(), to_json(&self.symmetries)?));
+        let (content, n_cells) = (self.content(), self.grid.len());
+        let mut text = self.identity()?;
+        text.push(("symmetries".into(), to_json(&self.symmetries)?));
         if let Some(origin) = &self.origin {
-            file.text.push(("origin".into(), to_json(origin)?));
+            text.push(("origin".into(), to_json(origin)?));
         }
-        file.save_as(path, SCHEMA, self.rows.precision())
+        text.push((OF_PARTS.into(), to_json(&content.of_parts(n_cells))?));
+        let sha256 = content.sha256(&text, n_cells);
+        let header = header(&content.entries(), text, SCHEMA, sha256)?;
+        write_in_pieces(path, &|file| content.write(&header, n_cells, file))
     }
 
     /// SHA-256 of its parts, poses, rows and model, as 64 hex digits: of all that an episode's numbers depend on.
@@ -35,18 +120,15 @@ impl Bank {
     /// # Errors
     /// None that a bank could have; building the text of it may fail in principle.
     pub fn sha256(&self) -> Result<String> {
-        Ok(self.identity()?.sha256())
+        Ok(self.content().sha256(&self.identity()?, self.grid.len()))
     }
 
-    fn identity(&self) -> Result<SafeFile> {
-        let n_rows = self.n_rows();
-        let tensor = |name: &str, shape, values| NamedTensor { name: name.into(), shape, values };
-        let (rows, scales) = self.rows.parts();
-        let mut tensors = vec![
-            tensor("rows", vec![n_rows, self.dim()], rows),
-            tensor("edge_shares", vec![n_rows], self.edge_shares.clone()),
-        ];
-        tensors.extend(scales.map(|scales| tensor("scales", vec![n_rows], scales)));
+    fn content(&self) -> Content<'_> {
+        Content { rows: &self.rows, edge_shares: &self.edge_shares, scales: self.rows.scales() }
+    }
+
+    /// The text of all that an episode's numbers depend on.
+    fn identity(&self) -> Result<Vec<(String, String)>> {
         let mut text = vec![
             ("parts".into(), to_json(&self.parts)?),
             ("grid".into(), to_json(&self.grid)?),
@@ -61,45 +143,115 @@ impl Bank {
         if !self.missing.is_empty() {
             text.push(("missing".into(), to_json(&self.missing)?));
         }
-        Ok(SafeFile { tensors, blobs: Vec::new(), text })
+        Ok(text)
     }
 
     /// Loads a bank, its rows in the format that the file holds.
     ///
     /// # Errors
-    /// [`Error::WrongModel`] for one made by another model; a file that cannot be read, is damaged or holds no bank.
+    /// [`Error::WrongModel`] for one made by another model; a file that cannot be read, is damaged, in a part that is named
+    /// where that is known, or holds no bank.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
-        let (file, precision) = SafeFile::load_as(path, SCHEMA)?;
-        let got = file.text("model_sha256").map_err(|error| error.within(path.display()))?;
+        let within = |error: Error| error.within(path.display());
+        let mut file = Opened::new(path, SCHEMA)?;
+        let loaded = Loaded::read(&mut file).map_err(within)?;
+        loaded.check(&file).map_err(within)?;
+        let got = text(&file, "model_sha256").map_err(within)?;
         if *got != **model.sha256() {
             let (what, expected) = (path.display().to_string(), model.sha256().to_string());
             return Err(Error::WrongModel { what, expected, got: got.into() });
         }
-        Self::of_file(file, precision).map_err(|error| error.within(path.display()))
+        loaded.bank(&file).map_err(within)
+    }
+}
+
+/// The text entry of a file, by its name.
+fn text<'f>(file: &'f Opened, name: &str) -> Result<&'f str> {
+    let found = file.text.iter().find(|(key, _)| key == name);
+    found.map(|(_, text)| text.as_str()).ok_or_else(|| Error::invalid(name, "an entry of the file", "none"))
+}
+
+/// The tensors of a bank's file as they were read.
+struct Loaded {
+    rows: Rows,
+    edge_shares: Vec<f32>,
+}
+
+impl Loaded {
+    fn read(file: &mut Opened) -> Result<Self> {
+        let (precision, shape) = file.entry(ROWS)?;
+        let [n, dim] = shape[..] else {
+            return Err(Error::invalid(ROWS, "a shape [n, dim]", format!("{shape:?}")));
+        };
+        if !(1..=MAX_DIM).contains(&dim) {
+            return Err(Error::invalid(ROWS, format!("rows of 1..={MAX_DIM} values"), dim.to_string()));
+        }
+        let mut column = |name: &str| {
+            let found = file.entry(name)?;
+            if found != (Precision::F32, vec![n]) {
+                return Err(Error::invalid(
+                    name,
+                    format!("{n} values of f32"),
+                    format!("{:?} of {}", found.1, found.0),
+                ));
+            }
+            file.read(name, |reader| read_values(reader, n, f32::from_le_bytes))
+        };
+        let edge_shares = column(EDGE_SHARES)?;
+        let scales = if precision == Precision::I8 { column(SCALES)? } else { Vec::new() };
+        let rows = file.read(ROWS, |reader| Rows::read([n, dim], precision, scales, reader))?;
+        let loaded = Self { rows, edge_shares };
+        let mut expected: Vec<&str> = loaded.content().entries().iter().map(|(name, ..)| *name).collect();
+        expected.sort_unstable();
+        if file.names() != expected {
+            return Err(Error::invalid("tensors", expected.join(", "), file.names().join(", ")));
+        }
+        Ok(loaded)
     }
 
-    fn of_file(mut file: SafeFile, precision: Precision) -> Result<Self> {
-        let parts: Vec<String> = from_json(file.text("parts")?)?;
-        let grid: PoseGrid = from_json(file.text("grid")?)?;
-        let model_sha256: Arc<str> = file.text("model_sha256")?.into();
-        let symmetries: Vec<Symmetry> = from_json(file.text("symmetries")?)?;
-        let origin = file.text("origin").ok().map(from_json).transpose()?;
-        let missing: Vec<usize> = file.text("missing").ok().map(from_json).transpose()?.unwrap_or_default();
-        let views: Views = file.text("views").ok().map(str::parse).transpose()?.unwrap_or_default();
-        let matches: Option<Matches> = file.text("matches").ok().map(from_json).transpose()?;
-        let mut take = |name: &str| {
-            let at = file.tensors.iter().position(|tensor| tensor.name == name);
-            at.map(|at| file.tensors.swap_remove(at)).ok_or_else(|| Error::invalid(name, "a tensor", "none"))
-        };
-        let rows = take("rows")?;
-        let edge_shares = take("edge_shares")?;
-        let rows = match (rows.shape.get(1), precision) {
-            (Some(dim), Precision::I8) => Rows::scaled(*dim, &rows.values, take("scales")?.values)?,
-            (Some(dim), _) => Rows::new(*dim, rows.values)?.to_precision(precision)?,
-            (None, _) => return Err(Error::invalid("rows", "a shape [n, dim]", format!("{:?}", rows.shape))),
-        };
-        let bank = Self::of_rows(parts, grid, rows, edge_shares.values, model_sha256)?;
-        let bank = Self { origin, views, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
+    fn content(&self) -> Content<'_> {
+        Content { rows: &self.rows, edge_shares: &self.edge_shares, scales: self.rows.scales() }
+    }
+
+    /// Compares the checksum of the whole with what the file states, and where they differ those of its parts.
+    fn check(&self, file: &Opened) -> Result<()> {
+        let content = self.content();
+        let n_cells = text(file, "grid").and_then(from_json).map_or(self.edge_shares.len(), |grid: PoseGrid| {
+            if grid.validate().is_ok() { grid.len() } else { self.edge_shares.len() }
+        });
+        let got = content.sha256(&file.text, n_cells);
+        if got == file.sha256 {
+            return Ok(());
+        }
+        let parts: Vec<String> = text(file, "parts").and_then(from_json).unwrap_or_default();
+        let stated: Vec<String> = text(file, OF_PARTS).and_then(from_json).unwrap_or_default();
+        let found = content.of_parts(n_cells);
+        let compared = parts.iter().zip(stated.iter().zip(&found));
+        let spoilt: Vec<&str> = compared.filter(|(_, (a, b))| a != b).map(|(part, _)| part.as_str()).collect();
+        let expected = format!("checksum {}", file.sha256);
+        match spoilt[..] {
+            // All of them: it is their checksums that do not fit.
+            [] => Err(Error::invalid("bank", expected, got)),
+            _ if spoilt.len() == parts.len() && parts.len() > 1 => Err(Error::invalid("bank", expected, got)),
+            [part] => Err(Error::invalid(format!("part {part}"), expected, "spoilt views; make the bank again")),
+            [first, ..] => {
+                let got = format!("spoilt views of {} parts; make the bank again", spoilt.len());
+                Err(Error::invalid(format!("part {first}"), expected, got))
+            }
+        }
+    }
+
+    fn bank(self, file: &Opened) -> Result<Bank> {
+        let parts: Vec<String> = from_json(text(file, "parts")?)?;
+        let grid: PoseGrid = from_json(text(file, "grid")?)?;
+        let model_sha256: Arc<str> = text(file, "model_sha256")?.into();
+        let symmetries: Vec<Symmetry> = from_json(text(file, "symmetries")?)?;
+        let origin = text(file, "origin").ok().map(from_json).transpose()?;
+        let missing: Vec<usize> = text(file, "missing").ok().map(from_json).transpose()?.unwrap_or_default();
+        let views: Views = text(file, "views").ok().map(str::parse).transpose()?.unwrap_or_default();
+        let matches: Option<Matches> = text(file, "matches").ok().map(from_json).transpose()?;
+        let bank = Bank::of_rows(parts, grid, self.rows.checked()?, self.edge_shares, model_sha256)?;
+        let bank = Bank { origin, views, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
         match matches {
             Some(matches) => bank.with_matches(matches),
             None => Ok(bank),

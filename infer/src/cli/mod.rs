@@ -24,7 +24,7 @@ use tactile_infer::bank::Bank;
 use tactile_infer::matches::PartMatch;
 use tactile_infer::matching::{Touched, match_single_touches};
 use tactile_infer::recorded::{BankPoses, bank_of_dataset, parts_on_grid};
-use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::simulated::SceneBank;
 use tactile_infer::views::Views;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
@@ -43,6 +43,9 @@ pub struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Embed the pegs of a dataset or a scene into one bank file, bound to the model.
+    ///
+    /// With --scene each part that is done is kept in the folder OUT.parts until the bank is written: a run that was ended
+    /// goes on there when it is started again as before. It takes 1.3 MB of memory a part besides the rows in f32.
     #[command(
         after_help = "Examples:\n  tactile-infer bank --model model/model.safetensors --data pegs --out pegs.bank\n  \
                             tactile-infer bank --model infer/models/maze-small.safetensors --scene alphabet-small \
@@ -108,14 +111,6 @@ fn views() -> impl TypedValueParser<Value = Views> {
     PossibleValuesParser::new(Views::NAMES).try_map(|name| name.parse::<Views>())
 }
 
-/// The format of a bank's rows.
-#[derive(Args)]
-struct RowsArgs {
-    /// Format of the bank's rows, on disk and in memory: 4, 2, 2 or 1 byte a value
-    #[arg(long, value_name = "FORMAT", default_value_t = Precision::F32, value_parser = precision(Precision::ROWS))]
-    rows: Precision,
-}
-
 /// The poses of a bank.
 #[derive(Args)]
 struct PosesArgs {
@@ -171,8 +166,9 @@ struct BankArgs {
     /// A part feels the same after N turns, or is round; else its geometry tells, or of recorded touches their likeness
     #[arg(long = "symmetry", value_name = "PART=N|round", value_delimiter = ',')]
     symmetries: Vec<Declared>,
-    #[command(flatten)]
-    rows: RowsArgs,
+    /// Format of the bank's rows, on disk and in memory: 4, 2, 2 or 1 byte a value
+    #[arg(long, value_name = "FORMAT", default_value_t = Precision::I8, value_parser = precision(Precision::ROWS))]
+    rows: Precision,
     #[command(flatten)]
     poses: PosesArgs,
     /// With --scene: draws jitter and noise
@@ -220,8 +216,9 @@ struct MatchArgs {
     /// Match at most this many touches, evenly spread over the dataset
     #[arg(long, value_name = "N", default_value_t = 500)]
     limit: usize,
-    #[command(flatten)]
-    rows: RowsArgs,
+    /// Format of the rows that are compared with
+    #[arg(long, value_name = "FORMAT", default_value_t = Precision::F32, value_parser = precision(Precision::ROWS))]
+    rows: Precision,
     #[command(flatten)]
     poses: PosesArgs,
     /// Print the result as JSON
@@ -253,21 +250,38 @@ fn bank(args: &BankArgs) -> Result<()> {
     let read = scene_file.into_iter().chain(args.calibration.clone()).chain([args.model.path.clone()]);
     output::prepare_file(&args.out, data_files.chain(read))?;
     let model = args.model.load()?;
-    let bank = match (&args.data, &args.scene) {
-        (Some(data), _) => {
-            let dataset = Dataset::open(data)?;
-            check_declared(&args.symmetries, &parts_on_grid(&dataset, args.poses.poses()?)?)?;
-            embed_pegs(&model, &dataset, &args.poses)?
-        }
-        (_, scene) => simulate(args, &model, scene.as_deref().unwrap_or_default())?,
-    };
     let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
-    let bank = args.symmetries.iter().try_fold(bank.with_precision(args.rows.rows)?, declare)?;
-    bank.save(&args.out)?;
+    let finish = |bank: Bank| -> Result<()> {
+        let bank = args.symmetries.iter().try_fold(bank.with_precision(args.rows)?, declare)?;
+        bank.save(&args.out)?;
+        print_bank(&args.out, &bank);
+        Ok(())
+    };
+    let Some(data) = &args.data else {
+        let scene = touched_scene(args, &model)?;
+        let job = SceneBank { model: &model, scene: &scene, views: args.views.unwrap_or(Views::Both), seed: args.seed };
+        let kept = with_ending(&args.out, ".parts");
+        finish(job.make(Some(&kept), &reporter("touches"))?)?;
+        return job.forget(&kept);
+    };
+    let dataset = Dataset::open(data)?;
+    check_declared(&args.symmetries, &parts_on_grid(&dataset, args.poses.poses()?)?)?;
+    finish(embed_pegs(&model, &dataset, &args.poses)?)
+}
+
+/// A path with a few more letters.
+fn with_ending(path: &Path, ending: &str) -> PathBuf {
+    let mut path = path.as_os_str().to_owned();
+    path.push(ending);
+    path.into()
+}
+
+/// Says what a bank holds.
+fn print_bank(path: &Path, bank: &Bank) {
     let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
     println!(
         "{}: {n_parts} parts x {n_poses} poses = {} rows of {} {}, {:.1} MB in memory; views of {}",
-        args.out.display(),
+        path.display(),
         bank.n_rows(),
         bank.dim(),
         bank.rows().precision(),
@@ -296,7 +310,6 @@ fn bank(args: &BankArgs) -> Result<()> {
             );
         }
     }
-    Ok(())
 }
 
 /// Refuses a symmetry of a part that will not be there, before the work.
@@ -316,11 +329,11 @@ fn embed_pegs(model: &Model, pegs: &Dataset, poses: &PosesArgs) -> Result<Bank> 
     Ok(recorded.bank)
 }
 
-/// A bank of the parts of a scene, touched as they are embedded.
-fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
+/// The scene whose parts are touched, at the poses that were asked for.
+fn touched_scene(args: &BankArgs, model: &Model) -> Result<Scene> {
     /// A planned touch, without its row.
     const TOUCH_BYTES: usize = 64;
-    let mut scene = Scene::load(scene)?;
+    let mut scene = Scene::load(args.scene.as_deref().unwrap_or_default())?;
     if let Some(path) = &args.calibration {
         scene = scene.under(&Calibration::load(path)?)?;
     }
@@ -333,7 +346,7 @@ fn simulate(args: &BankArgs, model: &Model, scene: &str) -> Result<Bank> {
     let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
     let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
     output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
-    bank_of_scene(model, &scene, args.views.unwrap_or(Views::Both), args.seed, &reporter("touches"))
+    Ok(scene)
 }
 
 fn matches(args: &MatchArgs) -> Result<()> {
@@ -343,7 +356,7 @@ fn matches(args: &MatchArgs) -> Result<()> {
     }
     let model = args.model.load()?;
     let (pegs, holes) = (Dataset::open(&args.pegs)?, Dataset::open(&args.holes)?);
-    let bank = embed_pegs(&model, &pegs, &args.poses)?.with_precision(args.rows.rows)?;
+    let bank = embed_pegs(&model, &pegs, &args.poses)?.with_precision(args.rows)?;
     let touched = Touched { dataset: &holes, side: args.side, limit: args.limit };
     let found = match_single_touches(&model, &bank, &pegs, touched)?;
     if args.json {

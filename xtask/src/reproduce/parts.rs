@@ -10,6 +10,9 @@ use crate::workspace::Workspace;
 /// A finer bank, for touches between the paper's poses.
 pub(super) const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 
+/// The published figures are of rows as they were computed.
+const ROWS: &str = "--rows f32";
+
 /// The ways that the paper's tables compare.
 const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random";
 
@@ -224,7 +227,7 @@ impl Maker<'_> {
         let (holes, bank) = (format!("{}-holes", scene.trim_end_matches(".toml")), format!("{name}-dev.bank"));
         let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
         let program = self.program("tactile-infer", "bank --model").arg(model);
-        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {of_bank}"));
+        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {ROWS} {of_bank}"));
         self.add(Step::new(&bank, program, &bank).needs(model).needs(scene));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
@@ -243,9 +246,9 @@ impl Maker<'_> {
         if let Kind::Recorded = kind {
             let pegs = format!("{name}-pegs");
             touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
-            program = program.words(format!("--data {pegs} --out {bank}"));
+            program = program.words(format!("--data {pegs} --out {bank} {ROWS}"));
         } else {
-            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {}", kind.flags()));
+            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {ROWS} {}", kind.flags()));
         }
         let step = Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene);
         self.add(touches.into_iter().fold(step, Step::needs));

@@ -10,7 +10,6 @@ use std::time::Instant;
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
-use rayon::prelude::*;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
@@ -20,6 +19,7 @@ use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, StopReason};
 use tactile_infer::Bank;
+use tactile_infer::threads;
 
 use super::attempt::{Attempt, Task};
 use crate::error::{Error, Result};
@@ -101,7 +101,7 @@ impl<'a> Workcell<'a> {
         self.config
     }
 
-    /// Runs all trials in parallel; trials in order, in each the holes in the order they were tried. The same
+    /// Runs all trials, as many at a time as the pool has threads; trials in order, in each the holes in the order they were tried. The same
     /// task gives the same attempts, but for their times. `progress` is called with trials done and trials in all.
     ///
     /// # Errors
@@ -113,7 +113,7 @@ impl<'a> Workcell<'a> {
             progress(done.fetch_add(1, Ordering::Relaxed) + 1, self.task.n_trials);
             attempts
         };
-        (0..self.task.n_trials).into_par_iter().map(run_one).collect()
+        threads::each(0..self.task.n_trials, run_one)
     }
 
     /// Runs one trial: each hole once, in an order drawn from the seed. A peg that is in, be it the right one or

@@ -24,6 +24,8 @@ use super::tuning::Tuning;
 const FILES: [&str; 2] = ["report.html", "assembly.json"];
 
 /// Name, find and fill every hole of a scene in simulation; write assembly.json and report.html.
+///
+/// Memory is linear in the parts, as that of evaluate.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors \
                         --bank four.bank --scene data/scenes/four-letters.toml --out assembly")]

@@ -38,6 +38,9 @@ use super::tuning::Tuning;
 const FILES: [&str; 2] = ["report.html", "evaluation.json"];
 
 /// Run episodes against simulated or recorded holes, or pegs; write evaluation.json and report.html.
+///
+/// Memory is linear in the parts: with poses every 2 mm and 15 degrees each takes 0.2 MB in a bank of i8 (0.6 MB in
+/// f32), 0.2 MB for each thread, and 0.7 MB once its hole is simulated.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter evaluate --model infer/models/maze-small.safetensors \
                         --bank pegs.bank --scene alphabet-small --out evaluation\n  tactile-filter evaluate --model \
