@@ -648,6 +648,10 @@ typedef struct tf_episode_config {
      * A tf_views: what the views of the bank are of that matched_mean and matched_sd were measured with.
      */
     uint32_t matched_views;
+    /**
+     * Share of the square of matched_sd that the touches of one hole have in common, 0 to 1.
+     */
+    double matched_shared;
 } tf_episode_config;
 
 /**
