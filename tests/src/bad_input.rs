@@ -313,6 +313,18 @@ fn no_program_writes_over_what_it_reads() {
 }
 
 #[test]
+fn sensors_that_say_nothing_of_each_other_are_named() {
+    let sample = Sample::shared();
+    let calibrate = "tactile-infer calibrate --model model/model.safetensors --bank pegs.bank --out never.safetensors";
+    names(&shell(&sample, &format!("{calibrate} --holes holes --holes holes")), &["--holes", "holes again"]);
+    names(&shell(&sample, &format!("{calibrate} --holes holes --holes pegs")), &["pegs", "holes that show an edge"]);
+    names(
+        &shell(&sample, "tactile-data generate --scene maze --drawn-sensor 1 --out never"),
+        &["--drawn-sensor", "MAZE boards have sensors of their own"],
+    );
+}
+
+#[test]
 fn an_output_that_cannot_be_written_is_found_before_the_work() {
     let sample = Sample::shared();
     let with = "--model model/model.safetensors --bank pegs.bank --scene two.toml";

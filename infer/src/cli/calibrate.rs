@@ -117,16 +117,30 @@ impl CalibrateArgs {
     /// The touches of all sensors.
     fn touches(&self, model: &Model, bank: &Bank) -> Result<Touches> {
         let choice = Choice { side: self.side, n: self.touches, first: self.first };
-        let touches = |path: &PathBuf| {
+        let mut found: Option<Touches> = None;
+        let mut known: Vec<String> = Vec::new();
+        for path in &self.holes {
             let holes = Dataset::open(path)?;
+            let sha256 = holes.sha256()?;
+            if known.contains(&sha256) {
+                let expected = "other touches in each dataset";
+                return Err(Error::invalid("--holes", expected, format!("those of {} again", path.display())));
+            }
+            known.push(sha256);
             if let Some(why) = bank.other_light(holes.meta().lamps.as_ref()) {
                 eprintln!("warning: {}: {why}", path.display());
             }
-            Touches::new(model, bank, &holes, choice)
-        };
-        let of_each = self.holes.iter().map(touches).collect::<Result<Vec<_>>>()?;
-        let joined = of_each.into_iter().map(Ok).reduce(|all: Result<Touches>, next| all?.and(next?)).transpose()?;
-        joined.ok_or_else(|| Error::invalid("--holes", "a dataset", "none"))
+            let touches = Touches::new(model, bank, &holes, choice)?;
+            if touches.is_empty() {
+                let expected = format!("{}s that show an edge within the bank's poses", self.side);
+                return Err(Error::invalid(path.display().to_string(), expected, "none"));
+            }
+            found = Some(match found {
+                Some(others) => others.and(touches)?,
+                None => touches,
+            });
+        }
+        found.ok_or_else(|| Error::invalid("--holes", "a dataset", "none"))
     }
 
     /// What the model knows already.
