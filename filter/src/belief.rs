@@ -18,7 +18,6 @@ use crate::blocks::{Blocks, Layout};
 use crate::evidence::Evidence;
 use crate::exact::Exact;
 use crate::likelihood::{LikelihoodConfig, SHARED_VARIANCE, TouchLikelihood};
-use crate::overlap::Overlap;
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
 use crate::resample::{log_normalize, systematic};
@@ -64,9 +63,6 @@ pub struct Belief {
     views: PoseGrid,
     grid: PoseGrid,
     n_parts: usize,
-    overlap: Overlap,
-    shared_error: f64,
-    matched_shared: f64,
     touches: Vec<Evidence>,
     engine: Engine,
     class_posterior: Vec<f64>,
@@ -109,29 +105,21 @@ impl Belief {
 
     fn begun(bank: &Bank, grid: PoseGrid, first: Evidence, engine: Engine, log_evidence: f64) -> Self {
         let (views, n_parts) = (*bank.grid(), bank.parts().len());
-        let LikelihoodConfig { shared_error, matched_shared, .. } = *first.likelihood.config();
-        let overlap = first.likelihood.config().overlap();
         let class_posterior = engine.of_parts(n_parts, &grid);
-        let touches = vec![first];
-        Self {
-            views,
-            grid,
-            n_parts,
-            overlap,
-            shared_error,
-            matched_shared,
-            touches,
-            engine,
-            class_posterior,
-            log_evidence,
-        }
+        Self { views, grid, n_parts, touches: vec![first], engine, class_posterior, log_evidence }
+    }
+
+    /// The settings that the first touch was judged with.
+    fn config(&self) -> &LikelihoodConfig {
+        self.touches[0].likelihood.config()
     }
 
     /// Takes in a touch after the motion `sensor_from_next`, and returns its log-evidence
     /// log p(touch | touches before), up to the constant of [`TouchLikelihood`].
     pub fn update(&mut self, sensor_from_next: &Se2, likelihood: TouchLikelihood) -> f64 {
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
-        let new_share = |earlier: &Evidence| self.overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
+        let overlap = self.config().overlap();
+        let new_share = |earlier: &Evidence| overlap.new_share(&earlier.first_from_sensor, &first_from_sensor);
         let weight = if self.is_beyond(&first_from_sensor) {
             0.0
         } else {
@@ -182,7 +170,7 @@ impl Belief {
     fn is_beyond(&self, first_from_sensor: &Se2) -> bool {
         let PoseGrid { xy_half_mm, xy_step_mm, .. } = self.views;
         // From one corner of the recorded area to the other, and what is trusted beyond its rim.
-        let tolerance = self.touches.first().map_or(0.0, |touch| touch.likelihood.config().nearest_tolerance);
+        let tolerance = self.config().nearest_tolerance;
         let diagonal_mm = 2.0 * std::f64::consts::SQRT_2 * xy_half_mm;
         let rim_mm = xy_step_mm * (8.0 * tolerance).max(2.0);
         first_from_sensor.x_mm.hypot(first_from_sensor.y_mm) > diagonal_mm + rim_mm
@@ -192,7 +180,7 @@ impl Belief {
     /// [`LikelihoodConfig::shared_error`](crate::LikelihoodConfig::shared_error).
     pub(crate) fn joint_weight(&self, new_share: f64) -> f64 {
         let n_touches = self.touches.iter().map(|touch| touch.weight).sum::<f64>() + new_share;
-        (1.0 + self.shared_error * (n_touches - 1.0).max(0.0)).recip()
+        (1.0 + self.config().shared_error * (n_touches - 1.0).max(0.0)).recip()
     }
 
     /// log p(all touches), up to the constants of [`TouchLikelihood`]: 0 says no more than chance, -inf
@@ -314,7 +302,7 @@ impl Belief {
         let ([of_all, below_best], n) = scores.fold(([0.0; 2], 0.0), add);
         // By the standard deviation of the mean of scores that share a part of their variance.
         let mean = |sum: f64, shared: f64| sum / n / (shared + (1.0 - shared) / n).sqrt();
-        (n > 0.0).then(|| mean(of_all, self.matched_shared).min(mean(below_best, SHARED_VARIANCE)))
+        (n > 0.0).then(|| mean(of_all, self.config().matched_shared).min(mean(below_best, SHARED_VARIANCE)))
     }
 
     /// Share of the belief in a part, 0..=1, in states whose first touch was made within `mm` of a pose or, by the part's

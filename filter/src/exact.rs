@@ -42,8 +42,8 @@ pub struct Exact {
 }
 
 impl Exact {
-    /// Before any touch: what is asked of it counts from the first [`Self::update`] on. `allowed`: the share of the belief that may be left out at each
-    /// touch, 0..=1; zero: none.
+    /// Before any touch: what is asked of it counts from the first [`Self::update`] on. `allowed`: the share of the belief
+    /// that may be left out at each touch, 0..=1; zero: none.
     pub fn uniform(n_blocks: usize, length: usize, allowed: f64) -> Self {
         let (n_states, most) = (n_blocks * length, (length as f64).ln());
         let block = Block { n_touches: 0, largest: 0.0, most, share: 0.0, scale: 0.0 };

@@ -44,8 +44,7 @@ impl SafeFile {
     /// # Errors
     /// A file without it.
     pub fn text(&self, name: &str) -> Result<&str> {
-        let found = self.text.iter().find(|(key, _)| key == name);
-        found.map(|(_, text)| text.as_str()).ok_or_else(|| Error::invalid(name, "an entry of the file", "none"))
+        text_of(&self.text, name)
     }
 
     /// SHA-256 over names, shapes and values, as 64 hex digits: the identity of a model or bank.
@@ -154,6 +153,15 @@ impl SafeFile {
         }
         Ok((file, format.unwrap_or_default()))
     }
+}
+
+/// The text entry of a name among those of a file.
+///
+/// # Errors
+/// None of that name.
+pub(crate) fn text_of<'t>(text: &'t [(String, String)], name: &str) -> Result<&'t str> {
+    let found = text.iter().find(|(key, _)| key == name);
+    found.map(|(_, text)| text.as_str()).ok_or_else(|| Error::invalid(name, "an entry of the file", "none"))
 }
 
 /// SHA-256 of what a file holds: its text, then its tensors in the order of their names, each begun and followed by its

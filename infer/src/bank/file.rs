@@ -19,9 +19,8 @@ use crate::matches::Matches;
 use crate::model::Model;
 use crate::precision::Precision;
 use crate::rows::{MAX_DIM, Rows};
-use crate::safefile::ContentHash;
 use crate::safefile::pieces::{Entry, Opened, header, read_values, sha256_of};
-use crate::safefile::write_in_pieces;
+use crate::safefile::{ContentHash, text_of, write_in_pieces};
 use crate::views::Views;
 
 /// Names of the tensors.
@@ -40,7 +39,11 @@ struct Content<'b> {
     scales: Option<Vec<f32>>,
 }
 
-impl Content<'_> {
+impl<'b> Content<'b> {
+    fn of(rows: &'b Rows, edge_shares: &'b [f32]) -> Self {
+        Self { rows, edge_shares, scales: rows.scales() }
+    }
+
     fn n_rows(&self) -> usize {
         self.edge_shares.len()
     }
@@ -124,7 +127,7 @@ impl Bank {
     }
 
     fn content(&self) -> Content<'_> {
-        Content { rows: &self.rows, edge_shares: &self.edge_shares, scales: self.rows.scales() }
+        Content::of(&self.rows, &self.edge_shares)
     }
 
     /// The text of all that an episode's numbers depend on.
@@ -156,19 +159,13 @@ impl Bank {
         let mut file = Opened::new(path, SCHEMA)?;
         let loaded = Loaded::read(&mut file).map_err(within)?;
         loaded.check(&file).map_err(within)?;
-        let got = text(&file, "model_sha256").map_err(within)?;
+        let got = text_of(&file.text, "model_sha256").map_err(within)?;
         if *got != **model.sha256() {
             let (what, expected) = (path.display().to_string(), model.sha256().to_string());
             return Err(Error::WrongModel { what, expected, got: got.into() });
         }
         loaded.bank(&file).map_err(within)
     }
-}
-
-/// The text entry of a file, by its name.
-fn text<'f>(file: &'f Opened, name: &str) -> Result<&'f str> {
-    let found = file.text.iter().find(|(key, _)| key == name);
-    found.map(|(_, text)| text.as_str()).ok_or_else(|| Error::invalid(name, "an entry of the file", "none"))
 }
 
 /// The tensors of a bank's file as they were read.
@@ -210,21 +207,22 @@ impl Loaded {
     }
 
     fn content(&self) -> Content<'_> {
-        Content { rows: &self.rows, edge_shares: &self.edge_shares, scales: self.rows.scales() }
+        Content::of(&self.rows, &self.edge_shares)
     }
 
     /// Compares the checksum of the whole with what the file states, and where they differ those of its parts.
     fn check(&self, file: &Opened) -> Result<()> {
         let content = self.content();
-        let n_cells = text(file, "grid").and_then(from_json).map_or(self.edge_shares.len(), |grid: PoseGrid| {
-            if grid.validate().is_ok() { grid.len() } else { self.edge_shares.len() }
-        });
+        let n_cells =
+            text_of(&file.text, "grid").and_then(from_json).map_or(self.edge_shares.len(), |grid: PoseGrid| {
+                if grid.validate().is_ok() { grid.len() } else { self.edge_shares.len() }
+            });
         let got = content.sha256(&file.text, n_cells);
         if got == file.sha256 {
             return Ok(());
         }
-        let parts: Vec<String> = text(file, "parts").and_then(from_json).unwrap_or_default();
-        let stated: Vec<String> = text(file, OF_PARTS).and_then(from_json).unwrap_or_default();
+        let parts: Vec<String> = text_of(&file.text, "parts").and_then(from_json).unwrap_or_default();
+        let stated: Vec<String> = text_of(&file.text, OF_PARTS).and_then(from_json).unwrap_or_default();
         let found = content.of_parts(n_cells);
         let compared = parts.iter().zip(stated.iter().zip(&found));
         let spoilt: Vec<&str> = compared.filter(|(_, (a, b))| a != b).map(|(part, _)| part.as_str()).collect();
@@ -242,14 +240,14 @@ impl Loaded {
     }
 
     fn bank(self, file: &Opened) -> Result<Bank> {
-        let parts: Vec<String> = from_json(text(file, "parts")?)?;
-        let grid: PoseGrid = from_json(text(file, "grid")?)?;
-        let model_sha256: Arc<str> = text(file, "model_sha256")?.into();
-        let symmetries: Vec<Symmetry> = from_json(text(file, "symmetries")?)?;
-        let origin = text(file, "origin").ok().map(from_json).transpose()?;
-        let missing: Vec<usize> = text(file, "missing").ok().map(from_json).transpose()?.unwrap_or_default();
-        let views: Views = text(file, "views").ok().map(str::parse).transpose()?.unwrap_or_default();
-        let matches: Option<Matches> = text(file, "matches").ok().map(from_json).transpose()?;
+        let parts: Vec<String> = from_json(text_of(&file.text, "parts")?)?;
+        let grid: PoseGrid = from_json(text_of(&file.text, "grid")?)?;
+        let model_sha256: Arc<str> = text_of(&file.text, "model_sha256")?.into();
+        let symmetries: Vec<Symmetry> = from_json(text_of(&file.text, "symmetries")?)?;
+        let origin = text_of(&file.text, "origin").ok().map(from_json).transpose()?;
+        let missing: Vec<usize> = text_of(&file.text, "missing").ok().map(from_json).transpose()?.unwrap_or_default();
+        let views: Views = text_of(&file.text, "views").ok().map(str::parse).transpose()?.unwrap_or_default();
+        let matches: Option<Matches> = text_of(&file.text, "matches").ok().map(from_json).transpose()?;
         let bank = Bank::of_rows(parts, grid, self.rows.checked()?, self.edge_shares, model_sha256)?;
         let bank = Bank { origin, views, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
         match matches {

@@ -101,8 +101,8 @@ impl<'a> Workcell<'a> {
         self.config
     }
 
-    /// Runs all trials, as many at a time as the pool has threads; trials in order, in each the holes in the order they were tried. The same
-    /// task gives the same attempts, but for their times. `progress` is called with trials done and trials in all.
+    /// Runs all trials, as many at a time as the pool has threads; trials in order, in each the holes in the order they
+    /// were tried. The same task gives the same attempts, but for their times. `progress` is called with trials done and trials in all.
     ///
     /// # Errors
     /// A hole that cannot be touched, a frame that cannot be seen.
