@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::ball::BallPress;
 use super::least_squares::Sums;
-use super::light_factors::{bases, factors, light, place};
+use super::light_factors::{N_BASES, N_SLOPES, N_TERMS, bases, factors, light, place};
 use super::presses::{Press, Presses};
 use super::{Calibration, SCHEMA, at_rest};
 use crate::compare::Figures;
@@ -43,23 +43,36 @@ struct Model {
     n_polynomials: usize,
 }
 
-/// Linear in the slope or with walls; constant, linear or quadratic over the frame.
-const MODELS: [Model; 6] = {
+/// All factors.
+const N_FACTORS: usize = N_BASES * N_TERMS;
+
+/// Linear in the slope, with walls, or with the depth as well; constant, linear or quadratic over the frame.
+const MODELS: [Model; 9] = {
     const fn model(n_bases: usize, n_polynomials: usize) -> Model {
         Model { n_bases, n_polynomials }
     }
-    [model(2, 1), model(2, 3), model(2, 6), model(5, 1), model(5, 3), model(5, 6)]
+    [
+        model(2, 1),
+        model(2, 3),
+        model(2, 6),
+        model(N_SLOPES, 1),
+        model(N_SLOPES, 3),
+        model(N_SLOPES, 6),
+        model(N_BASES, 1),
+        model(N_BASES, 3),
+        model(N_BASES, 6),
+    ]
 };
 
 impl Model {
     fn columns(self) -> Vec<usize> {
-        (0..self.n_bases).flat_map(|basis| (0..self.n_polynomials).map(move |i| 6 * basis + i)).collect()
+        (0..self.n_bases).flat_map(|basis| (0..self.n_polynomials).map(move |i| N_TERMS * basis + i)).collect()
     }
 
-    /// Puts weights in their place among all 30.
+    /// Puts weights in their place among all.
     fn spread(self, weights: &[Vec<f64>; 3]) -> [Vec<f64>; 3] {
         weights.each_ref().map(|weights| {
-            let mut all = vec![0.0; 30];
+            let mut all = vec![0.0; N_FACTORS];
             self.columns().into_iter().zip(weights).for_each(|(column, weight)| all[column] = *weight);
             all
         })
@@ -108,7 +121,7 @@ pub fn fit(presses: &Presses) -> Result<Fit> {
         gel_length_mm: Some(gel_length_mm),
         contact_share: Some(share),
         leave_one_out: Some(mean(&left_out)),
-        light: light(&weights(&total)?, model.n_bases == 5, at_rest(&presses.no_contact)?),
+        light: light(&weights(&total)?, at_rest(&presses.no_contact)?),
     };
     Ok(Fit { calibration, left_out })
 }
@@ -123,19 +136,22 @@ fn ball(presses: &Presses, press: &Press, share: f64, gel_length_mm: f64) -> Bal
     )
 }
 
-/// What each press says of all 30 factors, by every `stride`-th pixel each way.
+/// What each press says of all factors, by every `stride`-th pixel each way.
 fn all_sums(presses: &Presses, share: f64, gel_length_mm: f64, stride: usize) -> Vec<Sums> {
     let [width, height] = presses.geometry.frame_px;
     let of_press = |press: &Press| {
         let ball = ball(presses, press, share, gel_length_mm);
         let reach_mm = presses.geometry.radius_mm(&press.circle) + REACH_MM;
-        let mut sums = Sums::new(30);
+        let mut sums = Sums::new(N_FACTORS);
         for (row, column) in (0..height).step_by(stride).flat_map(|y| (0..width).step_by(stride).map(move |x| (y, x))) {
             let pixel = row * width + column;
             let offset_mm = presses.geometry.from_centre_mm(&press.circle, pixel);
             if offset_mm[0].hypot(offset_mm[1]) <= reach_mm {
                 let factors = factors(bases(&ball, offset_mm), place(pixel, [width, height]));
-                sums.add(&factors, [0, 1, 2].map(|channel| f64::from(press.difference[3 * pixel + channel])));
+                sums.add(
+                    factors.as_flattened(),
+                    [0, 1, 2].map(|channel| f64::from(press.difference[3 * pixel + channel])),
+                );
             }
         }
         sums
@@ -144,7 +160,7 @@ fn all_sums(presses: &Presses, share: f64, gel_length_mm: f64, stride: usize) ->
 }
 
 fn total(sums: &[Sums]) -> Sums {
-    let mut total = Sums::new(30);
+    let mut total = Sums::new(N_FACTORS);
     sums.iter().for_each(|press| total.combine(press, 1.0));
     total
 }
@@ -175,7 +191,7 @@ fn figures(presses: &Presses, press: &Press, ball: &BallPress, weights: &[Vec<f6
         }
         let factors = factors(bases(ball, offset_mm), place(pixel, [width, height]));
         for channel in 0..3 {
-            let change: f64 = weights[channel].iter().zip(factors).map(|(w, f)| w * f).sum();
+            let change: f64 = weights[channel].iter().zip(factors.as_flattened()).map(|(w, f)| w * f).sum();
             let (rest, gain) = (f64::from(rest[3 * pixel + channel]), f64::from(press.gain[channel]));
             // The camera clips what it exposes, not what we compensate.
             let predicted = ((rest + change) * gain).clamp(0.0, 255.0) / gain - rest;
@@ -250,6 +266,21 @@ mod tests {
             if is_labelled {
                 assert_eq!((calibration.gel_length_mm, calibration.contact_share), (Some(1.2), Some(1.0)));
             }
+        }
+    }
+
+    #[test]
+    fn how_a_deeper_gel_is_darker_is_recovered() {
+        let mut truth = synthetic::spec();
+        truth.light.pressed = Some([-9.0, 4.0, -2.0].map(|counts| [counts, 0.0, 0.0, 0.0, 0.0, 0.0]));
+        let (no_contact, frames) = synthetic::presses_on(&truth, 4);
+        let presses = Presses::new(no_contact, frames, synthetic::BALL_MM, truth.mm_per_px()).unwrap();
+        let Fit { calibration, .. } = fit(&presses).unwrap();
+        assert_eq!(calibration.gel_length_mm, Some(1.2));
+        let found = calibration.light.pressed.unwrap();
+        for (found, truth) in found.iter().zip([-9.0, 4.0, -2.0]) {
+            // Of some 1.5 mm: 1.5 counts, as much as the noise.
+            assert!((found[0] - truth).abs() < 1.0, "{found:?}, not {truth}");
         }
     }
 

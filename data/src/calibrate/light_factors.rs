@@ -1,36 +1,51 @@
-//! What a pixel's light depends on linearly: five functions of the gel's slope times six of the place.
+//! What a pixel's light depends on linearly: functions of the gel's slope and depth, times six of the place.
 
 use super::ball::BallPress;
 use crate::sensor::light::{LightRig, Quadratic, Shadow, Walls};
 
-/// The five functions of the slope in [`LightRig`] at a place near a ball's axis.
-pub(super) fn bases(ball: &BallPress, [x_mm, y_mm]: [f64; 2]) -> [f64; 5] {
+/// Functions of the slope in [`LightRig`].
+pub(super) const N_SLOPES: usize = 5;
+
+/// Functions of the slope, and the depth.
+pub(super) const N_BASES: usize = N_SLOPES + 1;
+
+/// Terms of a [`Quadratic`].
+pub(super) const N_TERMS: usize = 6;
+
+/// Everything in [`LightRig`] at a place near a ball's axis: the functions of the slope, then the depth in mm.
+pub(super) fn bases(ball: &BallPress, [x_mm, y_mm]: [f64; 2]) -> [f64; N_BASES] {
     let r = x_mm.hypot(y_mm);
     let slope = ball.slope(r);
     // Deeper towards the axis.
     let [gx, gy] = if r > 0.0 { [-x_mm / r * slope, -y_mm / r * slope] } else { [0.0; 2] };
-    slope_bases(gx, gy)
+    let [along_x, along_y, steep, across, diagonal] = slope_bases(gx, gy);
+    [along_x, along_y, steep, across, diagonal, ball.depth_mm(r)]
 }
 
-/// The five functions of [`LightRig`] of a slope.
-pub(super) fn slope_bases(gx: f64, gy: f64) -> [f64; 5] {
+/// The functions of [`LightRig`] of a slope.
+pub(super) fn slope_bases(gx: f64, gy: f64) -> [f64; N_SLOPES] {
     let share = 1.0 / (1.0 + gx * gx + gy * gy);
     [2.0 * gx, 2.0 * gy, gx * gx + gy * gy, gx * gx - gy * gy, 2.0 * gx * gy].map(|basis| basis * share)
 }
 
-/// Each of `bases` times each term of a [`Quadratic`] at a place of the frame, -1..=1.
-pub(super) fn factors(bases: [f64; 5], [x, y]: [f64; 2]) -> [f64; 30] {
+/// Each of `bases` times each term of a [`Quadratic`] at a place of the frame, -1..=1: `N * N_TERMS` of them.
+pub(super) fn factors<const N: usize>(bases: [f64; N], [x, y]: [f64; 2]) -> [[f64; N_TERMS]; N] {
     let terms = [1.0, x, y, x * x, x * y, y * y];
-    std::array::from_fn(|i| bases[i / 6] * terms[i % 6])
+    bases.map(|basis| terms.map(|term| basis * term))
 }
 
-/// The light of 30 weights for each channel, as [`factors`] orders them.
-pub(super) fn light(weights: &[Vec<f64>; 3], has_walls: bool, at_rest: [Quadratic; 3]) -> LightRig {
+/// The light of the weights of each channel, as [`factors`] orders them. What has no weight is left out.
+pub(super) fn light(weights: &[Vec<f64>; 3], at_rest: [Quadratic; 3]) -> LightRig {
     let part = |basis: usize| {
-        weights.each_ref().map(|weights| -> Quadratic { std::array::from_fn(|i| weights[6 * basis + i] as f32) })
+        weights.each_ref().map(|weights| -> Quadratic {
+            std::array::from_fn(|i| weights.get(N_TERMS * basis + i).copied().unwrap_or(0.0) as f32)
+        })
     };
-    let walls = has_walls.then(|| Walls { steep: part(2), across: part(3), diagonal: part(4) });
-    LightRig { at_rest, along_x: part(0), along_y: part(1), walls, shadow: Shadow::default() }
+    let [along_x, along_y, steep, across, diagonal, pressed] = std::array::from_fn(part);
+    let is_lit = |part: &[Quadratic; 3]| part.iter().flatten().any(|weight| *weight != 0.0);
+    let walls = [steep, across, diagonal].iter().any(is_lit).then_some(Walls { steep, across, diagonal });
+    let pressed = Some(pressed).filter(is_lit);
+    LightRig { at_rest, along_x, along_y, walls, pressed, shadow: Shadow::default() }
 }
 
 /// Where a pixel's middle is in the frame, -1..=1.

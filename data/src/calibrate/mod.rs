@@ -137,8 +137,7 @@ pub fn at_rest(no_contact: &Frame) -> Result<[Quadratic; 3]> {
     let size_px = [no_contact.width_px(), no_contact.height_px()];
     let mut sums = Sums::new(6);
     for (pixel, rgb) in no_contact.rgb().as_chunks::<3>().0.iter().enumerate() {
-        let constant = [1.0, 0.0, 0.0, 0.0, 0.0];
-        sums.add(&factors(constant, place(pixel, size_px))[..6], rgb.map(f64::from));
+        sums.add(factors([1.0], place(pixel, size_px)).as_flattened(), rgb.map(f64::from));
     }
     Ok(sums.solve(1e-9)?.map(|weights| std::array::from_fn(|i| weights[i] as f32)))
 }

@@ -44,8 +44,13 @@ pub fn depths(ball: &BallPress, centre_px: [f64; 2], size_px: [usize; 2], mm_per
 
 /// Twelve presses all over the frame, with noise of 1.8 counts and gains of some per cent.
 pub fn presses(seed: u64) -> Set {
-    let (spec, mut rng) = (spec(), ChaCha8Rng::seed_from_u64(seed));
-    let (optics, mm_per_px) = (Optics::new(&spec), spec.mm_per_px());
+    presses_on(&spec(), seed)
+}
+
+/// The same on another sensor of the same view.
+pub fn presses_on(spec: &SensorSpec, seed: u64) -> Set {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (optics, mm_per_px) = (Optics::new(spec), spec.mm_per_px());
     let expose = |rgb: Vec<f32>, gain: f32, rng: &mut ChaCha8Rng| {
         let noisy = rgb.iter().map(|value| {
             let noise: f32 = StandardNormal.sample(rng);

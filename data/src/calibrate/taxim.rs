@@ -69,7 +69,7 @@ pub fn read(path: &Path, frame_px: [usize; 2], mm_per_px: [f64; 2], at_rest: [Qu
             let cell = 6 * (steep * n_bins + direction);
             let values =
                 tables.each_ref().map(|table| table[cell..cell + 6].iter().zip(terms).map(|(a, b)| a * b).sum());
-            sums.add(&factors(bases, share.map(|share| 2.0 * share - 1.0)), values);
+            sums.add(factors(bases, share.map(|share| 2.0 * share - 1.0)).as_flattened(), values);
         }
     }
     let weights = sums.solve(1e-9)?;
@@ -84,7 +84,7 @@ pub fn read(path: &Path, frame_px: [usize; 2], mm_per_px: [f64; 2], at_rest: [Qu
         gel_length_mm: None,
         contact_share: None,
         leave_one_out: None,
-        light: light(&weights, true, at_rest),
+        light: light(&weights, at_rest),
     };
     calibration.spec(SensorSpec::default())?;
     Ok(FromTable { calibration, table_rms: rms(&nothing), error_rms: rms(&weights) })

@@ -40,7 +40,7 @@ impl Default for SensorRange {
             noise: [0.5, 3.0],
             jpeg_quality: [30, 88],
             scale: [0.92, 1.1],
-            light_field: [0.0, 2.0],
+            light_field: [0.0, 4.0],
             hole_scale: None,
         }
     }

@@ -5,12 +5,16 @@
 //! ```text
 //! dI = a_x 2 g_x/(1 + g^2) + a_y 2 g_y/(1 + g^2)                               sin 2 theta: a lamp from one side
 //!    + b g^2/(1 + g^2) + b_2 (g_x^2 - g_y^2)/(1 + g^2) + b_11 2 g_x g_y/(1 + g^2)        sin^2 theta: walls
+//!    + d D                                                                           how deep it is pressed in
 //! ```
 //!
 //! where each factor is a quadratic of the place in the frame. These are the spherical harmonics of the
 //! surface's normal up to the second order, which hold 98 % of diffuse light (Ramamoorthi and Hanrahan,
 //! 2001), less the constant, which is the frame at rest. Of a real Mini's Taxim table they leave 2 to 4 counts
 //! (root mean square over the frame and slopes up to 58 degrees) of 22 to 32: `tactile-data calibrate --taxim`.
+//!
+//! The last is no matter of slopes: where the gel is pressed in and level, it is nearer to the camera and
+//! thinner, and some sensors show it darker or brighter. It is different for each sensor and is known from presses alone.
 
 mod known;
 
@@ -44,6 +48,9 @@ pub struct LightRig {
     /// Response to steep walls; without it none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub walls: Option<Walls>,
+    /// Response to how deep the gel is pressed in, counts per mm; without it none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pressed: Option<[Quadratic; 3]>,
     /// How lamps cast shadows, for [`super::Fidelity::Shadow`].
     pub shadow: Shadow,
 }
@@ -115,7 +122,7 @@ impl LightRig {
 
     /// Lamps over a Mini's frame at rest.
     fn of(Lamps { along_x, along_y }: Lamps) -> Self {
-        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, shadow: Shadow::default() }
+        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, pressed: None, shadow: Shadow::default() }
     }
 
     /// How it answers gentle slopes.
@@ -151,12 +158,14 @@ impl LightRig {
             [[0, 1, 2].map(|c| part(c, angle[c].1, -angle[c].0)), [0, 1, 2].map(|c| part(c, angle[c].0, angle[c].1))]
         };
         let [along_x, along_y] = turned(&self.along_x, &self.along_y, 1.0);
+        let stronger =
+            |part: [Quadratic; 3]| [0, 1, 2].map(|c| part[c].map(|factor| (strength[c] * f64::from(factor)) as f32));
         let walls = self.walls.as_ref().map(|walls| {
             let [across, diagonal] = turned(&walls.across, &walls.diagonal, 2.0);
-            let steep = [0, 1, 2].map(|c| walls.steep[c].map(|factor| (strength[c] * f64::from(factor)) as f32));
-            Walls { steep, across, diagonal }
+            Walls { steep: stronger(walls.steep), across, diagonal }
         });
-        Self { at_rest: self.at_rest, along_x, along_y, walls, shadow: self.shadow }
+        let pressed = self.pressed.map(stronger);
+        Self { at_rest: self.at_rest, along_x, along_y, walls, pressed, shadow: self.shadow }
     }
 
     /// The same rig with each channel's response `share` times as strong, as a longer or shorter exposure has it; the
@@ -184,6 +193,7 @@ impl LightRig {
             along_x: part(&self.along_x),
             along_y: part(&self.along_y),
             walls,
+            pressed: self.pressed.as_ref().map(part),
             shadow: self.shadow,
         }
     }
@@ -195,6 +205,7 @@ impl LightRig {
         fields.extend(walls.into_iter().flat_map(|walls| {
             [("walls.steep", &walls.steep), ("walls.across", &walls.across), ("walls.diagonal", &walls.diagonal)]
         }));
+        fields.extend(self.pressed.iter().map(|pressed| ("pressed", pressed)));
         for (field, factors) in fields {
             if let Some(value) = factors.iter().flatten().find(|value| value.is_nan() || value.abs() > MAX_COUNTS) {
                 let expected = format!("at most {MAX_COUNTS} counts either way");
@@ -214,6 +225,7 @@ impl<'de> Deserialize<'de> for LightRig {
             along_x: [Quadratic; 3],
             along_y: [Quadratic; 3],
             walls: Option<Walls>,
+            pressed: Option<[Quadratic; 3]>,
             #[serde(default)]
             shadow: Shadow,
         }
@@ -226,8 +238,8 @@ impl<'de> Deserialize<'de> for LightRig {
         match Given::deserialize(deserializer)? {
             Given::Named(name) => Self::named(&name).map_err(serde::de::Error::custom),
             Given::Factors(given) => {
-                let Factors { at_rest, along_x, along_y, walls, shadow } = *given;
-                Ok(Self { at_rest, along_x, along_y, walls, shadow })
+                let Factors { at_rest, along_x, along_y, walls, pressed, shadow } = *given;
+                Ok(Self { at_rest, along_x, along_y, walls, pressed, shadow })
             }
         }
     }
@@ -260,13 +272,14 @@ mod tests {
     fn a_place_of_the_gel_has_the_same_light_in_every_view() {
         let flat = |counts: f32| [[counts, 3.0, -5.0, 2.0, 7.0, -4.0]; 3];
         let walls = Walls { steep: flat(25.0), across: flat(-9.0), diagonal: flat(4.0) };
-        let rig = LightRig { walls: Some(walls), ..LightRig::named("cmu").unwrap() };
+        let rig = LightRig { walls: Some(walls), pressed: Some(flat(-8.0)), ..LightRig::named("cmu").unwrap() };
         assert_eq!(rig.on_view([0.0; 2], [1.0; 2]), rig);
         let (centre, half) = ([0.3, -0.2], [0.6, 1.1]);
         let seen = rig.on_view(centre, half);
         let factors = |rig: &LightRig| {
             let walls = rig.walls.clone().unwrap();
-            [rig.at_rest, rig.along_x, rig.along_y, walls.steep, walls.across, walls.diagonal].concat()
+            let pressed = rig.pressed.unwrap();
+            [rig.at_rest, rig.along_x, rig.along_y, walls.steep, walls.across, walls.diagonal, pressed].concat()
         };
         for (x, y) in [(-1.0, -1.0), (-0.4, 0.7), (0.0, 0.0), (0.9, -0.3), (1.0, 1.0)] {
             let there = [centre[0] + half[0] * x, centre[1] + half[1] * y].map(|at| at as f32);

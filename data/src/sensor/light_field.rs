@@ -28,9 +28,10 @@ impl LightField {
     /// The depth of the press for which the field is stated, mm.
     pub const REFERENCE_MM: f64 = 1.0;
 
-    /// What the presses of a ball leave, once the light on the gel's slopes is taken away, at their depth of about
-    /// [`Self::REFERENCE_MM`].
-    pub const FITTED: Self = Self { linear_counts: 1.0, quadratic_counts: 1.2 };
+    /// What the presses of a ball leave, once the light on the gel's slopes is taken away: 1.0 and 1.2 counts, for presses
+    /// that are about 2 mm deep in the gel that is fitted to them. A film of a digit, pressed half a millimetre, has 0.20 and
+    /// 0.35 counts.
+    pub const FITTED: Self = Self { linear_counts: 0.5, quadratic_counts: 0.6 };
 
     /// Whether there is none.
     pub fn is_none(&self) -> bool {

@@ -75,6 +75,10 @@ impl Optics {
                 for (factors, basis) in factors.zip(bases.chunks_exact(width)) {
                     answer(&factors[channel], y, basis, &mut change);
                 }
+                if let Some(pressed) = &self.rig.pressed {
+                    let middle = &depths[(row + 1) * (width + 2) + 1..][..width];
+                    answer(&pressed[channel], y, middle, &mut change);
+                }
                 for (pixel, change) in line.as_chunks_mut::<3>().0.iter_mut().zip(&change) {
                     pixel[channel] += change;
                 }
@@ -184,6 +188,23 @@ mod tests {
             let steep = 3.0 * x + 5.0 * y + 7.0 * x * x + 11.0 * x * y + 13.0 * y * y;
             let law = theta.sin().powi(2) * (steep + 20.0 * cos_2_phi);
             assert!((f64::from(added[3 * (row * 12 + column)]) - law).abs() < 2e-3);
+        }
+    }
+
+    #[test]
+    fn what_is_pressed_in_and_level_changes_by_its_depth() {
+        let pressed = [[-8.0, 2.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6], [3.0, 0.0, 0.0, 0.0, 0.0, 1.0]];
+        let light = LightRig { pressed: Some(pressed), ..LightRig::default() };
+        let spec = SensorSpec { frame_px: [16, 12], light, ..SensorSpec::default() };
+        let optics = Optics::new(&spec);
+        let rgb = optics.shade(&[0.5; 18 * 14], spec.mm_per_px());
+        for (column, row) in [(0_usize, 0_usize), (15, 3), (7, 11)] {
+            let (x, y) = ((column as f32 + 0.5) / 8.0 - 1.0, (row as f32 + 0.5) / 6.0 - 1.0);
+            let law = [0.5 * (-8.0 + 2.0 * x), 0.0, 0.5 * (3.0 + y * y)];
+            for (channel, law) in law.into_iter().enumerate() {
+                let at = 3 * (row * 16 + column) + channel;
+                assert!((rgb[at] - optics.at_rest[at] - law).abs() < 1e-4, "{column}, {row}, channel {channel}");
+            }
         }
     }
 

@@ -37,7 +37,7 @@ const SENSORS: [(&str, &str); 13] = [
     ("soft-gel", "gel_length_mm = 2.0"),
     ("noisy-camera", "noise_counts = [5.4, 5.4, 7.5]\njpeg_quality = [25, 45]"),
     ("half-exposure", "exposure = 0.5"),
-    // Twice what real presses of a ball leave (`LightField::FITTED`).
+    // Four times what real presses of a ball leave (`LightField::FITTED`).
     ("strong-light-field", "light_field = { linear_counts = 2.0, quadratic_counts = 2.4 }"),
     ("worn-gel", "n_specks = 120\ntexture_mm = [0.02, 0.08]"),
 ];

@@ -21,6 +21,7 @@ pub(super) fn mini_by_table() -> LightRig {
         along_x: MINI_ALONG_X,
         along_y: MINI_ALONG_Y,
         walls: Some(Walls { steep: TABLE_STEEP, across: TABLE_ACROSS, diagonal: TABLE_DIAGONAL }),
+        pressed: None,
         shadow: Shadow::default(),
     }
 }
