@@ -17,7 +17,7 @@ use tactile_infer::Bank;
 use crate::blocks::{Blocks, Layout};
 use crate::evidence::Evidence;
 use crate::exact::Exact;
-use crate::likelihood::{LikelihoodConfig, SHARED_VARIANCE, TouchLikelihood};
+use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
 use crate::resample::{log_normalize, systematic};
@@ -293,16 +293,14 @@ impl Belief {
         refine(&self.views, &self.touches, self.joint_weight(0.0), state.part, &start)
     }
 
-    /// How well a part at a pose explains what was felt: the lower of the two means over the edged touches of
-    /// [`Evidence::standard_scores`], in standard deviations of such a mean; `None` where no edge was felt within the
-    /// recorded area.
+    /// How well a part at a pose explains what was felt: the mean over the edged touches of [`Evidence::standard_score`], in
+    /// standard deviations of such a mean; `None` where no edge was felt within the recorded area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<f64> {
-        let scores = self.touches.iter().filter_map(|touch| touch.standard_scores(&self.views, part, part_from_first));
-        let add = |([a, b], n): ([f64; 2], f64), [c, d]: [f64; 2]| ([a + c, b + d], n + 1.0);
-        let ([of_all, below_best], n) = scores.fold(([0.0; 2], 0.0), add);
+        let scores = self.touches.iter().filter_map(|touch| touch.standard_score(&self.views, part, part_from_first));
+        let (sum, n) = scores.fold((0.0, 0.0), |(sum, n), score| (sum + score, n + 1.0));
         // By the standard deviation of the mean of scores that share a part of their variance.
-        let mean = |sum: f64, shared: f64| sum / n / (shared + (1.0 - shared) / n).sqrt();
-        (n > 0.0).then(|| mean(of_all, self.config().matched_shared).min(mean(below_best, SHARED_VARIANCE)))
+        let shared = self.config().matched_shared;
+        (n > 0.0).then(|| sum / n / (shared + (1.0 - shared) / n).sqrt())
     }
 
     /// Share of the belief in a part, 0..=1, in states whose first touch was made within `mm` of a pose or, by the part's

@@ -37,7 +37,7 @@ pub struct EpisodeConfig {
     /// A part explains the touches when its fit ([`crate::Estimate::fit`]) is at least this; at or below 0. `None`: any
     /// part explains any touches.
     pub none_fit: Option<f64>,
-    /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / n`; not
+    /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / sqrt(n)`; not
     /// negative. Large: parts that are not in the bank are recognised, at the price of touches.
     pub fit_margin: f64,
     /// A fit below `none_fit` means none of these parts from this many touches on; at least 1.
@@ -65,7 +65,7 @@ impl Default for EpisodeConfig {
             between_poses: true,
             subdivisions: 2,
             none_fit: Some(NONE_FIT),
-            fit_margin: 8.0,
+            fit_margin: 5.0,
             none_touches: 4,
             low_similarity: 0.8,
             seed: 1,
@@ -103,12 +103,18 @@ impl EpisodeConfig {
         }
     }
 
+    /// The least fit with which to be confident after `n_touches`; `None` where any will do. What a few touches say of how
+    /// well a part matches is uncertain by the root of their number.
+    pub fn fit_needed(&self, n_touches: usize) -> Option<f64> {
+        self.none_fit.map(|least| least + self.fit_margin / (n_touches as f64).sqrt())
+    }
+
     /// Why to stop after `n_touches` when the likeliest part has this probability and fit, its place known well
     /// enough; `None` to go on.
     pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
         // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.
-        let explains = match (self.none_fit, fit) {
-            (Some(least), Some(fit)) => fit >= least + self.fit_margin / n_touches as f64,
+        let explains = match (self.fit_needed(n_touches), fit) {
+            (Some(least), Some(fit)) => fit >= least,
             (Some(_), None) => false,
             (None, _) => true,
         };
@@ -170,12 +176,12 @@ mod tests {
 
     #[test]
     fn a_fit_is_asked_for_less_the_more_touches_there_are() {
-        let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 2.5, none_touches: 4, ..Default::default() };
+        let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 1.2, none_touches: 4, ..Default::default() };
         let stop = |fit: Option<f64>, n: usize| config.stop(0.99, fit, n);
-        // -0.9 + 2.5 / n: 1.6 after one touch, above any fit; 0.35 after two; -0.067 after three; -0.275 after four.
-        assert_eq!([stop(Some(0.0), 1), stop(Some(0.0), 2)], [None, None]);
-        assert_eq!([stop(Some(-0.06), 3), stop(Some(-0.07), 3)], [Some(StopReason::Confident), None]);
-        assert_eq!([stop(Some(-0.27), 4), stop(Some(-0.28), 4)], [Some(StopReason::Confident), None]);
+        // -0.9 + 1.2 / sqrt(n): 0.3 after one touch; -0.051 after two; -0.207 after three; -0.3 after four.
+        assert_eq!([stop(Some(0.29), 1), stop(Some(0.31), 1)], [None, Some(StopReason::Confident)]);
+        assert_eq!([stop(Some(-0.05), 2), stop(Some(-0.06), 2)], [Some(StopReason::Confident), None]);
+        assert_eq!([stop(Some(-0.29), 4), stop(Some(-0.31), 4)], [Some(StopReason::Confident), None]);
         // Below the threshold no part explains the touches, from the fourth on.
         assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
         // Without an edge nothing is confident; without a threshold everything may be.

@@ -174,9 +174,9 @@ impl Evidence {
     }
 
     /// How well the view at a pose matches an edged touch: how many standard deviations its cosine is above that of the
-    /// view which a touch was made at, and above what the best view of any part lets one expect; each at least -6, so that
-    /// one spoilt touch does not outweigh all others. `None` where the touch is blank or the view unknown.
-    pub fn standard_scores(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<[f64; 2]> {
+    /// view which a touch was made at; at least -6, so that one spoilt touch does not outweigh all others. `None` where the
+    /// touch is blank or the view unknown.
+    pub fn standard_score(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<f64> {
         /// The worst match.
         const LEAST: f64 = -6.0;
         /// A blank view where an edge was felt: as bad as a wrong part's views are on average.
@@ -186,13 +186,11 @@ impl Evidence {
         }
         let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor))?;
         let is_known = self.likelihood.is_recorded(seen.row) && (!self.cubic || seen.trust == 1.0);
-        let best = f64::from(self.likelihood.best_similarity);
-        let scores = || {
-            let (matched, gap) = self.likelihood.expected(part);
-            let expected = [matched, Spread { mean: best - gap.mean, sd: gap.sd }];
-            expected.map(|Spread { mean, sd }| ((f64::from(seen.similarity) - mean) / sd).max(LEAST))
+        let score = || {
+            let Spread { mean, sd } = self.likelihood.expected(part);
+            ((f64::from(seen.similarity) - mean) / sd).max(LEAST)
         };
-        is_known.then(|| if self.likelihood.is_edged(seen.row) { scores() } else { [MISMATCH; 2] })
+        is_known.then(|| if self.likelihood.is_edged(seen.row) { score() } else { MISMATCH })
     }
 
     /// The view of a part from the sensor's pose; `None` where it is unknown.

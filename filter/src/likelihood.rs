@@ -62,10 +62,6 @@ pub struct LikelihoodConfig {
     pub matched_shared: f64,
     /// ... of a bank with such views. In one of others a part's own mean counts, as far as it is known.
     pub matched_views: Views,
-    /// And how far that is below the best cosine with any recorded view: mean ...
-    pub gap_mean: f64,
-    /// ... and standard deviation, positive.
-    pub gap_sd: f64,
     /// Share of their error that the touches of one hole have in common, 0..=1: the same print, the same network. Zero:
     /// all they say is multiplied. Else n touches count as n / (1 + share (n - 1)), each likelihood taken to that power of
     /// n, as the mean of n numbers of which any two correlate so much.
@@ -92,8 +88,6 @@ impl Default for LikelihoodConfig {
             matched_sd: 0.03,
             matched_shared: SHARED_VARIANCE,
             matched_views: Views::Pegs,
-            gap_mean: 0.01,
-            gap_sd: 0.03,
             shared_error: 0.15,
             overlap_mm: 3.0,
             overlap_deg: 15.0,
@@ -124,9 +118,8 @@ impl LikelihoodConfig {
     pub fn of_side(model: &Model, side: Side) -> Self {
         let default = Self::default();
         let Some(calibration) = calibration_of(model, side) else { return default };
-        let gap = calibration.gap.unwrap_or(Spread { mean: default.gap_mean, sd: default.gap_sd });
-        let matched = calibration.matched.unwrap_or_else(|| matched_by_best(calibration, &default));
-        let [gap, matched] = [gap, matched].map(|Spread { mean, sd }| Spread { mean, sd: sd.max(LEAST_SD) });
+        let Spread { mean, sd } = calibration.matched.unwrap_or_else(|| matched_by_best(calibration, &default));
+        let matched = Spread { mean, sd: sd.max(LEAST_SD) };
         Self {
             temperature: calibration.temperature,
             outlier_share: calibration.outlier_share.max(default.outlier_share),
@@ -136,8 +129,6 @@ impl LikelihoodConfig {
             matched_sd: matched.sd,
             matched_shared: shared_variance(calibration),
             matched_views: calibration.views,
-            gap_mean: gap.mean,
-            gap_sd: gap.sd,
             ..default
         }
     }
@@ -167,8 +158,6 @@ impl LikelihoodConfig {
         check("matched_mean", "-1..=1", self.matched_mean, cosines.contains(&self.matched_mean))?;
         check("matched_sd", "a positive number", self.matched_sd, positive(self.matched_sd))?;
         check("matched_shared", "0..=1", self.matched_shared, (0.0..=1.0).contains(&self.matched_shared))?;
-        check("gap_mean", "0..=2", self.gap_mean, (0.0..=2.0).contains(&self.gap_mean))?;
-        check("gap_sd", "a positive number", self.gap_sd, positive(self.gap_sd))?;
         check("shared_error", "0..=1", self.shared_error, (0.0..=1.0).contains(&self.shared_error))?;
         let apart = self.overlap_mm.is_finite() && self.overlap_mm >= 0.0;
         check("overlap_mm", "a number, not negative", self.overlap_mm, apart)?;
@@ -200,7 +189,7 @@ fn matched_by_best(calibration: &Calibration, default: &LikelihoodConfig) -> Spr
 
 /// Share of the cosines' variance that the touches of one hole under one sensor have in common: the same print, the same
 /// network. On the tuning letters anywhere the mean of eight has a standard deviation of 0.015, each one of 0.034.
-pub(crate) const SHARED_VARIANCE: f64 = 0.1;
+const SHARED_VARIANCE: f64 = 0.1;
 
 /// The share with what sensors differ by, which all touches of one have in common.
 fn shared_variance(calibration: &Calibration) -> f64 {
@@ -327,30 +316,24 @@ impl TouchLikelihood {
         })
     }
 
-    /// What is expected of a touch of a part: its cosine with the view that it is made at, and how far that is below the
-    /// best with any. As the calibration measured it on other parts and the bank of this one, whichever expects less.
+    /// What is expected of a touch of a part: its cosine with the view that it is made at. As the calibration measured it
+    /// on other parts and the bank of this one, whichever expects less.
     ///
     /// A bank of both sides matches better than the bank of pegs that a model is calibrated with, and how much better the
     /// sensor leaves it is not known: half of it is counted on (`NOTES.md`), until touches calibrate it.
-    pub fn expected(&self, part: usize) -> (Spread, Spread) {
-        let LikelihoodConfig { matched_mean, matched_sd, matched_views, gap_mean, gap_sd, .. } = self.config;
+    pub fn expected(&self, part: usize) -> Spread {
+        let LikelihoodConfig { matched_mean, matched_sd, matched_views, .. } = self.config;
         match self.matches.of(part, self.side) {
-            Some(PartMatch { matched, gap }) => {
+            Some(PartMatch { matched, .. }) => {
                 let least = matched.mean.min(matched_mean);
                 let mean = match (self.views, matched_views) {
                     (Views::Both, Views::Pegs) => 0.5 * (matched.mean + least),
                     (Views::Pegs, Views::Both) => matched.mean,
                     _ => least,
                 };
-                (
-                    Spread { mean, sd: matched.sd.max(matched_sd) },
-                    Spread { mean: gap.mean.max(gap_mean), sd: gap.sd.max(gap_sd) },
-                )
+                Spread { mean, sd: matched.sd.max(matched_sd) }
             }
-            None => (
-                Spread { mean: matched_mean, sd: matched_sd.hypot(OTHER_PARTS) },
-                Spread { mean: gap_mean, sd: gap_sd.hypot(OTHER_PARTS) },
-            ),
+            None => Spread { mean: matched_mean, sd: matched_sd.hypot(OTHER_PARTS) },
         }
     }
 
@@ -535,14 +518,14 @@ mod tests {
         let good = PartMatch { matched: spread(0.99, 0.01), gap: spread(-0.04, 0.01) };
         let known = Matches { holes: vec![Some(poor), Some(good), None], pegs: vec![None; 3] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]], &[0.3; 3]).with_matches(known).unwrap();
-        let config = LikelihoodConfig { matched_mean: 0.94, matched_sd: 0.03, gap_mean: 0.01, gap_sd: 0.02, ..round() };
+        let config = LikelihoodConfig { matched_mean: 0.94, matched_sd: 0.03, ..round() };
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
-        assert_eq!(seen.expected(0), (poor.matched, poor.gap));
-        assert_eq!(seen.expected(1), (spread(0.94, 0.03), spread(0.01, 0.02)));
+        assert_eq!(seen.expected(0), poor.matched);
+        assert_eq!(seen.expected(1), spread(0.94, 0.03));
         // Nothing is known of the third: as of other parts, but less surely.
-        let (matched, gap) = seen.expected(2);
-        assert_eq!((matched.mean, gap.mean), (0.94, 0.01));
-        assert!((matched.sd - 0.03_f64.hypot(OTHER_PARTS)).abs() < 1e-15 && gap.sd > 0.02);
+        let Spread { mean, sd } = seen.expected(2);
+        assert_eq!(mean, 0.94);
+        assert!((sd - 0.03_f64.hypot(OTHER_PARTS)).abs() < 1e-15);
     }
 
     #[test]
@@ -554,7 +537,7 @@ mod tests {
         let mean = |bank_views: Views, matched_views, part| {
             let bank = bank.clone().with_views(bank_views);
             let config = LikelihoodConfig { matched_mean: 0.92, matched_views, ..round() };
-            TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap().expected(part).0.mean
+            TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap().expected(part).mean
         };
         use Views::{Both, Pegs};
         for (of_bank, of_calibration, [first, second]) in

@@ -78,7 +78,7 @@ pub struct tf_episode_config {
     pub stop_place_mm: f64,
     /// A part explains the touches where tf_estimate.fit is at least this; at or below 0.
     pub none_fit: f64,
-    /// To be confident after n touches the fit must be at least none_fit + fit_margin / n; not negative.
+    /// To be confident after n touches the fit must be at least none_fit + fit_margin / sqrt(n); not negative.
     pub fit_margin: f64,
     /// A fit below none_fit means none of these parts from this many touches on; at least 1.
     pub none_touches: usize,
@@ -143,9 +143,9 @@ pub struct tf_episode_config {
     /// ... and standard deviation, positive: what tf_estimate.fit is measured by. This and what follows are
     /// not of the first version of this struct.
     pub matched_sd: f64,
-    /// How far that is below the best cosine with any recorded view: mean, 0 to 2 ...
+    /// Not used: kept so that what follows stays where it is.
     pub gap_mean: f64,
-    /// ... and standard deviation, positive.
+    /// Not used.
     pub gap_sd: f64,
     /// A view outside the recorded area is as likely as a recorded one whose cosine with the touch is this, -1 to 1.
     pub unknown_similarity: f64,
@@ -254,8 +254,8 @@ impl From<&EpisodeConfig> for tf_episode_config {
             overlap_deg: likelihood.overlap_deg,
             matched_mean: likelihood.matched_mean,
             matched_sd: likelihood.matched_sd,
-            gap_mean: likelihood.gap_mean,
-            gap_sd: likelihood.gap_sd,
+            gap_mean: 0.0,
+            gap_sd: 0.0,
             unknown_similarity: likelihood.unknown_similarity.unwrap_or_default(),
             has_unknown_similarity: likelihood.unknown_similarity.is_some().into(),
             shared_error: likelihood.shared_error,
@@ -349,8 +349,6 @@ fn likelihood(config: &tf_episode_config) -> Result<LikelihoodConfig, Failure> {
         matched_sd: config.matched_sd,
         matched_shared: config.matched_shared,
         matched_views,
-        gap_mean: config.gap_mean,
-        gap_sd: config.gap_sd,
         shared_error: config.shared_error,
         overlap_mm: config.overlap_mm,
         overlap_deg: config.overlap_deg,

@@ -3,7 +3,7 @@
 use tactile_data::frame::{Background, Frame};
 use tactile_filter::{Episode, EpisodeConfig, Estimate, StopReason};
 
-use super::{Narrative, NarrativeTouch, NextTouch, fit_needed, places, shown_background};
+use super::{Narrative, NarrativeTouch, NextTouch, places, shown_background};
 use crate::error::Result;
 use crate::evaluate::{Banks, Hole, Outcome, Protocol, Run, run_one};
 
@@ -120,7 +120,7 @@ impl<'a> Recorder<'a> {
             probability: estimate.probability,
             guess_from_sensor: estimate.part_from_sensor,
             fit: estimate.fit,
-            fit_needed: fit_needed(config, estimate),
+            fit_needed: config.fit_needed(estimate.n_touches),
             belief: places(episode.belief(), bank),
             next: episode.judged(&candidates).map(|judgement| NextTouch { rule, n_candidates, judgement }),
         });

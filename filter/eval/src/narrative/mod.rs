@@ -13,7 +13,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_filter::action::{ActionRule, Judgement};
 use tactile_filter::belief::Belief;
-use tactile_filter::{EpisodeConfig, Estimate};
+
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
@@ -145,11 +145,6 @@ impl Narrative {
 fn shown_background(at_rest: &Frame) -> Result<Background> {
     let size = [80.min(at_rest.width_px()), 60.min(at_rest.height_px())];
     Ok(Background::new(at_rest, &Preprocessing::counts(size))?)
-}
-
-/// The fit that [`EpisodeConfig::stop`] asks for to be confident, where it asks at all.
-fn fit_needed(config: &EpisodeConfig, estimate: &Estimate) -> Option<f64> {
-    config.none_fit.map(|least| least + config.fit_margin / estimate.n_touches as f64)
 }
 
 /// Probability of each recorded place of the first touch, `[part, x, y]`, summed over the angle.

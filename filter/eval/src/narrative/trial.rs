@@ -3,7 +3,7 @@
 use tactile_data::frame::Background;
 use tactile_filter::StopReason;
 
-use super::{Narrative, NarrativeTouch, fit_needed, places, shown_background};
+use super::{Narrative, NarrativeTouch, places, shown_background};
 use crate::assembly::{Attempt, Moment, Workcell};
 use crate::error::Result;
 
@@ -48,7 +48,7 @@ fn touch(workcell: &Workcell<'_>, moment: &Moment<'_>, rest: &Background) -> Res
         probability: estimate.probability,
         guess_from_sensor: estimate.part_from_sensor,
         fit: estimate.fit,
-        fit_needed: fit_needed(workcell.config(), &estimate),
+        fit_needed: workcell.config().fit_needed(estimate.n_touches),
         belief,
         // The reasons for it name pegs in hand, not parts of the board.
         next: None,

@@ -48,7 +48,7 @@ pub struct Tuning {
     /// The least goodness of fit of a part that explains the touches
     #[arg(long, value_name = "FIT")]
     none_fit: Option<f64>,
-    /// How much better the fit must be after one touch, half as much after two, for the filter to be confident
+    /// How much better the fit must be after one touch, half as much after four, for the filter to be confident
     #[arg(long, value_name = "FIT")]
     fit_margin: Option<f64>,
     /// Share of their error that the touches of one hole have in common

@@ -58,8 +58,6 @@ class _Settings(TypedDict, total=False):
     matched_sd: float
     matched_shared: float
     matched_views: Literal["pegs", "both"]
-    gap_mean: float
-    gap_sd: float
     shared_error: float
     interpolation: Literal["auto", "nearest", "cubic"]
     overlap_mm: float
