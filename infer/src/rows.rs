@@ -12,7 +12,7 @@ use multiversion::multiversion;
 use crate::error::{Error, Result};
 use crate::precision::Precision;
 use crate::safefile::pieces::read_values;
-use crate::similarity::{dot, dots};
+use crate::similarity::{dot, dots, dots_at};
 
 /// The longest row: an embedding's largest length. Sums of whole numbers below stay in i32 for it.
 pub const MAX_DIM: usize = 4_096;
@@ -307,10 +307,26 @@ impl Rows {
             Values::F32(values) => dot(&values[at(a)], &values[at(b)]),
             Values::F16(values) => dot_halves(&values[at(a)], &values[at(b)]),
             Values::Bf16(values) => dot_halves(&values[at(a)], &values[at(b)]),
+            Values::I8 { values, scales } => dot_of_whole(&values[at(a)], &values[at(b)]) * (scales[a] * scales[b]),
+        }
+    }
+
+    /// [`Self::cosine`] of one row with each of some others.
+    ///
+    /// # Panics
+    /// Where a row is not below [`Self::len`].
+    pub fn cosines(&self, row: usize, others: &[usize]) -> Vec<f32> {
+        let (stored, dim) = (self.stored(row), self.dim);
+        let others: Vec<usize> = others.iter().map(|other| self.stored(*other)).collect();
+        let at = |row: usize| row * dim..(row + 1) * dim;
+        match &*self.values {
+            Values::F32(values) => dots_at(&values[at(stored)], values, &others),
+            Values::F16(values) => others.iter().map(|b| dot_halves(&values[at(stored)], &values[at(*b)])).collect(),
+            Values::Bf16(values) => others.iter().map(|b| dot_halves(&values[at(stored)], &values[at(*b)])).collect(),
             Values::I8 { values, scales } => {
-                let pairs = values[at(a)].iter().zip(&values[at(b)]);
-                let products = pairs.map(|(x, y)| i32::from(i16::from(*x) * i16::from(*y)));
-                products.sum::<i32>() as f32 * (scales[a] * scales[b])
+                let mut cosines: Vec<f32> = others.iter().map(|other| scales[stored] * scales[*other]).collect();
+                times_dots_at(&values[at(stored)], values, &others, &mut cosines);
+                cosines
             }
         }
     }
@@ -405,6 +421,29 @@ fn times_dots_whole(query: &[i16], rows: &[i8], values: &mut [f32]) {
         }
         *value *= sum as f32;
     }
+}
+
+/// Multiplies each value by the inner product of a row of whole numbers with one of `rows`, given by their places.
+#[multiversion(targets("x86_64+avx2"))]
+fn times_dots_at(row: &[i8], rows: &[i8], places: &[usize], values: &mut [f32]) {
+    for (value, at) in values.iter_mut().zip(places) {
+        *value *= whole_dot(row, &rows[at * row.len()..(at + 1) * row.len()]);
+    }
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn dot_of_whole(a: &[i8], b: &[i8]) -> f32 {
+    whole_dot(a, b)
+}
+
+/// Products of rows of up to [`MAX_DIM`] whole numbers are summed in i32.
+#[inline(always)]
+fn whole_dot(a: &[i8], b: &[i8]) -> f32 {
+    let mut sum = 0_i32;
+    for i in 0..a.len().min(b.len()) {
+        sum += i32::from(i16::from(a[i])) * i32::from(i16::from(b[i]));
+    }
+    sum as f32
 }
 
 #[cfg(test)]
