@@ -113,8 +113,8 @@ impl Evidence {
                 sums.iter_mut().for_each(|sum| *sum += unknown);
             }
             (AngleViews::Between(lattice), planes) => {
-                let matches = planes
-                    .map(|planes| self.likelihood.match_logs(&self.likelihood.on_lattice(lattice, part, planes)));
+                let matches =
+                    planes.map(|planes| self.likelihood.match_logs(&self.likelihood.on_lattice(lattice, part, planes)));
                 self.add_between(first_row, lattice, matches.as_deref(), sums);
             }
         }
@@ -135,7 +135,8 @@ impl Evidence {
             if of_line.replace(row) != Some(row) {
                 for ((above, of_match), other) in above_first.iter().zip(&mut of_match).zip(&mut others) {
                     let is_matched = matches.is_some() && self.likelihood.is_edged(row + above);
-                    (*of_match, *other) = if is_matched { (1.0, 0.0) } else { (0.0, self.likelihood.log_row(row + above)) };
+                    (*of_match, *other) =
+                        if is_matched { (1.0, 0.0) } else { (0.0, self.likelihood.log_row(row + above)) };
                 }
             }
             let places = x * n_ys + ys.start..x * n_ys + ys.end;

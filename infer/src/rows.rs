@@ -17,6 +17,7 @@ use crate::similarity::{dot, dots, dots_at};
 mod coarse;
 
 use coarse::Coarse;
+pub(crate) use coarse::Query;
 
 /// The longest row: an embedding's largest length. Sums of whole numbers below stay in i32 for it.
 pub const MAX_DIM: usize = 4_096;
@@ -273,21 +274,33 @@ impl Rows {
     /// length: the others are those of a coarse copy, which is read four times as fast. For a query of length one they are
     /// off by at most the length of what the copy leaves out of a row: some 0.01 of a row of length one, mostly 0.001.
     pub fn similarities_near_best(&self, query: &[f32], out: &mut Vec<f32>) {
-        let length = dot(query, query).sqrt();
-        let (Some(coarse), Values::F32(values), true) = (&self.coarse, &*self.values, length.is_finite()) else {
+        let rounded = Query::of(query);
+        let (Some(coarse), Values::F32(values), true) = (&self.coarse, &*self.values, rounded.length.is_finite())
+        else {
             return self.similarities(query, out);
         };
         out.clear();
-        let (stored, whole) = (self.stored_ranges(0..self.len()), rounded(query));
-        let mut surely = f32::NEG_INFINITY;
-        for range in &stored {
-            surely = surely.max(coarse.similarities(range.clone(), &whole, length, out));
-        }
-        for (similarity, row) in out.iter_mut().zip(stored.into_iter().flatten()) {
-            if coarse.at_most(row, *similarity, length) >= surely - FAR * length {
+        let stored = self.stored_ranges(0..self.len());
+        stored.iter().for_each(|range| coarse.similarities(range.clone(), &rounded, out));
+        let rows = || stored.iter().cloned().flatten();
+        let at_least = rows().zip(&*out).map(|(row, similarity)| similarity - coarse.off(row, &rounded));
+        let far = at_least.fold(f32::NEG_INFINITY, f32::max) - FAR * rounded.length;
+        for (row, similarity) in rows().zip(out) {
+            if *similarity + coarse.off(row, &rounded) >= far {
                 *similarity = dot(query, &values[row * self.dim..(row + 1) * self.dim]);
             }
         }
+    }
+
+    /// What [`Self::similarities_in`] finds at most: by the coarse copy, where there is one.
+    pub(crate) fn at_most_in(&self, range: Range<usize>, query: &Query, out: &mut Vec<f32>) {
+        let Some(coarse) = self.coarse.as_ref().filter(|_| query.length.is_finite()) else {
+            return self.similarities_in(range, query.values, out);
+        };
+        out.clear();
+        let stored = self.stored_ranges(range);
+        stored.iter().for_each(|range| coarse.similarities(range.clone(), query, out));
+        out.iter_mut().zip(stored.into_iter().flatten()).for_each(|(most, row)| *most += coarse.off(row, query));
     }
 
     /// [`Self::similarities`] with the rows of a range alone.

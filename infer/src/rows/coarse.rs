@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{QUERY_MAX, times_dots_whole};
+use super::{QUERY_MAX, rounded, times_dots_whole};
 use crate::similarity::dot;
 
 /// Fewer values fit into a core's cache, from which they are read as fast as they are multiplied: 1 MB.
@@ -23,7 +23,8 @@ impl Coarse {
     /// A copy of `[n, dim]`.
     pub fn of(values: &[f32], dim: usize) -> Self {
         let n = values.len() / dim;
-        let mut copy = Self { values: vec![0; values.len()], scales: Vec::with_capacity(n), off: Vec::with_capacity(n) };
+        let mut copy =
+            Self { values: vec![0; values.len()], scales: Vec::with_capacity(n), off: Vec::with_capacity(n) };
         let mut left = vec![0.0; dim];
         for (row, whole) in values.chunks_exact(dim).zip(copy.values.chunks_exact_mut(dim)) {
             let largest = row.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
@@ -42,19 +43,34 @@ impl Coarse {
         copy
     }
 
-    /// Appends the similarities of some rows with a query in whole numbers and of a length, and returns what the largest of
-    /// them is at least.
-    pub fn similarities(&self, rows: Range<usize>, (scale, query): &(f32, Vec<i16>), length: f32, out: &mut Vec<f32>) -> f32 {
-        let (first, dim) = (out.len(), query.len());
-        out.extend(self.scales[rows.clone()].iter().map(|of_row| scale * of_row));
-        times_dots_whole(query, &self.values[rows.start * dim..rows.end * dim], &mut out[first..]);
-        let at_least = out[first..].iter().zip(&self.off[rows]).map(|(similarity, off)| similarity - length * off);
-        at_least.fold(f32::NEG_INFINITY, |largest, least| if least > largest { least } else { largest })
+    /// Appends the similarities of some rows with a query.
+    pub fn similarities(&self, rows: Range<usize>, query: &Query, out: &mut Vec<f32>) {
+        let (first, dim) = (out.len(), query.values.len());
+        out.extend(self.scales[rows.clone()].iter().map(|of_row| query.scale * of_row));
+        times_dots_whole(&query.whole, &self.values[rows.start * dim..rows.end * dim], &mut out[first..]);
     }
 
-    /// What the similarity of a row is at most, by that of its copy.
-    pub fn at_most(&self, row: usize, similarity: f32, length: f32) -> f32 {
-        similarity + length * self.off[row]
+    /// How far the similarity of a row with a query may be off.
+    pub fn off(&self, row: usize, query: &Query) -> f32 {
+        self.off[row] * query.length
+    }
+}
+
+/// A query as rows are compared with it.
+pub(crate) struct Query<'a> {
+    /// What it is.
+    pub values: &'a [f32],
+    pub length: f32,
+    /// In whole numbers, to be multiplied by `scale`.
+    whole: Vec<i16>,
+    scale: f32,
+}
+
+impl<'a> Query<'a> {
+    /// `[dim]`.
+    pub fn of(values: &'a [f32]) -> Self {
+        let (scale, whole) = rounded(values);
+        Self { values, length: dot(values, values).sqrt(), whole, scale }
     }
 }
 
@@ -80,7 +96,8 @@ mod tests {
         let values = rows(n);
         let (coarse, all) = (Coarse::of(&values, DIM), Rows::new(DIM, values.clone()).unwrap());
         for times in [1.0, 1e-3, 50.0] {
-            let query: Vec<f32> = all.row(n / 3).iter().enumerate().map(|(i, v)| times * (v + 0.01 * (i as f32).cos())).collect();
+            let query: Vec<f32> =
+                all.row(n / 3).iter().enumerate().map(|(i, v)| times * (v + 0.01 * (i as f32).cos())).collect();
             let length = query.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt();
             let mut found = Vec::new();
             all.similarities_near_best(&query, &mut found);
