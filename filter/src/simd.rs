@@ -228,6 +228,16 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        /// Runs of equal values, whose powers are found once, as one by one.
+        #[test]
+        fn powers_of_runs_are_summed_as_of_any(runs in prop::collection::vec((-30.0..0.0_f64, 1..40_usize), 1..9)) {
+            let values: Vec<f64> = runs.iter().flat_map(|(value, n)| vec![*value; *n]).collect();
+            let exact: f64 = values.iter().map(|value| (0.7 * value).exp()).sum();
+            prop_assert!((sum_of_powers(&values, 0.0, 0.7) / exact - 1.0).abs() < 1e-13);
+            let one_by_one: Vec<f64> = values.iter().map(|value| power(*value, 0.0, 0.7)).collect();
+            prop_assert_eq!(powers(&values, 0.0, 0.7), one_by_one);
+        }
+
         #[test]
         fn sums_and_maxima_are_those_of_one_by_one(values in prop::collection::vec(-1e3..1e3_f64, 0..40)) {
             prop_assert!((sum(&values) - values.iter().sum::<f64>()).abs() < 1e-10);
@@ -265,6 +275,9 @@ mod tests {
             let sum = |n: usize| (0..n).map(|k| weights[k] * lines[k][i]).sum::<f32>();
             assert_eq!([four[i], six[i]], [sum(4), 2.0 + sum(6)]);
         }
+        let mut few = [0.0; 3];
+        blend(&[1.0, -2.0, 0.5, 3.0], [0, 1, 2, 3].map(|k: usize| lines[k].as_slice()), &mut few);
+        assert_eq!(few, four[..3]);
     }
 
     #[test]

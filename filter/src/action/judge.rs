@@ -324,14 +324,16 @@ impl<'a> Pairing<'a> {
         if self.rule == ActionRule::Paper {
             return cosines.map(|cosine| self.of_cosine(cosine)).collect();
         }
-        let mut likely = simd::powers(&cosines.collect::<Vec<_>>(), 1.0, self.temperature.recip());
+        // As [`Self::likely`] finds each.
+        let logs: Vec<f64> = cosines.map(|cosine| (cosine - 1.0) / self.temperature).collect();
+        let mut likely = simd::powers(&logs, 0.0, 1.0);
         likely.iter_mut().for_each(|likely| *likely += self.floor);
         likely
     }
 
     /// The filter's likelihood of a view of this cosine, relative to that of the same view.
     fn likely(&self, cosine: f64) -> f64 {
-        simd::power(cosine, 1.0, self.temperature.recip()) + self.floor
+        simd::power((cosine - 1.0) / self.temperature, 0.0, 1.0) + self.floor
     }
 
     /// What a state whose recorded view (row, trust) is `view` adds, where the edged row `touched` would be seen.
