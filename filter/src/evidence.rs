@@ -8,6 +8,7 @@ use crate::blocks::Blocks;
 use crate::interpolation::{LatticeWeights, ViewWeights, in_planes};
 use crate::likelihood::TouchLikelihood;
 use crate::nearest::{Nearest, nearest_view, trusted};
+use crate::simd;
 
 /// A touch, judged from every state.
 #[derive(Clone, Debug)]
@@ -112,33 +113,50 @@ impl Evidence {
                 sums.iter_mut().for_each(|sum| *sum += unknown);
             }
             (AngleViews::Between(lattice), planes) => {
-                let logs = self.logs_between(first_row, lattice, planes.map(|planes| (part, planes)));
-                sums.iter_mut().zip(logs).for_each(|(sum, log)| *sum += log);
+                let matches =
+                    planes.map(|planes| self.likelihood.match_logs(&self.likelihood.on_lattice(lattice, part, planes)));
+                self.add_between(first_row, lattice, matches.as_deref(), sums);
             }
         }
     }
 
-    /// log p(touch | state) of the states of a lattice, for the part whose rows start at `first_row`.
-    fn logs_between(&self, first_row: usize, lattice: &LatticeWeights, planes: Option<(usize, &[f32])>) -> Vec<f64> {
-        let on_lattice = |(part, planes)| self.likelihood.on_lattice(lattice, part, planes);
-        let matches = planes.map(|planes| self.likelihood.match_logs(&on_lattice(planes)));
-        let log_of = |place: usize, row: usize| match &matches {
-            Some(matches) if self.likelihood.is_edged(row) => matches[place],
-            _ => self.likelihood.log_row(row),
-        };
-        let mut logs = vec![self.likelihood.log_unknown; lattice.n_places()];
-        let [xs, ys] = lattice.inside();
-        let n_ys = lattice.n_ys();
+    /// Adds log p(touch | state) of the states of a lattice, for the part whose rows start at `first_row`. `matches`: that of
+    /// an edged touch at each of them, were the nearest view edged, too.
+    fn add_between(&self, first_row: usize, lattice: &LatticeWeights, matches: Option<&[f64]>, sums: &mut [f64]) {
+        let unknown = self.likelihood.log_unknown;
+        let mut logs = vec![unknown; lattice.n_places()];
+        let ([xs, ys], n_ys) = (lattice.inside(), lattice.n_ys());
         let above_first: Vec<usize> = ys.clone().map(|y| lattice.cell(0, y) - lattice.cell(0, ys.start)).collect();
+        // States that see the same line of views follow each other.
+        let (mut of_match, mut others, mut of_line) = (vec![0.0; ys.len()], vec![0.0; ys.len()], None);
+        let no_match = vec![0.0; if matches.is_none() { ys.len() } else { 0 }];
         for x in xs {
-            let (first_place, row) = (x * n_ys + ys.start, first_row + lattice.cell(x, ys.start));
-            let line = logs[first_place..].iter_mut().zip(&above_first).enumerate();
-            line.for_each(|(y, (log, above))| *log = self.log_trusted(log_of(first_place + y, row + above), 1.0));
+            let row = first_row + lattice.cell(x, ys.start);
+            if of_line.replace(row) != Some(row) {
+                for ((above, of_match), other) in above_first.iter().zip(&mut of_match).zip(&mut others) {
+                    let is_matched = matches.is_some() && self.likelihood.is_edged(row + above);
+                    (*of_match, *other) =
+                        if is_matched { (1.0, 0.0) } else { (0.0, self.likelihood.log_row(row + above)) };
+                }
+            }
+            let places = x * n_ys + ys.start..x * n_ys + ys.end;
+            let of_line = matches.map_or(&no_match[..], |matches| &matches[places.clone()]);
+            simd::weigh(of_line, [&of_match, &others], [unknown, self.weight], &mut logs[places]);
         }
+        // Along the border many states have the same.
+        let mut last = (f64::NAN, f64::NAN, 0.0);
         lattice.for_each_outside(|place, Nearest { cell, trust }| {
-            logs[place] = self.log_trusted(log_of(place, first_row + cell), trust);
+            let row = first_row + cell;
+            let log = match matches {
+                Some(matches) if self.likelihood.is_edged(row) => matches[place],
+                _ => self.likelihood.log_row(row),
+            };
+            if (last.0, last.1) != (log, trust) {
+                last = (log, trust, self.log_trusted(log, trust));
+            }
+            logs[place] = last.2;
         });
-        logs
+        simd::add(&logs, sums);
     }
 
     /// The cosines with a part's views as [`Self::add_block`] needs them.

@@ -84,14 +84,37 @@ const ABOVE_BEST: f32 = 0.2;
 /// see it just inside, and the pose would be drawn inwards.
 const FADE: f64 = 0.5;
 
+/// How far outside along some axes a view is, and what its trust is for that.
+#[derive(Clone, Copy)]
+struct Fading {
+    /// Of the distance, steps.
+    square: f64,
+    trust: f64,
+}
+
+impl Fading {
+    /// Along one axis, steps.
+    fn of(outside: f64) -> Self {
+        let square = outside * outside;
+        Self { square, trust: if square == 0.0 { 1.0 } else { (-0.5 * square / (FADE * FADE)).exp() } }
+    }
+
+    /// Along these axes too: squares add up, so what is trusted multiplies.
+    fn and(self, other: Self) -> Self {
+        Self { square: self.square + other.square, trust: self.trust * other.trust }
+    }
+
+    /// `None` more than one step outside; all of it where only rounding is outside.
+    fn trust(self) -> Option<f64> {
+        let is_known = self.square <= 4.0 * FADE * FADE;
+        is_known.then_some(if self.square <= 1e-12 * FADE * FADE { 1.0 } else { self.trust })
+    }
+}
+
 /// How far a view is trusted this far outside along each axis, steps; `None` more than one step outside.
 fn trust(outside: [f64; 3]) -> Option<f64> {
-    let square: f64 = outside.iter().map(|steps| steps * steps).sum();
-    match square.sqrt() / FADE {
-        ..=1e-6 => Some(1.0),
-        steps if steps <= 2.0 => Some((-0.5 * steps * steps).exp()),
-        _ => None,
-    }
+    let [x, y, theta] = outside.map(Fading::of);
+    x.and(theta).and(y).trust()
 }
 
 /// The up to 4 x 4 x 4 recorded poses around a pose.
@@ -229,10 +252,12 @@ impl LatticeWeights {
     /// nearest cell to it and how far its view is trusted.
     pub fn for_each_outside(&self, mut take: impl FnMut(usize, Nearest)) {
         let [inside_x, inside_y] = self.inside();
-        for (x, at_x) in self.xs.iter().enumerate() {
+        let fading = |axis: &[Around]| axis.iter().map(|at| Fading::of(at.outside)).collect::<Vec<_>>();
+        let (of_ys, of_theta) = (fading(&self.ys), Fading::of(self.theta.outside));
+        for (x, of_x) in fading(&self.xs).into_iter().enumerate() {
             let skipped = if inside_x.contains(&x) { inside_y.clone() } else { 0..0 };
             for y in (0..skipped.start).chain(skipped.end..self.ys.len()) {
-                if let Some(trust) = trust([at_x.outside, self.ys[y].outside, self.theta.outside]) {
+                if let Some(trust) = of_x.and(of_theta).and(of_ys[y]).trust() {
                     take(x * self.ys.len() + y, Nearest { cell: self.cell(x, y), trust });
                 }
             }

@@ -21,10 +21,10 @@ impl MatchModel {
     /// By a temperature tau, a share of outliers eps and the cosines of all views, none of which is above the reference.
     pub fn new(temperature: f64, outlier_share: f64, mut above_best: Vec<f64>) -> Self {
         let n = above_best.len() as f64;
+        // Divided: the smallest temperatures have no reciprocal.
         above_best.iter_mut().for_each(|d| *d /= temperature);
-        let mut powers = Vec::new();
-        simd::lower(&mut above_best, 0.0, &mut powers);
-        let mean = if n > 0.0 { (simd::sum(&powers) / n).max(f64::MIN_POSITIVE) } else { 1.0 };
+        let sum = simd::sum_of_powers(&above_best, 0.0, 1.0);
+        let mean = if n > 0.0 { (sum / n).max(f64::MIN_POSITIVE) } else { 1.0 };
         let scale = mean / (1.0 - outlier_share);
         Self { temperature, mean, log_floor: (outlier_share * scale).ln(), log_scale: scale.ln() }
     }

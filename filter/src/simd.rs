@@ -57,13 +57,32 @@ pub fn lower(logs: &mut [f64], by: f64, exps: &mut Vec<f64>) {
 /// `e^(joint (value - largest))` of each value, `largest` being the largest.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn powers(values: &[f64], largest: f64, joint: f64) -> Vec<f64> {
-    values.iter().map(|value| exp(joint * (*value - largest))).collect()
+    let mut powers = vec![0.0; values.len()];
+    // A loop, not an iterator that calls for each value: it vectorises.
+    for (power, value) in powers.iter_mut().zip(values) {
+        *power = exp(joint * (*value - largest));
+    }
+    powers
 }
 
-/// The sum of [`powers`].
+/// One of [`powers`], to the same bits.
+pub fn power(value: f64, largest: f64, joint: f64) -> f64 {
+    exp(joint * (value - largest))
+}
+
+/// The sum of [`powers`]. Of many states all touches say the same: where some values are those before, so are the powers.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn sum_of_powers(values: &[f64], largest: f64, joint: f64) -> f64 {
-    sum_of(values, values, |value, _| exp(joint * (value - largest)))
+    let (chunks, rest) = values.as_chunks::<N>();
+    let (mut lanes, mut last, mut powers) = ([0.0; N], [f64::NAN; N], [0.0; N]);
+    for chunk in chunks {
+        if !(0..N).fold(true, |same, lane| same & (chunk[lane] == last[lane])) {
+            (0..N).for_each(|lane| powers[lane] = exp(joint * (chunk[lane] - largest)));
+            last = *chunk;
+        }
+        (0..N).for_each(|lane| lanes[lane] += powers[lane]);
+    }
+    lanes.iter().sum::<f64>() + rest.iter().map(|value| exp(joint * (value - largest))).sum::<f64>()
 }
 
 /// e^x for x at most 0, to 2 units in the last place: `2^k e^r` with `r` within half a binary order of 0, by the
@@ -98,49 +117,109 @@ fn exp(x: f64) -> f64 {
 /// About the log of the smallest normal number.
 const SMALLEST: f64 = -708.0;
 
+/// Adds each value to its sum.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn add(values: &[f64], sums: &mut [f64]) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        *sum += value;
+    }
+}
+
+/// `from + weight (a x + b - from)` for each x, with its own a and b.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn weigh(xs: &[f64], [a, b]: [&[f64]; 2], [from, weight]: [f64; 2], out: &mut [f64]) {
+    for (((out, x), a), b) in out.iter_mut().zip(xs).zip(a).zip(b) {
+        *out = from + weight * (a * x + b - from);
+    }
+}
+
 /// Weighted sums of four values each: `w0 a + w1 b + w2 c + w3 d`, each line as long as `out`.
 #[inline(always)]
 pub fn blend(weights: &[f32; 4], lines: [&[f32]; 4], out: &mut [f32]) {
-    let n = out.len();
-    let ([w0, w1, w2, w3], [a, b, c, d]) = (weights, lines.map(|line| &line[..n]));
-    for i in 0..n {
-        out[i] = w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * d[i];
+    let (n, [w0, w1, w2, w3], [a, b, c, d]) = (out.len(), weights, lines);
+    let value = |i: usize| w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * d[i];
+    if n < N {
+        (0..n).for_each(|i| out[i] = value(i));
+        return;
     }
+    let mut start = 0;
+    while start < n {
+        let at = last_whole(start, n);
+        let (a, b, c, d, out) = (&a[at..at + N], &b[at..at + N], &c[at..at + N], &d[at..at + N], &mut out[at..at + N]);
+        let mut blended = [0.0; N];
+        for i in 0..N {
+            blended[i] = w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * d[i];
+        }
+        out.copy_from_slice(&blended);
+        start = at + N;
+    }
+}
+
+/// Where the next lanes of a line of `n` values start. Lines are short: what is left of whole lanes is found with the last
+/// whole ones again, not one by one.
+#[inline(always)]
+fn last_whole(start: usize, n: usize) -> usize {
+    start.min(n - N)
 }
 
 /// A constant and weighted sums of six values each, each line as long as `out`.
 #[inline(always)]
 pub fn blend_six(constant: f32, weights: &[f32; 6], lines: [&[f32]; 6], out: &mut [f32]) {
-    let n = out.len();
-    let (w, [a, b, c, d, e, f]) = (weights, lines.map(|line| &line[..n]));
-    for i in 0..n {
-        out[i] = constant + w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i] + w[4] * e[i] + w[5] * f[i];
+    let (n, w, [a, b, c, d, e, f]) = (out.len(), weights, lines);
+    if n < N {
+        for i in 0..n {
+            out[i] = constant + w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i] + w[4] * e[i] + w[5] * f[i];
+        }
+        return;
+    }
+    let mut start = 0;
+    while start < n {
+        let at = last_whole(start, n);
+        let (a, b, c) = (&a[at..at + N], &b[at..at + N], &c[at..at + N]);
+        let (d, e, f) = (&d[at..at + N], &e[at..at + N], &f[at..at + N]);
+        let mut blended = [0.0; N];
+        for i in 0..N {
+            blended[i] = constant + w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i] + w[4] * e[i] + w[5] * f[i];
+        }
+        out[at..at + N].copy_from_slice(&blended);
+        start = at + N;
     }
 }
 
 /// ln(1 + e^z) of each value, to 3e-7 and 1e-7 of itself: what is left of a cosine in f32 divided by a temperature.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn softplus(values: &mut [f32]) {
+    /// Below, e^z is less than that. Most views are so unlike a touch.
+    const NOTHING: f32 = -17.0;
+    let (chunks, rest) = values.as_chunks_mut::<N>();
+    for chunk in chunks {
+        if chunk.iter().fold(true, |all, z| all & (*z < NOTHING)) {
+            *chunk = [0.0; N];
+        } else {
+            chunk.iter_mut().for_each(|value| *value = softplus_of(*value));
+        }
+    }
+    rest.iter_mut().for_each(|value| *value = softplus_of(*value));
+}
+
+#[inline(always)]
+fn softplus_of(z: f32) -> f32 {
     /// Added, it leaves a whole number in the lowest bits.
     const ROUND: f32 = 12_582_912.0; // 1.5 * 2^23
     const LN_2: [f32; 2] = [0.693_145_75, 1.428_606_8e-6];
-    for value in values {
-        let z = *value;
-        // e^-|z|, no smaller than matters.
-        let x = if z.abs() < 80.0 { -z.abs() } else { -80.0 };
-        let shifted = x * std::f32::consts::LOG2_E + ROUND;
-        let k = shifted - ROUND;
-        let r = (x - k * LN_2[0]) - k * LN_2[1];
-        let series =
-            1.0 + r * (1.0 + r * (1.0 / 2.0 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r / 720.0)))));
-        let power = f32::from_bits(series.to_bits().wrapping_add(shifted.to_bits() << 23));
-        // ln(1 + p) = 2 artanh(p / (2 + p)), whose argument is at most a third.
-        let s = power / (2.0 + power);
-        let q = s * s;
-        let series =
-            1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q / 13.0)))));
-        *value = if z > 0.0 { z } else { 0.0 } + 2.0 * s * series;
-    }
+    // e^-|z|, no smaller than matters.
+    let x = if z.abs() < 80.0 { -z.abs() } else { -80.0 };
+    let shifted = x * std::f32::consts::LOG2_E + ROUND;
+    let k = shifted - ROUND;
+    let r = (x - k * LN_2[0]) - k * LN_2[1];
+    let series = 1.0 + r * (1.0 + r * (1.0 / 2.0 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r / 720.0)))));
+    let power = f32::from_bits(series.to_bits().wrapping_add(shifted.to_bits() << 23));
+    // ln(1 + p) = 2 artanh(p / (2 + p)), whose argument is at most a third.
+    let s = power / (2.0 + power);
+    let q = s * s;
+    let series =
+        1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q / 13.0)))));
+    (if z > 0.0 { z } else { 0.0 }) + 2.0 * s * series
 }
 
 #[cfg(test)]
@@ -149,6 +228,16 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        /// Runs of equal values, whose powers are found once, as one by one.
+        #[test]
+        fn powers_of_runs_are_summed_as_of_any(runs in prop::collection::vec((-30.0..0.0_f64, 1..40_usize), 1..9)) {
+            let values: Vec<f64> = runs.iter().flat_map(|(value, n)| vec![*value; *n]).collect();
+            let exact: f64 = values.iter().map(|value| (0.7 * value).exp()).sum();
+            prop_assert!((sum_of_powers(&values, 0.0, 0.7) / exact - 1.0).abs() < 1e-13);
+            let one_by_one: Vec<f64> = values.iter().map(|value| power(*value, 0.0, 0.7)).collect();
+            prop_assert_eq!(powers(&values, 0.0, 0.7), one_by_one);
+        }
+
         #[test]
         fn sums_and_maxima_are_those_of_one_by_one(values in prop::collection::vec(-1e3..1e3_f64, 0..40)) {
             prop_assert!((sum(&values) - values.iter().sum::<f64>()).abs() < 1e-10);
@@ -186,6 +275,9 @@ mod tests {
             let sum = |n: usize| (0..n).map(|k| weights[k] * lines[k][i]).sum::<f32>();
             assert_eq!([four[i], six[i]], [sum(4), 2.0 + sum(6)]);
         }
+        let mut few = [0.0; 3];
+        blend(&[1.0, -2.0, 0.5, 3.0], [0, 1, 2, 3].map(|k: usize| lines[k].as_slice()), &mut few);
+        assert_eq!(few, four[..3]);
     }
 
     #[test]

@@ -72,6 +72,7 @@ mod simulated {
     use crate::between::is_fine;
     use crate::calibration::BLANK_SHARE;
     use crate::model::Model;
+    use crate::rows::Query;
     use crate::threads;
 
     /// Touches of each side of each part.
@@ -81,7 +82,7 @@ mod simulated {
     const ENOUGH: usize = 16;
 
     /// Rows compared with all touches of a part before the next ones: as many as stay in a core's cache.
-    const ROWS_AT_A_TIME: usize = 64;
+    const ROWS_AT_A_TIME: usize = 256;
 
     /// Touches each part of a bank, `parts` in the simulator, anywhere within the bank's poses, or at them where they are
     /// too far apart to be interpolated, and compares. The frames are of another session than the bank's.
@@ -139,19 +140,50 @@ mod simulated {
     }
 
     /// The best cosine of each query with any edged row of a bank, -1..=1; -1 where none is edged. The rows are read once
-    /// for all queries.
+    /// for all queries, and only those compared that may be better than the best so far.
     fn best_of_each(bank: &Bank, is_edged: &[bool], queries: &[&[f32]]) -> Vec<f32> {
-        let (mut best, mut cosines) = (vec![-1.0_f32; queries.len()], Vec::new());
+        let (mut best, mut most, mut cosine) = (vec![-1.0_f32; queries.len()], Vec::new(), Vec::new());
+        let queries: Vec<Query> = queries.iter().map(|query| Query::of(query)).collect();
         for (start, is_edged) in (0..).step_by(ROWS_AT_A_TIME).zip(is_edged.chunks(ROWS_AT_A_TIME)) {
             if !is_edged.contains(&true) {
                 continue;
             }
-            for (best, query) in best.iter_mut().zip(queries) {
-                bank.rows().similarities_in(start..start + is_edged.len(), query, &mut cosines);
-                let of_edged = cosines.iter().zip(is_edged).filter(|(_, is_edged)| **is_edged);
-                *best = of_edged.fold(*best, |best, (cosine, _)| best.max(*cosine));
+            for (best, query) in best.iter_mut().zip(&queries) {
+                bank.rows().at_most_in(start..start + is_edged.len(), query, &mut most);
+                for (row, most) in (start..).zip(&most).filter(|(row, _)| is_edged[row - start]) {
+                    if *most > *best {
+                        bank.rows().similarities_in(row..row + 1, query.values, &mut cosine);
+                        *best = cosine.iter().copied().fold(*best, f32::max);
+                    }
+                }
             }
         }
         best
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use super::*;
+        use crate::rows::Rows;
+        use tactile_data::grid::PoseGrid;
+
+        #[test]
+        fn the_best_of_each_is_the_largest_of_all() {
+            // Enough rows that a coarse copy is looked at first.
+            const DIM: usize = 128;
+            let grid = PoseGrid { xy_half_mm: 16.0, xy_step_mm: 2.0, theta_half_deg: 60.0, theta_step_deg: 15.0 };
+            let values: Vec<f32> = (0..grid.len() * DIM).map(|i| ((i * i % 9973) as f32 * 0.37).sin()).collect();
+            let shares: Vec<f32> = (0..grid.len()).map(|row| if row % 7 == 0 { 0.0 } else { 0.3 }).collect();
+            let bank = Bank::from_rows(vec!["A".into()], grid, Rows::new(DIM, values).unwrap(), shares, "").unwrap();
+            let is_edged = edged(&bank);
+            let queries: Vec<Vec<f32>> = (0..5).map(|row| bank.row(7 * row).into_owned()).collect();
+            let queries: Vec<&[f32]> = queries.iter().map(|query| &query[..]).collect();
+            for (query, best) in queries.iter().zip(best_of_each(&bank, &is_edged, &queries)) {
+                let mut all = Vec::new();
+                bank.rows().similarities(query, &mut all);
+                let of_edged = all.iter().zip(&is_edged).filter(|(_, is_edged)| **is_edged);
+                assert_eq!(best, of_edged.fold(-1.0, |best: f32, (cosine, _)| best.max(*cosine)));
+            }
+        }
     }
 }

@@ -14,6 +14,17 @@ pub(crate) fn dots(query: &[f32], rows: &[f32], dim: usize, out: &mut Vec<f32>) 
     out.extend(rows.chunks_exact(dim).map(|row| in_lanes(query, row)));
 }
 
+/// The inner product of one vector with some rows of `rows`, given by their places: to the bit as [`dot`].
+#[multiversion(targets("x86_64+avx2"))]
+pub(crate) fn dots_at(query: &[f32], rows: &[f32], places: &[usize]) -> Vec<f32> {
+    let dim = query.len();
+    let mut dots = vec![0.0; places.len()];
+    for (dot, at) in dots.iter_mut().zip(places) {
+        *dot = in_lanes(query, &rows[at * dim..(at + 1) * dim]);
+    }
+    dots
+}
+
 #[inline(always)]
 fn in_lanes(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0_f32; 16];

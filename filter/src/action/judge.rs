@@ -10,6 +10,7 @@ use super::{ActionRule, Expected, Situation};
 use crate::belief::Hypothesis;
 use crate::likelihood::LikelihoodConfig;
 use crate::nearest::{Nearest, trusted};
+use crate::simd;
 
 /// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
 #[derive(Clone, Copy)]
@@ -198,7 +199,7 @@ impl<'a> Judge<'a> {
 /// with each row that would be touched.
 struct Rows {
     seen: Vec<usize>,
-    /// Rows that would be touched, each with [`Pairing::ratio`] of each row seen.
+    /// Rows that would be touched, each with [`Pairing::ratios`] of the rows seen.
     touched: Vec<(usize, Vec<f64>)>,
 }
 
@@ -216,12 +217,11 @@ impl Rows {
         (Self { seen, touched: Vec::new() }, of_draws)
     }
 
-    /// [`Pairing::ratio`] of each row seen where the row `touched` would be seen.
+    /// [`Pairing::ratios`] of the rows seen where the row `touched` would be seen.
     fn ratios(&mut self, pairing: &Pairing, touched: usize) -> &[f64] {
         let known = self.touched.iter().position(|(row, _)| *row == touched);
         let at = known.unwrap_or_else(|| {
-            let ratios = self.seen.iter().map(|row| pairing.ratio(*row, touched)).collect();
-            self.touched.push((touched, ratios));
+            self.touched.push((touched, pairing.ratios(&self.seen, touched)));
             self.touched.len() - 1
         });
         &self.touched[at].1
@@ -306,31 +306,55 @@ impl<'a> Pairing<'a> {
     /// For the paper's rule 1 / f_PP, scaled so that it cannot overflow; else the filter's likelihood of
     /// seeing one view where the other is recorded, without its blank part.
     fn similarity(&self, row_a: usize, row_b: usize) -> f64 {
-        let cosine = f64::from(self.bank.peg_similarity(row_a, row_b)).clamp(-1.0, 1.0);
+        self.of_cosine(f64::from(self.bank.peg_similarity(row_a, row_b)).clamp(-1.0, 1.0))
+    }
+
+    /// [`Self::similarity`] of two rows of a cosine.
+    fn of_cosine(&self, cosine: f64) -> f64 {
         match self.rule {
             ActionRule::Paper => (-(cosine + 1.0) / self.temperature).exp(),
             _ => self.likely(cosine),
         }
     }
 
+    /// [`Self::similarity`] of one row with some others.
+    fn similarities(&self, touched: usize, rows: &[usize]) -> Vec<f64> {
+        let cosines = self.bank.rows().cosines(touched, rows);
+        let cosines = cosines.into_iter().map(|cosine| f64::from(cosine).clamp(-1.0, 1.0));
+        if self.rule == ActionRule::Paper {
+            return cosines.map(|cosine| self.of_cosine(cosine)).collect();
+        }
+        // As [`Self::likely`] finds each.
+        let logs: Vec<f64> = cosines.map(|cosine| (cosine - 1.0) / self.temperature).collect();
+        let mut likely = simd::powers(&logs, 0.0, 1.0);
+        likely.iter_mut().for_each(|likely| *likely += self.floor);
+        likely
+    }
+
     /// The filter's likelihood of a view of this cosine, relative to that of the same view.
     fn likely(&self, cosine: f64) -> f64 {
-        ((cosine - 1.0) / self.temperature).exp() + self.floor
+        simd::power((cosine - 1.0) / self.temperature, 0.0, 1.0) + self.floor
     }
 
     /// What a state whose recorded view (row, trust) is `view` adds, where the edged row `touched` would be seen.
     fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
-        self.mixed(view.map(|(row, trust)| (self.ratio(row, touched), trust)))
+        self.mixed(view.map(|(row, trust)| (self.ratio(row, touched, self.similarity(row, touched)), trust)))
     }
 
-    /// What a state whose view is the row `row` adds, where the edged row `touched` would be seen.
-    fn ratio(&self, row: usize, touched: usize) -> f64 {
+    /// What states add whose views are these rows, where the edged row `touched` would be seen.
+    fn ratios(&self, rows: &[usize], touched: usize) -> Vec<f64> {
+        let similarities = self.similarities(touched, rows);
+        rows.iter().zip(similarities).map(|(row, similarity)| self.ratio(*row, touched, similarity)).collect()
+    }
+
+    /// What a state whose view is the row `row` adds, where the edged row `touched` would be seen, by their similarity.
+    fn ratio(&self, row: usize, touched: usize, similarity: f64) -> f64 {
         if self.rule == ActionRule::Paper {
-            return self.similarity(row, touched);
+            return similarity;
         }
         let is_blank = |row: usize| self.likelihood.is_blank(self.bank.edge_shares()[row]);
         match (is_blank(row), is_blank(touched)) {
-            (false, false) => self.agrees * self.similarity(row, touched) / self.average,
+            (false, false) => self.agrees * similarity / self.average,
             (true, true) => self.agrees,
             _ => self.disagrees,
         }
