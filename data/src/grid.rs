@@ -28,7 +28,7 @@ impl PoseGrid {
     /// The paper's grid for letters of 32 mm: 11 x 11 x 7 = 847 poses a part.
     pub const LARGE: Self = Self { xy_half_mm: 20.0, xy_step_mm: 4.0, theta_half_deg: 90.0, theta_step_deg: 30.0 };
 
-    /// Refuses a grid whose steps are not positive or do not divide its ranges.
+    /// Refuses a grid whose steps are not positive or do not divide its ranges, and angles that come twice.
     pub fn validate(&self) -> Result<()> {
         for (field, half, step) in
             [("xy", self.xy_half_mm, self.xy_step_mm), ("theta", self.theta_half_deg, self.theta_step_deg)]
@@ -41,6 +41,10 @@ impl PoseGrid {
                     format!("half {half}, step {step}"),
                 ));
             }
+        }
+        if self.theta_half_deg > 180.0 {
+            let got = format!("half {}", self.theta_half_deg);
+            return Err(Error::invalid("reach.theta", "a half range of at most 180 degrees", got));
         }
         /// More poses than any bank holds; far beyond, their number overflows.
         const MOST: f64 = 1e7;
@@ -197,6 +201,13 @@ mod tests {
         // 1e100 steps saturate, and their number wrapped round to 1.
         let endless = PoseGrid { xy_half_mm: 1e300, xy_step_mm: 1e200, ..PoseGrid::SMALL };
         assert!(endless.validate().unwrap_err().to_string().contains("poses"));
+    }
+
+    #[test]
+    fn more_than_a_whole_turn_is_refused() {
+        let twice = PoseGrid { theta_half_deg: 210.0, ..PoseGrid::SMALL };
+        assert!(twice.validate().unwrap_err().to_string().contains("at most 180 degrees, got half 210"));
+        PoseGrid { theta_half_deg: 180.0, ..PoseGrid::SMALL }.validate().unwrap();
     }
 
     #[test]
