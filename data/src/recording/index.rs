@@ -171,14 +171,12 @@ fn touch(cells: Cells, place: &Place) -> Result<Touch> {
     for (column, name) in names {
         check_name(column, name.as_deref(), place)?;
     }
-    let side = match cells.side.as_deref() {
-        None => None,
-        Some("hole") => Some(Side::Hole),
-        Some("peg") => Some(Side::Peg),
-        Some(other) => {
-            return Err(Error::invalid(format!("{place}: side"), "hole or peg", other.escape_debug().to_string()));
-        }
-    };
+    let side = cells.side.as_deref().map(|name| {
+        let other =
+            |_| Error::invalid(format!("{place}: side"), Side::NAMES.join(" or "), name.escape_debug().to_string());
+        name.parse().map_err(other)
+    });
+    let side = side.transpose()?;
     if let Some(time_s) = cells.time_s.filter(|time_s| !(time_s.is_finite() && time_s.abs() <= LATEST_S)) {
         let expected = format!("seconds, at most {LATEST_S} from zero");
         return Err(Error::invalid(format!("{place}: time_s"), expected, time_s.to_string()));
