@@ -59,7 +59,7 @@ pub struct Setup {
     /// Whether each hole's own part was taken out of the bank.
     pub absent: bool,
     /// Whether the holes were recorded; else they were simulated.
-    #[serde(default, skip_serializing_if = "is_false")]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub recorded: bool,
     /// Which side was touched.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
@@ -75,11 +75,6 @@ pub struct Setup {
     pub bank_sha256: String,
     /// Device of the network.
     pub device: String,
-}
-
-/// Left out of the file, as before there were recordings.
-pub(crate) fn is_false(value: &bool) -> bool {
-    !value
 }
 
 /// A nearest neighbour of the first touch of each episode.
