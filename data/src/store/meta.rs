@@ -40,7 +40,8 @@ pub struct Meta {
     /// show them as they are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lamps: Option<Lamps>,
-    /// The pose of the hole board in the peg board's frame, as it was estimated or given. [`Dataset::open`] gives the poses
+    /// The pose of the hole board in the peg board's frame, as it was estimated or given.
+    /// [`Dataset::open`](super::Dataset::open) gives the poses
     /// of pegs in the hole board's frame, so that a hole and its peg touched at one place have one pose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peg_from_hole: Option<Se2>,

@@ -176,7 +176,7 @@ impl Episodes {
         let runs = self.runs.iter().map(|run| run.outcomes.iter().map(|o| (o.part, &o.scored)).collect::<Vec<_>>());
         let all = (&self.setup, &self.singles, runs.collect::<Vec<_>>());
         hash.update(serde_json::to_vec(&all).map_err(|e| Error::invalid("evaluation", "JSON", e.to_string()))?);
-        Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+        Ok(format!("{:x}", hash.finalize()))
     }
 
     /// The figures of the first touch alone.
