@@ -139,8 +139,8 @@ mod tests {
 
     #[test]
     fn a_kind_of_part_that_is_not_known_is_refused_with_the_closest() {
-        let message = named("letr:A:12", Side::Peg).unwrap_err().to_string();
-        assert!(message.ends_with("or a file, got letr (did you mean letter?)"), "{message}");
+        let message = named("leter:A:12", Side::Peg).unwrap_err().to_string();
+        assert!(message.ends_with("or a file, got leter (did you mean letter?)"), "{message}");
     }
 
     #[test]
