@@ -19,23 +19,11 @@ use crate::se2::Se2;
 use crate::shard::{Fragment, Shard};
 use crate::simulator::Simulator;
 use crate::store::{Dataset, DatasetWriter, Meta};
+pub use crate::touch::Planned;
 use crate::touch::{Side, Touch};
 
 /// Frames rendered between two writes: enough for all threads, little in memory.
 const CHUNK: usize = 256;
-
-/// One touch to be rendered.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Planned {
-    /// Number of the part in its scene.
-    pub part: usize,
-    /// What is touched of it.
-    pub side: Side,
-    /// Where the sensor is.
-    pub part_from_sensor: Se2,
-    /// Where the recording says that it is: the same, but in a simulated lab.
-    pub stated: Se2,
-}
 
 /// Where the parts of a kit are touched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,10 +5,9 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::error::{Error, Result};
-use crate::generate::Planned;
 use crate::random::frame_rng;
 use crate::se2::Se2;
-use crate::touch::Side;
+use crate::touch::{Planned, Side};
 
 /// A simulated lab.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -65,6 +65,12 @@ impl Origin {
         differing.map(|(part, a, b)| [format!("size of part {}", part.name), mm(a), mm(b)])
     }
 
+    /// How a field of view differs from the sensor's, as [`Self::other_parts`].
+    pub fn other_scale(&self, field_of_view_mm: [f64; 2]) -> Option<[String; 3]> {
+        let sensor = SensorOrigin { field_of_view_mm, light: None, is_relit: false };
+        self.other_sensor(&Self { sensor, ..self.clone() })
+    }
+
     /// The first thing in which the sensor differs from that of `other`, as [`Self::other_parts`].
     pub fn other_sensor(&self, other: &Self) -> Option<[String; 3]> {
         let (a, b) = (&self.sensor, &other.sensor);

@@ -17,6 +17,7 @@ use crate::shape::connector::Connector;
 use crate::shape::file::{self, Drawn, FileScale};
 use crate::shape::glyph::glyph;
 use crate::shape::{Relief, Solid};
+use crate::suggest::with_closest;
 use crate::touch::Side;
 
 /// The gel is computed this many decay lengths beyond the view: what is there moves the view's border by 2 %.
@@ -109,6 +110,11 @@ pub fn relief(part: &str, side: Side, scale: &FileScale, clearance_mm: f64) -> R
             if side == Side::Peg { connector.plug() } else { Ok(connector.receptacle()) }
         }
         _ if Solid::is_name(part) => part.parse::<Solid>()?.relief(side, clearance_mm),
+        Some((kind, _)) if !Path::new(part).exists() => {
+            let kinds = || ["letter", "connector"].into_iter().chain(Solid::kinds());
+            let expected = format!("{}, or a file", kinds().collect::<Vec<_>>().join(", "));
+            Err(Error::invalid("shape", expected, with_closest(kind, kinds())))
+        }
         _ => match (file::read(Path::new(part), scale)?, side) {
             (Drawn::Outline(outline), _) => Ok(of_outline(outline)),
             (heights, Side::Peg) => Ok(heights.peg()),
@@ -129,6 +135,12 @@ mod tests {
 
     fn named(part: &str, side: Side) -> Result<Relief> {
         relief(part, side, &FileScale::default(), 0.15)
+    }
+
+    #[test]
+    fn a_kind_of_part_that_is_not_known_is_refused_with_the_closest() {
+        let message = named("leter:A:12", Side::Peg).unwrap_err().to_string();
+        assert!(message.ends_with("or a file, got leter (did you mean letter?)"), "{message}");
     }
 
     #[test]

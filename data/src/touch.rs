@@ -1,4 +1,4 @@
-//! One recorded touch: where, on what, by which side.
+//! One touch: where, on what, by which side.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::se2::Se2;
 
 /// Which half of a mating pair was touched.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
     /// The female half: a recess in a plate.
@@ -70,4 +70,17 @@ pub struct Touch {
     /// When the frame was taken, seconds on the recording's clock.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
+}
+
+/// One touch to be simulated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned {
+    /// Number of the part in its scene.
+    pub part: usize,
+    /// What is touched of it.
+    pub side: Side,
+    /// Where the sensor is.
+    pub part_from_sensor: Se2,
+    /// Where the recording says that it is: the same, but in a simulated lab.
+    pub stated: Se2,
 }

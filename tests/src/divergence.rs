@@ -49,19 +49,7 @@ fn maze() -> (std::sync::Arc<Sample>, Dataset) {
 
 /// Twelve pairs of a board, 32 x 24 px: `rgb` of each frame by pair and side, and where it was taken.
 fn pairs(folder: &Path, rgb: impl Fn(usize, Side) -> Vec<u8>, place: impl Fn(usize) -> Option<Se2>) -> Dataset {
-    let meta = Meta {
-        name: "pairs".into(),
-        frame_px: [32, 24],
-        mm_per_px: [0.6, 0.6],
-        reach: None,
-        held_out: Vec::new(),
-        scene: None,
-        seed: None,
-        source: "a test".into(),
-        recording: None,
-        lamps: None,
-        peg_from_hole: None,
-    };
+    let meta = Meta::new("pairs", "a test", [32, 24], [0.6, 0.6]);
     let frame = |rgb| Frame::new(32, 24, rgb).unwrap();
     let out = folder.join("pairs");
     let mut writer = DatasetWriter::create(&out, meta, &frame(at_rest())).unwrap();

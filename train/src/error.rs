@@ -1,6 +1,6 @@
 //! What can go wrong in training.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -9,16 +9,6 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A setting or a dataset that makes no training run.
-    #[error("{what}: expected {expected}, got {got}")]
-    Invalid {
-        /// The setting or file.
-        what: String,
-        /// What would have been right.
-        expected: String,
-        /// What came.
-        got: String,
-    },
     /// The run diverged and was stopped before it overwrote its last good checkpoint.
     #[error("stopped at step {step}: {seen}; {}. Try {advice}", kept_text(*kept))]
     Diverged {
@@ -41,15 +31,7 @@ pub enum Error {
         /// Why.
         source: Box<Error>,
     },
-    /// The operating system refused to read or write.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-    /// The dataset is not usable.
+    /// A value that makes no sense, a file, or a dataset that is not usable.
     #[error(transparent)]
     Data(#[from] tactile_data::Error),
     /// The network or its checkpoint is not usable.
@@ -60,13 +42,13 @@ pub enum Error {
 impl Error {
     /// A value of `what` that does not make sense.
     pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
+        Self::Data(tactile_data::Error::invalid(what, expected, got))
     }
 
     /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.as_ref().to_path_buf();
-        move |source| Self::Io { path, source }
+        let with_path = tactile_data::Error::io(path);
+        move |source| Self::Data(with_path(source))
     }
 }
 

@@ -250,7 +250,7 @@ fn split(dataset: &Dataset, pairs: Vec<Pair>, notes: &mut Vec<String>) -> (Vec<P
         return (training.collect(), held_out.into_iter().map(|(_, pairs)| pairs).collect());
     }
     let meta = dataset.meta();
-    let margin_mm = 0.25 * (0..2).map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64).sum::<f64>();
+    let margin_mm = 0.25 * meta.field_of_view_mm().iter().sum::<f64>();
     let (mut training, mut held_out, mut n_near) = (Vec::new(), Vec::new(), 0);
     for (_, pairs) in boards {
         let (inside, outside) = region(dataset, pairs);
@@ -297,19 +297,7 @@ mod tests {
     const WITHIN: Within = Within { mm: 1.0, deg: 3.0 };
 
     fn dataset(touches: &[Touch]) -> Dataset {
-        let meta = Meta {
-            name: "t".into(),
-            frame_px: [4, 2],
-            mm_per_px: [4.65, 7.15],
-            reach: None,
-            held_out: Vec::new(),
-            scene: None,
-            seed: None,
-            source: "a test".into(),
-            recording: None,
-            lamps: None,
-            peg_from_hole: None,
-        };
+        let meta = Meta::new("t", "a test", [4, 2], [4.65, 7.15]);
         let folder = tempfile::tempdir().unwrap();
         let frame = Frame::new(4, 2, (0..24).collect()).unwrap();
         let out = folder.path().join("d");

@@ -173,7 +173,7 @@ fn measure(dataset: &Dataset, training: &[Pair], input_px: [usize; 2]) -> Result
         return Err(Error::invalid(&dataset.meta().name, "frames that differ from the sensor at rest", got));
     }
     let meta = dataset.meta();
-    let field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+    let field_of_view_mm = meta.field_of_view_mm();
     Ok(Preprocessing { input_px, field_of_view_mm, mean: mean.map(|m| m as f32), std: std.map(|s| s as f32) })
 }
 

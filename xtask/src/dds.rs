@@ -3,7 +3,7 @@
 use clap::Args;
 
 use crate::error::Result;
-use crate::live::{bank, build_with_ros2};
+use crate::live;
 use crate::program::Program;
 use crate::python::environment;
 use crate::workspace::{Workspace, remove};
@@ -53,14 +53,8 @@ const HOLES: &str =
 fn node(workspace: &Workspace, args: &DdsArgs) -> Result<()> {
     let out = workspace.folder(None, &workspace.target.join("live_peer"))?;
     let python = environment(&out, NODE_REQUIREMENTS)?;
-    for name in ["tactile-data", "tactile-infer"] {
-        workspace.build_program(name)?;
-    }
-    build_with_ros2(workspace)?;
-    let model = workspace.shipped_model();
-    if !out.join("pegs.bank").exists() {
-        bank(workspace, &model).run(&out)?;
-    }
+    workspace.build_program("tactile-data")?;
+    let model = live::prepare(workspace, &out)?;
     if !out.join("pictures").exists() {
         remove(&out.join("holes"))?;
         let data = || workspace.program("tactile-data");

@@ -1,7 +1,7 @@
 //! The live node and a simulated robot as two processes on one network: the demo, the integration test, and the template
 //! for a lab's own bridge.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Child;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -35,12 +35,7 @@ pub fn live(workspace: &Workspace, out: Option<&Path>, seed: u64) -> Result<()> 
     if log.exists() {
         return Err(Error::invalid(log.display().to_string(), "a new log", "one of an earlier run: remove it"));
     }
-    workspace.build_program("tactile-infer")?;
-    build_with_ros2(workspace)?;
-    let model = workspace.shipped_model();
-    if !out.join("pegs.bank").exists() {
-        bank(workspace, &model).run(&out)?;
-    }
+    let model = prepare(workspace, &out)?;
     let on_network = |program: Program| program.variable("ROS_DOMAIN_ID", DOMAIN).variable("ROS_LOCALHOST_ONLY", "1");
     let filter = || workspace.program("tactile-filter");
     let node = on_network(filter().words("live --ros --model").arg(&model).words("--bank pegs.bank --log live.mcap"));
@@ -61,15 +56,17 @@ pub fn live(workspace: &Workspace, out: Option<&Path>, seed: u64) -> Result<()> 
     Ok(())
 }
 
-/// Builds the program that knows ROS 2.
-pub fn build_with_ros2(workspace: &Workspace) -> Result<()> {
-    workspace.cargo("build --release --bin tactile-filter --features tactile-filter-cli/ros2").map(|_| ())
-}
-
-/// The program that makes the bank `pegs.bank` in its folder.
-pub fn bank(workspace: &Workspace, model: &Path) -> Program {
-    let bank = workspace.program("tactile-infer").words("bank --model").arg(model);
-    bank.words(format!("--scene {SCENE} {GRID} --out pegs.bank"))
+/// Builds the program that knows ROS 2 and makes its bank, `pegs.bank` in the folder `out`, where there is none; the
+/// model.
+pub fn prepare(workspace: &Workspace, out: &Path) -> Result<PathBuf> {
+    workspace.build_program("tactile-infer")?;
+    workspace.cargo("build --release --bin tactile-filter --features tactile-filter-cli/ros2")?;
+    let model = workspace.shipped_model();
+    if !out.join("pegs.bank").exists() {
+        let bank = workspace.program("tactile-infer").words("bank --model").arg(&model);
+        bank.words(format!("--scene {SCENE} {GRID} --out pegs.bank")).run(out)?;
+    }
+    Ok(model)
 }
 
 /// Runs the robot to its end; it would wait for a node that has ended.

@@ -8,6 +8,7 @@ mod error;
 mod json;
 mod lab;
 mod live;
+mod page;
 mod program;
 mod python;
 mod real;

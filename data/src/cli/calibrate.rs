@@ -72,12 +72,7 @@ impl Calibrate {
             (None, None) => return Err(Error::invalid("calibrate", "a folder of presses or --taxim", "neither")),
         };
         calibration.save(&self.out)?;
-        let text = if self.json {
-            serde_json::to_string_pretty(&json)
-                .map_err(|e| Error::invalid("calibration", "numbers that JSON can hold", e.to_string()))?
-        } else {
-            format!("{text}{} written", self.out.display())
-        };
+        let text = if self.json { super::pretty(&json)? } else { format!("{text}{} written", self.out.display()) };
         println!("{text}");
         Ok(())
     }

@@ -50,7 +50,7 @@ impl Export {
         }
         println!("{} frames in {}", dataset.len(), out.display());
         let meta = dataset.meta();
-        let [x_mm, y_mm] = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+        let [x_mm, y_mm] = meta.field_of_view_mm();
         let rest = match self.to {
             To::Folder => format!("--no-contact {}", out.join(export::folder::NO_CONTACT).display()),
             To::Mcap if dataset.touches().iter().any(|touch| touch.part_from_sensor.is_some()) => {

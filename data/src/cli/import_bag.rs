@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use tactile_data::recording::folder::NoContact;
 use tactile_data::recording::geometry::Geometry;
 use tactile_data::recording::ros::bag;
@@ -34,8 +35,8 @@ pub struct BagArgs {
     /// The part that was touched [default: from the poses' frame, hole/NAME or peg/NAME]
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
-    /// Its side: hole or peg [default: from the poses' frame]
-    #[arg(long, value_name = "SIDE", value_parser = parse_side)]
+    /// Its side [default: from the poses' frame]
+    #[arg(long, value_name = "SIDE", value_parser = PossibleValuesParser::new(Side::NAMES).try_map(|side| side.parse::<Side>()))]
     side: Option<Side>,
     /// Pose of the sensor in the frame that the poses are of, mm and degrees
     #[arg(long, value_name = "X,Y,DEG", value_parser = parse_pose, allow_hyphen_values = true)]
@@ -102,14 +103,6 @@ fn parse_touches(text: &str) -> std::result::Result<Touches, String> {
     found.map(|(_, touches)| touches).ok_or_else(|| "expected each, contact or poses".into())
 }
 
-fn parse_side(text: &str) -> std::result::Result<Side, String> {
-    match text {
-        "hole" => Ok(Side::Hole),
-        "peg" => Ok(Side::Peg),
-        _ => Err("expected hole or peg".into()),
-    }
-}
-
 fn parse_pose(text: &str) -> std::result::Result<Se2, String> {
     super::parse_numbers(text).map(|[x_mm, y_mm, theta_deg]| Se2::from_degrees(x_mm, y_mm, theta_deg))
 }
@@ -126,6 +119,6 @@ mod tests {
         for bad in ["base", "a,b,c", ",b", ""] {
             assert!(parse_frames(bad).unwrap_err().contains("base,gelsight"));
         }
-        assert!(parse_touches("all").is_err() && parse_side("left").is_err() && parse_pose("1,2").is_err());
+        assert!(parse_touches("all").is_err() && parse_pose("1,2").is_err());
     }
 }

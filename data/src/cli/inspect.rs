@@ -11,7 +11,7 @@ use tactile_data::inspection::{self, Finding};
 use tactile_data::shard::Fragment;
 use tactile_data::store::{self, Channels, Dataset, Meta, Mirror, Recording};
 use tactile_data::touch::Side;
-use tactile_data::{Error, Result, contact_sheet, output, picture};
+use tactile_data::{Result, contact_sheet, output, picture};
 
 /// Parts named in the text before it says only how many there are.
 const MAX_NAMES: usize = 12;
@@ -45,12 +45,7 @@ impl Inspect {
         if let Some(sheet) = &self.sheet {
             picture::write_png(sheet, &contact_sheet::draw(&dataset)?)?;
         }
-        let text = if self.json {
-            let json = serde_json::to_string_pretty(&summary);
-            json.map_err(|e| Error::invalid("summary", "numbers that JSON can hold", e.to_string()))?
-        } else {
-            summary.text()
-        };
+        let text = if self.json { super::pretty(&summary)? } else { summary.text() };
         println!("{}", text.trim_end());
         Ok(())
     }

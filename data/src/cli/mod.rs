@@ -93,7 +93,7 @@ fn mm_per_px(view_mm: &[f64], size_px: [usize; 2]) -> Result<[f64; 2]> {
 }
 
 /// JSON for programs.
-fn pretty(json: &serde_json::Value) -> Result<String> {
+fn pretty(json: &impl serde::Serialize) -> Result<String> {
     serde_json::to_string_pretty(json)
         .map_err(|e| Error::invalid("--json", "numbers that JSON can hold", e.to_string()))
 }

@@ -76,8 +76,7 @@ impl Speed {
             table.push(measured);
         }
         if self.json {
-            let text = serde_json::to_string_pretty(&table);
-            println!("{}", text.map_err(|e| Error::invalid("--json", "numbers", e.to_string()))?);
+            println!("{}", super::pretty(&table)?);
         }
         Ok(())
     }

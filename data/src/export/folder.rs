@@ -9,7 +9,6 @@ use crate::export::partial::Partial;
 use crate::picture;
 use crate::se2::Se2;
 use crate::store::Dataset;
-use crate::touch::Side;
 
 /// Name of the frame at rest in the folder.
 pub const NO_CONTACT: &str = "no_contact.png";
@@ -48,12 +47,8 @@ pub fn export(dataset: &Dataset, out: &Path, jpeg_quality: Option<u8>, progress:
             Some(quality) => fs::write(&path, jpeg(&dataset.frame(i), quality)?).map_err(Error::io(&path))?,
             None => picture::write_png(&path, &dataset.frame(i))?,
         }
-        let side = match touch.side {
-            Some(Side::Hole) => "hole",
-            Some(Side::Peg) => "peg",
-            None => "",
-        };
-        let mut row = vec![file, touch.part.clone().unwrap_or_default(), side.to_owned()];
+        let side = touch.side.map(|side| side.to_string()).unwrap_or_default();
+        let mut row = vec![file, touch.part.clone().unwrap_or_default(), side];
         row.extend(cells(touch.part_from_sensor));
         row.extend(cells(touch.moved));
         row.extend([&touch.pair, &touch.episode].map(|name| name.clone().unwrap_or_default()));

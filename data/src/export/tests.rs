@@ -30,19 +30,7 @@ fn touches() -> Vec<Touch> {
 }
 
 fn dataset(folder: &Path, touches: &[Touch]) -> Dataset {
-    let meta = Meta {
-        name: "few".into(),
-        frame_px: PX,
-        mm_per_px: [FIELD_OF_VIEW_MM[0] / 16.0, FIELD_OF_VIEW_MM[1] / 12.0],
-        reach: None,
-        held_out: Vec::new(),
-        scene: None,
-        seed: None,
-        source: "a test".into(),
-        recording: None,
-        lamps: None,
-        peg_from_hole: None,
-    };
+    let meta = Meta::new("few", "a test", PX, [FIELD_OF_VIEW_MM[0] / 16.0, FIELD_OF_VIEW_MM[1] / 12.0]);
     let path = folder.join("dataset");
     let mut writer = DatasetWriter::create(&path, meta, &frame(60)).unwrap();
     for (i, touch) in touches.iter().enumerate() {

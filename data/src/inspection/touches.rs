@@ -45,10 +45,9 @@ fn listed(parts: &[&str]) -> String {
 
 /// Parts and sides that were touched more often than others.
 pub(super) fn unequal_numbers(touches: &[Touch]) -> Option<Finding> {
-    let mut numbers: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+    let mut numbers: BTreeMap<(&str, Side), usize> = BTreeMap::new();
     for touch in touches.iter().filter(|touch| !is_continued(touch)) {
         if let (Some(part), Some(side)) = (&touch.part, touch.side) {
-            let side = if side == Side::Hole { "hole" } else { "peg" };
             *numbers.entry((part, side)).or_default() += 1;
         }
     }

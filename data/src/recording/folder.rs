@@ -13,7 +13,7 @@ use crate::recording::geometry::{Geometry, View};
 use crate::recording::listing::{Listing, list};
 use crate::recording::pipeline::{Item, Picture, push};
 use crate::recording::rest;
-use crate::store::{DatasetWriter, Meta};
+use crate::store::DatasetWriter;
 use crate::touch::Touch;
 
 pub use crate::recording::geometry::FIELD_OF_VIEW_MM;
@@ -78,19 +78,8 @@ pub(super) fn begin(
     let no_contact = rest::find(&how.no_contact, frames, warnings)?;
     let view = how.geometry.settle(&no_contact, warnings)?;
     output::check_room(out, n_pictures, view.frame_px())?;
-    let meta = Meta {
-        name: source.file_name().unwrap_or(source.as_os_str()).to_string_lossy().into_owned(),
-        frame_px: view.frame_px(),
-        mm_per_px: view.mm_per_px(),
-        reach: None,
-        held_out: Vec::new(),
-        scene: None,
-        seed: None,
-        source: format!("imported from {}", source.display()),
-        recording: None,
-        lamps: view.lamps().cloned(),
-        peg_from_hole: None,
-    };
+    let name = source.file_name().unwrap_or(source.as_os_str());
+    let meta = view.meta(name, format!("imported from {}", source.display()));
     let writer = DatasetWriter::create(out, meta, &view.frame(&no_contact, "no-contact frame")?)?;
     Ok((view, writer.expecting(n_pictures)))
 }

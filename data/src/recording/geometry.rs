@@ -1,5 +1,6 @@
 //! From the pictures of a recording to frames: colours, turn, mirror, crop, scale and size.
 
+use std::ffi::OsStr;
 use std::str::FromStr;
 
 use crate::error::{Error, Result};
@@ -7,6 +8,7 @@ use crate::frame::Frame;
 use crate::lamps::{CalibratedLamps, Lamps};
 use crate::picture;
 use crate::recording::provenance::{Channels, Mirror, Recording};
+use crate::store::Meta;
 
 /// Field of view of a GelSight Mini along x and y, mm (data sheet; FEATS' homography of 14 px/mm at
 /// 320x240 gives about the same height).
@@ -138,9 +140,20 @@ impl View {
         self.frame_px
     }
 
+    /// Width and height of what a frame shows, mm.
+    pub fn field_of_view_mm(&self) -> [f64; 2] {
+        self.field_of_view_mm
+    }
+
     /// Size of a frame's pixel along x and y, mm.
     pub fn mm_per_px(&self) -> [f64; 2] {
         [0, 1].map(|axis| self.field_of_view_mm[axis] / self.frame_px[axis] as f64)
+    }
+
+    /// What holds for a dataset of its frames.
+    pub fn meta(&self, name: &OsStr, source: String) -> Meta {
+        let meta = Meta::new(name.to_string_lossy(), source, self.frame_px, self.mm_per_px());
+        Meta { lamps: self.lamps.clone(), ..meta }
     }
 
     /// What a dataset's meta data keep of it.

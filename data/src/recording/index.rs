@@ -171,17 +171,15 @@ fn touch(cells: Cells, place: &Place) -> Result<Touch> {
     for (column, name) in names {
         check_name(column, name.as_deref(), place)?;
     }
-    let side = match cells.side.as_deref() {
-        None => None,
-        Some("hole") => Some(Side::Hole),
-        Some("peg") => Some(Side::Peg),
-        Some(other) => {
-            return Err(Error::invalid(format!("{place}: side"), "hole or peg", other.escape_debug().to_string()));
-        }
-    };
+    let side = cells.side.as_deref().map(|name| {
+        let other =
+            |_| Error::invalid(format!("{place}: side"), Side::NAMES.join(" or "), name.escape_debug().to_string());
+        name.parse().map_err(other)
+    });
+    let side = side.transpose()?;
     if let Some(time_s) = cells.time_s.filter(|time_s| !(time_s.is_finite() && time_s.abs() <= LATEST_S)) {
         let expected = format!("seconds, at most {LATEST_S} from zero");
-        return Err(Error::invalid(format!("{place}: time_s"), expected, time_s.to_string()));
+        return Err(Error::invalid(format!("{place}: time_s"), expected, format!("{time_s:?}")));
     }
     Ok(Touch {
         part_from_sensor: pose(place, "x_mm, y_mm, theta_deg", [cells.x_mm, cells.y_mm, cells.theta_deg])?,
@@ -238,7 +236,7 @@ fn pose(place: &Place, columns: &str, values: [Option<f64>; 3]) -> Result<Option
             let is_near = x_mm.abs() <= FARTHEST_MM && y_mm.abs() <= FARTHEST_MM && theta_deg.abs() <= MOST_TURNED_DEG;
             if !is_near {
                 let expected = format!("at most {FARTHEST_MM} mm and {MOST_TURNED_DEG} degrees from zero");
-                let got = format!("{x_mm}, {y_mm}, {theta_deg}");
+                let got = format!("{x_mm:?}, {y_mm:?}, {theta_deg:?}");
                 return Err(Error::invalid(format!("{place}: {columns}"), expected, got));
             }
             Ok(Some(Se2::from_degrees(x_mm, y_mm, theta_deg)))
@@ -333,7 +331,8 @@ fn check_header(header: &csv::StringRecord, place: &str) -> Result<()> {
         return Err(Error::invalid(place, "each column once", format!("{twice} twice")));
     }
     if header.iter().all(|column| column != "file") {
-        return Err(Error::invalid(place, "a column file", header.iter().collect::<Vec<_>>().join(", ")));
+        let got = if header.is_empty() { "none".to_owned() } else { header.iter().collect::<Vec<_>>().join(", ") };
+        return Err(Error::invalid(place, "a column file", got));
     }
     Ok(())
 }

@@ -112,7 +112,7 @@ fn bad_headers_and_encodings_are_named() {
         (b"part,side\nA,hole\n", "a column file"),
         (b"file,part,part\n1.png,A,B\n", "part twice"),
         (b"file\n", "at least one row that names a file"),
-        (b"", "file"),
+        (b"", "a column file, got none"),
         (b"\xff\xfef\0i\0", "UTF-16"),
         (b"file\n\xe4.png\n", "line 2: expected text in UTF-8"),
         (b"file;x_mm;y_mm;theta_deg\n1.png;1.234,5;0;0\n", "got 1.234,5"),

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use crate::error::{Error, Result};
 use crate::picture;
 use crate::recording::{contradiction, index};
-use crate::touch::{Side, Touch};
+use crate::touch::Touch;
 
 /// No picture is looked for deeper in subfolders.
 const DEEPEST: usize = 8;
@@ -104,11 +104,7 @@ fn by_folder(source: &Path, path: &Path) -> Result<Touch> {
     let within = path.strip_prefix(source).unwrap_or(path);
     let folders: Vec<String> = within.iter().map(|name| name.to_string_lossy().into_owned()).collect();
     if let [part, side, _] = folders.as_slice() {
-        let side = match side.to_lowercase().as_str() {
-            "hole" => Some(Side::Hole),
-            "peg" => Some(Side::Peg),
-            _ => None,
-        };
+        let side = side.to_lowercase().parse().ok();
         if side.is_some() {
             return Ok(Touch { part: Some(part.clone()), side, ..Touch::default() });
         }
@@ -136,6 +132,7 @@ fn natural_key(name: &str) -> (Vec<(String, u64)>, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::touch::Side;
 
     fn folder(files: &[&str]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();

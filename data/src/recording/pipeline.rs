@@ -145,19 +145,7 @@ mod tests {
     use std::path::Path;
 
     fn writer(out: &Path) -> DatasetWriter {
-        let meta = Meta {
-            name: "some".into(),
-            frame_px: [4, 2],
-            mm_per_px: [1.0; 2],
-            reach: None,
-            held_out: Vec::new(),
-            scene: None,
-            seed: None,
-            source: "a test".into(),
-            recording: None,
-            lamps: None,
-            peg_from_hole: None,
-        };
+        let meta = Meta::new("some", "a test", [4, 2], [1.0; 2]);
         DatasetWriter::create(out, meta, &frame(0)).unwrap()
     }
 

@@ -61,7 +61,12 @@ const KINDS: [(&str, &str); 4] =
 impl Solid {
     /// Whether a part's name begins as that of a body does: `ball:`, `cylinder:`, `ring:`, `cuboid:`.
     pub fn is_name(part: &str) -> bool {
-        part.split_once(':').is_some_and(|(kind, _)| KINDS.iter().any(|(known, _)| *known == kind))
+        part.split_once(':').is_some_and(|(kind, _)| Self::kinds().any(|known| known == kind))
+    }
+
+    /// The kinds of solids, as their names begin.
+    pub fn kinds() -> impl Iterator<Item = &'static str> {
+        KINDS.iter().map(|(kind, _)| *kind)
     }
 
     /// The outline of its face, or of a ball's widest section, mm round its centre.

@@ -6,10 +6,11 @@ use std::time::{Duration, Instant};
 use tactile_data::se2::Se2;
 use tactile_filter::{Decision, Episode, EpisodeRecord};
 
-use crate::config::{check_memory, read, tf_episode_config};
+use crate::config::tf_episode_config;
 use crate::model::{Parts, tf_bank};
 use crate::pointer::{fill, free, get, give, out, slice};
 use crate::sensor::tf_observation;
+use crate::settings::{check_memory, read};
 use crate::status::{Failure, call, tf_status};
 use crate::value::{tf_decision, tf_estimate, tf_mode, tf_pose, tf_state, tf_stop};
 

@@ -27,5 +27,6 @@ pub mod model;
 mod pointer;
 pub mod runner;
 pub mod sensor;
+mod settings;
 pub mod status;
 pub mod value;

@@ -4,11 +4,12 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use tactile_filter::runner::{Answer, Job, Outcome, Runner};
 
-use crate::config::{read, tf_episode_config};
+use crate::config::tf_episode_config;
 use crate::episode::{locked, motions};
 use crate::model::{Parts, tf_bank};
 use crate::pointer::{free, get, give, out};
 use crate::sensor::{self, tf_frame, tf_sensor};
+use crate::settings::read;
 use crate::status::{Failure, call, remember, tf_status};
 use crate::value::{tf_decision, tf_estimate, tf_pose};
 

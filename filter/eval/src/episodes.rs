@@ -59,7 +59,7 @@ pub struct Setup {
     /// Whether each hole's own part was taken out of the bank.
     pub absent: bool,
     /// Whether the holes were recorded; else they were simulated.
-    #[serde(default, skip_serializing_if = "is_false")]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub recorded: bool,
     /// Which side was touched.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
@@ -75,11 +75,6 @@ pub struct Setup {
     pub bank_sha256: String,
     /// Device of the network.
     pub device: String,
-}
-
-/// Left out of the file, as before there were recordings.
-pub(crate) fn is_false(value: &bool) -> bool {
-    !value
 }
 
 /// A nearest neighbour of the first touch of each episode.
@@ -181,7 +176,7 @@ impl Episodes {
         let runs = self.runs.iter().map(|run| run.outcomes.iter().map(|o| (o.part, &o.scored)).collect::<Vec<_>>());
         let all = (&self.setup, &self.singles, runs.collect::<Vec<_>>());
         hash.update(serde_json::to_vec(&all).map_err(|e| Error::invalid("evaluation", "JSON", e.to_string()))?);
-        Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+        Ok(format!("{:x}", hash.finalize()))
     }
 
     /// The figures of the first touch alone.

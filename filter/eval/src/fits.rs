@@ -5,6 +5,7 @@ use tactile_filter::interpolation::Interpolation;
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
+use crate::holes::Holes;
 use crate::result::Poses;
 
 /// Refuses a bank whose parts, sizes, scale or lamps are not those of a scene. `other_sensor`: whether another sensor than
@@ -30,22 +31,27 @@ pub fn check_bank(bank: &Bank, scene: &Scene, other_sensor: bool) -> Result<()> 
     }
 }
 
-/// A warning where touches lie between recorded poses that are too far from each other to be interpolated.
-pub fn warn_of_coarse_grid(bank: &Bank, poses: Poses) -> Option<String> {
+/// A warning where touches are not where a bank can be compared with them: recorded ones that are said to lie at its
+/// poses and do not, or any between poses that are too far from each other to be interpolated.
+pub fn warn_of_poses(holes: Holes<'_>, bank: &Bank, poses: Poses) -> Option<String> {
     let grid = bank.grid();
-    (poses == Poses::OffGrid && !Interpolation::Auto.is_cubic(grid)).then(|| {
-        format!(
+    match (poses, holes) {
+        (Poses::OnGrid, Holes::Recorded(recorded)) => recorded.between_poses_of(bank),
+        (Poses::OffGrid, _) if !Interpolation::Auto.is_cubic(grid) => Some(format!(
             "touches lie anywhere, but the bank's poses are {} mm and {} degrees apart, too far to interpolate: expect \
              errors; record it every 2 mm and 15 degrees",
             grid.xy_step_mm, grid.theta_step_deg
-        )
-    })
+        )),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use tactile_data::grid::PoseGrid;
+    use tactile_data::simulator::Simulator;
+    use tactile_data::touch::Side;
     use tactile_infer::rows::Rows;
 
     fn bank(scene: &Scene, grid: PoseGrid) -> Bank {
@@ -79,10 +85,11 @@ mod tests {
     #[test]
     fn only_touches_between_coarse_poses_are_warned_of() {
         let small = Scene::preset("alphabet-small").unwrap();
-        let coarse = bank(&small, PoseGrid::SMALL);
-        assert!(warn_of_coarse_grid(&coarse, Poses::OffGrid).is_some());
-        assert!(warn_of_coarse_grid(&coarse, Poses::OnGrid).is_none());
+        let simulator = Simulator::new(small.clone(), 1).unwrap();
+        let warning = |grid, poses| warn_of_poses(Holes::Simulated(&simulator, Side::Hole), &bank(&small, grid), poses);
+        assert!(warning(PoseGrid::SMALL, Poses::OffGrid).is_some());
+        assert!(warning(PoseGrid::SMALL, Poses::OnGrid).is_none());
         let fine = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 15.0, theta_step_deg: 15.0 };
-        assert!(warn_of_coarse_grid(&bank(&small, fine), Poses::OffGrid).is_none());
+        assert!(warning(fine, Poses::OffGrid).is_none());
     }
 }

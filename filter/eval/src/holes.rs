@@ -24,6 +24,25 @@ pub enum Holes<'a> {
     Recorded(&'a RecordedHoles),
 }
 
+/// [`Holes`] with what they are of.
+#[derive(Debug)]
+pub enum OwnedHoles {
+    /// As [`Holes::Simulated`].
+    Simulated(Arc<Simulator>, Side),
+    /// As [`Holes::Recorded`].
+    Recorded(Box<RecordedHoles>),
+}
+
+impl OwnedHoles {
+    /// The same, borrowed.
+    pub fn holes(&self) -> Holes<'_> {
+        match self {
+            Self::Simulated(simulator, side) => Holes::Simulated(simulator, *side),
+            Self::Recorded(recorded) => Holes::Recorded(recorded),
+        }
+    }
+}
+
 /// A dataset's holes, of the parts of a bank.
 #[derive(Debug)]
 pub struct RecordedHoles {
@@ -90,14 +109,14 @@ impl RecordedHoles {
         &self.notes
     }
 
-    /// How many of its touches lie on a bank's poses, and how many there are.
-    pub fn on_grid(&self, bank: &Bank) -> [usize; 2] {
-        let mut counts = [0, 0];
-        for (part, frames) in self.parts.iter().zip(&self.frames) {
-            counts[1] += frames.len();
-            counts[0] += frames.iter().filter(|frame| bank.row_at(part, &self.pose(**frame)).is_some()).count();
-        }
-        counts
+    /// A warning where its touches are said to lie at a bank's poses and do not.
+    pub fn between_poses_of(&self, bank: &Bank) -> Option<String> {
+        let touches =
+            self.parts.iter().zip(&self.frames).flat_map(|(part, frames)| frames.iter().map(move |f| (part, *f)));
+        let is_between = |(part, frame): &(&String, usize)| bank.row_at(part, &self.pose(*frame)).is_none();
+        let (n_all, n_between) = (touches.clone().count(), touches.filter(is_between).count());
+        let what = format!("{n_between} of {n_all} touches lie between the bank's poses: use --poses off-grid");
+        (n_between > 0).then_some(what)
     }
 
     /// The frames of a part's hole.
@@ -115,16 +134,9 @@ impl RecordedHoles {
 fn check_scale(dataset: &Dataset, bank: &Bank, other_sensor: bool) -> Result<()> {
     let Some(origin) = bank.origin().filter(|_| !other_sensor) else { return Ok(()) };
     let meta = dataset.meta();
-    let mut here = origin.clone();
-    here.sensor.light = None;
-    here.sensor.field_of_view_mm = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
-    match origin.other_sensor(&here) {
-        Some([what, in_bank, here]) => {
-            let place = format!("bank of {}: {what}", origin.name);
-            Err(Error::invalid(place, format!("{here} as in {}", meta.name), in_bank))
-        }
-        None => Ok(()),
-    }
+    let Some([what, in_bank, here]) = origin.other_scale(meta.field_of_view_mm()) else { return Ok(()) };
+    let place = format!("bank of {}: {what}", origin.name);
+    Err(Error::invalid(place, format!("{here} as in {}", meta.name), in_bank))
 }
 
 impl<'a> Holes<'a> {
@@ -197,10 +209,7 @@ impl<'a> Holes<'a> {
     pub fn field_of_view_mm(&self) -> [f64; 2] {
         match self {
             Self::Simulated(simulator, _) => simulator.scene().sensor.field_of_view_mm,
-            Self::Recorded(recorded) => {
-                let meta = recorded.dataset.meta();
-                [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64)
-            }
+            Self::Recorded(recorded) => recorded.dataset.meta().field_of_view_mm(),
         }
     }
 

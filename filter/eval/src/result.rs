@@ -24,7 +24,7 @@ pub struct Evaluation {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub absent: bool,
     /// Whether the holes were recorded; else they were simulated.
-    #[serde(default, skip_serializing_if = "crate::episodes::is_false")]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub recorded: bool,
     /// Which side was touched: with `peg` the pegs were named, in all that is said of holes.
     #[serde(default, skip_serializing_if = "Side::is_hole")]

@@ -11,6 +11,7 @@
 
 pub mod camera;
 pub mod decision;
+mod diagnostics;
 mod error;
 pub mod event;
 #[cfg(feature = "foxglove")]
@@ -25,6 +26,7 @@ mod rest;
 pub mod robot;
 #[cfg(feature = "ros2")]
 pub mod ros2;
+mod running;
 pub mod session;
 pub mod shell;
 pub mod sources;

@@ -3,21 +3,20 @@
 use std::sync::Arc;
 
 use tactile_data::grid::PoseGrid;
-use tactile_data::recording::ros::messages::{
-    DiagnosticArray, DiagnosticStatus, Header, KeyValue, Level, Text, Time, to_cdr,
-};
-use tactile_data::recording::ros::rigid::Rigid;
+use tactile_data::recording::ros::messages::{Level, Text, Time, to_cdr};
 use tactile_data::se2::Se2;
-use tactile_filter::{Decision, Episode, Observation};
+use tactile_filter::{Episode, Observation};
 use tactile_infer::{Bank, Model};
 
 use crate::camera::{Arrival, Camera, ClockFault, Kind};
 use crate::decision::{DecisionReport, Touched};
+use crate::diagnostics::Diagnostics;
 use crate::error::{Error, Result};
 use crate::event::{Event, Input, Output, Request, Topic};
 use crate::parameters::{Parameters, Trigger};
 use crate::published::Scene;
 use crate::rest::{Calibrated, Collecting};
+use crate::running::Running;
 use crate::tool::{Placed, Tool};
 use crate::troubles::{Trouble, Troubles};
 
@@ -67,14 +66,6 @@ struct Pending {
     since_ns: i64,
     /// Why it was not taken in yet.
     reason: String,
-}
-
-/// An episode and where it is.
-#[derive(Clone, Debug)]
-struct Running {
-    episode: Episode,
-    base_from_first: Rigid,
-    base_from_sensor: Rigid,
 }
 
 impl Node {
@@ -132,6 +123,10 @@ impl Node {
     /// The running episode.
     pub fn episode(&self) -> Option<&Episode> {
         self.running.as_ref().map(|running| &running.episode)
+    }
+
+    fn n_touches(&self) -> usize {
+        self.episode().map_or(0, |episode| episode.belief().touches().len())
     }
 
     fn publish(&mut self, topic: Topic, cdr: Vec<u8>) {
@@ -293,7 +288,7 @@ impl Node {
     fn on_request(&mut self, request: Request, id: u64) {
         match request {
             Request::Reset => {
-                let n_touches = self.episode().map_or(0, |episode| episode.belief().touches().len());
+                let n_touches = self.n_touches();
                 (self.running, self.latest) = (None, None);
                 if let Some(pending) = self.pending.take() {
                     self.answer(pending.id, false, "reset");
@@ -333,9 +328,21 @@ impl Node {
         self.check_camera();
         if self.diagnosed_ns.is_none_or(|diagnosed_ns| self.now_ns - diagnosed_ns >= DIAGNOSTICS_NS) {
             self.diagnosed_ns = Some(self.now_ns);
-            let status = self.diagnostics();
-            let header = Header { stamp: Time::of_nanoseconds(self.now_ns), frame_id: String::new() };
-            self.publish(Topic::Diagnostics, to_cdr(&DiagnosticArray { header, status }));
+            self.publish(Topic::Diagnostics, self.diagnostics().to_cdr());
+        }
+    }
+
+    fn diagnostics(&self) -> Diagnostics<'_> {
+        Diagnostics {
+            now_ns: self.now_ns,
+            camera: &self.camera,
+            tool: &self.tool,
+            troubles: &self.troubles,
+            rest_needed: self.rest_needed.as_deref(),
+            n_episodes: self.n_episodes,
+            n_touches: self.n_touches(),
+            n_refused: self.n_refused,
+            latest: self.latest,
         }
     }
 
@@ -406,10 +413,7 @@ impl Node {
     fn take_in(&mut self, placed: &Placed, observation: &Observation) -> Result<Option<Se2>> {
         let base_from_sensor = placed.base_from_sensor;
         if let Some(running) = &mut self.running {
-            let moved = in_plane(&running.base_from_sensor, &base_from_sensor, self.parameters.tool.max_tilt_deg)?;
-            running.episode.observe(moved, observation)?;
-            running.base_from_sensor = base_from_sensor;
-            return Ok(Some(moved));
+            return running.observe(base_from_sensor, self.parameters.tool.max_tilt_deg, observation).map(Some);
         }
         let config = self.parameters.episode_config(&self.model, self.n_episodes);
         let episode = Episode::begin(config, Arc::clone(&self.bank), observation)?;
@@ -421,9 +425,7 @@ impl Node {
     fn decide(&mut self, moved: Option<Se2>, edge_share: f32, placed: &Placed) -> Result<DecisionReport> {
         let Some(running) = &self.running else { return Err(Error::invalid("episode", "a touch", "none")) };
         let episode = &running.episode;
-        let sensor_from_first = episode.belief().first_from_sensor().inverse();
-        let reach: Vec<Se2> = (0..self.reach.len()).map(|cell| sensor_from_first * self.reach.pose(cell)).collect();
-        let decision: Decision = episode.decide(&reach)?;
+        let decision = running.decide(&self.reach)?;
         let touched = Touched { episode: self.n_episodes, moved, edge_share };
         let report = DecisionReport::new(&touched, &self.bank, episode, &decision);
         let scene = Scene {
@@ -441,67 +443,4 @@ impl Node {
         self.outputs.extend(outputs);
         Ok(report)
     }
-
-    fn diagnostics(&self) -> Vec<DiagnosticStatus> {
-        let status = |name: &str, level, message: String, values| DiagnosticStatus {
-            level,
-            name: format!("tactile_filter: {name}"),
-            message,
-            hardware_id: String::new(),
-            values,
-        };
-        let worst = self.troubles.active().max_by_key(|(level, _)| *level);
-        let (level, message) = worst.map_or((Level::Ok, "fine".to_owned()), |(level, text)| (level, text.to_owned()));
-        let counts = self.camera.counts();
-        let number = |value: Option<f64>| value.map_or_else(|| "none".to_owned(), |value| format!("{value:.3}"));
-        let camera = vec![
-            KeyValue::new("pictures", counts.new),
-            KeyValue::new("repeated", counts.repeated),
-            KeyValue::new("malformed", counts.malformed),
-            KeyValue::new("rate_hz", number(self.camera.rate_hz())),
-            KeyValue::new("age_s", number(self.camera.age_s(self.now_ns))),
-        ];
-        let [n_poses, n_malformed] = self.tool.counts();
-        let tool = vec![
-            KeyValue::new("poses", n_poses),
-            KeyValue::new("malformed", n_malformed),
-            KeyValue::new("age_s", number(self.tool.age_s(self.now_ns))),
-        ];
-        let placed = self.tool.placed(self.now_ns);
-        let tool_message = placed.as_ref().map_or_else(ToString::to_string, |_| "fine".to_owned());
-        let rest = self.rest_needed.clone();
-        let n_touches = self.episode().map_or(0, |episode| episode.belief().touches().len());
-        let episode = vec![
-            KeyValue::new("episode", self.n_episodes),
-            KeyValue::new("touches", n_touches),
-            KeyValue::new("refused", self.n_refused),
-            KeyValue::new("entropy", number(self.latest.map(|latest| latest[0]))),
-            KeyValue::new("probability", number(self.latest.map(|latest| latest[1]))),
-        ];
-        vec![
-            status("camera", level, message, camera),
-            status("tool", if placed.is_ok() { Level::Ok } else { Level::Stale }, tool_message, tool),
-            status(
-                "frame at rest",
-                if rest.is_some() { Level::Warn } else { Level::Ok },
-                rest.unwrap_or_else(|| "fine".to_owned()),
-                Vec::new(),
-            ),
-            status("episode", Level::Ok, format!("{n_touches} touches"), episode),
-        ]
-    }
-}
-
-/// The motion from one touch to the next in the plane of the first.
-///
-/// # Errors
-/// A sensor tilted by more than `max_tilt_deg` against the first.
-fn in_plane(base_from_sensor: &Rigid, base_from_next: &Rigid, max_tilt_deg: f64) -> Result<Se2> {
-    let moved = (base_from_sensor.inverse() * *base_from_next).project();
-    if moved.is_turned || moved.tilt_deg > max_tilt_deg {
-        let expected = format!("touches tilted by at most {max_tilt_deg} degrees against each other");
-        let got = if moved.is_turned { 180.0 - moved.tilt_deg } else { moved.tilt_deg };
-        return Err(Error::invalid("tool pose", expected, format!("{got:.1} degrees")));
-    }
-    Ok(moved.pose)
 }

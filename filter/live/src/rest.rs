@@ -90,16 +90,9 @@ impl Calibrated {
 /// Refuses a camera that shows another field of view than the bank's did.
 fn check_scale(view: &View, bank: &Bank) -> Result<()> {
     let Some(origin) = bank.origin() else { return Ok(()) };
-    let mut here = origin.clone();
-    here.sensor.light = None;
-    here.sensor.field_of_view_mm = [0, 1].map(|axis| view.mm_per_px()[axis] * view.frame_px()[axis] as f64);
-    match origin.other_sensor(&here) {
-        Some([what, in_bank, here]) => {
-            let place = format!("{what} of the pictures (camera.crop, camera.field_of_view_mm)");
-            Err(Error::invalid(place, format!("{in_bank} as in bank {}", origin.name), here))
-        }
-        None => Ok(()),
-    }
+    let Some([what, in_bank, here]) = origin.other_scale(view.field_of_view_mm()) else { return Ok(()) };
+    let place = format!("{what} of the pictures (camera.crop, camera.field_of_view_mm)");
+    Err(Error::invalid(place, format!("{in_bank} as in bank {}", origin.name), here))
 }
 
 /// Pictures being taken at rest.

@@ -1,46 +1,34 @@
-//! The report as one HTML page that needs no other file.
+//! The report as one HTML page.
 
 use std::fs;
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use super::{Picture, Row, SCOPE, Set, Source, Verdict};
 use crate::error::{Error, Result};
+use crate::page::page;
 
 const TITLE: &str = "The simulated sensor against real images";
 
 /// Draws the page, its pictures within.
 pub fn draw(sets: &[Set]) -> Result<String> {
     let sections = sets.iter().filter(|set| !set.about.is_empty()).map(section).collect::<Result<Vec<_>>>()?;
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (TITLE) }
-                style { (PreEscaped(include_str!("page.css"))) }
-            }
-            body {
-                h1 { (TITLE) }
-                p.scope { b { "What this shows, and what not. " } (SCOPE) }
-                div.scroll { table {
-                    thead { tr { th { "what" } th { "target" } th { "measured" } th {} } }
-                    tbody { @for set in sets { (group(set)) } }
-                } }
-                p.note {
-                    "Pictures of two rows: real, simulated, and how what they change differs; below what the press "
-                    "changed really, what it changes simulated, and white the pixels compared. Changes are amplified "
-                    "on mid-grey. Similarity over whole frames is not reported: a bare background scores 0.94 to "
-                    "0.96 there. Made by " code { "cargo xtask validate" } ", which prints each command that it runs."
-                }
-                @for section in sections { (section) }
-            }
+    let body = html! {
+        div.scroll { table {
+            thead { tr { th { "what" } th { "target" } th { "measured" } th {} } }
+            tbody { @for set in sets { (group(set)) } }
+        } }
+        p.note {
+            "Pictures of two rows: real, simulated, and how what they change differs; below what the press "
+            "changed really, what it changes simulated, and white the pixels compared. Changes are amplified "
+            "on mid-grey. Similarity over whole frames is not reported: a bare background scores 0.94 to "
+            "0.96 there. Made by " code { "cargo xtask validate" } ", which prints each command that it runs."
         }
+        @for section in sections { (section) }
     };
-    Ok(page.into_string())
+    Ok(page(TITLE, ["What this shows, and what not.", SCOPE], &body))
 }
 
 /// The rows of a set, under its title.

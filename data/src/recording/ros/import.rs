@@ -112,19 +112,9 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
 }
 
 fn meta(bag: &Bag, source: &Path, view: &View) -> Result<Meta> {
-    Ok(Meta {
-        name: source.file_stem().unwrap_or(source.as_os_str()).to_string_lossy().into_owned(),
-        frame_px: view.frame_px(),
-        mm_per_px: view.mm_per_px(),
-        reach: None,
-        held_out: Vec::new(),
-        scene: None,
-        seed: None,
-        source: format!("imported from the bag {}", source.display()),
-        recording: Some(view.recording(bag.sha256()?)),
-        lamps: view.lamps().cloned(),
-        peg_from_hole: None,
-    })
+    let name = source.file_stem().unwrap_or(source.as_os_str());
+    let meta = view.meta(name, format!("imported from the bag {}", source.display()));
+    Ok(Meta { recording: Some(view.recording(bag.sha256()?)), ..meta })
 }
 
 /// The touches in order with their frames' numbers; says how well poses and frames fit.
@@ -160,12 +150,7 @@ fn place_touches(
 /// `hole/A` as a side and a part's name.
 fn side_and_part(frame_id: &str) -> Option<(Side, String)> {
     let (side, part) = frame_id.trim_start_matches('/').split_once('/')?;
-    let side = match side {
-        "hole" => Side::Hole,
-        "peg" => Side::Peg,
-        _ => return None,
-    };
-    (!part.is_empty()).then(|| (side, part.to_owned()))
+    Some((side.parse().ok()?, part.to_owned())).filter(|_| !part.is_empty())
 }
 
 /// Nanoseconds as seconds: the nearest number, as a decimal text is read, which no sum of a whole part and a rest is.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use mcap::records::{Record as Parsed, op};
 
 use crate::error::{Error, Result};
-use crate::recording::ros::bag::{Channel, Message};
+use crate::recording::ros::bag_message::{Channel, Message};
 use crate::recording::ros::cdr::Layout;
 use crate::recording::ros::records::{Record, Records};
 

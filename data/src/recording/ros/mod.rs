@@ -8,6 +8,8 @@ pub mod picture;
 #[cfg(feature = "mcap")]
 pub mod bag;
 #[cfg(feature = "mcap")]
+mod bag_message;
+#[cfg(feature = "mcap")]
 pub mod bag_writer;
 #[cfg(feature = "mcap")]
 mod choice;
@@ -19,6 +21,8 @@ mod mcap_file;
 mod placement;
 #[cfg(feature = "mcap")]
 mod pose_track;
+#[cfg(feature = "mcap")]
+mod record_file;
 #[cfg(feature = "mcap")]
 mod records;
 #[cfg(feature = "mcap")]

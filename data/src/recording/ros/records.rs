@@ -1,21 +1,14 @@
 //! The records of an MCAP file, one after the other, its chunks unpacked (<https://mcap.dev/spec>).
-//!
-//! Nothing is read ahead and no length is believed: memory follows the largest single record. A file that was cut off
-//! gives everything before the cut.
 
-use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crc32fast::Hasher;
 use mcap::MAGIC;
 use mcap::records::op;
 
 use crate::error::{Error, Result};
+use crate::recording::ros::record_file::{Chunk, RecordFile, Step, check_len, number};
 use crate::recording::ros::unpack::unpack;
-
-/// The largest record, bytes: a picture of 9000 x 9000 pixels.
-const MAX_RECORD_BYTES: u64 = 1 << 28;
 
 /// Opcode and length in front of every record, bytes.
 const PREFIX_BYTES: u64 = 9;
@@ -29,45 +22,18 @@ pub struct Record {
     pub body: Vec<u8>,
 }
 
-/// What comes next.
-enum Step {
-    Record(Record),
-    End,
-    Cut,
-}
-
-/// The bytes of a chunk, unpacked.
-enum Unpacked {
-    /// As they are in the file.
-    InFile,
-    /// From a reader of their own, at the chunk's place in the file.
-    Stream(Box<dyn Read + Send>),
-}
-
-struct Chunk {
-    /// Where it starts, for errors.
-    at: u64,
-    bytes: Unpacked,
-    /// Bytes still to come, unpacked.
-    left: u64,
+/// A chunk and its checksum.
+struct CheckedChunk {
+    chunk: Chunk,
     hash: Hasher,
     /// The checksum that its header states; 0 for none.
     crc: u32,
-    /// Where the record after it starts.
-    end: u64,
-    /// Whether the file ends before the chunk.
-    is_cut: bool,
 }
 
 /// Reads the records of the data section in order.
 pub struct Records {
-    path: PathBuf,
-    file: BufReader<File>,
-    /// Length of the file when it was opened, bytes.
-    len: u64,
-    /// Where the next record of the file starts.
-    at: u64,
-    chunk: Option<Chunk>,
+    file: RecordFile,
+    chunk: Option<CheckedChunk>,
     is_done: bool,
     cut_at: Option<u64>,
 }
@@ -78,16 +44,12 @@ impl Records {
     /// # Errors
     /// No such file, or not MCAP.
     pub fn open(path: &Path) -> Result<Self> {
-        let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(Error::io(path))?);
-        let len = file.get_ref().metadata().map_err(Error::io(path))?.len();
-        let mut magic = Vec::new();
-        file.by_ref().take(MAGIC.len() as u64).read_to_end(&mut magic).map_err(Error::io(path))?;
-        if magic != MAGIC {
-            let got = format!("{len} bytes that begin otherwise");
+        let (file, other) = RecordFile::open(path, MAGIC)?;
+        if other.is_some() {
+            let got = format!("{} bytes that begin otherwise", file.len);
             return Err(Error::invalid(path.display().to_string(), "an MCAP file", got));
         }
-        let at = MAGIC.len() as u64;
-        Ok(Self { path: path.to_path_buf(), file, len, at, chunk: None, is_done: false, cut_at: None })
+        Ok(Self { file, chunk: None, is_done: false, cut_at: None })
     }
 
     /// The byte at which the file was cut off, once the records before it have been read.
@@ -102,7 +64,7 @@ impl Records {
     pub fn next(&mut self) -> Result<Option<Record>> {
         while !self.is_done {
             let step = match &mut self.chunk {
-                Some(chunk) => chunk.next(&mut self.file, &self.path)?,
+                Some(chunk) => chunk.next()?,
                 None => self.next_in_file()?,
             };
             match (step, self.chunk.take()) {
@@ -110,137 +72,83 @@ impl Records {
                     self.chunk = chunk;
                     return Ok(Some(record));
                 }
-                (Step::End, Some(chunk)) => {
-                    self.file.seek(SeekFrom::Start(chunk.end)).map_err(Error::io(&self.path))?;
-                    self.at = chunk.end;
-                }
+                (Step::End, Some(CheckedChunk { chunk, .. })) => self.file.skip_to(chunk.end)?,
                 (Step::End, None) => self.is_done = true,
-                (Step::Cut, _) => (self.is_done, self.cut_at) = (true, Some(self.len)),
+                (Step::Cut, _) => (self.is_done, self.cut_at) = (true, Some(self.file.len)),
             }
         }
         Ok(None)
     }
 
     /// The next record outside chunks; enters a chunk where one begins.
-    fn next_in_file(&mut self) -> Result<Step> {
+    fn next_in_file(&mut self) -> Result<Step<Record>> {
         loop {
-            let Some((opcode, len)) = prefix(&mut self.file).map_err(Error::io(&self.path))? else {
-                return Ok(Step::Cut);
-            };
-            let place = format!("{}, record at byte {}", self.path.display(), self.at);
-            let Some(end) = self.at.checked_add(PREFIX_BYTES).and_then(|body| body.checked_add(len)) else {
-                return Err(Error::invalid(place, "a length that a file can have", format!("{len} bytes")));
+            let Some(prefix) = self.file.read(PREFIX_BYTES)? else { return Ok(Step::Cut) };
+            let (opcode, len) = (prefix[0], number(&prefix[1..]));
+            let place = self.file.place("record");
+            let Some(end) = self.file.at.checked_add(PREFIX_BYTES).and_then(|body| body.checked_add(len)) else {
+                return Err(Error::invalid(&*place, "a length that a file can have", format!("{len} bytes")));
             };
             match opcode {
                 op::DATA_END | op::FOOTER => return Ok(Step::End),
                 op::CHUNK => {
                     let Some(chunk) = self.open_chunk(end, &place)? else { return Ok(Step::Cut) };
-                    let step = self.chunk.insert(chunk).next(&mut self.file, &self.path)?;
-                    return Ok(step);
+                    return self.chunk.insert(chunk).next();
                 }
                 op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                     check_len(len, &place)?;
-                    let Some(body) = body(&mut self.file, len).map_err(Error::io(&self.path))? else {
-                        return Ok(Step::Cut);
-                    };
-                    self.at = end;
+                    let Some(body) = self.file.read(len)? else { return Ok(Step::Cut) };
+                    self.file.at = end;
                     return Ok(Step::Record(Record { opcode, body }));
                 }
                 // Indices, attachments, metadata: nothing that is asked for here.
-                _ if end > self.len => return Ok(Step::Cut),
-                _ => {
-                    self.file.seek(SeekFrom::Start(end)).map_err(Error::io(&self.path))?;
-                    self.at = end;
-                }
+                _ if end > self.file.len => return Ok(Step::Cut),
+                _ => self.file.skip_to(end)?,
             }
         }
     }
 
     /// Reads the header of a chunk whose record ends at `end`; `None` where the file ends in it.
-    fn open_chunk(&mut self, end: u64, place: &str) -> Result<Option<Chunk>> {
+    fn open_chunk(&mut self, end: u64, place: &str) -> Result<Option<CheckedChunk>> {
         let Some(header) = ChunkHeader::read(&mut self.file, place)? else { return Ok(None) };
         let ChunkHeader { compression, packed_len, unpacked_len, crc } = header;
-        let start = self.file.stream_position().map_err(Error::io(&self.path))?;
+        let start = self.file.position()?;
         if start.checked_add(packed_len).is_none_or(|records_end| records_end > end) {
             let expected = format!("a chunk of at most {} bytes", end.saturating_sub(start));
             return Err(Error::invalid(place, expected, format!("{packed_len} bytes")));
         }
-        let bytes = if compression.is_empty() {
-            if packed_len != unpacked_len {
-                let got = format!("{packed_len} bytes");
-                return Err(Error::invalid(place, format!("{unpacked_len} bytes in a chunk that is not packed"), got));
-            }
-            Unpacked::InFile
-        } else {
-            let mut packed = File::open(&self.path).map_err(Error::io(&self.path))?;
-            packed.seek(SeekFrom::Start(start)).map_err(Error::io(&self.path))?;
-            let packed = BufReader::with_capacity(1 << 16, packed).take(packed_len);
-            let stream = unpack(&compression, packed);
-            Unpacked::Stream(stream.ok_or_else(|| {
-                Error::invalid(place, "a chunk that is not packed, or in zstd or lz4", format!("\"{compression}\""))
-            })?)
-        };
-        let is_cut = start + packed_len > self.len;
-        Ok(Some(Chunk { at: self.at, bytes, left: unpacked_len, hash: Hasher::new(), crc, end, is_cut }))
+        if compression.is_empty() && packed_len != unpacked_len {
+            let got = format!("{packed_len} bytes");
+            return Err(Error::invalid(place, format!("{unpacked_len} bytes in a chunk that is not packed"), got));
+        }
+        let bytes = unpack(&compression, self.file.piece(start, packed_len)?).ok_or_else(|| {
+            Error::invalid(place, "a chunk that is not packed, or in zstd or lz4", format!("\"{compression}\""))
+        })?;
+        let is_cut = start + packed_len > self.file.len;
+        let chunk = Chunk { place: self.file.place("chunk"), bytes, left: Some(unpacked_len), end, is_cut };
+        Ok(Some(CheckedChunk { chunk, hash: Hasher::new(), crc }))
     }
 }
 
-impl Chunk {
-    fn next(&mut self, file: &mut BufReader<File>, path: &Path) -> Result<Step> {
-        let place = format!("{}, chunk at byte {}", path.display(), self.at);
-        loop {
-            if self.left == 0 {
-                return self.end(&place);
-            }
-            let Some((opcode, len)) = self.read(file, &place, prefix)? else { return self.ended_early(&place) };
-            let left = self.left.checked_sub(PREFIX_BYTES).and_then(|left| left.checked_sub(len));
-            let Some(left) = left else {
-                let expected = format!("a record within the {} bytes left of the chunk", self.left);
-                return Err(Error::invalid(place, expected, format!("{len} bytes")));
-            };
-            check_len(len, &place)?;
-            let Some(body) = self.read(file, &place, |bytes| body(bytes, len))? else {
-                return self.ended_early(&place);
-            };
-            self.hash.update(&[&[opcode][..], &len.to_le_bytes()].concat());
+impl CheckedChunk {
+    fn next(&mut self) -> Result<Step<Record>> {
+        let chunk = &mut self.chunk;
+        while chunk.left != Some(0) {
+            let Some(prefix) = chunk.read(PREFIX_BYTES)? else { return chunk.ended_early() };
+            let (opcode, len) = (prefix[0], number(&prefix[1..]));
+            chunk.count(PREFIX_BYTES.saturating_add(len))?;
+            check_len(len, &chunk.place)?;
+            let Some(body) = chunk.read(len)? else { return chunk.ended_early() };
+            self.hash.update(&prefix);
             self.hash.update(&body);
-            self.left = left;
             if matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
                 return Ok(Step::Record(Record { opcode, body }));
             }
         }
-    }
-
-    /// Reads with `read`; `None` where the bytes end before.
-    fn read<T>(
-        &mut self,
-        file: &mut BufReader<File>,
-        place: &str,
-        read: impl FnOnce(&mut dyn Read) -> io::Result<Option<T>>,
-    ) -> Result<Option<T>> {
-        let result = match &mut self.bytes {
-            Unpacked::InFile => read(file),
-            Unpacked::Stream(stream) => read(stream),
-        };
-        match result {
-            // What is packed cannot be unpacked to its last byte where it is cut.
-            Err(_) if self.is_cut => Ok(None),
-            Err(error) => Err(Error::invalid(place, "bytes that can be unpacked", error.to_string())),
-            Ok(value) => Ok(value),
-        }
-    }
-
-    fn ended_early(&self, place: &str) -> Result<Step> {
-        if self.is_cut {
-            return Ok(Step::Cut);
-        }
-        Err(Error::invalid(place, format!("{} more bytes", self.left), "its end"))
-    }
-
-    fn end(&mut self, place: &str) -> Result<Step> {
         let got = std::mem::take(&mut self.hash).finalize();
         if self.crc != 0 && self.crc != got {
-            return Err(Error::invalid(place, format!("bytes with the CRC {:08x}", self.crc), format!("{got:08x}")));
+            let expected = format!("bytes with the CRC {:08x}", self.crc);
+            return Err(Error::invalid(&*self.chunk.place, expected, format!("{got:08x}")));
         }
         Ok(Step::End)
     }
@@ -256,52 +164,23 @@ struct ChunkHeader {
 
 impl ChunkHeader {
     /// `None` where the file ends in it.
-    fn read(file: &mut BufReader<File>, place: &str) -> Result<Option<Self>> {
+    fn read(file: &mut RecordFile, place: &str) -> Result<Option<Self>> {
         /// The longest name of a compression.
-        const MAX_NAME_BYTES: u32 = 32;
+        const MAX_NAME_BYTES: u64 = 32;
         // First and last time, unpacked length, CRC, length of the name.
-        let Some(fixed) = body(file, 32).map_err(Error::io(place))? else { return Ok(None) };
-        let name_len = u32_at(&fixed, 28);
+        let Some(fixed) = file.read(32)? else { return Ok(None) };
+        let name_len = number(&fixed[28..]);
         if name_len > MAX_NAME_BYTES {
             let expected = format!("a name of a compression of at most {MAX_NAME_BYTES} bytes");
             return Err(Error::invalid(place, expected, format!("{name_len} bytes")));
         }
-        let Some(name) = body(file, u64::from(name_len)).map_err(Error::io(place))? else { return Ok(None) };
-        let Some(packed_len) = body(file, 8).map_err(Error::io(place))? else { return Ok(None) };
+        let Some(name) = file.read(name_len)? else { return Ok(None) };
+        let Some(packed_len) = file.read(8)? else { return Ok(None) };
         Ok(Some(Self {
             compression: String::from_utf8_lossy(&name).into_owned(),
-            packed_len: u64_at(&packed_len, 0),
-            unpacked_len: u64_at(&fixed, 16),
-            crc: u32_at(&fixed, 24),
+            packed_len: number(&packed_len),
+            unpacked_len: number(&fixed[16..24]),
+            crc: number(&fixed[24..28]) as u32,
         }))
     }
-}
-
-/// Opcode and length of the next record; `None` where the bytes end before.
-fn prefix(bytes: &mut dyn Read) -> io::Result<Option<(u8, u64)>> {
-    Ok(body(bytes, PREFIX_BYTES)?.map(|prefix| (prefix[0], u64_at(&prefix, 1))))
-}
-
-/// The next `len` bytes; `None` where they end before. Memory grows with what is there, not with `len`.
-fn body(bytes: &mut dyn Read, len: u64) -> io::Result<Option<Vec<u8>>> {
-    let mut body = Vec::new();
-    Read::take(bytes, len).read_to_end(&mut body)?;
-    Ok((body.len() as u64 == len).then_some(body))
-}
-
-fn check_len(len: u64, place: &str) -> Result<()> {
-    if len <= MAX_RECORD_BYTES {
-        return Ok(());
-    }
-    Err(Error::invalid(place, format!("records of at most {MAX_RECORD_BYTES} bytes"), format!("{len} bytes")))
-}
-
-/// The little endian number at `at`, which is there.
-fn u64_at(bytes: &[u8], at: usize) -> u64 {
-    bytes[at..at + 8].iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte))
-}
-
-/// The little endian number at `at`, which is there.
-fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    bytes[at..at + 4].iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
 }

@@ -9,9 +9,10 @@ use ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 /// The first bytes of a zstd frame.
 pub const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// Bytes of a chunk packed with `compression`, as MCAP names it; `None` for another name.
+/// Bytes of a chunk packed with `compression`, as MCAP names it: nothing for none; `None` for another name.
 pub fn unpack(compression: &str, packed: impl BufRead + Send + 'static) -> Option<Box<dyn Read + Send>> {
     match compression {
+        "" => Some(Box::new(packed)),
         "zstd" => Some(Box::new(Zstd::new(packed))),
         "lz4" => Some(Box::new(Lz4::new(packed))),
         _ => None,

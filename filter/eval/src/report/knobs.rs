@@ -1,12 +1,20 @@
 //! Which knob of a trade-off buys most.
 
 use maud::{Markup, html};
-use tactile_filter::budget::{Knob, Point, Tradeoff};
+use tactile_filter::budget::{Knob, Point, Settings, Tradeoff};
 
-use super::tradeoff::in_words;
 use crate::page::numbers::{milliseconds, number, percent, percent_sign, signed, touch_count};
 use crate::page::shell::figure;
 use crate::page::table::{cells, sortable};
+
+/// The knobs in the order in which a setting is described.
+pub(super) const KNOBS: [Knob; 7] =
+    [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort];
+
+/// A setting in words.
+pub fn in_words(settings: &Settings) -> String {
+    KNOBS.map(|knob| settings.tell(knob)).join(", ")
+}
 
 /// The number of touches at which knobs are compared.
 const COMPARED: usize = 3;

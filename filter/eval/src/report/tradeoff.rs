@@ -1,9 +1,9 @@
 //! The page of a trade-off: the frontier in three planes, what each knob buys, every point.
 
 use maud::{Markup, html};
-use tactile_filter::budget::{Knob, Point, Settings, Tradeoff};
+use tactile_filter::budget::{Point, Settings, Tradeoff};
 
-use super::knobs::knobs;
+use super::knobs::{KNOBS, in_words, knobs};
 use crate::page::numbers::{interval, milliseconds, number, over, percent, percent_sign, seeds, touch_count};
 use crate::page::scatter::{Dot, Scatter};
 use crate::page::shell::{Section, definitions, figure, page, tile};
@@ -183,15 +183,6 @@ fn every_point(tradeoff: &Tradeoff) -> Markup {
     html! {
         details { summary { (rows.len()) " points, sortable" } (sortable(&[of_settings, heads].concat(), &rows)) }
     }
-}
-
-/// The knobs in the order in which a setting is described.
-const KNOBS: [Knob; 7] =
-    [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort];
-
-/// A setting in words.
-pub fn in_words(settings: &Settings) -> String {
-    KNOBS.map(|knob| settings.tell(knob)).join(", ")
 }
 
 #[cfg(test)]

@@ -41,11 +41,13 @@
 //!   [`Incoming::Matched`] of a client comes late enough.
 
 mod bus;
+mod calls;
 mod error;
 mod graph;
 mod inbox;
 mod names;
 mod raw;
+mod readers;
 mod settings;
 mod state;
 mod trigger;

@@ -4,21 +4,18 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use rustdds::bytes::Bytes;
-use rustdds::rpc::SampleIdentity;
-use rustdds::{GUID, Timestamp, WriteOptionsBuilder, mio1, no_key};
+use rustdds::{Timestamp, WriteOptionsBuilder, mio1, no_key};
 
+use super::calls::{ClientSlot, request, response};
 use super::error::{Error, Result};
 use super::graph;
 use super::inbox::{Incoming, Queue};
 use super::raw::Raw;
+use super::readers::{ReaderSlot, Reads, count_lost, report};
 use super::settings::Settings;
-use super::trigger::{self, Form};
 use super::trouble::Trouble;
-use super::wire::{News, Reader, Sample, Wire, Wish, Writer, send, wishes_of_the_node};
+use super::wire::{Reader, Sample, Wire, Wish, Writer, send, wishes_of_the_node};
 use super::{Call, Client, Delivery, Endpoint, RequestId, Service};
-
-/// How long a subscription waits for a publisher before that is reported.
-const PATIENCE: Duration = Duration::from_secs(5);
 
 /// How long an answer waits for its caller's endpoint.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(1);
@@ -26,24 +23,8 @@ const ANSWER_PATIENCE: Duration = Duration::from_secs(1);
 /// How long a server that was found is given to find us as well: a request before that would be lost.
 const SETTLING: Duration = Duration::from_millis(300);
 
-/// How often messages that were left out are reported.
-const REPORT: Duration = Duration::from_secs(1);
-
-/// Calls without an answer that are remembered.
-const MAX_CALLS: usize = 64;
-
 /// Answers that wait for their callers' endpoints.
 const MAX_ANSWERS: usize = 64;
-
-/// How the identifiers of a CycloneDDS program begin (RTPS 2.5, 8.2.4: the vendor).
-const CYCLONE: [u8; 2] = [1, 0x10];
-
-/// What a reader is for.
-pub(super) struct Reads {
-    pub(super) name: String,
-    pub(super) ros_type: String,
-    pub(super) endpoint: Endpoint,
-}
 
 /// What a writer is for.
 pub(super) struct Writes {
@@ -54,34 +35,10 @@ pub(super) struct Writes {
     pub(super) last: Option<Vec<u8>>,
 }
 
-struct ReaderSlot {
-    wish: Wish,
-    reads: Reads,
-    reader: Option<Reader>,
-    /// Since when it has no peer; `None` once that is reported.
-    alone_since: Option<Instant>,
-    /// The last number of each publisher.
-    numbers: Vec<([u8; 16], i64)>,
-    n_refused: u64,
-    reason: String,
-    reported: Option<Instant>,
-}
-
 struct WriterSlot {
     wish: Wish,
     writes: Writes,
     writer: Option<Writer>,
-}
-
-struct ClientSlot {
-    reader: usize,
-    writer: usize,
-    n_calls: u64,
-    /// Servers that were found and had time to find us, and since when it is another number.
-    n_servers: usize,
-    changed: Option<Instant>,
-    /// Calls without an answer, and how their answers are known.
-    waiting: Vec<(Call, Form, SampleIdentity)>,
 }
 
 /// An answer whose caller is not yet found.
@@ -143,11 +100,8 @@ impl State {
 
     pub(super) fn add_reader(&mut self, wish: Wish, reads: Reads) -> Result<usize> {
         let at = self.readers.len();
-        let reader = Some(self.wire()?.reader(&wish, &self.registry, at)?);
-        let alone_since = Some(Instant::now());
-        let (numbers, reason) = (Vec::new(), String::new());
-        let slot = ReaderSlot { wish, reads, reader, alone_since, numbers, n_refused: 0, reason, reported: None };
-        self.readers.push(slot);
+        let reader = self.wire()?.reader(&wish, &self.registry, at)?;
+        self.readers.push(ReaderSlot::new(wish, reads, reader));
         Ok(at)
     }
 
@@ -164,8 +118,7 @@ impl State {
         // The answers first: a server that finds the request can then answer it.
         let reader = self.add_reader(answer, Reads { name: name.clone(), ros_type, endpoint })?;
         let writer = self.add_writer(request, Writes { name, endpoint: None, last: None })?;
-        let slot = ClientSlot { reader, writer, n_calls: 0, n_servers: 0, changed: None, waiting: Vec::new() };
-        self.clients.push(slot);
+        self.clients.push(ClientSlot::new(reader, writer));
         Ok(client)
     }
 
@@ -222,22 +175,7 @@ impl State {
     pub(super) fn call(&mut self, client: Client) -> Result<Call> {
         let Some(slot) = self.clients.get_mut(client.0) else { return Err(Error::Unknown("client".to_owned())) };
         let WriterSlot { writes, writer, .. } = &self.writers[slot.writer];
-        let none = || Error::NoServer { service: writes.name.clone() };
-        let writer = writer.as_ref().ok_or_else(none)?;
-        let server = writer.peers.guids.first().filter(|_| slot.n_servers > 0).ok_or_else(none)?;
-        slot.n_calls += 1;
-        let mut header = trigger::CycloneHeader::default();
-        header[..8].copy_from_slice(&writer.guid()[8..]);
-        header[8..].copy_from_slice(&slot.n_calls.to_le_bytes());
-        let form = if server.starts_with(&CYCLONE) { Form::Cyclone(header) } else { Form::Plain };
-        let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build();
-        let identity = send(&writer.dds, &writes.name, &trigger::write_request(form), options)?;
-        if slot.waiting.len() >= MAX_CALLS {
-            slot.waiting.remove(0);
-        }
-        let call = Call(slot.n_calls);
-        slot.waiting.push((call, form, identity));
-        Ok(call)
+        slot.call(writer.as_ref(), &writes.name)
     }
 
     /// Takes all that came.
@@ -358,98 +296,4 @@ impl State {
         self.wire = Some(wire);
         self.announce()
     }
-}
-
-impl ReaderSlot {
-    /// Reports peers, messages that were left out, and a subscription that nobody publishes for.
-    fn look(&mut self, queue: &Queue, now: Instant, wire: &Wire) {
-        let Self { reads, reader: Some(reader), .. } = self else { return };
-        while let Some(news) = reader.news(wire) {
-            // A client's servers are counted with both of its endpoints.
-            let endpoint = Some(reads.endpoint).filter(|endpoint| !matches!(endpoint, Endpoint::Client(_)));
-            report(queue, endpoint, &reads.name, news, (&reads.ros_type, reader.peers.guids.len()));
-        }
-        let is_alone = reader.peers.guids.is_empty() && matches!(reads.endpoint, Endpoint::Subscription(_));
-        if !is_alone {
-            // The next time it is alone counts again.
-            self.alone_since = Some(now);
-        } else if self.alone_since.is_some_and(|since| now.duration_since(since) >= PATIENCE) {
-            self.alone_since = None;
-            let (topic, message_type) = (reads.name.clone(), reads.ros_type.clone());
-            queue.push(Incoming::Trouble(Trouble::NoPublisher { topic, message_type }));
-        }
-        let is_due = self.reported.is_none_or(|last| now.duration_since(last) >= REPORT);
-        if self.n_refused > 0 && is_due {
-            let (name, reason) = (reads.name.clone(), std::mem::take(&mut self.reason));
-            queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: self.n_refused, reason }));
-            self.n_refused = 0;
-            self.reported = Some(now);
-        }
-    }
-}
-
-/// Passes on what is new of an endpoint's peers, which are of a type and as many.
-fn report(queue: &Queue, endpoint: Option<Endpoint>, name: &str, news: News, (of_type, n_peers): (&str, usize)) {
-    let topic = name.to_owned();
-    match (news, endpoint) {
-        (News::Changed, Some(endpoint)) => queue.push(Incoming::Matched { endpoint, n_peers }),
-        (News::Changed, None) => {}
-        (News::OtherType(got), _) => {
-            queue.push(Incoming::Trouble(Trouble::OtherType { topic, expected: of_type.to_owned(), got }));
-        }
-        (News::Incompatible { asked, offered }, _) => {
-            queue.push(Incoming::Trouble(Trouble::Incompatible { topic, asked, offered }));
-        }
-    }
-}
-
-/// Messages of this publisher between its last one and this one.
-fn count_lost(numbers: &mut Vec<([u8; 16], i64)>, sample: &Sample) -> u64 {
-    /// Publishers that are remembered.
-    const MAX_PUBLISHERS: usize = 64;
-    match numbers.iter_mut().find(|(writer, _)| *writer == sample.writer) {
-        Some((_, last)) => {
-            let lost = (sample.number - *last - 1).max(0);
-            *last = sample.number;
-            lost.unsigned_abs()
-        }
-        None => {
-            if numbers.len() >= MAX_PUBLISHERS {
-                numbers.remove(0);
-            }
-            numbers.push((sample.writer, sample.number));
-            0
-        }
-    }
-}
-
-/// The call in a message to a service.
-fn request(service: Service, sample: &Sample) -> std::result::Result<Incoming, String> {
-    let form = trigger::read_request(&sample.cdr)?;
-    let mut request = sample.identity;
-    // Fast DDS names the endpoint that its answers go to instead of the one that asked.
-    if let Some(related) = sample.related.filter(|related| related.writer_guid != GUID::from_bytes([0; 16])) {
-        request.writer_guid = related.writer_guid;
-    }
-    let program = sample.writer.first_chunk().copied().unwrap_or_default();
-    let id = RequestId { request, program, form };
-    Ok(Incoming::Request { service, id, received: sample.received })
-}
-
-/// The answer in a message to a client; `None`: to another client of the service, or to a call that is forgotten.
-fn response(
-    client: Client,
-    clients: &mut [ClientSlot],
-    sample: &Sample,
-) -> std::result::Result<Option<Incoming>, String> {
-    let Some(slot) = clients.get_mut(client.0) else { return Ok(None) };
-    let (form, answer) = trigger::read_answer(&sample.cdr, sample.writer.starts_with(&CYCLONE))?;
-    let is_answered = |call: &(Call, Form, SampleIdentity)| match form {
-        Form::Cyclone(_) => call.1 == form,
-        Form::Plain => sample.related == Some(call.2),
-    };
-    let Some(at) = slot.waiting.iter().position(is_answered) else { return Ok(None) };
-    let (call, ..) = slot.waiting.remove(at);
-    let trigger::Answer { success, message } = answer;
-    Ok(Some(Incoming::Response { client, call, success, message }))
 }

@@ -9,10 +9,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tactile_data::lamps::Lamps;
 use tactile_data::output;
-use tactile_data::scene::Scene;
 use tactile_data::touch::Side;
-use tactile_eval::fits::{check_bank, warn_of_coarse_grid};
-use tactile_eval::holes::RecordedHoles;
+use tactile_eval::fits;
+use tactile_eval::holes::Holes;
 use tactile_eval::page::shell::check_page;
 use tactile_eval::result::Poses;
 use tactile_eval::{Error, Result};
@@ -41,15 +40,6 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Refuses a bank that was not made of a scene's parts by its sensor, and warns of one too coarse for its touches.
-    pub fn check_scene(&self, bank: &Bank, scene: &Scene, poses: Poses) -> Result<()> {
-        check_bank(bank, scene, self.other_sensor)?;
-        if let Some(warning) = warn_of_coarse_grid(bank, poses) {
-            eprintln!("warning: {warning}");
-        }
-        Ok(())
-    }
-
     /// Loads both.
     pub fn load(&self) -> Result<(Arc<Model>, Arc<Bank>)> {
         let model = Arc::new(Model::load_on(&self.model, self.device)?);
@@ -119,7 +109,7 @@ pub struct Seeds {
 
 /// Which side is touched.
 #[derive(Args)]
-pub struct Touched {
+pub struct SideArgs {
     /// Which side is touched: holes, or raised parts that are recognised among the bank's own
     #[arg(long, value_name = "SIDE", default_value_t, value_parser = named::<Side>(&Side::NAMES))]
     pub side: Side,
@@ -132,11 +122,11 @@ pub fn warn_of_light(bank: &Bank, lamps: Option<&Lamps>) {
     }
 }
 
-/// A warning where touches are said to lie at a bank's poses and recorded ones do not.
-pub fn between_poses_of(recorded: &RecordedHoles, bank: &Bank, poses: Poses) -> Option<String> {
-    let [on, all] = recorded.on_grid(bank);
-    let is_between = poses == Poses::OnGrid && on < all;
-    is_between.then(|| format!("{} of {all} touches lie between the bank's poses: use --poses off-grid", all - on))
+/// Says where touches and the poses of a bank's views do not go together.
+pub fn warn_of_poses(holes: Holes<'_>, bank: &Bank, poses: Poses) {
+    if let Some(why) = fits::warn_of_poses(holes, bank, poses) {
+        eprintln!("warning: {why}");
+    }
 }
 
 /// Says where pegs are touched and nothing was measured of how far the model can be believed there.

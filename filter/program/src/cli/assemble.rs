@@ -10,6 +10,7 @@ use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
 use tactile_eval::Result;
 use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html};
+use tactile_eval::fits::check_bank;
 use tactile_eval::holes::Holes;
 use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
@@ -17,7 +18,7 @@ use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{Engine, Inputs, Output, Seeds, command_line, positive, to_json};
+use super::arguments::{Engine, Inputs, Output, Seeds, command_line, positive, to_json, warn_of_poses};
 use super::tuning::Tuning;
 
 /// Names of the page and of the figures.
@@ -70,7 +71,8 @@ impl Assemble {
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
         self.output.prepare(FILES[0], FILES[1], &self.inputs.files(&self.scene))?;
-        self.inputs.check_scene(&bank, simulator.scene(), Poses::OffGrid)?;
+        check_bank(&bank, simulator.scene(), self.inputs.other_sensor)?;
+        warn_of_poses(holes, &bank, Poses::OffGrid);
 
         let trials = workcell.run(&reporter("trials"))?;
         let run = Run {

@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::Args;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
-use tactile_eval::report::tradeoff::in_words;
+use tactile_eval::report::knobs::in_words;
 use tactile_eval::result::Promise;
 use tactile_eval::{Error, Result};
 use tactile_filter::budget::{Budget, Choice, Cost, Pace, Settings, Tradeoff};

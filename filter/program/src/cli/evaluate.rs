@@ -11,11 +11,10 @@ use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::{self, Dataset};
-use tactile_data::touch::Side;
 use tactile_eval::episodes::{EPISODES_SCHEMA, Episodes, RunResult, Setup, Single};
 use tactile_eval::evaluate::{Protocol, Run, run_all};
-use tactile_eval::fits::warn_of_coarse_grid;
-use tactile_eval::holes::{Holes, RecordedHoles};
+use tactile_eval::fits::check_bank;
+use tactile_eval::holes::{OwnedHoles, RecordedHoles};
 use tactile_eval::narrative::episodes::{pick, play_again};
 use tactile_eval::narrative::{Board, Narrative};
 use tactile_eval::report::write_report;
@@ -28,7 +27,8 @@ use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::{Bank, Model};
 
 use super::arguments::{
-    self, Engine, Inputs, Output, Seeds, check_episodes, command_line, poses, positive, rule, to_json,
+    Engine, Inputs, Output, Seeds, SideArgs, check_episodes, command_line, poses, positive, rule, to_json,
+    warn_of_calibration, warn_of_light, warn_of_poses,
 };
 use super::budget::{BudgetArgs, Task};
 use super::table;
@@ -58,7 +58,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
     #[command(flatten)]
-    which: arguments::Touched,
+    which: SideArgs,
     #[command(flatten)]
     output: Output,
     /// Episodes in all, shared out over the seeds
@@ -106,7 +106,7 @@ pub struct Evaluate {
 
 /// All that the episodes depend on.
 struct Subject {
-    touched: Touched,
+    touched: OwnedHoles,
     model: Arc<Model>,
     bank: Arc<Bank>,
     sensor: Sensor,
@@ -114,21 +114,6 @@ struct Subject {
     /// Each way to infer and choose, with its name.
     ways: Vec<(String, EpisodeConfig)>,
     promise: Option<Promise>,
-}
-
-/// What holds the holes.
-enum Touched {
-    Scene(Box<Simulator>, Side),
-    Recording(Box<RecordedHoles>),
-}
-
-impl Touched {
-    fn holes(&self) -> Holes<'_> {
-        match self {
-            Self::Scene(simulator, side) => Holes::Simulated(simulator, *side),
-            Self::Recording(recorded) => Holes::Recorded(recorded),
-        }
-    }
 }
 
 impl Evaluate {
@@ -156,8 +141,9 @@ impl Evaluate {
     fn subject(&self) -> Result<Subject> {
         let (model, mut bank) = self.inputs.load()?;
         let protocol = self.protocol();
-        let touched = self.touched(&bank, protocol.poses)?;
+        let touched = self.touched(&bank)?;
         let holes = touched.holes();
+        warn_of_poses(holes, &bank, protocol.poses);
         protocol.validate(holes, &bank)?;
         let mut ways = self.ways(&model)?;
         self.prepare_output()?;
@@ -173,12 +159,12 @@ impl Evaluate {
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
         let sensor = holes.sensor(&model, &no_contact)?;
-        arguments::warn_of_calibration(&model, self.which.side);
+        warn_of_calibration(&model, self.which.side);
         Ok(Subject { touched, model, bank, sensor, protocol, ways, promise })
     }
 
     /// Loads what is touched, and refuses a bank that does not fit it.
-    fn touched(&self, bank: &Bank, poses: Poses) -> Result<Touched> {
+    fn touched(&self, bank: &Bank) -> Result<OwnedHoles> {
         if let Some(scene) = &self.scene {
             let scene = Scene::load(scene)?;
             let scene = match &self.calibration {
@@ -188,16 +174,14 @@ impl Evaluate {
             // A touched peg is another print than the one that a bank holds by default.
             let print = if self.which.side.is_hole() { 1 } else { 2 };
             let simulator = Simulator::new(scene, print)?;
-            self.inputs.check_scene(bank, simulator.scene(), poses)?;
-            return Ok(Touched::Scene(Box::new(simulator), self.which.side));
+            check_bank(bank, simulator.scene(), self.inputs.other_sensor)?;
+            return Ok(OwnedHoles::Simulated(Arc::new(simulator), self.which.side));
         }
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
         let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
-        arguments::warn_of_light(bank, recorded.lamps());
+        warn_of_light(bank, recorded.lamps());
         recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
-        let warnings = [arguments::between_poses_of(&recorded, bank, poses), warn_of_coarse_grid(bank, poses)];
-        warnings.into_iter().flatten().for_each(|warning| eprintln!("warning: {warning}"));
-        Ok(Touched::Recording(Box::new(recorded)))
+        Ok(OwnedHoles::Recorded(Box::new(recorded)))
     }
 
     /// Checks that the results can be written and are none of the inputs.

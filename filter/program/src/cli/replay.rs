@@ -13,7 +13,7 @@ use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
 
-use super::arguments::{Engine, Inputs, Touched, warn_of_calibration, warn_of_light};
+use super::arguments::{Engine, Inputs, SideArgs, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
 use super::live::tell;
@@ -34,7 +34,7 @@ pub struct Replay {
     #[arg(long, value_name = "FILE", conflicts_with = "data")]
     log: Option<PathBuf>,
     #[command(flatten)]
-    touched: Touched,
+    which: SideArgs,
     /// Play at most this many episodes [default: all]
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
@@ -60,7 +60,7 @@ impl Replay {
         let Some(data) = &self.data else { return self.replay_log(model, bank) };
         let dataset = Dataset::open(data)?;
         self.warn_of_scale(&model, &dataset);
-        let side = self.touched.side;
+        let side = self.which.side;
         warn_of_calibration(&model, side);
         let lamps = dataset.meta().lamps.as_ref();
         warn_of_light(&bank, lamps);
@@ -106,7 +106,7 @@ impl Replay {
 
     fn warn_of_scale(&self, model: &Model, dataset: &Dataset) {
         let meta = dataset.meta();
-        let view = [0, 1].map(|axis| meta.mm_per_px[axis] * meta.frame_px[axis] as f64);
+        let view = meta.field_of_view_mm();
         let trained = model.preprocessing().field_of_view_mm;
         if (0..2).any(|axis| (view[axis] / trained[axis] - 1.0).abs() > SCALE_TOLERANCE) {
             eprintln!(

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::progress::Progress;
 use tactile_data::shard::Shard;
 use tactile_eval::evaluate::Protocol;
-use tactile_eval::report::tradeoff::{self as page, in_words};
+use tactile_eval::report::{knobs::in_words, tradeoff as page};
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_eval::{Error, Result};
@@ -166,7 +166,7 @@ impl TradeoffArgs {
                     said.push(note.clone());
                 }
             }
-            let (bank, holes) = (&touched.bank, touched.holes());
+            let (bank, holes) = (&touched.bank, touched.holes.holes());
             protocol.validate(holes, bank)?;
             let no_contact = holes.at_rest(&self.seeds.seeds);
             let bench = Bench { holes, model, bank, no_contact: &no_contact, protocol: &protocol };

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::recording::ros::bag::{Channel, Message};
+use crate::recording::ros::bag_message::{Channel, Message};
 use crate::recording::ros::cdr::Layout;
 use crate::recording::ros::ros1::records::{Ending, Fields, Record, Records, op};
 

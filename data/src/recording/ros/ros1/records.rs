@@ -1,16 +1,15 @@
 //! The records of a ROS 1 bag, one after the other, its chunks unpacked (<http://wiki.ros.org/Bags/Format/2.0>).
 //!
-//! The file is read from its beginning and the index passed over, so a bag without one is read as any other. No length
-//! is believed: memory follows the largest single record.
+//! The file is read from its beginning and the index passed over, so a bag without one is read as any other.
 
-use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::io::Read;
+use std::path::Path;
 use std::sync::Arc;
 
 use bzip2::bufread::BzDecoder;
 
 use crate::error::{Error, Result};
+use crate::recording::ros::record_file::{Chunk, RecordFile, Step, check_len, number};
 use crate::recording::ros::unpack::unpack;
 
 /// The first bytes of the format that is read.
@@ -27,9 +26,6 @@ pub mod op {
     /// A topic and its type.
     pub const CONNECTION: u8 = 7;
 }
-
-/// The largest message, bytes: a picture of 9000 x 9000 pixels.
-const MAX_DATA_BYTES: u64 = 1 << 28;
 
 /// The largest header: a few numbers and the name of a topic.
 const MAX_HEADER_BYTES: u64 = 1 << 16;
@@ -59,13 +55,6 @@ pub enum Ending {
     NotClosed,
 }
 
-/// What comes next.
-enum Step {
-    Record(Record),
-    End,
-    Cut,
-}
-
 /// What is in front of a record's data.
 struct Head {
     op: u8,
@@ -73,26 +62,9 @@ struct Head {
     data_len: u64,
 }
 
-struct Chunk {
-    /// Where it is, for errors.
-    place: Arc<str>,
-    bytes: Box<dyn Read + Send>,
-    /// Bytes still to come, unpacked; `None` where that was not written any more.
-    left: Option<u64>,
-    /// Where the record after it starts.
-    end: u64,
-    /// Whether the file ends before the chunk.
-    is_cut: bool,
-}
-
 /// Reads the records in order.
 pub struct Records {
-    path: PathBuf,
-    file: BufReader<File>,
-    /// Length of the file when it was opened, bytes.
-    len: u64,
-    /// Where the next record of the file starts.
-    at: u64,
+    file: RecordFile,
     /// Where the index starts, as the first record says; 0 until a bag is closed.
     index_at: u64,
     chunk: Option<Chunk>,
@@ -106,19 +78,15 @@ impl Records {
     /// # Errors
     /// A file that cannot be read, or another format.
     pub fn open(path: &Path) -> Result<Self> {
-        let mut file = BufReader::new(File::open(path).map_err(Error::io(path))?);
-        let len = file.get_ref().metadata().map_err(Error::io(path))?.len();
-        let mut magic = Vec::new();
-        file.by_ref().take(MAGIC.len() as u64).read_to_end(&mut magic).map_err(Error::io(path))?;
-        if magic != MAGIC {
+        let (file, other) = RecordFile::open(path, MAGIC)?;
+        if let Some(magic) = other {
             let got = match magic.strip_prefix(b"#ROSBAG ") {
                 Some(version) => format!("format {}", String::from_utf8_lossy(version).trim().escape_debug()),
-                None => format!("{len} bytes that begin otherwise"),
+                None => format!("{} bytes that begin otherwise", file.len),
             };
             return Err(Error::invalid(path.display().to_string(), "a ROS 1 bag of format V2.0", got));
         }
-        let (path, at) = (path.to_path_buf(), MAGIC.len() as u64);
-        Ok(Self { path, file, len, at, index_at: 0, chunk: None, is_done: false, ending: None })
+        Ok(Self { file, index_at: 0, chunk: None, is_done: false, ending: None })
     }
 
     /// How the file ends where it does not end as it should, once the records before have been read.
@@ -133,7 +101,7 @@ impl Records {
     pub fn next(&mut self) -> Result<Option<Record>> {
         while !self.is_done {
             let step = match &mut self.chunk {
-                Some(chunk) => chunk.next()?,
+                Some(chunk) => next_in_chunk(chunk)?,
                 None => self.next_in_file()?,
             };
             match (step, self.chunk.take()) {
@@ -141,74 +109,67 @@ impl Records {
                     self.chunk = chunk;
                     return Ok(Some(record));
                 }
-                (Step::End, Some(chunk)) => self.skip_to(chunk.end)?,
+                (Step::End, Some(chunk)) => self.file.skip_to(chunk.end)?,
                 (Step::End, None) => {
                     self.is_done = true;
                     self.ending = match self.index_at {
                         0 => Some(Ending::NotClosed),
-                        at if at > self.len => Some(Ending::Cut(self.len)),
+                        at if at > self.file.len => Some(Ending::Cut(self.file.len)),
                         _ => None,
                     };
                 }
-                (Step::Cut, _) => (self.is_done, self.ending) = (true, Some(Ending::Cut(self.len))),
+                (Step::Cut, _) => (self.is_done, self.ending) = (true, Some(Ending::Cut(self.file.len))),
             }
         }
         Ok(None)
     }
 
     /// The next record outside chunks; enters a chunk where one begins.
-    fn next_in_file(&mut self) -> Result<Step> {
-        while self.at < self.len {
-            let place: Arc<str> = format!("{}, record at byte {}", self.path.display(), self.at).into();
-            let mut read = |len| body(&mut self.file, len).map_err(Error::io(&self.path));
-            let Some(Head { op, header, data_len }) = head(&mut read, &place)? else { return Ok(Step::Cut) };
-            let start = self.at + LENGTHS_BYTES + header.len() as u64;
+    fn next_in_file(&mut self) -> Result<Step<Record>> {
+        while self.file.at < self.file.len {
+            let place = self.file.place("record");
+            let head = head(&mut |len| self.file.read(len), &place)?;
+            let Some(Head { op, header, data_len }) = head else { return Ok(Step::Cut) };
+            let start = self.file.at + LENGTHS_BYTES + header.len() as u64;
             let end = start + data_len;
             match op {
                 op::CONNECTION | op::MESSAGE => {
                     check_len(data_len, &place)?;
-                    let Some(data) = read(data_len)? else { return Ok(Step::Cut) };
-                    self.at = end;
+                    let Some(data) = self.file.read(data_len)? else { return Ok(Step::Cut) };
+                    self.file.at = end;
                     return Ok(Step::Record(Record { op, header, data, place }));
                 }
                 op::CHUNK => {
                     let chunk = self.open_chunk(&Fields::of(&header, &place)?, start, data_len)?;
-                    return self.chunk.insert(chunk).next();
+                    return next_in_chunk(self.chunk.insert(chunk));
                 }
                 op::BAG_HEADER => self.index_at = Fields::of(&header, &place)?.u64("index_pos")?,
                 // The index.
                 _ => {}
             }
-            if end > self.len {
+            if end > self.file.len {
                 return Ok(Step::Cut);
             }
-            self.skip_to(end)?;
+            self.file.skip_to(end)?;
         }
         Ok(Step::End)
     }
 
-    fn skip_to(&mut self, at: u64) -> Result<()> {
-        self.at = at;
-        self.file.seek(SeekFrom::Start(at)).map(drop).map_err(Error::io(&self.path))
-    }
-
     /// The chunk whose `packed_len` bytes begin at `start`.
     fn open_chunk(&self, fields: &Fields, start: u64, packed_len: u64) -> Result<Chunk> {
-        let place: Arc<str> = format!("{}, chunk at byte {}", self.path.display(), self.at).into();
+        let place = self.file.place("chunk");
         let (compression, size) = (fields.text("compression")?, u64::from(fields.u32("size")?));
         let is_packed = compression != "none";
         // Lengths are written when a chunk is closed. The records of one that is not packed go on behind it.
         let is_open = self.index_at == 0 && packed_len == 0 && is_packed;
-        let packed_len = if is_open { self.len - start } else { packed_len };
+        let packed_len = if is_open { self.file.len - start } else { packed_len };
         if !is_packed && size != packed_len {
             let got = format!("{packed_len} bytes");
             return Err(Error::invalid(&*place, format!("{size} bytes in a chunk that is not packed"), got));
         }
-        let mut packed = File::open(&self.path).map_err(Error::io(&self.path))?;
-        packed.seek(SeekFrom::Start(start)).map_err(Error::io(&self.path))?;
-        let packed = BufReader::with_capacity(1 << 16, packed).take(packed_len);
+        let packed = self.file.piece(start, packed_len)?;
         let bytes: Option<Box<dyn Read + Send>> = match compression.as_str() {
-            "none" => Some(Box::new(packed)),
+            "none" => unpack("", packed),
             "bz2" => Some(Box::new(BzDecoder::new(packed))),
             "lz4" => unpack("lz4", packed),
             _ => None,
@@ -218,61 +179,29 @@ impl Records {
             return Err(Error::invalid(&*place, "a chunk in none, bz2 or lz4", got));
         };
         let (left, end) = ((!is_open).then_some(size), start + packed_len);
-        Ok(Chunk { place, bytes, left, end, is_cut: is_open || end > self.len })
+        Ok(Chunk { place, bytes, left, end, is_cut: is_open || end > self.file.len })
     }
 }
 
-impl Chunk {
-    fn next(&mut self) -> Result<Step> {
-        let place = Arc::clone(&self.place);
-        while self.left != Some(0) {
-            let Some(head) = head(&mut |len| self.read(len), &place)? else { return self.ended_early() };
-            let Head { op, header, data_len } = head;
-            let len = LENGTHS_BYTES + header.len() as u64 + data_len;
-            if let Some(left) = self.left {
-                self.left = Some(left.checked_sub(len).ok_or_else(|| {
-                    let expected = format!("a record within the {left} bytes left of the chunk");
-                    Error::invalid(&*place, expected, format!("{len} bytes"))
-                })?);
-            }
-            check_len(data_len, &place)?;
-            let Some(data) = self.read(data_len)? else { return self.ended_early() };
-            if matches!(op, op::CONNECTION | op::MESSAGE) {
-                return Ok(Step::Record(Record { op, header, data, place }));
-            }
-        }
-        self.end()
-    }
-
-    /// The next `len` bytes; `None` where they end before.
-    fn read(&mut self, len: u64) -> Result<Option<Vec<u8>>> {
-        match body(&mut self.bytes, len) {
-            // What is packed cannot be unpacked to its last byte where it is cut.
-            Err(_) if self.is_cut => Ok(None),
-            Err(error) => Err(self.damage(&error)),
-            Ok(bytes) => Ok(bytes),
+/// The next record of a chunk.
+fn next_in_chunk(chunk: &mut Chunk) -> Result<Step<Record>> {
+    let place = Arc::clone(&chunk.place);
+    while chunk.left != Some(0) {
+        let Some(head) = head(&mut |len| chunk.read(len), &place)? else { return chunk.ended_early() };
+        let Head { op, header, data_len } = head;
+        chunk.count(LENGTHS_BYTES + header.len() as u64 + data_len)?;
+        check_len(data_len, &place)?;
+        let Some(data) = chunk.read(data_len)? else { return chunk.ended_early() };
+        if matches!(op, op::CONNECTION | op::MESSAGE) {
+            return Ok(Step::Record(Record { op, header, data, place }));
         }
     }
-
-    fn damage(&self, error: &io::Error) -> Error {
-        Error::invalid(&*self.place, "bytes that can be unpacked", error.to_string())
-    }
-
-    fn ended_early(&self) -> Result<Step> {
-        match self.left {
-            Some(left) if !self.is_cut => Err(Error::invalid(&*self.place, format!("{left} more bytes"), "its end")),
-            _ => Ok(Step::Cut),
-        }
-    }
-
-    /// Reads past the last byte, behind which the checksum of lz4 and bz2 is.
-    fn end(&mut self) -> Result<Step> {
-        match self.bytes.read(&mut [0]) {
-            _ if self.is_cut => Ok(Step::Cut),
-            Ok(0) => Ok(Step::End),
-            Ok(_) => Err(Error::invalid(&*self.place, "as many bytes as its size says", "more")),
-            Err(error) => Err(self.damage(&error)),
-        }
+    // Reads past the last byte, behind which the checksum of lz4 and bz2 is.
+    match chunk.bytes.read(&mut [0]) {
+        _ if chunk.is_cut => Ok(Step::Cut),
+        Ok(0) => Ok(Step::End),
+        Ok(_) => Err(Error::invalid(&*place, "as many bytes as its size says", "more")),
+        Err(error) => Err(chunk.damage(&error)),
     }
 }
 
@@ -346,28 +275,13 @@ impl<'a> Fields<'a> {
 
 /// What is in front of the data of the next record; `None` where the bytes, which `read` takes, end before.
 fn head(read: &mut dyn FnMut(u64) -> Result<Option<Vec<u8>>>, place: &str) -> Result<Option<Head>> {
-    let number = |bytes: Vec<u8>| bytes.iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte));
-    let Some(header_len) = read(4)?.map(number) else { return Ok(None) };
+    let Some(header_len) = read(4)?.map(|len| number(&len)) else { return Ok(None) };
     if header_len > MAX_HEADER_BYTES {
         let expected = format!("a header of at most {MAX_HEADER_BYTES} bytes");
         return Err(Error::invalid(place, expected, format!("{header_len} bytes")));
     }
     let Some(header) = read(header_len)? else { return Ok(None) };
-    let Some(data_len) = read(4)?.map(number) else { return Ok(None) };
+    let Some(data_len) = read(4)?.map(|len| number(&len)) else { return Ok(None) };
     let op = Fields::of(&header, place)?.u8("op")?;
     Ok(Some(Head { op, header, data_len }))
-}
-
-/// The next `len` bytes; `None` where they end before. Memory grows with what is there, not with `len`.
-fn body(bytes: &mut dyn Read, len: u64) -> io::Result<Option<Vec<u8>>> {
-    let mut body = Vec::new();
-    Read::take(bytes, len).read_to_end(&mut body)?;
-    Ok((body.len() as u64 == len).then_some(body))
-}
-
-fn check_len(len: u64, place: &str) -> Result<()> {
-    if len <= MAX_DATA_BYTES {
-        return Ok(());
-    }
-    Err(Error::invalid(place, format!("messages of at most {MAX_DATA_BYTES} bytes"), format!("{len} bytes")))
 }

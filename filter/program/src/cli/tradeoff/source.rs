@@ -10,7 +10,7 @@ use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::{self, Dataset};
 use tactile_data::touch::Side;
-use tactile_eval::holes::{Holes, RecordedHoles};
+use tactile_eval::holes::{OwnedHoles, RecordedHoles};
 use tactile_eval::recorded_steps::RecordedSteps;
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::Planned;
@@ -20,8 +20,6 @@ use tactile_infer::recorded::{PegPoses, bank_of_dataset};
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
-
-use super::super::arguments::between_poses_of;
 
 /// What pegs and holes are touched.
 #[derive(Args)]
@@ -53,7 +51,7 @@ impl SourceArgs {
             let scene = Scene::load(&self.scene)?;
             let no_reach = || Error::invalid(&self.scene, "a scene of parts with a reach", "one without");
             let reach = scene.reach.ok_or_else(no_reach)?;
-            let simulator = Box::new(Simulator::new(scene, 1)?);
+            let simulator = Arc::new(Simulator::new(scene, 1)?);
             return Ok(Source::Scene { simulator, reach, bank_seed: self.bank_seed });
         };
         let (pegs, holes) = (Dataset::open(pegs)?, Arc::new(Dataset::open(holes)?));
@@ -73,7 +71,7 @@ impl SourceArgs {
 /// What pegs and holes are touched, loaded.
 pub enum Source {
     /// Touched anew each time by a simulated sensor.
-    Scene { simulator: Box<Simulator>, reach: PoseGrid, bank_seed: u64 },
+    Scene { simulator: Arc<Simulator>, reach: PoseGrid, bank_seed: u64 },
     /// Touched once, by somebody's sensor.
     Recording(Box<Recording>),
 }
@@ -109,26 +107,11 @@ impl RecordingId {
 }
 
 /// A bank and the holes that it is compared with.
-pub struct PegsAndHoles<'a> {
+pub struct PegsAndHoles {
     pub bank: Bank,
-    touched: Touched<'a>,
+    pub holes: OwnedHoles,
     /// What a person should know of both, a line each.
     pub notes: Vec<String>,
-}
-
-enum Touched<'a> {
-    Scene(&'a Simulator),
-    Recording(Box<RecordedHoles>),
-}
-
-impl PegsAndHoles<'_> {
-    /// What is touched.
-    pub fn holes(&self) -> Holes<'_> {
-        match &self.touched {
-            Touched::Scene(simulator) => Holes::Simulated(simulator, Side::Hole),
-            Touched::Recording(recorded) => Holes::Recorded(recorded),
-        }
-    }
 }
 
 impl Source {
@@ -178,14 +161,18 @@ impl Source {
     ///
     /// # Errors
     /// Pegs that make no bank, or holes that are not those of its parts.
-    pub fn pegs_and_holes(&self, model: &Model, settings: &Settings, poses: Poses) -> Result<PegsAndHoles<'_>> {
+    pub fn pegs_and_holes(&self, model: &Model, settings: &Settings, poses: Poses) -> Result<PegsAndHoles> {
         match self {
             Self::Scene { simulator, reach, bank_seed } => {
                 let Settings { xy_step_mm, theta_step_deg, .. } = *settings;
                 let mut scene = simulator.scene().clone();
                 scene.reach = Some(PoseGrid { xy_step_mm, theta_step_deg, ..*reach });
                 let bank = bank_of_scene(model, &scene, Views::Pegs, *bank_seed, &|_, _| ())?;
-                Ok(PegsAndHoles { bank, touched: Touched::Scene(simulator), notes: Vec::new() })
+                Ok(PegsAndHoles {
+                    bank,
+                    holes: OwnedHoles::Simulated(Arc::clone(simulator), Side::Hole),
+                    notes: Vec::new(),
+                })
             }
             Self::Recording(recording) => recording.pegs_and_holes(model, settings, poses),
         }
@@ -193,7 +180,7 @@ impl Source {
 }
 
 impl Recording {
-    fn pegs_and_holes(&self, model: &Model, settings: &Settings, poses: Poses) -> Result<PegsAndHoles<'_>> {
+    fn pegs_and_holes(&self, model: &Model, settings: &Settings, poses: Poses) -> Result<PegsAndHoles> {
         let made = bank_of_dataset(model, &self.pegs, self.steps.bank_poses(settings), &|_, _| ())?;
         let bank = made.bank;
         let recorded = RecordedHoles::new(Arc::clone(&self.holes), Side::Hole, &bank, self.other_sensor)?;
@@ -202,7 +189,8 @@ impl Recording {
         let mut notes: Vec<String> = made.notes.iter().map(of_bank).collect();
         notes.extend(recorded.notes().iter().map(|note| format!("note: {note}")));
         notes.extend(bank.other_light(recorded.lamps()).map(|why| format!("warning: {why}")));
-        notes.extend(between_poses_of(&recorded, &bank, poses).map(|why| format!("warning: {why}")));
-        Ok(PegsAndHoles { bank, touched: Touched::Recording(Box::new(recorded)), notes })
+        let between = recorded.between_poses_of(&bank).filter(|_| poses == Poses::OnGrid);
+        notes.extend(between.map(|why| format!("warning: {why}")));
+        Ok(PegsAndHoles { bank, holes: OwnedHoles::Recorded(Box::new(recorded)), notes })
     }
 }

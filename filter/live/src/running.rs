@@ -1,0 +1,56 @@
+//! An episode where it is in space.
+
+use tactile_data::grid::PoseGrid;
+use tactile_data::recording::ros::rigid::Rigid;
+use tactile_data::se2::Se2;
+use tactile_filter::{Decision, Episode, Observation};
+
+use crate::error::{Error, Result};
+
+/// An episode, and where its sensor was and is.
+#[derive(Clone, Debug)]
+pub struct Running {
+    /// The episode.
+    pub episode: Episode,
+    /// The sensor at the first touch.
+    pub base_from_first: Rigid,
+    /// The sensor at the latest.
+    pub base_from_sensor: Rigid,
+}
+
+impl Running {
+    /// Takes in a touch with the sensor there; the motion since the touch before. After an error all is as before.
+    ///
+    /// # Errors
+    /// A sensor tilted by more than `max_tilt_deg` against the touch before, and those of the filter.
+    pub fn observe(&mut self, base_from_sensor: Rigid, max_tilt_deg: f64, observation: &Observation) -> Result<Se2> {
+        let moved = in_plane(&self.base_from_sensor, &base_from_sensor, max_tilt_deg)?;
+        self.episode.observe(moved, observation)?;
+        self.base_from_sensor = base_from_sensor;
+        Ok(moved)
+    }
+
+    /// What to do next within a reach around the first touch.
+    ///
+    /// # Errors
+    /// Those of the filter.
+    pub fn decide(&self, reach: &PoseGrid) -> Result<Decision> {
+        let sensor_from_first = self.episode.belief().first_from_sensor().inverse();
+        let reach: Vec<Se2> = (0..reach.len()).map(|cell| sensor_from_first * reach.pose(cell)).collect();
+        Ok(self.episode.decide(&reach)?)
+    }
+}
+
+/// The motion from one touch to the next in the plane of the first.
+///
+/// # Errors
+/// A sensor tilted by more than `max_tilt_deg` against the first.
+fn in_plane(base_from_sensor: &Rigid, base_from_next: &Rigid, max_tilt_deg: f64) -> Result<Se2> {
+    let moved = (base_from_sensor.inverse() * *base_from_next).project();
+    if moved.is_turned || moved.tilt_deg > max_tilt_deg {
+        let expected = format!("touches tilted by at most {max_tilt_deg} degrees against each other");
+        let got = if moved.is_turned { 180.0 - moved.tilt_deg } else { moved.tilt_deg };
+        return Err(Error::invalid("tool pose", expected, format!("{got:.1} degrees")));
+    }
+    Ok(moved.pose)
+}

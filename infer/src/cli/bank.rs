@@ -1,0 +1,196 @@
+//! `tactile-infer bank`.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::Args;
+use tactile_data::calibrate::Calibration;
+use tactile_data::output;
+use tactile_data::progress::reporter;
+use tactile_data::scene::Scene;
+use tactile_data::store::{Dataset, FILES};
+use tactile_data::symmetry::Symmetry;
+use tactile_data::touch::Side;
+use tactile_infer::matches::PartMatch;
+use tactile_infer::recorded::parts_on_grid;
+use tactile_infer::simulated::SceneBank;
+use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
+
+use super::{ModelArgs, PosesArgs, embed_pegs, precision, views};
+
+/// What a bank is made of, and where it goes.
+#[derive(Args)]
+pub struct BankArgs {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Dataset of pegs touched on a grid of poses, simulated or recorded; what was not recorded is unknown
+    #[arg(long, value_name = "DIR", required_unless_present = "scene", conflicts_with = "scene")]
+    data: Option<PathBuf>,
+    /// Simulate the touches of a scene instead, and keep no dataset of them
+    #[arg(long, value_name = "PRESET|FILE.toml")]
+    scene: Option<String>,
+    /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
+    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    calibration: Option<PathBuf>,
+    /// With --scene: views of pegs alone, as a robot records them, or of both sides, with the holes that the scene says
+    /// [default: both]
+    #[arg(long, value_name = "VIEWS", requires = "scene", value_parser = views())]
+    views: Option<Views>,
+    /// The bank file to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// A part feels the same after N turns, or is round; else its geometry tells, or of recorded touches their likeness
+    #[arg(long = "symmetry", value_name = "PART=N|round", value_delimiter = ',')]
+    symmetries: Vec<Declared>,
+    /// Format of the bank's rows, on disk and in memory: 4, 2, 2 or 1 byte a value
+    #[arg(long, value_name = "FORMAT", default_value_t = Precision::I8, value_parser = precision(Precision::ROWS))]
+    rows: Precision,
+    #[command(flatten)]
+    poses: PosesArgs,
+    /// With --scene: draws jitter and noise
+    #[arg(long, default_value_t = 1, help_heading = "Poses")]
+    seed: u64,
+}
+
+/// A symmetry that the user declares.
+#[derive(Clone, Debug)]
+struct Declared {
+    part: String,
+    /// `None`: round.
+    order: Option<usize>,
+}
+
+impl FromStr for Declared {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (part, order) = text.rsplit_once('=').ok_or("expected PART=N or PART=round, as in --symmetry gear=12")?;
+        let order = match order {
+            "round" => None,
+            number => match number.parse() {
+                Ok(turns) if (1..=Symmetry::MAX_ORDER).contains(&turns) => Some(turns),
+                _ => return Err(format!("expected 1 to {} turns or round, got {number}", Symmetry::MAX_ORDER)),
+            },
+        };
+        Ok(Self { part: part.into(), order })
+    }
+}
+
+impl BankArgs {
+    pub fn run(&self) -> Result<()> {
+        let data_files = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
+        let scene_file = self.scene.as_ref().map(PathBuf::from);
+        let read = scene_file.into_iter().chain(self.calibration.clone()).chain([self.model.path.clone()]);
+        output::prepare_file(&self.out, data_files.chain(read))?;
+        let model = self.model.load()?;
+        let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
+        let finish = |bank: Bank| -> Result<()> {
+            let bank = self.symmetries.iter().try_fold(bank.with_precision(self.rows)?, declare)?;
+            bank.save(&self.out)?;
+            print_bank(&self.out, &bank);
+            Ok(())
+        };
+        let Some(data) = &self.data else {
+            let scene = self.touched_scene(&model)?;
+            let job =
+                SceneBank { model: &model, scene: &scene, views: self.views.unwrap_or(Views::Both), seed: self.seed };
+            let kept = with_ending(&self.out, ".parts");
+            finish(job.make(Some(&kept), &reporter("touches"))?)?;
+            return job.forget(&kept);
+        };
+        let dataset = Dataset::open(data)?;
+        check_declared(&self.symmetries, &parts_on_grid(&dataset, self.poses.poses()?)?)?;
+        finish(embed_pegs(&model, &dataset, &self.poses)?)
+    }
+
+    /// The scene whose parts are touched, at the poses that were asked for.
+    fn touched_scene(&self, model: &Model) -> Result<Scene> {
+        /// A planned touch, without its row.
+        const TOUCH_BYTES: usize = 64;
+        let mut scene = Scene::load(self.scene.as_deref().unwrap_or_default())?;
+        if let Some(path) = &self.calibration {
+            scene = scene.under(&Calibration::load(path)?)?;
+        }
+        if let Some(reach) = &mut scene.reach {
+            reach.xy_step_mm = self.poses.xy_step_mm.unwrap_or(reach.xy_step_mm);
+            reach.theta_step_deg = self.poses.theta_step_deg.unwrap_or(reach.theta_step_deg);
+        }
+        scene.validate()?;
+        check_declared(&self.symmetries, &scene.part_names())?;
+        let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
+        let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
+        output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
+        Ok(scene)
+    }
+}
+
+/// Parts whose holes match their own views by less than this are worth a word: letters do by 0.9, a stranger by 0.8.
+const LOW_MATCH: f64 = 0.8;
+
+/// A path with a few more letters.
+fn with_ending(path: &Path, ending: &str) -> PathBuf {
+    let mut path = path.as_os_str().to_owned();
+    path.push(ending);
+    path.into()
+}
+
+/// Says what a bank holds.
+fn print_bank(path: &Path, bank: &Bank) {
+    let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
+    println!(
+        "{}: {n_parts} parts x {n_poses} poses = {} rows of {} {}, {:.1} MB in memory; views of {}",
+        path.display(),
+        bank.n_rows(),
+        bank.dim(),
+        bank.rows().precision(),
+        bank.rows().n_bytes() as f64 / 1e6,
+        if bank.views().is_pegs() { "pegs" } else { "pegs and their holes" }
+    );
+    let symmetric = |part: usize| {
+        let name = &bank.parts()[part];
+        match bank.symmetry(part).order {
+            Some(1) => None,
+            Some(order) => Some(format!("{name} after {:.0} degrees", 360.0 / order as f64)),
+            None => Some(format!("{name} after any turn")),
+        }
+    };
+    let symmetric: Vec<_> = (0..n_parts).filter_map(symmetric).collect();
+    if !symmetric.is_empty() {
+        println!("feels the same turned: {}", symmetric.join(", "));
+    }
+    for (part, name) in bank.parts().iter().enumerate() {
+        if let Some(PartMatch { matched, .. }) =
+            bank.matches().of(part, Side::Hole).filter(|of| of.matched.mean < LOW_MATCH)
+        {
+            let mean = matched.mean;
+            eprintln!(
+                "note: part {name}: touches of its hole hardly match its views (cosine {mean:.2} on average); often mistaken"
+            );
+        }
+    }
+}
+
+/// Refuses a symmetry of a part that will not be there, before the work.
+fn check_declared(declared: &[Declared], parts: &[String]) -> Result<()> {
+    match declared.iter().find(|declared| !parts.contains(&declared.part)) {
+        Some(odd) => {
+            Err(Error::invalid("--symmetry", format!("one of the parts {}", parts.join(" ")), odd.part.clone()))
+        }
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_symmetry_is_a_number_of_turns_or_round() {
+        let order = |text: &str| text.parse::<Declared>().map(|declared| (declared.part, declared.order));
+        assert_eq!(order("gear=12"), Ok(("gear".into(), Some(12))));
+        assert_eq!(order("a=b=round"), Ok(("a=b".into(), None)));
+        for wrong in ["gear", "gear=0", "gear=37", "gear=-1", "gear=", "gear=square"] {
+            assert!(order(wrong).unwrap_err().starts_with("expected"), "{wrong}");
+        }
+    }
+}
