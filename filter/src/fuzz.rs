@@ -66,7 +66,7 @@ fn grid() -> impl Strategy<Value = PoseGrid> {
     (0..=2_u8, step, 0..=6_u8, theta_step).prop_map(|(n_xy, xy_step_mm, n_theta, theta_step_deg)| PoseGrid {
         xy_half_mm: f64::from(n_xy) * xy_step_mm,
         xy_step_mm,
-        theta_half_deg: f64::from(n_theta).min((180.0 / theta_step_deg).floor()) * theta_step_deg,
+        theta_half_deg: f64::from(n_theta).min(f64::floor(180.0 / theta_step_deg)) * theta_step_deg,
         theta_step_deg,
     })
 }
