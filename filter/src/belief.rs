@@ -17,19 +17,11 @@ use tactile_infer::Bank;
 use crate::blocks::{Blocks, Layout};
 use crate::evidence::Evidence;
 use crate::exact::Exact;
+pub use crate::hypothesis::Hypothesis;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
 use crate::resample::{log_normalize, systematic};
-
-/// One state: which part, and where on it the first touch was.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Hypothesis {
-    /// Index of the part in the bank.
-    pub part: usize,
-    /// Cell of [`Belief::grid`] that holds `part_from_first_sensor`.
-    pub cell: usize,
-}
 
 /// Which inference runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

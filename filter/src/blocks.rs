@@ -1,9 +1,11 @@
 //! The states of one part at one angle, which are judged together: one motion takes them all to poses of one angle.
 
 use tactile_data::grid::PoseGrid;
+use tactile_data::se2::Se2;
 
-use crate::belief::Hypothesis;
 use crate::evidence::{AngleViews, Evidence};
+use crate::hypothesis::Hypothesis;
+use crate::likelihood::TouchLikelihood;
 
 /// Which hypothesis a state of a block is. Blocks are in order of the part, then the angle; their states in order of
 /// the place, x slowest.
@@ -74,6 +76,36 @@ impl<'a> Blocks<'a> {
         let views = self.views[touch][angle].get_or_insert_with(|| evidence.views_of_angle(self.grids, angle));
         let planes = self.planes[touch][part].get_or_insert_with(|| evidence.planes(self.grids[0], part));
         evidence.add_block(self.grids[0], part, (views, planes.as_deref()), sums);
+    }
+}
+
+impl Evidence {
+    /// Judges a touch, with the share of its evidence that counts, from every state: each part at each pose of `states`,
+    /// with the views of a bank whose grid is `grid`. `take` is given log p(touch | state) of one part after the other,
+    /// `[n_cells]`.
+    pub fn new(
+        [grid, states]: [&PoseGrid; 2],
+        first_from_sensor: Se2,
+        weight: f64,
+        likelihood: TouchLikelihood,
+        take: &mut dyn FnMut(&[f64]),
+    ) -> Self {
+        let evidence = Self::of(grid, first_from_sensor, weight, likelihood);
+        let n_angles = states.n_theta();
+        let n_parts = evidence.likelihood.similarities.len() / grid.len();
+        let mut blocks = Blocks::of([grid, states], std::slice::from_ref(&evidence));
+        let mut log_part = vec![0.0; states.len()];
+        for part in 0..n_parts {
+            for angle in 0..n_angles {
+                let mut log_block = vec![0.0; states.len() / n_angles];
+                blocks.add(part * n_angles + angle, 0, &mut log_block);
+                let of_angle = log_part[angle..].iter_mut().step_by(n_angles);
+                of_angle.zip(log_block).for_each(|(log, found)| *log = found);
+            }
+            take(&log_part);
+        }
+        drop(blocks);
+        evidence
     }
 }
 

@@ -4,7 +4,6 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 
-use crate::blocks::Blocks;
 use crate::interpolation::{LatticeWeights, ViewWeights, in_planes};
 use crate::likelihood::TouchLikelihood;
 use crate::nearest::{Nearest, nearest_view, trusted};
@@ -33,34 +32,6 @@ pub(crate) enum AngleViews {
 }
 
 impl Evidence {
-    /// Judges a touch, with the share of its evidence that counts, from every state: each part at each pose of `states`,
-    /// with the views of a bank whose grid is `grid`. `take` is given log p(touch | state) of one part after the other,
-    /// `[n_cells]`.
-    pub fn new(
-        [grid, states]: [&PoseGrid; 2],
-        first_from_sensor: Se2,
-        weight: f64,
-        likelihood: TouchLikelihood,
-        take: &mut dyn FnMut(&[f64]),
-    ) -> Self {
-        let evidence = Self::of(grid, first_from_sensor, weight, likelihood);
-        let n_angles = states.n_theta();
-        let n_parts = evidence.likelihood.similarities.len() / grid.len();
-        let mut blocks = Blocks::of([grid, states], std::slice::from_ref(&evidence));
-        let mut log_part = vec![0.0; states.len()];
-        for part in 0..n_parts {
-            for angle in 0..n_angles {
-                let mut log_block = vec![0.0; states.len() / n_angles];
-                blocks.add(part * n_angles + angle, 0, &mut log_block);
-                let of_angle = log_part[angle..].iter_mut().step_by(n_angles);
-                of_angle.zip(log_block).for_each(|(log, found)| *log = found);
-            }
-            take(&log_part);
-        }
-        drop(blocks);
-        evidence
-    }
-
     /// A touch that no state was asked about, with the views of a bank whose grid is `grid`.
     pub(crate) fn of(grid: &PoseGrid, first_from_sensor: Se2, weight: f64, likelihood: TouchLikelihood) -> Self {
         let config = likelihood.config();

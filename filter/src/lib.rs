@@ -42,6 +42,7 @@ pub mod evidence;
 mod exact;
 #[cfg(test)]
 mod fuzz;
+mod hypothesis;
 pub mod interpolation;
 #[cfg(test)]
 mod invariants;

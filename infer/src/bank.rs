@@ -17,8 +17,6 @@ use crate::matches::Matches;
 use crate::neighbours::{Neighbours, neighbours};
 use crate::precision::Precision;
 use crate::rows::Rows;
-use crate::symmetry::{of_declared, symmetry};
-use crate::threads;
 use crate::views::Views;
 
 /// The version of the bank's layout.
@@ -76,9 +74,8 @@ impl Bank {
         Ok(Self { symmetries, neighbours, ..bank })
     }
 
-    /// The same bank, with the symmetries that its views show.
-    pub(crate) fn with_found_symmetries(self) -> Self {
-        let symmetries = threads::map(self.parts.len(), |part| symmetry(&self, part));
+    /// The same bank, with symmetries that are known to be valid, one for each part.
+    pub(crate) fn of_symmetries(self, symmetries: Vec<Symmetry>) -> Self {
         Self { symmetries, ..self }
     }
 
@@ -178,24 +175,6 @@ impl Bank {
     pub fn with_matches(self, matches: Matches) -> Result<Self> {
         matches.validate(self.parts.len())?;
         Ok(Self { matches: Arc::new(matches), ..self })
-    }
-
-    /// The same bank, with a part that is declared to feel the same after `order` turns, or after any (`None`), about the
-    /// centre where its views fit that best.
-    ///
-    /// # Errors
-    /// A part that the bank does not hold, or no number of turns.
-    pub fn with_declared(mut self, part: &str, order: Option<usize>) -> Result<Self> {
-        let Some(index) = self.parts.iter().position(|name| name == part) else {
-            return Err(Error::invalid("symmetry", format!("one of the parts {}", self.parts.join(" ")), part));
-        };
-        if !(Symmetry { order, ..Symmetry::NONE }.is_valid()) {
-            let expected = format!("1 to {} turns, or round", Symmetry::MAX_ORDER);
-            let got = order.unwrap_or_default().to_string();
-            return Err(Error::invalid(format!("symmetry of part {part}"), expected, got));
-        }
-        self.symmetries[index] = of_declared(&self, index, order);
-        Ok(self)
     }
 
     /// The same bank with its rows kept in another format: less memory, and cosines a little off

@@ -53,6 +53,8 @@ pub mod matches;
 #[cfg(feature = "datasets")]
 pub mod matching;
 pub mod model;
+#[cfg(feature = "datasets")]
+mod nearest_touches;
 pub mod neighbours;
 #[cfg(feature = "burn")]
 pub mod network;

@@ -3,7 +3,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 
-use crate::recorded::{BankPoses, nearest_touches};
+use crate::nearest_touches::{BankPoses, nearest_touches};
 use crate::similarity::normalize_rows;
 
 /// The recorded views of one part.

@@ -293,6 +293,7 @@ impl Rows {
     }
 
     /// What [`Self::similarities_in`] finds at most: by the coarse copy, where there is one.
+    #[cfg(feature = "sim")]
     pub(crate) fn at_most_in(&self, range: Range<usize>, query: &Query, out: &mut Vec<f32>) {
         let Some(coarse) = self.coarse.as_ref().filter(|_| query.length.is_finite()) else {
             return self.similarities_in(range, query.values, out);

@@ -1,6 +1,8 @@
 //! A bank without a dataset: the parts of a scene touched and embedded as they come, nothing kept on disk but, where that
 //! is asked for, the parts that are done.
 
+mod matches;
+
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,7 +18,6 @@ use crate::bank::Bank;
 use crate::calibration::BLANK_SHARE;
 use crate::checkpoint::to_json;
 use crate::error::{Error, Result};
-use crate::matches::match_touches;
 use crate::model::Model;
 use crate::rows::Rows;
 use crate::safefile::pieces::sha256_of;
@@ -210,7 +211,7 @@ pub(crate) fn with_geometry(model: &Model, bank: Bank, simulator: &Simulator, se
     let of_name = |name: &String| simulator.parts().iter().position(|part| part == name).unwrap_or(0);
     let parts: Vec<usize> = bank.parts().iter().map(of_name).collect();
     let symmetries = parts.par_iter().map(|part| simulator.symmetry(*part)).collect();
-    let matches = match_touches(model, &bank, simulator, &parts, seed)?;
+    let matches = matches::match_touches(model, &bank, simulator, &parts, seed)?;
     bank.with_symmetries(symmetries)?.with_matches(matches)
 }
 

@@ -6,6 +6,8 @@ use tactile_data::symmetry::Symmetry;
 
 use crate::bank::Bank;
 use crate::calibration::BLANK_SHARE;
+use crate::error::{Error, Result};
+use crate::threads;
 
 /// The highest order that is looked for.
 const MAX_ORDER: usize = 12;
@@ -28,16 +30,43 @@ const N_PAIRS: [usize; 3] = [4, 48, 512];
 /// Two poses count as one within this share of a step of a grid that is too coarse to be interpolated.
 const TOLERANCE: f64 = 0.26;
 
+impl Bank {
+    /// The same bank, with the symmetries that its views show.
+    pub(crate) fn with_found_symmetries(self) -> Self {
+        let symmetries = threads::map(self.parts().len(), |part| symmetry(&self, part));
+        self.of_symmetries(symmetries)
+    }
+
+    /// The same bank, with a part that is declared to feel the same after `order` turns, or after any (`None`), about the
+    /// centre where its views fit that best.
+    ///
+    /// # Errors
+    /// A part that the bank does not hold, or no number of turns.
+    pub fn with_declared(self, part: &str, order: Option<usize>) -> Result<Self> {
+        let Some(index) = self.parts().iter().position(|name| name == part) else {
+            return Err(Error::invalid("symmetry", format!("one of the parts {}", self.parts().join(" ")), part));
+        };
+        if !(Symmetry { order, ..Symmetry::NONE }.is_valid()) {
+            let expected = format!("1 to {} turns, or round", Symmetry::MAX_ORDER);
+            let got = order.unwrap_or_default().to_string();
+            return Err(Error::invalid(format!("symmetry of part {part}"), expected, got));
+        }
+        let mut symmetries: Vec<Symmetry> = (0..self.parts().len()).map(|part| self.symmetry(part)).collect();
+        symmetries[index] = of_declared(&self, index, order);
+        Ok(self.of_symmetries(symmetries))
+    }
+}
+
 /// The turns under which a part stays the same, as far as its recorded views can tell: those of the
 /// highest order, about the centre where they fit best. Centres are looked for within one step of the part's own.
-pub(crate) fn symmetry(bank: &Bank, part: usize) -> Symmetry {
+fn symmetry(bank: &Bank, part: usize) -> Symmetry {
     let n_turns = |order: Option<usize>| order.unwrap_or(N_ROUND);
     let orders = std::iter::once(None).chain((2..=MAX_ORDER).rev().map(Some));
     orders.into_iter().find_map(|order| of_order(bank, part, order, n_turns(order))).unwrap_or(Symmetry::NONE)
 }
 
 /// The symmetry of a declared order about the centre where the views fit best; about the part's own where they tell none.
-pub(crate) fn of_declared(bank: &Bank, part: usize, order: Option<usize>) -> Symmetry {
+fn of_declared(bank: &Bank, part: usize, order: Option<usize>) -> Symmetry {
     let at_part = Symmetry { order, centre_mm: [0.0; 2] };
     let n_turns = order.unwrap_or(N_ROUND);
     if n_turns < 2 { at_part } else { best_centre(bank, part, order, n_turns).map_or(at_part, |(found, _)| found) }
