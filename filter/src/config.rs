@@ -65,7 +65,7 @@ impl Default for EpisodeConfig {
             between_poses: true,
             subdivisions: 2,
             none_fit: Some(NONE_FIT),
-            fit_margin: 5.0,
+            fit_margin: 4.6,
             none_touches: 4,
             low_similarity: 0.8,
             seed: 1,

@@ -503,7 +503,7 @@ typedef struct tf_episode_config {
      */
     double none_fit;
     /**
-     * To be confident after n touches the fit must be at least none_fit + fit_margin / n; not negative.
+     * To be confident after n touches the fit must be at least none_fit + fit_margin / sqrt(n); not negative.
      */
     double fit_margin;
     /**
@@ -624,11 +624,11 @@ typedef struct tf_episode_config {
      */
     double matched_sd;
     /**
-     * How far that is below the best cosine with any recorded view: mean, 0 to 2 ...
+     * Not used: kept so that what follows stays where it is.
      */
     double gap_mean;
     /**
-     * ... and standard deviation, positive.
+     * Not used.
      */
     double gap_sd;
     /**
