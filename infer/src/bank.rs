@@ -290,10 +290,9 @@ impl Bank {
     }
 
     /// f_HP (paper, Eq. 2): the cosine of one query with each row. `query`: `[dim]`, of unit length; `out` is cleared and
-    /// filled with `[n_rows]` values in -1..=1. Of many rows in f32 those far below the largest are known less exactly
-    /// ([`Rows::similarities_near_best`]).
+    /// filled with `[n_rows]` values in -1..=1.
     pub fn similarities(&self, query: &[f32], out: &mut Vec<f32>) {
-        self.rows.similarities_near_best(query, out);
+        self.rows.similarities(query, out);
     }
 
     /// f_PP (paper, Eq. 6): the cosine of two rows, -1..=1. One network serves both functions: the contrastive loss

@@ -14,11 +14,6 @@ use crate::precision::Precision;
 use crate::safefile::pieces::read_values;
 use crate::similarity::{dot, dots, dots_at};
 
-mod coarse;
-
-use coarse::Coarse;
-pub(crate) use coarse::Query;
-
 /// The longest row: an embedding's largest length. Sums of whole numbers below stay in i32 for it.
 pub const MAX_DIM: usize = 4_096;
 
@@ -36,8 +31,6 @@ pub struct Rows {
     values: Arc<Values>,
     /// Which of the stored rows this matrix has, one block after the other; none of them empty.
     blocks: Vec<Block>,
-    /// Of all stored rows, where they are many and in f32.
-    coarse: Option<Arc<Coarse>>,
 }
 
 /// Rows that are stored together.
@@ -87,11 +80,7 @@ impl Rows {
         let n = values.len() / dim;
         let all = Block { first: 0, stored: 0..n };
         let blocks = if n == 0 { Vec::new() } else { vec![all] };
-        let coarse = match &values {
-            Values::F32(values) if values.len() >= coarse::WORTH_IT => Some(Arc::new(Coarse::of(values, dim))),
-            _ => None,
-        };
-        Self { dim, values: Arc::new(values), blocks, coarse }
+        Self { dim, values: Arc::new(values), blocks }
     }
 
     /// Rows of `dim` values each, last axis fastest, in f32.
@@ -232,8 +221,7 @@ impl Rows {
         self.blocks.partition_point(|block| block.first <= row).saturating_sub(1)
     }
 
-    /// Memory that the rows take, bytes, whether it is shared or not; without the copy that
-    /// [`Self::similarities_near_best`] looks at, a quarter of that.
+    /// Memory that the rows take, bytes, whether it is shared or not.
     pub fn n_bytes(&self) -> usize {
         self.len() * self.precision().n_bytes_of_row(self.dim())
     }
@@ -268,40 +256,6 @@ impl Rows {
     /// 12 bits and a sign, and the products are summed as integers.
     pub fn similarities(&self, query: &[f32], out: &mut Vec<f32>) {
         self.similarities_in(0..self.len(), query, out);
-    }
-
-    /// [`Self::similarities`], those of many rows in f32 exact only down to [`FAR`] below the largest, times the query's
-    /// length: the others are those of a coarse copy, which is read four times as fast. For a query of length one they are
-    /// off by at most the length of what the copy leaves out of a row: some 0.01 of a row of length one, mostly 0.001.
-    pub fn similarities_near_best(&self, query: &[f32], out: &mut Vec<f32>) {
-        let rounded = Query::of(query);
-        let (Some(coarse), Values::F32(values), true) = (&self.coarse, &*self.values, rounded.length.is_finite())
-        else {
-            return self.similarities(query, out);
-        };
-        out.clear();
-        let stored = self.stored_ranges(0..self.len());
-        stored.iter().for_each(|range| coarse.similarities(range.clone(), &rounded, out));
-        let rows = || stored.iter().cloned().flatten();
-        let at_least = rows().zip(&*out).map(|(row, similarity)| similarity - coarse.off(row, &rounded));
-        let far = at_least.fold(f32::NEG_INFINITY, f32::max) - FAR * rounded.length;
-        for (row, similarity) in rows().zip(out) {
-            if *similarity + coarse.off(row, &rounded) >= far {
-                *similarity = dot(query, &values[row * self.dim..(row + 1) * self.dim]);
-            }
-        }
-    }
-
-    /// What [`Self::similarities_in`] finds at most: by the coarse copy, where there is one.
-    #[cfg(feature = "sim")]
-    pub(crate) fn at_most_in(&self, range: Range<usize>, query: &Query, out: &mut Vec<f32>) {
-        let Some(coarse) = self.coarse.as_ref().filter(|_| query.length.is_finite()) else {
-            return self.similarities_in(range, query.values, out);
-        };
-        out.clear();
-        let stored = self.stored_ranges(range);
-        stored.iter().for_each(|range| coarse.similarities(range.clone(), query, out));
-        out.iter_mut().zip(stored.into_iter().flatten()).for_each(|(most, row)| *most += coarse.off(row, query));
     }
 
     /// [`Self::similarities`] with the rows of a range alone.
@@ -392,7 +346,7 @@ impl Rows {
                 None => blocks.push(Block { first, stored }),
             }
         }
-        Self { dim: self.dim, values: self.values.clone(), blocks, coarse: self.coarse.clone() }
+        Self { dim: self.dim, values: self.values.clone(), blocks }
     }
 
     /// Some rows as they are in a file, little endian; those of i8 without their scales.
@@ -416,11 +370,6 @@ impl Rows {
         Some(self.stored_ranges(0..self.len()).into_iter().flat_map(|at| scales[at].iter().copied()).collect())
     }
 }
-
-/// How far below the largest similarity, as a share of the query's length, all are exact that
-/// [`Rows::similarities_near_best`] finds. At a temperature of 0.02 what is farther is e^-20 as likely; of the letters'
-/// views one in a hundred is nearer.
-pub const FAR: f32 = 0.4;
 
 /// A query in whole numbers of 12 bits and a sign, and what they are to be multiplied by.
 fn rounded(query: &[f32]) -> (f32, Vec<i16>) {

@@ -74,10 +74,11 @@ fn holes_are_named_and_the_log_gives_the_same_decisions() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("live.mcap");
     let mut session = logged(&log);
-    let settings = RobotSettings { n_episodes: 6, ..RobotSettings::default() };
+    let settings = RobotSettings { n_episodes: 12, ..RobotSettings::default() };
     let (outcomes, lines) = run(settings, &mut session);
     session.finish().unwrap();
-    assert!(outcomes.iter().filter(|outcome| is_right(outcome)).count() >= 5, "{outcomes:?}");
+    // A print of a hole may be so unlike its peg that no touch makes sure of it.
+    assert!(outcomes.iter().filter(|outcome| is_right(outcome)).count() >= 10, "{outcomes:?}");
     assert!(outcomes.iter().all(|outcome| outcome.n_refused == 0), "{lines:?}");
 
     let (model, bank) = model_and_bank();

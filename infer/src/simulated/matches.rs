@@ -11,7 +11,6 @@ use crate::calibration::{BLANK_SHARE, Spread};
 use crate::error::Result;
 use crate::matches::{Matches, PartMatch};
 use crate::model::Model;
-use crate::rows::Query;
 use crate::threads;
 
 /// Touches of each side of each part.
@@ -79,22 +78,17 @@ fn edged(bank: &Bank) -> Vec<bool> {
 }
 
 /// The best cosine of each query with any edged row of a bank, -1..=1; -1 where none is edged. The rows are read once
-/// for all queries, and only those compared that may be better than the best so far.
+/// for all queries.
 fn best_of_each(bank: &Bank, is_edged: &[bool], queries: &[&[f32]]) -> Vec<f32> {
-    let (mut best, mut most, mut cosine) = (vec![-1.0_f32; queries.len()], Vec::new(), Vec::new());
-    let queries: Vec<Query> = queries.iter().map(|query| Query::of(query)).collect();
+    let (mut best, mut cosines) = (vec![-1.0_f32; queries.len()], Vec::new());
     for (start, is_edged) in (0..).step_by(ROWS_AT_A_TIME).zip(is_edged.chunks(ROWS_AT_A_TIME)) {
         if !is_edged.contains(&true) {
             continue;
         }
-        for (best, query) in best.iter_mut().zip(&queries) {
-            bank.rows().at_most_in(start..start + is_edged.len(), query, &mut most);
-            for (row, most) in (start..).zip(&most).filter(|(row, _)| is_edged[row - start]) {
-                if *most > *best {
-                    bank.rows().similarities_in(row..row + 1, query.values, &mut cosine);
-                    *best = cosine.iter().copied().fold(*best, f32::max);
-                }
-            }
+        for (best, query) in best.iter_mut().zip(queries) {
+            bank.rows().similarities_in(start..start + is_edged.len(), query, &mut cosines);
+            let of_edged = cosines.iter().zip(is_edged).filter(|(_, is_edged)| **is_edged);
+            *best = of_edged.fold(*best, |best, (cosine, _)| best.max(*cosine));
         }
     }
     best
@@ -108,7 +102,6 @@ mod tests {
 
     #[test]
     fn the_best_of_each_is_the_largest_of_all() {
-        // Enough rows that a coarse copy is looked at first.
         const DIM: usize = 128;
         let grid = PoseGrid { xy_half_mm: 16.0, xy_step_mm: 2.0, theta_half_deg: 60.0, theta_step_deg: 15.0 };
         let values: Vec<f32> = (0..grid.len() * DIM).map(|i| ((i * i % 9973) as f32 * 0.37).sin()).collect();

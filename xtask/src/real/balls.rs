@@ -64,7 +64,7 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
          and the gel's length are fitted to every second press and the others named, and the other way round: no press is \
          named under a light that was fitted to it. The pictures are turned by a quarter, as the model sees wide ones. The \
          bank is simulated at the depth of the fitted presses. An episode is {N_TOUCHES} presses with the motions between \
-         their labels: the ball did not move, the sensor did. After one touch the filter never calls itself confident. A \
+         their labels: the ball did not move, the sensor did. After one touch the filter is hardly ever confident. A \
          twin is as deep as the press is by its own label.",
         labels.len()
     );
