@@ -8,7 +8,7 @@
 mod dataset;
 mod files;
 mod frames;
-mod meta;
+pub(crate) mod meta;
 #[cfg(test)]
 mod tests;
 mod writer;
@@ -17,6 +17,6 @@ pub use crate::recording::provenance::{Channels, Mirror, Recording};
 pub use dataset::Dataset;
 pub(crate) use dataset::read_no_contact;
 pub use files::{FILES, SCHEMA};
+pub(crate) use meta::read_meta;
 pub use meta::{Meta, set_peg_from_hole};
-pub(crate) use meta::{check_meta, read_meta};
 pub use writer::DatasetWriter;

@@ -92,7 +92,7 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
     let no_contact = film.no_contact(&how.no_contact, &mut warnings)?;
     let view = how.geometry.settle(&no_contact, &mut warnings)?;
     let meta = meta(&bag, source, &view)?;
-    store::check_meta(&meta, out)?;
+    store::meta::check_meta(&meta, out)?;
 
     let (mode, picked) = film.touches(how, &no_contact)?;
     let n_touches = picked.picks.len();
