@@ -342,11 +342,6 @@ impl Engine {
                 particle.weighted().for_each(|(state, weight)| of_parts[state / grid.len()] += weight);
             }
         }
-        // At the coldest temperatures logs are of the order of 1e12, and each is rounded by a ten-thousandth.
-        let all: f64 = of_parts.iter().sum();
-        if (all - 1.0).abs() > 1e-9 && all > 0.0 {
-            of_parts.iter_mut().for_each(|share| *share /= all);
-        }
         of_parts
     }
 }

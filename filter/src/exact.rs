@@ -85,6 +85,7 @@ impl Exact {
             block.share = (block.most - log_judged).exp();
             block.scale = (joint * block.largest - log_judged).exp();
         }
+        self.normalize();
         let before = self.log_evidence;
         self.log_evidence = log_judged - (self.sums.len() as f64).ln();
         self.log_evidence - before
@@ -107,6 +108,16 @@ impl Exact {
             log_judged = log_add(log_judged, self.blocks[*at].most);
         }
         order.len()
+    }
+
+    /// At the coldest temperatures logs are of the order of 1e12, and each is rounded by a ten-thousandth.
+    fn normalize(&mut self) {
+        let all: f64 = self.shares().sum();
+        if (all - 1.0).abs() > 1e-9 && all > 0.0 {
+            for block in &mut self.blocks {
+                (block.share, block.scale) = (block.share / all, block.scale / all);
+            }
+        }
     }
 
     fn judge_block(&mut self, at: usize, add: &mut dyn FnMut(usize, usize, &mut [f64])) {

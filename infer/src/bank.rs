@@ -165,7 +165,7 @@ impl Bank {
             let got = format!("{symmetries:?}");
             return Err(Error::invalid("symmetries", format!("one for each of {} parts", self.parts.len()), got));
         }
-        Ok(Self { symmetries, ..self })
+        Ok(self.of_symmetries(symmetries))
     }
 
     /// The same bank, with how well the touches of each part match its views.
