@@ -5,11 +5,14 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::Conv;
-use super::tile::{Sums, columns, gather, lanes, outer, rows};
+use super::tile::{Sums, columns, gather, lanes, outer, rows, write};
 
-/// Pixels of the gradient that are taken together: their panel and the image's lines they meet fill half a
-/// first-level cache of 48 KiB.
+/// Pixels of the gradient that are taken together.
 const PIXELS_AT_ONCE: usize = 128;
+
+/// Tiles whose values are taken together from those pixels: with a panel they fill a first-level cache of 32 KiB, or of 48
+/// KiB with wider vectors.
+const TILES_AT_ONCE: usize = 8;
 
 /// Which pixels of a padded image each output reads: runs of memory, the same for each output but for
 /// where they begin.
@@ -245,8 +248,7 @@ fn correlate_tile<S: Simd, const ROWS: usize>(
     let sums: Sums<S, ROWS> = gather(simd, image, bases, &plan.starts, plan.run(), panel);
     for (sums, target) in sums.iter().zip(&plan.targets[pixels]) {
         let line = &mut out[target * n_out..][channels.clone()];
-        let values: &[f32] = lanes::<S>(sums);
-        line.copy_from_slice(&values[..line.len()]);
+        write::<S>(sums, line);
     }
 }
 
@@ -267,28 +269,46 @@ impl WithSimd for Outer<'_> {
         let (n_pixels, run) = (plan.bases.len(), plan.run());
         let in_length: usize = plan.source.iter().product();
         let mut sums = vec![0.0; plan.starts.len() * run * n_padded]; // [ky, kx, n_in, n_padded]
-        let mut padded = vec![0.0; plan.padded_length()];
-        let mut panel = vec![0.0; PIXELS_AT_ONCE * columns::<S>()];
-        let images = self.images.chunks_exact(in_length).zip(self.gradient.chunks_exact(n_pixels * n_out));
-        for (image, gradient) in images {
-            plan.fill(image, &mut padded);
-            let pixels = plan.bases.chunks(PIXELS_AT_ONCE).zip(gradient.chunks(PIXELS_AT_ONCE * n_out));
+        // Small images are taken together: sums are read and written once for each lot of pixels.
+        let together = (PIXELS_AT_ONCE / n_pixels).max(1);
+        let length = plan.padded_length();
+        let mut padded = vec![0.0; together * length];
+        let bases: Vec<usize> =
+            (0..together).flat_map(|image| plan.bases.iter().map(move |base| image * length + base)).collect();
+        // Values that some places of a window have at all pixels, side by side: where they are read from, pixels may be
+        // apart by a power of two, and would push each other out of the cache.
+        let places = TILES_AT_ONCE * rows::<S>();
+        let packed_bases: Vec<usize> = (0..PIXELS_AT_ONCE).map(|pixel| pixel * places).collect();
+        let mut packed = vec![0.0; PIXELS_AT_ONCE * places];
+        let mut panels = vec![0.0; PIXELS_AT_ONCE * n_padded];
+        let lots = self.images.chunks(together * in_length).zip(self.gradient.chunks(together * n_pixels * n_out));
+        for (images, gradient) in lots {
+            for (image, padded) in images.chunks_exact(in_length).zip(padded.chunks_exact_mut(length)) {
+                plan.fill(image, padded);
+            }
+            let bases = &bases[..gradient.len() / n_out];
+            let pixels = bases.chunks(PIXELS_AT_ONCE).zip(gradient.chunks(PIXELS_AT_ONCE * n_out));
             for (bases, gradient) in pixels {
-                for first in (0..n_padded).step_by(columns::<S>()) {
-                    let channels = first..n_out.min(first + columns::<S>());
-                    for (line, pixel) in panel.chunks_exact_mut(columns::<S>()).zip(gradient.chunks_exact(n_out)) {
-                        line[..channels.len()].copy_from_slice(&pixel[channels.clone()]);
-                    }
-                    let (panel, _) = S::as_simd_f32s(&panel);
-                    for (tap, start) in plan.starts.iter().enumerate() {
-                        let sums = &mut sums[tap * run * n_padded..][..run * n_padded];
-                        for row in (0..run).step_by(rows::<S>()) {
-                            let n_rows = rows::<S>().min(run - row);
-                            let sums = &mut sums[row * n_padded..];
-                            with_rows!(
-                                n_rows,
-                                outer_tile::<S>(simd, &padded, bases, start + row, panel, [first, n_padded], sums)
-                            );
+                into_panels(gradient, n_out, columns::<S>(), &mut panels[..bases.len() * n_padded]);
+                for (tap, start) in plan.starts.iter().enumerate() {
+                    for place in (0..run).step_by(places) {
+                        let n_places = places.min(run - place);
+                        for (packed, base) in packed.chunks_exact_mut(places).zip(bases) {
+                            packed[..n_places].copy_from_slice(&padded[base + start + place..][..n_places]);
+                        }
+                        let sums = &mut sums[(tap * run + place) * n_padded..][..n_places * n_padded];
+                        for first in (0..n_padded).step_by(columns::<S>()) {
+                            let (panel, _) =
+                                S::as_simd_f32s(&panels[first * bases.len()..][..bases.len() * columns::<S>()]);
+                            for row in (0..n_places).step_by(rows::<S>()) {
+                                let n_rows = rows::<S>().min(n_places - row);
+                                let sums = &mut sums[row * n_padded..];
+                                let bases = &packed_bases[..bases.len()];
+                                with_rows!(
+                                    n_rows,
+                                    outer_tile::<S>(simd, &packed, bases, row, panel, [first, n_padded], sums)
+                                );
+                            }
                         }
                     }
                 }
@@ -298,6 +318,18 @@ impl WithSimd for Outer<'_> {
             return sums;
         }
         sums.chunks_exact(n_padded).flat_map(|line| &line[..n_out]).copied().collect()
+    }
+}
+
+/// Pixels of `n_channels` in blocks of `columns` channels, zeros beyond the last: `[blocks, pixels, columns]`.
+#[inline(always)]
+fn into_panels(pixels: &[f32], n_channels: usize, columns: usize, panels: &mut [f32]) {
+    let n_pixels = pixels.len() / n_channels;
+    for (block, panel) in panels.chunks_exact_mut(n_pixels * columns).enumerate() {
+        let channels = block * columns..n_channels.min((block + 1) * columns);
+        for (line, pixel) in panel.chunks_exact_mut(columns).zip(pixels.chunks_exact(n_channels)) {
+            line[..channels.len()].copy_from_slice(&pixel[channels.clone()]);
+        }
     }
 }
 

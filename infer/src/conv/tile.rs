@@ -25,6 +25,17 @@ pub fn lanes<S: Simd>(vectors: &[S::f32s]) -> &[f32] {
     pulp::bytemuck::cast_slice(vectors)
 }
 
+/// Writes the first values of some vectors, as many as `line` holds: whole vectors where it holds all.
+#[inline(always)]
+pub fn write<S: Simd>(vectors: &[S::f32s; VECTORS], line: &mut [f32]) {
+    if line.len() == columns::<S>() {
+        let (to, _) = S::as_mut_simd_f32s(line);
+        to.copy_from_slice(vectors);
+    } else {
+        line.copy_from_slice(&lanes::<S>(vectors)[..line.len()]);
+    }
+}
+
 /// Sums of products of one tile.
 pub type Sums<S, const ROWS: usize> = [[<S as Simd>::f32s; VECTORS]; ROWS];
 
