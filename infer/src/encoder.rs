@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use crate::architecture::{ConvLayer, NetworkConfig};
-use crate::conv::{Conv, Packed, Panels, Tiling};
+use crate::conv::{Conv, Packed, Panels};
 use crate::error::{Error, Result};
 use crate::safefile::NamedTensor;
 use crate::threads;
@@ -64,7 +64,7 @@ impl Encoder {
             for (weights, scale) in weights.chunks_exact_mut(n_in * kernel * kernel).zip(&scale) {
                 weights.iter_mut().for_each(|weight| *weight *= scale);
             }
-            layers.push(Layer { conv, packed: conv.pack(&weights, Tiling::Fine), shift, adds_input });
+            layers.push(Layer { conv, packed: conv.pack(&weights), shift, adds_input });
             size = conv.out_size();
         }
         let [n_pixels, n_channels] = [size[0] * size[1], 2 * config.width];

@@ -1,7 +1,8 @@
 """The same network and the same training step in PyTorch, timed: what `cargo xtask bench training` compares with.
 
 Usage: pytorch.py MODEL.safetensors PAIRS SECONDS. Prints JSON: pairs a second, milliseconds of one image, images a
-second in batches of 64. The step is that of train/src/moco.rs in one shard: both encoders in training mode, symmetric
+second in batches of 64; how many GFLOP a second a product of large matrices makes, and how many a pair's step takes with
+convolutions counted as they are defined. The step is that of train/src/moco.rs in one shard: both encoders in training mode, symmetric
 InfoNCE, backward, AdamW, moving average.
 """
 
@@ -94,6 +95,37 @@ def timed(step, seconds):
     return sorted(times)[len(times) // 2]
 
 
+def matrix_product_gflops(seconds, n=1024):
+    """The best of products of n x n matrices over some seconds."""
+    a, b = torch.randn(n, n), torch.randn(n, n)
+    best, end = 0.0, time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        start = time.perf_counter()
+        a @ b
+        best = max(best, 2e-9 * n**3 / (time.perf_counter() - start))
+    return best
+
+
+def pair_gflop(online, predictor, image):
+    """Of one pair's step: two images, forward and back (twice as much) and forward in the momentum encoder."""
+    counts = {"encoder": 0, "predictor": 0}
+
+    def count(key):
+        def hook(module, _, out):
+            counts[key] += 2 * module.weight[0].numel() * out.numel()
+
+        return hook
+
+    modules = [("encoder", module) for module in online.modules()] + [("predictor", module) for module in predictor.modules()]
+    layers = [(key, module) for key, module in modules if isinstance(module, (nn.Conv2d, nn.Linear))]
+    hooks = [module.register_forward_hook(count(key)) for key, module in layers]
+    with torch.inference_mode():
+        predictor(online(image))
+    for hook in hooks:
+        hook.remove()
+    return 1e-9 * 2 * (4 * counts["encoder"] + 3 * counts["predictor"])
+
+
 def main():
     path, n_pairs, seconds = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
     with safe_open(path, framework="pt") as file:
@@ -101,6 +133,7 @@ def main():
     (width, height), w, hidden, dim = config["input_px"], config["width"], config["hidden"], config["dim"]
     torch.manual_seed(1)
     result = {"torch": torch.__version__, "threads": torch.get_num_threads()}
+    result["matrix_product_gflops"] = matrix_product_gflops(seconds / 6)
     for layout in (torch.contiguous_format, torch.channels_last):
         online, predictor = Encoder(width, height, w, hidden, dim), Predictor(hidden, dim)
         load(path, online, predictor)
@@ -131,6 +164,7 @@ def main():
         online.train(), predictor.train(), momentum.train()
         found = {"pairs_per_second": n_pairs / timed(step, seconds)}
         online.eval(), predictor.eval()
+        result["pair_gflop"] = pair_gflop(online, predictor, images[:1])
         found["one_image_ms"] = 1e3 * timed(embed(1), seconds / 3)
         found["images_per_second"] = 64 / timed(embed(64), seconds / 3)
         # The better of PyTorch's two layouts counts, figure by figure.

@@ -17,7 +17,6 @@ use rayon::prelude::*;
 
 use plan::Gather;
 pub use plan::Panels;
-pub use winograd::Tiling;
 use winograd::{Scratch, Windows};
 
 use crate::threads;
@@ -86,9 +85,9 @@ impl Conv {
     }
 
     /// Weights laid out for the forward pass. `weights`: `[n_out, n_in, kernel, kernel]`, as PyTorch has them.
-    pub fn pack(&self, weights: &[f32], tiling: Tiling) -> Packed {
+    pub fn pack(&self, weights: &[f32]) -> Packed {
         let weight = |tap, c, out| weights[self.place(tap, c, out)];
-        match Windows::of(self, tiling) {
+        match Windows::of(self) {
             Some(windows) => Packed::Winograd(winograd::Packed::new(windows, &weight)),
             None => Packed::Direct(self.panels(weights)),
         }
@@ -114,7 +113,7 @@ impl Conv {
     /// Gradient of the input from that of the output, both NHWC.
     pub fn input_gradient(&self, gradient: &[f32], weights: &[f32]) -> Vec<f32> {
         // At stride 1 it is the convolution with the weights rotated by half a turn, inputs and outputs exchanged.
-        let packed = match Windows::of(&Self { n_in: self.n_out, n_out: self.n_in, ..*self }, Tiling::Fast) {
+        let packed = match Windows::of(&Self { n_in: self.n_out, n_out: self.n_in, ..*self }) {
             Some(windows) => {
                 let turned = |[ky, kx]: [usize; 2], c, out| weights[self.place([2 - ky, 2 - kx], out, c)];
                 Packed::Winograd(winograd::Packed::new(windows, &turned))
@@ -129,7 +128,7 @@ impl Conv {
 
     /// Gradient of the weights, `[n_out, n_in, kernel, kernel]`.
     pub fn weight_gradient(&self, images: &[f32], gradient: &[f32]) -> Vec<f32> {
-        if let Some(windows) = Windows::of(self, Tiling::Fast) {
+        if let Some(windows) = Windows::of(self) {
             return winograd::weight_gradient(&windows, images, gradient);
         }
         let gather = Gather::forward(self);
@@ -237,12 +236,10 @@ mod tests {
             let expected: Vec<f64> =
                 images.chunks(conv.in_length()).flat_map(|image| direct(&conv, image, &weights)).collect();
             // Some 300 products of order 1, each rounded to 6e-8; the longest windows round several times as coarsely.
-            for (tiling, bound) in [(Tiling::Fine, 2e-5), (Tiling::Fast, 1e-4)] {
-                let out = conv.forward(&images, &conv.pack(&weights, tiling), |_, _| ());
-                assert_eq!(out.len(), expected.len());
-                let largest = out.iter().zip(&expected).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max);
-                assert!(largest < bound, "{conv:?} {tiling:?}: {largest}");
-            }
+            let out = conv.forward(&images, &conv.pack(&weights), |_, _| ());
+            assert_eq!(out.len(), expected.len());
+            let largest = out.iter().zip(&expected).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max);
+            assert!(largest < 1e-4, "{conv:?}: {largest}");
         }
     }
 
@@ -290,7 +287,7 @@ mod tests {
             let few = [37 * conv.in_length(), 37 * conv.out_length()];
             let alone = conv.weight_gradient(&images[..few[0]], &gradient[..few[1]]);
             let weights = values(n_in * n_out * 9, 0.23);
-            let out = conv.forward(&images[..few[0]], &conv.pack(&weights, Tiling::Fast), |_, _| ());
+            let out = conv.forward(&images[..few[0]], &conv.pack(&weights), |_, _| ());
             let inner = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum::<f64>();
             let (a, b) = (inner(&alone, &weights), inner(&out, &gradient[..few[1]]));
             assert!((a - b).abs() < 1e-3, "{a} {b}");

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::{Conv, Tiling};
+use super::Conv;
 
 /// Values that one thread takes at a time.
 const CHUNK: usize = 1 << 14;
@@ -23,7 +23,7 @@ pub struct Statistics {
 /// the cache and joined in order (Chan et al. 1979): the same bits on any number of threads.
 pub fn forward_with_statistics(conv: &Conv, images: &[f32], weights: &[f32]) -> (Vec<f32>, Statistics) {
     let parts: Mutex<Vec<(usize, Vec<[f32; 2]>)>> = Mutex::new(Vec::new());
-    let before = conv.forward(images, &conv.pack(weights, Tiling::Fast), |at, out| {
+    let before = conv.forward(images, &conv.pack(weights), |at, out| {
         let part = moments(out, conv.n_out);
         if let Ok(mut parts) = parts.lock() {
             parts.push((at, part));

@@ -17,23 +17,11 @@ use super::{Conv, Weight};
 /// that the same place in each is not in the same set of a cache.
 const LANES: usize = 16;
 
-/// Factors of a channel that are taken together, about.
-const FACTORS: usize = 1680;
-
-/// Factors of a block of the weights' gradient, about.
-const FACTORS_BACK: usize = 1344;
+/// Factors of a channel that are taken together, about: 30 rows of the matrices of windows of 4x5.
+const FACTORS: usize = 1260;
 
 /// Blocks of the weights' gradient whose factors are held at a time: sums are read and written once for each lot of them.
 const BLOCKS: usize = 8;
-
-/// Which windows a convolution is cut into.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tiling {
-    /// 2x2 outputs: least rounding, and few weights for one image.
-    Fine,
-    /// The fewest products for many images.
-    Fast,
-}
 
 /// Where the windows of a convolution lie.
 #[derive(Clone, Copy, Debug)]
@@ -55,16 +43,13 @@ pub struct Scratch {
 
 impl Windows {
     /// The windows of a convolution; `None` where this method does not suit it.
-    pub fn of(conv: &Conv, tiling: Tiling) -> Option<Self> {
+    pub fn of(conv: &Conv) -> Option<Self> {
         let suits = conv.kernel == 3
             && conv.stride == 1
             && conv.n_in.is_multiple_of(LANES)
             && conv.n_out.is_multiple_of(LANES)
             && conv.size.iter().all(|n| *n >= 2);
-        let axes = match tiling {
-            Tiling::Fine => [Axis::Two; 2],
-            Tiling::Fast => conv.size.map(Axis::covering),
-        };
+        let axes = conv.size.map(Axis::covering);
         suits.then_some(Self { n_in: conv.n_in, n_out: conv.n_out, size: conv.size, axes })
     }
 
@@ -86,14 +71,9 @@ impl Windows {
         self.products()[0] * self.products()[1]
     }
 
-    /// Images to take together for about so many factors a channel.
-    fn images_for(&self, factors: usize) -> usize {
-        (factors / self.n_products() / self.n_windows()).max(1)
-    }
-
-    /// Images that [`Packed::correlate`] likes to take together.
+    /// Images to take together.
     pub fn images_at_once(&self) -> usize {
-        self.images_for(FACTORS)
+        (FACTORS / self.n_products() / self.n_windows()).max(1)
     }
 
     /// The windows of some images as a matrix `[n_images * n_windows, n_channels]` for each product, `apart` from each
@@ -333,7 +313,7 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
     let Windows { n_in, n_out, size: [height, width], .. } = *windows;
     let n_columns = Arch::new().dispatch(Columns);
     let [n_blocks, n_products] = [n_out.div_ceil(n_columns), windows.n_products()];
-    let at_once = windows.images_for(FACTORS_BACK);
+    let at_once = windows.images_at_once();
     let lengths @ [in_length, out_length] = [n_in, n_out].map(|n| at_once * height * width * n);
     let n_rows = at_once * windows.n_windows();
     let apart = [n_rows * n_in + LANES, n_blocks * n_rows * n_columns + LANES];
