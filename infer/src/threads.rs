@@ -13,11 +13,11 @@ fn is_in_pool() -> bool {
 }
 
 /// Calls `work` with each block of `length` values of `out` and its index; `start` makes the scratch space of a thread.
-pub(crate) fn for_each_block<S>(
-    out: &mut [f32],
+pub(crate) fn for_each_block<T: Send, S>(
+    out: &mut [T],
     length: usize,
     start: impl Fn() -> S + Send + Sync,
-    work: impl Fn(&mut S, usize, &mut [f32]) + Send + Sync,
+    work: impl Fn(&mut S, usize, &mut [T]) + Send + Sync,
 ) {
     if is_in_pool() {
         let blocks = out.par_chunks_mut(length).enumerate();
@@ -26,6 +26,30 @@ pub(crate) fn for_each_block<S>(
         let mut scratch = start();
         out.chunks_mut(length).enumerate().for_each(|(index, block)| work(&mut scratch, index, block));
     }
+}
+
+/// So many values, zeros that `work` is called with as [`for_each_block`] does: each thread sets its own blocks to zero just
+/// before, so that they are in its cache and no thread waits for it.
+pub(crate) fn made_by_blocks<S>(
+    n: usize,
+    length: usize,
+    start: impl Fn() -> S + Send + Sync,
+    work: impl Fn(&mut S, usize, &mut [f32]) + Send + Sync,
+) -> Vec<f32> {
+    let mut out: Vec<f32> = Vec::with_capacity(n);
+    for_each_block(&mut out.spare_capacity_mut()[..n], length, start, |scratch, index, block| {
+        block.iter_mut().for_each(|value| {
+            value.write(0.0);
+        });
+        #[expect(unsafe_code, reason = "each value was written just above")]
+        let block = unsafe { block.assume_init_mut() };
+        work(scratch, index, block);
+    });
+    #[expect(unsafe_code, reason = "the blocks are all of the first n values, and each was written")]
+    unsafe {
+        out.set_len(n);
+    }
+    out
 }
 
 /// What `work` makes of each number of a range, in order; as many are in work at a time as the caller's pool has threads.

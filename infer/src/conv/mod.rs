@@ -157,13 +157,12 @@ fn correlate(
     finish: impl Fn(usize, &mut [f32]) + Sync,
 ) -> Vec<f32> {
     let n = packed.images_at_once();
-    let mut out = vec![0.0; images.len() / lengths[0] * lengths[1]];
-    threads::for_each_block(&mut out, n * lengths[1], Scratch::default, |scratch, at, out| {
+    let n_values = images.len() / lengths[0] * lengths[1];
+    threads::made_by_blocks(n_values, n * lengths[1], Scratch::default, |scratch, at, out| {
         let images = &images[at * n * lengths[0]..][..out.len() / lengths[1] * lengths[0]];
         packed.correlate(images, scratch, out);
         out.chunks_exact_mut(lengths[1]).enumerate().for_each(|(i, out)| finish(n * at + i, out));
-    });
-    out
+    })
 }
 
 /// The parts' sum, value by value, in their order.

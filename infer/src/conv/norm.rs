@@ -6,6 +6,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Conv;
+use crate::threads;
 
 /// Values that one thread takes at a time.
 const CHUNK: usize = 1 << 14;
@@ -122,14 +123,17 @@ impl Norm {
     pub fn apply(&self, before: &[f32], skip: Option<&[f32]>) -> Vec<f32> {
         let n = self.scale.len();
         let chunk = n * (CHUNK / n).max(1);
-        let mut out = vec![0.0; before.len()];
-        out.par_chunks_mut(chunk).enumerate().for_each(|(at, out)| {
-            let start = at * chunk;
-            let before = &before[start..start + out.len()];
-            let skip = skip.map(|skip| &skip[start..start + out.len()]);
-            Arch::new().dispatch(Apply { norm: self, before, skip, out });
-        });
-        out
+        threads::made_by_blocks(
+            before.len(),
+            chunk,
+            || (),
+            |(), at, out| {
+                let start = at * chunk;
+                let before = &before[start..start + out.len()];
+                let skip = skip.map(|skip| &skip[start..start + out.len()]);
+                Arch::new().dispatch(Apply { norm: self, before, skip, out });
+            },
+        )
     }
 
     /// Gradients from that of the layer's output. `before` and `out` are what the forward pass made.
@@ -148,10 +152,11 @@ impl Norm {
         // d before = scale * (passed - mean(passed) - normalised * mean(passed * normalised))
         let slope: Vec<f32> = (0..n).map(|c| gamma[c] / n_values * self.inverse[c]).collect();
         let offset: Vec<f32> = (0..n).map(|c| beta[c] / n_values - slope[c] * self.mean[c]).collect();
-        let mut back = vec![0.0; before.len()];
-        back.par_chunks_mut(chunk).zip(chunks()).for_each(|(back, ((before, out), gradient))| {
+        let of_block = |(): &mut (), at: usize, back: &mut [f32]| {
+            let [before, out, gradient] = [before, out, out_gradient].map(|values| &values[at * chunk..][..back.len()]);
             Arch::new().dispatch(Back { norm: self, slope: &slope, offset: &offset, before, out, gradient, back });
-        });
+        };
+        let back = threads::made_by_blocks(before.len(), chunk, || (), of_block);
         NormGradient { before: back, gamma, beta }
     }
 

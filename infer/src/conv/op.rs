@@ -105,7 +105,7 @@ fn forward(
     let (before, statistics) =
         on_all_threads(|| super::norm::forward_with_statistics(&conv, values(&images), values(&weights)));
     let norm = Norm::new(&statistics, values(&gamma), values(&beta), layer.epsilon);
-    let out = norm.apply(&before, layer.adds_input.then(|| values(&images)));
+    let out = on_all_threads(|| norm.apply(&before, layer.adds_input.then(|| values(&images))));
     let [rows, columns] = conv.out_size();
     let shape = [shape[0], rows, columns, conv.n_out];
     let (before, out) = (tensor(before, &shape), tensor(out, &shape));
@@ -154,7 +154,8 @@ mod gradient {
             let kept = ops.state;
             let conv = kept.conv;
             let norm = Norm::new(&kept.statistics, values(&kept.gamma), &[], kept.layer.epsilon);
-            let back = norm.gradient(values(&kept.before), values(&kept.out), values(&out_gradient));
+            let back =
+                on_all_threads(|| norm.gradient(values(&kept.before), values(&kept.out), values(&out_gradient)));
             let mut register = |parent: Option<NodeId>, make: &dyn Fn() -> FlexTensor| {
                 if let Some(id) = parent {
                     grads.register::<Flex>(id, make());
@@ -169,7 +170,8 @@ mod gradient {
                 tensor(gradient, &kept.images.shape())
             });
             register(weights, &|| {
-                tensor(conv.weight_gradient(values(&kept.images), &back.before), &kept.weights.shape())
+                let gradient = on_all_threads(|| conv.weight_gradient(values(&kept.images), &back.before));
+                tensor(gradient, &kept.weights.shape())
             });
             register(gamma, &|| tensor(back.gamma.clone(), &[conv.n_out]));
             register(beta, &|| tensor(back.beta.clone(), &[conv.n_out]));
