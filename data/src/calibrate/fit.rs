@@ -3,6 +3,8 @@
 use rayon::prelude::*;
 
 use super::ball::BallPress;
+use super::circle::Circle;
+use super::contact::{Gel, move_contact};
 use super::least_squares::Sums;
 use super::light_factors::{N_BASES, N_SLOPES, N_TERMS, bases, factors, light, place};
 use super::presses::{Press, Presses};
@@ -19,6 +21,12 @@ const CONTACT_RADII: f64 = 1.5;
 /// Squared weights' price, counts squared a pixel.
 const RIDGE: f64 = 1e-4;
 
+/// Lengths are chosen, and contacts moved, on every fourth pixel each way.
+pub(super) const STRIDE: usize = 4;
+
+/// Contacts are moved this often at most.
+const MOST_ROUNDS: usize = 4;
+
 /// Candidates for the contact's radius as a share of the circle's: what one sees as its edge is the bright
 /// ring, some of which is outside.
 const CONTACT_SHARES: [f64; 6] = [0.80, 0.84, 0.88, 0.92, 0.96, 1.0];
@@ -31,8 +39,11 @@ const GEL_LENGTHS_MM: [f64; 7] = [0.8, 1.2, 1.6, 2.0, 2.5, 3.2, 4.5];
 pub struct Fit {
     /// The light fitted to all presses, and the means of the figures.
     pub calibration: Calibration,
+    /// The circle in which the ball touched in each press, as fitted; the presses' own say where it was looked for.
+    pub contacts: Vec<Circle>,
     /// How well each press, by its name, is predicted by the light fitted to the others, on the circle and half
-    /// its radius round it, exposure compensated on pixels more than 4 mm from it.
+    /// its radius round it, exposure compensated on pixels more than 4 mm from it. Where and how widely the ball
+    /// touches, three numbers, is fitted to the press itself.
     pub left_out: Vec<(String, Figures)>,
 }
 
@@ -77,39 +88,51 @@ impl Model {
             all
         })
     }
+
+    /// The weights of all factors, those that are not fitted zero.
+    fn weights(self, sums: &Sums) -> Result<[Vec<f64>; 3]> {
+        Ok(self.spread(&sums.select(&self.columns()).solve(RIDGE)?))
+    }
+}
+
+/// How the presses came about.
+#[derive(Clone, Debug)]
+struct Guess {
+    gel_length_mm: f64,
+    model: Model,
+    /// The circle in which the ball touched in each press.
+    contacts: Vec<Circle>,
+    /// Squared error of presses left out, one at a time, counts squared.
+    error: f64,
 }
 
 /// Fits the light to a ball's presses.
 ///
-/// Of the gel's decay length, the share of the circle that is in contact, and the number of factors, those are
-/// taken under which presses left out are predicted with the least squared error; the figures are of the same
-/// presses left out again, by lamps that have not seen them.
+/// Circles drawn by hand are off by some pixels, which blurs the light that is fitted to them. So for each decay length of
+/// the gel the presses' circles, of which the share that predicts best is in contact, are moved and resized until presses
+/// left out are predicted no better. The length and the number of factors are those under which they are predicted with
+/// the least squared error; the figures are of the same presses left out again, by lamps that have not seen them.
+///
+/// # Errors
+/// Presses that say too little of the light.
 pub fn fit(presses: &Presses) -> Result<Fit> {
-    let mut chosen: Option<(f64, f64, f64, Model)> = None;
-    for gel_length_mm in GEL_LENGTHS_MM {
-        for share in CONTACT_SHARES {
-            let sums = all_sums(presses, share, gel_length_mm, 4);
-            for model in MODELS {
-                let Ok(error) = left_out_error(&sums, model) else { continue };
-                if chosen.is_none_or(|(least, ..)| error < least) {
-                    chosen = Some((error, share, gel_length_mm, model));
-                }
-            }
-        }
-    }
-    let Some((_, share, gel_length_mm, model)) = chosen else {
+    let guesses = GEL_LENGTHS_MM.into_iter().filter_map(|gel_length_mm| best_share(presses, gel_length_mm));
+    let guesses = guesses.map(|guess| moved(presses, guess));
+    let Some(guess) = guesses.min_by(|a, b| a.error.total_cmp(&b.error)) else {
         return Err(Error::invalid("calibration", "presses spread over the frame", "presses that say too little"));
     };
-    let sums = all_sums(presses, share, gel_length_mm, 2);
+    let sums = all_sums(presses, &guess, 2);
     let total = total(&sums);
-    let weights = |sums: &Sums| Ok(model.spread(&sums.select(&model.columns()).solve(RIDGE)?));
-    let judge = |(press, own): (&Press, &Sums)| {
+    let weights = |sums: &Sums| guess.model.weights(sums);
+    let judge = |(i, own): (usize, &Sums)| {
         let mut others = total.clone();
         others.combine(own, -1.0);
-        let ball = ball(presses, press, share, gel_length_mm);
-        Ok((press.name.clone(), figures(presses, press, &ball, &weights(&others)?)))
+        let (press, ball) = (&presses.presses[i], ball(presses, &guess, i));
+        let centre_px = guess.contacts[i].centre_px;
+        Ok((press.name.clone(), figures(presses, press, (&ball, centre_px), &weights(&others)?)))
     };
-    let left_out = presses.presses.par_iter().zip(&sums).map(judge).collect::<Result<Vec<_>>>()?;
+    let left_out = sums.par_iter().enumerate().map(judge).collect::<Result<Vec<_>>>()?;
+    let widths = presses.presses.iter().zip(&guess.contacts).map(|(press, own)| own.radius_px / press.circle.radius_px);
     let calibration = Calibration {
         schema: SCHEMA.to_owned(),
         frame_px: presses.geometry.frame_px,
@@ -118,45 +141,91 @@ pub fn fit(presses: &Presses) -> Result<Fit> {
             presses.geometry.mm_per_px[1] * presses.no_contact.height_px() as f64,
         ],
         source: format!("{} presses of a ball of {} mm", left_out.len(), 2.0 * presses.geometry.ball_radius_mm),
-        gel_length_mm: Some(gel_length_mm),
-        contact_share: Some(share),
+        gel_length_mm: Some(guess.gel_length_mm),
+        contact_share: Some(widths.sum::<f64>() / left_out.len() as f64),
         leave_one_out: Some(mean(&left_out)),
         light: light(&weights(&total)?, at_rest(&presses.no_contact)?),
     };
-    Ok(Fit { calibration, left_out })
+    Ok(Fit { calibration, contacts: guess.contacts, left_out })
 }
 
-fn ball(presses: &Presses, press: &Press, share: f64, gel_length_mm: f64) -> BallPress {
-    let radius_mm = presses.geometry.radius_mm(&press.circle);
-    BallPress::new(
-        presses.geometry.ball_radius_mm,
-        share * radius_mm,
-        gel_length_mm,
-        CONTACT_RADII * radius_mm + REACH_MM,
-    )
+/// The share of the presses' circles that is in contact, and the factors, under which presses left out are predicted best.
+fn best_share(presses: &Presses, gel_length_mm: f64) -> Option<Guess> {
+    let of_share = |share: f64| {
+        let circles = presses.presses.iter().map(|press| press.circle);
+        let contacts = circles.map(|circle| Circle { radius_px: share * circle.radius_px, ..circle }).collect();
+        judged(presses, Guess { gel_length_mm, model: MODELS[0], contacts, error: f64::INFINITY })
+    };
+    let guesses = CONTACT_SHARES.into_iter().filter_map(of_share);
+    guesses.min_by(|a, b| a.error.total_cmp(&b.error))
+}
+
+/// The same with the factors under which presses left out are predicted best, and their error.
+fn judged(presses: &Presses, guess: Guess) -> Option<Guess> {
+    let sums = all_sums(presses, &guess, STRIDE);
+    let errors = MODELS.into_iter().filter_map(|model| Some((model, left_out_error(&sums, model).ok()?)));
+    let (model, error) = errors.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(Guess { model, error, ..guess })
+}
+
+/// Moves and resizes the contacts, each under the light that is fitted to the others, as long as that lessens the error of
+/// presses left out.
+fn moved(presses: &Presses, mut guess: Guess) -> Guess {
+    for _ in 0..MOST_ROUNDS {
+        let sums = all_sums(presses, &guess, STRIDE);
+        let total = total(&sums);
+        let move_one = |(i, own): (usize, &Sums)| {
+            let mut others = total.clone();
+            others.combine(own, -1.0);
+            let Ok(weights) = guess.model.weights(&others) else { return guess.contacts[i] };
+            let gel = Gel { length_mm: guess.gel_length_mm, weights: &weights };
+            move_contact(presses, &presses.presses[i], &gel, guess.contacts[i])
+        };
+        let contacts = sums.par_iter().enumerate().map(move_one).collect();
+        match judged(presses, Guess { contacts, ..guess.clone() }) {
+            Some(better) if better.error < guess.error => guess = better,
+            _ => break,
+        }
+    }
+    guess
+}
+
+fn ball(presses: &Presses, guess: &Guess, i: usize) -> BallPress {
+    let given_mm = presses.geometry.radius_mm(&presses.presses[i].circle);
+    ball_of(presses, &guess.contacts[i], guess.gel_length_mm, given_mm)
+}
+
+/// The gel round a contact, computed for all pixels near the circle of `given_mm` about which it was looked for.
+pub(super) fn ball_of(presses: &Presses, contact: &Circle, gel_length_mm: f64, given_mm: f64) -> BallPress {
+    let contact_mm = presses.geometry.radius_mm(contact);
+    BallPress::new(presses.geometry.ball_radius_mm, contact_mm, gel_length_mm, CONTACT_RADII * given_mm + REACH_MM)
+}
+
+/// The pixels that count in the fit of a press: every `stride`-th each way within [`REACH_MM`] of its given circle.
+pub(super) fn pixels_near(presses: &Presses, press: &Press, stride: usize) -> Vec<usize> {
+    let [width, height] = presses.geometry.frame_px;
+    let reach_mm = presses.geometry.radius_mm(&press.circle) + REACH_MM;
+    let places = (0..height).step_by(stride).flat_map(|y| (0..width).step_by(stride).map(move |x| y * width + x));
+    let is_near = |pixel: &usize| {
+        let [x, y] = presses.geometry.from_centre_mm(&press.circle, *pixel);
+        x.hypot(y) <= reach_mm
+    };
+    places.filter(is_near).collect()
 }
 
 /// What each press says of all factors, by every `stride`-th pixel each way.
-fn all_sums(presses: &Presses, share: f64, gel_length_mm: f64, stride: usize) -> Vec<Sums> {
-    let [width, height] = presses.geometry.frame_px;
-    let of_press = |press: &Press| {
-        let ball = ball(presses, press, share, gel_length_mm);
-        let reach_mm = presses.geometry.radius_mm(&press.circle) + REACH_MM;
+fn all_sums(presses: &Presses, guess: &Guess, stride: usize) -> Vec<Sums> {
+    let of_press = |(i, press): (usize, &Press)| {
+        let ball = ball(presses, guess, i);
         let mut sums = Sums::new(N_FACTORS);
-        for (row, column) in (0..height).step_by(stride).flat_map(|y| (0..width).step_by(stride).map(move |x| (y, x))) {
-            let pixel = row * width + column;
-            let offset_mm = presses.geometry.from_centre_mm(&press.circle, pixel);
-            if offset_mm[0].hypot(offset_mm[1]) <= reach_mm {
-                let factors = factors(bases(&ball, offset_mm), place(pixel, [width, height]));
-                sums.add(
-                    factors.as_flattened(),
-                    [0, 1, 2].map(|channel| f64::from(press.difference[3 * pixel + channel])),
-                );
-            }
+        for pixel in pixels_near(presses, press, stride) {
+            let offset_mm = presses.geometry.from_centre_mm(&guess.contacts[i], pixel);
+            let factors = factors(bases(&ball, offset_mm), place(pixel, presses.geometry.frame_px));
+            sums.add(factors.as_flattened(), press.counts(pixel));
         }
         sums
     };
-    presses.presses.par_iter().map(of_press).collect()
+    presses.presses.par_iter().enumerate().map(of_press).collect()
 }
 
 fn total(sums: &[Sums]) -> Sums {
@@ -178,17 +247,24 @@ fn left_out_error(sums: &[Sums], model: Model) -> Result<f64> {
     errors.sum()
 }
 
-/// How well `weights` predict a press.
-fn figures(presses: &Presses, press: &Press, ball: &BallPress, weights: &[Vec<f64>; 3]) -> Figures {
+/// How well `weights` predict a press of a ball about a place of the frame.
+fn figures(
+    presses: &Presses,
+    press: &Press,
+    (ball, centre_px): (&BallPress, [f64; 2]),
+    weights: &[Vec<f64>; 3],
+) -> Figures {
     let [width, height] = presses.geometry.frame_px;
     let rest = presses.no_contact.rgb();
     let radius_mm = presses.geometry.radius_mm(&press.circle);
+    let contact = Circle { centre_px, ..press.circle };
     let mut pairs = Vec::new();
     for pixel in 0..width * height {
-        let offset_mm = presses.geometry.from_centre_mm(&press.circle, pixel);
-        if offset_mm[0].hypot(offset_mm[1]) > CONTACT_RADII * radius_mm {
+        let [x, y] = presses.geometry.from_centre_mm(&press.circle, pixel);
+        if x.hypot(y) > CONTACT_RADII * radius_mm {
             continue;
         }
+        let offset_mm = presses.geometry.from_centre_mm(&contact, pixel);
         let factors = factors(bases(ball, offset_mm), place(pixel, [width, height]));
         for channel in 0..3 {
             let change: f64 = weights[channel].iter().zip(factors.as_flattened()).map(|(w, f)| w * f).sum();

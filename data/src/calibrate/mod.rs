@@ -3,6 +3,7 @@
 pub mod ball;
 pub mod circle;
 pub mod circle_search;
+mod contact;
 pub mod fit;
 mod least_squares;
 mod light_factors;
@@ -49,7 +50,7 @@ pub struct Calibration {
     /// The gel's decay length under which presses left out were predicted best, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gel_length_mm: Option<f64>,
-    /// The contact's radius as a share of the circles' given.
+    /// The contacts' radii as shares of those of the circles given, on average.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact_share: Option<f64>,
     /// Means over presses, each left out in turn.

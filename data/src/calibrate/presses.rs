@@ -35,6 +35,13 @@ pub struct Press {
     pub difference: Vec<f32>,
 }
 
+impl Press {
+    /// What the press changed of one pixel, RGB, counts.
+    pub fn counts(&self, pixel: usize) -> [f64; 3] {
+        [0, 1, 2].map(|channel| f64::from(self.difference[3 * pixel + channel]))
+    }
+}
+
 /// A set of presses fit to calibrate from.
 #[derive(Clone, Debug)]
 pub struct Presses {

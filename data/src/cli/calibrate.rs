@@ -16,7 +16,7 @@ use tactile_data::{Error, Result, output, picture};
 ///
 /// Press a ball of known diameter a dozen times or more, all over the frame, and save a frame of each. The program
 /// finds where the ball touched, or reads it from labels: a CSV with the columns file, center_x, center_y and
-/// radius, in pixels. It prints the error of each press when the others predict it.
+/// radius, in pixels, some pixels off at most. It prints the error of each press when the others predict it.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     tactile-data calibrate presses --ball-mm 4.70 --mm-per-px 0.058,0.0596 --no-contact rest.png\n  \
@@ -94,7 +94,7 @@ impl Calibrate {
             mm_per_px,
         };
         let presses = Presses::read(folder, &source)?;
-        let fit::Fit { calibration, left_out } = fit::fit(&presses)?;
+        let fit::Fit { calibration, contacts, left_out } = fit::fit(&presses)?;
         let mut text = format!(
             "{:<24} {:>6} {:>6} {:>6} {:>8} {:>8} {:>6} {:>6} {:>7}\n",
             "press left out", "x px", "y px", "r px", "L1", "at rest", "ratio", "corr", "PSNR"
@@ -104,10 +104,10 @@ impl Calibrate {
             format!("{l1_counts:>8.2} {background_l1_counts:>8.2} {ratio:>6.3} {correlation:>6.3} {psnr_db:>7.1}\n")
         };
         let mut rows = Vec::new();
-        for (press, (name, figures)) in presses.presses.iter().zip(&left_out) {
-            let ([x, y], radius) = (press.circle.centre_px, press.circle.radius_px);
+        for (contact, (name, figures)) in contacts.iter().zip(&left_out) {
+            let ([x, y], radius) = (contact.centre_px, contact.radius_px);
             text += &format!("{name:<24} {x:>6.1} {y:>6.1} {radius:>6.1} {}", row(figures));
-            let depth_mm = depth_mm(&calibration, &presses, &press.circle);
+            let depth_mm = depth_mm(&calibration, &presses, contact);
             rows.push(json!({
                 "file": name, "centre_px": [x, y], "radius_px": radius, "depth_mm": depth_mm, "left_out": figures,
             }));
@@ -116,7 +116,10 @@ impl Calibrate {
             text += &format!("{:<45} {}", "mean, counts and dB", row(mean));
         }
         if let (Some(length), Some(share)) = (calibration.gel_length_mm, calibration.contact_share) {
-            text += &format!("gel length {length} mm; contact {share} of the circles' radius\n");
+            let moved_px = moved_px(&presses, &contacts);
+            text += &format!(
+                "gel length {length} mm; contact {share:.2} of the circles' radius, {moved_px:.1} px from them\n"
+            );
         }
         let json = json!({ "calibration": calibration, "presses": rows });
         Ok((calibration, text, json))
@@ -140,10 +143,19 @@ impl Calibrate {
 }
 
 /// How deep the ball is pressed in by the gel that was fitted, mm.
-fn depth_mm(calibration: &Calibration, presses: &Presses, circle: &Circle) -> Option<f64> {
-    let contact_mm = calibration.contact_share? * presses.geometry.radius_mm(circle);
+fn depth_mm(calibration: &Calibration, presses: &Presses, contact: &Circle) -> Option<f64> {
+    let contact_mm = presses.geometry.radius_mm(contact);
     let radius_mm = presses.geometry.ball_radius_mm;
     Some(BallPress::new(radius_mm, contact_mm, calibration.gel_length_mm?, 2.0 * radius_mm).depth_mm(0.0))
+}
+
+/// How far contacts are from the presses' circles on average, pixels.
+fn moved_px(presses: &Presses, contacts: &[Circle]) -> f64 {
+    let moved = presses.presses.iter().zip(contacts).map(|(press, contact)| {
+        let [dx, dy] = [0, 1].map(|axis| contact.centre_px[axis] - press.circle.centre_px[axis]);
+        dx.hypot(dy)
+    });
+    moved.sum::<f64>() / contacts.len().max(1) as f64
 }
 
 /// The calibration, what is said of it to people, and to programs.
