@@ -38,8 +38,18 @@ struct Label {
 struct Fitted {
     /// The calibration file.
     file: String,
-    /// How deep each press of it was, by its picture.
-    depths_mm: Vec<(String, f64)>,
+    /// What the fit says of each press.
+    presses: Vec<Pressed>,
+}
+
+/// One press as its fit has it.
+struct Pressed {
+    /// The picture.
+    file: String,
+    /// How deep the ball was pressed in, mm.
+    depth_mm: f64,
+    /// Where it touched, pixels.
+    centre_px: [f64; 2],
 }
 
 /// Names every ball by one press and in episodes.
@@ -60,12 +70,12 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
         twins = twins.and(compare(bench, half, presses, [light, depths])?);
     }
     let about = format!(
-        "{} presses of a ball of 4.70 mm on a home-made sensor with three lamps, their places labelled by hand. The light \
-         and the gel's length are fitted to every second press and the others named, and the other way round: no press is \
-         named under a light that was fitted to it. The pictures are turned by a quarter, as the model sees wide ones. The \
-         bank is simulated at the depth of the fitted presses. An episode is {N_TOUCHES} presses with the motions between \
-         their labels: the ball did not move, the sensor did. After one touch the filter is hardly ever confident. A \
-         twin is as deep as the press is by its own label.",
+        "{} presses of a ball of 4.70 mm on a home-made sensor with three lamps, their places labelled by hand. The light, \
+         the gel's length and where exactly the ball touched are fitted to every second press and the others named, and \
+         the other way round: no press is named under a light that was fitted to it. The pictures are turned by a quarter, \
+         as the model sees wide ones. The bank is simulated at the depth of the fitted presses. An episode is {N_TOUCHES} \
+         presses with the motions between their labels: the ball did not move, the sensor did. After one touch the filter \
+         is hardly ever confident. A twin is where and as deep as the fit of its own half has the press.",
         labels.len()
     );
     let named = vec![("one press", by_one), ("five presses", by_several)];
@@ -120,14 +130,20 @@ fn calibrate(bench: &Bench<'_>, half: usize, presses: &[&Label]) -> Result<Fitte
              --no-contact balls/no_contact.png --out {file}"
         ),
     )?;
-    let depth = |press: &Value| Ok((press["file"].as_str().unwrap_or_default().into(), number(press, "/depth_mm")?));
-    let depths_mm = entries(&fitted, "/presses")?.iter().map(depth).collect::<Result<_>>()?;
-    Ok(Fitted { file, depths_mm })
+    let pressed = |press: &Value| {
+        Ok(Pressed {
+            file: press["file"].as_str().unwrap_or_default().to_owned(),
+            depth_mm: number(press, "/depth_mm")?,
+            centre_px: [number(press, "/centre_px/0")?, number(press, "/centre_px/1")?],
+        })
+    };
+    let presses = entries(&fitted, "/presses")?.iter().map(pressed).collect::<Result<_>>()?;
+    Ok(Fitted { file, presses })
 }
 
 /// The bank under one light, and what it calls the presses of the other half: each alone first, then episodes.
 fn episodes(bench: &Bench<'_>, half: usize, presses: &[&Label], light: &Fitted) -> Result<Vec<Named>> {
-    let mut depths: Vec<f64> = light.depths_mm.iter().map(|(_, mm)| *mm).collect();
+    let mut depths: Vec<f64> = light.presses.iter().map(|press| press.depth_mm).collect();
     depths.sort_by(f64::total_cmp);
     let depth_mm = depths.get(depths.len() / 2).copied();
     let bank = format!("balls-bank-{half}");
@@ -141,7 +157,7 @@ fn episodes(bench: &Bench<'_>, half: usize, presses: &[&Label], light: &Fitted) 
         for (k, press) in touches.into_iter().enumerate() {
             let file = format!("{episode}-{k}.png");
             copy(&bench.out.join("balls").join(&presses[press].file), &folder.join(&file))?;
-            let [x, y] = ball_from_sensor_mm(presses[press]);
+            let [x, y] = ball_from_sensor_mm(presses[press].centre_px);
             line(&mut index, format_args!("{file},{PART},peg,{x:.4},{y:.4},0,{episode}"))?;
         }
     }
@@ -159,17 +175,18 @@ fn episodes(bench: &Bench<'_>, half: usize, presses: &[&Label], light: &Fitted) 
 }
 
 /// The sensor's middle, seen from the ball's, mm.
-fn ball_from_sensor_mm(press: &Label) -> [f64; 2] {
-    [0, 1].map(|axis| (0.5 * (FRAME_PX[axis] - 1.0) - press.centre_px[axis]) / PX_PER_MM)
+fn ball_from_sensor_mm(centre_px: [f64; 2]) -> [f64; 2] {
+    [0, 1].map(|axis| (0.5 * (FRAME_PX[axis] - 1.0) - centre_px[axis]) / PX_PER_MM)
 }
 
-/// The presses of a half next to their twins, under the light of the other; depths are those that their own half's fit
-/// gives.
+/// The presses of a half next to their twins, under the light of the other; places and depths are those that their own
+/// half's fit gives.
 fn compare(bench: &Bench<'_>, half: usize, presses: &[&Label], [light, own]: [&Fitted; 2]) -> Result<Twins> {
     let press = |label: &&Label| {
-        let depth = own.depths_mm.iter().find(|(file, _)| *file == label.file);
-        let (_, depth_mm) = depth.ok_or_else(|| Error::invalid(&label.file, "a press of its half", "none"))?;
-        let [x, y] = ball_from_sensor_mm(label);
+        let pressed = own.presses.iter().find(|press| press.file == label.file);
+        let Pressed { depth_mm, centre_px, .. } =
+            pressed.ok_or_else(|| Error::invalid(&label.file, "a press of its half", "none"))?;
+        let [x, y] = ball_from_sensor_mm(*centre_px);
         Ok(Press {
             picture: format!("balls/{}", label.file),
             render: format!(
@@ -199,7 +216,7 @@ mod tests {
         let label = label(4, "0005.png,229,10,40").unwrap();
         assert_eq!((label.file.as_str(), label.centre_px, label.radius_px), ("000004.png", [10.0, 10.0], 40.0));
         // Left of and above the middle is the ball, so that the sensor is to the right of and below it.
-        let [x, y] = ball_from_sensor_mm(&label);
+        let [x, y] = ball_from_sensor_mm(label.centre_px);
         assert!((x - 149.5 / 19.58).abs() < 1e-9 && (y - 109.5 / 19.58).abs() < 1e-9);
         assert!(super::label(0, "0001.png,a,2,3").is_err());
     }
