@@ -206,6 +206,24 @@ impl Belief {
         self.states_of(0..self.n_parts, least)
     }
 
+    /// The likeliest of [`Self::states_from`], `most` at most, ascending.
+    pub fn heaviest_states(&self, least: f64, most: usize) -> Vec<(Hypothesis, f64)> {
+        let mut states = match &self.engine {
+            Engine::Exact(exact) => {
+                let layout = Layout::of(&self.grid);
+                let heaviest = exact.heaviest(least, most).into_iter();
+                heaviest.map(|(state, mass)| (layout.hypothesis(state), mass)).collect()
+            }
+            Engine::Particle { .. } => self.states_from(least),
+        };
+        if states.len() > most {
+            states.select_nth_unstable_by(most, |a, b| b.1.total_cmp(&a.1));
+            states.truncate(most);
+        }
+        states.sort_unstable_by_key(|(hypothesis, _)| *hypothesis);
+        states
+    }
+
     /// Those of some parts.
     fn states_of(&self, parts: Range<usize>, least: f64) -> Vec<(Hypothesis, f64)> {
         let n_cells = self.grid.len();

@@ -20,8 +20,10 @@ struct Block {
     most: f64,
     /// Probability of all its states, 0..=1; 0 where it is left out.
     share: f64,
-    /// Probability of a state whose power is 1.
+    /// Probability of a state whose power is 1: that of its likeliest state.
     scale: f64,
+    /// The sum over its states of power times its log, which is 0 or less.
+    log_sum: f64,
 }
 
 /// The posterior of every state, normalised; blocks of one length, `[n_blocks, length]`.
@@ -46,7 +48,7 @@ impl Exact {
     /// that may be left out at each touch, 0..=1; zero: none.
     pub fn uniform(n_blocks: usize, length: usize, allowed: f64) -> Self {
         let (n_states, most) = (n_blocks * length, (length as f64).ln());
-        let block = Block { n_touches: 0, largest: 0.0, most, share: 0.0, scale: 0.0 };
+        let block = Block { n_touches: 0, largest: 0.0, most, share: 0.0, scale: 0.0, log_sum: 0.0 };
         Self {
             length,
             allowed,
@@ -126,7 +128,8 @@ impl Exact {
         (block.n_touches..self.n_touches).for_each(|touch| add(at, touch, sums));
         block.n_touches = self.n_touches;
         block.largest = simd::largest(sums);
-        block.most = self.joint * block.largest + simd::sum_of_powers(sums, block.largest, self.joint).ln();
+        let [sum, log_sum] = simd::sums_of_powers(sums, block.largest, self.joint);
+        (block.most, block.log_sum) = (self.joint * block.largest + sum.ln(), log_sum);
     }
 
     fn states(&self, block: usize) -> Range<usize> {
@@ -163,13 +166,34 @@ impl Exact {
 
     /// Shannon entropy over the states, nats.
     pub fn entropy(&self) -> f64 {
-        let of_block = |(at, block): (usize, &Block)| {
-            let probabilities = self.probabilities(at)?;
-            // -log p: what the block's likeliest state has, and how far the state is below it.
-            let below = simd::below(&probabilities, &self.sums[self.states(at)], block.largest);
-            Some(self.joint * below - block.share * block.scale.ln())
-        };
-        self.blocks.iter().enumerate().filter_map(of_block).sum::<f64>().max(0.0)
+        // -log p: what the block's likeliest state has, and how far the state is below it.
+        let of_block = |block: &Block| -block.scale * block.log_sum - block.share * block.scale.ln();
+        self.blocks.iter().filter(|block| block.scale > 0.0).map(of_block).sum::<f64>().max(0.0)
+    }
+
+    /// The likeliest states, `most` at most, that have a probability of at least `least`, with it, in no order. Blocks whose
+    /// likeliest state is not among them are passed over.
+    pub fn heaviest(&self, least: f64, most: usize) -> Vec<(usize, f64)> {
+        let mut order: Vec<usize> = (0..self.blocks.len()).filter(|at| self.blocks[*at].scale > 0.0).collect();
+        order.sort_by(|a, b| self.blocks[*b].scale.total_cmp(&self.blocks[*a].scale));
+        let (mut heaviest, mut least) = (Vec::new(), least.max(f64::MIN_POSITIVE));
+        for at in order {
+            let Block { scale, largest, .. } = self.blocks[at];
+            if scale < least {
+                break;
+            }
+            // Below, no state has so much: a billionth more than rounding takes.
+            let log_least = largest + ((least / scale).ln() - 1e-9) / self.joint;
+            let states = self.states(at);
+            let held = states.clone().zip(&self.sums[states]).filter(|(_, sum)| **sum >= log_least);
+            let weighed = held.map(|(state, sum)| (state, scale * simd::power(*sum, largest, self.joint)));
+            heaviest.extend(weighed.filter(|(_, probability)| *probability >= least));
+            if heaviest.len() > 2 * most {
+                least = keep_heaviest(&mut heaviest, most).max(least);
+            }
+        }
+        keep_heaviest(&mut heaviest, most);
+        heaviest
     }
 
     /// Systematic resampling: `n` states, ascending, each about as often as it is probable. `offset`: one uniform draw
@@ -205,6 +229,15 @@ impl Exact {
         drawn.resize(n, last);
         drawn
     }
+}
+
+/// Drops all but the likeliest of some states; returns the least probability that was kept.
+fn keep_heaviest(states: &mut Vec<(usize, f64)>, most: usize) -> f64 {
+    if states.len() > most {
+        states.select_nth_unstable_by(most, |a, b| b.1.total_cmp(&a.1));
+        states.truncate(most);
+    }
+    states.iter().map(|(_, probability)| *probability).fold(f64::INFINITY, f64::min)
 }
 
 /// log(e^a + e^b).
@@ -309,6 +342,29 @@ mod tests {
                 let apart = total_variation(&exact, &touches.posterior(index + 1).0);
                 prop_assert!(apart <= exact.left_out() + 1e-12 && exact.left_out() <= allowed, "{apart}");
                 prop_assert!((exact.shares().sum::<f64>() - 1.0).abs() < 1e-12);
+            }
+        }
+
+        #[test]
+        fn the_heaviest_are_those_of_all_states_in_order(
+            tables in tables(0.01),
+            least in 0.0..0.1_f64,
+            most in 1..20_usize,
+        ) {
+            let touches = Touches::new(&tables, 0.2);
+            let mut exact = Exact::uniform(6, LENGTH, 0.01);
+            (0..tables.len()).for_each(|index| {
+                touches.take_in(&mut exact, index);
+            });
+            let mut all: Vec<f64> = (0..6 * LENGTH).map(|state| probability(&exact, state)).collect();
+            all.sort_by(|a, b| b.total_cmp(a));
+            all.retain(|p| *p > 0.0 && *p >= least);
+            all.truncate(most);
+            let mut heaviest = exact.heaviest(least, most);
+            heaviest.sort_by(|a, b| b.1.total_cmp(&a.1));
+            prop_assert_eq!(heaviest.len(), all.len());
+            for ((state, p), expected) in heaviest.into_iter().zip(all) {
+                prop_assert!((p - expected).abs() < 1e-15 && (p - probability(&exact, state)).abs() < 1e-15);
             }
         }
 

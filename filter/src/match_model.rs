@@ -23,7 +23,7 @@ impl MatchModel {
         let n = above_best.len() as f64;
         // Divided: the smallest temperatures have no reciprocal.
         above_best.iter_mut().for_each(|d| *d /= temperature);
-        let sum = simd::sum_of_powers(&above_best, 0.0, 1.0);
+        let [sum, _] = simd::sums_of_powers(&above_best, 0.0, 1.0);
         let mean = if n > 0.0 { (sum / n).max(f64::MIN_POSITIVE) } else { 1.0 };
         let scale = mean / (1.0 - outlier_share);
         Self { temperature, mean, log_floor: (outlier_share * scale).ln(), log_scale: scale.ln() }

@@ -33,12 +33,7 @@ const MAX_STATES: usize = 10_000;
 /// a ten-thousandth of the belief in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
 /// part's `symmetry` turns into each other are one: the pose is that of the heaviest.
 pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
-    let mut states = belief.states_from(NEGLIGIBLE / belief.n_states() as f64);
-    if states.len() > MAX_STATES {
-        states.select_nth_unstable_by(MAX_STATES, |a, b| b.1.total_cmp(&a.1));
-        states.truncate(MAX_STATES);
-        states.sort_unstable_by_key(|(hypothesis, _)| *hypothesis);
-    }
+    let states = belief.heaviest_states(NEGLIGIBLE / belief.n_states() as f64, MAX_STATES);
     let uphill = likeliest_neighbours(belief.grid(), &states);
     let mut peaks: Vec<(usize, Vec<usize>)> = Vec::new();
     let mut peak_of: Vec<Option<usize>> = vec![None; states.len()];
@@ -92,19 +87,23 @@ fn merge_twins(modes: Vec<Mode>, grid: &PoseGrid, symmetry: &dyn Fn(usize) -> Sy
 /// For each state, the likeliest among it and its up to 26 neighbours; of equals the lowest, so that a
 /// plateau has one top. `states` in ascending order.
 fn likeliest_neighbours(grid: &PoseGrid, states: &[(Hypothesis, f64)]) -> Vec<usize> {
-    let n_cells = grid.len();
-    let n_parts = states.last().map_or(0, |(hypothesis, _)| hypothesis.part + 1);
-    let mut index_of: Vec<Option<u32>> = vec![None; n_parts * n_cells];
-    for (index, (hypothesis, _)) in (0..).zip(states) {
-        index_of[hypothesis.part * n_cells + hypothesis.cell] = Some(index);
-    }
+    // The states of one part by their cells: of many parts few hold any.
+    let mut index_of: Vec<Option<u32>> = vec![None; grid.len()];
     let neighbours = NeighbourCells::on(grid);
-    let uphill = |(at, (hypothesis, _)): (usize, &(Hypothesis, f64))| {
-        let held = neighbours.of(hypothesis.cell).filter_map(|cell| index_of[hypothesis.part * n_cells + cell]);
-        let higher = |a: usize, b: usize| states[b].1 > states[a].1 || (states[b].1 == states[a].1 && b < a);
-        held.map(|index| index as usize).fold(at, |best, next| if higher(best, next) { next } else { best })
-    };
-    states.iter().enumerate().map(uphill).collect()
+    let higher = |a: usize, b: usize| states[b].1 > states[a].1 || (states[b].1 == states[a].1 && b < a);
+    let mut likeliest = Vec::with_capacity(states.len());
+    for of_part in states.chunk_by(|a, b| a.0.part == b.0.part) {
+        let first = likeliest.len();
+        for (index, (hypothesis, _)) in (first..).zip(of_part) {
+            index_of[hypothesis.cell] = u32::try_from(index).ok();
+        }
+        for (at, (hypothesis, _)) in (first..).zip(of_part) {
+            let held = neighbours.of(hypothesis.cell).filter_map(|cell| index_of[cell]).map(|index| index as usize);
+            likeliest.push(held.fold(at, |best, next| if higher(best, next) { next } else { best }));
+        }
+        of_part.iter().for_each(|(hypothesis, _)| index_of[hypothesis.cell] = None);
+    }
+    likeliest
 }
 
 /// The cells within one step of a cell in x, y and theta.

@@ -15,11 +15,6 @@ pub fn sum_of_positive(values: &[f64]) -> f64 {
     sum_of(values, values, |value, _| if value > 0.0 && value < f64::INFINITY { value } else { 0.0 })
 }
 
-/// The sum of how far each value is below the largest, weighted by powers.
-pub fn below(powers: &[f64], values: &[f64], largest: f64) -> f64 {
-    sum_of(powers, values, |power, value| if power > 0.0 { power * (largest - value) } else { 0.0 })
-}
-
 #[inline(always)]
 fn sum_of(a: &[f64], b: &[f64], value: impl Fn(f64, f64) -> f64) -> f64 {
     let mut lanes = [0.0; N];
@@ -70,19 +65,34 @@ pub fn power(value: f64, largest: f64, joint: f64) -> f64 {
     exp(joint * (value - largest))
 }
 
-/// The sum of [`powers`]. Of many states all touches say the same: where some values are those before, so are the powers.
+/// The sum of [`powers`], and the sum of each times its log, which is 0 or less. Of many states all touches say the same:
+/// where some values are those before, so are the powers.
 #[multiversion(targets("x86_64+avx2"))]
-pub fn sum_of_powers(values: &[f64], largest: f64, joint: f64) -> f64 {
+pub fn sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
     let (chunks, rest) = values.as_chunks::<N>();
-    let (mut lanes, mut last, mut powers) = ([0.0; N], [f64::NAN; N], [0.0; N]);
+    let (mut lanes, mut last, mut powers) = ([[0.0; N]; 2], [f64::NAN; N], [[0.0; N]; 2]);
     for chunk in chunks {
         if !(0..N).fold(true, |same, lane| same & (chunk[lane] == last[lane])) {
-            (0..N).for_each(|lane| powers[lane] = exp(joint * (chunk[lane] - largest)));
+            (0..N).for_each(|lane| {
+                let log = joint * (chunk[lane] - largest);
+                let power = exp(log);
+                // Zero times a log of -inf is no number.
+                powers[0][lane] = power;
+                powers[1][lane] = if power > 0.0 { power * log } else { 0.0 };
+            });
             last = *chunk;
         }
-        (0..N).for_each(|lane| lanes[lane] += powers[lane]);
+        (0..N).for_each(|lane| lanes[0][lane] += powers[0][lane]);
+        (0..N).for_each(|lane| lanes[1][lane] += powers[1][lane]);
     }
-    lanes.iter().sum::<f64>() + rest.iter().map(|value| exp(joint * (value - largest))).sum::<f64>()
+    let mut sums = lanes.map(|lanes| lanes.iter().sum::<f64>());
+    for value in rest {
+        let log = joint * (value - largest);
+        let power = exp(log);
+        sums[0] += power;
+        sums[1] += if power > 0.0 { power * log } else { 0.0 };
+    }
+    sums
 }
 
 /// e^x for x at most 0, to 2 units in the last place: `2^k e^r` with `r` within half a binary order of 0, by the
@@ -233,7 +243,9 @@ mod tests {
         fn powers_of_runs_are_summed_as_of_any(runs in prop::collection::vec((-30.0..0.0_f64, 1..40_usize), 1..9)) {
             let values: Vec<f64> = runs.iter().flat_map(|(value, n)| vec![*value; *n]).collect();
             let exact: f64 = values.iter().map(|value| (0.7 * value).exp()).sum();
-            prop_assert!((sum_of_powers(&values, 0.0, 0.7) / exact - 1.0).abs() < 1e-13);
+            let logs: f64 = values.iter().map(|value| 0.7 * value * (0.7 * value).exp()).sum();
+            let [sum, log_sum] = sums_of_powers(&values, 0.0, 0.7);
+            prop_assert!((sum / exact - 1.0).abs() < 1e-13 && (log_sum - logs).abs() < 1e-13 * exact, "{log_sum} {logs}");
             let one_by_one: Vec<f64> = values.iter().map(|value| power(*value, 0.0, 0.7)).collect();
             prop_assert_eq!(powers(&values, 0.0, 0.7), one_by_one);
         }
@@ -284,7 +296,8 @@ mod tests {
     fn the_ends_are_exact_and_what_is_no_number_is_nothing() {
         assert_eq!([exp(0.0), exp(-709.0), exp(-1e300), exp(f64::NEG_INFINITY)], [1.0, 0.0, 0.0, 0.0]);
         assert_eq!(sum_of_positive(&[f64::INFINITY, f64::NAN, -1.0, 2.0]), 2.0);
-        assert_eq!(below(&[0.5, 0.0, 0.5], &[-2.0, -1e300, -1.0], -1.0), 0.5);
+        assert_eq!(sums_of_powers(&[-1e300, 0.0, f64::NEG_INFINITY], 0.0, 1.0), [1.0, 0.0]);
+        assert_eq!(sums_of_powers(&[f64::NEG_INFINITY; 9], 0.0, 1.0), [0.0, 0.0]);
         assert_eq!(largest(&[f64::NAN, -2.0, f64::NAN]), -2.0);
         assert_eq!(largest(&[f64::NAN; 9]), f64::NEG_INFINITY);
         let (mut logs, mut exps) = (vec![3.0, f64::NAN, f64::NEG_INFINITY], vec![7.0]);
