@@ -158,12 +158,12 @@ impl<S: Simd> Square<S> {
         }
         let (mut column, mut made) = (self.values[0], self.values[0]);
         for x in 0..made_width {
-            for y in 0..height {
-                column[y] = self.between[y][x];
+            for (value, line) in column.iter_mut().zip(&self.between).take(height) {
+                *value = line[x];
             }
             T::apply(along_y, simd, &column, &mut made);
-            for y in 0..made_height {
-                self.values[y][x] = made[y];
+            for (line, value) in self.values.iter_mut().zip(&made).take(made_height) {
+                line[x] = *value;
             }
         }
     }
@@ -258,15 +258,14 @@ const fn transposed(matrix: Matrix) -> Matrix {
 
 #[inline(always)]
 fn apply<S: Simd, T: Map>(simd: S, from: &Line<S>, to: &mut Line<S>) {
-    for row in 0..T::ROWS {
+    for (to, row) in to.iter_mut().zip(&T::MATRIX).take(T::ROWS) {
         let mut sum = simd.splat_f32s(0.0);
-        for column in 0..T::COLUMNS {
-            let factor = T::MATRIX[row][column];
-            if factor != 0.0 {
-                sum = simd.mul_add_f32s(simd.splat_f32s(factor as f32), from[column], sum);
+        for (from, factor) in from.iter().zip(row).take(T::COLUMNS) {
+            if *factor != 0.0 {
+                sum = simd.mul_add_f32s(simd.splat_f32s(*factor as f32), *from, sum);
             }
         }
-        to[row] = sum;
+        *to = sum;
     }
 }
 

@@ -84,8 +84,7 @@ impl Windows {
         simd: S,
         images: &[f32],
         padded: &mut Vec<f32>,
-        apart: usize,
-        factors: &mut [f32],
+        (apart, factors): (usize, &mut [f32]),
     ) -> usize {
         let (n_channels, [rows, columns], [height, width]) = (self.n_in, self.counts(), self.size);
         let ([step_y, step_x], [n_y, n_x]) = (self.axes.map(Axis::outputs), self.products());
@@ -254,7 +253,7 @@ impl WithSimd for Correlate<'_> {
         let n_rows = self.images.len() / (windows.size[0] * windows.size[1] * n_in) * windows.n_windows();
         let [factors_apart, sums_apart] = [n_in, n_out].map(|n| n_rows * n + LANES);
         factors.resize(n_products * factors_apart, 0.0);
-        windows.transform(simd, self.images, padded, factors_apart, factors);
+        windows.transform(simd, self.images, padded, (factors_apart, factors));
         sums.resize(n_products * sums_apart, 0.0);
         for (k, sums) in sums.chunks_exact_mut(sums_apart).enumerate() {
             let matrix = &factors[k * factors_apart..][..n_rows * n_in];
@@ -415,7 +414,7 @@ impl WithSimd for TransformBlock<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { windows, gradient, apart: [factors_apart, apart], .. } = self;
         let (factors, panels) = self.block.split_at_mut(windows.n_products() * factors_apart);
-        let n_rows = windows.transform(simd, self.images, self.padded, factors_apart, factors);
+        let n_rows = windows.transform(simd, self.images, self.padded, (factors_apart, factors));
         let (n_x, n_columns) = (windows.products()[1], columns::<S>());
         let (mut square, zeros) = (Square::new(simd), Square::new(simd).values);
         for row in 0..n_rows {
@@ -469,6 +468,7 @@ impl WithSimd for AddProducts<'_> {
     }
 }
 
+#[expect(clippy::too_many_arguments, reason = "an inner loop: everything in registers")]
 #[inline(always)]
 fn outer_tile<S: Simd, const ROWS: usize>(
     simd: S,
