@@ -127,7 +127,7 @@ impl<'a> View<'a> {
         let mut sums = Sums::new(N_FACTORS);
         for (pixel, counts) in &self.pixels {
             let offset_mm = self.geometry.from_centre_mm(circle, *pixel);
-            let [along_x, along_y, steep, across, diagonal, ..] = bases(&ball, offset_mm);
+            let [along_x, along_y, steep, across, diagonal, _] = bases(&ball, offset_mm);
             let [x, y] = offset_mm.map(|mm| mm / self.reach_mm);
             let lamps = [along_x, along_x * x, along_x * y, along_y, along_y * x, along_y * y];
             let mut factors = [steep, across, diagonal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];

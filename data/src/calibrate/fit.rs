@@ -6,7 +6,7 @@ use super::ball::BallPress;
 use super::circle::Circle;
 use super::contact::{Gel, move_contact};
 use super::least_squares::Sums;
-use super::light_factors::{N_BASES, N_LEVEL, N_SLOPES, N_TERMS, bases, factors, light, place};
+use super::light_factors::{N_BASES, N_SLOPES, N_TERMS, bases, factors, light, place};
 use super::presses::{Press, Presses};
 use super::{Calibration, SCHEMA, at_rest};
 use crate::compare::Figures;
@@ -57,9 +57,8 @@ struct Model {
 /// All factors.
 const N_FACTORS: usize = N_BASES * N_TERMS;
 
-/// Linear in the slope, with walls, with the depth, or with lamps that are weaker in a hollow as well; constant, linear or
-/// quadratic over the frame.
-const MODELS: [Model; 12] = {
+/// Linear in the slope, with walls, or with the depth as well; constant, linear or quadratic over the frame.
+const MODELS: [Model; 9] = {
     const fn model(n_bases: usize, n_polynomials: usize) -> Model {
         Model { n_bases, n_polynomials }
     }
@@ -70,9 +69,6 @@ const MODELS: [Model; 12] = {
         model(N_SLOPES, 1),
         model(N_SLOPES, 3),
         model(N_SLOPES, 6),
-        model(N_LEVEL, 1),
-        model(N_LEVEL, 3),
-        model(N_LEVEL, 6),
         model(N_BASES, 1),
         model(N_BASES, 3),
         model(N_BASES, 6),
@@ -300,7 +296,7 @@ mod tests {
     use super::super::synthetic;
     use super::*;
     use crate::sensor::SensorSpec;
-    use crate::sensor::light::{Hollow, LightRig, Quadratic, value};
+    use crate::sensor::light::LightRig;
     use crate::sensor::optics::Optics;
 
     fn synthetic_presses(seed: u64, is_labelled: bool) -> Presses {
@@ -384,29 +380,6 @@ mod tests {
         for (found, truth) in found.iter().zip([-9.0, 4.0, -2.0]) {
             // Of some 1.5 mm: 1.5 counts, as much as the noise.
             assert!((found[0] - truth).abs() < 1.0, "{found:?}, not {truth}");
-        }
-    }
-
-    #[test]
-    fn how_much_weaker_lamps_are_in_a_hollow_is_recovered() {
-        let mut truth = synthetic::spec();
-        let flat = |counts: [f32; 3]| counts.map(|counts| [counts, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let hollow = Hollow { along_x: flat([0.0, 12.0, 0.0]), along_y: flat([-20.0, 0.0, 12.0]) };
-        truth.light.hollow = Some(hollow.clone());
-        let (no_contact, frames) = synthetic::presses_on(&truth, 7);
-        let presses = Presses::new(no_contact, frames, synthetic::BALL_MM, truth.mm_per_px()).unwrap();
-        let found = fit(&presses).unwrap().calibration.light.hollow.unwrap();
-        // On average over where the presses are, which tell little of how it falls off.
-        let places = [-0.6, -0.2, 0.2, 0.6];
-        let average = |part: &Quadratic| {
-            let values = places.into_iter().flat_map(|y| places.map(|x| value(part, x, y)));
-            values.sum::<f32>() / 16.0
-        };
-        for (found, truth) in [(&found.along_x, &hollow.along_x), (&found.along_y, &hollow.along_y)] {
-            for (found, truth) in found.iter().zip(truth) {
-                // Depth and slope rise together towards a ball, so that a lamp's own strength takes a part of it.
-                assert!((average(found) - truth[0]).abs() < 5.0, "{found:?}, not {truth:?}");
-            }
         }
     }
 

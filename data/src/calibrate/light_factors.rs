@@ -1,30 +1,25 @@
 //! What a pixel's light depends on linearly: functions of the gel's slope and depth, times six of the place.
 
 use super::ball::BallPress;
-use crate::sensor::light::{Hollow, LightRig, Quadratic, Shadow, Walls};
+use crate::sensor::light::{LightRig, Quadratic, Shadow, Walls};
 
 /// Functions of the slope in [`LightRig`].
 pub(super) const N_SLOPES: usize = 5;
 
 /// Functions of the slope, and the depth.
-pub(super) const N_LEVEL: usize = N_SLOPES + 1;
-
-/// The same, and the depth times the two functions of the slope that lamps answer.
-pub(super) const N_BASES: usize = N_LEVEL + 2;
+pub(super) const N_BASES: usize = N_SLOPES + 1;
 
 /// Terms of a [`Quadratic`].
 pub(super) const N_TERMS: usize = 6;
 
-/// Everything in [`LightRig`] at a place near a ball's axis: the functions of the slope, then the depth in mm, then
-/// the depth times the first two.
+/// Everything in [`LightRig`] at a place near a ball's axis: the functions of the slope, then the depth in mm.
 pub(super) fn bases(ball: &BallPress, [x_mm, y_mm]: [f64; 2]) -> [f64; N_BASES] {
     let r = x_mm.hypot(y_mm);
     let slope = ball.slope(r);
     // Deeper towards the axis.
     let [gx, gy] = if r > 0.0 { [-x_mm / r * slope, -y_mm / r * slope] } else { [0.0; 2] };
     let [along_x, along_y, steep, across, diagonal] = slope_bases(gx, gy);
-    let depth_mm = ball.depth_mm(r);
-    [along_x, along_y, steep, across, diagonal, depth_mm, depth_mm * along_x, depth_mm * along_y]
+    [along_x, along_y, steep, across, diagonal, ball.depth_mm(r)]
 }
 
 /// The functions of [`LightRig`] of a slope.
@@ -46,12 +41,11 @@ pub(super) fn light(weights: &[Vec<f64>; 3], at_rest: [Quadratic; 3]) -> LightRi
             std::array::from_fn(|i| weights.get(N_TERMS * basis + i).copied().unwrap_or(0.0) as f32)
         })
     };
-    let [along_x, along_y, steep, across, diagonal, pressed, hollow_x, hollow_y] = std::array::from_fn(part);
+    let [along_x, along_y, steep, across, diagonal, pressed] = std::array::from_fn(part);
     let is_lit = |part: &[Quadratic; 3]| part.iter().flatten().any(|weight| *weight != 0.0);
     let walls = [steep, across, diagonal].iter().any(is_lit).then_some(Walls { steep, across, diagonal });
     let pressed = Some(pressed).filter(is_lit);
-    let hollow = [hollow_x, hollow_y].iter().any(is_lit).then_some(Hollow { along_x: hollow_x, along_y: hollow_y });
-    LightRig { at_rest, along_x, along_y, walls, pressed, hollow, shadow: Shadow::default() }
+    LightRig { at_rest, along_x, along_y, walls, pressed, shadow: Shadow::default() }
 }
 
 /// Where a pixel's middle is in the frame, -1..=1.

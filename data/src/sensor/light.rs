@@ -6,7 +6,6 @@
 //! dI = a_x 2 g_x/(1 + g^2) + a_y 2 g_y/(1 + g^2)                               sin 2 theta: a lamp from one side
 //!    + b g^2/(1 + g^2) + b_2 (g_x^2 - g_y^2)/(1 + g^2) + b_11 2 g_x g_y/(1 + g^2)        sin^2 theta: walls
 //!    + d D                                                                           how deep it is pressed in
-//!    + D (e_x 2 g_x/(1 + g^2) + e_y 2 g_y/(1 + g^2))               lamps from the sides, in a hollow
 //! ```
 //!
 //! where each factor is a quadratic of the place in the frame. These are the spherical harmonics of the
@@ -14,9 +13,8 @@
 //! 2001), less the constant, which is the frame at rest. Of a real Mini's Taxim table they leave 2 to 4 counts
 //! (root mean square over the frame and slopes up to 58 degrees) of 22 to 32: `tactile-data calibrate --taxim`.
 //!
-//! The last two are no matter of slopes alone: where the gel is pressed in and level, it is nearer to the camera and
-//! thinner, and some sensors show it darker or brighter; and lamps beside the gel light the bottom of a hollow less than
-//! its rim. They are different for each sensor and are known from presses alone.
+//! The last is no matter of slopes: where the gel is pressed in and level, it is nearer to the camera and
+//! thinner, and some sensors show it darker or brighter. It is different for each sensor and is known from presses alone.
 
 mod known;
 
@@ -53,22 +51,8 @@ pub struct LightRig {
     /// Response to how deep the gel is pressed in, counts per mm; without it none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pressed: Option<[Quadratic; 3]>,
-    /// What the depth adds to the response to a slope; without it nothing.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub hollow: Option<Hollow>,
     /// How lamps cast shadows, for [`super::Fidelity::Shadow`].
     pub shadow: Shadow,
-}
-
-/// What each mm that the gel is pressed in adds to a rig's response to a slope, each factor for red, green and blue, counts
-/// per mm: against [`LightRig::along_x`] where a hollow's bottom gets less of a lamp's light than its rim.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Hollow {
-    /// Response to the depth times `2 g_x / (1 + g^2)`.
-    pub along_x: [Quadratic; 3],
-    /// Response to the depth times `2 g_y / (1 + g^2)`.
-    pub along_y: [Quadratic; 3],
 }
 
 /// The second order of a rig's response, each factor for red, green and blue, counts.
@@ -138,11 +122,10 @@ impl LightRig {
 
     /// Lamps over a Mini's frame at rest.
     fn of(Lamps { along_x, along_y }: Lamps) -> Self {
-        let shadow = Shadow::default();
-        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, pressed: None, hollow: None, shadow }
+        Self { at_rest: MINI_AT_REST, along_x, along_y, walls: None, pressed: None, shadow: Shadow::default() }
     }
 
-    /// How it answers gentle slopes where the gel is hardly pressed in.
+    /// How it answers gentle slopes.
     pub fn response(&self) -> Lamps {
         Lamps { along_x: self.along_x, along_y: self.along_y }
     }
@@ -181,12 +164,8 @@ impl LightRig {
             let [across, diagonal] = turned(&walls.across, &walls.diagonal, 2.0);
             Walls { steep: stronger(walls.steep), across, diagonal }
         });
-        let hollow = self.hollow.as_ref().map(|hollow| {
-            let [along_x, along_y] = turned(&hollow.along_x, &hollow.along_y, 1.0);
-            Hollow { along_x, along_y }
-        });
         let pressed = self.pressed.map(stronger);
-        Self { at_rest: self.at_rest, along_x, along_y, walls, pressed, hollow, shadow: self.shadow }
+        Self { at_rest: self.at_rest, along_x, along_y, walls, pressed, shadow: self.shadow }
     }
 
     /// The same rig with each channel's response `share` times as strong, as a longer or shorter exposure has it; the
@@ -214,11 +193,7 @@ impl LightRig {
             along_x: part(&self.along_x),
             along_y: part(&self.along_y),
             walls,
-            pressed: self.pressed.as_ref().map(&part),
-            hollow: self
-                .hollow
-                .as_ref()
-                .map(|hollow| Hollow { along_x: part(&hollow.along_x), along_y: part(&hollow.along_y) }),
+            pressed: self.pressed.as_ref().map(part),
             shadow: self.shadow,
         }
     }
@@ -231,12 +206,6 @@ impl LightRig {
             [("walls.steep", &walls.steep), ("walls.across", &walls.across), ("walls.diagonal", &walls.diagonal)]
         }));
         fields.extend(self.pressed.iter().map(|pressed| ("pressed", pressed)));
-        let hollow = self.hollow.as_ref();
-        fields.extend(
-            hollow
-                .into_iter()
-                .flat_map(|hollow| [("hollow.along_x", &hollow.along_x), ("hollow.along_y", &hollow.along_y)]),
-        );
         for (field, factors) in fields {
             if let Some(value) = factors.iter().flatten().find(|value| value.is_nan() || value.abs() > MAX_COUNTS) {
                 let expected = format!("at most {MAX_COUNTS} counts either way");
@@ -257,7 +226,6 @@ impl<'de> Deserialize<'de> for LightRig {
             along_y: [Quadratic; 3],
             walls: Option<Walls>,
             pressed: Option<[Quadratic; 3]>,
-            hollow: Option<Hollow>,
             #[serde(default)]
             shadow: Shadow,
         }
@@ -270,8 +238,8 @@ impl<'de> Deserialize<'de> for LightRig {
         match Given::deserialize(deserializer)? {
             Given::Named(name) => Self::named(&name).map_err(serde::de::Error::custom),
             Given::Factors(given) => {
-                let Factors { at_rest, along_x, along_y, walls, pressed, hollow, shadow } = *given;
-                Ok(Self { at_rest, along_x, along_y, walls, pressed, hollow, shadow })
+                let Factors { at_rest, along_x, along_y, walls, pressed, shadow } = *given;
+                Ok(Self { at_rest, along_x, along_y, walls, pressed, shadow })
             }
         }
     }
@@ -298,27 +266,20 @@ mod tests {
         let walls = Walls { steep: [[0.0; 6]; 3], across: [[8.0; 6]; 3], diagonal: [[0.0; 6]; 3] };
         let turned = LightRig { walls: Some(walls), ..rig }.varied([1.0; 3], [45.0; 3]).walls.unwrap();
         assert!(turned.across[0][0].abs() < 1e-5 && (turned.diagonal[0][0] - 8.0).abs() < 1e-5);
-        let hollow = Hollow { along_x: [[5.0; 6]; 3], along_y: [[0.0; 6]; 3] };
-        let turned =
-            LightRig { hollow: Some(hollow), ..LightRig::default() }.varied([2.0; 3], [90.0; 3]).hollow.unwrap();
-        assert!(turned.along_x[0][0].abs() < 1e-5 && (turned.along_y[0][0] - 10.0).abs() < 1e-5);
     }
 
     #[test]
     fn a_place_of_the_gel_has_the_same_light_in_every_view() {
         let flat = |counts: f32| [[counts, 3.0, -5.0, 2.0, 7.0, -4.0]; 3];
         let walls = Walls { steep: flat(25.0), across: flat(-9.0), diagonal: flat(4.0) };
-        let hollow = Hollow { along_x: flat(-11.0), along_y: flat(6.0) };
-        let known = LightRig::named("cmu").unwrap();
-        let rig = LightRig { walls: Some(walls), pressed: Some(flat(-8.0)), hollow: Some(hollow), ..known };
+        let rig = LightRig { walls: Some(walls), pressed: Some(flat(-8.0)), ..LightRig::named("cmu").unwrap() };
         assert_eq!(rig.on_view([0.0; 2], [1.0; 2]), rig);
         let (centre, half) = ([0.3, -0.2], [0.6, 1.1]);
         let seen = rig.on_view(centre, half);
         let factors = |rig: &LightRig| {
             let walls = rig.walls.clone().unwrap();
-            let (pressed, hollow) = (rig.pressed.unwrap(), rig.hollow.clone().unwrap());
-            let of_slopes = [rig.at_rest, rig.along_x, rig.along_y, walls.steep, walls.across, walls.diagonal];
-            [of_slopes.concat(), [pressed, hollow.along_x, hollow.along_y].concat()].concat()
+            let pressed = rig.pressed.unwrap();
+            [rig.at_rest, rig.along_x, rig.along_y, walls.steep, walls.across, walls.diagonal, pressed].concat()
         };
         for (x, y) in [(-1.0, -1.0), (-0.4, 0.7), (0.0, 0.0), (0.9, -0.3), (1.0, 1.0)] {
             let there = [centre[0] + half[0] * x, centre[1] + half[1] * y].map(|at| at as f32);

@@ -63,7 +63,7 @@ impl Optics {
         let mut rgb = self.at_rest.clone();
         // Basis functions of one row, then one channel's change, planar: loops that vectorise.
         let mut bases = vec![0.0; 5 * width];
-        let (mut change, mut hollow) = (vec![0.0; width], vec![0.0; width]);
+        let mut change = vec![0.0; width];
         let n_bases = if self.rig.walls.is_some() { 5 } else { 2 };
         for (row, line) in rgb.chunks_exact_mut(3 * width).enumerate() {
             let y = place(row, height);
@@ -75,14 +75,9 @@ impl Optics {
                 for (factors, basis) in factors.zip(bases.chunks_exact(width)) {
                     answer(&factors[channel], y, basis, &mut change);
                 }
-                let middle = &depths[(row + 1) * (width + 2) + 1..][..width];
                 if let Some(pressed) = &self.rig.pressed {
+                    let middle = &depths[(row + 1) * (width + 2) + 1..][..width];
                     answer(&pressed[channel], y, middle, &mut change);
-                }
-                let lamps = self.rig.hollow.iter().flat_map(|hollow| [&hollow.along_x, &hollow.along_y]);
-                for (factors, basis) in lamps.zip(bases.chunks_exact(width)) {
-                    hollow.iter_mut().zip(basis).zip(middle).for_each(|((product, b), depth)| *product = b * depth);
-                    answer(&factors[channel], y, &hollow, &mut change);
                 }
                 for (pixel, change) in line.as_chunks_mut::<3>().0.iter_mut().zip(&change) {
                     pixel[channel] += change;
@@ -145,7 +140,7 @@ fn answer(factors: &Quadratic, y: f32, basis: &[f32], change: &mut [f32]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::light::{Hollow, Walls};
+    use super::super::light::Walls;
     use super::*;
 
     /// Depths of a plane of one slope.
@@ -210,24 +205,6 @@ mod tests {
                 let at = 3 * (row * 16 + column) + channel;
                 assert!((rgb[at] - optics.at_rest[at] - law).abs() < 1e-4, "{column}, {row}, channel {channel}");
             }
-        }
-    }
-
-    #[test]
-    fn a_slope_deep_in_a_hollow_is_lit_by_a_lamp_that_is_weaker_there() {
-        let lamps = |counts: f64, deg: f64| LightRig::lamps([counts; 3], [deg; 3]);
-        let (rig, less) = (lamps(80.0, 30.0), lamps(-12.0, 30.0));
-        let hollow = Hollow { along_x: less.along_x, along_y: less.along_y };
-        let spec = |light| SensorSpec { frame_px: [9, 9], light, ..SensorSpec::default() };
-        let of = |light, depths: &[f32]| Optics::new(&spec(light)).shade(depths, [0.1, 0.2]);
-        let depths = plane([0.4, -0.7], [9, 9], [0.1, 0.2]).into_iter().map(|mm| mm + 2.0).collect::<Vec<_>>();
-        let dimmed = of(LightRig { hollow: Some(hollow), ..rig }, &depths);
-        for (column, row) in [(0_usize, 0_usize), (8, 3), (4, 8)] {
-            // The lamp that is left at this depth, by itself.
-            let depth_mm = f64::from(depths[(row + 1) * 11 + column + 1]);
-            let law = of(lamps(80.0 - 12.0 * depth_mm, 30.0), &depths);
-            let at = 3 * (9 * row + column);
-            assert!((dimmed[at] - law[at]).abs() < 1e-3, "{column} {row}");
         }
     }
 

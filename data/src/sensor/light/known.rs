@@ -22,7 +22,6 @@ pub(super) fn mini_by_table() -> LightRig {
         along_y: MINI_ALONG_Y,
         walls: Some(Walls { steep: TABLE_STEEP, across: TABLE_ACROSS, diagonal: TABLE_DIAGONAL }),
         pressed: None,
-        hollow: None,
         shadow: Shadow::default(),
     }
 }
