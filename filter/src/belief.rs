@@ -16,7 +16,7 @@ use tactile_infer::Bank;
 
 use crate::blocks::{Blocks, Layout};
 use crate::evidence::Evidence;
-use crate::exact::Exact;
+use crate::exact::{Exact, keep_heaviest};
 pub use crate::hypothesis::Hypothesis;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 use crate::particle::{Particle, ParticleConfig};
@@ -214,12 +214,12 @@ impl Belief {
                 let heaviest = exact.heaviest(least, most).into_iter();
                 heaviest.map(|(state, mass)| (layout.hypothesis(state), mass)).collect()
             }
-            Engine::Particle { .. } => self.states_from(least),
+            Engine::Particle { .. } => {
+                let mut states = self.states_from(least);
+                keep_heaviest(&mut states, most);
+                states
+            }
         };
-        if states.len() > most {
-            states.select_nth_unstable_by(most, |a, b| b.1.total_cmp(&a.1));
-            states.truncate(most);
-        }
         states.sort_unstable_by_key(|(hypothesis, _)| *hypothesis);
         states
     }

@@ -232,7 +232,7 @@ impl Exact {
 }
 
 /// Drops all but the likeliest of some states; returns the least probability that was kept.
-fn keep_heaviest(states: &mut Vec<(usize, f64)>, most: usize) -> f64 {
+pub(crate) fn keep_heaviest<T>(states: &mut Vec<(T, f64)>, most: usize) -> f64 {
     if states.len() > most {
         states.select_nth_unstable_by(most, |a, b| b.1.total_cmp(&a.1));
         states.truncate(most);

@@ -73,13 +73,7 @@ pub fn sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
     let (mut lanes, mut last, mut powers) = ([[0.0; N]; 2], [f64::NAN; N], [[0.0; N]; 2]);
     for chunk in chunks {
         if !(0..N).fold(true, |same, lane| same & (chunk[lane] == last[lane])) {
-            (0..N).for_each(|lane| {
-                let log = joint * (chunk[lane] - largest);
-                let power = exp(log);
-                // Zero times a log of -inf is no number.
-                powers[0][lane] = power;
-                powers[1][lane] = if power > 0.0 { power * log } else { 0.0 };
-            });
+            (0..N).for_each(|lane| [powers[0][lane], powers[1][lane]] = with_log(joint * (chunk[lane] - largest)));
             last = *chunk;
         }
         (0..N).for_each(|lane| lanes[0][lane] += powers[0][lane]);
@@ -87,12 +81,18 @@ pub fn sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
     }
     let mut sums = lanes.map(|lanes| lanes.iter().sum::<f64>());
     for value in rest {
-        let log = joint * (value - largest);
-        let power = exp(log);
+        let [power, with_log] = with_log(joint * (value - largest));
         sums[0] += power;
-        sums[1] += if power > 0.0 { power * log } else { 0.0 };
+        sums[1] += with_log;
     }
     sums
+}
+
+/// A power and what it is times its log: nothing where it is zero, though zero times a log of -inf is no number.
+#[inline(always)]
+fn with_log(log: f64) -> [f64; 2] {
+    let power = exp(log);
+    [power, if power > 0.0 { power * log } else { 0.0 }]
 }
 
 /// e^x for x at most 0, to 2 units in the last place: `2^k e^r` with `r` within half a binary order of 0, by the

@@ -1,5 +1,8 @@
 //! The circle in which a ball touches, in pixels and in mm.
 
+/// The narrowest contact that is looked for, as a share of the ball's radius.
+pub(super) const LEAST_OF_BALL: f64 = 0.1;
+
 /// Where a ball touches, in pixels: the middle of the frame's first pixel is `[0, 0]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Circle {

@@ -5,7 +5,7 @@
 //! included, and the circle whose slopes explain most of the difference image is where the ball is.
 
 use super::ball::BallPress;
-use super::circle::{Circle, PressGeometry};
+use super::circle::{Circle, LEAST_OF_BALL, PressGeometry};
 use super::least_squares::Sums;
 use super::light_factors::bases;
 
@@ -61,7 +61,7 @@ fn neighbours(guess: Guess, step_px: f64, ball_px: f64) -> Vec<Guess> {
     let changed = |dx: f64, dy: f64, wider: f64, longer: f64| Guess {
         circle: Circle {
             centre_px: [guess.circle.centre_px[0] + dx, guess.circle.centre_px[1] + dy],
-            radius_px: (guess.circle.radius_px + wider).clamp(0.1 * ball_px, 0.98 * ball_px),
+            radius_px: (guess.circle.radius_px + wider).clamp(LEAST_OF_BALL * ball_px, 0.98 * ball_px),
         },
         gel_length_mm: (guess.gel_length_mm * (2.0 * longer / ball_px).exp()).clamp(GEL_LENGTH_MM[0], GEL_LENGTH_MM[2]),
     };

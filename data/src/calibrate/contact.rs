@@ -3,10 +3,19 @@
 //! A press's circle is moved in x and y and made wider or narrower by the method of Gauss and Newton, derivatives taken by
 //! differences, until the squared error of the press no longer falls.
 
-use super::circle::Circle;
-use super::fit::{STRIDE, ball_of, pixels_near};
-use super::light_factors::{bases, factors, place};
+use super::ball::BallPress;
+use super::circle::{Circle, LEAST_OF_BALL};
+use super::light_factors::{bases, change, factors, place};
 use super::presses::{Press, Presses};
+
+/// Pixels up to this far outside a circle count in the fit, mm: where the gel's slope fades.
+const REACH_MM: f64 = 3.0;
+
+/// The figures are of the circle and half its radius round it: the contact and its coloured band.
+pub(super) const CONTACT_RADII: f64 = 1.5;
+
+/// Lengths are chosen, and contacts moved, on every fourth pixel each way.
+pub(super) const STRIDE: usize = 4;
 
 /// Steps of the method at most.
 const MOST_STEPS: usize = 4;
@@ -16,9 +25,6 @@ const LARGEST_STEP: f64 = 0.05;
 
 /// The change for a derivative, as a share of the radius: half a pixel of a contact of 40.
 const DIFFERENCE: f64 = 0.012;
-
-/// The narrowest contact as a share of the ball, as in the search for circles.
-const LEAST_OF_BALL: f64 = 0.1;
 
 /// The gel and its light.
 pub(super) struct Gel<'a> {
@@ -52,18 +58,34 @@ pub(super) fn move_contact(presses: &Presses, press: &Press, gel: &Gel<'_>, star
     best
 }
 
+/// The gel round a contact, computed for all pixels near the press's circle, about which it was looked for.
+pub(super) fn ball_of(presses: &Presses, press: &Press, contact: &Circle, gel_length_mm: f64) -> BallPress {
+    let [contact_mm, given_mm] = [contact, &press.circle].map(|circle| presses.geometry.radius_mm(circle));
+    BallPress::new(presses.geometry.ball_radius_mm, contact_mm, gel_length_mm, CONTACT_RADII * given_mm + REACH_MM)
+}
+
+/// The pixels that count in the fit of a press: every `stride`-th each way within [`REACH_MM`] of its given circle.
+pub(super) fn pixels_near(presses: &Presses, press: &Press, stride: usize) -> Vec<usize> {
+    let [width, height] = presses.geometry.frame_px;
+    let reach_mm = presses.geometry.radius_mm(&press.circle) + REACH_MM;
+    let places = (0..height).step_by(stride).flat_map(|y| (0..width).step_by(stride).map(move |x| y * width + x));
+    let is_near = |pixel: &usize| {
+        let [x, y] = presses.geometry.from_centre_mm(&press.circle, *pixel);
+        x.hypot(y) <= reach_mm
+    };
+    places.filter(is_near).collect()
+}
+
 /// What the light makes of the press less what it is, counts, in each channel of each pixel.
 fn errors(presses: &Presses, press: &Press, gel: &Gel<'_>, (contact, pixels): (&Circle, &[usize])) -> Vec<f64> {
     let geometry = &presses.geometry;
-    let ball = ball_of(presses, contact, gel.length_mm, geometry.radius_mm(&press.circle));
+    let ball = ball_of(presses, press, contact, gel.length_mm);
     let of_pixel = |pixel: &usize| {
         let bases = bases(&ball, geometry.from_centre_mm(contact, *pixel));
         let factors = factors(bases, place(*pixel, geometry.frame_px));
         let counts = press.counts(*pixel);
-        [0, 1, 2].map(|channel| {
-            let predicted: f64 = gel.weights[channel].iter().zip(factors.as_flattened()).map(|(w, f)| w * f).sum();
-            predicted - counts[channel]
-        })
+        let change = change(gel.weights, &factors);
+        [0, 1, 2].map(|channel| change[channel] - counts[channel])
     };
     pixels.iter().flat_map(of_pixel).collect()
 }

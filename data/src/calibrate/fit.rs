@@ -4,25 +4,16 @@ use rayon::prelude::*;
 
 use super::ball::BallPress;
 use super::circle::Circle;
-use super::contact::{Gel, move_contact};
+use super::contact::{CONTACT_RADII, Gel, STRIDE, ball_of, move_contact, pixels_near};
 use super::least_squares::Sums;
-use super::light_factors::{N_BASES, N_SLOPES, N_TERMS, bases, factors, light, place};
+use super::light_factors::{N_BASES, N_SLOPES, N_TERMS, bases, change, factors, light, place};
 use super::presses::{Press, Presses};
 use super::{Calibration, SCHEMA, at_rest};
 use crate::compare::Figures;
 use crate::error::{Error, Result};
 
-/// Pixels up to this far outside a circle count in the fit, mm: where the gel's slope fades.
-const REACH_MM: f64 = 3.0;
-
-/// The figures are of the circle and half its radius round it: the contact and its coloured band.
-const CONTACT_RADII: f64 = 1.5;
-
 /// Squared weights' price, counts squared a pixel.
 const RIDGE: f64 = 1e-4;
-
-/// Lengths are chosen, and contacts moved, on every fourth pixel each way.
-pub(super) const STRIDE: usize = 4;
 
 /// Contacts are moved this often at most.
 const MOST_ROUNDS: usize = 4;
@@ -102,6 +93,8 @@ struct Guess {
     model: Model,
     /// The circle in which the ball touched in each press.
     contacts: Vec<Circle>,
+    /// What each press then says of all factors, on every [`STRIDE`]-th pixel each way.
+    sums: Vec<Sums>,
     /// Squared error of presses left out, one at a time, counts squared.
     error: f64,
 }
@@ -121,15 +114,15 @@ pub fn fit(presses: &Presses) -> Result<Fit> {
     let Some(guess) = guesses.min_by(|a, b| a.error.total_cmp(&b.error)) else {
         return Err(Error::invalid("calibration", "presses spread over the frame", "presses that say too little"));
     };
-    let sums = all_sums(presses, &guess, 2);
+    let sums = all_sums(presses, guess.gel_length_mm, &guess.contacts, 2);
     let total = total(&sums);
     let weights = |sums: &Sums| guess.model.weights(sums);
     let judge = |(i, own): (usize, &Sums)| {
         let mut others = total.clone();
         others.combine(own, -1.0);
-        let (press, ball) = (&presses.presses[i], ball(presses, &guess, i));
-        let centre_px = guess.contacts[i].centre_px;
-        Ok((press.name.clone(), figures(presses, press, (&ball, centre_px), &weights(&others)?)))
+        let (press, contact) = (&presses.presses[i], &guess.contacts[i]);
+        let ball = ball_of(presses, press, contact, guess.gel_length_mm);
+        Ok((press.name.clone(), figures(presses, press, (&ball, contact.centre_px), &weights(&others)?)))
     };
     let left_out = sums.par_iter().enumerate().map(judge).collect::<Result<Vec<_>>>()?;
     let widths = presses.presses.iter().zip(&guess.contacts).map(|(press, own)| own.radius_px / press.circle.radius_px);
@@ -154,26 +147,25 @@ fn best_share(presses: &Presses, gel_length_mm: f64) -> Option<Guess> {
     let of_share = |share: f64| {
         let circles = presses.presses.iter().map(|press| press.circle);
         let contacts = circles.map(|circle| Circle { radius_px: share * circle.radius_px, ..circle }).collect();
-        judged(presses, Guess { gel_length_mm, model: MODELS[0], contacts, error: f64::INFINITY })
+        judged(presses, gel_length_mm, contacts)
     };
     let guesses = CONTACT_SHARES.into_iter().filter_map(of_share);
     guesses.min_by(|a, b| a.error.total_cmp(&b.error))
 }
 
-/// The same with the factors under which presses left out are predicted best, and their error.
-fn judged(presses: &Presses, guess: Guess) -> Option<Guess> {
-    let sums = all_sums(presses, &guess, STRIDE);
+/// The factors under which presses left out are predicted best with these contacts, and their error.
+fn judged(presses: &Presses, gel_length_mm: f64, contacts: Vec<Circle>) -> Option<Guess> {
+    let sums = all_sums(presses, gel_length_mm, &contacts, STRIDE);
     let errors = MODELS.into_iter().filter_map(|model| Some((model, left_out_error(&sums, model).ok()?)));
     let (model, error) = errors.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(Guess { model, error, ..guess })
+    Some(Guess { gel_length_mm, model, contacts, sums, error })
 }
 
 /// Moves and resizes the contacts, each under the light that is fitted to the others, as long as that lessens the error of
 /// presses left out.
 fn moved(presses: &Presses, mut guess: Guess) -> Guess {
     for _ in 0..MOST_ROUNDS {
-        let sums = all_sums(presses, &guess, STRIDE);
-        let total = total(&sums);
+        let total = total(&guess.sums);
         let move_one = |(i, own): (usize, &Sums)| {
             let mut others = total.clone();
             others.combine(own, -1.0);
@@ -181,8 +173,8 @@ fn moved(presses: &Presses, mut guess: Guess) -> Guess {
             let gel = Gel { length_mm: guess.gel_length_mm, weights: &weights };
             move_contact(presses, &presses.presses[i], &gel, guess.contacts[i])
         };
-        let contacts = sums.par_iter().enumerate().map(move_one).collect();
-        match judged(presses, Guess { contacts, ..guess.clone() }) {
+        let contacts = guess.sums.par_iter().enumerate().map(move_one).collect();
+        match judged(presses, guess.gel_length_mm, contacts) {
             Some(better) if better.error < guess.error => guess = better,
             _ => break,
         }
@@ -190,42 +182,19 @@ fn moved(presses: &Presses, mut guess: Guess) -> Guess {
     guess
 }
 
-fn ball(presses: &Presses, guess: &Guess, i: usize) -> BallPress {
-    let given_mm = presses.geometry.radius_mm(&presses.presses[i].circle);
-    ball_of(presses, &guess.contacts[i], guess.gel_length_mm, given_mm)
-}
-
-/// The gel round a contact, computed for all pixels near the circle of `given_mm` about which it was looked for.
-pub(super) fn ball_of(presses: &Presses, contact: &Circle, gel_length_mm: f64, given_mm: f64) -> BallPress {
-    let contact_mm = presses.geometry.radius_mm(contact);
-    BallPress::new(presses.geometry.ball_radius_mm, contact_mm, gel_length_mm, CONTACT_RADII * given_mm + REACH_MM)
-}
-
-/// The pixels that count in the fit of a press: every `stride`-th each way within [`REACH_MM`] of its given circle.
-pub(super) fn pixels_near(presses: &Presses, press: &Press, stride: usize) -> Vec<usize> {
-    let [width, height] = presses.geometry.frame_px;
-    let reach_mm = presses.geometry.radius_mm(&press.circle) + REACH_MM;
-    let places = (0..height).step_by(stride).flat_map(|y| (0..width).step_by(stride).map(move |x| y * width + x));
-    let is_near = |pixel: &usize| {
-        let [x, y] = presses.geometry.from_centre_mm(&press.circle, *pixel);
-        x.hypot(y) <= reach_mm
-    };
-    places.filter(is_near).collect()
-}
-
 /// What each press says of all factors, by every `stride`-th pixel each way.
-fn all_sums(presses: &Presses, guess: &Guess, stride: usize) -> Vec<Sums> {
-    let of_press = |(i, press): (usize, &Press)| {
-        let ball = ball(presses, guess, i);
+fn all_sums(presses: &Presses, gel_length_mm: f64, contacts: &[Circle], stride: usize) -> Vec<Sums> {
+    let of_press = |(press, contact): (&Press, &Circle)| {
+        let ball = ball_of(presses, press, contact, gel_length_mm);
         let mut sums = Sums::new(N_FACTORS);
         for pixel in pixels_near(presses, press, stride) {
-            let offset_mm = presses.geometry.from_centre_mm(&guess.contacts[i], pixel);
+            let offset_mm = presses.geometry.from_centre_mm(contact, pixel);
             let factors = factors(bases(&ball, offset_mm), place(pixel, presses.geometry.frame_px));
             sums.add(factors.as_flattened(), press.counts(pixel));
         }
         sums
     };
-    presses.presses.par_iter().enumerate().map(of_press).collect()
+    presses.presses.par_iter().zip(contacts).map(of_press).collect()
 }
 
 fn total(sums: &[Sums]) -> Sums {
@@ -266,8 +235,7 @@ fn figures(
         }
         let offset_mm = presses.geometry.from_centre_mm(&contact, pixel);
         let factors = factors(bases(ball, offset_mm), place(pixel, [width, height]));
-        for channel in 0..3 {
-            let change: f64 = weights[channel].iter().zip(factors.as_flattened()).map(|(w, f)| w * f).sum();
+        for (channel, change) in change(weights, &factors).into_iter().enumerate() {
             let (rest, gain) = (f64::from(rest[3 * pixel + channel]), f64::from(press.gain[channel]));
             // The camera clips what it exposes, not what we compensate.
             let predicted = ((rest + change) * gain).clamp(0.0, 255.0) / gain - rest;

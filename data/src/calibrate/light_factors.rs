@@ -34,6 +34,12 @@ pub(super) fn factors<const N: usize>(bases: [f64; N], [x, y]: [f64; 2]) -> [[f6
     bases.map(|basis| terms.map(|term| basis * term))
 }
 
+/// What a light of these weights changes of a pixel with these factors, RGB, counts.
+pub(super) fn change(weights: &[Vec<f64>; 3], factors: &[[f64; N_TERMS]]) -> [f64; 3] {
+    let factors = factors.as_flattened();
+    weights.each_ref().map(|weights| weights.iter().zip(factors).map(|(w, f)| w * f).sum())
+}
+
 /// The light of the weights of each channel, as [`factors`] orders them. What has no weight is left out.
 pub(super) fn light(weights: &[Vec<f64>; 3], at_rest: [Quadratic; 3]) -> LightRig {
     let part = |basis: usize| {

@@ -321,7 +321,7 @@ impl WithSimd for Outer<'_> {
     }
 }
 
-/// Pixels of `n_channels` in blocks of `columns` channels, zeros beyond the last: `[blocks, pixels, columns]`.
+/// Pixels of `n_channels` in blocks of `columns` channels, `[blocks, pixels, columns]`; beyond the last channel anything.
 #[inline(always)]
 fn into_panels(pixels: &[f32], n_channels: usize, columns: usize, panels: &mut [f32]) {
     let n_pixels = pixels.len() / n_channels;

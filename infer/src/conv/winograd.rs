@@ -71,13 +71,18 @@ impl Windows {
         self.products()[0] * self.products()[1]
     }
 
+    /// Windows of some images, `[n, height, width, n_in]`: the rows of each product's matrix.
+    fn n_rows(&self, images: &[f32]) -> usize {
+        images.len() / (self.size[0] * self.size[1] * self.n_in) * self.n_windows()
+    }
+
     /// Images to take together.
     pub fn images_at_once(&self) -> usize {
         (FACTORS / self.n_products() / self.n_windows()).max(1)
     }
 
     /// The windows of some images as a matrix `[n_images * n_windows, n_channels]` for each product, `apart` from each
-    /// other. Returns the rows of a matrix.
+    /// other.
     #[inline(always)]
     fn transform<S: Simd>(
         &self,
@@ -85,7 +90,7 @@ impl Windows {
         images: &[f32],
         padded: &mut Vec<f32>,
         (apart, factors): (usize, &mut [f32]),
-    ) -> usize {
+    ) {
         let (n_channels, [rows, columns], [height, width]) = (self.n_in, self.counts(), self.size);
         let ([step_y, step_x], [n_y, n_x]) = (self.axes.map(Axis::outputs), self.products());
         let length = height * width * n_channels;
@@ -119,7 +124,6 @@ impl Windows {
                 }
             }
         }
-        images.len() / length * rows * columns
     }
 
     /// The pixels of the outputs of a window, `(y, x, first value in [n, height, width, n_out])`: `row` counts the windows of
@@ -250,7 +254,7 @@ impl WithSimd for Correlate<'_> {
         let Scratch { padded, factors, sums } = self.scratch;
         let Windows { n_in, n_out, axes, .. } = *windows;
         let (n_products, n_x) = (windows.n_products(), windows.products()[1]);
-        let n_rows = self.images.len() / (windows.size[0] * windows.size[1] * n_in) * windows.n_windows();
+        let n_rows = windows.n_rows(self.images);
         let [factors_apart, sums_apart] = [n_in, n_out].map(|n| n_rows * n + LANES);
         factors.resize(n_products * factors_apart, 0.0);
         windows.transform(simd, self.images, padded, (factors_apart, factors));
@@ -313,7 +317,7 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
     let n_columns = Arch::new().dispatch(Columns);
     let [n_blocks, n_products] = [n_out.div_ceil(n_columns), windows.n_products()];
     let at_once = windows.images_at_once();
-    let lengths @ [in_length, out_length] = [n_in, n_out].map(|n| at_once * height * width * n);
+    let [in_length, out_length] = [n_in, n_out].map(|n| at_once * height * width * n);
     let n_rows = at_once * windows.n_windows();
     let apart = [n_rows * n_in + LANES, n_blocks * n_rows * n_columns + LANES];
     // Of each block of images the factors, then the panels.
@@ -324,8 +328,8 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
         let n_images = images.len() / (in_length / at_once);
         let blocks = &mut blocks[..length * n_images.div_ceil(at_once)];
         threads::for_each_block(blocks, length, Vec::new, |padded, at, block| {
-            let images = &images[at * lengths[0]..images.len().min((at + 1) * lengths[0])];
-            let gradient = &gradient[at * lengths[1]..gradient.len().min((at + 1) * lengths[1])];
+            let images = &images[at * in_length..images.len().min((at + 1) * in_length)];
+            let gradient = &gradient[at * out_length..gradient.len().min((at + 1) * out_length)];
             Arch::new().dispatch(TransformBlock { windows, images, gradient, apart, padded, block });
         });
         threads::for_each_block(
@@ -414,7 +418,8 @@ impl WithSimd for TransformBlock<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { windows, gradient, apart: [factors_apart, apart], .. } = self;
         let (factors, panels) = self.block.split_at_mut(windows.n_products() * factors_apart);
-        let n_rows = windows.transform(simd, self.images, self.padded, (factors_apart, factors));
+        let n_rows = windows.n_rows(self.images);
+        windows.transform(simd, self.images, self.padded, (factors_apart, factors));
         let (n_x, n_columns) = (windows.products()[1], columns::<S>());
         let (mut square, zeros) = (Square::new(simd), Square::new(simd).values);
         for row in 0..n_rows {
