@@ -5,6 +5,7 @@ use std::sync::Arc;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
+use tactile_infer::metric::by_cosine;
 
 use crate::action::{Action, Judgement, Situation, choose, judge};
 use crate::belief::{Belief, Hypothesis};
@@ -256,6 +257,7 @@ impl Episode {
     fn warnings(&self) -> Vec<Warning> {
         let edged = self.belief.touches().iter().map(|touched| &touched.likelihood).filter(|touch| !touch.blank);
         let best = edged.map(|touch| touch.best_similarity).reduce(f32::max);
+        let best = best.map(|best| by_cosine(self.bank.metric(), best));
         let floor = self.config.low_similarity;
         match best {
             None => vec![Warning::NothingSeen],

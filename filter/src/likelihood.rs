@@ -138,6 +138,23 @@ impl LikelihoodConfig {
         Self::of_side(model, Side::Hole)
     }
 
+    /// The same where a bank compares embeddings in a metric of its own: what was measured by the cosine alone, scaled as the
+    /// bank's own touches are. Half of what these ask for counts, on a logarithmic scale: how much of it another sensor
+    /// leaves is not known (`NOTES.md`).
+    #[must_use]
+    pub fn in_metric_of(&self, bank: &Bank) -> Self {
+        let Some(metric) = bank.metric() else { return *self };
+        let scaled = |cosine: f64| (1.0 - metric.counted_scale() * (1.0 - cosine)).max(-1.0);
+        let calibrated = metric.counted_scale() * self.temperature;
+        Self {
+            temperature: metric.measured().temperature.map_or(calibrated, |own| (own * calibrated).sqrt()),
+            unknown_similarity: self.unknown_similarity.map(scaled),
+            matched_mean: scaled(self.matched_mean),
+            matched_sd: metric.counted_scale() * self.matched_sd,
+            ..*self
+        }
+    }
+
     /// Refuses numbers outside their ranges.
     pub fn validate(&self) -> Result<()> {
         let positive = |value: f64| value.is_finite() && value > 0.0;
@@ -270,6 +287,7 @@ impl TouchLikelihood {
     /// A query of another length than the bank's rows, one with no finite similarity at all, or an
     /// edge share that is not a number.
     pub fn new(observation: &Observation, bank: &Bank, config: &LikelihoodConfig) -> Result<Self> {
+        let config = &config.in_metric_of(bank);
         let similarities = cosines(observation, bank)?; // [n_rows]
         let of_share = |share: &f32| if config.is_blank(*share) { Shows::Nothing } else { Shows::Edge };
         let mut shows: Vec<Shows> = bank.edge_shares().iter().map(of_share).collect();
@@ -472,6 +490,7 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
 mod tests {
     use super::*;
     use tactile_data::grid::PoseGrid;
+    use tactile_infer::metric::{Measured, Metric};
     use tactile_infer::rows::Rows;
 
     const ONE_POSE: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
@@ -615,6 +634,39 @@ mod tests {
         let steep = super::tests::bank(&[[3e38, 3e38], [0.0, 1.0]], &[0.2, 0.2]);
         let seen = TouchLikelihood::new(&touch([1.0, 1.0], 0.2), &steep, &config).unwrap();
         assert!(log_rows(&seen)[0] < log_rows(&seen)[1]);
+    }
+
+    /// A bank with a metric judges as one whose rows, and a touch, were turned by hand.
+    #[test]
+    fn a_metric_is_what_it_makes_of_rows_and_touches() {
+        let measured = Measured { error_scale: 0.64, temperature: Some(0.02) };
+        let metric = Metric::new(2, vec![1.0, 0.0, 0.75, 3.0], measured).unwrap();
+        let rows = [[1.0, 0.0], [0.6, 0.8], [-0.28, 0.96]];
+        let by_hand = |[x, y]: [f32; 2]| {
+            let turned = [x, 0.75 * x + 3.0 * y];
+            turned.map(|value| value / turned[0].hypot(turned[1]))
+        };
+        let shares = [0.2, 0.2, 0.0];
+        let learnt = bank(&rows, &shares).with_metric(metric).unwrap();
+        let config =
+            LikelihoodConfig { temperature: 0.05, unknown_similarity: Some(0.5), ..LikelihoodConfig::default() };
+        // Half of 0.64 on a logarithmic scale is 0.8, half way from 0.8 * 0.05 to 0.02 the root of their product.
+        let scaled = |cosine: f64| 1.0 - 0.8 * (1.0 - cosine);
+        let same = LikelihoodConfig {
+            temperature: (0.04_f64 * 0.02).sqrt(),
+            unknown_similarity: Some(scaled(0.5)),
+            matched_mean: scaled(config.matched_mean),
+            matched_sd: 0.8 * config.matched_sd,
+            ..config
+        };
+        let seen = TouchLikelihood::new(&touch([0.8, 0.6], 0.2), &learnt, &config).unwrap();
+        let turned = TouchLikelihood::new(&touch(by_hand([0.8, 0.6]), 0.2), &bank(&rows.map(by_hand), &shares), &same);
+        let turned = turned.unwrap();
+        for row in 0..rows.len() {
+            assert!((seen.log_row(row) - turned.log_row(row)).abs() < 1e-4, "{row}");
+        }
+        let (a, b) = (seen.expected(0), turned.expected(0));
+        assert!((a.mean - b.mean).abs() < 1e-12 && (a.sd - b.sd).abs() < 1e-12);
     }
 
     #[test]

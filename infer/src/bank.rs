@@ -14,6 +14,7 @@ use tactile_data::symmetry::Symmetry;
 use crate::calibration::BLANK_SHARE;
 use crate::error::{Error, Result};
 use crate::matches::Matches;
+use crate::metric::Metric;
 use crate::neighbours::{Neighbours, neighbours};
 use crate::precision::Precision;
 use crate::rows::Rows;
@@ -33,7 +34,9 @@ pub(crate) const POSE_TOLERANCE: (f64, f64) = (0.5, 2.0);
 pub struct Bank {
     parts: Vec<String>,
     grid: PoseGrid,
+    /// As the metric has them.
     rows: Rows,
+    metric: Option<Arc<Metric>>,
     edge_shares: Vec<f32>,
     /// Rows that were not recorded, in order; what they hold is interpolated from those around them.
     missing: Vec<usize>,
@@ -106,6 +109,7 @@ impl Bank {
             parts,
             grid,
             rows,
+            metric: None,
             edge_shares,
             missing,
             model_sha256,
@@ -177,6 +181,25 @@ impl Bank {
         Ok(Self { matches: Arc::new(matches), ..self })
     }
 
+    /// The same bank, whose embeddings are compared in a metric of its own instead of by the cosine alone.
+    ///
+    /// # Errors
+    /// A bank that has one, and a metric of embeddings of another length.
+    pub fn with_metric(self, metric: Metric) -> Result<Self> {
+        if self.metric.is_some() || metric.dim() != self.dim() {
+            let expected = format!("rows without a metric, of {} values", metric.dim());
+            return Err(Error::invalid("bank", expected, format!("rows of {} values", self.dim())));
+        }
+        let rows = metric.rows(&self.rows)?.to_precision(self.rows.precision())?;
+        Ok(self.in_metric(rows, Some(Arc::new(metric))))
+    }
+
+    /// The same bank with other rows, which a metric has made.
+    fn in_metric(self, rows: Rows, metric: Option<Arc<Metric>>) -> Self {
+        let neighbours = neighbours(&self.grid, &rows).into();
+        Self { rows, metric, neighbours, ..self }
+    }
+
     /// The same bank with its rows kept in another format: less memory, and cosines a little off
     /// (NOTES.md gives what each costs).
     ///
@@ -186,9 +209,8 @@ impl Bank {
         if precision == self.rows.precision() {
             return Ok(self);
         }
-        let rows = self.rows.to_precision(precision)?;
-        let neighbours = neighbours(&self.grid, &rows).into();
-        Ok(Self { rows, neighbours, ..self })
+        let (rows, metric) = (self.rows.to_precision(precision)?, self.metric.clone());
+        Ok(self.in_metric(rows, metric))
     }
 
     /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept, and the rows are
@@ -219,7 +241,8 @@ impl Bank {
             missing.extend(of_part.map(|row| row - part * n_cells + new * n_cells));
         }
         let matches = Arc::new(self.matches.of_parts(parts));
-        Ok(Self { views: self.views, origin, missing, symmetries, matches, neighbours, ..some })
+        let metric = self.metric.clone();
+        Ok(Self { views: self.views, metric, origin, missing, symmetries, matches, neighbours, ..some })
     }
 
     /// The bank without one part, by its index.
@@ -232,6 +255,11 @@ impl Bank {
             return Err(Error::invalid("bank", format!("one of {} parts", self.parts.len()), got));
         }
         self.with_parts(&(0..self.parts.len()).filter(|other| *other != part).collect::<Vec<_>>())
+    }
+
+    /// How embeddings are compared; `None`: by their cosine alone.
+    pub fn metric(&self) -> Option<&Metric> {
+        self.metric.as_deref()
     }
 
     /// What its views are of.
@@ -269,12 +297,12 @@ impl Bank {
         self.missing.binary_search(&row).is_err()
     }
 
-    /// All rows, `[n_rows, dim]`, in the format they are kept in.
+    /// All rows, `[n_rows, dim]`, as the bank's metric has them, in the format they are kept in.
     pub fn rows(&self) -> &Rows {
         &self.rows
     }
 
-    /// One row, `[dim]`, in f32.
+    /// One row, `[dim]`, as the bank's metric has it, in f32.
     ///
     /// # Panics
     /// Where `row` is not below [`Self::n_rows`].
@@ -289,13 +317,18 @@ impl Bank {
         Some(part * self.grid.len() + cell).filter(|row| self.is_recorded(*row))
     }
 
-    /// f_HP (paper, Eq. 2): the cosine of one query with each row. `query`: `[dim]`, of unit length; `out` is cleared and
-    /// filled with `[n_rows]` values in -1..=1.
+    /// f_HP (paper, Eq. 2): the cosine of one query with each row, in the bank's metric. `query`: `[dim]`, of unit length;
+    /// `out` is cleared and filled with `[n_rows]` values in -1..=1.
     pub fn similarities(&self, query: &[f32], out: &mut Vec<f32>) {
-        self.rows.similarities(query, out);
+        self.rows.similarities(&self.in_rows_metric(query), out);
     }
 
-    /// f_PP (paper, Eq. 6): the cosine of two rows, -1..=1. One network serves both functions: the contrastive loss
+    /// A query as the rows are.
+    pub(crate) fn in_rows_metric<'q>(&self, query: &'q [f32]) -> Cow<'q, [f32]> {
+        self.metric.as_ref().map_or(Cow::Borrowed(query), |metric| Cow::Owned(metric.apply(query)))
+    }
+
+    /// f_PP (paper, Eq. 6): the cosine of two rows, -1..=1, in the bank's metric. One network serves both functions: the contrastive loss
     /// spreads keys apart wherever the peg views differ.
     ///
     /// # Panics
@@ -368,6 +401,7 @@ mod tests {
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
     use crate::matches::PartMatch;
+    use crate::metric::Measured;
     use crate::model::Model;
     use crate::safefile::SafeFile;
     use tactile_data::frame::Preprocessing;
@@ -420,6 +454,43 @@ mod tests {
         let other = bank(vec![0.2; 9], "another").unwrap();
         other.save(&path).unwrap();
         assert!(Bank::load(&path, &model).unwrap_err().to_string().contains("made by another"));
+    }
+
+    #[test]
+    fn a_bank_with_a_metric_compares_in_it_and_comes_back() {
+        let measured = Measured { error_scale: 0.7, temperature: Some(0.02) };
+        // Twice the second value, and the third with a share of the first.
+        let mut matrix = vec![0.0; 36];
+        (0..6).for_each(|i| matrix[7 * i] = if i == 1 { 2.0 } else { 1.0 });
+        matrix[12] = -0.5;
+        let by_hand = |v: &[f32]| {
+            let turned = [v[0], 2.0 * v[1], v[2] - 0.5 * v[0], v[3], v[4], v[5]].map(f64::from);
+            let norm = turned.iter().map(|v| v * v).sum::<f64>().sqrt();
+            turned.map(|v| v / norm)
+        };
+        let plain = bank(vec![0.2; 9], "mine").unwrap();
+        let query = [0.1, -0.4, 0.3, 0.8, 0.2, 0.24];
+        let model = model();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bank");
+        for precision in [Precision::F32, Precision::I8] {
+            let metric = Metric::new(6, matrix.clone(), measured).unwrap();
+            let kept = plain.clone().with_metric(metric.clone()).unwrap().with_precision(precision).unwrap();
+            let mut cosines = Vec::new();
+            kept.similarities(&query, &mut cosines);
+            for (row, cosine) in cosines.iter().enumerate() {
+                let length = f64::from(crate::similarity::dot(&plain.row(row), &plain.row(row))).sqrt();
+                let touched = f64::from(crate::similarity::dot(&query, &query)).sqrt();
+                let expected: f64 = by_hand(&query).iter().zip(by_hand(&plain.row(row))).map(|(a, b)| a * b).sum();
+                let tolerance = if precision == Precision::F32 { 1e-6 } else { 4e-3 };
+                assert!((f64::from(*cosine) - expected * length * touched).abs() < tolerance, "{cosine} {expected}");
+            }
+            kept.save(&path).unwrap();
+            assert_eq!(Bank::load(&path, &model).unwrap(), kept);
+            assert_ne!(kept.sha256().unwrap(), plain.sha256().unwrap());
+            assert_eq!(kept.with_parts(&[2, 0]).unwrap().metric(), Some(&metric));
+            assert!(kept.with_metric(metric).unwrap_err().to_string().contains("rows without a metric"));
+        }
     }
 
     #[test]

@@ -117,6 +117,18 @@ impl Bank {
     /// the recorded ones, or the nearest where the grid is too coarse for that ([`is_fine`]). `None` outside the recorded
     /// area, and where one of the views is missing.
     pub fn cosine_at(&self, query: &[f32], part: usize, part_from_sensor: &Se2) -> Option<f32> {
+        self.cosine_of_row_at(&self.in_rows_metric(query), part, part_from_sensor)
+    }
+
+    /// [`Self::cosine_at`] of an embedding as the bank's metric has it.
+    pub(crate) fn cosine_of_row_at(&self, query: &[f32], part: usize, part_from_sensor: &Se2) -> Option<f32> {
+        let embedding = self.row_between(part, part_from_sensor)?;
+        let length = dot(&embedding, &embedding).sqrt();
+        (length > 0.0).then(|| (dot(&embedding, query) / length).clamp(-1.0, 1.0))
+    }
+
+    /// The view of a part at a pose, as the bank's metric has it, of any length.
+    pub(crate) fn row_between(&self, part: usize, part_from_sensor: &Se2) -> Option<Vec<f32>> {
         let (grid, strides) = (self.grid(), self.grid().strides());
         let axes = Around::pose(grid, part_from_sensor);
         // Composed poses reach the border but for rounding.
@@ -143,8 +155,7 @@ impl Bank {
             }
             embedding.iter_mut().zip(&*self.row(row)).for_each(|(sum, value)| *sum += weight * value);
         }
-        let length = dot(&embedding, &embedding).sqrt();
-        (length > 0.0).then(|| (dot(&embedding, query) / length).clamp(-1.0, 1.0))
+        Some(embedding)
     }
 }
 

@@ -52,6 +52,7 @@ mod fuzz;
 pub mod matches;
 #[cfg(feature = "datasets")]
 pub mod matching;
+pub mod metric;
 pub mod model;
 #[cfg(feature = "datasets")]
 mod nearest_touches;

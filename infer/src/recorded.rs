@@ -211,7 +211,7 @@ fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank
     {
         let simulator = tactile_data::simulator::Simulator::new(scene, seed)?;
         if bank.parts().iter().all(|part| simulator.parts().contains(part)) {
-            return crate::simulated::with_geometry(model, bank, &simulator, seed);
+            return crate::simulated::with_geometry(model, bank, (&simulator, seed), &[]);
         }
     }
     Ok(bank.with_found_symmetries())

@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-/// The inner product, summed in sixteen lanes so that it vectorises; the shorter length counts.
+/// The inner product of two vectors of one length, summed in sixteen lanes so that it vectorises.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn dot(a: &[f32], b: &[f32]) -> f32 {
     in_lanes(a, b)

@@ -2,6 +2,7 @@
 //! is asked for, the parts that are done.
 
 mod matches;
+mod temperature;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -24,6 +25,7 @@ use crate::safefile::pieces::sha256_of;
 use crate::safefile::{NamedTensor, SafeFile};
 use crate::threads;
 use crate::views::{Views, to_middle};
+use matches::OwnTouches;
 
 /// Touches embedded at a time.
 const CHUNK: usize = 64;
@@ -46,7 +48,7 @@ pub fn bank_of_scene(
     seed: u64,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Bank> {
-    SceneBank { model, scene, views, seed }.make(None, progress)
+    SceneBank { model, scene, views, learn_from: &[], seed }.make(None, progress)
 }
 
 /// What a simulated bank is made of.
@@ -58,6 +60,8 @@ pub struct SceneBank<'a> {
     pub scene: &'a Scene,
     /// What each view is of.
     pub views: Views,
+    /// The sides from whose touches the metric is learnt; none: embeddings are compared by the cosine alone.
+    pub learn_from: &'a [Side],
     /// Draws jitter and noise.
     pub seed: u64,
 }
@@ -78,7 +82,7 @@ impl SceneBank<'_> {
     /// # Errors
     /// As [`bank_of_scene`], and a folder that cannot be written.
     pub fn make(&self, kept: Option<&Path>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Bank> {
-        let Self { model, scene, views, seed } = *self;
+        let Self { model, scene, views, learn_from, seed } = *self;
         let simulator = Simulator::new(scene.clone(), seed)?;
         let Some(reach) = scene.reach else {
             return Err(Error::invalid(&scene.name, "a reach: the poses at which each peg is touched", "none"));
@@ -106,7 +110,7 @@ impl SceneBank<'_> {
         }
         let (parts, rows) = (simulator.parts().to_vec(), Rows::new(model.dim(), rows)?);
         let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?;
-        with_geometry(model, bank.with_views(views).with_origin(scene.origin()), &simulator, seed)
+        with_geometry(model, bank.with_views(views).with_origin(scene.origin()), (&simulator, seed), learn_from)
     }
 
     /// Removes what [`Self::make`] kept in a folder; anything else in it stays, and then the folder.
@@ -157,7 +161,7 @@ impl SceneBank<'_> {
 
     /// The file that keeps a part, and what it is made of.
     fn part_file(&self, folder: &Path, part: usize) -> Result<PartFile> {
-        let Self { model, scene, views, seed } = *self;
+        let Self { model, scene, views, seed, .. } = *self;
         // The files of the user's own parts are in the scene by their names only: their geometry tells whether they changed.
         let sides = [Side::Peg, Side::Hole].map(|side| scene.reliefs(part, side, seed));
         let made_of = format!("{} {} {} {seed} {part} {sides:?}", model.sha256(), to_json(scene)?, views.name());
@@ -207,12 +211,21 @@ fn see(background: &Background, frames: &[Frame]) -> Result<Vec<TactileImage>> {
 ///
 /// # Errors
 /// A touch that cannot be made or seen.
-pub(crate) fn with_geometry(model: &Model, bank: Bank, simulator: &Simulator, seed: u64) -> Result<Bank> {
+pub(crate) fn with_geometry(
+    model: &Model,
+    bank: Bank,
+    (simulator, seed): (&Simulator, u64),
+    learn_from: &[Side],
+) -> Result<Bank> {
     let of_name = |name: &String| simulator.parts().iter().position(|part| part == name).unwrap_or(0);
     let parts: Vec<usize> = bank.parts().iter().map(of_name).collect();
     let symmetries = parts.par_iter().map(|part| simulator.symmetry(*part)).collect();
-    let matches = matches::match_touches(model, &bank, simulator, &parts, seed)?;
-    bank.with_symmetries(symmetries)?.with_matches(matches)
+    let learnt = OwnTouches::new(model, &bank, (simulator, &parts), seed)?.learn(learn_from)?;
+    let bank = bank.with_symmetries(symmetries)?.with_matches(learnt.matches)?;
+    match learnt.metric {
+        Some(metric) => bank.with_metric(metric),
+        None => Ok(bank),
+    }
 }
 
 #[cfg(all(test, feature = "burn"))]
@@ -269,7 +282,7 @@ mod tests {
     #[test]
     fn a_bank_that_was_begun_goes_on_with_what_it_lacks() {
         let (scene, model) = scene_and_model();
-        let job = SceneBank { model: &model, scene: &scene, views: Views::Both, seed: 5 };
+        let job = SceneBank { model: &model, scene: &scene, views: Views::Both, learn_from: &[], seed: 5 };
         let whole = job.make(None, &|_, _| ()).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("kept");
@@ -288,6 +301,14 @@ mod tests {
         assert_eq!(again.edge_shares()[n_cells], 0.123);
         assert_eq!(again.edge_shares()[..n_cells], whole.edge_shares()[..n_cells]);
         assert_eq!((again.rows(), std::fs::read(&first).unwrap()), (whole.rows(), content));
+        // What a bank learns is of its touches, not of its views.
+        let learning = SceneBank { learn_from: &[Side::Hole, Side::Peg], ..job };
+        let learnt = learning.make(None, &|_, _| ()).unwrap();
+        std::fs::write(&second, "").unwrap();
+        assert_eq!(make(&learning), learnt);
+        let metric = learnt.metric().expect("a metric");
+        assert_eq!(*learnt.rows(), metric.rows(whole.rows()).unwrap());
+        assert!((0.05..1.5).contains(&metric.measured().error_scale), "{:?}", metric.measured());
         // What was made with another seed, or of other sides, is not taken.
         for other in [SceneBank { seed: 6, ..job }, SceneBank { views: Views::Pegs, ..job }] {
             assert_eq!(make(&other), other.make(None, &|_, _| ()).unwrap());

@@ -111,7 +111,7 @@ fn likeness(bank: &Bank, part: usize, symmetry: &Symmetry, theta_rad: f64, n_pai
         let is_known = bank.is_recorded(start + cell) && bank.is_recorded(start + nearest);
         match (is_known, is_edged(cell), is_edged(nearest)) {
             (false, _, _) | (_, false, false) => None,
-            (_, true, true) => bank.cosine_at(&bank.row(start + cell), part, &twin).map(f64::from),
+            (_, true, true) => bank.cosine_of_row_at(&bank.row(start + cell), part, &twin).map(f64::from),
             // At a border between the two a nearest view may be of either kind.
             _ => {
                 if is_fine {

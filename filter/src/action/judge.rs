@@ -257,7 +257,8 @@ impl<'a> Pairing<'a> {
     fn new(situation: &Situation<'a>, rng: &mut ChaCha8Rng) -> Self {
         let Situation { config, likelihood, bank, belief, .. } = *situation;
         let joint = belief.joint_weight(1.0);
-        let LikelihoodConfig { temperature, outlier_share, blank_agreement, .. } = *likelihood;
+        let LikelihoodConfig { temperature, outlier_share, blank_agreement, unknown_similarity, .. } =
+            likelihood.in_metric_of(bank);
         let mut pairing = Self {
             rule: config.rule,
             likelihood,
@@ -279,7 +280,7 @@ impl<'a> Pairing<'a> {
             pairing.average = mean.powf(joint);
             pairing.floor = (outlier_share / (1.0 - outlier_share) * mean).powf(joint);
         }
-        pairing.unknown = match (config.rule, likelihood.unknown_similarity) {
+        pairing.unknown = match (config.rule, unknown_similarity) {
             (ActionRule::Paper, _) => pairing.average,
             (_, Some(cosine)) if likelihood.interpolation.is_cubic(bank.grid()) => {
                 pairing.likely(cosine) / pairing.average

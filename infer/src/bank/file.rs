@@ -16,6 +16,7 @@ use super::{Bank, SCHEMA};
 use crate::checkpoint::{from_json, to_json};
 use crate::error::{Error, Result};
 use crate::matches::Matches;
+use crate::metric::Metric;
 use crate::model::Model;
 use crate::precision::Precision;
 use crate::rows::{MAX_DIM, Rows};
@@ -27,6 +28,10 @@ use crate::views::Views;
 const ROWS: &str = "rows";
 const EDGE_SHARES: &str = "edge_shares";
 const SCALES: &str = "scales";
+const METRIC: &str = "metric";
+
+/// Name of the text entry with what was measured in a metric.
+const MEASURED: &str = "metric_measured";
 
 /// Name of the text entry with the checksum of each part.
 const OF_PARTS: &str = "part_sha256";
@@ -37,11 +42,13 @@ struct Content<'b> {
     edge_shares: &'b [f32],
     /// Of rows of i8.
     scales: Option<Vec<f32>>,
+    /// A metric's matrix, `[dim, dim]`.
+    metric: Option<&'b [f32]>,
 }
 
 impl<'b> Content<'b> {
-    fn of(rows: &'b Rows, edge_shares: &'b [f32]) -> Self {
-        Self { rows, edge_shares, scales: rows.scales() }
+    fn of(rows: &'b Rows, edge_shares: &'b [f32], metric: Option<&'b [f32]>) -> Self {
+        Self { rows, edge_shares, scales: rows.scales(), metric }
     }
 
     fn n_rows(&self) -> usize {
@@ -52,6 +59,7 @@ impl<'b> Content<'b> {
     fn entries(&self) -> Vec<Entry<'static>> {
         let (n, precision) = (self.n_rows(), self.rows.precision());
         let mut entries = vec![(EDGE_SHARES, Precision::F32, vec![n])];
+        entries.extend(self.metric.map(|_| (METRIC, Precision::F32, vec![self.rows.dim(); 2])));
         entries.extend(self.scales.as_ref().map(|_| (SCALES, Precision::F32, vec![n])));
         entries.push((ROWS, precision, vec![n, self.rows.dim()]));
         entries
@@ -66,6 +74,7 @@ impl<'b> Content<'b> {
     fn write(&self, header: &[u8], n_cells: usize, file: &mut BufWriter<File>) -> std::io::Result<()> {
         file.write_all(header)?;
         file.write_all(&bytes(self.edge_shares))?;
+        file.write_all(&bytes(self.metric.unwrap_or_default()))?;
         file.write_all(&bytes(self.scales.as_deref().unwrap_or_default()))?;
         self.parts(n_cells).try_for_each(|part| file.write_all(&self.rows.bytes(part)))
     }
@@ -77,6 +86,10 @@ impl<'b> Content<'b> {
         let mut hash = ContentHash::of_text(text);
         hash.begin(EDGE_SHARES, &[n]);
         hash.values(self.edge_shares);
+        if let Some(metric) = self.metric {
+            hash.begin(METRIC, &[self.rows.dim(); 2]);
+            hash.values(metric);
+        }
         hash.begin(ROWS, &[n, self.rows.dim()]);
         self.parts(n_cells).for_each(|part| hash.values(&precision.from_bytes(&self.rows.bytes(part))));
         if let Some(scales) = &self.scales {
@@ -127,7 +140,7 @@ impl Bank {
     }
 
     fn content(&self) -> Content<'_> {
-        Content::of(&self.rows, &self.edge_shares)
+        Content::of(&self.rows, &self.edge_shares, self.metric().map(Metric::matrix))
     }
 
     /// The text of all that an episode's numbers depend on.
@@ -142,6 +155,9 @@ impl Bank {
         }
         if !self.views.is_pegs() {
             text.push(("views".into(), self.views.name().into()));
+        }
+        if let Some(metric) = self.metric() {
+            text.push((MEASURED.into(), to_json(&metric.measured())?));
         }
         if !self.missing.is_empty() {
             text.push(("missing".into(), to_json(&self.missing)?));
@@ -172,6 +188,7 @@ impl Bank {
 struct Loaded {
     rows: Rows,
     edge_shares: Vec<f32>,
+    metric: Option<Vec<f32>>,
 }
 
 impl Loaded {
@@ -180,12 +197,13 @@ impl Loaded {
         let [n, dim] = shape[..] else {
             return Err(Error::invalid(ROWS, "a shape [n, dim]", format!("{shape:?}")));
         };
+        let has_metric = file.names().iter().any(|name| name == METRIC);
         if !(1..=MAX_DIM).contains(&dim) {
             return Err(Error::invalid(ROWS, format!("rows of 1..={MAX_DIM} values"), dim.to_string()));
         }
-        let mut column = |name: &str| {
-            let found = file.entry(name)?;
-            if found != (Precision::F32, vec![n]) {
+        let mut values = |name: &str, shape: Vec<usize>| {
+            let (found, n) = (file.entry(name)?, shape.iter().product());
+            if found != (Precision::F32, shape) {
                 return Err(Error::invalid(
                     name,
                     format!("{n} values of f32"),
@@ -194,10 +212,11 @@ impl Loaded {
             }
             file.read(name, |reader| read_values(reader, n, f32::from_le_bytes))
         };
-        let edge_shares = column(EDGE_SHARES)?;
-        let scales = if precision == Precision::I8 { column(SCALES)? } else { Vec::new() };
+        let edge_shares = values(EDGE_SHARES, vec![n])?;
+        let scales = if precision == Precision::I8 { values(SCALES, vec![n])? } else { Vec::new() };
+        let metric = has_metric.then(|| values(METRIC, vec![dim; 2])).transpose()?;
         let rows = file.read(ROWS, |reader| Rows::read([n, dim], precision, scales, reader))?;
-        let loaded = Self { rows, edge_shares };
+        let loaded = Self { rows, edge_shares, metric };
         let mut expected: Vec<&str> = loaded.content().entries().iter().map(|(name, ..)| *name).collect();
         expected.sort_unstable();
         if file.names() != expected {
@@ -207,7 +226,7 @@ impl Loaded {
     }
 
     fn content(&self) -> Content<'_> {
-        Content::of(&self.rows, &self.edge_shares)
+        Content::of(&self.rows, &self.edge_shares, self.metric.as_deref())
     }
 
     /// Compares the checksum of the whole with what the file states, and where they differ those of its parts.
@@ -249,7 +268,14 @@ impl Loaded {
         let views: Views = text_of(&file.text, "views").ok().map(str::parse).transpose()?.unwrap_or_default();
         let matches: Option<Matches> = text_of(&file.text, "matches").ok().map(from_json).transpose()?;
         let bank = Bank::of_rows(parts, grid, self.rows.checked()?, self.edge_shares, model_sha256)?;
-        let bank = Bank { origin, views, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
+        let metric = match self.metric {
+            Some(matrix) => {
+                let measured = from_json(text_of(&file.text, MEASURED)?)?;
+                Some(Arc::new(Metric::new(bank.dim(), matrix, measured)?))
+            }
+            None => None,
+        };
+        let bank = Bank { origin, views, metric, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
         match matches {
             Some(matches) => bank.with_matches(matches),
             None => Ok(bank),

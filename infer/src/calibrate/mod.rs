@@ -15,6 +15,7 @@ use tactile_data::touch::Side;
 use crate::bank::Bank;
 use crate::calibration::{BLANK_SHARE, Calibration, Prior, Spread};
 use crate::error::{Error, Result};
+use crate::metric::by_cosine;
 use crate::model::Model;
 use crate::recorded::tactile_images;
 use crate::views::Views;
@@ -86,6 +87,7 @@ impl Touches {
         let (compared, matched, views) = (Vec::new(), vec![Vec::new()], bank.views());
         let mut found = Self { name, side, compared, matched, n_placed: 0, n_agree: 0, views };
         let mut all = Vec::new();
+        let plain = |cosine: f32| by_cosine(bank.metric(), cosine);
         for (i, frame) in frames.iter().enumerate() {
             let touch = holes.touch(*frame);
             let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
@@ -109,9 +111,9 @@ impl Touches {
             let near: Vec<usize> = near.collect();
             if !near.is_empty() {
                 bank.similarities(query, &mut all);
-                let cosines: Vec<f32> = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).collect();
+                let cosines: Vec<f32> = edged.iter().map(|row| plain(all[*row].clamp(-1.0, 1.0))).collect();
                 found.compared.push(Compared::new(&cosines, &near));
-                found.matched[0].extend(bank.cosine_at(query, part, &pose).map(f64::from));
+                found.matched[0].extend(bank.cosine_at(query, part, &pose).map(|cosine| f64::from(plain(cosine))));
             }
         }
         Ok(found)

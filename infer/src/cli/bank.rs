@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use tactile_data::calibrate::Calibration;
 use tactile_data::output;
 use tactile_data::progress::reporter;
@@ -12,6 +12,7 @@ use tactile_data::store::{Dataset, FILES};
 use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_infer::matches::PartMatch;
+use tactile_infer::metric::by_cosine;
 use tactile_infer::recorded::parts_on_grid;
 use tactile_infer::simulated::SceneBank;
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
@@ -36,6 +37,10 @@ pub struct BankArgs {
     /// [default: both]
     #[arg(long, value_name = "VIEWS", requires = "scene", value_parser = views())]
     views: Option<Views>,
+    /// With --scene: learn in which directions embeddings differ by chance from simulated touches of this side, or of both;
+    /// without, they are compared by the cosine alone, as in the paper
+    #[arg(long, value_name = "SIDE", requires = "scene")]
+    learn_from: Option<LearnFrom>,
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -76,6 +81,24 @@ impl FromStr for Declared {
     }
 }
 
+/// From which side's touches a bank learns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum LearnFrom {
+    Hole,
+    Peg,
+    Both,
+}
+
+impl LearnFrom {
+    fn sides(self) -> &'static [Side] {
+        match self {
+            Self::Hole => &[Side::Hole],
+            Self::Peg => &[Side::Peg],
+            Self::Both => &[Side::Hole, Side::Peg],
+        }
+    }
+}
+
 impl BankArgs {
     pub fn run(&self) -> Result<()> {
         let data_files = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
@@ -92,8 +115,13 @@ impl BankArgs {
         };
         let Some(data) = &self.data else {
             let scene = self.touched_scene(&model)?;
-            let job =
-                SceneBank { model: &model, scene: &scene, views: self.views.unwrap_or(Views::Both), seed: self.seed };
+            let job = SceneBank {
+                model: &model,
+                scene: &scene,
+                views: self.views.unwrap_or(Views::Both),
+                learn_from: self.learn_from.map_or(&[][..], LearnFrom::sides),
+                seed: self.seed,
+            };
             let kept = with_ending(&self.out, ".parts");
             finish(job.make(Some(&kept), &reporter("touches"))?)?;
             return job.forget(&kept);
@@ -125,7 +153,7 @@ impl BankArgs {
 }
 
 /// Parts whose holes match their own views by less than this are worth a word: letters do by 0.9, a stranger by 0.8.
-const LOW_MATCH: f64 = 0.8;
+const LOW_MATCH: f32 = 0.8;
 
 /// A path with a few more letters.
 fn with_ending(path: &Path, ending: &str) -> PathBuf {
@@ -146,6 +174,10 @@ fn print_bank(path: &Path, bank: &Bank) {
         bank.rows().n_bytes() as f64 / 1e6,
         if bank.views().is_pegs() { "pegs" } else { "pegs and their holes" }
     );
+    if let Some(metric) = bank.metric() {
+        let share = metric.measured().error_scale;
+        println!("learnt from its own touches: they are {share:.2} as far from their views as by the cosine alone");
+    }
     let symmetric = |part: usize| {
         let name = &bank.parts()[part];
         match bank.symmetry(part).order {
@@ -159,8 +191,10 @@ fn print_bank(path: &Path, bank: &Bank) {
         println!("feels the same turned: {}", symmetric.join(", "));
     }
     for (part, name) in bank.parts().iter().enumerate() {
-        if let Some(PartMatch { matched, .. }) =
-            bank.matches().of(part, Side::Hole).filter(|of| of.matched.mean < LOW_MATCH)
+        if let Some(PartMatch { matched, .. }) = bank
+            .matches()
+            .of(part, Side::Hole)
+            .filter(|of| by_cosine(bank.metric(), of.matched.mean as f32) < LOW_MATCH)
         {
             let mean = matched.mean;
             eprintln!(

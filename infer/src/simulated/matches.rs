@@ -1,6 +1,7 @@
-//! How well the touches of each part match its own views, measured in simulation.
+//! How well the touches of each part match its own views, and the metric in which they do best, measured in simulation.
 
 use rand::RngExt;
+use tactile_data::frame::Background;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
@@ -10,8 +11,11 @@ use crate::between::is_fine;
 use crate::calibration::{BLANK_SHARE, Spread};
 use crate::error::Result;
 use crate::matches::{Matches, PartMatch};
+use crate::metric::{Measured, Metric, Pair};
 use crate::model::Model;
 use crate::threads;
+
+use super::temperature::Tried;
 
 /// Touches of each side of each part.
 const N_TOUCHES: u64 = 64;
@@ -19,43 +23,139 @@ const N_TOUCHES: u64 = 64;
 /// Fewer edged ones say too little.
 const ENOUGH: usize = 16;
 
-/// Touches each part of a bank, `parts` in the simulator, anywhere within the bank's poses, or at them where they are
-/// too far apart to be interpolated, and compares. The frames are of another session than the bank's.
-pub(super) fn match_touches(
-    model: &Model,
-    bank: &Bank,
-    simulator: &Simulator,
-    parts: &[usize],
+/// Of these touches of all parts the temperature is found.
+const N_JUDGED: usize = 512;
+
+/// Touches that a bank makes of its own parts.
+pub(super) struct OwnTouches<'a> {
+    model: &'a Model,
+    bank: &'a Bank,
+    simulator: &'a Simulator,
+    /// Where the bank's parts are in the simulator.
+    parts: &'a [usize],
     seed: u64,
-) -> Result<Matches> {
-    let seed = seed ^ 0x6d61_7463_6865_7300;
-    let scene = simulator.scene();
-    let background = model.background(&simulator.no_contact(seed))?.lit_by(&scene.sensor.known_lamps())?;
-    let pose = |rng: &mut _| {
-        let grid = bank.grid();
-        if !is_fine(grid) {
-            return grid.pose(RngExt::random_range(rng, 0..grid.len()));
+    background: Background,
+}
+
+/// What a bank's own touches say.
+pub(super) struct Learnt {
+    /// How well each part matches, in the metric where there is one.
+    pub matches: Matches,
+    /// The metric in which they match best.
+    pub metric: Option<Metric>,
+}
+
+/// An edged touch whose view is known.
+#[derive(Clone)]
+struct Touch {
+    part: usize,
+    pair: Pair,
+}
+
+/// The touches of a side, `[part][touch]`.
+type OfSide = Vec<Vec<Touch>>;
+
+impl<'a> OwnTouches<'a> {
+    /// Nothing is touched yet. The frames are of another session than the bank's.
+    ///
+    /// # Errors
+    /// A sensor at rest that cannot be seen.
+    pub fn new(
+        model: &'a Model,
+        bank: &'a Bank,
+        (simulator, parts): (&'a Simulator, &'a [usize]),
+        seed: u64,
+    ) -> Result<Self> {
+        let seed = seed ^ 0x6d61_7463_6865_7300;
+        let lamps = simulator.scene().sensor.known_lamps();
+        let background = model.background(&simulator.no_contact(seed))?.lit_by(&lamps)?;
+        Ok(Self { model, bank, simulator, parts, seed, background })
+    }
+
+    /// Touches each part anywhere within the bank's poses, or at them where they are too far apart to be interpolated. The
+    /// metric is learnt from the touches of some sides.
+    ///
+    /// What a touch matches like is measured in the metric that the other half of the touches gives: one that it taught
+    /// itself would flatter it.
+    ///
+    /// # Errors
+    /// A touch that cannot be made or seen.
+    pub fn learn(&self, from: &[Side]) -> Result<Learnt> {
+        let of_side = |side| threads::each(0..self.parts.len(), |part| self.touch_part(part, side));
+        let sides: [OfSide; 2] = [of_side(Side::Hole)?, of_side(Side::Peg)?];
+        let learnt: Vec<&OfSide> = from.iter().map(|side| &sides[usize::from(*side == Side::Peg)]).collect();
+        let halves = [1, 0].map(|half| self.metric_of(&learnt, |touch| touch % 2 == half));
+        let in_other_half = |(touch, Touch { pair, .. }): (usize, &Touch)| pair.cosine(halves[touch % 2].as_ref());
+        let metric = match &halves {
+            [Some(odd), Some(even)] => {
+                let measured = self.measure(&learnt, [odd, even])?;
+                self.metric_of(&learnt, |_| true).map(|metric| metric.with_measured(measured))
+            }
+            _ => None,
+        };
+        let spread = |cosines: Vec<f64>| (cosines.len() >= ENOUGH).then(|| PartMatch { matched: Spread::of(&cosines) });
+        let of_part = |touches: &Vec<Touch>| spread(touches.iter().enumerate().map(in_other_half).collect());
+        let [holes, pegs] = sides.each_ref().map(|parts| parts.iter().map(of_part).collect());
+        Ok(Learnt { matches: Matches { holes, pegs }, metric })
+    }
+
+    /// The metric that some touches of each part give, chosen by their number.
+    fn metric_of(&self, sides: &[&OfSide], is_chosen: impl Fn(usize) -> bool) -> Option<Metric> {
+        let of_side = |parts: &&OfSide| {
+            let touches = parts.iter().flat_map(|touches| touches.iter().enumerate());
+            touches.filter(|(touch, _)| is_chosen(*touch)).map(|(_, touch)| touch.pair.clone()).collect::<Vec<_>>()
+        };
+        Metric::of_touches(self.bank.dim(), &sides.iter().map(of_side).collect::<Vec<_>>())
+    }
+
+    /// What the touches of each half have in the metric that the other half gives.
+    fn measure(&self, sides: &[&OfSide], halves: [&Metric; 2]) -> Result<Measured> {
+        let (edged, n_cells) = (self.bank.edged_rows(), self.bank.grid().len());
+        let (mut plain, mut learnt, mut tried) = (0.0, 0.0, Tried::new());
+        for (half, metric) in halves.into_iter().enumerate() {
+            let of_part =
+                |touches: &'_ [Touch]| -> Vec<Touch> { touches.iter().skip(half).step_by(2).cloned().collect() };
+            let touches: Vec<Touch> =
+                sides.iter().flat_map(|parts| parts.iter().flat_map(|part| of_part(part))).collect();
+            let error =
+                |metric: Option<&Metric>| touches.iter().map(|touch| 1.0 - touch.pair.cosine(metric)).sum::<f64>();
+            plain += error(None);
+            learnt += error(Some(metric));
+            let stride = (2 * touches.len()).div_ceil(N_JUDGED).max(1);
+            let judged = touches.iter().step_by(stride);
+            let judged: Vec<_> = judged.map(|touch| (touch.part, metric.apply(&touch.pair.touch))).collect();
+            tried.add(&judged, (&metric.rows(self.bank.rows())?, &edged, n_cells));
         }
-        let mut around = |half: f64| half * (2.0 * RngExt::random::<f64>(rng) - 1.0);
-        Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
-    };
-    // The cosine of an edged touch with its own view, where that is known.
-    let touch = |part: usize, side: Side, stream: u64| -> Result<Option<f64>> {
-        let mut rng = frame_rng(seed, stream);
-        let pose = pose(&mut rng);
-        let image = background.tactile_image(&simulator.touch(parts[part], side, &pose, &mut rng)?)?;
+        let error_scale = if plain > 0.0 && learnt > 0.0 { learnt / plain } else { 1.0 };
+        Ok(Measured { error_scale, temperature: tried.best() })
+    }
+
+    /// A part's edged touches where their view is known.
+    fn touch_part(&self, part: usize, side: Side) -> Result<Vec<Touch>> {
+        let first = 1 + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg));
+        let touches = (first..first + N_TOUCHES).map(|stream| self.touch(part, side, stream));
+        Ok(touches.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+    }
+
+    fn touch(&self, part: usize, side: Side, stream: u64) -> Result<Option<Touch>> {
+        let mut rng = frame_rng(self.seed, stream);
+        let pose = self.pose(&mut rng);
+        let frame = self.simulator.touch(self.parts[part], side, &pose, &mut rng)?;
+        let image = self.background.tactile_image(&frame)?;
         if image.edge_share < BLANK_SHARE {
             return Ok(None);
         }
-        let query = model.embed_side(&[image], side)?;
-        Ok(bank.cosine_at(&query, part, &pose).map(f64::from))
-    };
-    let of_part = |part: usize, side: Side| -> Result<Option<PartMatch>> {
-        let first = 1 + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg));
-        let touches = (first..first + N_TOUCHES).map(|stream| touch(part, side, stream));
-        let matched: Vec<f64> = touches.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
-        Ok((matched.len() >= ENOUGH).then(|| PartMatch { matched: Spread::of(&matched) }))
-    };
-    let of_side = |side: Side| threads::each(0..parts.len(), |part| of_part(part, side));
-    Ok(Matches { holes: of_side(Side::Hole)?, pegs: of_side(Side::Peg)? })
+        let touch = self.model.embed_side(&[image], side)?;
+        let view = self.bank.row_between(part, &pose);
+        Ok(view.map(|view| Touch { part, pair: Pair { touch, view } }))
+    }
+
+    fn pose(&self, rng: &mut impl RngExt) -> Se2 {
+        let grid = self.bank.grid();
+        if !is_fine(grid) {
+            return grid.pose(rng.random_range(0..grid.len()));
+        }
+        let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+        Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg))
+    }
 }
