@@ -31,15 +31,15 @@ pub struct BankArgs {
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: Option<String>,
     /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
-    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    #[arg(long, value_name = "FILE.toml", requires = "scene", conflicts_with = "data")]
     calibration: Option<PathBuf>,
     /// With --scene: views of pegs alone, as a robot records them, or of both sides, with the holes that the scene says
     /// [default: both]
-    #[arg(long, value_name = "VIEWS", requires = "scene", value_parser = views())]
+    #[arg(long, value_name = "VIEWS", requires = "scene", conflicts_with = "data", value_parser = views())]
     views: Option<Views>,
     /// With --scene: learn in which directions embeddings differ by chance from simulated touches of this side, or of both;
     /// without, they are compared by the cosine alone, as in the paper
-    #[arg(long, value_name = "SIDE", requires = "scene")]
+    #[arg(long, value_name = "SIDE", requires = "scene", conflicts_with = "data")]
     learn_from: Option<LearnFrom>,
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
@@ -217,6 +217,20 @@ fn check_declared(declared: &[Declared], parts: &[String]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Clap does not ask for `--scene` where `--data` rules it out.
+    #[test]
+    fn what_only_a_scene_has_is_refused_with_a_dataset() {
+        let parse = |more: &[&str]| {
+            let line = ["bank", "--model", "m", "--out", "b"].iter().chain(more);
+            BankArgs::augment_args(clap::Command::new("bank")).try_get_matches_from(line).is_ok()
+        };
+        for option in [["--learn-from", "both"], ["--views", "pegs"], ["--calibration", "sensor.toml"]] {
+            assert!(parse(&[&["--scene", "maze"][..], &option].concat()), "{option:?}");
+            assert!(!parse(&[&["--data", "pegs"][..], &option].concat()), "{option:?}");
+        }
+        assert!(parse(&["--data", "pegs"]));
+    }
 
     #[test]
     fn a_symmetry_is_a_number_of_turns_or_round() {
