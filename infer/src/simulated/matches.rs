@@ -85,13 +85,17 @@ impl<'a> OwnTouches<'a> {
         let sides: [OfSide; 2] = [of_side(Side::Hole)?, of_side(Side::Peg)?];
         let learnt: Vec<&OfSide> = from.iter().map(|side| &sides[usize::from(*side == Side::Peg)]).collect();
         let halves = [1, 0].map(|half| self.metric_of(&learnt, |touch| touch % 2 == half));
-        let in_other_half = |(touch, Touch { pair, .. }): (usize, &Touch)| pair.cosine(halves[touch % 2].as_ref());
+        // Without one of them there is no metric at all.
+        let halves = if let [Some(odd), Some(even)] = halves { Some([odd, even]) } else { None };
+        let in_other_half = |(touch, Touch { pair, .. }): (usize, &Touch)| {
+            pair.cosine(halves.as_ref().map(|halves| &halves[touch % 2]))
+        };
         let metric = match &halves {
-            [Some(odd), Some(even)] => {
-                let measured = self.measure(&learnt, [odd, even])?;
+            Some(halves) => {
+                let measured = self.measure(&learnt, halves)?;
                 self.metric_of(&learnt, |_| true).map(|metric| metric.with_measured(measured))
             }
-            _ => None,
+            None => None,
         };
         let spread = |cosines: Vec<f64>| (cosines.len() >= ENOUGH).then(|| PartMatch { matched: Spread::of(&cosines) });
         let of_part = |touches: &Vec<Touch>| spread(touches.iter().enumerate().map(in_other_half).collect());
@@ -109,10 +113,10 @@ impl<'a> OwnTouches<'a> {
     }
 
     /// What the touches of each half have in the metric that the other half gives.
-    fn measure(&self, sides: &[&OfSide], halves: [&Metric; 2]) -> Result<Measured> {
+    fn measure(&self, sides: &[&OfSide], halves: &[Metric; 2]) -> Result<Measured> {
         let (edged, n_cells) = (self.bank.edged_rows(), self.bank.grid().len());
         let (mut plain, mut learnt, mut tried) = (0.0, 0.0, Tried::new());
-        for (half, metric) in halves.into_iter().enumerate() {
+        for (half, metric) in halves.iter().enumerate() {
             let of_part =
                 |touches: &'_ [Touch]| -> Vec<Touch> { touches.iter().skip(half).step_by(2).cloned().collect() };
             let touches: Vec<Touch> =
