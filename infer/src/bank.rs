@@ -191,13 +191,13 @@ impl Bank {
             return Err(Error::invalid("bank", expected, format!("rows of {} values", self.dim())));
         }
         let rows = metric.rows(&self.rows)?.to_precision(self.rows.precision())?;
-        Ok(self.in_metric(rows, Some(Arc::new(metric))))
+        Ok(Self { metric: Some(Arc::new(metric)), ..self.with_rows(rows) })
     }
 
-    /// The same bank with other rows, which a metric has made.
-    fn in_metric(self, rows: Rows, metric: Option<Arc<Metric>>) -> Self {
+    /// The same bank, each row in the place of the one that it was made from.
+    fn with_rows(self, rows: Rows) -> Self {
         let neighbours = neighbours(&self.grid, &rows).into();
-        Self { rows, metric, neighbours, ..self }
+        Self { rows, neighbours, ..self }
     }
 
     /// The same bank with its rows kept in another format: less memory, and cosines a little off
@@ -209,8 +209,8 @@ impl Bank {
         if precision == self.rows.precision() {
             return Ok(self);
         }
-        let (rows, metric) = (self.rows.to_precision(precision)?, self.metric.clone());
-        Ok(self.in_metric(rows, metric))
+        let rows = self.rows.to_precision(precision)?;
+        Ok(self.with_rows(rows))
     }
 
     /// The bank of some of its parts, given by their indices, in this order. What was found of them is kept, and the rows are
@@ -328,8 +328,8 @@ impl Bank {
         self.metric.as_ref().map_or(Cow::Borrowed(query), |metric| Cow::Owned(metric.apply(query)))
     }
 
-    /// f_PP (paper, Eq. 6): the cosine of two rows, -1..=1, in the bank's metric. One network serves both functions: the contrastive loss
-    /// spreads keys apart wherever the peg views differ.
+    /// f_PP (paper, Eq. 6): the cosine of two rows, -1..=1, in the bank's metric. One network serves both functions: the
+    /// contrastive loss spreads keys apart wherever the peg views differ.
     ///
     /// # Panics
     /// Where a row is not below [`Self::n_rows`].

@@ -70,7 +70,7 @@ impl Metric {
     ///
     /// Sides count by how many touches they have, however far these lie off. The cosine's own metric counts as much as `dim`
     /// touches, so that few touches change little.
-    pub(crate) fn of_touches(dim: usize, sides: &[Vec<Pair>]) -> Option<Self> {
+    pub(crate) fn of_touches(dim: usize, sides: &[Vec<&Pair>]) -> Option<Self> {
         let mut total = vec![0.0; dim * dim];
         let mut n_touches = 0;
         for side in sides {
@@ -225,7 +225,7 @@ mod tests {
 
     #[test]
     fn it_is_the_inverse_covariance_of_what_touches_are_off() {
-        let metric = Metric::of_touches(3, &[pairs()]).unwrap();
+        let metric = Metric::of_touches(3, &[pairs().iter().collect()]).unwrap();
         // By hand: the off values are (+-0.3, 0, dz) and (0, +-0.1, dz'), cross products with x and y cancel.
         let dz = [0.09_f64, 0.01].map(|square| (1.0 - square).sqrt() - 1.0);
         let squares = [2.0 * 0.09, 2.0 * 0.01, 2.0 * (dz[0] * dz[0] + dz[1] * dz[1])];
@@ -245,7 +245,7 @@ mod tests {
     fn touches_that_are_correlated_are_told_by_the_full_inverse() {
         // Off along (1, 1, 0) alone: of unit vectors near z, so that what is off along z is of second order.
         let off = [0.02_f32, -0.02].map(|x| Pair { touch: vec![x, x, 1.0], view: vec![0.0, 0.0, 1.0] }).to_vec();
-        let metric = Metric::of_touches(3, &[off]).unwrap();
+        let metric = Metric::of_touches(3, &[off.iter().collect()]).unwrap();
         // The identity and two touches of trace 1 along (1, 1, 0) / sqrt(2): variances 3, 1 and 1.
         let along =
             |touch: [f32; 3]| 1.0 - Pair { touch: touch.to_vec(), view: vec![0.0, 0.0, 1.0] }.cosine(Some(&metric));
@@ -259,14 +259,14 @@ mod tests {
         let near: Vec<Pair> = [[0.0_f32, 0.01], [0.0, -0.01], [0.0, 0.01], [0.0, -0.01]]
             .map(|[x, y]| Pair { touch: vec![x, y, 1.0], view: vec![0.0, 0.0, 1.0] })
             .to_vec();
-        let metric = Metric::of_touches(3, &[far, near]).unwrap();
+        let metric = Metric::of_touches(3, &[far.iter().collect(), near.iter().collect()]).unwrap();
         let error =
             |touch: [f32; 3]| 1.0 - Pair { touch: touch.to_vec(), view: vec![0.0, 0.0, 1.0] }.cosine(Some(&metric));
         // Along x 1 + 4 * 0.9 = 4.6 times, along y 1 + 4 * 0.1 + 4 = 5.4 times, but for what is off along z.
         assert!((error([0.1, 0.0, 1.0]) / error([0.0, 0.1, 1.0]) - 5.4 / 4.6).abs() < 0.03);
         assert_eq!(Metric::of_touches(3, &[Vec::new(), Vec::new()]), None);
         assert_eq!(
-            Metric::of_touches(3, &[vec![Pair { touch: vec![0.0, 0.0, 1.0], view: vec![0.0, 0.0, 2.0] }]]),
+            Metric::of_touches(3, &[vec![&Pair { touch: vec![0.0, 0.0, 1.0], view: vec![0.0, 0.0, 2.0] }]]),
             None
         );
     }

@@ -46,7 +46,6 @@ pub(super) struct Learnt {
 }
 
 /// An edged touch whose view is known.
-#[derive(Clone)]
 struct Touch {
     part: usize,
     pair: Pair,
@@ -82,56 +81,56 @@ impl<'a> OwnTouches<'a> {
     /// A touch that cannot be made or seen.
     pub fn learn(&self, from: &[Side]) -> Result<Learnt> {
         let of_side = |side| threads::each(0..self.parts.len(), |part| self.touch_part(part, side));
+        let place = |side: Side| usize::from(side == Side::Peg);
         let sides: [OfSide; 2] = [of_side(Side::Hole)?, of_side(Side::Peg)?];
-        let learnt: Vec<&OfSide> = from.iter().map(|side| &sides[usize::from(*side == Side::Peg)]).collect();
+        let learnt: Vec<&OfSide> = from.iter().map(|side| &sides[place(*side)]).collect();
         let halves = [1, 0].map(|half| self.metric_of(&learnt, |touch| touch % 2 == half));
         // Without one of them there is no metric at all.
         let halves = if let [Some(odd), Some(even)] = halves { Some([odd, even]) } else { None };
-        let in_other_half = |(touch, Touch { pair, .. }): (usize, &Touch)| {
-            pair.cosine(halves.as_ref().map(|halves| &halves[touch % 2]))
+        let in_other_half = |touches: &Vec<Touch>| {
+            let halves = |touch: usize| halves.as_ref().map(|halves| &halves[touch % 2]);
+            touches.iter().enumerate().map(|(touch, Touch { pair, .. })| pair.cosine(halves(touch))).collect()
         };
+        let cosines = sides.each_ref().map(|parts| parts.iter().map(in_other_half).collect::<Vec<Vec<f64>>>());
         let metric = match &halves {
             Some(halves) => {
-                let measured = self.measure(&learnt, halves)?;
+                let of_learnt = from.iter().flat_map(|side| &cosines[place(*side)]).flatten();
+                let error: f64 = of_learnt.map(|cosine| 1.0 - cosine).sum();
+                let touches = learnt.iter().flat_map(|parts| parts.iter().flatten());
+                let plain: f64 = touches.map(|touch| 1.0 - touch.pair.cosine(None)).sum();
+                let error_scale = if plain > 0.0 && error > 0.0 { error / plain } else { 1.0 };
+                let measured = Measured { error_scale, temperature: self.temperature(&learnt, halves)? };
                 self.metric_of(&learnt, |_| true).map(|metric| metric.with_measured(measured))
             }
             None => None,
         };
         let spread = |cosines: Vec<f64>| (cosines.len() >= ENOUGH).then(|| PartMatch { matched: Spread::of(&cosines) });
-        let of_part = |touches: &Vec<Touch>| spread(touches.iter().enumerate().map(in_other_half).collect());
-        let [holes, pegs] = sides.each_ref().map(|parts| parts.iter().map(of_part).collect());
+        let [holes, pegs] = cosines.map(|parts| parts.into_iter().map(spread).collect());
         Ok(Learnt { matches: Matches { holes, pegs }, metric })
     }
 
     /// The metric that some touches of each part give, chosen by their number.
     fn metric_of(&self, sides: &[&OfSide], is_chosen: impl Fn(usize) -> bool) -> Option<Metric> {
-        let of_side = |parts: &&OfSide| {
+        let mut chosen = Vec::new();
+        for parts in sides {
             let touches = parts.iter().flat_map(|touches| touches.iter().enumerate());
-            touches.filter(|(touch, _)| is_chosen(*touch)).map(|(_, touch)| touch.pair.clone()).collect::<Vec<_>>()
-        };
-        Metric::of_touches(self.bank.dim(), &sides.iter().map(of_side).collect::<Vec<_>>())
+            chosen.push(touches.filter(|(touch, _)| is_chosen(*touch)).map(|(_, touch)| &touch.pair).collect());
+        }
+        Metric::of_touches(self.bank.dim(), &chosen)
     }
 
-    /// What the touches of each half have in the metric that the other half gives.
-    fn measure(&self, sides: &[&OfSide], halves: &[Metric; 2]) -> Result<Measured> {
-        let (edged, n_cells) = (self.bank.edged_rows(), self.bank.grid().len());
-        let (mut plain, mut learnt, mut tried) = (0.0, 0.0, Tried::new());
+    /// The temperature at which the touches of each half tell their parts best, in the metric that the other half gives.
+    fn temperature(&self, sides: &[&OfSide], halves: &[Metric; 2]) -> Result<Option<f64>> {
+        let (edged, n_cells, mut tried) = (self.bank.edged_rows(), self.bank.grid().len(), Tried::new());
         for (half, metric) in halves.iter().enumerate() {
-            let of_part =
-                |touches: &'_ [Touch]| -> Vec<Touch> { touches.iter().skip(half).step_by(2).cloned().collect() };
-            let touches: Vec<Touch> =
-                sides.iter().flat_map(|parts| parts.iter().flat_map(|part| of_part(part))).collect();
-            let error =
-                |metric: Option<&Metric>| touches.iter().map(|touch| 1.0 - touch.pair.cosine(metric)).sum::<f64>();
-            plain += error(None);
-            learnt += error(Some(metric));
+            let parts = sides.iter().flat_map(|parts| parts.iter());
+            let touches: Vec<&Touch> = parts.flat_map(|touches| touches.iter().skip(half).step_by(2)).collect();
             let stride = (2 * touches.len()).div_ceil(N_JUDGED).max(1);
             let judged = touches.iter().step_by(stride);
             let judged: Vec<_> = judged.map(|touch| (touch.part, metric.apply(&touch.pair.touch))).collect();
             tried.add(&judged, (&metric.rows(self.bank.rows())?, &edged, n_cells));
         }
-        let error_scale = if plain > 0.0 && learnt > 0.0 { learnt / plain } else { 1.0 };
-        Ok(Measured { error_scale, temperature: tried.best() })
+        Ok(tried.best())
     }
 
     /// A part's edged touches where their view is known.
