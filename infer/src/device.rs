@@ -14,7 +14,8 @@ pub enum DeviceKind {
     /// The CPU: our own encoder in inference, burn's pure-Rust backend in training. The default.
     #[default]
     Flex,
-    /// The older CPU backend, some thirty times slower in training and deprecated by burn.
+    /// The older CPU backend, some thirty times slower in training and deprecated by burn. Needs a build with the feature
+    /// `ndarray`.
     Ndarray,
     /// The first graphics card that Vulkan, Metal, DirectX or OpenGL offers; `CUBECL_WGPU_DEFAULT_DEVICE` chooses
     /// another. Needs a build with the feature `wgpu`.
@@ -29,19 +30,18 @@ impl DeviceKind {
     /// by the later ones of this process.
     ///
     /// # Errors
-    /// For [`Self::Wgpu`] in a build without it, or where no graphics card or driver answers.
+    /// For [`Self::Ndarray`] and [`Self::Wgpu`] in a build without them, or where no graphics card or driver answers.
     #[cfg(feature = "burn")]
     pub fn open(self) -> Result<Device> {
         match self {
             Self::Flex => Ok(Device::flex()),
-            #[allow(deprecated)] // selectable for as long as burn ships it
-            Self::Ndarray => Ok(Device::ndarray()),
+            Self::Ndarray => ndarray(),
             Self::Wgpu => wgpu(),
         }
     }
 
-    /// [`Self::open`] where it cannot fail, as for the CPU's kinds: tests and examples. Where it does fail, the
-    /// default CPU device.
+    /// [`Self::open`] where it cannot fail, as for [`Self::Flex`]: tests and examples. Where it does fail, the default CPU
+    /// device.
     #[cfg(feature = "burn")]
     pub fn tensor_device(self) -> Device {
         self.open().unwrap_or_else(|_| Device::flex())
@@ -61,8 +61,25 @@ fn wgpu() -> Result<Device> {
 
 #[cfg(all(feature = "burn", not(feature = "wgpu")))]
 fn wgpu() -> Result<Device> {
-    let expected = "a program built with `cargo build --release --features wgpu`";
-    Err(Error::invalid("--device wgpu", expected, "one built without that feature"))
+    Err(built_without("wgpu"))
+}
+
+#[cfg(feature = "ndarray")]
+#[allow(deprecated)] // selectable for as long as burn ships it
+#[allow(clippy::unnecessary_wraps, reason = "a build without it refuses")]
+fn ndarray() -> Result<Device> {
+    Ok(Device::ndarray())
+}
+
+#[cfg(all(feature = "burn", not(feature = "ndarray")))]
+fn ndarray() -> Result<Device> {
+    Err(built_without("ndarray"))
+}
+
+#[cfg(all(feature = "burn", not(all(feature = "ndarray", feature = "wgpu"))))]
+fn built_without(feature: &str) -> Error {
+    let expected = format!("a program built with `cargo build --release --features {feature}`");
+    Error::invalid(format!("--device {feature}"), expected, "one built without that feature")
 }
 
 impl fmt::Display for DeviceKind {
@@ -94,6 +111,13 @@ mod tests {
             assert_eq!(name.parse::<DeviceKind>().unwrap().to_string(), name);
         }
         assert!("cuda".parse::<DeviceKind>().unwrap_err().to_string().contains("flex or ndarray or wgpu"));
+    }
+
+    #[cfg(all(feature = "burn", not(feature = "ndarray")))]
+    #[test]
+    fn a_build_without_ndarray_says_how_to_get_it() {
+        let error = DeviceKind::Ndarray.open().unwrap_err().to_string();
+        assert!(error.contains("--features ndarray") && !error.contains('\n'), "{error}");
     }
 
     #[cfg(all(feature = "burn", not(feature = "wgpu")))]

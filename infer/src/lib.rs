@@ -49,6 +49,7 @@ pub mod encoder;
 pub mod error;
 #[cfg(all(test, feature = "burn"))]
 mod fuzz;
+pub mod learn_from;
 pub mod matches;
 #[cfg(feature = "datasets")]
 pub mod matching;

@@ -19,6 +19,7 @@ use crate::bank::Bank;
 use crate::calibration::BLANK_SHARE;
 use crate::checkpoint::to_json;
 use crate::error::{Error, Result};
+use crate::learn_from::LearnFrom;
 use crate::model::Model;
 use crate::rows::Rows;
 use crate::safefile::pieces::sha256_of;
@@ -48,7 +49,7 @@ pub fn bank_of_scene(
     seed: u64,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Bank> {
-    SceneBank { model, scene, views, learn_from: &[], seed }.make(None, progress)
+    SceneBank { model, scene, views, learn_from: LearnFrom::default(), seed }.make(None, progress)
 }
 
 /// What a simulated bank is made of.
@@ -60,8 +61,8 @@ pub struct SceneBank<'a> {
     pub scene: &'a Scene,
     /// What each view is of.
     pub views: Views,
-    /// The sides from whose touches the metric is learnt; none: embeddings are compared by the cosine alone.
-    pub learn_from: &'a [Side],
+    /// Whose touches teach how to compare embeddings.
+    pub learn_from: LearnFrom,
     /// Draws jitter and noise.
     pub seed: u64,
 }
@@ -215,12 +216,12 @@ pub(crate) fn with_geometry(
     model: &Model,
     bank: Bank,
     (simulator, seed): (&Simulator, u64),
-    learn_from: &[Side],
+    learn_from: LearnFrom,
 ) -> Result<Bank> {
     let of_name = |name: &String| simulator.parts().iter().position(|part| part == name).unwrap_or(0);
     let parts: Vec<usize> = bank.parts().iter().map(of_name).collect();
     let symmetries = parts.par_iter().map(|part| simulator.symmetry(*part)).collect();
-    let learnt = OwnTouches::new(model, &bank, (simulator, &parts), seed)?.learn(learn_from)?;
+    let learnt = OwnTouches::new(model, &bank, (simulator, &parts), seed)?.learn(learn_from.sides())?;
     let bank = bank.with_symmetries(symmetries)?.with_matches(learnt.matches)?;
     match learnt.metric {
         Some(metric) => bank.with_metric(metric),
@@ -282,7 +283,8 @@ mod tests {
     #[test]
     fn a_bank_that_was_begun_goes_on_with_what_it_lacks() {
         let (scene, model) = scene_and_model();
-        let job = SceneBank { model: &model, scene: &scene, views: Views::Both, learn_from: &[], seed: 5 };
+        let job =
+            SceneBank { model: &model, scene: &scene, views: Views::Both, learn_from: LearnFrom::Nothing, seed: 5 };
         let whole = job.make(None, &|_, _| ()).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("kept");
@@ -302,7 +304,7 @@ mod tests {
         assert_eq!(again.edge_shares()[..n_cells], whole.edge_shares()[..n_cells]);
         assert_eq!((again.rows(), std::fs::read(&first).unwrap()), (whole.rows(), content));
         // What a bank learns is of its touches, not of its views.
-        let learning = SceneBank { learn_from: &[Side::Hole, Side::Peg], ..job };
+        let learning = SceneBank { learn_from: LearnFrom::Both, ..job };
         let learnt = learning.make(None, &|_, _| ()).unwrap();
         std::fs::write(&second, "").unwrap();
         assert_eq!(make(&learning), learnt);

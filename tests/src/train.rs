@@ -95,8 +95,9 @@ fn every_part_of_the_recipe_goes_on_exactly() {
     stops_change_nothing(&config, &[1, 5, 6]);
 }
 
+#[cfg(feature = "ndarray")]
 #[test]
-fn both_devices_begin_with_the_same_loss() {
+fn training_on_ndarray_begins_with_the_same_loss() {
     let sample = Sample::shared();
     let dataset = Dataset::open(&sample.folder().join("maze")).unwrap();
     let folder = tempfile::tempdir().unwrap();

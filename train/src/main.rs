@@ -36,7 +36,8 @@ struct Cli {
     /// Settings in a TOML file, under the names of the flags with _ for -; flags replace its entries.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card).
+    /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card). The
+    /// last two only in programs built with the feature of that name.
     #[arg(long, default_value = "flex", value_parser = clap::builder::PossibleValuesParser::new(DeviceKind::NAMES))]
     device: String,
     /// Fine-tune this trained model instead of beginning with random weights: its sizes and calibration are kept, and the

@@ -10,7 +10,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
-use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::simulated::SceneBank;
 
 use crate::array::vector;
 use crate::error::compute;
@@ -62,9 +62,10 @@ impl PySimulator {
     }
 
     /// The bank of the scene's parts, touched one by one at the poses of the scene's reach in these steps, mm and degrees.
-    /// Its views are of `"pegs"` alone or of `"both"` sides.
+    /// Its views are of `"pegs"` alone or of `"both"` sides; how embeddings are compared is learnt from simulated touches of
+    /// the `"hole"`, the `"peg"`, `"both"` or `"nothing"`.
     /// Takes a minute or less. With steps above 2.5 mm or 20 degrees views are not interpolated.
-    #[pyo3(signature = (model, xy_step_mm = 2.0, theta_step_deg = 15.0, views = "both"))]
+    #[pyo3(signature = (model, xy_step_mm = 2.0, theta_step_deg = 15.0, views = "both", learn_from = "hole"))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn bank(
         &self,
@@ -73,12 +74,14 @@ impl PySimulator {
         xy_step_mm: f64,
         theta_step_deg: f64,
         views: &str,
+        learn_from: &str,
     ) -> PyResult<PyBank> {
         let mut scene = self.simulator.scene().clone();
         scene.reach = scene.reach.map(|reach| PoseGrid { xy_step_mm, theta_step_deg, ..reach });
         let bank = compute(py, || {
             scene.reach.as_ref().map_or(Ok(()), PoseGrid::validate)?;
-            Ok(bank_of_scene(&model.0, &scene, views.parse()?, self.seed, &|_, _| ())?)
+            let (model, views, learn_from) = (&model.0, views.parse()?, learn_from.parse()?);
+            Ok(SceneBank { model, scene: &scene, views, learn_from, seed: self.seed }.make(None, &|_, _| ())?)
         })?;
         Ok(PyBank(Arc::new(bank)))
     }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use tactile_data::calibrate::Calibration;
 use tactile_data::output;
 use tactile_data::progress::reporter;
@@ -11,13 +11,14 @@ use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
 use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
+use tactile_infer::learn_from::LearnFrom;
 use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
 use tactile_infer::recorded::parts_on_grid;
 use tactile_infer::simulated::SceneBank;
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
 
-use super::{ModelArgs, PosesArgs, embed_pegs, precision, views};
+use super::{ModelArgs, PosesArgs, embed_pegs, learn_from, precision, views};
 
 /// What a bank is made of, and where it goes.
 #[derive(Args)]
@@ -37,9 +38,9 @@ pub struct BankArgs {
     /// [default: both]
     #[arg(long, value_name = "VIEWS", requires = "scene", conflicts_with = "data", value_parser = views())]
     views: Option<Views>,
-    /// With --scene: learn in which directions embeddings differ by chance from simulated touches of this side, or of both;
-    /// without, they are compared by the cosine alone, as in the paper
-    #[arg(long, value_name = "SIDE", requires = "scene", conflicts_with = "data")]
+    /// The side that will be touched: touches of it are simulated, where the parts are, to learn in which directions
+    /// embeddings differ by chance; from nothing they are compared by the cosine alone, as in the paper [default: hole]
+    #[arg(long, value_name = "SIDE", value_parser = learn_from())]
     learn_from: Option<LearnFrom>,
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
@@ -81,24 +82,6 @@ impl FromStr for Declared {
     }
 }
 
-/// From which side's touches a bank learns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum LearnFrom {
-    Hole,
-    Peg,
-    Both,
-}
-
-impl LearnFrom {
-    fn sides(self) -> &'static [Side] {
-        match self {
-            Self::Hole => &[Side::Hole],
-            Self::Peg => &[Side::Peg],
-            Self::Both => &[Side::Hole, Side::Peg],
-        }
-    }
-}
-
 impl BankArgs {
     pub fn run(&self) -> Result<()> {
         let data_files = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
@@ -113,22 +96,27 @@ impl BankArgs {
             print_bank(&self.out, &bank);
             Ok(())
         };
+        let learn_from = self.learn_from.unwrap_or_default();
         let Some(data) = &self.data else {
             let scene = self.touched_scene(&model)?;
             let job = SceneBank {
                 model: &model,
                 scene: &scene,
                 views: self.views.unwrap_or(Views::Both),
-                learn_from: self.learn_from.map_or(&[][..], LearnFrom::sides),
+                learn_from,
                 seed: self.seed,
             };
             let kept = with_ending(&self.out, ".parts");
             finish(job.make(Some(&kept), &reporter("touches"))?)?;
             return job.forget(&kept);
         };
-        let dataset = Dataset::open(data)?;
-        check_declared(&self.symmetries, &parts_on_grid(&dataset, self.poses.poses()?)?)?;
-        finish(embed_pegs(&model, &dataset, &self.poses)?)
+        let (dataset, poses) = (Dataset::open(data)?, self.poses.poses(learn_from)?);
+        if self.learn_from.is_some_and(|from| from != LearnFrom::Nothing) && dataset.meta().scene.is_none() {
+            let expected = "a simulated dataset, or --scene";
+            return Err(Error::invalid("--learn-from", expected, "recorded touches, whose parts are not known").into());
+        }
+        check_declared(&self.symmetries, &parts_on_grid(&dataset, poses)?)?;
+        finish(embed_pegs(&model, &dataset, poses)?)
     }
 
     /// The scene whose parts are touched, at the poses that were asked for.

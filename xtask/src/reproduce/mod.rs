@@ -46,6 +46,8 @@ pub enum Part {
     Connectors,
     /// Touches anywhere, at any angle.
     Anywhere,
+    /// Letters searched in an area four times as large, at every angle.
+    Wide,
     /// Fewer classes.
     Classes,
     /// A part that is not in the bank.

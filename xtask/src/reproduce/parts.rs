@@ -13,6 +13,9 @@ pub(super) const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 /// The published figures are of rows as they were computed.
 const ROWS: &str = "--rows f32";
 
+/// Most are of embeddings that are compared by the cosine alone, as in the paper.
+pub(super) const BY_COSINE: &str = "--learn-from nothing";
+
 /// The ways that the paper's tables compare.
 const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random";
 
@@ -35,6 +38,10 @@ enum Kind {
     PlainBoth,
     /// As [`Kind::Fine`], the same.
     FineBoth,
+    /// As [`Kind::Plain`], having learnt from simulated holes how to compare embeddings.
+    PlainLearnt,
+    /// As [`Kind::Fine`], the same.
+    FineLearnt,
 }
 
 impl Kind {
@@ -42,19 +49,21 @@ impl Kind {
     /// records them, where nothing else is said.
     fn flags(self) -> String {
         let views = if matches!(self, Self::PlainBoth | Self::FineBoth) { "both" } else { "pegs" };
-        let steps = if matches!(self, Self::Fine | Self::FineBoth) { FINE } else { "" };
-        format!("--views {views} {steps}")
+        let steps = if matches!(self, Self::Fine | Self::FineBoth | Self::FineLearnt) { FINE } else { "" };
+        let metric = if matches!(self, Self::PlainLearnt | Self::FineLearnt) { "" } else { BY_COSINE };
+        format!("--views {views} {steps} {metric}")
     }
 }
 
 /// The banks: name, kind and scene, a preset or a file.
-const BANKS: [(&str, Kind, &str); 24] = [
+const BANKS: [(&str, Kind, &str); 26] = [
     ("small", Kind::Recorded, "alphabet-small"),
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
     ("connectors-centred", Kind::Recorded, "connectors-centred.toml"),
     ("small-fine", Kind::Fine, "alphabet-small"),
     ("large-fine", Kind::Fine, "alphabet-large"),
+    ("wide", Kind::FineLearnt, "wide-letters.toml"),
     ("four-letters", Kind::Fine, "four-letters.toml"),
     ("small-hard", Kind::Plain, "alphabet-small-hard"),
     ("large-hard", Kind::Plain, "alphabet-large-hard"),
@@ -70,6 +79,7 @@ const BANKS: [(&str, Kind, &str); 24] = [
     ("small-both", Kind::FineBoth, "alphabet-small"),
     ("large-both", Kind::FineBoth, "alphabet-large"),
     ("outlines-both", Kind::FineBoth, "outlines.toml"),
+    ("connectors-learnt", Kind::PlainLearnt, "connectors"),
     ("connectors-both", Kind::PlainBoth, "connectors"),
     ("small-hard-both", Kind::PlainBoth, "alphabet-small-hard"),
     ("large-hard-both", Kind::PlainBoth, "alphabet-large-hard"),
@@ -79,10 +89,11 @@ const BANKS: [(&str, Kind, &str); 24] = [
 type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
 
 /// The evaluations.
-const EVALUATIONS: [Evaluation; 32] = [
+const EVALUATIONS: [Evaluation; 34] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
+    (Part::Connectors, "connectors-learnt", "connectors-learnt", None, INFORMED, ""),
     (
         Part::Connectors,
         "connectors-centred",
@@ -93,6 +104,7 @@ const EVALUATIONS: [Evaluation; 32] = [
     ),
     (Part::Anywhere, "small-anywhere", "small-fine", None, INFORMED, "--poses off-grid"),
     (Part::Anywhere, "large-anywhere", "large-fine", None, INFORMED, "--poses off-grid"),
+    (Part::Wide, "parts-wide", "wide", None, INFORMED, "--poses off-grid"),
     (Part::Classes, "large-4", "large", None, DEFAULT, "--classes 4"),
     (Part::Classes, "large-8", "large", None, DEFAULT, "--classes 8"),
     (Part::Absent, "small-absent", "small", None, DEFAULT, "--absent"),
@@ -227,7 +239,7 @@ impl Maker<'_> {
         let (holes, bank) = (format!("{}-holes", scene.trim_end_matches(".toml")), format!("{name}-dev.bank"));
         let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
         let program = self.program("tactile-infer", "bank --model").arg(model);
-        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {ROWS} {of_bank}"));
+        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {ROWS} {BY_COSINE} {of_bank}"));
         self.add(Step::new(&bank, program, &bank).needs(model).needs(scene));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
@@ -246,7 +258,7 @@ impl Maker<'_> {
         if let Kind::Recorded = kind {
             let pegs = format!("{name}-pegs");
             touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
-            program = program.words(format!("--data {pegs} --out {bank} {ROWS}"));
+            program = program.words(format!("--data {pegs} --out {bank} {BY_COSINE} {ROWS}"));
         } else {
             program = program.words("--scene").arg(&scene).words(format!("--out {bank} {ROWS} {}", kind.flags()));
         }

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::Part;
-use super::parts::{DEFAULT, FINE, Maker};
+use super::parts::{BY_COSINE, DEFAULT, FINE, Maker};
 use crate::step::Step;
 
 /// Letters for evaluation.
@@ -92,7 +92,7 @@ impl Maker<'_> {
         } else {
             let (scene, bank) = (self.letters(&name, "", LETTERS, lines), format!("{name}.bank"));
             let program = self.program("tactile-infer", "bank --model").arg(self.job.model);
-            let program = program.words(format!("--scene {scene} --out {bank} --views pegs {FINE}"));
+            let program = program.words(format!("--scene {scene} --out {bank} --views pegs {FINE} {BY_COSINE}"));
             self.add(Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene));
             (scene, bank)
         };

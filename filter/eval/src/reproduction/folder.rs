@@ -16,10 +16,11 @@ use crate::error::{Error, Result};
 use crate::result::{Evaluation, SCHEMA};
 
 /// The folders of evaluations, in the order of the page; those of robustness, sensors and other parts follow by name.
-const EVALUATIONS: [&str; 21] = [
+const EVALUATIONS: [&str; 22] = [
     "small",
     "large",
     "connectors",
+    "connectors-learnt",
     "connectors-centred",
     "small-anywhere",
     "large-anywhere",

@@ -38,10 +38,11 @@ const SENSORS: [(&str, &str); 12] = [
 ];
 
 /// Parts of other kinds.
-const KINDS: [(&str, &str); 3] = [
+const KINDS: [(&str, &str); 4] = [
     ("serif-letters", "letters A to L of another font"),
     ("digits", "ten digits"),
     ("outlines", "twelve outlines drawn at random"),
+    ("wide", "small letters, within 16 mm and at every angle"),
 ];
 
 /// How much was done for a sensor.
