@@ -6,7 +6,7 @@ use tactile_data::touch::Side;
 
 use crate::error::{Error, Result};
 
-/// From whose simulated touches a bank whose parts can be simulated learns its [`Metric`](crate::metric::Metric).
+/// From whose simulated touches a bank of a scene learns its [`Metric`](crate::metric::Metric).
 ///
 /// The side that will be touched teaches most: of connectors touched anywhere 83 % are named by two touches by the cosine
 /// alone, 86 % having learnt from both sides and 87 % from holes, and of those sure of a part 9.2, 2.8 and 1.1 % are wrong.

@@ -4,17 +4,13 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::grid_fit::Tolerance;
 use tactile_data::se2::{Se2, wrap_angle};
 
-use crate::learn_from::LearnFrom;
-
-/// How a bank is made of a dataset's touches.
+/// Which poses a bank gets from recorded touches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BankPoses {
     /// Steps in mm and degrees to resample to; `None`: the dataset's own grid, stated or found from its poses.
     pub resample: Option<[f64; 2]>,
     /// How far a touch may lie from its place on the grid.
     pub tolerance: Tolerance,
-    /// Whose touches teach how to compare embeddings, where the dataset was simulated; of recorded ones nothing is learnt.
-    pub learn_from: LearnFrom,
 }
 
 /// For each cell of a grid the touch nearest to it of those within the tolerance; the first of equals.

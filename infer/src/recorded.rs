@@ -12,7 +12,6 @@ use tactile_data::touch::Side;
 
 use crate::bank::Bank;
 use crate::error::{Error, Result};
-use crate::learn_from::LearnFrom;
 use crate::model::Model;
 pub use crate::nearest_touches::BankPoses;
 use crate::nearest_touches::nearest_touches;
@@ -81,7 +80,7 @@ pub fn bank_of_dataset(
     let bank = Bank::of_rows(parts, grid, Rows::new(model.dim(), rows)?, edge_shares, model.sha256().clone())
         .and_then(|bank| bank.lacking(missing));
     let bank = bank.map_err(|error| error.within(name))?.with_origin(origin);
-    Ok(RecordedBank { bank: with_known_parts(model, bank, dataset, poses.learn_from)?, notes: notes.lines })
+    Ok(RecordedBank { bank: with_known_parts(model, bank, dataset)?, notes: notes.lines })
 }
 
 /// Distinct touches that are taken for a cell.
@@ -205,14 +204,15 @@ fn origin(dataset: &Dataset, parts: &[String]) -> Origin {
 
 /// A bank with what its parts' geometry tells where the dataset was simulated, else with the symmetries that its views show.
 #[cfg_attr(not(feature = "sim"), expect(unused_variables, reason = "geometry is known to the simulator alone"))]
-fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset, learn_from: LearnFrom) -> Result<Bank> {
+fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank> {
     #[cfg(feature = "sim")]
     if let (Some(scene), Some(seed)) = (dataset.meta().scene.clone(), dataset.meta().seed)
         && let Ok(scene) = serde_json::from_value(scene)
     {
+        use crate::learn_from::LearnFrom;
         let simulator = tactile_data::simulator::Simulator::new(scene, seed)?;
         if bank.parts().iter().all(|part| simulator.parts().contains(part)) {
-            return crate::simulated::with_geometry(model, bank, (&simulator, seed), learn_from);
+            return crate::simulated::with_geometry(model, bank, (&simulator, seed), LearnFrom::Nothing);
         }
     }
     Ok(bank.with_found_symmetries())

@@ -182,11 +182,7 @@ mod tests {
         let place =
             |i: usize| Se2::from_degrees(9.0 * wave(i, 0.618_033), 9.0 * wave(i, 0.754_877), 52.0 * wave(i, 0.569_840));
         let poses: Vec<Se2> = (0..3 * GRID.len()).map(place).filter(|pose| pose.x_mm < 5.0).collect();
-        let settings = BankPoses {
-            resample: Some([2.0, 15.0]),
-            tolerance: Tolerance { mm: 0.1, deg: 0.5 },
-            ..BankPoses::default()
-        };
+        let settings = BankPoses { resample: Some([2.0, 15.0]), tolerance: Tolerance { mm: 0.1, deg: 0.5 } };
         let (cosines, off, known) = errors(poses, settings);
         let left = |cell: &usize| GRID.pose(*cell).x_mm < 5.0;
         let share = |n: usize, of: usize| n as f64 / of as f64;

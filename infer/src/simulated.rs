@@ -37,8 +37,8 @@ const HOLES: u64 = 0x686f_6c65_7300_0000;
 /// The version of the layout of a kept part.
 const PART_SCHEMA: &str = "tactile-filter/part-of-bank/1";
 
-/// The bank of a scene's parts at the poses of its reach. Of views of pegs it is to the bit the one that a dataset of them,
-/// generated with this seed, gives.
+/// The bank of a scene's parts at the poses of its reach, which learns from simulated holes. Of views of pegs, learning from
+/// nothing ([`SceneBank`]), it is to the bit the one that a dataset of them, generated with this seed, gives.
 ///
 /// # Errors
 /// A scene without a reach, or that cannot be touched, or whose frames the model cannot take.
@@ -268,7 +268,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let dataset = touches(&scene, Side::Peg, 5, &folder.path().join("pegs"));
         let recorded = bank_of_dataset(&model, &dataset, BankPoses::default(), &|_, _| ()).unwrap();
-        let bank = bank_of_scene(&model, &scene, Views::Pegs, 5, &|_, _| ()).unwrap();
+        let by_cosine =
+            SceneBank { model: &model, scene: &scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 };
+        let bank = by_cosine.make(None, &|_, _| ()).unwrap();
         assert_eq!(bank, recorded.bank);
         // At a recorded pose a peg is its own view but for noise and the place's jitter; a hole is another side.
         for part in 0..2 {
@@ -326,8 +328,10 @@ mod tests {
     #[test]
     fn a_view_of_both_sides_is_as_near_to_the_peg_as_to_the_hole() {
         let (scene, model) = scene_and_model();
+        let by_cosine =
+            SceneBank { model: &model, scene: &scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 };
         let [pegs, both] =
-            [Views::Pegs, Views::Both].map(|of| bank_of_scene(&model, &scene, of, 5, &|_, _| ()).unwrap());
+            [Views::Pegs, Views::Both].map(|views| SceneBank { views, ..by_cosine }.make(None, &|_, _| ()).unwrap());
         assert_eq!([pegs.views(), both.views()], [Views::Pegs, Views::Both]);
         assert_eq!(both.with_parts(&[1]).unwrap().views(), Views::Both);
         let folder = tempfile::tempdir().unwrap();

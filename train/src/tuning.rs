@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 use tactile_infer::Model;
-use tactile_infer::learn_from::LearnFrom;
 use tactile_infer::matching::{best, recorded_cosines};
 use tactile_infer::recorded::{BankPoses, bank_of_dataset, parts_on_grid, tactile_images};
 
@@ -76,8 +75,7 @@ impl<'a> Tuning<'a> {
 
     /// Share of holes whose nearest peg by cosine, of all parts at all poses, is of the right part, 0..=1.
     pub fn accuracy(&self, model: &Model) -> Result<f64> {
-        let by_cosine = BankPoses { learn_from: LearnFrom::Nothing, ..BankPoses::default() };
-        let bank = bank_of_dataset(model, self.pegs, by_cosine, &|_, _| ())?.bank;
+        let bank = bank_of_dataset(model, self.pegs, BankPoses::default(), &|_, _| ())?.bank;
         let background = model.background_of(self.holes)?;
         let mut n_right = 0;
         for frames in self.chosen.chunks(256) {

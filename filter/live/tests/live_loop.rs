@@ -134,7 +134,7 @@ fn copy_changed(log: &Path, out: &Path, drop_one: bool) {
 
 /// Runs a robot for some seconds, after which it is gone.
 fn run_for(seconds: f64, session: &mut Session) -> usize {
-    let settings = RobotSettings { n_episodes: 6, ..RobotSettings::default() };
+    let settings = RobotSettings { n_episodes: 40, ..RobotSettings::default() };
     let mut robot = Robot::new(settings, Simulator::new(scene(), 1).unwrap()).unwrap();
     let mut n_decisions = 0;
     let count = &mut |spoken| n_decisions += usize::from(matches!(spoken, Spoken::Decision(_)));

@@ -38,9 +38,9 @@ pub struct BankArgs {
     /// [default: both]
     #[arg(long, value_name = "VIEWS", requires = "scene", conflicts_with = "data", value_parser = views())]
     views: Option<Views>,
-    /// The side that will be touched: touches of it are simulated, where the parts are, to learn in which directions
-    /// embeddings differ by chance; from nothing they are compared by the cosine alone, as in the paper [default: hole]
-    #[arg(long, value_name = "SIDE", value_parser = learn_from())]
+    /// With --scene: the side that will be touched; touches of it are simulated to learn in which directions embeddings differ
+    /// by chance; from nothing they are compared by the cosine alone, as in the paper [default: hole]
+    #[arg(long, value_name = "SIDE", requires = "scene", conflicts_with = "data", value_parser = learn_from())]
     learn_from: Option<LearnFrom>,
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
@@ -96,27 +96,22 @@ impl BankArgs {
             print_bank(&self.out, &bank);
             Ok(())
         };
-        let learn_from = self.learn_from.unwrap_or_default();
         let Some(data) = &self.data else {
             let scene = self.touched_scene(&model)?;
             let job = SceneBank {
                 model: &model,
                 scene: &scene,
                 views: self.views.unwrap_or(Views::Both),
-                learn_from,
+                learn_from: self.learn_from.unwrap_or_default(),
                 seed: self.seed,
             };
             let kept = with_ending(&self.out, ".parts");
             finish(job.make(Some(&kept), &reporter("touches"))?)?;
             return job.forget(&kept);
         };
-        let (dataset, poses) = (Dataset::open(data)?, self.poses.poses(learn_from)?);
-        if self.learn_from.is_some_and(|from| from != LearnFrom::Nothing) && dataset.meta().scene.is_none() {
-            let expected = "a simulated dataset, or --scene";
-            return Err(Error::invalid("--learn-from", expected, "recorded touches, whose parts are not known").into());
-        }
-        check_declared(&self.symmetries, &parts_on_grid(&dataset, poses)?)?;
-        finish(embed_pegs(&model, &dataset, poses)?)
+        let dataset = Dataset::open(data)?;
+        check_declared(&self.symmetries, &parts_on_grid(&dataset, self.poses.poses()?)?)?;
+        finish(embed_pegs(&model, &dataset, &self.poses)?)
     }
 
     /// The scene whose parts are touched, at the poses that were asked for.

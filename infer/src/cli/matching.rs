@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::learn_from::LearnFrom;
 use tactile_infer::matching::{Touched, match_single_touches};
 use tactile_infer::{Error, Precision, Result};
 
@@ -46,7 +45,7 @@ impl MatchArgs {
         }
         let model = self.model.load()?;
         let (pegs, holes) = (Dataset::open(&self.pegs)?, Dataset::open(&self.holes)?);
-        let bank = embed_pegs(&model, &pegs, self.poses.poses(LearnFrom::Nothing)?)?.with_precision(self.rows)?;
+        let bank = embed_pegs(&model, &pegs, &self.poses)?.with_precision(self.rows)?;
         let touched = Touched { dataset: &holes, side: self.side, limit: self.limit };
         let found = match_single_touches(&model, &bank, &pegs, touched)?;
         if self.json {

@@ -129,15 +129,15 @@ struct PosesArgs {
 }
 
 impl PosesArgs {
-    fn poses(&self, learn_from: LearnFrom) -> Result<BankPoses> {
+    fn poses(&self) -> Result<BankPoses> {
         let tolerance = Tolerance { mm: self.tolerance_mm, deg: self.tolerance_deg };
         if !(tolerance.mm > 0.0 && tolerance.deg > 0.0 && tolerance.mm.is_finite() && tolerance.deg.is_finite()) {
             let got = format!("{} mm and {} degrees", tolerance.mm, tolerance.deg);
             return Err(Error::invalid("--tolerance-mm, --tolerance-deg", "numbers above 0", got));
         }
         match (self.xy_step_mm, self.theta_step_deg) {
-            (Some(mm), Some(deg)) => Ok(BankPoses { resample: Some([mm, deg]), tolerance, learn_from }),
-            (None, None) => Ok(BankPoses { resample: None, tolerance, learn_from }),
+            (Some(mm), Some(deg)) => Ok(BankPoses { resample: Some([mm, deg]), tolerance }),
+            (None, None) => Ok(BankPoses { resample: None, tolerance }),
             _ => Err(Error::invalid("--xy-step-mm, --theta-step-deg", "both steps, to resample touches", "one")),
         }
     }
@@ -159,8 +159,8 @@ impl Cli {
 }
 
 /// A bank of recorded pegs; what it lacks is said.
-fn embed_pegs(model: &Model, pegs: &Dataset, poses: BankPoses) -> Result<Bank> {
-    let recorded = bank_of_dataset(model, pegs, poses, &reporter("pegs"))?;
+fn embed_pegs(model: &Model, pegs: &Dataset, poses: &PosesArgs) -> Result<Bank> {
+    let recorded = bank_of_dataset(model, pegs, poses.poses()?, &reporter("pegs"))?;
     recorded.notes.iter().for_each(|note| eprintln!("note: {note}"));
     Ok(recorded.bank)
 }

@@ -28,7 +28,7 @@ pub(super) const DEFAULT: &str = "--engines exact --actions information";
 /// How a bank is made.
 #[derive(Clone, Copy)]
 enum Kind {
-    /// From the dataset `{bank}-pegs`, at its scene's poses.
+    /// From the dataset `{bank}-pegs`, at its scene's poses; it learns nothing.
     Recorded,
     /// Without a dataset, at its scene's poses.
     Plain,
@@ -258,7 +258,7 @@ impl Maker<'_> {
         if let Kind::Recorded = kind {
             let pegs = format!("{name}-pegs");
             touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
-            program = program.words(format!("--data {pegs} --out {bank} {BY_COSINE} {ROWS}"));
+            program = program.words(format!("--data {pegs} --out {bank} {ROWS}"));
         } else {
             program = program.words("--scene").arg(&scene).words(format!("--out {bank} {ROWS} {}", kind.flags()));
         }
