@@ -152,8 +152,10 @@ impl NearestCell {
 
 impl Axis {
     fn nearest(&self, value: f64) -> Option<usize> {
-        let place = (value + self.half) * self.per_step;
-        (place > -0.5 && place < self.n as f64 - 0.5).then(|| rounded(place))
+        // Half a step is added before the borders are asked for: the sum of a value just inside and a half may round up
+        // to the border, which is no cell any more.
+        let place = (value + self.half) * self.per_step + 0.5;
+        (place > 0.0 && place < self.n as f64).then_some(place as usize)
     }
 }
 
@@ -186,6 +188,22 @@ mod tests {
         assert!(grid.nearest(&Se2::from_degrees(10.1, 0.0, 0.0)).is_none());
         assert!(grid.nearest(&Se2::from_degrees(0.0, 0.0, 106.0)).is_none());
         assert!(grid.nearest(&Se2::from_degrees(9.9, 0.0, 104.0)).is_some());
+    }
+
+    #[test]
+    fn the_last_number_before_a_border_is_outside_or_has_a_cell() {
+        for n_steps in 0..40_u32 {
+            let grid = PoseGrid { xy_half_mm: 4.0 * f64::from(n_steps), ..PoseGrid::SMALL };
+            let border = grid.xy_half_mm + 2.0;
+            for x_mm in [border.next_down().next_down(), border.next_down(), border, border.next_up()] {
+                for pose in [Se2::new(x_mm, 0.0, 0.0), Se2::new(0.0, x_mm, 0.0), Se2::new(-x_mm, -x_mm, 0.0)] {
+                    assert!(grid.nearest(&pose).is_none_or(|cell| cell < grid.len()), "{n_steps}: {pose:?}");
+                }
+            }
+        }
+        // A half and the largest number below a half make one.
+        let one = PoseGrid { xy_half_mm: 0.0, theta_half_deg: 0.0, ..PoseGrid::SMALL };
+        assert!(one.nearest(&Se2::new(2.0_f64.next_down(), 2.0_f64.next_down(), 0.0)).is_none_or(|cell| cell == 0));
     }
 
     #[test]
