@@ -33,7 +33,12 @@ const MAX_STATES: usize = 10_000;
 /// a ten-thousandth of the belief in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
 /// part's `symmetry` turns into each other are one: the pose is that of the heaviest.
 pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
-    let states = belief.heaviest_states(NEGLIGIBLE / belief.n_states() as f64, MAX_STATES);
+    let mut states = belief.heaviest_states(NEGLIGIBLE / belief.n_states() as f64, MAX_STATES);
+    // At the coldest temperatures, logs of 1e12 and more, their rounding lets masses sum to a little over one.
+    let whole: f64 = states.iter().map(|(_, mass)| mass).sum();
+    if whole > 1.0 + 1e-9 {
+        states.iter_mut().for_each(|(_, mass)| *mass /= whole);
+    }
     let uphill = likeliest_neighbours(belief.grid(), &states);
     let mut peaks: Vec<(usize, Vec<usize>)> = Vec::new();
     let mut peak_of: Vec<Option<usize>> = vec![None; states.len()];
