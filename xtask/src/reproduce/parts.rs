@@ -13,7 +13,7 @@ pub(super) const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 /// The published figures are of rows as they were computed.
 const ROWS: &str = "--rows f32";
 
-/// Most are of embeddings that are compared by the cosine alone, as in the paper.
+/// Embeddings are compared by the cosine alone, as in the paper.
 pub(super) const BY_COSINE: &str = "--learn-from nothing";
 
 /// The ways that the paper's tables compare.
@@ -28,31 +28,32 @@ pub(super) const DEFAULT: &str = "--engines exact --actions information";
 /// How a bank is made.
 #[derive(Clone, Copy)]
 enum Kind {
-    /// From the dataset `{bank}-pegs`, at its scene's poses; it learns nothing.
+    /// From the dataset `{bank}-pegs`, at its scene's poses: such a bank learns nothing.
     Recorded,
-    /// Without a dataset, at its scene's poses.
-    Plain,
-    /// Without a dataset, on a finer grid.
-    Fine,
-    /// As [`Kind::Plain`], of pegs and of the holes that the scene says.
-    PlainBoth,
-    /// As [`Kind::Fine`], the same.
-    FineBoth,
-    /// As [`Kind::Plain`], having learnt from simulated holes how to compare embeddings.
-    PlainLearnt,
-    /// As [`Kind::Fine`], the same.
-    FineLearnt,
+    /// Without a dataset.
+    Simulated {
+        /// `pegs`, as a robot records them, or `both`: the holes that the scene says, too.
+        views: &'static str,
+        /// [`FINE`] or nothing: the scene's poses.
+        steps: &'static str,
+        /// [`BY_COSINE`] or nothing: it learns from simulated holes how to compare embeddings, as is the default.
+        metric: &'static str,
+    },
 }
 
 impl Kind {
-    /// The flags of `tactile-infer bank` for one that is made without a dataset. Banks are of pegs alone, as a robot
-    /// records them, where nothing else is said.
-    fn flags(self) -> String {
-        let views = if matches!(self, Self::PlainBoth | Self::FineBoth) { "both" } else { "pegs" };
-        let steps = if matches!(self, Self::Fine | Self::FineBoth | Self::FineLearnt) { FINE } else { "" };
-        let metric = if matches!(self, Self::PlainLearnt | Self::FineLearnt) { "" } else { BY_COSINE };
-        format!("--views {views} {steps} {metric}")
-    }
+    /// Of pegs at its scene's poses.
+    const PLAIN: Self = Self::Simulated { views: "pegs", steps: "", metric: "" };
+    /// Of pegs on a finer grid.
+    const FINE: Self = Self::Simulated { views: "pegs", steps: FINE, metric: "" };
+    /// As [`Self::PLAIN`], of both sides.
+    const PLAIN_BOTH: Self = Self::Simulated { views: "both", steps: "", metric: "" };
+    /// As [`Self::FINE`], of both sides.
+    const FINE_BOTH: Self = Self::Simulated { views: "both", steps: FINE, metric: "" };
+    /// As [`Self::PLAIN`], by the cosine alone.
+    const PLAIN_COSINE: Self = Self::Simulated { views: "pegs", steps: "", metric: BY_COSINE };
+    /// As [`Self::FINE`], by the cosine alone.
+    const FINE_COSINE: Self = Self::Simulated { views: "pegs", steps: FINE, metric: BY_COSINE };
 }
 
 /// The banks: name, kind and scene, a preset or a file.
@@ -61,28 +62,28 @@ const BANKS: [(&str, Kind, &str); 26] = [
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
     ("connectors-centred", Kind::Recorded, "connectors-centred.toml"),
-    ("small-fine", Kind::Fine, "alphabet-small"),
-    ("large-fine", Kind::Fine, "alphabet-large"),
-    ("wide", Kind::FineLearnt, "wide-letters.toml"),
-    ("four-letters", Kind::Fine, "four-letters.toml"),
-    ("small-hard", Kind::Plain, "alphabet-small-hard"),
-    ("large-hard", Kind::Plain, "alphabet-large-hard"),
-    ("robust-cmu-light", Kind::Plain, "robust/cmu-light.toml"),
-    ("robust-soft-gel", Kind::Plain, "robust/soft-gel.toml"),
-    ("robust-noisy-camera", Kind::Plain, "robust/noisy-camera.toml"),
-    ("robust-shallow-press", Kind::Plain, "robust/shallow-press.toml"),
-    ("robust-crowded-board", Kind::Plain, "robust/crowded-board.toml"),
-    ("robust-attachment", Kind::Plain, "robust/attachment.toml"),
-    ("serif-letters", Kind::Fine, "serif-letters.toml"),
-    ("digits", Kind::Fine, "digits.toml"),
-    ("outlines", Kind::Fine, "outlines.toml"),
-    ("small-both", Kind::FineBoth, "alphabet-small"),
-    ("large-both", Kind::FineBoth, "alphabet-large"),
-    ("outlines-both", Kind::FineBoth, "outlines.toml"),
-    ("connectors-learnt", Kind::PlainLearnt, "connectors"),
-    ("connectors-both", Kind::PlainBoth, "connectors"),
-    ("small-hard-both", Kind::PlainBoth, "alphabet-small-hard"),
-    ("large-hard-both", Kind::PlainBoth, "alphabet-large-hard"),
+    ("small-fine", Kind::FINE, "alphabet-small"),
+    ("large-fine", Kind::FINE, "alphabet-large"),
+    ("wide", Kind::FINE, "wide-letters.toml"),
+    ("four-letters", Kind::FINE, "four-letters.toml"),
+    ("small-hard", Kind::PLAIN, "alphabet-small-hard"),
+    ("large-hard", Kind::PLAIN, "alphabet-large-hard"),
+    ("robust-cmu-light", Kind::PLAIN_COSINE, "robust/cmu-light.toml"),
+    ("robust-soft-gel", Kind::PLAIN_COSINE, "robust/soft-gel.toml"),
+    ("robust-noisy-camera", Kind::PLAIN_COSINE, "robust/noisy-camera.toml"),
+    ("robust-shallow-press", Kind::PLAIN_COSINE, "robust/shallow-press.toml"),
+    ("robust-crowded-board", Kind::PLAIN_COSINE, "robust/crowded-board.toml"),
+    ("robust-attachment", Kind::PLAIN_COSINE, "robust/attachment.toml"),
+    ("serif-letters", Kind::FINE_COSINE, "serif-letters.toml"),
+    ("digits", Kind::FINE_COSINE, "digits.toml"),
+    ("outlines", Kind::FINE_COSINE, "outlines.toml"),
+    ("small-both", Kind::FINE_BOTH, "alphabet-small"),
+    ("large-both", Kind::FINE_BOTH, "alphabet-large"),
+    ("outlines-both", Kind::FINE_BOTH, "outlines.toml"),
+    ("connectors-learnt", Kind::PLAIN, "connectors"),
+    ("connectors-both", Kind::PLAIN_BOTH, "connectors"),
+    ("small-hard-both", Kind::PLAIN_BOTH, "alphabet-small-hard"),
+    ("large-hard-both", Kind::PLAIN_BOTH, "alphabet-large-hard"),
 ];
 
 /// Part, name, bank, the scene where it is not the bank's, ways and settings.
@@ -251,16 +252,20 @@ impl Maker<'_> {
     /// Adds the steps of a bank; returns its file and its scene.
     fn bank(&mut self, name: &str) -> (String, String) {
         let found = BANKS.into_iter().find(|(bank, ..)| *bank == name);
-        let (_, kind, scene) = found.unwrap_or((name, Kind::Plain, name));
+        let (_, kind, scene) = found.unwrap_or((name, Kind::PLAIN, name));
         let (bank, scene) = (format!("{name}.bank"), self.scene(scene));
         let mut program = self.program("tactile-infer", "bank --model").arg(self.job.model);
         let mut touches = None;
-        if let Kind::Recorded = kind {
-            let pegs = format!("{name}-pegs");
-            touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
-            program = program.words(format!("--data {pegs} --out {bank} {ROWS}"));
-        } else {
-            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {ROWS} {}", kind.flags()));
+        match kind {
+            Kind::Recorded => {
+                let pegs = format!("{name}-pegs");
+                touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
+                program = program.words(format!("--data {pegs} --out {bank} {ROWS}"));
+            }
+            Kind::Simulated { views, steps, metric } => {
+                let words = format!("--out {bank} {ROWS} --views {views} {steps} {metric}");
+                program = program.words("--scene").arg(&scene).words(words);
+            }
         }
         let step = Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene);
         self.add(touches.into_iter().fold(step, Step::needs));
