@@ -1,5 +1,6 @@
 //! `tactile-train`: trains the part-mating model on a dataset of pairs.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -59,6 +60,10 @@ struct Cli {
     /// Only make this many batches and print the speed: shows whether the processor or the disk limits it.
     #[arg(long, value_name = "BATCHES")]
     time_batches: Option<usize>,
+    /// Train nothing: write the batches of all steps to standard output, for another trainer. Each is its number n of pairs
+    /// (u32), then n images of holes and n of pegs (f32, [3, height, width]), little-endian.
+    #[arg(long, conflicts_with_all = ["time_batches", "json", "resume"])]
+    write_batches: bool,
     #[command(flatten, next_help_heading = "Length and size of the run, each instead of the preset's")]
     settings: Settings,
 }
@@ -68,6 +73,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     program::run(|| match cli.time_batches {
         Some(n_batches) => time_batches(&cli, n_batches).map(|()| ExitCode::SUCCESS),
+        None if cli.write_batches => write_batches(&cli).map(|()| ExitCode::SUCCESS),
         None => run(&cli),
     })
 }
@@ -138,12 +144,34 @@ fn fine_tuned(config: TrainConfig, given: &Settings, from: Option<&Checkpoint>) 
     TrainConfig { network, learning_rate, ..config }
 }
 
+/// The settings of a run on a dataset, whose batches are made without training.
+fn settings_on(dataset: &Dataset, cli: &Cli) -> Result<TrainConfig> {
+    let settings = settings(cli)?;
+    let config = settings.resolve(n_training(dataset, settings.resolve(1)?.mating()))?;
+    config.validate()?;
+    Ok(config)
+}
+
+/// Writes the batches of a run to standard output.
+fn write_batches(cli: &Cli) -> Result<()> {
+    let dataset = Dataset::open(&cli.data)?;
+    let config = settings_on(&dataset, cli)?;
+    let pairs = Pairs::new(&dataset, &config)?;
+    let mut out = std::io::stdout().lock();
+    for step in 0..config.n_steps {
+        let batch = pairs.batch(&config, step)?;
+        // At most 65,536 pairs are in a batch.
+        let mut bytes = (batch.n_pairs as u32).to_le_bytes().to_vec();
+        [batch.holes, batch.pegs].iter().flatten().for_each(|value| bytes.extend(value.to_le_bytes()));
+        out.write_all(&bytes).map_err(Error::io("standard output"))?;
+    }
+    Ok(out.flush().map_err(Error::io("standard output"))?)
+}
+
 /// Prints how many pairs per second batches are made with, without training.
 fn time_batches(cli: &Cli, n_batches: usize) -> Result<()> {
     let dataset = Dataset::open(&cli.data)?;
-    let settings = settings(cli)?;
-    let within = settings.resolve(1)?.mating();
-    let config = settings.resolve(n_training(&dataset, within))?;
+    let config = settings_on(&dataset, cli)?;
     let pairs = Pairs::new(&dataset, &config)?;
     let started = Instant::now();
     let mut n_pairs = 0;

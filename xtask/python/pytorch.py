@@ -12,75 +12,9 @@ import sys
 import time
 
 import torch
-from safetensors import safe_open
 from torch import nn
-from torch.nn import functional as F
 
-
-class ConvBn(nn.Module):
-    def __init__(self, n_in, n_out, kernel, stride):
-        super().__init__()
-        self.conv = nn.Conv2d(n_in, n_out, kernel, stride, kernel // 2, bias=False)
-        self.norm = nn.BatchNorm2d(n_out)
-
-    def forward(self, x):
-        return self.norm(self.conv(x))
-
-
-class Encoder(nn.Module):
-    def __init__(self, width, height, w, hidden, dim):
-        super().__init__()
-        self.stem = ConvBn(3, w, 5, 2)
-        self.halve = ConvBn(w, 4 * w, 3, 2)
-        self.residual_1 = ConvBn(4 * w, 4 * w, 3, 1)
-        self.quarter = ConvBn(4 * w, 4 * w, 3, 2)
-        self.residual_2 = ConvBn(4 * w, 4 * w, 3, 1)
-        self.narrow = ConvBn(4 * w, 2 * w, 1, 1)
-        n_pixels = -(-width // 8) * -(-height // 8)
-        self.project_1 = nn.Linear(2 * w * n_pixels, hidden, bias=False)
-        self.norm_1 = nn.BatchNorm1d(hidden)
-        self.project_2 = nn.Linear(hidden, dim, bias=False)
-        self.norm_2 = nn.BatchNorm1d(dim)
-
-    def forward(self, x):
-        x = F.relu(self.stem(x))
-        x = F.relu(self.halve(x))
-        x = F.relu(x + self.residual_1(x))
-        x = F.relu(self.quarter(x))
-        x = F.relu(x + self.residual_2(x))
-        x = F.relu(self.narrow(x)).flatten(1)
-        return self.norm_2(self.project_2(F.relu(self.norm_1(self.project_1(x)))))
-
-
-class Predictor(nn.Module):
-    def __init__(self, hidden, dim):
-        super().__init__()
-        self.predict_1 = nn.Linear(dim, hidden, bias=False)
-        self.norm_1 = nn.BatchNorm1d(hidden)
-        self.predict_2 = nn.Linear(hidden, dim, bias=False)
-
-    def forward(self, x):
-        return self.predict_2(F.relu(self.norm_1(self.predict_1(x))))
-
-
-def load(path, encoder, predictor):
-    """Puts the weights of a checkpoint into the modules: linear layers are stored [in, out] there."""
-    # `half` is a method of every PyTorch module.
-    names = {"gamma": "weight", "beta": "bias", "half": "halve"}
-    with safe_open(path, framework="pt") as file:
-        for module, prefix in ((encoder, "encoder."), (predictor, "predictor.")):
-            state = {}
-            for key in file.keys():
-                if key.startswith(prefix):
-                    values = file.get_tensor(key).float()
-                    name = ".".join(names.get(part, part) for part in key.removeprefix(prefix).split("."))
-                    state[name] = values.T if values.dim() == 2 else values
-            module.load_state_dict(state, strict=False)
-
-
-def info_nce(queries, keys, tau):
-    logits = F.normalize(queries) @ F.normalize(keys).T / tau
-    return 2 * tau * F.cross_entropy(logits, torch.arange(len(logits)))
+from network import Encoder, Predictor, config_of, info_nce, load
 
 
 def timed(step, seconds):
@@ -128,9 +62,7 @@ def pair_gflop(online, predictor, image):
 
 def main():
     path, n_pairs, seconds = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
-    with safe_open(path, framework="pt") as file:
-        config = json.loads(file.metadata()["config"])
-    (width, height), w, hidden, dim = config["input_px"], config["width"], config["hidden"], config["dim"]
+    (width, height), w, hidden, dim = config_of(path)
     torch.manual_seed(1)
     result = {"torch": torch.__version__, "threads": torch.get_num_threads()}
     result["matrix_product_gflops"] = matrix_product_gflops(seconds / 6)
@@ -174,4 +106,5 @@ def main():
     print(json.dumps(result))
 
 
-main()
+if __name__ == "__main__":
+    main()

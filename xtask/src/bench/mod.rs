@@ -2,7 +2,9 @@
 
 mod decision;
 mod sensor;
+mod table;
 mod training;
+mod twin;
 
 use std::path::{PathBuf, absolute};
 
@@ -20,6 +22,10 @@ pub enum Bench {
     /// Our training step and encoder next to PyTorch's: same network, same batch, in turns. Needs Python 3 and PyPI.
     #[command(after_help = "Example:\n  cargo xtask bench training --turns 5")]
     Training(training::TrainingArgs),
+    /// Seconds of training until one touch names nine in ten of the tuning letters, ours and PyTorch's from the same first
+    /// weights on the same batches, in turns. Needs Python 3.11 and PyPI.
+    #[command(after_help = "Example:\n  cargo xtask bench twin --seeds 1,2,3")]
+    Twin(twin::TwinArgs),
     /// Whole decisions on one core: what they take, and whether a budget's promise is kept.
     #[command(after_help = "Example:\n  cargo xtask bench decision")]
     Decision(decision::DecisionArgs),
@@ -44,6 +50,7 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
     match bench {
         Bench::Sensor(args) => sensor::sensor(workspace, args),
         Bench::Training(args) => training::training(workspace, args),
+        Bench::Twin(args) => twin::twin(workspace, args),
         Bench::Decision(args) => decision::decision(workspace, args),
         Bench::Extremes { out, quick, seed } => {
             let out = absolute(out).map_err(Error::io(out))?;

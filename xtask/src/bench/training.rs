@@ -1,12 +1,12 @@
 //! `cargo xtask bench training`: our training step and encoder next to PyTorch's, same network, same batch, turn by turn.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::Value;
 
-use crate::error::{Error, Result};
+use crate::bench::table::Table;
+use crate::error::Result;
 use crate::json::number;
 use crate::program::Program;
 use crate::python::environment;
@@ -18,6 +18,9 @@ const FIGURES: [(&str, &str); 3] = [
     ("one_image_ms", "encoder, one image, ms"),
     ("images_per_second", "encoder, batches of 64, images/s"),
 ];
+
+/// What the scripts that compare with PyTorch import.
+pub(super) const PYTORCH: &str = "torch numpy>=1.24 safetensors==0.8.0";
 
 /// Settings of `cargo xtask bench training`.
 #[derive(Args)]
@@ -41,7 +44,7 @@ pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
     let out = workspace.folder(None, &workspace.target.join("bench-training"))?;
     let python = match &args.python {
         Some(python) => python.clone(),
-        None => environment(&out, "torch numpy>=1.24 safetensors==0.8.0")?,
+        None => environment(&out, PYTORCH)?,
     };
     if !out.join("pairs").exists() {
         workspace.program("tactile-data").words("generate --scene maze --pairs 2000 --out pairs").output(&out)?;
@@ -90,17 +93,9 @@ fn ours(workspace: &Workspace, batch: usize, out: &Path) -> Result<Value> {
     workspace.program("tactile-train").words(train).output(out)?;
     let speed = workspace.program("tactile-infer").words("speed --model").arg(workspace.shipped_model());
     let mut ours = speed.words("--seconds 2 --json").json(out)?;
-    ours["pairs_per_second"] = last_speed(&folder.join("curve.csv"))?.into();
+    let speeds = Table::read(&folder.join("curve.csv"))?.numbers("pairs_per_second")?;
+    ours["pairs_per_second"] = speeds.last().copied().into();
     Ok(ours)
-}
-
-/// Pairs a second over the run, from the last line of a training curve.
-fn last_speed(path: &Path) -> Result<f64> {
-    let text = fs::read_to_string(path).map_err(Error::io(path))?;
-    let mut lines = text.lines();
-    let column = lines.next().and_then(|head| head.split(',').position(|name| name == "pairs_per_second"));
-    let cell = lines.last().zip(column).and_then(|(line, column)| line.split(',').nth(column)?.parse().ok());
-    cell.ok_or_else(|| Error::invalid(path.display().to_string(), "a column 'pairs_per_second'", "none"))
 }
 
 fn median(values: &mut [f64]) -> f64 {

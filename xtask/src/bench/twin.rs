@@ -1,0 +1,163 @@
+//! `cargo xtask bench twin`: seconds of training until one touch names most letters, ours against the same run in PyTorch.
+
+use std::fs;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::table::Table;
+use super::training::PYTORCH;
+use crate::error::{Error, Result};
+use crate::json::number;
+use crate::program::Program;
+use crate::python::environment;
+use crate::workspace::{Workspace, remove};
+
+/// Steps over which `tactile-train` averages its speed.
+const RECENT: usize = 50;
+
+/// At most so many holes are matched, as `tactile-train` does.
+const HOLES: usize = 1_000;
+
+/// Settings of `cargo xtask bench twin`.
+#[derive(Args)]
+pub struct TwinArgs {
+    /// Seeds of weights and batches: a run of each for both.
+    #[arg(long, value_delimiter = ',', default_value = "1")]
+    seeds: Vec<u64>,
+    /// Steps of each run.
+    #[arg(long, default_value_t = 500)]
+    steps: usize,
+    /// The share that is asked for, %.
+    #[arg(long, default_value_t = 90.0)]
+    percent: f64,
+    /// A Python from 3.11 on with torch and safetensors [default: a virtual environment in the build folder, made once from PyPI].
+    #[arg(long)]
+    python: Option<PathBuf>,
+}
+
+/// Trains both from the same weights on the same batches, seed by seed, and compares when they name as many.
+pub fn twin(workspace: &Workspace, args: &TwinArgs) -> Result<()> {
+    let out = workspace.folder(None, &workspace.target.join("bench-twin"))?;
+    let python = match &args.python {
+        Some(python) => python.clone(),
+        None => environment(&out, PYTORCH)?,
+    };
+    let data = workspace.program("tactile-data");
+    for (folder, scene) in [("maze", "maze --pairs 12000"), ("dev", "alphabet-small-dev")] {
+        if !out.join(folder).join("meta.json").exists() {
+            data.clone().words(format!("generate --scene {scene} --out {folder}")).output(&out)?;
+        }
+    }
+    let bench = Twins { workspace, out, python, args };
+    for seed in &args.seeds {
+        let (ours, theirs) = (bench.ours(*seed)?, bench.theirs(*seed)?);
+        println!("seed {seed}: step, s and % of ours, s and % of PyTorch's");
+        for (ours, theirs) in ours.iter().zip(&theirs) {
+            let [a, b] = [ours, theirs].map(|at| format!("{:8.1} {:6.1}", at.seconds, at.percent));
+            println!("{:6} {a} {b}", ours.step);
+        }
+        match (seconds_until(&ours, args.percent), seconds_until(&theirs, args.percent)) {
+            (Some(a), Some(b)) => {
+                println!("{} % named after {a:.1} s and {b:.1} s: {:.2} of PyTorch's time", args.percent, a / b);
+            }
+            (a, b) => println!("{} % named after {a:.1?} s and {b:.1?} s", args.percent),
+        }
+    }
+    Ok(())
+}
+
+/// How good a run was at one of its saves.
+#[derive(Clone, Copy, Debug)]
+struct Saved {
+    step: usize,
+    /// Of training until then, without what saving and validating took.
+    seconds: f64,
+    /// Holes whose nearest peg is of the right part, 0..=100.
+    percent: f64,
+}
+
+struct Twins<'a> {
+    workspace: &'a Workspace,
+    out: PathBuf,
+    python: PathBuf,
+    args: &'a TwinArgs,
+}
+
+impl Twins<'_> {
+    /// Runs `tactile-train` on the pairs, with more flags, into an empty folder.
+    fn train(&self, seed: u64, folder: &str, more: &str) -> Result<()> {
+        remove(&self.out.join(folder))?;
+        let words = format!("--data maze --preset tiny --seed {seed} --out {folder} {more}");
+        self.workspace.program("tactile-train").words(words).output(&self.out).map(|_| ())
+    }
+
+    fn ours(&self, seed: u64) -> Result<Vec<Saved>> {
+        let steps = self.args.steps;
+        let more = format!("--steps {steps} --save-every {RECENT} --tune-pegs dev --tune-holes dev");
+        self.train(seed, "ours", &more)?;
+        let curve = Table::read(&self.out.join("ours").join("curve.csv"))?;
+        let (speeds, mut seconds) = (curve.pairs("step", "pairs_per_second")?, 0.0);
+        let batch = self.setting("batch")?;
+        let saved = curve.pairs("step", "tuning_accuracy")?.into_iter().map(|[step, share]| {
+            let speed = speeds.iter().find(|[at, _]| *at == step).map_or(f64::NAN, |[_, speed]| *speed);
+            // The speed is that of the steps since the last save.
+            let n_steps = (step as usize - 1) % RECENT + 1;
+            seconds += n_steps as f64 * batch / speed;
+            Saved { step: step as usize, seconds, percent: 100.0 * share }
+        });
+        Ok(saved.collect())
+    }
+
+    fn theirs(&self, seed: u64) -> Result<Vec<Saved>> {
+        // A step too small to move the weights: what is saved is what they began with.
+        self.train(seed, "first", "--steps 1 --warmup 0 --learning-rate 1e-12")?;
+        let folder = self.out.join("theirs");
+        remove(&folder)?;
+        fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        let trainer = self.workspace.program("tactile-train");
+        let script = self.workspace.root.join("xtask").join("python").join("twin.py");
+        let twin = Program::new(&self.python).arg(script).words("first/model.safetensors ours/train.toml theirs");
+        let twin = twin.arg(trainer.path()).words("--data maze --config ours/train.toml --out unused --write-batches");
+        twin.output(&self.out)?;
+        let times = Table::read(&folder.join("times.csv"))?.pairs("step", "seconds")?;
+        let saved = times.into_iter().map(|[step, seconds]| {
+            let step = step as usize;
+            let of_step = self.workspace.program("tactile-infer").words("match --pegs dev --holes dev --json --model");
+            let found = of_step.arg(folder.join(format!("step-{step}.safetensors"))).words(format!("--limit {HOLES}"));
+            Ok(Saved { step, seconds, percent: 100.0 * number(&found.json(&self.out)?, "/moco/accuracy")? })
+        });
+        saved.collect()
+    }
+
+    /// A number of the settings of our run.
+    fn setting(&self, name: &str) -> Result<f64> {
+        let path = self.out.join("ours").join("train.toml");
+        let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let value =
+            text.lines().find_map(|line| line.strip_prefix(name)?.trim().strip_prefix('=')?.trim().parse().ok());
+        value.ok_or_else(|| Error::invalid(path.display().to_string(), format!("a number '{name}'"), "none"))
+    }
+}
+
+/// Seconds until a share is reached, on the line between the saves around it; `None` where it never is.
+fn seconds_until(saved: &[Saved], percent: f64) -> Option<f64> {
+    let after = saved.iter().position(|at| at.percent >= percent)?;
+    let Some(before) = after.checked_sub(1).map(|at| saved[at]) else { return Some(saved[after].seconds) };
+    let share = (percent - before.percent) / (saved[after].percent - before.percent);
+    Some(before.seconds + share * (saved[after].seconds - before.seconds))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_is_on_the_line_between_two_saves() {
+        let at = |seconds, percent| Saved { step: 0, seconds, percent };
+        let saved = [at(10.0, 50.0), at(20.0, 80.0), at(30.0, 100.0)];
+        assert_eq!(seconds_until(&saved, 90.0), Some(25.0));
+        assert_eq!(seconds_until(&saved, 40.0), Some(10.0));
+        assert_eq!(seconds_until(&saved[..2], 90.0), None);
+    }
+}
