@@ -4,10 +4,11 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 
-use crate::interpolation::{LatticeWeights, ViewWeights, in_planes};
+use crate::interpolation::{Faded, LatticeWeights, ViewWeights, in_planes};
 use crate::likelihood::TouchLikelihood;
 use crate::nearest::{Nearest, nearest_view, trusted};
 use crate::simd;
+use crate::softplus::softplus;
 
 /// A touch, judged from every state.
 #[derive(Clone, Debug)]
@@ -52,7 +53,7 @@ impl Evidence {
     /// log p(touch | state) is at most this for the states of a part at an angle.
     pub(crate) fn highest(&self, part: usize, views: &AngleViews) -> f64 {
         let unknown = self.likelihood.log_unknown;
-        let best_of_angles = self.likelihood.best_of_angles(part);
+        let best_of_angles = self.likelihood.bests(part).of_angles;
         let most = match views {
             AngleViews::Between(lattice) if !lattice.has_known() => return unknown,
             AngleViews::Between(lattice) => lattice.most(best_of_angles),
@@ -84,8 +85,7 @@ impl Evidence {
                 sums.iter_mut().for_each(|sum| *sum += unknown);
             }
             (AngleViews::Between(lattice), planes) => {
-                let matches =
-                    planes.map(|planes| self.likelihood.match_logs(&self.likelihood.on_lattice(lattice, part, planes)));
+                let matches = planes.map(|planes| self.likelihood.on_lattice(lattice, part, planes));
                 self.add_between(first_row, lattice, matches.as_deref(), sums);
             }
         }
@@ -114,19 +114,16 @@ impl Evidence {
             let of_line = matches.map_or(&no_match[..], |matches| &matches[places.clone()]);
             simd::weigh(of_line, [&of_match, &others], [unknown, self.weight], &mut logs[places]);
         }
-        // Along the border many states have the same.
-        let mut last = (f64::NAN, f64::NAN, 0.0);
-        lattice.for_each_outside(|place, Nearest { cell, trust }| {
-            let row = first_row + cell;
+        for Faded { place, nearest, logit, log_rest } in lattice.faded() {
+            let row = first_row + nearest.cell;
             let log = match matches {
-                Some(matches) if self.likelihood.is_edged(row) => matches[place],
+                Some(matches) if self.likelihood.is_edged(row) => matches[*place],
                 _ => self.likelihood.log_row(row),
             };
-            if (last.0, last.1) != (log, trust) {
-                last = (log, trust, self.log_trusted(log, trust));
-            }
-            logs[place] = last.2;
-        });
+            // As `log_mix`, from what is the same for all parts.
+            let log = if nearest.trust == 1.0 { log } else { unknown + log_rest + softplus(log - unknown + logit) };
+            logs[*place] = unknown + self.weight * (log - unknown);
+        }
         simd::add(&logs, sums);
     }
 
@@ -272,6 +269,44 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// At a temperature at which a touch matches few views, where it cannot match it is an outlier.
+    #[test]
+    fn what_no_view_on_a_line_resembles_is_an_outlier_there() {
+        let grid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
+        let world = World::new(3, grid, 0.1, 0.02, 4);
+        let states = grid.subdivided(2);
+        let observation = world.touch(1, &Se2::from_degrees(5.2, -4.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
+        let config =
+            LikelihoodConfig { temperature: 0.01, interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
+        let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
+        let moved = Se2::from_degrees(1.7, -0.9, 21.0);
+        let evidence = Evidence::of(&grid, moved, 1.0, likelihood);
+        let (mut n_outliers, mut n_matches) = (0, 0);
+        for (part, angle) in (0..3).flat_map(|part| (0..states.n_theta()).map(move |angle| (part, angle))) {
+            let AngleViews::Between(lattice) = evidence.views_of_angle([&grid, &states], angle) else { panic!() };
+            let planes = evidence.planes(&grid, part).unwrap();
+            let found = evidence.likelihood.on_lattice(&lattice, part, &planes);
+            let floor = found.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = lattice.most_on_lines(evidence.likelihood.bests(part));
+            for (place, log) in found.into_iter().enumerate() {
+                let Some(weights) = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys()) else { continue };
+                let most = most[0][place / lattice.n_ys()].min(most[1][place % lattice.n_ys()]);
+                let cosine = evidence.likelihood.between(&weights, part * grid.len(), grid.len()).min(most);
+                let edged =
+                    (0..grid.len()).find(|cell| evidence.likelihood.is_edged(part * grid.len() + cell)).unwrap();
+                let exact = evidence.likelihood.log_between(cosine, part * grid.len() + edged);
+                if log == floor {
+                    assert!(exact < floor + 2.1e-3, "{exact} {floor}");
+                    n_outliers += 1;
+                } else {
+                    assert!((log - exact).abs() < 1e-3, "{log} {exact}");
+                    n_matches += usize::from(exact > floor + 5.0);
+                }
+            }
+        }
+        assert!(n_outliers > 100 && n_matches > 10, "{n_outliers} {n_matches}");
     }
 
     #[test]

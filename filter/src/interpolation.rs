@@ -1,5 +1,6 @@
 //! What the bank knows of a pose that it did not record: similarities interpolated between the views around it.
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use multiversion::multiversion;
@@ -9,6 +10,7 @@ use tactile_data::se2::Se2;
 use tactile_infer::between::{Around, is_fine};
 use tactile_infer::neighbours::Neighbours;
 
+use crate::bests::PartBests;
 use crate::nearest::Nearest;
 use crate::simd;
 
@@ -74,10 +76,15 @@ fn directed(cosine: f32, square: f32) -> f32 {
     (cosine / square.sqrt()).clamp(-1.0, 1.0)
 }
 
-/// A state's view between recorded ones counts as at most so much more like a touch than the best of all views of its part
-/// at the angles around it: no state need be looked at to know that it matches no better. With 0.1 the true view is more
-/// than that above the recorded ones now and then, with 0.2 the posterior of letters stays as it is (`NOTES.md`).
-const ABOVE_BEST: f32 = 0.2;
+/// A state's view between recorded ones counts as at most so much more like a touch than the best of its part's views on the
+/// lines of places around it, at the angles around it: no state need be looked at to know that it matches no better. With 0.1
+/// as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
+const ABOVE_BEST: f32 = 0.1;
+
+/// Whether a weight is more than rounding leaves at a recorded place.
+fn counts(weight: f32) -> bool {
+    weight.abs() > 1e-6
+}
 
 /// How far outside the recorded area a view still resembles the one at its border, in steps: the trust is
 /// `exp(-(d / FADE)^2 / 2)`. Were it unknown at once, a touch just outside would speak for states that
@@ -175,6 +182,20 @@ pub struct LatticeWeights {
     theta: Around,
     ys: Vec<Around>,
     xs: Vec<Around>,
+    faded: OnceCell<Vec<Faded>>,
+}
+
+/// A state whose view is known though outside the recorded area.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Faded {
+    /// Of the lattice, x slowest.
+    pub place: usize,
+    /// The nearest cell to it and how far its view is trusted.
+    pub nearest: Nearest,
+    /// ln(trust / (1 - trust)).
+    pub logit: f64,
+    /// ln(1 - trust).
+    pub log_rest: f64,
 }
 
 impl LatticeWeights {
@@ -182,7 +203,7 @@ impl LatticeWeights {
     pub fn at(views: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
         let around = |places: &[f64]| places.iter().map(|mm| Around::x_or_y(views, *mm)).collect();
         let (theta, xs, ys) = (Around::theta(views, theta_rad), around(xs), around(ys));
-        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs }
+        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs, faded: OnceCell::new() }
     }
 
     /// On the grid `views`, for the states at angle `angle` of the grid `states`, after the motion `first_from_sensor`.
@@ -248,9 +269,20 @@ impl LatticeWeights {
         if self.theta.outside == 0.0 && ranges.iter().all(|range| !range.is_empty()) { ranges } else { [0..0, 0..0] }
     }
 
-    /// Calls `take` with each state whose view is known though outside the recorded area, by its place, x slowest: the
-    /// nearest cell to it and how far its view is trusted.
-    pub fn for_each_outside(&self, mut take: impl FnMut(usize, Nearest)) {
+    /// The states whose views are known though outside the recorded area; found once.
+    pub(crate) fn faded(&self) -> &[Faded] {
+        self.faded.get_or_init(|| {
+            let mut faded = Vec::new();
+            self.for_each_outside(|place, nearest| {
+                let Nearest { trust, .. } = nearest;
+                faded.push(Faded { place, nearest, logit: (trust / (1.0 - trust)).ln(), log_rest: (1.0 - trust).ln() });
+            });
+            faded
+        })
+    }
+
+    /// Calls `take` with each of them, by its place and its view.
+    fn for_each_outside(&self, mut take: impl FnMut(usize, Nearest)) {
         let [inside_x, inside_y] = self.inside();
         let fading = |axis: &[Around]| axis.iter().map(|at| Fading::of(at.outside)).collect::<Vec<_>>();
         let (of_ys, of_theta) = (fading(&self.ys), Fading::of(self.theta.outside));
@@ -274,44 +306,87 @@ impl LatticeWeights {
     /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views at
     /// each angle, `[n_theta]`.
     pub fn most(&self, best_of_angles: &[f32]) -> f32 {
-        let counts = self.theta.indices.iter().zip(self.theta.weights).filter(|(_, weight)| *weight != 0.0);
+        let counts = self.theta.indices.iter().zip(self.theta.weights).filter(|(_, weight)| counts(*weight));
         let best = counts.map(|(index, _)| best_of_angles[*index]).fold(-1.0, f32::max);
         (best + ABOVE_BEST).min(1.0)
     }
 
-    /// [`ViewWeights::cosine`] at each state, x slowest, from the cosines with one part's recorded views as [`in_planes`]
-    /// has them; without neighbours [`ViewWeights::value`].
-    pub fn cosines(&self, planes: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
-        cosines(self, planes, neighbours)
+    /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above the
+    /// best recorded view on the lines around it, at the angles around.
+    pub(crate) fn most_on_lines(&self, bests: PartBests<'_>) -> [Vec<f32>; 2] {
+        let n_angles = bests.of_angles.len();
+        let counts = |at: &Around| at.weights.map(counts);
+        let of_theta = counts(&self.theta);
+        let most = |lines: &[f32], states: &[Around]| -> Vec<f32> {
+            let of_line = |line: &[f32]| {
+                let at = |k: usize| if of_theta[k] { line[self.theta.indices[k]] } else { -1.0 };
+                at(0).max(at(1)).max(at(2)).max(at(3))
+            };
+            let of_lines: Vec<f32> = lines.chunks_exact(n_angles).map(of_line).collect();
+            let of_state = |state: &Around| {
+                let counts = counts(state);
+                let at = |k: usize| if counts[k] { of_lines[state.indices[k]] } else { -1.0 };
+                (at(0).max(at(1)).max(at(2)).max(at(3)) + ABOVE_BEST).min(1.0)
+            };
+            states.iter().map(of_state).collect()
+        };
+        let [of_xs, of_ys] = bests.lines();
+        [most(of_xs, &self.xs), most(of_ys, &self.ys)]
     }
 
+    /// [`ViewWeights::cosine`] at the states of a window, x slowest, from the cosines with one part's recorded views as
+    /// [`in_planes`] has them; without neighbours [`ViewWeights::value`].
+    pub fn cosines(&self, planes: &[f32], neighbours: Option<&Neighbours>, window: [Range<usize>; 2]) -> Vec<f32> {
+        let [xs, ys] = window;
+        let states = Window { theta: &self.theta, xs: &self.xs[xs], ys: &self.ys[ys], n: self.n_xy };
+        cosines(states, planes, neighbours)
+    }
+}
+
+/// Some of the places of a lattice next to each other.
+#[derive(Clone, Copy)]
+struct Window<'a> {
+    theta: &'a Around,
+    xs: &'a [Around],
+    ys: &'a [Around],
+    /// Places of the views along an axis.
+    n: usize,
+}
+
+impl Window<'_> {
     #[inline(always)]
-    fn values(&self, planes: &[f32]) -> Vec<f32> {
-        let (n, n_states) = (self.n_xy, self.ys.len());
+    fn values(self, planes: &[f32]) -> Vec<f32> {
+        let Self { theta, xs, ys, n } = self;
         let mut of_angle = vec![0.0; n * n];
-        values_of(&self.theta, |theta| &planes[theta * n * n..][..n * n], &mut of_angle);
-        let of_ys = along_y(n, &self.ys, |y, out| values_of(y, |y| &of_angle[y * n..][..n], out));
-        let mut values = vec![0.0; self.xs.len() * n_states];
-        for (x, values) in self.xs.iter().zip(values.chunks_exact_mut(n_states)) {
-            values_of(x, |x| &of_ys[x * n_states..][..n_states], values);
+        // Only what the places along y see.
+        let seen = seen(ys);
+        let seen = seen.start * n..seen.end * n;
+        values_of(theta, |theta| &planes[theta * n * n..][seen.clone()], &mut of_angle[seen.clone()]);
+        let of_ys = along_y(n, ys, |y, out| values_of(y, |y| &of_angle[y * n..][..n], out));
+        let mut values = vec![0.0; xs.len() * ys.len()];
+        for (x, values) in xs.iter().zip(values.chunks_exact_mut(ys.len())) {
+            values_of(x, |x| &of_ys[x * ys.len()..][..ys.len()], values);
         }
         values
     }
 
     /// Makes interpolated cosines those with the interpolated embeddings' directions, as [`ViewWeights::cosine`] does.
     #[inline(always)]
-    fn direct(&self, cosines: &mut [f32], neighbours: &Neighbours) {
-        let (n, n_states, angle) = (self.n_xy, self.ys.len(), self.theta.nearest);
+    fn direct(self, cosines: &mut [f32], neighbours: &Neighbours) {
+        let Self { theta, xs, ys, n } = self;
+        let (n_states, angle) = (ys.len(), theta.nearest);
         // Squared lengths: along theta for each place of the views, along x and y for a state on that axis and a view on the other.
         let mut along_theta = vec![0.0; n * n];
-        squares_of(&self.theta, |theta, k| neighbours.plane(2, k, theta), &mut along_theta);
+        let seen = seen(xs);
+        let seen = seen.start * n..seen.end * n;
+        squares_of(theta, |theta, k| &neighbours.plane(2, k, theta)[seen.clone()], &mut along_theta[seen.clone()]);
         let of_y = |y: usize, k: usize| &neighbours.plane(1, k, angle)[y * n..][..n];
-        let along_y = along_y(n, &self.ys, |y, out| squares_of(y, of_y, out));
+        let along_y = along_y(n, ys, |y, out| squares_of(y, of_y, out));
         let (mut of_places, mut of_states) = (vec![0.0; n], vec![0.0; n_states]);
-        for (x, cosines) in self.xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
+        for (x, cosines) in xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
             squares_of(x, |x, k| &neighbours.plane(0, k, angle)[x * n..][..n], &mut of_places);
             of_places.iter_mut().zip(&along_theta[x.nearest * n..]).for_each(|(square, theta)| *square *= theta);
-            for ((square, y), along_y) in of_states.iter_mut().zip(&self.ys).zip(&along_y[x.nearest * n_states..]) {
+            for ((square, y), along_y) in of_states.iter_mut().zip(ys).zip(&along_y[x.nearest * n_states..]) {
                 *square = of_places[y.nearest] * along_y;
             }
             for (cosine, square) in cosines.iter_mut().zip(&of_states) {
@@ -323,12 +398,18 @@ impl LatticeWeights {
 
 /// [`LatticeWeights::cosines`], for the vector unit at hand.
 #[multiversion(targets("x86_64+avx2"))]
-fn cosines(lattice: &LatticeWeights, planes: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
-    let mut cosines = lattice.values(planes);
+fn cosines(states: Window<'_>, planes: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
+    let mut cosines = states.values(planes);
     if let Some(neighbours) = neighbours {
-        lattice.direct(&mut cosines, neighbours);
+        states.direct(&mut cosines, neighbours);
     }
     cosines
+}
+
+/// The recorded places around some places, in order along an axis, one of them at least.
+fn seen(places: &[Around]) -> Range<usize> {
+    let [first, last] = [places.first(), places.last()].map(|at| at.map_or([0; 4], |at| at.indices));
+    first[0]..last[3] + 1
 }
 
 /// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what is stored together is
@@ -449,7 +530,9 @@ mod tests {
             for angle in [0, states.n_theta() / 3, states.n_theta() - 1] {
                 let lattice = LatticeWeights::of_states(&FINE, &states, angle, &moved);
                 let planes = in_planes(&cells, &FINE);
-                let (seen, plain) = (lattice.cosines(&planes, Some(&neighbours)), lattice.cosines(&planes, None));
+                let whole = [0..lattice.xs.len(), 0..lattice.ys.len()];
+                let cosines = |neighbours| lattice.cosines(&planes, neighbours, whole.clone());
+                let (seen, plain) = (cosines(Some(&neighbours)), cosines(None));
                 let mut nearest = vec![None; states.n_xy() * states.n_xy()];
                 let [inside_x, inside_y] = lattice.inside();
                 for (x, y) in inside_x.flat_map(|x| inside_y.clone().map(move |y| (x, y))) {

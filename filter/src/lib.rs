@@ -32,6 +32,7 @@
 
 pub mod action;
 pub mod belief;
+mod bests;
 mod blocks;
 pub mod budget;
 mod config;

@@ -26,6 +26,7 @@ use tactile_infer::views::Views;
 pub use config::LikelihoodConfig;
 pub(crate) use config::calibration_of;
 
+use crate::bests::{Bests, PartBests};
 use crate::error::{Error, Result};
 use crate::interpolation::{LatticeWeights, ViewWeights};
 use crate::match_model::MatchModel;
@@ -43,6 +44,9 @@ const UNKNOWN_IS_BLANK: f64 = 0.5;
 /// that counts instead.
 const OTHER_PARTS: f64 = 0.0325;
 
+/// Where a touch may be no more than so many nats likelier than an outlier, it is one.
+const OUTLIER_NATS: f64 = 2e-3;
+
 /// What a row of the bank shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shows {
@@ -59,9 +63,8 @@ enum Shows {
 pub struct TouchLikelihood {
     /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
     pub similarities: Vec<f32>,
-    /// The largest of them with each part's views at each angle, `[n_parts, n_theta]`.
-    best_of_angles: Vec<f32>,
-    n_angles: usize,
+    /// The largest of them with each part's views at each angle.
+    bests: Bests,
     /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view,
     /// either as likely as the other.
     pub log_unknown: f64,
@@ -118,13 +121,11 @@ impl TouchLikelihood {
             None => (1.0 - UNKNOWN_IS_BLANK).ln(),
         };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());
-        let n_angles = bank.grid().n_theta();
-        let best_of_angles = best_of_angles(&similarities, bank.grid().len(), n_angles);
+        let bests = Bests::of(&similarities, bank.grid());
         let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
         Ok(Self {
             similarities,
-            best_of_angles,
-            n_angles,
+            bests,
             log_unknown,
             best_similarity,
             reference,
@@ -186,12 +187,6 @@ impl TouchLikelihood {
         }
     }
 
-    /// The same of an edged touch at views of these cosines, near rows that show an edge too.
-    pub(crate) fn match_logs(&self, similarities: &[f32]) -> Vec<f64> {
-        let above_best = similarities.iter().map(|similarity| similarity - self.reference).collect();
-        self.model.logs(above_best, self.log_agrees)
-    }
-
     /// The cosine at a pose between the views of one part, whose rows start at `start`.
     pub(crate) fn between(&self, weights: &ViewWeights, start: usize, n_cells: usize) -> f32 {
         let similarities = &self.similarities[start..start + n_cells];
@@ -214,19 +209,40 @@ impl TouchLikelihood {
         values.into_iter().enumerate().map(at).collect()
     }
 
-    /// The cosines at the states of a lattice, as [`Self::between`] would find each but for those far above any recorded
-    /// view ([`LatticeWeights::most`]); `planes` are the cosines with the
-    /// part's views, [`in_planes`](crate::interpolation::in_planes).
-    pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> Vec<f32> {
+    /// The log-likelihood of an edged touch at the states of a lattice, x slowest, as [`Self::log_between`] would find each
+    /// near a row that shows an edge, but for two: what is far above the recorded views around counts less
+    /// ([`LatticeWeights::most_on_lines`]), and where that leaves less than [`OUTLIER_NATS`], the touch is an outlier. `planes` are the cosines with the part's views,
+    /// [`in_planes`](crate::interpolation::in_planes).
+    pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> Vec<f64> {
+        let bests = self.bests(part);
+        let mut logs = vec![self.log_agrees + self.model.log_outlier(); lattice.n_places()];
+        let least = (f64::from(self.reference) + self.model.above_outliers(OUTLIER_NATS)) as f32;
+        let most = lattice.most_on_lines(bests);
+        let [xs, ys] = [0, 1].map(|axis: usize| {
+            let may_match = |most: &f32| *most >= least;
+            let start = most[axis].iter().position(may_match).unwrap_or(0);
+            start..most[axis].iter().rposition(may_match).map_or(start, |last| last + 1)
+        });
+        if xs.is_empty() || ys.is_empty() {
+            return logs;
+        }
         let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[part]);
-        let (mut cosines, most) = (lattice.cosines(planes, neighbours), lattice.most(self.best_of_angles(part)));
-        cosines.iter_mut().for_each(|cosine| *cosine = cosine.min(most));
-        cosines
+        let mut above_best = lattice.cosines(planes, neighbours, [xs.clone(), ys.clone()]);
+        for (most_x, line) in most[0][xs.clone()].iter().zip(above_best.chunks_exact_mut(ys.len())) {
+            for (cosine, most_y) in line.iter_mut().zip(&most[1][ys.clone()]) {
+                *cosine = cosine.min(most_x.min(*most_y)) - self.reference;
+            }
+        }
+        let found = self.model.logs(above_best, self.log_agrees);
+        for (x, found) in xs.zip(found.chunks_exact(ys.len())) {
+            logs[x * lattice.n_ys()..][ys.clone()].copy_from_slice(found);
+        }
+        logs
     }
 
-    /// The largest cosine with a part's recorded views at each angle, `[n_theta]`.
-    pub(crate) fn best_of_angles(&self, part: usize) -> &[f32] {
-        &self.best_of_angles[part * self.n_angles..(part + 1) * self.n_angles]
+    /// The largest cosines with a part's recorded views.
+    pub(crate) fn bests(&self, part: usize) -> PartBests<'_> {
+        self.bests.of_part(part)
     }
 
     /// The log-likelihood at no view is above this, where none has a larger cosine.
@@ -254,18 +270,6 @@ impl TouchLikelihood {
     pub fn is_recorded(&self, row: usize) -> bool {
         self.shows[row] != Shows::Unknown
     }
-}
-
-/// The largest of the cosines with each part's views at each angle, `[n_parts, n_theta]`; `[n_parts, n_x, n_y, n_theta]`.
-fn best_of_angles(similarities: &[f32], n_views: usize, n_angles: usize) -> Vec<f32> {
-    let of_part = |views: &[f32]| {
-        let mut best = vec![-1.0_f32; n_angles];
-        for line in views.chunks_exact(n_angles) {
-            best.iter_mut().zip(line).for_each(|(best, cosine)| *best = if *cosine > *best { *cosine } else { *best });
-        }
-        best
-    };
-    similarities.chunks_exact(n_views).flat_map(of_part).collect()
 }
 
 fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {

@@ -29,6 +29,17 @@ impl MatchModel {
         Self { temperature, mean, log_floor: (outlier_share * scale).ln(), log_scale: scale.ln() }
     }
 
+    /// Of a touch that may look like any view; -inf where no touch is an outlier.
+    pub fn log_outlier(self) -> f64 {
+        self.log_floor - self.log_scale
+    }
+
+    /// A cosine below this, above the one that it is measured from, makes a touch less than so many nats likelier than an
+    /// outlier.
+    pub fn above_outliers(self, nats: f64) -> f64 {
+        self.temperature * (self.log_floor + nats.exp_m1().ln())
+    }
+
     /// For one cosine.
     pub fn log(self, above_best: f64) -> f64 {
         let log = (above_best / self.temperature).clamp(LOWEST, HIGHEST);

@@ -22,18 +22,18 @@ pub struct Mode {
 /// Modes below this probability are not worth naming to a person.
 const MIN_MASS: f64 = 0.01;
 
-/// States that together hold less than this are left out: most of a belief that is nearly sure.
-const NEGLIGIBLE: f64 = 1e-4;
+/// The heaviest states that hold less than this together are left out: of many parts most states are what outliers leave.
+const NEGLIGIBLE: f64 = 1e-3;
 
 /// The heaviest states, among which modes are looked for: half a million would take a second.
 const MAX_STATES: usize = 10_000;
 
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
 /// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and so are
-/// a ten-thousandth of the belief in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
+/// a thousandth of the belief at most in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
 /// part's `symmetry` turns into each other are one: the pose is that of the heaviest.
 pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
-    let mut states = belief.heaviest_states(NEGLIGIBLE / belief.n_states() as f64, MAX_STATES);
+    let mut states = belief.heaviest_states(NEGLIGIBLE / MAX_STATES.min(belief.n_states()) as f64, MAX_STATES);
     // At the coldest temperatures, logs of 1e12 and more, their rounding lets masses sum to a little over one.
     let whole: f64 = states.iter().map(|(_, mass)| mass).sum();
     if whole > 1.0 + 1e-9 {

@@ -293,6 +293,19 @@ mod tests {
         sum
     }
 
+    /// What a view may count with: 0.1 above the best of the recorded ones of its part with an x that counts, and of those with
+    /// such a y, at the angles that count.
+    fn most_on_lines(cosines: &[f64], [x, y, theta]: [&Place; 3]) -> f64 {
+        let counts = |place: &Place, index: usize| place.weights[index].abs() > 1e-6;
+        let best = |is_on_line: &dyn Fn(usize, usize) -> bool| {
+            let n = theta.weights.len();
+            let on_line = |cell: &usize| is_on_line(cell / n / y.weights.len(), cell / n % y.weights.len());
+            let around = (0..cosines.len()).filter(|cell| counts(theta, cell % n)).filter(on_line);
+            around.map(|cell| cosines[cell]).fold(-1.0, f64::max)
+        };
+        (best(&|of_x, _| counts(x, of_x)).min(best(&|_, of_y| counts(y, of_y))) + 0.1).min(1.0)
+    }
+
     fn length(vector: &[f64]) -> f64 {
         vector.iter().map(|value| value * value).sum::<f64>().sqrt()
     }
@@ -337,10 +350,7 @@ mod tests {
                         let along_theta = length(&of([&ones[0], &ones[1], w[2]]));
                         let inner: f64 = of(w).iter().zip(&query).map(|(a, b)| a * b).sum();
                         let cosine = inner / length(&query) / (along_x * along_y * along_theta).max(0.3);
-                        // At most 0.2 above the best of the part's recorded views at the angles that count.
-                        let counts = |row: &usize| theta.weights[row % theta.weights.len()].abs() > 1e-6;
-                        let around = (part * n_views..(part + 1) * n_views).filter(counts);
-                        let most = around.map(|row| touch.cosines[row] + 0.2).fold(-1.0, f64::max).min(1.0);
+                        let most = most_on_lines(&touch.cosines[part * n_views..][..n_views], [&x, &y, &theta]);
                         let above = (cosine.clamp(-1.0, most) - reference) / config.temperature - log_mean;
                         log = config.blank_agreement.ln() + log_sum((1.0 - share).ln() + above, share.ln());
                     }

@@ -1,0 +1,90 @@
+//! The best match of a touch among the views of a part: of each angle, and of each line of places at each angle.
+
+use tactile_data::grid::PoseGrid;
+
+/// For every part of a bank.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Bests {
+    n_xy: usize,
+    n_angles: usize,
+    /// `[n_parts, 1 + 2 n_xy, n_theta]`: of all views, of those at each x, of those at each y.
+    cosines: Vec<f32>,
+}
+
+impl Bests {
+    /// By the cosines with all views, `[n_parts, n_xy, n_xy, n_theta]`.
+    pub fn of(similarities: &[f32], grid: &PoseGrid) -> Self {
+        let (n_xy, n_angles) = (grid.n_xy(), grid.n_theta());
+        let a_part = (1 + 2 * n_xy) * n_angles;
+        let mut cosines = vec![-1.0_f32; similarities.len() / grid.len() * a_part];
+        for (views, bests) in similarities.chunks_exact(grid.len()).zip(cosines.chunks_exact_mut(a_part)) {
+            let (of_all, lines) = bests.split_at_mut(n_angles);
+            let (of_xs, of_ys) = lines.split_at_mut(n_xy * n_angles);
+            for (of_x, views) in of_xs.chunks_exact_mut(n_angles).zip(views.chunks_exact(n_xy * n_angles)) {
+                for (of_y, views) in of_ys.chunks_exact_mut(n_angles).zip(views.chunks_exact(n_angles)) {
+                    raise(of_x, views);
+                    raise(of_y, views);
+                }
+                raise(of_all, of_x);
+            }
+        }
+        Self { n_xy, n_angles, cosines }
+    }
+
+    /// Of one part.
+    pub fn of_part(&self, part: usize) -> PartBests<'_> {
+        let n = (1 + 2 * self.n_xy) * self.n_angles;
+        let (of_angles, lines) = self.cosines[part * n..(part + 1) * n].split_at(self.n_angles);
+        PartBests { of_angles, lines, n_xy: self.n_xy }
+    }
+}
+
+/// Makes each value the larger of two.
+fn raise(bests: &mut [f32], values: &[f32]) {
+    bests.iter_mut().zip(values).for_each(|(best, value)| *best = if *value > *best { *value } else { *best });
+}
+
+/// For one part.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PartBests<'a> {
+    /// The largest cosine with its views at each angle, `[n_theta]`.
+    pub of_angles: &'a [f32],
+    lines: &'a [f32],
+    n_xy: usize,
+}
+
+impl PartBests<'_> {
+    /// The largest cosine with the views at each x, or at each y, `[n_xy, n_theta]`.
+    pub fn lines(&self) -> [&[f32]; 2] {
+        let (xs, ys) = self.lines.split_at(self.n_xy * self.of_angles.len());
+        [xs, ys]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_line_and_each_angle_has_its_largest() {
+        let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
+        let value = |part: usize, cell: usize| ((cell * 37 + part * 11) % 101) as f32 / 101.0;
+        let cosines: Vec<f32> = (0..2).flat_map(|part| (0..grid.len()).map(move |cell| value(part, cell))).collect();
+        let bests = Bests::of(&cosines, &grid);
+        for part in 0..2 {
+            let found = bests.of_part(part);
+            for angle in 0..5 {
+                // x is slowest, the angle fastest.
+                let largest = |is: &dyn Fn(usize, usize) -> bool| {
+                    let places = (0..9).filter(|place| is(place / 3, place % 3));
+                    places.map(|place| value(part, place * 5 + angle)).fold(-1.0, f32::max)
+                };
+                assert_eq!(found.of_angles[angle], largest(&|_, _| true));
+                for line in 0..3 {
+                    assert_eq!(found.lines()[0][line * 5 + angle], largest(&|x, _| x == line));
+                    assert_eq!(found.lines()[1][line * 5 + angle], largest(&|_, y| y == line));
+                }
+            }
+        }
+    }
+}
