@@ -4,7 +4,8 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 
-use crate::interpolation::{Faded, LatticeWeights, ViewWeights, in_planes};
+use crate::interpolation::ViewWeights;
+use crate::lattice::{Faded, LatticeWeights, in_planes};
 use crate::likelihood::TouchLikelihood;
 use crate::nearest::{Nearest, nearest_view, trusted};
 use crate::simd;

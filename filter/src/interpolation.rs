@@ -1,18 +1,10 @@
 //! What the bank knows of a pose that it did not record: similarities interpolated between the views around it.
 
-use std::cell::OnceCell;
-use std::ops::Range;
-
-use multiversion::multiversion;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::between::{Around, is_fine};
 use tactile_infer::neighbours::Neighbours;
-
-use crate::bests::PartBests;
-use crate::nearest::Nearest;
-use crate::simd;
 
 /// How a view between recorded poses is judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,52 +30,15 @@ impl Interpolation {
     }
 }
 
-/// The one index that counts, where a place is a recorded one.
-#[inline(always)]
-fn recorded(at: &Around) -> Option<usize> {
-    let is_only = |k: &usize| at.weights.iter().enumerate().all(|(j, w)| *w == if j == *k { 1.0 } else { 0.0 });
-    (0..4).find(is_only).map(|k| at.indices[k])
-}
-
-/// [`Around::value`] of each value of a line at each index.
-#[inline(always)]
-fn values_of<'a>(at: &Around, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-    match recorded(at) {
-        Some(index) => out.copy_from_slice(&line(index)[..out.len()]),
-        None => simd::blend(&at.weights, at.indices.map(line), out),
-    }
-}
-
-/// [`Around::square`] for each value of a line of cosines.
-#[inline(always)]
-fn squares_of<'a>(at: &Around, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]) {
-    if recorded(at).is_some() {
-        out.fill(1.0);
-        return;
-    }
-    let (constant, weights) = at.square_weights();
-    simd::blend_six(constant, &weights, at.pairs().map(|(index, k)| line(index, k)), out);
-}
-
 /// Views that have nothing in common could interpolate to nothing at all.
 const SHORTEST: f32 = 0.3;
 
 /// The cosine with an interpolated embedding, which is shorter than 1 between views that differ and counts by its
 /// direction: from the interpolated cosine and the embedding's squared length.
 #[inline(always)]
-fn directed(cosine: f32, square: f32) -> f32 {
+pub(crate) fn directed(cosine: f32, square: f32) -> f32 {
     let square = if square > SHORTEST * SHORTEST { square } else { SHORTEST * SHORTEST };
     (cosine / square.sqrt()).clamp(-1.0, 1.0)
-}
-
-/// A state's view between recorded ones counts as at most so much more like a touch than the best of its part's views on the
-/// lines of places around it, at the angles around it: no state need be looked at to know that it matches no better. With 0.1
-/// as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
-const ABOVE_BEST: f32 = 0.1;
-
-/// Whether a weight is more than rounding leaves at a recorded place.
-fn counts(weight: f32) -> bool {
-    weight.abs() > 1e-6
 }
 
 /// How far outside the recorded area a view still resembles the one at its border, in steps: the trust is
@@ -93,7 +48,7 @@ const FADE: f64 = 0.5;
 
 /// How far outside along some axes a view is, and what its trust is for that.
 #[derive(Clone, Copy)]
-struct Fading {
+pub(crate) struct Fading {
     /// Of the distance, steps.
     square: f64,
     trust: f64,
@@ -101,25 +56,25 @@ struct Fading {
 
 impl Fading {
     /// Along one axis, steps.
-    fn of(outside: f64) -> Self {
+    pub(crate) fn of(outside: f64) -> Self {
         let square = outside * outside;
         Self { square, trust: if square == 0.0 { 1.0 } else { (-0.5 * square / (FADE * FADE)).exp() } }
     }
 
     /// Along these axes too: squares add up, so what is trusted multiplies.
-    fn and(self, other: Self) -> Self {
+    pub(crate) fn and(self, other: Self) -> Self {
         Self { square: self.square + other.square, trust: self.trust * other.trust }
     }
 
     /// `None` more than one step outside; all of it where only rounding is outside.
-    fn trust(self) -> Option<f64> {
+    pub(crate) fn trust(self) -> Option<f64> {
         let is_known = self.square <= 4.0 * FADE * FADE;
         is_known.then_some(if self.square <= 1e-12 * FADE * FADE { 1.0 } else { self.trust })
     }
 }
 
 /// How far a view is trusted this far outside along each axis, steps; `None` more than one step outside.
-fn trust(outside: [f64; 3]) -> Option<f64> {
+pub(crate) fn trust(outside: [f64; 3]) -> Option<f64> {
     let [x, y, theta] = outside.map(Fading::of);
     x.and(theta).and(y).trust()
 }
@@ -143,7 +98,7 @@ impl ViewWeights {
         Self::of(Around::pose(grid, part_from_sensor), grid.strides())
     }
 
-    fn of(axes: [Around; 3], strides: [usize; 3]) -> Option<Self> {
+    pub(crate) fn of(axes: [Around; 3], strides: [usize; 3]) -> Option<Self> {
         let trust = trust(axes.map(|axis| axis.outside))?;
         let cell = axes.iter().zip(strides).map(|(axis, stride)| axis.nearest * stride).sum();
         Some(Self { cell, trust, axes, strides })
@@ -171,268 +126,6 @@ impl ViewWeights {
         let ([x, y, theta], [of_x, of_y, _]) = (&self.axes, self.strides);
         x.value(|x| y.value(|y| theta.value(|theta| cells[x * of_x + y * of_y + theta])))
     }
-}
-
-/// The weights of poses of one angle, at any places along x and along y: all that is interpolated is, in turn, along
-/// theta, y and x. The states of one angle are such poses after any motion, their places as regular as before it.
-#[derive(Debug)]
-pub struct LatticeWeights {
-    n_xy: usize,
-    strides: [usize; 3],
-    theta: Around,
-    ys: Vec<Around>,
-    xs: Vec<Around>,
-    faded: OnceCell<Vec<Faded>>,
-}
-
-/// A state whose view is known though outside the recorded area.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Faded {
-    /// Of the lattice, x slowest.
-    pub place: usize,
-    /// The nearest cell to it and how far its view is trusted.
-    pub nearest: Nearest,
-    /// ln(trust / (1 - trust)).
-    pub logit: f64,
-    /// ln(1 - trust).
-    pub log_rest: f64,
-}
-
-impl LatticeWeights {
-    /// On the grid `views`, at every x and y, mm.
-    pub fn at(views: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
-        let around = |places: &[f64]| places.iter().map(|mm| Around::x_or_y(views, *mm)).collect();
-        let (theta, xs, ys) = (Around::theta(views, theta_rad), around(xs), around(ys));
-        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs, faded: OnceCell::new() }
-    }
-
-    /// On the grid `views`, for the states at angle `angle` of the grid `states`, after the motion `first_from_sensor`.
-    pub fn of_states(views: &PoseGrid, states: &PoseGrid, angle: usize, first_from_sensor: &Se2) -> Self {
-        let [of_x, of_y, _] = states.strides();
-        let at = |index: usize| states.pose(index * (of_x + of_y) + angle) * *first_from_sensor;
-        let diagonal: Vec<Se2> = (0..states.n_xy()).map(at).collect();
-        let along = |place: fn(&Se2) -> f64| diagonal.iter().map(place).collect::<Vec<_>>();
-        Self::at(views, diagonal[0].theta_rad, &along(|pose| pose.x_mm), &along(|pose| pose.y_mm))
-    }
-
-    /// The weights at one of the xs and one of the ys.
-    pub fn weights(&self, x: usize, y: usize) -> Option<ViewWeights> {
-        ViewWeights::of([self.xs[x], self.ys[y], self.theta], self.strides)
-    }
-
-    /// [`ViewWeights::value`] at all places, x slowest, of one part's `cells`, `[grid.len()]`: for few places near each
-    /// other, which share most of what is around them.
-    pub(crate) fn values_of_few(&self, cells: &[f32]) -> Vec<f32> {
-        let window = |axis: &[Around]| {
-            let indices = || axis.iter().flat_map(|at| at.indices);
-            indices().min().unwrap_or(0)..indices().max().map_or(0, |last| last + 1)
-        };
-        let ([of_x, of_y, _], n_ys) = (self.strides, self.ys.len());
-        let (around_x, around_y) = (window(&self.xs), window(&self.ys));
-        let at = |(x, y): (usize, usize)| self.theta.value(|theta| cells[x * of_x + y * of_y + theta]);
-        let all = around_x.clone().flat_map(|x| around_y.clone().map(move |y| (x, y)));
-        let of_angle: Vec<f32> = all.map(at).collect();
-        let mut of_ys = Vec::with_capacity(around_x.len() * n_ys);
-        for line in of_angle.chunks_exact(around_y.len().max(1)) {
-            of_ys.extend(self.ys.iter().map(|y| y.value(|y| line[y - around_y.start])));
-        }
-        let of_x =
-            |x: &Around| (0..n_ys).map(|y| x.value(|x| of_ys[(x - around_x.start) * n_ys + y])).collect::<Vec<_>>();
-        self.xs.iter().flat_map(of_x).collect()
-    }
-
-    /// Whether the view from any state is known.
-    pub fn has_known(&self) -> bool {
-        let inmost = |axis: &[Around]| axis.iter().map(|at| at.outside.abs()).fold(f64::INFINITY, f64::min);
-        trust([inmost(&self.xs), inmost(&self.ys), self.theta.outside]).is_some()
-    }
-
-    /// Places along y.
-    pub fn n_ys(&self) -> usize {
-        self.ys.len()
-    }
-
-    /// Places in all.
-    pub fn n_places(&self) -> usize {
-        self.xs.len() * self.ys.len()
-    }
-
-    /// The places along x and those along y from which views are within the recorded area: none where the angle is
-    /// outside it.
-    pub fn inside(&self) -> [Range<usize>; 2] {
-        let inside = |axis: &[Around]| {
-            let is_inside = |at: &Around| at.outside == 0.0;
-            let first = axis.iter().position(is_inside).unwrap_or(axis.len());
-            first..axis[first..].iter().position(|at| !is_inside(at)).map_or(axis.len(), |n| first + n)
-        };
-        let ranges = [inside(&self.xs), inside(&self.ys)];
-        if self.theta.outside == 0.0 && ranges.iter().all(|range| !range.is_empty()) { ranges } else { [0..0, 0..0] }
-    }
-
-    /// The states whose views are known though outside the recorded area; found once.
-    pub(crate) fn faded(&self) -> &[Faded] {
-        self.faded.get_or_init(|| {
-            let mut faded = Vec::new();
-            self.for_each_outside(|place, nearest| {
-                let Nearest { trust, .. } = nearest;
-                faded.push(Faded { place, nearest, logit: (trust / (1.0 - trust)).ln(), log_rest: (1.0 - trust).ln() });
-            });
-            faded
-        })
-    }
-
-    /// Calls `take` with each of them, by its place and its view.
-    fn for_each_outside(&self, mut take: impl FnMut(usize, Nearest)) {
-        let [inside_x, inside_y] = self.inside();
-        let fading = |axis: &[Around]| axis.iter().map(|at| Fading::of(at.outside)).collect::<Vec<_>>();
-        let (of_ys, of_theta) = (fading(&self.ys), Fading::of(self.theta.outside));
-        for (x, of_x) in fading(&self.xs).into_iter().enumerate() {
-            let skipped = if inside_x.contains(&x) { inside_y.clone() } else { 0..0 };
-            for y in (0..skipped.start).chain(skipped.end..self.ys.len()) {
-                if let Some(trust) = of_x.and(of_theta).and(of_ys[y]).trust() {
-                    take(x * self.ys.len() + y, Nearest { cell: self.cell(x, y), trust });
-                }
-            }
-        }
-    }
-
-    /// The nearest cell to the state at one of the xs and one of the ys.
-    #[inline]
-    pub fn cell(&self, x: usize, y: usize) -> usize {
-        let [of_x, of_y, _] = self.strides;
-        self.xs[x].nearest * of_x + self.ys[y].nearest * of_y + self.theta.nearest
-    }
-
-    /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views at
-    /// each angle, `[n_theta]`.
-    pub fn most(&self, best_of_angles: &[f32]) -> f32 {
-        let counts = self.theta.indices.iter().zip(self.theta.weights).filter(|(_, weight)| counts(*weight));
-        let best = counts.map(|(index, _)| best_of_angles[*index]).fold(-1.0, f32::max);
-        (best + ABOVE_BEST).min(1.0)
-    }
-
-    /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above the
-    /// best recorded view on the lines around it, at the angles around.
-    pub(crate) fn most_on_lines(&self, bests: PartBests<'_>) -> [Vec<f32>; 2] {
-        let n_angles = bests.of_angles.len();
-        let counts = |at: &Around| at.weights.map(counts);
-        let of_theta = counts(&self.theta);
-        let most = |lines: &[f32], states: &[Around]| -> Vec<f32> {
-            let of_line = |line: &[f32]| {
-                let at = |k: usize| if of_theta[k] { line[self.theta.indices[k]] } else { -1.0 };
-                at(0).max(at(1)).max(at(2)).max(at(3))
-            };
-            let of_lines: Vec<f32> = lines.chunks_exact(n_angles).map(of_line).collect();
-            let of_state = |state: &Around| {
-                let counts = counts(state);
-                let at = |k: usize| if counts[k] { of_lines[state.indices[k]] } else { -1.0 };
-                (at(0).max(at(1)).max(at(2)).max(at(3)) + ABOVE_BEST).min(1.0)
-            };
-            states.iter().map(of_state).collect()
-        };
-        let [of_xs, of_ys] = bests.lines();
-        [most(of_xs, &self.xs), most(of_ys, &self.ys)]
-    }
-
-    /// [`ViewWeights::cosine`] at the states of a window, x slowest, from the cosines with one part's recorded views as
-    /// [`in_planes`] has them; without neighbours [`ViewWeights::value`].
-    pub fn cosines(&self, planes: &[f32], neighbours: Option<&Neighbours>, window: [Range<usize>; 2]) -> Vec<f32> {
-        let [xs, ys] = window;
-        let states = Window { theta: &self.theta, xs: &self.xs[xs], ys: &self.ys[ys], n: self.n_xy };
-        cosines(states, planes, neighbours)
-    }
-}
-
-/// Some of the places of a lattice next to each other.
-#[derive(Clone, Copy)]
-struct Window<'a> {
-    theta: &'a Around,
-    xs: &'a [Around],
-    ys: &'a [Around],
-    /// Places of the views along an axis.
-    n: usize,
-}
-
-impl Window<'_> {
-    #[inline(always)]
-    fn values(self, planes: &[f32]) -> Vec<f32> {
-        let Self { theta, xs, ys, n } = self;
-        let mut of_angle = vec![0.0; n * n];
-        // Only what the places along y see.
-        let seen = seen(ys);
-        let seen = seen.start * n..seen.end * n;
-        values_of(theta, |theta| &planes[theta * n * n..][seen.clone()], &mut of_angle[seen.clone()]);
-        let of_ys = along_y(n, ys, |y, out| values_of(y, |y| &of_angle[y * n..][..n], out));
-        let mut values = vec![0.0; xs.len() * ys.len()];
-        for (x, values) in xs.iter().zip(values.chunks_exact_mut(ys.len())) {
-            values_of(x, |x| &of_ys[x * ys.len()..][..ys.len()], values);
-        }
-        values
-    }
-
-    /// Makes interpolated cosines those with the interpolated embeddings' directions, as [`ViewWeights::cosine`] does.
-    #[inline(always)]
-    fn direct(self, cosines: &mut [f32], neighbours: &Neighbours) {
-        let Self { theta, xs, ys, n } = self;
-        let (n_states, angle) = (ys.len(), theta.nearest);
-        // Squared lengths: along theta for each place of the views, along x and y for a state on that axis and a view on the other.
-        let mut along_theta = vec![0.0; n * n];
-        let seen = seen(xs);
-        let seen = seen.start * n..seen.end * n;
-        squares_of(theta, |theta, k| &neighbours.plane(2, k, theta)[seen.clone()], &mut along_theta[seen.clone()]);
-        let of_y = |y: usize, k: usize| &neighbours.plane(1, k, angle)[y * n..][..n];
-        let along_y = along_y(n, ys, |y, out| squares_of(y, of_y, out));
-        let (mut of_places, mut of_states) = (vec![0.0; n], vec![0.0; n_states]);
-        for (x, cosines) in xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
-            squares_of(x, |x, k| &neighbours.plane(0, k, angle)[x * n..][..n], &mut of_places);
-            of_places.iter_mut().zip(&along_theta[x.nearest * n..]).for_each(|(square, theta)| *square *= theta);
-            for ((square, y), along_y) in of_states.iter_mut().zip(ys).zip(&along_y[x.nearest * n_states..]) {
-                *square = of_places[y.nearest] * along_y;
-            }
-            for (cosine, square) in cosines.iter_mut().zip(&of_states) {
-                *cosine = directed(*cosine, *square);
-            }
-        }
-    }
-}
-
-/// [`LatticeWeights::cosines`], for the vector unit at hand.
-#[multiversion(targets("x86_64+avx2"))]
-fn cosines(states: Window<'_>, planes: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
-    let mut cosines = states.values(planes);
-    if let Some(neighbours) = neighbours {
-        states.direct(&mut cosines, neighbours);
-    }
-    cosines
-}
-
-/// The recorded places around some places, in order along an axis, one of them at least.
-fn seen(places: &[Around]) -> Range<usize> {
-    let [first, last] = [places.first(), places.last()].map(|at| at.map_or([0; 4], |at| at.indices));
-    first[0]..last[3] + 1
-}
-
-/// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what is stored together is
-/// interpolated at once.
-pub fn in_planes(cells: &[f32], grid: &PoseGrid) -> Vec<f32> {
-    let (n, n_theta) = (grid.n_xy(), grid.n_theta());
-    let mut planes = vec![0.0; cells.len()];
-    for (place, line) in cells.chunks_exact(n_theta).enumerate() {
-        let first = place % n * n + place / n;
-        planes[first..].iter_mut().step_by(n * n).zip(line).for_each(|(cell, value)| *cell = *value);
-    }
-    planes
-}
-
-/// What `find` finds at each of `ys` for the `n` places along x, x slowest.
-#[inline(always)]
-fn along_y(n: usize, ys: &[Around], find: impl Fn(&Around, &mut [f32])) -> Vec<f32> {
-    let (mut found, mut line) = (vec![0.0; n * ys.len()], vec![0.0; n]);
-    for (index, y) in ys.iter().enumerate() {
-        find(y, &mut line);
-        found[index..].iter_mut().step_by(ys.len()).zip(&line).for_each(|(found, value)| *found = *value);
-    }
-    found
 }
 
 #[cfg(test)]
@@ -515,44 +208,6 @@ mod tests {
     }
 
     proptest! {
-        /// All states of one angle at once, as one by one.
-        #[test]
-        fn a_sheet_is_its_stencils(
-            x in -12.0..12.0_f64, y in -12.0..12.0_f64, theta in -100.0..100.0_f64, times in 1..3_usize, seed in 0..99_usize,
-        ) {
-            let moved = Se2::from_degrees(x, y, theta);
-            let noise = |i: usize| ((i * 7919 + seed * 104_729) % 1009) as f32 / 1009.0;
-            let cells: Vec<f32> = (0..FINE.len()).map(|cell| 2.0 * noise(cell) - 1.0).collect();
-            let neighbours = Neighbours::new(FINE.n_xy(), FINE.n_theta(), |[x, y, theta], axis, k| {
-                noise(9 * (117 * x + 13 * y + theta) + 3 * axis + k)
-            });
-            let states = FINE.subdivided(times);
-            for angle in [0, states.n_theta() / 3, states.n_theta() - 1] {
-                let lattice = LatticeWeights::of_states(&FINE, &states, angle, &moved);
-                let planes = in_planes(&cells, &FINE);
-                let whole = [0..lattice.xs.len(), 0..lattice.ys.len()];
-                let cosines = |neighbours| lattice.cosines(&planes, neighbours, whole.clone());
-                let (seen, plain) = (cosines(Some(&neighbours)), cosines(None));
-                let mut nearest = vec![None; states.n_xy() * states.n_xy()];
-                let [inside_x, inside_y] = lattice.inside();
-                for (x, y) in inside_x.flat_map(|x| inside_y.clone().map(move |y| (x, y))) {
-                    nearest[x * lattice.n_ys() + y] = Some(Nearest { cell: lattice.cell(x, y), trust: 1.0 });
-                }
-                lattice.for_each_outside(|place, found| nearest[place] = Some(found));
-                for (place, nearest) in nearest.into_iter().enumerate() {
-                    let weights = ViewWeights::new(&FINE, &(states.pose(place * states.n_theta() + angle) * moved));
-                    prop_assert_eq!(nearest.is_some(), weights.is_some());
-                    let (Some(nearest), Some(weights)) = (nearest, weights) else { continue };
-                    // A place half-way between two cells may be nearest to either; the length then is another's.
-                    prop_assert!((nearest.trust - weights.trust).abs() < 1e-9);
-                    prop_assert!((plain[place] - weights.value(&cells)).abs() < 1e-4);
-                    if nearest.cell == weights.cell {
-                        prop_assert!((seen[place] - weights.cosine(&cells, &neighbours)).abs() < 1e-4);
-                    }
-                }
-            }
-        }
-
         /// Catmull-Rom reproduces what is quadratic, up to the border.
         #[test]
         fn what_is_quadratic_is_exact(x in -8.0..8.0_f64, y in -8.0..8.0_f64, theta in -90.0..90.0_f64) {

@@ -47,6 +47,7 @@ mod hypothesis;
 pub mod interpolation;
 #[cfg(test)]
 mod invariants;
+mod lattice;
 pub mod likelihood;
 mod match_model;
 pub mod modes;

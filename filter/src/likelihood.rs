@@ -28,7 +28,8 @@ pub(crate) use config::calibration_of;
 
 use crate::bests::{Bests, PartBests};
 use crate::error::{Error, Result};
-use crate::interpolation::{LatticeWeights, ViewWeights};
+use crate::interpolation::ViewWeights;
+use crate::lattice::LatticeWeights;
 use crate::match_model::MatchModel;
 use crate::nearest::Nearest;
 use crate::observation::Observation;
@@ -211,8 +212,8 @@ impl TouchLikelihood {
 
     /// The log-likelihood of an edged touch at the states of a lattice, x slowest, as [`Self::log_between`] would find each
     /// near a row that shows an edge, but for two: what is far above the recorded views around counts less
-    /// ([`LatticeWeights::most_on_lines`]), and where that leaves less than [`OUTLIER_NATS`], the touch is an outlier. `planes` are the cosines with the part's views,
-    /// [`in_planes`](crate::interpolation::in_planes).
+    /// ([`LatticeWeights::most_on_lines`]), and where that leaves less than [`OUTLIER_NATS`], the touch is an outlier.
+    /// `planes` are the cosines with the part's views, [`in_planes`](crate::lattice::in_planes).
     pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> Vec<f64> {
         let bests = self.bests(part);
         let mut logs = vec![self.log_agrees + self.model.log_outlier(); lattice.n_places()];
