@@ -165,7 +165,7 @@ fn write_batches(cli: &Cli) -> Result<()> {
         [batch.holes, batch.pegs].iter().flatten().for_each(|value| bytes.extend(value.to_le_bytes()));
         out.write_all(&bytes).map_err(Error::io("standard output"))?;
     }
-    Ok(out.flush().map_err(Error::io("standard output"))?)
+    out.flush().map_err(Error::io("standard output"))
 }
 
 /// Prints how many pairs per second batches are made with, without training.
