@@ -5,8 +5,9 @@ use tactile_data::grid::PoseGrid;
 /// For every part of a bank.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Bests {
-    n_xy: usize,
     n_angles: usize,
+    /// Cosines of a part.
+    n_of_part: usize,
     /// `[n_parts, 1 + 2 n_xy, n_theta]`: of all views, of those at each x, of those at each y.
     cosines: Vec<f32>,
 }
@@ -15,9 +16,9 @@ impl Bests {
     /// By the cosines with all views, `[n_parts, n_xy, n_xy, n_theta]`.
     pub fn of(similarities: &[f32], grid: &PoseGrid) -> Self {
         let (n_xy, n_angles) = (grid.n_xy(), grid.n_theta());
-        let a_part = (1 + 2 * n_xy) * n_angles;
-        let mut cosines = vec![-1.0_f32; similarities.len() / grid.len() * a_part];
-        for (views, bests) in similarities.chunks_exact(grid.len()).zip(cosines.chunks_exact_mut(a_part)) {
+        let n_of_part = (1 + 2 * n_xy) * n_angles;
+        let mut cosines = vec![-1.0_f32; similarities.len() / grid.len() * n_of_part];
+        for (views, bests) in similarities.chunks_exact(grid.len()).zip(cosines.chunks_exact_mut(n_of_part)) {
             let (of_all, lines) = bests.split_at_mut(n_angles);
             let (of_xs, of_ys) = lines.split_at_mut(n_xy * n_angles);
             for (of_x, views) in of_xs.chunks_exact_mut(n_angles).zip(views.chunks_exact(n_xy * n_angles)) {
@@ -28,14 +29,13 @@ impl Bests {
                 raise(of_all, of_x);
             }
         }
-        Self { n_xy, n_angles, cosines }
+        Self { n_angles, n_of_part, cosines }
     }
 
     /// Of one part.
     pub fn of_part(&self, part: usize) -> PartBests<'_> {
-        let n = (1 + 2 * self.n_xy) * self.n_angles;
-        let (of_angles, lines) = self.cosines[part * n..(part + 1) * n].split_at(self.n_angles);
-        PartBests { of_angles, lines, n_xy: self.n_xy }
+        let (of_angles, lines) = self.cosines[part * self.n_of_part..][..self.n_of_part].split_at(self.n_angles);
+        PartBests { of_angles, lines }
     }
 }
 
@@ -50,13 +50,12 @@ pub(crate) struct PartBests<'a> {
     /// The largest cosine with its views at each angle, `[n_theta]`.
     pub of_angles: &'a [f32],
     lines: &'a [f32],
-    n_xy: usize,
 }
 
 impl PartBests<'_> {
     /// The largest cosine with the views at each x, or at each y, `[n_xy, n_theta]`.
     pub fn lines(&self) -> [&[f32]; 2] {
-        let (xs, ys) = self.lines.split_at(self.n_xy * self.of_angles.len());
+        let (xs, ys) = self.lines.split_at(self.lines.len() / 2);
         [xs, ys]
     }
 }

@@ -13,6 +13,7 @@ use crate::bests::PartBests;
 use crate::interpolation::{Fading, ViewWeights, directed, trust};
 use crate::nearest::Nearest;
 use crate::simd;
+use crate::softplus::softplus;
 
 /// The one index that counts, where a place is a recorded one.
 #[inline(always)]
@@ -46,9 +47,11 @@ fn squares_of<'a>(at: &Around, line: impl Fn(usize, usize) -> &'a [f32], out: &m
 /// as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
 const ABOVE_BEST: f32 = 0.1;
 
-/// Whether a weight is more than rounding leaves at a recorded place.
-fn counts(weight: f32) -> bool {
-    weight.abs() > 1e-6
+/// The largest of the values around a place, of those whose weight is more than rounding leaves at a recorded place.
+#[inline(always)]
+fn best_around(at: &Around, values: &[f32]) -> f32 {
+    let value = |k: usize| if at.weights[k].abs() > 1e-6 { values[at.indices[k]] } else { -1.0 };
+    value(0).max(value(1)).max(value(2)).max(value(3))
 }
 
 /// The weights of poses of one angle, at any places along x and along y: all that is interpolated is, in turn, along
@@ -76,6 +79,13 @@ pub(crate) struct Faded {
     pub log_rest: f64,
 }
 
+impl Faded {
+    /// log(trust e^log + (1 - trust) e^unknown).
+    pub fn mixed(&self, log: f64, unknown: f64) -> f64 {
+        if self.nearest.trust == 1.0 { log } else { unknown + self.log_rest + softplus(log - unknown + self.logit) }
+    }
+}
+
 impl LatticeWeights {
     /// On the grid `views`, at every x and y, mm.
     pub fn at(views: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
@@ -101,12 +111,8 @@ impl LatticeWeights {
     /// [`ViewWeights::value`] at all places, x slowest, of one part's `cells`, `[grid.len()]`: for few places near each
     /// other, which share most of what is around them.
     pub(crate) fn values_of_few(&self, cells: &[f32]) -> Vec<f32> {
-        let window = |axis: &[Around]| {
-            let indices = || axis.iter().flat_map(|at| at.indices);
-            indices().min().unwrap_or(0)..indices().max().map_or(0, |last| last + 1)
-        };
         let ([of_x, of_y, _], n_ys) = (self.strides, self.ys.len());
-        let (around_x, around_y) = (window(&self.xs), window(&self.ys));
+        let (around_x, around_y) = (seen(&self.xs), seen(&self.ys));
         let at = |(x, y): (usize, usize)| self.theta.value(|theta| cells[x * of_x + y * of_y + theta]);
         let all = around_x.clone().flat_map(|x| around_y.clone().map(move |y| (x, y)));
         let of_angle: Vec<f32> = all.map(at).collect();
@@ -184,29 +190,16 @@ impl LatticeWeights {
     /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views at
     /// each angle, `[n_theta]`.
     pub fn most(&self, best_of_angles: &[f32]) -> f32 {
-        let counts = self.theta.indices.iter().zip(self.theta.weights).filter(|(_, weight)| counts(*weight));
-        let best = counts.map(|(index, _)| best_of_angles[*index]).fold(-1.0, f32::max);
-        (best + ABOVE_BEST).min(1.0)
+        (best_around(&self.theta, best_of_angles) + ABOVE_BEST).min(1.0)
     }
 
     /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above the
     /// best recorded view on the lines around it, at the angles around.
     pub(crate) fn most_on_lines(&self, bests: PartBests<'_>) -> [Vec<f32>; 2] {
-        let n_angles = bests.of_angles.len();
-        let counts = |at: &Around| at.weights.map(counts);
-        let of_theta = counts(&self.theta);
         let most = |lines: &[f32], states: &[Around]| -> Vec<f32> {
-            let of_line = |line: &[f32]| {
-                let at = |k: usize| if of_theta[k] { line[self.theta.indices[k]] } else { -1.0 };
-                at(0).max(at(1)).max(at(2)).max(at(3))
-            };
-            let of_lines: Vec<f32> = lines.chunks_exact(n_angles).map(of_line).collect();
-            let of_state = |state: &Around| {
-                let counts = counts(state);
-                let at = |k: usize| if counts[k] { of_lines[state.indices[k]] } else { -1.0 };
-                (at(0).max(at(1)).max(at(2)).max(at(3)) + ABOVE_BEST).min(1.0)
-            };
-            states.iter().map(of_state).collect()
+            let of_angles = lines.chunks_exact(bests.of_angles.len());
+            let of_lines: Vec<f32> = of_angles.map(|line| best_around(&self.theta, line)).collect();
+            states.iter().map(|state| (best_around(state, &of_lines) + ABOVE_BEST).min(1.0)).collect()
         };
         let [of_xs, of_ys] = bests.lines();
         [most(of_xs, &self.xs), most(of_ys, &self.ys)]
@@ -284,10 +277,10 @@ fn cosines(states: Window<'_>, planes: &[f32], neighbours: Option<&Neighbours>) 
     cosines
 }
 
-/// The recorded places around some places, in order along an axis, one of them at least.
+/// The recorded places around some places along an axis.
 fn seen(places: &[Around]) -> Range<usize> {
-    let [first, last] = [places.first(), places.last()].map(|at| at.map_or([0; 4], |at| at.indices));
-    first[0]..last[3] + 1
+    let first = places.iter().map(|at| at.indices[0]).min();
+    first.unwrap_or(0)..places.iter().map(|at| at.indices[3] + 1).max().unwrap_or(0)
 }
 
 /// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what is stored together is

@@ -147,12 +147,13 @@ def main():
     ahead = queue.Queue(1)
     reader = threading.Thread(target=batches, args=(command, 3 * twin.width * twin.height, ahead), daemon=True)
     rows, seconds = [("step", "seconds", "loss")], 0.0
+    reader.start()
+    batch = ahead.get(timeout=600)  # How long the trainer takes to start does not count.
     for step in range(settings["steps"]):
-        if step == 0:
-            reader.start()
-        batch = ahead.get(timeout=600) if step == 0 else None
         start = time.perf_counter()
-        loss = twin.train(step, *(ahead.get(timeout=600) if batch is None else batch))
+        loss = twin.train(step, *batch)
+        if step + 1 < settings["steps"]:
+            batch = ahead.get(timeout=600)
         seconds += time.perf_counter() - start
         if (step + 1) % settings["save_every"] == 0 or step + 1 == settings["steps"]:
             save(first, out / f"step-{step + 1}.safetensors", twin.online, twin.predictor)

@@ -24,20 +24,17 @@ impl Table {
         Self { name, head: lines.next().unwrap_or_default(), rows: lines.collect() }
     }
 
-    /// A column where it has numbers, top down; at least one.
-    pub(super) fn numbers(&self, column: &str) -> Result<Vec<f64>> {
-        Ok(self.pairs(column, column)?.into_iter().map(|[number, _]| number).collect())
-    }
-
-    /// The rows where both columns have numbers, top down; at least one.
-    pub(super) fn pairs(&self, one: &str, other: &str) -> Result<Vec<[f64; 2]>> {
-        let at = |column: &str| self.head.iter().position(|name| name == column);
-        let missing = || Error::invalid(&self.name, format!("numbers under '{one}' and '{other}'"), "none");
-        let (one, other) = (at(one).ok_or_else(missing)?, at(other).ok_or_else(missing)?);
-        let number = |row: &Vec<String>, at: usize| row.get(at)?.parse::<f64>().ok();
-        let pairs = self.rows.iter().filter_map(|row| Some([number(row, one)?, number(row, other)?]));
-        let pairs: Vec<[f64; 2]> = pairs.collect();
-        if pairs.is_empty() { Err(missing()) } else { Ok(pairs) }
+    /// The rows where all of some columns have numbers, top down; at least one.
+    pub(super) fn numbers<const N: usize>(&self, columns: [&str; N]) -> Result<Vec<[f64; N]>> {
+        let missing = || Error::invalid(&self.name, format!("numbers under '{}'", columns.join("' and '")), "none");
+        let at = columns.map(|column| self.head.iter().position(|name| name == column));
+        let number = |row: &[String], at: Option<usize>| row.get(at?)?.parse::<f64>().ok();
+        let of_row = |row: &Vec<String>| {
+            let found = at.map(|at| number(row, at));
+            found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
+        };
+        let rows: Vec<[f64; N]> = self.rows.iter().filter_map(of_row).collect();
+        if rows.is_empty() { Err(missing()) } else { Ok(rows) }
     }
 }
 
@@ -48,9 +45,9 @@ mod tests {
     #[test]
     fn rows_without_a_number_are_left_out_and_a_missing_column_is_named() {
         let table = Table::of("curve.csv".into(), "step,loss,share\n1,2.5,\n2,1.5,0.25\n");
-        assert_eq!(table.numbers("loss").unwrap(), [2.5, 1.5]);
-        assert_eq!(table.pairs("step", "share").unwrap(), [[2.0, 0.25]]);
-        let error = table.numbers("speed").unwrap_err().to_string();
+        assert_eq!(table.numbers(["loss"]).unwrap(), [[2.5], [1.5]]);
+        assert_eq!(table.numbers(["step", "share"]).unwrap(), [[2.0, 0.25]]);
+        let error = table.numbers(["speed"]).unwrap_err().to_string();
         assert!(error.starts_with("curve.csv: expected numbers under 'speed'"), "{error}");
     }
 }

@@ -19,8 +19,10 @@ const FIGURES: [(&str, &str); 3] = [
     ("images_per_second", "encoder, batches of 64, images/s"),
 ];
 
-/// What the scripts that compare with PyTorch import.
-pub(super) const PYTORCH: &str = "torch numpy>=1.24 safetensors==0.8.0";
+/// The Python that was given, or one in `out` with what the scripts that compare with PyTorch import.
+pub(super) fn pytorch(given: Option<&Path>, out: &Path) -> Result<PathBuf> {
+    given.map_or_else(|| environment(out, "torch numpy>=1.24 safetensors==0.8.0"), |python| Ok(python.to_path_buf()))
+}
 
 /// Settings of `cargo xtask bench training`.
 #[derive(Args)]
@@ -42,20 +44,17 @@ pub struct TrainingArgs {
 /// Simulates a small dataset, then measures ours and PyTorch's in turns.
 pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
     let out = workspace.folder(None, &workspace.target.join("bench-training"))?;
-    let python = match &args.python {
-        Some(python) => python.clone(),
-        None => environment(&out, PYTORCH)?,
-    };
+    let python = pytorch(args.python.as_deref(), &out)?;
     if !out.join("pairs").exists() {
         workspace.program("tactile-data").words("generate --scene maze --pairs 2000 --out pairs").output(&out)?;
     }
     let script = workspace.root.join("xtask").join("python").join("pytorch.py");
-    let pytorch = Program::new(python).arg(script).arg(workspace.shipped_model());
-    let pytorch = pytorch.words(format!("{} {}", args.batch, args.seconds));
+    let theirs = Program::new(python).arg(script).arg(workspace.shipped_model());
+    let theirs = theirs.words(format!("{} {}", args.batch, args.seconds));
     let mut figures = vec![[Vec::new(), Vec::new()]; FIGURES.len()];
     let (mut peaks, mut pair_gflop) = (Vec::new(), 0.0);
     for turn in 0..args.turns.max(1) {
-        let (ours, theirs) = (ours(workspace, args.batch, &out)?, pytorch.json(&out)?);
+        let (ours, theirs) = (ours(workspace, args.batch, &out)?, theirs.json(&out)?);
         eprintln!("turn {}: ours {ours}, PyTorch {theirs}", turn + 1);
         for ((key, _), [a, b]) in FIGURES.iter().zip(&mut figures) {
             a.push(number(&ours, &format!("/{key}"))?);
@@ -93,8 +92,8 @@ fn ours(workspace: &Workspace, batch: usize, out: &Path) -> Result<Value> {
     workspace.program("tactile-train").words(train).output(out)?;
     let speed = workspace.program("tactile-infer").words("speed --model").arg(workspace.shipped_model());
     let mut ours = speed.words("--seconds 2 --json").json(out)?;
-    let speeds = Table::read(&folder.join("curve.csv"))?.numbers("pairs_per_second")?;
-    ours["pairs_per_second"] = speeds.last().copied().into();
+    let speeds = Table::read(&folder.join("curve.csv"))?.numbers(["pairs_per_second"])?;
+    ours["pairs_per_second"] = speeds.last().map(|[speed]| *speed).into();
     Ok(ours)
 }
 

@@ -6,15 +6,17 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::table::Table;
-use super::training::PYTORCH;
+use super::training::pytorch;
 use crate::error::{Error, Result};
 use crate::json::number;
 use crate::program::Program;
-use crate::python::environment;
 use crate::workspace::{Workspace, remove};
 
 /// Steps over which `tactile-train` averages its speed.
 const RECENT: usize = 50;
+
+/// Pairs of a batch.
+const BATCH: usize = 192;
 
 /// At most so many holes are matched, as `tactile-train` does.
 const HOLES: usize = 1_000;
@@ -39,10 +41,7 @@ pub struct TwinArgs {
 /// Trains both from the same weights on the same batches, seed by seed, and compares when they name as many.
 pub fn twin(workspace: &Workspace, args: &TwinArgs) -> Result<()> {
     let out = workspace.folder(None, &workspace.target.join("bench-twin"))?;
-    let python = match &args.python {
-        Some(python) => python.clone(),
-        None => environment(&out, PYTORCH)?,
-    };
+    let python = pytorch(args.python.as_deref(), &out)?;
     let data = workspace.program("tactile-data");
     for (folder, scene) in [("maze", "maze --pairs 12000"), ("dev", "alphabet-small-dev")] {
         if !out.join(folder).join("meta.json").exists() {
@@ -88,7 +87,7 @@ impl Twins<'_> {
     /// Runs `tactile-train` on the pairs, with more flags, into an empty folder.
     fn train(&self, seed: u64, folder: &str, more: &str) -> Result<()> {
         remove(&self.out.join(folder))?;
-        let words = format!("--data maze --preset tiny --seed {seed} --out {folder} {more}");
+        let words = format!("--data maze --preset tiny --batch {BATCH} --seed {seed} --out {folder} {more}");
         self.workspace.program("tactile-train").words(words).output(&self.out).map(|_| ())
     }
 
@@ -97,13 +96,12 @@ impl Twins<'_> {
         let more = format!("--steps {steps} --save-every {RECENT} --tune-pegs dev --tune-holes dev");
         self.train(seed, "ours", &more)?;
         let curve = Table::read(&self.out.join("ours").join("curve.csv"))?;
-        let (speeds, mut seconds) = (curve.pairs("step", "pairs_per_second")?, 0.0);
-        let batch = self.setting("batch")?;
-        let saved = curve.pairs("step", "tuning_accuracy")?.into_iter().map(|[step, share]| {
-            let speed = speeds.iter().find(|[at, _]| *at == step).map_or(f64::NAN, |[_, speed]| *speed);
+        let mut seconds = 0.0;
+        let saves = curve.numbers(["step", "pairs_per_second", "tuning_accuracy"])?;
+        let saved = saves.into_iter().map(|[step, speed, share]| {
             // The speed is that of the steps since the last save.
             let n_steps = (step as usize - 1) % RECENT + 1;
-            seconds += n_steps as f64 * batch / speed;
+            seconds += (n_steps * BATCH) as f64 / speed;
             Saved { step: step as usize, seconds, percent: 100.0 * share }
         });
         Ok(saved.collect())
@@ -120,7 +118,7 @@ impl Twins<'_> {
         let twin = Program::new(&self.python).arg(script).words("first/model.safetensors ours/train.toml theirs");
         let twin = twin.arg(trainer.path()).words("--data maze --config ours/train.toml --out unused --write-batches");
         twin.output(&self.out)?;
-        let times = Table::read(&folder.join("times.csv"))?.pairs("step", "seconds")?;
+        let times = Table::read(&folder.join("times.csv"))?.numbers(["step", "seconds"])?;
         let saved = times.into_iter().map(|[step, seconds]| {
             let step = step as usize;
             let of_step = self.workspace.program("tactile-infer").words("match --pegs dev --holes dev --json --model");
@@ -128,15 +126,6 @@ impl Twins<'_> {
             Ok(Saved { step, seconds, percent: 100.0 * number(&found.json(&self.out)?, "/moco/accuracy")? })
         });
         saved.collect()
-    }
-
-    /// A number of the settings of our run.
-    fn setting(&self, name: &str) -> Result<f64> {
-        let path = self.out.join("ours").join("train.toml");
-        let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
-        let value =
-            text.lines().find_map(|line| line.strip_prefix(name)?.trim().strip_prefix('=')?.trim().parse().ok());
-        value.ok_or_else(|| Error::invalid(path.display().to_string(), format!("a number '{name}'"), "none"))
     }
 }
 
