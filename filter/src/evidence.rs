@@ -6,7 +6,7 @@ use tactile_infer::calibration::Spread;
 
 use crate::interpolation::ViewWeights;
 use crate::lattice::{LatticeWeights, in_planes};
-use crate::likelihood::TouchLikelihood;
+use crate::likelihood::{OnLattice, TouchLikelihood};
 use crate::nearest::{Nearest, nearest_view, trusted};
 use crate::simd;
 
@@ -86,43 +86,47 @@ impl Evidence {
             }
             (AngleViews::Between(lattice), planes) => {
                 let matches = planes.map(|planes| self.likelihood.on_lattice(lattice, part, planes));
-                self.add_between(first_row, lattice, matches.as_deref(), sums);
+                self.add_between(first_row, lattice, matches.as_ref(), sums);
             }
         }
     }
 
     /// Adds log p(touch | state) of the states of a lattice, for the part whose rows start at `first_row`. `matches`: that of
     /// an edged touch at each of them, were the nearest view edged, too.
-    fn add_between(&self, first_row: usize, lattice: &LatticeWeights, matches: Option<&[f64]>, sums: &mut [f64]) {
+    fn add_between(&self, first_row: usize, lattice: &LatticeWeights, matches: Option<&OnLattice>, sums: &mut [f64]) {
         let unknown = self.likelihood.log_unknown;
-        let mut logs = vec![unknown; lattice.n_places()];
         let ([xs, ys], n_ys) = (lattice.inside(), lattice.n_ys());
         let above_first: Vec<usize> = ys.clone().map(|y| lattice.cell(0, y) - lattice.cell(0, ys.start)).collect();
-        // States that see the same line of views follow each other.
-        let (mut of_match, mut others, mut of_line) = (vec![0.0; ys.len()], vec![0.0; ys.len()], None);
-        let no_match = vec![0.0; if matches.is_none() { ys.len() } else { 0 }];
-        for x in xs {
+        // What the states of a line count where an edged touch is an outlier, and how much a match counts; states that see
+        // the same line of views follow each other.
+        let (mut logs, mut counts, mut of_line) = (vec![unknown; n_ys], vec![0.0; n_ys], None);
+        for (x, sums) in sums.chunks_exact_mut(n_ys).enumerate() {
+            if !xs.contains(&x) {
+                sums.iter_mut().for_each(|sum| *sum += unknown);
+                continue;
+            }
             let row = first_row + lattice.cell(x, ys.start);
             if of_line.replace(row) != Some(row) {
-                for ((above, of_match), other) in above_first.iter().zip(&mut of_match).zip(&mut others) {
-                    let is_matched = matches.is_some() && self.likelihood.is_edged(row + above);
-                    (*of_match, *other) =
-                        if is_matched { (1.0, 0.0) } else { (0.0, self.likelihood.log_row(row + above)) };
+                for (y, above) in ys.clone().zip(&above_first) {
+                    let outlier = matches.filter(|_| self.likelihood.is_edged(row + above));
+                    logs[y] = self.counted(outlier.map_or_else(|| self.likelihood.log_row(row + above), |m| m.log_outlier));
+                    counts[y] = if outlier.is_some() { self.weight } else { 0.0 };
                 }
             }
-            let places = x * n_ys + ys.start..x * n_ys + ys.end;
-            let of_line = matches.map_or(&no_match[..], |matches| &matches[places.clone()]);
-            simd::weigh(of_line, [&of_match, &others], [unknown, self.weight], &mut logs[places]);
+            simd::add(&logs, sums);
+            if let Some((matches, above)) = matches.and_then(|matches| Some((matches, matches.above_outlier(x)?))) {
+                let ys = matches.window[1].clone();
+                simd::add_weighted(above, &counts[ys.clone()], &mut sums[ys]);
+            }
         }
         for faded in lattice.faded() {
             let row = first_row + faded.nearest.cell;
             let log = match matches {
-                Some(matches) if self.likelihood.is_edged(row) => matches[faded.place],
+                Some(matches) if self.likelihood.is_edged(row) => matches.at(faded.place),
                 _ => self.likelihood.log_row(row),
             };
-            logs[faded.place] = self.counted(faded.mixed(log, unknown));
+            sums[faded.place] += self.counted(faded.mixed(log, unknown)) - unknown;
         }
-        simd::add(&logs, sums);
     }
 
     /// The cosines with a part's views as [`Self::add_block`] needs them.
@@ -296,9 +300,9 @@ mod tests {
             let planes = evidence.planes(&grid, part).unwrap();
             let edged = (0..grid.len()).find(|cell| evidence.likelihood.is_edged(part * grid.len() + cell)).unwrap();
             let found = evidence.likelihood.on_lattice(&lattice, part, &planes);
-            let floor = found.iter().copied().fold(f64::INFINITY, f64::min);
+            let floor = found.log_outlier;
             let most = lattice.most_on_lines(evidence.likelihood.bests(part));
-            for (place, log) in found.into_iter().enumerate() {
+            for (place, log) in (0..states.n_xy() * states.n_xy()).map(|place| (place, found.at(place))) {
                 let Some(weights) = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys()) else { continue };
                 let most = most[0][place / lattice.n_ys()].min(most[1][place % lattice.n_ys()]);
                 let cosine = evidence.likelihood.between(&weights, part * grid.len(), grid.len()).min(most);

@@ -33,13 +33,15 @@ fn values_of<'a>(at: &Around, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]
 
 /// [`Around::square`] for each value of a line of cosines.
 #[inline(always)]
-fn squares_of<'a>(at: &Around, line: impl Fn(usize, usize) -> &'a [f32], out: &mut [f32]) {
+fn squares_of<'a>(at: &Around, line: impl Fn((usize, usize)) -> &'a [f32], out: &mut [f32]) {
     if recorded(at).is_some() {
         out.fill(1.0);
         return;
     }
     let (constant, weights) = at.square_weights();
-    simd::blend_six(constant, &weights, at.pairs().map(|(index, k)| line(index, k)), out);
+    // One by one: an array's `map` is not inlined.
+    let [a, b, c, d, e, f] = at.pairs();
+    simd::blend_six(constant, &weights, [line(a), line(b), line(c), line(d), line(e), line(f)], out);
 }
 
 /// A state's view between recorded ones counts as at most so much more like a touch than the best of its part's views on the
@@ -47,11 +49,23 @@ fn squares_of<'a>(at: &Around, line: impl Fn(usize, usize) -> &'a [f32], out: &m
 /// as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
 const ABOVE_BEST: f32 = 0.1;
 
-/// The largest of the values around a place, of those whose weight is more than rounding leaves at a recorded place.
-#[inline(always)]
-fn best_around(at: &Around, values: &[f32]) -> f32 {
-    let value = |k: usize| if at.weights[k].abs() > 1e-6 { values[at.indices[k]] } else { -1.0 };
-    value(0).max(value(1)).max(value(2)).max(value(3))
+/// The recorded places around a place whose weight is more than rounding leaves at a recorded place. The nearest is one, and
+/// stands for those that are not.
+#[derive(Clone, Copy, Debug)]
+struct Counting([usize; 4]);
+
+impl Counting {
+    fn of(at: &Around) -> Self {
+        Self([0, 1, 2, 3].map(|k: usize| if at.weights[k].abs() > 1e-6 { at.indices[k] } else { at.nearest }))
+    }
+
+    /// The largest of their values.
+    #[inline(always)]
+    fn best(self, value: impl Fn(usize) -> f32) -> f32 {
+        let larger = |a: f32, b: f32| if b > a { b } else { a };
+        let [a, b, c, d] = self.0.map(value);
+        larger(larger(a, b), larger(c, d))
+    }
 }
 
 /// The weights of poses of one angle, at any places along x and along y: all that is interpolated is, in turn, along
@@ -63,6 +77,8 @@ pub struct LatticeWeights {
     theta: Around,
     ys: Vec<Around>,
     xs: Vec<Around>,
+    /// Of theta, and of each of the xs and ys.
+    counting: (Counting, [Vec<Counting>; 2]),
     faded: OnceCell<Vec<Faded>>,
 }
 
@@ -91,7 +107,8 @@ impl LatticeWeights {
     pub fn at(views: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
         let around = |places: &[f64]| places.iter().map(|mm| Around::x_or_y(views, *mm)).collect();
         let (theta, xs, ys) = (Around::theta(views, theta_rad), around(xs), around(ys));
-        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs, faded: OnceCell::new() }
+        let counting = (Counting::of(&theta), [&xs, &ys].map(|axis: &Vec<Around>| axis.iter().map(Counting::of).collect()));
+        Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs, counting, faded: OnceCell::new() }
     }
 
     /// On the grid `views`, for the states at angle `angle` of the grid `states`, after the motion `first_from_sensor`.
@@ -134,11 +151,6 @@ impl LatticeWeights {
     /// Places along y.
     pub fn n_ys(&self) -> usize {
         self.ys.len()
-    }
-
-    /// Places in all.
-    pub fn n_places(&self) -> usize {
-        self.xs.len() * self.ys.len()
     }
 
     /// The places along x and those along y from which views are within the recorded area: none where the angle is
@@ -190,19 +202,23 @@ impl LatticeWeights {
     /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views at
     /// each angle, `[n_theta]`.
     pub fn most(&self, best_of_angles: &[f32]) -> f32 {
-        (best_around(&self.theta, best_of_angles) + ABOVE_BEST).min(1.0)
+        (self.counting.0.best(|theta| best_of_angles[theta]) + ABOVE_BEST).min(1.0)
     }
 
     /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above the
     /// best recorded view on the lines around it, at the angles around.
     pub(crate) fn most_on_lines(&self, bests: PartBests<'_>) -> [Vec<f32>; 2] {
-        let most = |lines: &[f32], states: &[Around]| -> Vec<f32> {
-            let of_angles = lines.chunks_exact(bests.of_angles.len());
-            let of_lines: Vec<f32> = of_angles.map(|line| best_around(&self.theta, line)).collect();
-            states.iter().map(|state| (best_around(state, &of_lines) + ABOVE_BEST).min(1.0)).collect()
+        let (theta, states) = &self.counting;
+        let mut of_lines = vec![0.0; self.n_xy];
+        let mut most = |lines: &[f32], states: &[Counting]| -> Vec<f32> {
+            let of_angles = theta.0.map(|theta| &lines[theta * self.n_xy..][..self.n_xy]);
+            for (line, of_line) in of_lines.iter_mut().enumerate() {
+                *of_line = Counting([0, 1, 2, 3]).best(|k| of_angles[k][line]);
+            }
+            states.iter().map(|state| (state.best(|line| of_lines[line]) + ABOVE_BEST).min(1.0)).collect()
         };
         let [of_xs, of_ys] = bests.lines();
-        [most(of_xs, &self.xs), most(of_ys, &self.ys)]
+        [most(of_xs, &states[0]), most(of_ys, &states[1])]
     }
 
     /// [`ViewWeights::cosine`] at the states of a window, x slowest, from the cosines with one part's recorded views as
@@ -225,15 +241,21 @@ struct Window<'a> {
 }
 
 impl Window<'_> {
+    /// How many values [`Self::values`] and [`Self::direct`] keep on the way.
+    fn n_on_the_way(&self) -> usize {
+        self.n * self.n + self.n * self.ys.len() + self.n + self.ys.len()
+    }
+
     #[inline(always)]
-    fn values(self, planes: &[f32]) -> Vec<f32> {
+    fn values(self, planes: &[f32], on_the_way: &mut [f32]) -> Vec<f32> {
         let Self { theta, xs, ys, n } = self;
-        let mut of_angle = vec![0.0; n * n];
+        let (of_angle, rest) = on_the_way.split_at_mut(n * n);
+        let (of_ys, rest) = rest.split_at_mut(n * ys.len());
         // Only what the places along y see.
         let seen = seen(ys);
         let seen = seen.start * n..seen.end * n;
         values_of(theta, |theta| &planes[theta * n * n..][seen.clone()], &mut of_angle[seen.clone()]);
-        let of_ys = along_y(n, ys, |y, out| values_of(y, |y| &of_angle[y * n..][..n], out));
+        along_y(ys, &mut rest[..n], of_ys, |y, out| values_of(y, |y| &of_angle[y * n..][..n], out));
         let mut values = vec![0.0; xs.len() * ys.len()];
         for (x, values) in xs.iter().zip(values.chunks_exact_mut(ys.len())) {
             values_of(x, |x| &of_ys[x * ys.len()..][..ys.len()], values);
@@ -243,24 +265,30 @@ impl Window<'_> {
 
     /// Makes interpolated cosines those with the interpolated embeddings' directions, as [`ViewWeights::cosine`] does.
     #[inline(always)]
-    fn direct(self, cosines: &mut [f32], neighbours: &Neighbours) {
+    fn direct(self, cosines: &mut [f32], neighbours: &Neighbours, on_the_way: &mut [f32]) {
         let Self { theta, xs, ys, n } = self;
         let (n_states, angle) = (ys.len(), theta.nearest);
         // Squared lengths: along theta for each place of the views, along x and y for a state on that axis and a view on the other.
-        let mut along_theta = vec![0.0; n * n];
+        let (along_theta, rest) = on_the_way.split_at_mut(n * n);
+        let (of_ys, rest) = rest.split_at_mut(n * n_states);
+        let (of_places, of_states) = rest.split_at_mut(n);
         let seen = seen(xs);
         let seen = seen.start * n..seen.end * n;
-        squares_of(theta, |theta, k| &neighbours.plane(2, k, theta)[seen.clone()], &mut along_theta[seen.clone()]);
-        let of_y = |y: usize, k: usize| &neighbours.plane(1, k, angle)[y * n..][..n];
-        let along_y = along_y(n, ys, |y, out| squares_of(y, of_y, out));
-        let (mut of_places, mut of_states) = (vec![0.0; n], vec![0.0; n_states]);
+        squares_of(
+            theta,
+            |(theta, k)| &neighbours.plane(2, k, theta)[seen.clone()],
+            &mut along_theta[seen.clone()],
+        );
+        let [of_x, of_y] = [0, 1].map(|axis| [1, 2, 3].map(|k| neighbours.plane(axis, k, angle)));
+        let of_y = |(y, k): (usize, usize)| &of_y[k - 1][y * n..][..n];
+        along_y(ys, of_places, of_ys, |y, out| squares_of(y, of_y, out));
         for (x, cosines) in xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
-            squares_of(x, |x, k| &neighbours.plane(0, k, angle)[x * n..][..n], &mut of_places);
+            squares_of(x, |(x, k)| &of_x[k - 1][x * n..][..n], of_places);
             of_places.iter_mut().zip(&along_theta[x.nearest * n..]).for_each(|(square, theta)| *square *= theta);
-            for ((square, y), along_y) in of_states.iter_mut().zip(ys).zip(&along_y[x.nearest * n_states..]) {
+            for ((square, y), along_y) in of_states.iter_mut().zip(ys).zip(&of_ys[x.nearest * n_states..]) {
                 *square = of_places[y.nearest] * along_y;
             }
-            for (cosine, square) in cosines.iter_mut().zip(&of_states) {
+            for (cosine, square) in cosines.iter_mut().zip(&*of_states) {
                 *cosine = directed(*cosine, *square);
             }
         }
@@ -270,9 +298,10 @@ impl Window<'_> {
 /// [`LatticeWeights::cosines`], for the vector unit at hand.
 #[multiversion(targets("x86_64+avx2"))]
 fn cosines(states: Window<'_>, planes: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
-    let mut cosines = states.values(planes);
+    let mut on_the_way = vec![0.0; states.n_on_the_way()];
+    let mut cosines = states.values(planes, &mut on_the_way);
     if let Some(neighbours) = neighbours {
-        states.direct(&mut cosines, neighbours);
+        states.direct(&mut cosines, neighbours, &mut on_the_way);
     }
     cosines
 }
@@ -295,15 +324,13 @@ pub fn in_planes(cells: &[f32], grid: &PoseGrid) -> Vec<f32> {
     planes
 }
 
-/// What `find` finds at each of `ys` for the `n` places along x, x slowest.
+/// Puts what `find` finds at each of `ys` for the places along x of a line where it is found, x slowest.
 #[inline(always)]
-fn along_y(n: usize, ys: &[Around], find: impl Fn(&Around, &mut [f32])) -> Vec<f32> {
-    let (mut found, mut line) = (vec![0.0; n * ys.len()], vec![0.0; n]);
+fn along_y(ys: &[Around], line: &mut [f32], found: &mut [f32], find: impl Fn(&Around, &mut [f32])) {
     for (index, y) in ys.iter().enumerate() {
-        find(y, &mut line);
-        found[index..].iter_mut().step_by(ys.len()).zip(&line).for_each(|(found, value)| *found = *value);
+        find(y, line);
+        found[index..].iter_mut().step_by(ys.len()).zip(&*line).for_each(|(found, value)| *found = *value);
     }
-    found
 }
 
 #[cfg(test)]

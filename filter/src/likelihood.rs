@@ -13,6 +13,7 @@
 
 mod config;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use tactile_data::touch::Side;
@@ -57,6 +58,33 @@ enum Shows {
     Nothing,
     /// It was not recorded.
     Unknown,
+}
+
+/// The log-likelihood of an edged touch at the states of a lattice, were the view nearest to each edged.
+#[derive(Clone, Debug)]
+pub(crate) struct OnLattice {
+    /// Outside the window, where it is an outlier; finite.
+    pub log_outlier: f64,
+    /// The places along x and along y where it may match.
+    pub window: [Range<usize>; 2],
+    n_ys: usize,
+    /// Within the window, x slowest, above that of an outlier.
+    above_outlier: Vec<f64>,
+}
+
+impl OnLattice {
+    /// At the places of the window at one of the xs, how far it is above an outlier; `None` outside the window.
+    pub fn above_outlier(&self, x: usize) -> Option<&[f64]> {
+        let [xs, ys] = &self.window;
+        xs.contains(&x).then(|| &self.above_outlier[(x - xs.start) * ys.len()..][..ys.len()])
+    }
+
+    /// At a place of the lattice, x slowest.
+    pub fn at(&self, place: usize) -> f64 {
+        let (x, y) = (place / self.n_ys, place % self.n_ys);
+        let line = self.above_outlier(x).filter(|_| self.window[1].contains(&y));
+        self.log_outlier + line.map_or(0.0, |line| line[y - self.window[1].start])
+    }
 }
 
 /// The log-likelihood of one touch at each recorded view and between them, up to a constant of the touch.
@@ -210,22 +238,28 @@ impl TouchLikelihood {
         values.into_iter().enumerate().map(at).collect()
     }
 
-    /// The log-likelihood of an edged touch at the states of a lattice, x slowest, as [`Self::log_between`] would find each
-    /// near a row that shows an edge, but for two: what is far above the recorded views around counts less
+    /// The log-likelihood of an edged touch at the states of a lattice, as [`Self::log_between`] would find each near a row
+    /// that shows an edge, but for two: what is far above the recorded views around counts less
     /// ([`LatticeWeights::most_on_lines`]), and where that leaves less than [`OUTLIER_NATS`], the touch is an outlier.
     /// `planes` are the cosines with the part's views, [`in_planes`](crate::lattice::in_planes).
-    pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> Vec<f64> {
+    pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> OnLattice {
         let bests = self.bests(part);
-        let mut logs = vec![self.log_agrees + self.model.log_outlier(); lattice.n_places()];
+        // Without outliers the window is all there is.
+        let log_outlier = Some(self.log_agrees + self.model.log_outlier()).filter(|log| log.is_finite());
+        let log_outlier = log_outlier.unwrap_or(self.log_unknown);
         let least = (f64::from(self.reference) + self.model.above_outliers(OUTLIER_NATS)) as f32;
+        let may_match = |most: &f32| *most >= least;
+        let outlier = OnLattice { log_outlier, n_ys: lattice.n_ys(), window: [0..0, 0..0], above_outlier: Vec::new() };
+        if !may_match(&lattice.most(bests.of_angles)) {
+            return outlier;
+        }
         let most = lattice.most_on_lines(bests);
         let [xs, ys] = [0, 1].map(|axis: usize| {
-            let may_match = |most: &f32| *most >= least;
             let start = most[axis].iter().position(may_match).unwrap_or(0);
             start..most[axis].iter().rposition(may_match).map_or(start, |last| last + 1)
         });
         if xs.is_empty() || ys.is_empty() {
-            return logs;
+            return outlier;
         }
         let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[part]);
         let mut above_best = lattice.cosines(planes, neighbours, [xs.clone(), ys.clone()]);
@@ -234,11 +268,8 @@ impl TouchLikelihood {
                 *cosine = cosine.min(most_x.min(*most_y)) - self.reference;
             }
         }
-        let found = self.model.logs(above_best, self.log_agrees);
-        for (x, found) in xs.zip(found.chunks_exact(ys.len())) {
-            logs[x * lattice.n_ys()..][ys.clone()].copy_from_slice(found);
-        }
-        logs
+        let above_outlier = self.model.logs(above_best, self.log_agrees - log_outlier);
+        OnLattice { above_outlier, window: [xs, ys], ..outlier }
     }
 
     /// The largest cosines with a part's recorded views.

@@ -67,7 +67,7 @@ pub fn power(value: f64, largest: f64, joint: f64) -> f64 {
 
 /// The sum of [`powers`], and the sum of each times its log, which is 0 or less. Of many states all touches say the same:
 /// where some values are those before, so are the powers.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub fn sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
     let (chunks, rest) = values.as_chunks::<N>();
     let (mut lanes, mut last, mut powers) = ([[0.0; N]; 2], [f64::NAN; N], [[0.0; N]; 2]);
@@ -135,11 +135,11 @@ pub fn add(values: &[f64], sums: &mut [f64]) {
     }
 }
 
-/// `from + weight (a x + b - from)` for each x, with its own a and b.
+/// Adds to each sum its value as often as it counts.
 #[multiversion(targets("x86_64+avx2"))]
-pub fn weigh(xs: &[f64], [a, b]: [&[f64]; 2], [from, weight]: [f64; 2], out: &mut [f64]) {
-    for (((out, x), a), b) in out.iter_mut().zip(xs).zip(a).zip(b) {
-        *out = from + weight * (a * x + b - from);
+pub fn add_weighted(values: &[f64], counts: &[f64], sums: &mut [f64]) {
+    for ((sum, value), count) in sums.iter_mut().zip(values).zip(counts) {
+        *sum += count * value;
     }
 }
 
