@@ -8,6 +8,7 @@ use tactile_infer::Bank;
 
 use super::{ActionRule, Expected, Situation};
 use crate::belief::Hypothesis;
+use crate::evidence::Evidence;
 use crate::likelihood::LikelihoodConfig;
 use crate::nearest::{Nearest, trusted};
 use crate::simd;
@@ -28,6 +29,7 @@ pub(super) struct Judge<'a> {
     part_from_sensor: Vec<(Se2, [f64; 2])>,
     draws: Vec<Draw>,
     supposed: Vec<Draw>,
+    repeated: Repeated<'a>,
     cells: NearestCell,
     tolerance: f64,
 }
@@ -80,6 +82,7 @@ impl<'a> Judge<'a> {
             pairing,
             draws: placed(draws),
             supposed: placed(supposed),
+            repeated: Repeated::of(belief.touches()),
             part_from_sensor: cells.iter().map(stood).collect(),
             cells: NearestCell::on(bank.grid()),
             tolerance,
@@ -97,8 +100,8 @@ impl<'a> Judge<'a> {
 
     /// The score of a candidate; `None` where it would show contact from no supposed state.
     pub(super) fn score(&self, candidate: &Se2) -> Option<f64> {
-        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, |_, _, _| ());
-        (n_contacts > 0).then(|| total / n_supposed - self.travel_nats(candidate))
+        let Weighed { new, n_supposed, n_contacts, .. } = self.weigh(candidate, |_, _, _| ());
+        (n_contacts > 0).then(|| new / n_supposed - self.travel_nats(candidate))
     }
 
     /// What a candidate is expected to tell, by the sums of [`Self::score`] taken separately: which part it is, and of
@@ -116,7 +119,7 @@ impl<'a> Judge<'a> {
         self.draws.iter().for_each(|draw| counts[draw.hypothesis.part] += draw.count);
         let mut sums = vec![0.0; self.supposed.len() * n_parts];
         let report = |truth: usize, draw: &Draw, value: f64| sums[truth * n_parts + draw.hypothesis.part] += value;
-        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, report);
+        let Weighed { total, n_supposed, n_contacts, .. } = self.weigh(candidate, report);
         let (mut part_nats, mut pair_nats) = (0.0, 0.0);
         for (truth, sums) in self.supposed.iter().zip(sums.chunks_exact(n_parts)) {
             let own = truth.hypothesis.part;
@@ -162,19 +165,19 @@ impl<'a> Judge<'a> {
         let near = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
         let view = |draw: &Draw| near(draw).filter(|(row, _)| bank.is_recorded(*row));
         let (mut rows, of_draws) = Rows::of(self.draws.iter().map(view));
-        let (mut total, mut n_supposed, mut n_contacts) = (0.0, 0.0, 0);
+        let mut weighed = Weighed::default();
         for (index, truth) in self.supposed.iter().enumerate() {
             let Some((row, trust)) = view(truth) else {
                 // What is not recorded gives no information.
                 let is_wrong = only_recorded && near(truth).is_none();
-                n_supposed += if is_wrong { 0.0 } else { 1.0 };
+                weighed.n_supposed += if is_wrong { 0.0 } else { 1.0 };
                 continue;
             };
-            n_supposed += 1.0;
+            weighed.n_supposed += 1.0;
             if bank.edge_shares()[row] <= config.contact_threshold {
                 continue;
             }
-            n_contacts += 1;
+            weighed.n_contacts += 1;
             let ratios = rows.ratios(&self.pairing, row);
             let (mut sum, mut n_states) = (0.0, 0.0);
             for (draw, view) in self.draws.iter().zip(&of_draws) {
@@ -186,12 +189,14 @@ impl<'a> Judge<'a> {
                 sum += value;
                 n_states += draw.count;
             }
-            total += match config.rule {
+            let told = match config.rule {
                 ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
                 _ => sum,
             };
+            weighed.total += told;
+            weighed.new += told * if config.rule == ActionRule::Information { self.repeated.new_share(row) } else { 1.0 };
         }
-        Weighed { total, n_supposed, n_contacts }
+        weighed
     }
 }
 
@@ -228,11 +233,43 @@ impl Rows {
     }
 }
 
-/// A candidate weighed: the sum over the supposed states, how many they are, and from how many it shows contact.
+/// A candidate weighed: the sum over the supposed states, of it what is new after the touches made, how many they are, and
+/// from how many it shows contact.
+#[derive(Default)]
 struct Weighed {
     total: f64,
+    new: f64,
     n_supposed: f64,
     n_contacts: usize,
+}
+
+/// What a view that resembles a touch repeats of its error. A part or a sensor unlike those trained on is mistaken in the same
+/// way wherever it looks the same, so the worse the touches so far match, the less is new in views like theirs.
+struct Repeated<'a> {
+    touches: &'a [Evidence],
+    /// Of a view that looks just like a touch, 0..=1.
+    share: f64,
+}
+
+impl<'a> Repeated<'a> {
+    /// All of it where touches match so much worse than the calibration expects, on average, standard deviations.
+    const WHOLLY_MISFIT: f64 = 2.0;
+
+    fn of(touches: &'a [Evidence]) -> Self {
+        let misfits: Vec<f64> = touches.iter().filter_map(|touch| touch.likelihood.misfit()).collect();
+        let mean = misfits.iter().sum::<f64>() / misfits.len().max(1) as f64;
+        Self { touches, share: (mean / Self::WHOLLY_MISFIT).clamp(0.0, 1.0) }
+    }
+
+    /// How much of what a row of the bank tells is new, 0..=1: less by its cosine with the edged touch most like it.
+    fn new_share(&self, row: usize) -> f64 {
+        if self.share == 0.0 {
+            return 1.0;
+        }
+        let edged = self.touches.iter().filter(|touch| !touch.likelihood.blank);
+        let most_alike = edged.map(|touch| touch.likelihood.similarities[row]).fold(0.0, f32::max);
+        1.0 - self.share * f64::from(most_alike)
+    }
 }
 
 /// How a recorded view counts against the view that would be touched.
