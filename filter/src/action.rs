@@ -30,7 +30,8 @@ pub enum ActionRule {
     /// The largest sum of 1 / f_PP between the view from a likely state and the views from the states
     /// drawn from the belief (paper, Eq. 5 and 6), with f_PP = exp(cosine / temperature) > 0.
     Paper,
-    /// The largest expected gain of the true state's log-probability, under the filter's own likelihood.
+    /// The largest expected gain of the true state's log-probability, under the filter's own likelihood. Where touches match
+    /// badly, views like theirs count less: a part or a sensor that the network does not know is mistaken there again.
     #[default]
     Information,
     /// Any action allowed, each equally likely.

@@ -192,13 +192,6 @@ impl TouchLikelihood {
         }
     }
 
-    /// How much worse its best match among the recorded views is than the calibration expects of the view that a touch is
-    /// made at, standard deviations; `None` where the touch is blank.
-    pub(crate) fn misfit(&self) -> Option<f64> {
-        let LikelihoodConfig { matched_mean, matched_sd, .. } = self.config;
-        (!self.blank).then(|| (matched_mean - f64::from(self.best_similarity)) / matched_sd)
-    }
-
     /// The mean of `exp((s - best) / tau)` over the views, 0..=1; `None` where the touch is blank.
     pub(crate) fn mean_match(&self) -> Option<f64> {
         (!self.blank).then_some(self.model.mean)
