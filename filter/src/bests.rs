@@ -31,7 +31,8 @@ impl Bests {
                 }
                 raise(of_all, of_x);
             }
-            for (of_axis, lines) in of_lines.chunks_exact(n_xy * n_angles).zip(lines.chunks_exact_mut(n_xy * n_angles)) {
+            for (of_axis, lines) in of_lines.chunks_exact(n_xy * n_angles).zip(lines.chunks_exact_mut(n_xy * n_angles))
+            {
                 for (line, of_line) in of_axis.chunks_exact(n_angles).enumerate() {
                     lines[line..].iter_mut().step_by(n_xy).zip(of_line).for_each(|(best, found)| *best = *found);
                 }

@@ -109,7 +109,8 @@ impl Evidence {
             if of_line.replace(row) != Some(row) {
                 for (y, above) in ys.clone().zip(&above_first) {
                     let outlier = matches.filter(|_| self.likelihood.is_edged(row + above));
-                    logs[y] = self.counted(outlier.map_or_else(|| self.likelihood.log_row(row + above), |m| m.log_outlier));
+                    logs[y] =
+                        self.counted(outlier.map_or_else(|| self.likelihood.log_row(row + above), |m| m.log_outlier));
                     counts[y] = if outlier.is_some() { self.weight } else { 0.0 };
                 }
             }

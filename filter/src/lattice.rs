@@ -107,7 +107,8 @@ impl LatticeWeights {
     pub fn at(views: &PoseGrid, theta_rad: f64, xs: &[f64], ys: &[f64]) -> Self {
         let around = |places: &[f64]| places.iter().map(|mm| Around::x_or_y(views, *mm)).collect();
         let (theta, xs, ys) = (Around::theta(views, theta_rad), around(xs), around(ys));
-        let counting = (Counting::of(&theta), [&xs, &ys].map(|axis: &Vec<Around>| axis.iter().map(Counting::of).collect()));
+        let counting =
+            (Counting::of(&theta), [&xs, &ys].map(|axis: &Vec<Around>| axis.iter().map(Counting::of).collect()));
         Self { n_xy: views.n_xy(), strides: views.strides(), theta, ys, xs, counting, faded: OnceCell::new() }
     }
 
@@ -274,11 +275,7 @@ impl Window<'_> {
         let (of_places, of_states) = rest.split_at_mut(n);
         let seen = seen(xs);
         let seen = seen.start * n..seen.end * n;
-        squares_of(
-            theta,
-            |(theta, k)| &neighbours.plane(2, k, theta)[seen.clone()],
-            &mut along_theta[seen.clone()],
-        );
+        squares_of(theta, |(theta, k)| &neighbours.plane(2, k, theta)[seen.clone()], &mut along_theta[seen.clone()]);
         let [of_x, of_y] = [0, 1].map(|axis| [1, 2, 3].map(|k| neighbours.plane(axis, k, angle)));
         let of_y = |(y, k): (usize, usize)| &of_y[k - 1][y * n..][..n];
         along_y(ys, of_places, of_ys, |y, out| squares_of(y, of_y, out));

@@ -194,7 +194,8 @@ impl<'a> Judge<'a> {
                 _ => sum,
             };
             weighed.total += told;
-            weighed.new += told * if config.rule == ActionRule::Information { self.repeated.new_share(row) } else { 1.0 };
+            weighed.new +=
+                told * if config.rule == ActionRule::Information { self.repeated.new_share(row) } else { 1.0 };
         }
         weighed
     }
