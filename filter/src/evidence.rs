@@ -29,7 +29,7 @@ pub(crate) enum AngleViews {
     /// The nearest recorded view of each, `[n_places]`; `None` where it is unknown.
     Nearest(Vec<Option<Nearest>>),
     /// The recorded views around each.
-    Between(LatticeWeights),
+    Between(Box<LatticeWeights>),
 }
 
 impl Evidence {
@@ -43,7 +43,8 @@ impl Evidence {
     /// How the states of an angle see it.
     pub(crate) fn views_of_angle(&self, [grid, states]: [&PoseGrid; 2], angle: usize) -> AngleViews {
         if self.cubic {
-            return AngleViews::Between(LatticeWeights::of_states(grid, states, angle, &self.first_from_sensor));
+            let lattice = LatticeWeights::of_states(grid, states, angle, &self.first_from_sensor);
+            return AngleViews::Between(Box::new(lattice));
         }
         let cells = NearestCell::on(grid);
         let nearest = |cell| trusted(grid, &cells, &(states.pose(cell) * self.first_from_sensor), self.tolerance);
