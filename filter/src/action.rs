@@ -5,6 +5,7 @@
 //! are kept apart, because two overlapping views share most of what they show and most of their error.
 
 mod judge;
+mod repeated;
 
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -125,7 +126,8 @@ pub struct Judged {
     pub by_all_draws: bool,
 }
 
-/// What a touch is expected to tell, nats: how much the true state's log-probability is expected to grow.
+/// What a touch is expected to tell that is new, nats: how much the true state's log-probability is expected to grow, less
+/// where the view is like touches that match badly.
 /// Estimated from the same draws as the choice, so on the high side for the candidate chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {

@@ -8,8 +8,7 @@ pub(crate) struct Bests {
     n_angles: usize,
     /// Cosines of a part.
     n_of_part: usize,
-    /// Of each part: of all views at each angle, `[n_theta]`; at each angle, of those at each x and of those at each y,
-    /// `[2, n_theta, n_xy]`.
+    /// `[n_parts, 1 + 2 n_xy, n_theta]`: of all views, of those at each x, of those at each y.
     cosines: Vec<f32>,
 }
 
@@ -19,23 +18,15 @@ impl Bests {
         let (n_xy, n_angles) = (grid.n_xy(), grid.n_theta());
         let n_of_part = (1 + 2 * n_xy) * n_angles;
         let mut cosines = vec![-1.0_f32; similarities.len() / grid.len() * n_of_part];
-        let mut of_lines = vec![0.0; 2 * n_xy * n_angles];
         for (views, bests) in similarities.chunks_exact(grid.len()).zip(cosines.chunks_exact_mut(n_of_part)) {
             let (of_all, lines) = bests.split_at_mut(n_angles);
-            of_lines.fill(-1.0);
-            let (of_xs, of_ys) = of_lines.split_at_mut(n_xy * n_angles);
+            let (of_xs, of_ys) = lines.split_at_mut(n_xy * n_angles);
             for (of_x, views) in of_xs.chunks_exact_mut(n_angles).zip(views.chunks_exact(n_xy * n_angles)) {
                 for (of_y, views) in of_ys.chunks_exact_mut(n_angles).zip(views.chunks_exact(n_angles)) {
                     raise(of_x, views);
                     raise(of_y, views);
                 }
                 raise(of_all, of_x);
-            }
-            for (of_axis, lines) in of_lines.chunks_exact(n_xy * n_angles).zip(lines.chunks_exact_mut(n_xy * n_angles))
-            {
-                for (line, of_line) in of_axis.chunks_exact(n_angles).enumerate() {
-                    lines[line..].iter_mut().step_by(n_xy).zip(of_line).for_each(|(best, found)| *best = *found);
-                }
             }
         }
         Self { n_angles, n_of_part, cosines }
@@ -62,7 +53,7 @@ pub(crate) struct PartBests<'a> {
 }
 
 impl PartBests<'_> {
-    /// The largest cosine with the views at each x, and at each y, `[n_theta, n_xy]`.
+    /// The largest cosine with the views at each x, or at each y, `[n_xy, n_theta]`.
     pub fn lines(&self) -> [&[f32]; 2] {
         let (xs, ys) = self.lines.split_at(self.lines.len() / 2);
         [xs, ys]
@@ -89,8 +80,8 @@ mod tests {
                 };
                 assert_eq!(found.of_angles[angle], largest(&|_, _| true));
                 for line in 0..3 {
-                    assert_eq!(found.lines()[0][angle * 3 + line], largest(&|x, _| x == line));
-                    assert_eq!(found.lines()[1][angle * 3 + line], largest(&|_, y| y == line));
+                    assert_eq!(found.lines()[0][line * 5 + angle], largest(&|x, _| x == line));
+                    assert_eq!(found.lines()[1][line * 5 + angle], largest(&|_, y| y == line));
                 }
             }
         }

@@ -210,12 +210,9 @@ impl LatticeWeights {
     /// best recorded view on the lines around it, at the angles around.
     pub(crate) fn most_on_lines(&self, bests: PartBests<'_>) -> [Vec<f32>; 2] {
         let (theta, states) = &self.counting;
-        let mut of_lines = vec![0.0; self.n_xy];
-        let mut most = |lines: &[f32], states: &[Counting]| -> Vec<f32> {
-            let of_angles = theta.0.map(|theta| &lines[theta * self.n_xy..][..self.n_xy]);
-            for (line, of_line) in of_lines.iter_mut().enumerate() {
-                *of_line = Counting([0, 1, 2, 3]).best(|k| of_angles[k][line]);
-            }
+        let most = |lines: &[f32], states: &[Counting]| -> Vec<f32> {
+            let of_angles = lines.chunks_exact(bests.of_angles.len());
+            let of_lines: Vec<f32> = of_angles.map(|line| theta.best(|theta| line[theta])).collect();
             states.iter().map(|state| (state.best(|line| of_lines[line]) + ABOVE_BEST).min(1.0)).collect()
         };
         let [of_xs, of_ys] = bests.lines();

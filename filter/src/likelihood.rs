@@ -245,8 +245,8 @@ impl TouchLikelihood {
     pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> OnLattice {
         let bests = self.bests(part);
         // Without outliers the window is all there is.
-        let log_outlier = Some(self.log_agrees + self.model.log_outlier()).filter(|log| log.is_finite());
-        let log_outlier = log_outlier.unwrap_or(self.log_unknown);
+        let log_outlier = self.log_agrees + self.model.log_outlier();
+        let log_outlier = if log_outlier.is_finite() { log_outlier } else { self.log_unknown };
         let least = (f64::from(self.reference) + self.model.above_outliers(OUTLIER_NATS)) as f32;
         let may_match = |most: &f32| *most >= least;
         let outlier = OnLattice { log_outlier, n_ys: lattice.n_ys(), window: [0..0, 0..0], above_outlier: Vec::new() };

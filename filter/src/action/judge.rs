@@ -6,10 +6,10 @@ use tactile_data::grid::NearestCell;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 
+use super::repeated::Repeated;
 use super::{ActionRule, Expected, Situation};
 use crate::belief::Hypothesis;
-use crate::evidence::Evidence;
-use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+use crate::likelihood::LikelihoodConfig;
 use crate::nearest::{Nearest, trusted};
 use crate::simd;
 
@@ -82,7 +82,7 @@ impl<'a> Judge<'a> {
             pairing,
             draws: placed(draws),
             supposed: placed(supposed),
-            repeated: Repeated::of(belief.touches()),
+            repeated: Repeated::of(situation.config.rule, belief.touches()),
             part_from_sensor: cells.iter().map(stood).collect(),
             cells: NearestCell::on(bank.grid()),
             tolerance,
@@ -100,8 +100,8 @@ impl<'a> Judge<'a> {
 
     /// The score of a candidate; `None` where it would show contact from no supposed state.
     pub(super) fn score(&self, candidate: &Se2) -> Option<f64> {
-        let Weighed { new, n_supposed, n_contacts, .. } = self.weigh(candidate, |_, _, _| ());
-        (n_contacts > 0).then(|| new / n_supposed - self.travel_nats(candidate))
+        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, |_, _, _| ());
+        (n_contacts > 0).then(|| total / n_supposed - self.travel_nats(candidate))
     }
 
     /// What a candidate is expected to tell, by the sums of [`Self::score`] taken separately: which part it is, and of
@@ -118,10 +118,14 @@ impl<'a> Judge<'a> {
         let mut counts = vec![0.0; n_parts];
         self.draws.iter().for_each(|draw| counts[draw.hypothesis.part] += draw.count);
         let mut sums = vec![0.0; self.supposed.len() * n_parts];
-        let report = |truth: usize, draw: &Draw, value: f64| sums[truth * n_parts + draw.hypothesis.part] += value;
-        let Weighed { total, n_supposed, n_contacts, .. } = self.weigh(candidate, report);
+        let mut new_shares = vec![0.0; self.supposed.len()];
+        let report = |(truth, new_share): (usize, f64), draw: &Draw, value: f64| {
+            new_shares[truth] = new_share;
+            sums[truth * n_parts + draw.hypothesis.part] += value;
+        };
+        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, report);
         let (mut part_nats, mut pair_nats) = (0.0, 0.0);
-        for (truth, sums) in self.supposed.iter().zip(sums.chunks_exact(n_parts)) {
+        for ((truth, new_share), sums) in self.supposed.iter().zip(&new_shares).zip(sums.chunks_exact(n_parts)) {
             let own = truth.hypothesis.part;
             let mean = |parts: &[usize]| {
                 let sum = |of: &[f64]| parts.iter().map(|part| of[*part]).sum::<f64>();
@@ -130,9 +134,9 @@ impl<'a> Judge<'a> {
             let all: Vec<usize> = (0..n_parts).collect();
             // A supposed state without contact was not weighed: it gives no information.
             if mean(&[own]) > 0.0 {
-                part_nats += (mean(&[own]) / mean(&all)).ln();
+                part_nats += new_share * (mean(&[own]) / mean(&all)).ln();
                 let both = pair.filter(|pair| pair.contains(&own));
-                pair_nats += both.map_or(0.0, |both| (mean(&[own]) / mean(&both)).ln());
+                pair_nats += new_share * both.map_or(0.0, |both| (mean(&[own]) / mean(&both)).ln());
             }
         }
         (n_contacts > 0).then(|| Expected {
@@ -151,8 +155,8 @@ impl<'a> Judge<'a> {
     }
 
     /// Weighs the views from the draws against the view from each supposed state. `report` is given each pair:
-    /// which supposed state, which draw, and how much it counts.
-    fn weigh(&self, candidate: &Se2, mut report: impl FnMut(usize, &Draw, f64)) -> Weighed {
+    /// which supposed state and how much of its view is new, which draw, and how much it counts.
+    fn weigh(&self, candidate: &Se2, mut report: impl FnMut((usize, f64), &Draw, f64)) -> Weighed {
         let Situation { config, bank, only_recorded, .. } = *self.situation;
         let grid = bank.grid();
         // The product of both motions, its sine and cosine at hand.
@@ -178,24 +182,22 @@ impl<'a> Judge<'a> {
                 continue;
             }
             weighed.n_contacts += 1;
-            let ratios = rows.ratios(&self.pairing, row);
+            let (ratios, new_share) = (rows.ratios(&self.pairing, row), self.repeated.new_share(row));
             let (mut sum, mut n_states) = (0.0, 0.0);
             for (draw, view) in self.draws.iter().zip(&of_draws) {
                 if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
                     continue; // S without s*
                 }
                 let value = draw.count * self.pairing.mixed(view.map(|(at, trust)| (ratios[at], trust)));
-                report(index, draw, value);
+                report((index, new_share), draw, value);
                 sum += value;
                 n_states += draw.count;
             }
-            let told = match config.rule {
+            let of_truth = match config.rule {
                 ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
                 _ => sum,
             };
-            weighed.total += told;
-            weighed.new +=
-                told * if config.rule == ActionRule::Information { self.repeated.new_share(row) } else { 1.0 };
+            weighed.total += new_share * of_truth;
         }
         weighed
     }
@@ -234,48 +236,12 @@ impl Rows {
     }
 }
 
-/// A candidate weighed: the sum over the supposed states, of it what is new after the touches made, how many they are, and
-/// from how many it shows contact.
+/// A candidate weighed: the sum over the supposed states of what is new, how many they are, and from how many it shows contact.
 #[derive(Default)]
 struct Weighed {
     total: f64,
-    new: f64,
     n_supposed: f64,
     n_contacts: usize,
-}
-
-/// What a view that resembles a touch repeats of its error. A part or a sensor unlike those trained on is mistaken in the same
-/// way wherever it looks the same, so the worse the touches so far match, the less is new in views like theirs.
-struct Repeated<'a> {
-    /// Those that showed an edge.
-    touches: Vec<&'a TouchLikelihood>,
-    /// Of a view that looks just like one of them, 0..=1.
-    share: f64,
-}
-
-impl<'a> Repeated<'a> {
-    /// Nothing where the best matches of the touches have this cosine on average, as those of a sensor that the network
-    /// knows, and all of it where they have that. Neither has to be exact (`NOTES.md`).
-    const NOTHING_AND_ALL: [f64; 2] = [0.95, 0.7];
-
-    fn of(touches: &'a [Evidence]) -> Self {
-        let [nothing, all] = Self::NOTHING_AND_ALL;
-        let edged = touches.iter().map(|touch| &touch.likelihood).filter(|likelihood| !likelihood.blank);
-        let touches: Vec<&TouchLikelihood> = edged.collect();
-        let best = |touch: &&TouchLikelihood| f64::from(touch.best_similarity);
-        let mean = touches.iter().map(best).sum::<f64>() / touches.len() as f64;
-        let share = if touches.is_empty() { 0.0 } else { ((nothing - mean) / (nothing - all)).clamp(0.0, 1.0) };
-        Self { touches, share }
-    }
-
-    /// How much of what a row of the bank tells is new, 0..=1: less by its cosine with the touch most like it.
-    fn new_share(&self, row: usize) -> f64 {
-        if self.share == 0.0 {
-            return 1.0;
-        }
-        let most_alike = self.touches.iter().map(|touch| touch.similarities[row]).fold(0.0, f32::max);
-        1.0 - self.share * f64::from(most_alike)
-    }
 }
 
 /// How a recorded view counts against the view that would be touched.
@@ -496,36 +462,6 @@ mod tests {
         assert_eq!([coarse, average_one].map(|likelihood| unknown(ActionRule::Information, &likelihood).0), [1.0; 2]);
         let (paper, average) = unknown(ActionRule::Paper, &fine);
         assert_eq!(paper, average);
-    }
-
-    /// Three rows at right angles: what each tells that is new after touches of these queries.
-    fn new_shares(queries: &[[f32; 3]]) -> [f64; 3] {
-        let bank = bank(0.2);
-        let touch = |query: &[f32; 3]| {
-            let observation = Observation::new(query.to_vec(), if *query == UP { 0.0 } else { 0.2 });
-            let likelihood = TouchLikelihood::new(&observation, &bank, &LikelihoodConfig::default()).unwrap();
-            Evidence::of(bank.grid(), Se2::IDENTITY, 1.0, likelihood)
-        };
-        let touches: Vec<Evidence> = queries.iter().map(touch).collect();
-        let repeated = Repeated::of(&touches);
-        [0, 1, 2].map(|row| repeated.new_share(row))
-    }
-
-    #[test]
-    fn views_like_touches_that_match_badly_tell_less() {
-        let close = |found: [f64; 3], expected: [f64; 3]| {
-            found.iter().zip(expected).for_each(|(a, b)| assert!((a - b).abs() < 1e-6, "{found:?} {expected:?}"));
-        };
-        // No touch, touches that match well, and blank ones, which are up here, say nothing of it.
-        close(new_shares(&[]), [1.0; 3]);
-        close(new_shares(&[X, Y]), [1.0; 3]);
-        close(new_shares(&[UP]), [1.0; 3]);
-        // Its best match has a cosine of 0.8, 0.15 of 0.25 below 0.95; the row at its side 0.6.
-        close(new_shares(&[[0.8, 0.6, 0.0]]), [1.0 - 0.6 * 0.8, 1.0 - 0.6 * 0.6, 1.0]);
-        // 0.9 on average: 0.2; each row by the touch most like it.
-        close(new_shares(&[[0.8, 0.6, 0.0], Y, UP]), [1.0 - 0.2 * 0.8, 1.0 - 0.2, 1.0]);
-        // Below 0.7 everything, and no row less than nothing.
-        close(new_shares(&[[0.6, -0.6, -0.529_150_3]]), [1.0 - 0.6, 1.0, 1.0]);
     }
 
     const X: [f32; 3] = [1.0, 0.0, 0.0];

@@ -1,0 +1,85 @@
+//! What touches like those made would only say again.
+
+use super::ActionRule;
+use crate::evidence::Evidence;
+use crate::likelihood::TouchLikelihood;
+
+/// What a view that resembles a touch repeats of its error. A part or a sensor unlike those trained on is mistaken in the same
+/// way where it looks the same, so the worse the touches so far match, the less is new in views like theirs.
+pub(super) struct Repeated<'a> {
+    /// Those that showed an edge.
+    touches: Vec<&'a TouchLikelihood>,
+    /// Of a view that looks just like one of them, 0..=1.
+    share: f64,
+}
+
+impl<'a> Repeated<'a> {
+    /// Nothing where the best matches of the touches have this cosine on average, as those of a sensor that the network
+    /// knows, and all of it where they have that. Neither has to be exact (`NOTES.md`).
+    const NOTHING_AND_ALL: [f64; 2] = [0.95, 0.7];
+
+    /// Of the touches made, as a rule asks for it: only expected information looks at what they repeat.
+    pub fn of(rule: ActionRule, touches: &'a [Evidence]) -> Self {
+        let [nothing, all] = Self::NOTHING_AND_ALL;
+        let edged = touches.iter().map(|touch| &touch.likelihood).filter(|likelihood| !likelihood.blank);
+        let touches: Vec<&TouchLikelihood> = edged.collect();
+        let best = |touch: &&TouchLikelihood| f64::from(touch.best_similarity);
+        let mean = touches.iter().map(best).sum::<f64>() / touches.len() as f64;
+        let is_asked = rule == ActionRule::Information && !touches.is_empty();
+        let share = if is_asked { ((nothing - mean) / (nothing - all)).clamp(0.0, 1.0) } else { 0.0 };
+        Self { touches, share }
+    }
+
+    /// How much of what a row of the bank tells is new, 0..=1: less by its cosine with the touch most like it.
+    pub fn new_share(&self, row: usize) -> f64 {
+        if self.share == 0.0 {
+            return 1.0;
+        }
+        let most_alike = self.touches.iter().map(|touch| touch.similarities[row]).fold(0.0, f32::max);
+        1.0 - self.share * f64::from(most_alike)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tactile_data::se2::Se2;
+
+    use super::super::tests::bank;
+    use super::*;
+    use crate::likelihood::LikelihoodConfig;
+    use crate::observation::Observation;
+
+    const X: [f32; 3] = [1.0, 0.0, 0.0];
+    const Y: [f32; 3] = [0.0, 1.0, 0.0];
+    const UP: [f32; 3] = [0.0, 0.0, 1.0];
+
+    /// Three rows at right angles: what each tells that is new after touches of these queries.
+    fn new_shares(queries: &[[f32; 3]]) -> [f64; 3] {
+        let bank = bank(0.2);
+        let touch = |query: &[f32; 3]| {
+            let observation = Observation::new(query.to_vec(), if *query == UP { 0.0 } else { 0.2 });
+            let likelihood = TouchLikelihood::new(&observation, &bank, &LikelihoodConfig::default()).unwrap();
+            Evidence::of(bank.grid(), Se2::IDENTITY, 1.0, likelihood)
+        };
+        let touches: Vec<Evidence> = queries.iter().map(touch).collect();
+        let repeated = Repeated::of(ActionRule::Information, &touches);
+        [0, 1, 2].map(|row| repeated.new_share(row))
+    }
+
+    #[test]
+    fn views_like_touches_that_match_badly_tell_less() {
+        let close = |found: [f64; 3], expected: [f64; 3]| {
+            found.iter().zip(expected).for_each(|(a, b)| assert!((a - b).abs() < 1e-6, "{found:?} {expected:?}"));
+        };
+        // No touch, touches that match well, and blank ones, which are up here, say nothing of it.
+        close(new_shares(&[]), [1.0; 3]);
+        close(new_shares(&[X, Y]), [1.0; 3]);
+        close(new_shares(&[UP]), [1.0; 3]);
+        // Its best match has a cosine of 0.8, 0.15 of 0.25 below 0.95; the row at its side 0.6.
+        close(new_shares(&[[0.8, 0.6, 0.0]]), [1.0 - 0.6 * 0.8, 1.0 - 0.6 * 0.6, 1.0]);
+        // 0.9 on average: 0.2; each row by the touch most like it.
+        close(new_shares(&[[0.8, 0.6, 0.0], Y, UP]), [1.0 - 0.2 * 0.8, 1.0 - 0.2, 1.0]);
+        // Below 0.7 everything, and no row less than nothing.
+        close(new_shares(&[[0.6, -0.6, -0.529_150_3]]), [1.0 - 0.6, 1.0, 1.0]);
+    }
+}
