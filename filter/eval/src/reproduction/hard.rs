@@ -35,8 +35,8 @@ pub fn finding(found: &Reproduction) -> Finding {
     let line = verdicts.join("; ");
     let caption = html! {
         "The plain scenes are easier than the paper’s boards: one touch names far more of them. In these the sensor is made so noisy "
-        "that one touch names about as few as in the paper; the noise was chosen on letters that are not measured here, and chosen "
-        "again with each new model, so that figures of two models on their hard scenes are not of the same scenes. The model is "
+        "that one touch of an earlier model named about as few as in the paper; the noise was chosen on letters that are not measured "
+        "here, and not chosen again, so that a later model may name more. The model is "
         "calibrated on those letters, under the same sensor. Right parts and then the gain over one touch (MoCo, the paper’s and "
         "ours): ours in bold, the paper’s in grey, our 95\u{a0}% interval below (Newcombe’s, of two shares, as if of different holes: "
         "rather too wide). A scene that starts lower has more to gain: read both rows."
