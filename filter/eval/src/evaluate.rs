@@ -364,12 +364,17 @@ mod tests {
         let prints = |n_prints| (0..12).map(|index| hole(n_prints, index).print()).collect::<Vec<_>>();
         assert_eq!(prints(1), [0; 12]);
         assert_eq!(prints(3), [0, 0, 1, 1, 2, 2, 0, 0, 1, 1, 2, 2]);
+        let mut n_changed = 0;
         for index in 0..12 {
             let [mut one, mut other] = [1, 3].map(|n_prints| hole(n_prints, index));
             assert_eq!((one.part(), one.part_from_first()), (other.part(), other.part_from_first()));
             assert_eq!(PoseGrid::SMALL.pose(one.first_view().unwrap()), one.part_from_first());
-            assert_eq!(one.touch().unwrap() == other.touch().unwrap(), other.print() == 0, "{index}");
+            let changed = one.touch().unwrap() != other.touch().unwrap();
+            assert!(!changed || other.print() > 0, "{index}");
+            n_changed += usize::from(changed);
         }
+        // Lines show where something is in contact, and where the camera resolves them.
+        assert!(n_changed > 0);
         assert_eq!(protocol(1, Poses::OffGrid).hole(holes, &PoseGrid::SMALL, 5).first_view(), None);
     }
 

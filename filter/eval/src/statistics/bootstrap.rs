@@ -18,7 +18,7 @@ const N_RESAMPLES: u64 = 2_000;
 const SEED: u64 = 0x626f_6f74;
 
 /// The 95 % interval of a figure of some clusters: percentiles of the figure of clusters drawn with replacement, as far
-/// from it as [`few`] clusters ask for. `sums` are what each cluster adds to the sums that `figure` takes. `None` for
+/// from it as few clusters ask for. `sums` are what each cluster adds to the sums that `figure` takes. `None` for
 /// fewer than two clusters.
 pub fn clustered_95<const K: usize>(sums: &[[f64; K]], figure: impl Fn(&[f64; K]) -> f64) -> Option<[f64; 2]> {
     if sums.len() < 2 {
