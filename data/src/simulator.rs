@@ -45,6 +45,13 @@ struct BoardSensor {
     camera: Camera,
 }
 
+/// The parts of a scene, printed: prints have the same shapes, each with layer lines of its own.
+#[derive(Clone, Copy, Debug)]
+pub struct Print<'a> {
+    simulator: &'a Simulator,
+    seed: u64,
+}
+
 /// One side of one part, as far as the scene's fidelity needs it.
 #[derive(Debug)]
 enum Touchable {
@@ -110,32 +117,23 @@ impl Simulator {
         self.side(part, side).map(|_| ())
     }
 
-    /// Presses the sensor onto one side of a part. Depth, tilt, place, texture, gain and noise are drawn
-    /// from `rng`, so that two touches at one pose differ as real ones do.
+    /// Presses the sensor onto one side of a part of the first print: [`Print::touch`].
+    ///
+    /// # Errors
+    /// As [`Print::touch`].
     pub fn touch(&self, part: usize, side: Side, part_from_sensor: &Se2, rng: &mut ChaCha8Rng) -> Result<Frame> {
-        let touchable = self.side(part, side)?;
-        let (spec, optics, camera) = self.sensor(part, side);
-        if !part_from_sensor.is_finite() {
-            return Err(Error::invalid("touch", "a finite pose", format!("{part_from_sensor:?}")));
-        }
-        let mut jitter = |half| around_zero(rng, half);
-        let pose = *part_from_sensor * Se2::new(jitter(spec.place_jitter_mm), jitter(spec.place_jitter_mm), 0.0);
-        let surface = match touchable {
-            // A tilt leaves in contact what is.
-            Touchable::Mask(mask) => return Ok(mask.view(&pose, spec.frame_px, spec.mm_per_px())),
-            Touchable::Surface(surface) => surface,
-        };
-        let depth_mm = (spec.depth_mm + jitter(spec.depth_jitter_mm)).max(0.0);
-        let tilt = [0, 1].map(|_| jitter(spec.tilt_jitter_deg).to_radians().tan());
-        let press = TiltedPress { depth_mm, tilt };
-        let mut depths = surface.depths(&pose, spec.frame_px, spec.mm_per_px(), press);
-        if self.scene.fidelity >= Fidelity::Camera {
-            // Peg and hole are printed separately, each with its own lines.
-            let printed = 2 * part as u64 + u64::from(side == Side::Peg);
-            let lines = LayerLines::draw(&mut frame_rng(self.board_seed ^ 0x6c69_6e65, printed));
-            lines.seen(spec, part_from_sensor.theta_rad, rng).raise(&mut depths, spec, press);
-        }
-        Ok(self.exposure(optics, camera, spec).frame(&depths, rng))
+        self.print(0).touch(part, side, part_from_sensor, rng)
+    }
+
+    /// A print of the parts. The first, 0, is drawn from the board's seed; no print depends on how many there are.
+    pub fn print(&self, index: usize) -> Print<'_> {
+        // Far from the small seeds of datasets and banks, whose first prints these would else be.
+        Print { simulator: self, seed: self.board_seed ^ ((index as u64) << 32) }
+    }
+
+    /// Whether one print differs from another: its layer lines are simulated.
+    pub fn prints_differ(&self) -> bool {
+        self.scene.fidelity >= Fidelity::Camera && self.scene.sensor.texture_mm[1] > 0.0
     }
 
     fn exposure<'a>(&self, optics: &'a Optics, camera: &'a Camera, spec: &SensorSpec) -> Exposure<'a> {
@@ -191,6 +189,40 @@ impl Simulator {
     }
 }
 
+impl Print<'_> {
+    /// Presses the sensor onto one side of a part. Depth, tilt, place, texture, gain and noise are drawn
+    /// from `rng`, so that two touches at one pose differ as real ones do.
+    ///
+    /// # Errors
+    /// No such part, a part that cannot be pressed, or a pose that is not finite.
+    pub fn touch(&self, part: usize, side: Side, part_from_sensor: &Se2, rng: &mut ChaCha8Rng) -> Result<Frame> {
+        let simulator = self.simulator;
+        let touchable = simulator.side(part, side)?;
+        let (spec, optics, camera) = simulator.sensor(part, side);
+        if !part_from_sensor.is_finite() {
+            return Err(Error::invalid("touch", "a finite pose", format!("{part_from_sensor:?}")));
+        }
+        let mut jitter = |half| around_zero(rng, half);
+        let pose = *part_from_sensor * Se2::new(jitter(spec.place_jitter_mm), jitter(spec.place_jitter_mm), 0.0);
+        let surface = match touchable {
+            // A tilt leaves in contact what is.
+            Touchable::Mask(mask) => return Ok(mask.view(&pose, spec.frame_px, spec.mm_per_px())),
+            Touchable::Surface(surface) => surface,
+        };
+        let depth_mm = (spec.depth_mm + jitter(spec.depth_jitter_mm)).max(0.0);
+        let tilt = [0, 1].map(|_| jitter(spec.tilt_jitter_deg).to_radians().tan());
+        let press = TiltedPress { depth_mm, tilt };
+        let mut depths = surface.depths(&pose, spec.frame_px, spec.mm_per_px(), press);
+        if simulator.scene.fidelity >= Fidelity::Camera {
+            // Peg and hole are printed separately, each with its own lines.
+            let printed = 2 * part as u64 + u64::from(side == Side::Peg);
+            let lines = LayerLines::draw(&mut frame_rng(self.seed ^ 0x6c69_6e65, printed));
+            lines.seen(spec, part_from_sensor.theta_rad, rng).raise(&mut depths, spec, press);
+        }
+        Ok(simulator.exposure(optics, camera, spec).frame(&depths, rng))
+    }
+}
+
 /// Holes first.
 fn index_of(side: Side) -> usize {
     usize::from(side == Side::Peg)
@@ -224,6 +256,21 @@ mod tests {
         let touch = |seed| simulator.touch(0, Side::Hole, &Se2::IDENTITY, &mut frame_rng(seed, 0)).unwrap();
         assert_eq!(touch(1), touch(1));
         assert_ne!(touch(1), touch(2));
+    }
+
+    #[test]
+    fn a_print_is_what_another_seed_prints_of_the_same_parts() {
+        let [one, other] =
+            [1, 1 ^ (3 << 32)].map(|seed| Simulator::new(Scene::preset("alphabet-small").unwrap(), seed));
+        let (one, other) = (one.unwrap(), other.unwrap());
+        let rng = || frame_rng(7, 0);
+        let touch = |print: Print<'_>| print.touch(2, Side::Hole, &Se2::IDENTITY, &mut rng()).unwrap();
+        assert_eq!(touch(one.print(3)), touch(other.print(0)));
+        assert_ne!(touch(one.print(3)), touch(one.print(0)));
+        assert_eq!(touch(one.print(0)), one.touch(2, Side::Hole, &Se2::IDENTITY, &mut rng()).unwrap());
+        let mut smooth = Scene::preset("alphabet-small").unwrap();
+        smooth.sensor.texture_mm = [0.0; 2];
+        assert!(one.prints_differ() && !Simulator::new(smooth, 1).unwrap().prints_differ());
     }
 
     #[test]

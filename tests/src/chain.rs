@@ -33,6 +33,34 @@ fn the_same_seeds_give_the_same_model_and_the_same_evaluation() {
 }
 
 #[test]
+fn shards_of_several_prints_come_to_what_one_run_comes_to() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).display().to_string();
+    let evaluate = |out: String, more: &str| {
+        let args = format!(
+            "evaluate --model model/model.safetensors --bank pegs.bank --scene two.toml --episodes 9 --seeds 1,2 --touches 2 \
+             --stories 0 --engines exact --actions information --out {out} {more}"
+        );
+        run("tactile-filter", sample.folder(), &args.split_whitespace().collect::<Vec<_>>()).done();
+    };
+    evaluate(out("single"), "--prints 3");
+    evaluate(out("one"), "");
+    for shard in ["2/2", "1/2"] {
+        evaluate(out("shards"), &format!("--prints 3 --shard {shard}"));
+    }
+    run("tactile-filter", sample.folder(), &["merge", &out("shards"), "--out", &out("merged")]).done();
+    let [single, merged, one]: [Value; 3] = ["single", "merged", "one"].map(|name| {
+        let json = fs::read(folder.path().join(name).join("evaluation.json")).unwrap();
+        serde_json::from_slice(&json).unwrap()
+    });
+    assert_eq!((&single["checksum"], &single["rows"]), (&merged["checksum"], &merged["rows"]));
+    assert_eq!((&merged["n_prints"], one["n_prints"].is_null()), (&3.into(), true));
+    assert_ne!(single["checksum"], one["checksum"]);
+    assert!(single["distinct_first_views"].as_u64().is_some_and(|n| (1..=9).contains(&n)));
+}
+
+#[test]
 fn an_evaluation_has_the_promised_keys_and_a_report() {
     let sample = Sample::make();
     let evaluation = evaluate(&sample);

@@ -188,6 +188,8 @@ fn recordings_that_do_not_fit_are_refused_with_what_differs() {
     let words = "tradeoff --model model/model.safetensors --pegs pegs --holes wide --settings 1 --episodes 2 --out out";
     let tradeoff = run("tactile-filter", at, &words.split_whitespace().collect::<Vec<_>>());
     assert!(tradeoff.code == Some(1) && tradeoff.stderr.contains("expected 22 x 17 mm as in pictures"), "{tradeoff:?}");
+    let prints = failed("tactile-filter", &format!("{evaluate} holes --prints 2"));
+    assert!(prints.contains("prints: expected 1: recorded holes have one print, got 2"), "{prints}");
     let both = run("tactile-filter", at, &["evaluate", "--scene", "two.toml", "--holes", "holes"]);
     assert!(both.misused().contains("--holes"));
     // Scattered touches are on no grid; the flags that help are named.

@@ -52,8 +52,7 @@ fn first_touches<T: Send>(
     judge: impl Fn(&Hole<'_>, Frame) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     threads::each(protocol.episodes.clone(), |index| {
-        let seed = protocol.seeds[index % protocol.seeds.len()];
-        let mut hole = Hole::new(holes, bank.grid(), protocol.poses, seed, index);
+        let mut hole = protocol.hole(holes, bank.grid(), index);
         let frame = hole.touch()?;
         judge(&hole, frame)
     })

@@ -11,7 +11,8 @@ use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};
 use crate::evaluate::{Outcome, Scored};
-use crate::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping};
+use crate::origins::Origins;
+use crate::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping, is_one, one};
 use crate::summary::{self, Label};
 use tactile_filter::EpisodeConfig;
 
@@ -52,6 +53,9 @@ pub struct Setup {
     pub n_episodes: usize,
     /// Seeds of the episodes.
     pub seeds: Vec<u64>,
+    /// Prints of each part that the episodes take turns with.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub n_prints: usize,
     /// Touches of each.
     pub n_touches: usize,
     /// Where holes are touched.
@@ -184,7 +188,13 @@ impl Episodes {
         let label =
             |method| Label { method, inference: Inference::None, action: Choice::None, poses: self.setup.poses };
         let shown = self.singles.iter().filter(|single| single.inside_out == inside_out);
-        shown.map(|single| summary::row(label(single.method), 1, &single.scored)).collect()
+        let origins = self.origins();
+        shown.map(|single| summary::row(label(single.method), 1, &single.scored, &origins)).collect()
+    }
+
+    /// The origins of the episodes, which are the same in each run.
+    fn origins(&self) -> Origins {
+        self.runs.first().map_or_else(Origins::default, |run| Origins::of(&run.outcomes))
     }
 
     /// All figures. Fails where there is no way of inferring.
@@ -205,6 +215,8 @@ impl Episodes {
             n_classes: setup.n_classes,
             n_episodes: setup.n_episodes,
             seeds: setup.seeds.clone(),
+            n_prints: setup.n_prints,
+            distinct_first_views: self.origins().distinct_first_views(),
             absent: setup.absent,
             recorded: setup.recorded,
             side: setup.side,
@@ -236,7 +248,7 @@ mod tests {
     fn shard(episodes: Range<usize>) -> Episodes {
         let scored =
             |i: usize| Scored { right: !i.is_multiple_of(3), probability: 0.1 + 0.01 * i as f64, ..Scored::default() };
-        let outcome = |i| Outcome { part: i % 2, scored: vec![scored(i), scored(i + 1)], times: Vec::new() };
+        let outcome = |i| Outcome { part: i % 2, scored: vec![scored(i), scored(i + 1)], ..Outcome::default() };
         let label =
             Label { method: Method::Filter, inference: Inference::Exact, action: Choice::Random, poses: Poses::OnGrid };
         Episodes {
@@ -247,6 +259,7 @@ mod tests {
                 n_classes: 2,
                 n_episodes: 10,
                 seeds: vec![1],
+                n_prints: 1,
                 n_touches: 2,
                 poses: Poses::OnGrid,
                 absent: false,
@@ -302,6 +315,18 @@ mod tests {
         let checksum = shard(0..10).checksum().unwrap();
         assert_eq!(slow.checksum().unwrap(), checksum);
         assert_ne!(other.checksum().unwrap(), checksum);
+    }
+
+    #[test]
+    fn one_print_is_not_noted_and_more_are_another_evaluation() {
+        let (one, mut three) = (shard(0..10), shard(0..10));
+        let text = serde_json::to_string(&one).unwrap();
+        assert!(!text.contains("print") && serde_json::from_str::<Episodes>(&text).unwrap() == one);
+        three.setup.n_prints = 3;
+        three.runs[0].outcomes[4].print = 1;
+        assert_ne!(three.checksum().unwrap(), one.checksum().unwrap());
+        assert_eq!(serde_json::from_value::<Episodes>(serde_json::to_value(&three).unwrap()).unwrap(), three);
+        assert!(!three.is_of(&one) && three.evaluation().unwrap().n_prints == 3);
     }
 
     #[test]

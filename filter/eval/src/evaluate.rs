@@ -42,6 +42,8 @@ pub struct Protocol {
     pub n_classes: Option<usize>,
     /// Milliseconds for each choice of a touch; `None`: as many as it takes, the same on every machine.
     pub choose_ms: Option<f64>,
+    /// Prints of each part that holes are touched on, 1 or more; episodes take turns with them.
+    pub n_prints: usize,
     /// Touches of each episode; the stopping rule is recorded and not obeyed, so that every curve is whole.
     pub n_touches: usize,
 }
@@ -61,6 +63,7 @@ impl Protocol {
             let got = bank.parts().join(" ");
             return Err(Error::invalid("bank", format!("the scene's parts {}", holes.parts().join(" ")), got));
         }
+        self.validate_prints(holes)?;
         let n_parts = bank.parts().len();
         match self.n_classes {
             Some(_) if self.absent => Err(Error::invalid("evaluation", "classes or an absent part", "both")),
@@ -69,6 +72,31 @@ impl Protocol {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Refuses prints where there is one, or where all look alike.
+    fn validate_prints(&self, holes: Holes<'_>) -> Result<()> {
+        let expected = match holes {
+            _ if self.n_prints == 0 => "1 or more",
+            Holes::Recorded(_) if self.n_prints > 1 => "1: recorded holes have one print",
+            Holes::Simulated(simulator, _) if self.n_prints > 1 && !simulator.prints_differ() => {
+                "1: this scene has no layer lines, by which prints differ"
+            }
+            _ => return Ok(()),
+        };
+        Err(Error::invalid("prints", expected, self.n_prints.to_string()))
+    }
+
+    /// Seed of an episode.
+    pub(crate) fn seed(&self, index: usize) -> u64 {
+        self.seeds[index % self.seeds.len()]
+    }
+
+    /// The hole of an episode. Part, pose and frames follow from its number and are the same for any number of prints;
+    /// the seeds take turns, and once around them the prints do.
+    pub fn hole<'a>(&self, holes: Holes<'a>, grid: &PoseGrid, index: usize) -> Hole<'a> {
+        let print = index / self.seeds.len() % self.n_prints;
+        Hole::new(holes, grid, self.poses, self.seed(index), index).of_print(print)
     }
 }
 
@@ -144,10 +172,28 @@ pub struct StageTimes {
 pub struct Outcome {
     /// The hole's own part, an index into the scene's parts.
     pub part: usize,
+    /// Print of that part that was touched.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub print: usize,
+    /// Which recorded pose or frame was touched first: [`Hole::first_view`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_view: Option<usize>,
     /// After touch 1, 2, ...
     pub scored: Vec<Scored>,
     /// Stage times of touch 1, 2, ...
     pub times: Vec<StageTimes>,
+}
+
+impl Outcome {
+    /// Of a hole that was not touched yet.
+    fn of(hole: &Hole<'_>) -> Self {
+        let (part, print, first_view) = (hole.part_index(), hole.print(), hole.first_view());
+        Self { part, print, first_view, ..Self::default() }
+    }
+}
+
+fn is_zero(n: &usize) -> bool {
+    *n == 0
 }
 
 /// Who watches an episode: called after each touch with what was touched, seen and believed.
@@ -196,8 +242,7 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
 /// A touch that cannot be made or seen.
 pub fn run_one(run: &Run<'_>, banks: &Banks, index: usize, watch: Watch<'_>) -> Result<Outcome> {
     let Run { holes, sensor, config, protocol, .. } = *run;
-    let seed = protocol.seeds[index % protocol.seeds.len()];
-    let mut hole = Hole::new(holes, banks.whole.grid(), protocol.poses, seed, index);
+    let mut hole = protocol.hole(holes, banks.whole.grid(), index);
     let bank = banks.of(&hole)?;
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = EpisodeConfig {
@@ -205,11 +250,11 @@ pub fn run_one(run: &Run<'_>, banks: &Banks, index: usize, watch: Watch<'_>) -> 
         none_fit: None,
         between_poses: protocol.poses == Poses::OffGrid,
         max_touches: protocol.n_touches,
-        seed: seed.wrapping_add(index as u64),
+        seed: protocol.seed(index).wrapping_add(index as u64),
         ..*config
     };
     let mut frame = hole.touch()?;
-    let mut outcome = Outcome { part: hole.part_index(), ..Outcome::default() };
+    let mut outcome = Outcome::of(&hole);
     let (observation, encode) = timed(|| observe(sensor, &frame));
     let observation = observation?;
     let (episode, update) = timed(|| Episode::begin(config, bank.clone(), &observation));
@@ -296,4 +341,54 @@ fn score_pose(part: &str, part_from_first: Se2, grid: &PoseGrid, hole: &Hole<'_>
     let right = part == hole.part();
     let same_cell = xy_mm < 0.5 * grid.xy_step_mm && theta_deg < 0.5 * grid.theta_step_deg;
     Scored { right, exact_cell: right && same_cell, xy_mm, theta_deg, ..Scored::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tactile_data::scene::Scene;
+    use tactile_data::simulator::Simulator;
+    use tactile_data::touch::Side;
+
+    fn protocol(n_prints: usize, poses: Poses) -> Protocol {
+        let (seeds, episodes) = (vec![1, 2], 0..12);
+        let (absent, n_classes, choose_ms) = (false, None, None);
+        Protocol { n_episodes: 12, episodes, seeds, poses, absent, n_classes, choose_ms, n_prints, n_touches: 2 }
+    }
+
+    #[test]
+    fn prints_take_turns_and_change_nothing_but_the_touch() {
+        let simulator = Simulator::new(Scene::preset("alphabet-small").unwrap(), 1).unwrap();
+        let holes = Holes::Simulated(&simulator, Side::Hole);
+        let hole = |n_prints, index| protocol(n_prints, Poses::OnGrid).hole(holes, &PoseGrid::SMALL, index);
+        let prints = |n_prints| (0..12).map(|index| hole(n_prints, index).print()).collect::<Vec<_>>();
+        assert_eq!(prints(1), [0; 12]);
+        assert_eq!(prints(3), [0, 0, 1, 1, 2, 2, 0, 0, 1, 1, 2, 2]);
+        let mut n_changed = 0;
+        for index in 0..12 {
+            let [mut one, mut other] = [1, 3].map(|n_prints| hole(n_prints, index));
+            assert_eq!((one.part(), one.part_from_first()), (other.part(), other.part_from_first()));
+            assert_eq!(PoseGrid::SMALL.pose(one.first_view().unwrap()), one.part_from_first());
+            let changed = one.touch().unwrap() != other.touch().unwrap();
+            assert!(!changed || other.print() > 0, "{index}");
+            n_changed += usize::from(changed);
+        }
+        // Lines show where something is in contact, and where the camera resolves them.
+        assert!(n_changed > 0);
+        assert_eq!(protocol(1, Poses::OffGrid).hole(holes, &PoseGrid::SMALL, 5).first_view(), None);
+    }
+
+    #[test]
+    fn prints_that_look_alike_are_refused() {
+        let mut scene = Scene::preset("alphabet-small").unwrap();
+        scene.sensor.texture_mm = [0.0; 2];
+        let smooth = Simulator::new(scene, 1).unwrap();
+        let check = |n_prints| {
+            let checked = protocol(n_prints, Poses::OnGrid).validate_prints(Holes::Simulated(&smooth, Side::Hole));
+            checked.map_err(|e| e.to_string())
+        };
+        assert_eq!(check(1), Ok(()));
+        assert!(check(2).unwrap_err().contains("this scene has no layer lines"));
+        assert!(check(0).unwrap_err().contains("prints: expected 1 or more, got 0"));
+    }
 }

@@ -21,33 +21,45 @@ pub struct Hole<'a> {
     part_from_sensor: Se2,
     seed: u64,
     stream: u64,
+    print: usize,
+    first_view: Option<usize>,
     /// Of a recording: the frame under the sensor, and all that were looked at.
     frame: usize,
     touched: Vec<usize>,
 }
 
 impl<'a> Hole<'a> {
-    /// The hole of an episode: part and pose follow from the seed and the episode's number.
+    /// The hole of an episode, in its first print: part and pose follow from the seed and the episode's number.
     pub fn new(holes: Holes<'a>, grid: &PoseGrid, poses: Poses, seed: u64, episode: usize) -> Self {
         // A dataset's frames are drawn from small streams of its seed; an episode's from these.
         let (seed, stream) = (seed ^ 0x686f_6c65, (episode as u64 + 1) << 20);
         let mut rng = frame_rng(seed, stream);
         let part = rng.random_range(0..holes.parts().len());
-        let (frame, first) = match (holes, poses) {
+        let (first_view, first) = match (holes, poses) {
             (Holes::Recorded(recorded), _) => {
                 let frames = recorded.frames(part);
                 let frame = frames[rng.random_range(0..frames.len())];
-                (frame, recorded.pose(frame))
+                (Some(frame), recorded.pose(frame))
             }
-            (_, Poses::OnGrid) => (0, grid.pose(rng.random_range(0..grid.len()))),
+            (_, Poses::OnGrid) => {
+                let cell = rng.random_range(0..grid.len());
+                (Some(cell), grid.pose(cell))
+            }
             (_, Poses::OffGrid) => {
                 let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
                 let at =
                     Se2::from_degrees(around(grid.xy_half_mm), around(grid.xy_half_mm), around(grid.theta_half_deg));
-                (0, at)
+                (None, at)
             }
         };
-        Self { holes, part, first, part_from_sensor: first, seed, stream, frame, touched: Vec::new() }
+        let frame = first_view.unwrap_or(0);
+        let (part_from_sensor, print, touched) = (first, 0, Vec::new());
+        Self { holes, part, first, part_from_sensor, seed, stream, print, first_view, frame, touched }
+    }
+
+    /// The same hole in another print of its part; what was recorded has one.
+    pub fn of_print(self, print: usize) -> Self {
+        Self { print, ..self }
     }
 
     /// The simulated hole of one part; the pose follows from the seed and the episode's number.
@@ -85,6 +97,16 @@ impl<'a> Hole<'a> {
         self.seed
     }
 
+    /// Index of the print.
+    pub fn print(&self) -> usize {
+        self.print
+    }
+
+    /// Which of the recorded poses, or of a recording's frames, was touched first; `None` where it was anywhere.
+    pub fn first_view(&self) -> Option<usize> {
+        self.first_view
+    }
+
     /// True pose of the first touch; of a recording, the stated one.
     pub fn part_from_first(&self) -> Se2 {
         self.first
@@ -101,7 +123,7 @@ impl<'a> Hole<'a> {
         match self.holes {
             Holes::Simulated(simulator, side) => {
                 let mut rng = frame_rng(self.seed, self.stream);
-                Ok(simulator.touch(self.part, side, &self.part_from_sensor, &mut rng)?)
+                Ok(simulator.print(self.print).touch(self.part, side, &self.part_from_sensor, &mut rng)?)
             }
             Holes::Recorded(recorded) => {
                 self.touched.push(self.frame);

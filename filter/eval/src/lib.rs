@@ -13,12 +13,14 @@ pub mod fits;
 pub mod hole;
 pub mod holes;
 pub mod narrative;
+pub mod origins;
 pub mod page;
 pub mod recorded_steps;
 pub mod replay;
 pub mod report;
 pub mod reproduction;
 pub mod result;
+pub mod statistics;
 pub mod summary;
 pub mod sweep;
 

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
 use tactile_infer::{Model, Views};
 
+use crate::statistics::mcnemar::Paired;
+
 /// The value of [`Evaluation::schema`].
 pub const SCHEMA: &str = "tactile-filter/evaluation/1";
 
@@ -20,6 +22,13 @@ pub struct Evaluation {
     pub n_episodes: usize,
     /// Seeds of the episodes.
     pub seeds: Vec<u64>,
+    /// Prints of each part that holes were touched on.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub n_prints: usize,
+    /// Pairs of part and pose, or recorded frames, that the episodes began with; of one touch no more can be known. `None`
+    /// where they began anywhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distinct_first_views: Option<usize>,
     /// Whether each hole's own part was taken out of the bank: no answer is then right but "none of these".
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub absent: bool,
@@ -65,6 +74,15 @@ pub struct Evaluation {
     /// Checksum of what each episode came to, without the times: the same however the work was divided.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksum: Option<String>,
+}
+
+/// The number of prints where none is noted.
+pub(crate) fn one() -> usize {
+    1
+}
+
+pub(crate) fn is_one(n: &usize) -> bool {
+    *n == 1
 }
 
 /// Settings chosen for a budget, and what they should cost on this machine.
@@ -168,8 +186,18 @@ pub struct Row {
     pub n_touches: usize,
     /// Share of episodes that name the right part, 0..=1.
     pub accuracy: f64,
-    /// Bounds of the 95 % interval of `accuracy`.
+    /// Bounds of the 95 % interval of `accuracy`: Wilson's, of episodes that are independent; after one touch at recorded
+    /// poses of as many as there are different first views.
     pub accuracy_ci95: [f64; 2],
+    /// Bounds of the 95 % interval of `accuracy` that covers other parts of the kind and other prints of them, of the same
+    /// model: whole parts are drawn anew ([`clustered_95`](crate::statistics::bootstrap::clustered_95)). No narrower than
+    /// `accuracy_ci95`: where all parts are named rightly, they do not say how much parts differ.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accuracy_ci95_clustered: Option<[f64; 2]>,
+    /// After this number of touches against one touch less: `better` episodes are right now and were not, `worse` were
+    /// right and are no longer. `None` after the first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub against_one_less: Option<Paired>,
     /// Share of episodes that name the right part and the cell nearest to the true pose, 0..=1.
     pub exact_cell: f64,
     /// Mean distance to the true place, mm.
@@ -191,6 +219,10 @@ pub struct Row {
     /// tenths of that probability weighed by their episodes (expected calibration error), 0..=1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration_error: Option<f64>,
+    /// Bounds of its 95 % interval, by drawing parts anew. Chance adds to such an error, and drawing adds once more:
+    /// percentiles lie too high, so that the lower bound is mirrored where that is lower (the basic bootstrap's).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration_error_ci95: Option<[f64; 2]>,
     /// Mean squared pose error of place and angle, normalised by the covariance that the filter stated: 3 where that is
     /// right. `None` where poses are those of recorded views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -244,9 +276,12 @@ pub struct Comparison {
     pub difference: f64,
     /// Bounds of the 95 % interval of the paired difference.
     pub ci95: [f64; 2],
+    /// Episodes that one rule alone names rightly, and whether chance explains that: `better`, `worse` and `p_value`.
+    #[serde(flatten)]
+    pub paired: Option<Paired>,
 }
 
-/// Episodes whose most probable part had a probability in one range.
+/// Touches whose most probable part had a probability in one range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReliabilityBin {
     /// Range of the probability.
@@ -255,10 +290,14 @@ pub struct ReliabilityBin {
     pub mean_probability: f64,
     /// Share that was right.
     pub right: f64,
-    /// Bounds of the 95 % interval of that share.
+    /// Bounds of the 95 % interval of that share. Touches of one episode resemble each other: it is of as many touches as
+    /// episodes that differ so much allow ([`grouped_95`](crate::statistics::share::grouped_95)).
     pub right_ci95: [f64; 2],
     /// Touches counted, over all episodes.
     pub n: usize,
+    /// Episodes that they are of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub n_episodes: Option<usize>,
 }
 
 /// The holes of one part after their last touch. Errors are those of holes whose part was named rightly.
@@ -340,6 +379,17 @@ pub(crate) mod tests {
         more["command"] = json!("tactile-filter evaluate");
         more["absent"] = json!(true);
         more["rows"][0]["n_correct"] = json!(450);
+        more["rows"][0]["accuracy_ci95_clustered"] = json!([0.8, 1.0]);
+        more["rows"][0]["against_one_less"] = json!({"better": 9, "worse": 1, "p_value": 0.021484375});
+        let plain = json!({"inference": "exact", "action": "information", "against": "random", "n_touches": 2,
+                           "difference": 0.25, "ci95": [0.125, 0.375]});
+        let mut tested = plain.clone();
+        for (key, value) in [("better", json!(12)), ("worse", json!(3)), ("p_value", json!(0.03515625))] {
+            tested[key] = value;
+        }
+        more["comparisons"] = json!([plain, tested]);
+        more["n_prints"] = json!(4);
+        more["distinct_first_views"] = json!(6);
         let evaluation: Evaluation = serde_json::from_value(more.clone()).unwrap();
         assert_eq!(serde_json::to_value(&evaluation).unwrap(), more);
     }

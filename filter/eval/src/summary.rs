@@ -3,9 +3,14 @@
 use serde::{Deserialize, Serialize};
 
 use crate::evaluate::{Outcome, Scored, StageTimes};
+use crate::origins::Origins;
 use crate::result::{
     Choice, Comparison, Inference, Latency, Method, PartFigures, Poses, Quantiles, ReliabilityBin, Row, Stops,
 };
+use crate::statistics::bootstrap::clustered_95;
+use crate::statistics::mcnemar::Paired;
+use crate::statistics::share::{grouped_95, wilson_of};
+use crate::statistics::{Z_95, quantile};
 use tactile_filter::{EpisodeConfig, StopReason};
 
 /// What a row is about.
@@ -24,12 +29,18 @@ pub struct Label {
 /// One row for each number of touches.
 pub fn rows(label: Label, outcomes: &[Outcome]) -> Vec<Row> {
     let n_touches = outcomes.iter().map(|outcome| outcome.scored.len()).min().unwrap_or(0);
+    let origins = Origins::of(outcomes);
     let after = |n: usize| -> Vec<Scored> { outcomes.iter().map(|outcome| outcome.scored[n]).collect() };
-    (0..n_touches).map(|n| row(label, n + 1, &after(n))).collect()
+    let against_one_less = |n: usize| {
+        let pairs = outcomes.iter().map(|outcome| (outcome.scored[n].right, outcome.scored[n - 1].right));
+        (n > 0).then(|| Paired::of(pairs))
+    };
+    let with_step = |n| Row { against_one_less: against_one_less(n), ..row(label, n + 1, &after(n), &origins) };
+    (0..n_touches).map(with_step).collect()
 }
 
-/// The figures of one number of touches. Pose errors are those of the episodes that name the right part.
-pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
+/// The figures of one number of touches, of episodes of some origins. Pose errors are those of the episodes that name the right part.
+pub fn row(label: Label, n_touches: usize, scored: &[Scored], origins: &Origins) -> Row {
     let right: Vec<&Scored> = scored.iter().filter(|s| s.right).collect();
     let n = scored.len().max(1) as f64;
     let n_right = right.len().max(1) as f64;
@@ -39,14 +50,21 @@ pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
     let share_of_poses = |of: &dyn Fn(f64) -> f64| {
         (!errors.is_empty()).then(|| errors.iter().map(|error| of(*error)).sum::<f64>() / errors.len() as f64)
     };
+    let accuracy = right.len() as f64 / n;
+    // Of one touch, a view that is seen twice says little more than once; later touches go different ways.
+    let n_views = origins.distinct_first_views().filter(|n_views| n_touches == 1 && *n_views < scored.len());
+    let (calibration_error, calibration_error_ci95) = calibration_of(scored, origins);
+    let accuracy_ci95 = wilson_of(accuracy, n_views.unwrap_or(scored.len()) as f64);
     Row {
         method: label.method,
         inference: label.inference,
         action: label.action,
         poses: label.poses,
         n_touches,
-        accuracy: right.len() as f64 / n,
-        accuracy_ci95: wilson_95(right.len(), scored.len()),
+        accuracy,
+        accuracy_ci95,
+        accuracy_ci95_clustered: by_parts(scored, origins, accuracy_ci95),
+        against_one_less: None,
         exact_cell: scored.iter().filter(|s| s.exact_cell).count() as f64 / n,
         xy_mm_mean: mean(|s| s.xy_mm),
         theta_deg_mean: mean(|s| s.theta_deg),
@@ -54,7 +72,8 @@ pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
         xy_mm_median: Some(median(|s| s.xy_mm)),
         theta_deg_median: Some(median(|s| s.theta_deg)),
         n_correct: Some(right.len()),
-        calibration_error: Some(calibration_error(scored)),
+        calibration_error: Some(calibration_error),
+        calibration_error_ci95,
         normalised_pose_error: share_of_poses(&|error| error),
         within_ellipsoid: share_of_poses(&|error| f64::from(u8::from(error <= WITHIN_95))),
     }
@@ -63,15 +82,39 @@ pub fn row(label: Label, n_touches: usize, scored: &[Scored]) -> Row {
 /// The 95th percentile of chi-square with three degrees of freedom.
 const WITHIN_95: f64 = 7.814_727_903;
 
+/// The interval of accuracy over parts, at least as wide as that over episodes.
+fn by_parts(scored: &[Scored], origins: &Origins, [low, high]: [f64; 2]) -> Option<[f64; 2]> {
+    let sums = origins.sums_by_part(scored, |s| [f64::from(u8::from(s.right)), 1.0]);
+    let [low_of_parts, high_of_parts] = clustered_95(&sums, |[n_right, n]| n_right / n)?;
+    Some([low.min(low_of_parts.max(0.0)), high.max(high_of_parts.min(1.0))])
+}
+
+/// Tenths of a probability.
+const N_BINS: usize = 10;
+
+/// Probability less right answers in each tenth, and the answers, of one touch each.
+fn calibration_sums(s: &Scored) -> [f64; N_BINS + 1] {
+    let mut sums = [0.0; N_BINS + 1];
+    let bin = ((s.probability * N_BINS as f64) as usize).min(N_BINS - 1);
+    sums[bin] = s.probability.min(1.0) - f64::from(u8::from(s.right));
+    sums[N_BINS] = 1.0;
+    sums
+}
+
 /// The expected calibration error over tenths of the probability (Naeini et al. 2015).
-fn calibration_error(scored: &[Scored]) -> f64 {
-    const N_BINS: usize = 10;
-    let mut excess = [0.0; N_BINS];
-    for s in scored {
-        let bin = ((s.probability * N_BINS as f64) as usize).min(N_BINS - 1);
-        excess[bin] += s.probability.min(1.0) - f64::from(u8::from(s.right));
-    }
-    excess.iter().map(|sum: &f64| sum.abs()).sum::<f64>() / scored.len().max(1) as f64
+fn calibration_error(sums: &[f64; N_BINS + 1]) -> f64 {
+    sums[..N_BINS].iter().map(|excess| excess.abs()).sum::<f64>() / sums[N_BINS].max(1.0)
+}
+
+/// The same of some touches, with its interval over parts.
+fn calibration_of(scored: &[Scored], origins: &Origins) -> (f64, Option<[f64; 2]>) {
+    let add = |total: [f64; N_BINS + 1], s: &Scored| {
+        let of_one = calibration_sums(s);
+        std::array::from_fn(|bin| total[bin] + of_one[bin])
+    };
+    let error = calibration_error(&scored.iter().fold([0.0; N_BINS + 1], add));
+    let by_parts = clustered_95(&origins.sums_by_part(scored, calibration_sums), calibration_error);
+    (error, by_parts.map(|[low, high]| [low.min(2.0 * error - high).max(0.0), high.clamp(error, 1.0)]))
 }
 
 /// Where each episode would have stopped by the rule of `config`, or at its last touch. The share of
@@ -105,16 +148,17 @@ pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig) -> Stop
 }
 
 /// Two rules on the same holes after each number of touches: the difference of their accuracies with the
-/// normal 95 % interval of the mean of the paired differences.
+/// normal 95 % interval of the mean of the paired differences, and McNemar's test of them.
 pub fn compare(one: (Label, &[Outcome]), other: (Label, &[Outcome])) -> Vec<Comparison> {
     let n_touches = one.1.iter().chain(other.1).map(|outcome| outcome.scored.len()).min().unwrap_or(0);
     let after = |n: usize| {
-        let right = |outcome: &Outcome| f64::from(u8::from(outcome.scored[n].right));
-        let differences: Vec<f64> = one.1.iter().zip(other.1).map(|(a, b)| right(a) - right(b)).collect();
+        let pairs = || one.1.iter().zip(other.1).map(|(a, b)| (a.scored[n].right, b.scored[n].right));
+        let right = |is_right| f64::from(u8::from(is_right));
+        let differences: Vec<f64> = pairs().map(|(a, b)| right(a) - right(b)).collect();
         let count = differences.len() as f64;
         let mean = differences.iter().sum::<f64>() / count;
         let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-        let half = 1.959_963_985 * (variance / count).sqrt();
+        let half = Z_95 * (variance / count).sqrt();
         Comparison {
             inference: one.0.inference,
             action: one.0.action,
@@ -122,6 +166,7 @@ pub fn compare(one: (Label, &[Outcome]), other: (Label, &[Outcome])) -> Vec<Comp
             n_touches: n + 1,
             difference: mean,
             ci95: [mean - half, mean + half],
+            paired: Some(Paired::of(pairs())),
         }
     };
     (0..n_touches).map(after).collect()
@@ -136,12 +181,18 @@ pub fn reliability(outcomes: &[Outcome]) -> Vec<ReliabilityBin> {
         let within = |s: &&Scored| s.probability > bounds[0] && (s.probability <= bounds[1] || bounds[1] == 1.0);
         let all = || outcomes.iter().flat_map(|outcome| &outcome.scored).filter(within);
         let (n, n_right) = (all().count(), all().filter(|s| s.right).count());
+        let of_episode = |outcome: &Outcome| {
+            let all = || outcome.scored.iter().filter(within);
+            [all().filter(|s| s.right).count(), all().count()]
+        };
+        let by_episode: Vec<_> = outcomes.iter().map(of_episode).filter(|[_, n]| *n > 0).collect();
         (n > 0).then(|| ReliabilityBin {
             probability: [bounds[0], bounds[1]],
             mean_probability: all().map(|s| s.probability.min(1.0)).sum::<f64>() / n as f64,
             right: n_right as f64 / n as f64,
-            right_ci95: wilson_95(n_right, n),
+            right_ci95: grouped_95(&by_episode),
             n,
+            n_episodes: Some(by_episode.len()),
         })
     };
     RELIABILITY.windows(2).filter_map(bin).collect()
@@ -186,36 +237,9 @@ pub fn latency(outcomes: &[Outcome]) -> Latency {
     }
 }
 
-/// Wilson's 95 % interval of a share (Wilson 1927): right at shares near zero and one.
-pub fn wilson_95(n_right: usize, n: usize) -> [f64; 2] {
-    if n == 0 {
-        return [0.0, 1.0];
-    }
-    let (z, n, share) = (1.959_963_985, n as f64, n_right as f64 / n as f64);
-    let centre = share + z * z / (2.0 * n);
-    let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
-    [centre - half, centre + half].map(|bound| (bound / (1.0 + z * z / n)).clamp(0.0, 1.0))
-}
-
-/// The value below which a share of the values lies: the nearest rank. Zero for no values.
-pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let rank = (share * values.len() as f64).ceil() as usize;
-    values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn wilsons_interval_agrees_with_published_values() {
-        // 81 of 263: (0.2553, 0.3662), Newcombe 1998, Table I, method 3.
-        let [low, high] = wilson_95(81, 263);
-        assert!((low - 0.2553).abs() < 5e-5 && (high - 0.3662).abs() < 5e-5, "{low} {high}");
-        // 0 of 20: (0, 0.1611).
-        assert!(wilson_95(0, 20)[0] < 1e-12 && (wilson_95(0, 20)[1] - 0.1611).abs() < 5e-5);
-    }
 
     #[test]
     fn an_episode_stops_when_it_is_sure_and_is_counted_wrong_if_it_is() {
@@ -247,6 +271,8 @@ mod tests {
         // Differences 0, 1, 1, 0: mean 1/2, variance 1/3, standard error sqrt(1/12).
         assert_eq!(comparison.difference, 0.5);
         assert!((comparison.ci95[1] - 0.5 - 1.959_963_985 / 12.0_f64.sqrt()).abs() < 1e-12);
+        // Two coins, both heads or both tails.
+        assert_eq!(comparison.paired, Some(Paired { better: 2, worse: 0, p_value: 0.5 }));
     }
 
     #[test]
@@ -259,22 +285,85 @@ mod tests {
     }
 
     #[test]
+    fn reliability_is_as_sure_as_its_episodes_allow() {
+        let scored = |right| vec![Scored { probability: 0.97, right, ..Scored::default() }; 5];
+        let outcomes: Vec<_> = (0..40).map(|i| Outcome { scored: scored(i > 3), ..Outcome::default() }).collect();
+        let [bin] = reliability(&outcomes)[..] else { panic!() };
+        assert_eq!((bin.n, bin.n_episodes, bin.right), (200, Some(40), 0.9));
+        // Five touches that are always alike say what one says, to the (m - 1) / m of a variance of m.
+        let one = wilson_of(0.9, 40.0);
+        assert!((0..2).all(|i| (bin.right_ci95[i] - one[i]).abs() < 3e-3), "{:?} {one:?}", bin.right_ci95);
+    }
+
+    /// Episodes of parts 0 to 5, ten each, of which the first so many of each are right.
+    fn of_parts(n_right: [usize; 6], first_view: impl Fn(usize) -> Option<usize>) -> Vec<Outcome> {
+        let scored = |right| vec![Scored { right, probability: 0.75, ..Scored::default() }];
+        let outcome = |i: usize| {
+            let (part, at) = (i / 10, i % 10);
+            Outcome { part, first_view: first_view(i), scored: scored(at < n_right[part]), ..Outcome::default() }
+        };
+        (0..60).map(outcome).collect()
+    }
+
+    #[test]
+    fn an_interval_over_parts_is_never_narrower_than_that_over_episodes() {
+        for (n_right, wider) in [([10, 10, 10, 10, 10, 2], true), ([8, 9, 8, 9, 9, 9], false), ([10; 6], false)] {
+            let row = &rows(LABEL, &of_parts(n_right, |_| None))[0];
+            let (of_parts, of_episodes) = (row.accuracy_ci95_clustered.unwrap(), row.accuracy_ci95);
+            assert!(of_parts[0] <= of_episodes[0] && of_parts[1] >= of_episodes[1], "{n_right:?} {of_parts:?}");
+            assert_eq!(of_parts[0] < of_episodes[0] - 0.05, wider, "{n_right:?} {of_parts:?} {of_episodes:?}");
+        }
+        let of_one_part = &of_parts([10; 6], |_| None)[..10];
+        assert_eq!(rows(LABEL, of_one_part)[0].accuracy_ci95_clustered, None);
+    }
+
+    #[test]
+    fn after_one_touch_a_view_counts_once() {
+        let twice = of_parts([10; 6], |i| Some(i % 10 / 2));
+        assert_eq!(rows(LABEL, &twice)[0].accuracy_ci95, wilson_of(1.0, 30.0));
+        let mut longer = twice.clone();
+        longer.iter_mut().for_each(|outcome| outcome.scored.push(outcome.scored[0]));
+        assert_eq!(
+            rows(LABEL, &longer).iter().map(|row| row.accuracy_ci95).collect::<Vec<_>>(),
+            [wilson_of(1.0, 30.0), wilson_of(1.0, 60.0)]
+        );
+        assert_eq!(rows(LABEL, &of_parts([10; 6], Some))[0].accuracy_ci95, wilson_of(1.0, 60.0));
+    }
+
+    #[test]
+    fn a_step_counts_what_one_touch_more_gains_and_loses() {
+        let outcome = |rights: [bool; 3]| {
+            let scored = rights.map(|right| Scored { right, ..Scored::default() }).to_vec();
+            Outcome { scored, ..Outcome::default() }
+        };
+        let outcomes = [[true, false, true], [true, true, true], [false, true, true]].map(outcome);
+        let steps: Vec<_> = rows(LABEL, &outcomes).iter().map(|row| row.against_one_less).collect();
+        let paired = |better, worse| Some(Paired { better, worse, p_value: 1.0 });
+        assert_eq!(steps, [None, paired(1, 1), paired(1, 0)]);
+    }
+
+    #[test]
+    fn an_error_of_calibration_is_within_its_interval() {
+        // All of probability 0.75; 51 of 60 are right: off by 0.1.
+        let row = &rows(LABEL, &of_parts([10, 10, 10, 10, 9, 2], |_| None))[0];
+        let (error, [low, high]) = (row.calibration_error.unwrap(), row.calibration_error_ci95.unwrap());
+        assert!((error - 0.1).abs() < 1e-12 && 0.0 <= low && low < error && error < high, "{low} {error} {high}");
+        // Parts of equal calibration leave nothing to draw.
+        let row = &rows(LABEL, &of_parts([9; 6], |_| None))[0];
+        assert!(row.calibration_error_ci95.unwrap().iter().all(|bound| (bound - 0.15).abs() < 1e-12));
+    }
+
+    #[test]
     fn a_part_comes_with_what_it_is_mistaken_for() {
         let names = ["A", "B", "C"].map(String::from);
         let outcome = |part, named: usize, xy_mm| {
             let last = Scored { named, right: part == named, xy_mm, ..Scored::default() };
-            Outcome { part, scored: vec![Scored::default(), last], times: Vec::new() }
+            Outcome { part, scored: vec![Scored::default(), last], ..Outcome::default() }
         };
         let outcomes = [outcome(0, 0, 1.0), outcome(0, 2, 9.0), outcome(0, 0, 2.0), outcome(2, 2, 4.0)];
         let [a, c] = &parts(&names, &outcomes)[..] else { panic!() };
         assert_eq!((a.part.as_str(), a.n, a.n_right, a.xy_mm_mean), ("A", 3, 2, 1.5));
         assert_eq!(a.mistaken_for, Some(("C".into(), 1)));
         assert_eq!((c.n, c.n_right, c.mistaken_for.is_none(), c.xy_mm_mean), (1, 1, true, 4.0));
-    }
-
-    #[test]
-    fn quantiles_are_ranks() {
-        let values = || (1..=100).map(f64::from).collect::<Vec<_>>();
-        assert_eq!((quantile(values(), 0.5), quantile(values(), 0.99)), (50.0, 99.0));
     }
 }

@@ -7,7 +7,8 @@ use tactile_filter::StopReason;
 
 use super::attempt::{Attempt, STOPS, Task};
 use crate::result::{ModelRecord, Quantiles};
-use crate::summary::{quantile, wilson_95};
+use crate::statistics::quantile;
+use crate::statistics::share::wilson_95;
 
 /// The value of [`Assembly::schema`].
 pub const SCHEMA: &str = "tactile-filter/assembly/1";

@@ -69,6 +69,11 @@ pub fn mean(mean: f64, median: Option<f64>, decimals: usize) -> Markup {
     }
 }
 
+/// The probability of a test: `p = 0.021`.
+pub fn p_value(p: f64) -> String {
+    if p < 0.001 { "p < 0.001".into() } else { format!("p = {}", number(p, 3)) }
+}
+
 /// So many touches.
 pub fn touch_count(n: usize) -> String {
     if n == 1 { "1 touch".into() } else { format!("{n} touches") }

@@ -4,10 +4,11 @@ use maud::{Markup, html};
 
 use super::series::{choice, choice_class_and_marker};
 use crate::page::curves::{Line, Point, chart, legend};
-use crate::page::numbers::{capital, difference};
+use crate::page::numbers::{capital, difference, p_value};
 use crate::page::shell::{Section, figure};
 use crate::page::table::by_touches;
 use crate::result::{Choice, Comparison, Evaluation, Inference};
+use crate::statistics::mcnemar::{LEAST_DISCORDANT, Paired};
 
 /// The comparisons of an evaluation as a plot and a table. Nothing where nothing was compared.
 pub fn section(evaluation: &Evaluation) -> Option<Section> {
@@ -31,7 +32,7 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
         @for pair in &pairs { p { (verdict(pair)) } }
         (figure(charts, "Both rules touch the same holes, from the same first touch; after each number of touches, the accuracy \
             of the one minus that of the other, with the 95 % interval of the paired difference. Above zero the first rule is \
-            better; where the interval contains zero, these episodes cannot decide."))
+            better; where the interval contains zero, these episodes cannot decide. Clearly better is what chance explains in fewer             than 5 % of the cases: McNemar’s exact test of the holes that one rule alone names rightly (“12 against 3”), which takes             holes as independent. Each number of touches is tested alone."))
     };
     Some(Section::new("Choosing", "Does choosing the touch pay?", body))
 }
@@ -40,7 +41,14 @@ pub fn section(evaluation: &Evaluation) -> Option<Section> {
 pub(crate) fn table(columns: &[(String, &[&Comparison])]) -> Markup {
     let touches = |of: &&[&Comparison]| of.iter().map(|c| c.n_touches).collect();
     by_touches(columns, touches, |of, n| {
-        html! { @if let Some(c) = of.iter().find(|c| c.n_touches == n) { (difference(c.difference, c.ci95)) } }
+        html! {
+            @if let Some(c) = of.iter().find(|c| c.n_touches == n) {
+                (difference(c.difference, c.ci95))
+                @if let Some(Paired { better, worse, p_value: p }) = c.paired {
+                    small { (better) " against " (worse) ", " (p_value(p)) }
+                }
+            }
+        }
     })
 }
 
@@ -72,17 +80,30 @@ fn verdict(pair: &[&Comparison]) -> Markup {
     html! { b { (capital(choice(pair[0].action))) " against " (choice(pair[0].against)) ":" } " " (clearly(pair)) "." }
 }
 
-/// After how many touches the one is better or worse than chance can explain.
+/// After how many touches the one is better or worse than chance can explain, and where too few holes differ to tell.
 pub(crate) fn clearly(pair: &[&Comparison]) -> String {
-    let after = |word: &str, holds: fn(&Comparison) -> bool| {
-        let found: Vec<_> = pair.iter().filter(|c| holds(c)).map(|c| c.n_touches).collect();
-        match found.as_slice() {
-            [] => format!("never clearly {word}"),
-            [1] => format!("clearly {word} after 1 touch"),
-            found => format!("clearly {word} after {} touches", runs(found)),
-        }
+    let touches = |holds: &dyn Fn(&Comparison) -> bool| -> Vec<usize> {
+        pair.iter().filter(|c| holds(c)).map(|c| c.n_touches).collect()
     };
-    format!("{}, {}", after("better", |c| c.ci95[0] > 0.0), after("worse", |c| c.ci95[1] < 0.0))
+    let after = |word: &str, found: &[usize]| match found {
+        [] => format!("never clearly {word}"),
+        [1] => format!("clearly {word} after 1 touch"),
+        found => format!("clearly {word} after {} touches", runs(found)),
+    };
+    let better = after("better", &touches(&|c| is_clear(c) && c.difference > 0.0));
+    let worse = after("worse", &touches(&|c| is_clear(c) && c.difference < 0.0));
+    // The first touch is the same by either rule.
+    let is_too_few = |c: &Comparison| c.n_touches > 1 && c.paired.is_some_and(|paired| paired.is_too_few());
+    let too_few = match touches(&is_too_few).as_slice() {
+        [] => String::new(),
+        n => format!("; after {} touches fewer than {LEAST_DISCORDANT} holes differ, too few to tell", runs(n)),
+    };
+    format!("{better}, {worse}{too_few}")
+}
+
+/// Whether chance is unlikely; of files without a test by the interval.
+fn is_clear(c: &Comparison) -> bool {
+    c.paired.map_or(c.ci95[0] > 0.0 || c.ci95[1] < 0.0, |paired| paired.is_clear())
 }
 
 /// Ascending numbers, those that follow each other as a range.
@@ -103,7 +124,7 @@ mod tests {
     fn comparison(against: Choice, n_touches: usize, difference: f64, half: f64) -> Comparison {
         let ci95 = [difference - half, difference + half];
         let (inference, action) = (Inference::Exact, Choice::Information);
-        Comparison { inference, action, against, n_touches, difference, ci95 }
+        Comparison { inference, action, against, n_touches, difference, ci95, paired: None }
     }
 
     #[test]
@@ -114,6 +135,24 @@ mod tests {
         assert!(text.starts_with("<b>Most informative action against random action:"), "{text}");
         assert!(text.ends_with("clearly better after 2–3, 5 touches, clearly worse after 1 touch."), "{text}");
         assert!(verdict(&[&all[3]]).0.ends_with("never clearly better, never clearly worse."));
+    }
+
+    #[test]
+    fn below_six_holes_that_differ_nothing_is_clear() {
+        let of = |n_touches, better, worse| {
+            let pairs = (0..better + worse).map(|i| if i < better { (true, false) } else { (false, true) });
+            // The interval alone would call each of them clear.
+            let difference = (better as f64 - worse as f64) / 500.0;
+            Comparison { paired: Some(Paired::of(pairs)), ..comparison(Choice::Random, n_touches, difference, 1e-3) }
+        };
+        let all = [of(1, 9, 1), of(2, 4, 0), of(3, 0, 5), of(4, 1, 9), of(5, 9, 3)];
+        assert_eq!(
+            clearly(&all.iter().collect::<Vec<_>>()),
+            "clearly better after 1 touch, clearly worse after 4 touches; after 2–3 touches fewer than 6 holes differ, too \
+             few to tell"
+        );
+        let columns = [("minus".to_owned(), &[&all[1]][..])];
+        assert!(table(&columns).0.contains("<small>4 against 0, p = 0.125</small>"), "{}", table(&columns).0);
     }
 
     #[test]

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use maud::{Markup, html};
 
+use super::cover::cover;
 use super::series::{Series, leading_filter, leading_stops, series, way};
+use super::steps::steps;
 use super::{PaperNumbers, PaperRow, comparison, parts, reliability, stopping};
 use crate::error::Result;
 use crate::narrative::{Board, Narrative, viewer};
@@ -76,14 +78,12 @@ fn top(evaluation: &Evaluation, paper: &PaperNumbers) -> Markup {
             p.caution {
                 b { "The touches are recorded:" } " the filter chooses the next among those that the recording holds, each at most once, "
                 "and is told the motion between their stated poses. How good these poses are, and what was recorded by which sensor, "
-                "is not known here. The 95 % intervals cover which of the touches an episode draws, not other sensors, parts or prints: "
-                "episodes share their touches, so that many of them say little more than the recording holds."
+                "is not known here. " (cover(evaluation))
             }
         } @else { p.caution {
             b { "All of it is simulated:" } " the boards, the robot, each touch. What was compared with reality is the sensor’s "
             "optics and gel, by real images of a ball, grooves, a cuboid and a digit (" code { "cargo xtask validate" } "). No real "
-            "hole, peg or letter was touched: how these figures carry over to a real board is not known. The 95 % intervals cover "
-            "other poses and frames of this one model and one simulated print of each part, not other models or prints."
+            "hole, peg or letter was touched: how these figures carry over to a real board is not known. " (cover(evaluation))
         } }
         div.tiles { @if evaluation.absent { (absent_tiles(evaluation)) } @else { (tiles(evaluation, paper)) } }
     }
@@ -142,7 +142,6 @@ fn decision_time(evaluation: &Evaluation) -> Markup {
 fn against_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> Section {
     let ours: Vec<(Series<'_>, &str)> =
         KINDS.iter().filter_map(|(poses, name)| Some((leading_filter(evaluation, *poses)?, *name))).collect();
-    let accuracy = |row: &Row| share(row.accuracy, row.accuracy_ci95);
     let filters = |cell: &dyn Fn(&Row) -> Markup| {
         html! {
             @for (series, name) in &ours {
@@ -160,7 +159,7 @@ fn against_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> Section {
         div.scroll { table {
             thead { tr { th { "Touches" } @for n in TOUCHES { th { (n) } } } }
             tbody {
-                (group("Right part, % (95 % interval)"))
+                (group("Right part, % (95 % interval; parts: of other parts and prints, too)"))
                 (filters(&accuracy))
                 (papers("The paper (one touch: its MoCo)", &|n| paper.at(n).map(|row| row.accuracy_percent)))
                 @for series in &baselines { (table_row("", &series.label(), |n| series.at(n).map(accuracy))) }
@@ -187,6 +186,14 @@ fn against_paper(evaluation: &Evaluation, paper: &PaperNumbers) -> Section {
     Section::new("Beside the paper", "Touch by touch, next to the paper", figure(table, caption))
 }
 
+/// A cell with right parts over both intervals.
+fn accuracy(row: &Row) -> Markup {
+    html! {
+        (share(row.accuracy, row.accuracy_ci95))
+        @if let Some(of_parts) = row.accuracy_ci95_clustered { small { "parts " (interval(of_parts)) } }
+    }
+}
+
 fn group(title: &str) -> Markup {
     html! { tr.group { th colspan=(TOUCHES.len() + 1) { (title) } } }
 }
@@ -205,6 +212,7 @@ fn curves(evaluation: &Evaluation, paper: &PaperNumbers) -> Section {
         @for (series, title, paper) in kinds.iter().filter(|(series, ..)| !series.is_empty()) {
             (charts(series, title, paper))
         }
+        (steps(evaluation))
         (all_rows(evaluation))
     };
     Section::new("Accuracy", "Accuracy and error against touches", body)
@@ -284,6 +292,7 @@ fn all_rows(evaluation: &Evaluation) -> Markup {
             row.n_touches,
             percent(row.accuracy),
             interval(row.accuracy_ci95),
+            row.accuracy_ci95_clustered.map_or("–".into(), interval),
             percent(row.exact_cell),
             number(row.xy_mm_mean, 2),
             median(row.xy_mm_median, 2),
@@ -302,6 +311,7 @@ fn all_rows(evaluation: &Evaluation) -> Markup {
         "Touches",
         "Right, %",
         "95 %",
+        "95 %, parts",
         "Right cell, %",
         "mm, mean",
         "median",
@@ -341,9 +351,11 @@ mod tests {
             n_touches,
             difference: 0.25,
             ci95: [0.125, 0.375],
+            paired: None,
         };
         let (probability, right_ci95) = ([0.99, 1.0], [0.95, 0.995]);
-        let bin = ReliabilityBin { probability, mean_probability: 0.998, right: 0.98, right_ci95, n: 300 };
+        let bin =
+            ReliabilityBin { probability, mean_probability: 0.998, right: 0.98, right_ci95, n: 300, n_episodes: None };
         let mut evaluation = published();
         evaluation.stops = vec![stops, Stops { action: Choice::Random, ..stops }];
         evaluation.comparisons = (1..=3).map(comparison).collect();

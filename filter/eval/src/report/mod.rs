@@ -1,12 +1,14 @@
 //! The pages of an evaluation and of a trade-off.
 
 pub(crate) mod comparison;
+mod cover;
 mod evaluation;
 pub mod knobs;
 mod paper;
 mod parts;
 mod reliability;
 pub(crate) mod series;
+mod steps;
 mod stopping;
 pub mod tradeoff;
 

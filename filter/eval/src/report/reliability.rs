@@ -2,12 +2,13 @@
 
 use maud::{Markup, html};
 
+use super::series::leading_filter;
 use crate::page::axes::{Area, Frame, px};
 use crate::page::curves::{Marker, entry};
-use crate::page::numbers::{number, percent, share};
+use crate::page::numbers::{interval, number, percent, share, touch_count};
 use crate::page::shell::{Section, figure};
 use crate::page::table::{cells, sortable};
-use crate::result::{Evaluation, ReliabilityBin};
+use crate::result::{Evaluation, Method, ReliabilityBin, Row};
 
 const AREA: Area = Area { width: 330.0, height: 330.0, left: 42.0 };
 
@@ -22,7 +23,9 @@ pub fn section(evaluation: &Evaluation, way: &str) -> Option<Section> {
     }
     let row = |bin: &ReliabilityBin| {
         let [low, high] = bin.probability.map(|bound| number(100.0 * bound, 0));
-        cells![format!("{low}–{high}"), percent(bin.mean_probability), share(bin.right, bin.right_ci95), bin.n]
+        let n_episodes = bin.n_episodes.map_or("–".into(), |n| n.to_string());
+        let right = share(bin.right, bin.right_ci95);
+        cells![format!("{low}–{high}"), percent(bin.mean_probability), right, bin.n, n_episodes]
     };
     let rows: Vec<_> = bins.iter().map(row).collect();
     let touches = "Touches with about that probability, 95 % interval; the more touches, the larger";
@@ -37,15 +40,20 @@ pub fn section(evaluation: &Evaluation, way: &str) -> Option<Section> {
         div.charts.and-table {
             div { p { "Right, % against what it says, %" } (diagram("Reliability", bins, 0.0)) }
             div { p { "The same, near certainty" } (diagram("Reliability near certainty", bins, 80.0)) }
-            (sortable(&["It says,\u{a0}%", "mean", "right, %", "touches"], &rows))
+            (sortable(&["It says,\u{a0}%", "mean", "right, %", "touches", "episodes"], &rows))
         }
     };
     let caption = format!(
         "After each touch of each episode ({way}), the probability of the most probable part against how often that part is \
          right. On the dashed line the filter is as right as it says; above it, it is more careful than it need be; below it, \
-         surer than it should be. Touches of one episode resemble each other, so the true intervals are somewhat wider."
+         surer than it should be. {}",
+        if bins.iter().all(|bin| bin.n_episodes.is_some()) {
+            "Touches of one episode resemble each other: an interval is of as many touches as the differences between episodes allow."
+        } else {
+            "Touches of one episode resemble each other, so the true intervals are somewhat wider."
+        }
     );
-    let body = html! { p { (sure(bins)) } (figure(content, caption)) };
+    let body = html! { p { (sure(bins)) (off_by(evaluation)) } (figure(content, caption)) };
     Some(Section::new("Sureness", "Is it right as often as it says?", body))
 }
 
@@ -59,6 +67,23 @@ fn sure(bins: &[ReliabilityBin]) -> Markup {
     }
     let right: f64 = sure().map(|bin| bin.right * bin.n as f64).sum();
     html! { "Where it is more than " (least) " % sure (" (n) " touches), it is right in " b { (percent(right / n as f64)) " %" } "." }
+}
+
+/// How far the leading filter's probabilities are off on average, after a few touches; nothing where that was not counted.
+fn off_by(evaluation: &Evaluation) -> Markup {
+    let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter);
+    let rows = lead.and_then(|lead| leading_filter(evaluation, lead.poses)).map_or(Vec::new(), |series| series.rows);
+    let off = |row: &&Row| {
+        let (error, ci95) = (row.calibration_error?, row.calibration_error_ci95?);
+        Some(format!("{} ({}) after {}", percent(error), interval(ci95), touch_count(row.n_touches)))
+    };
+    let off: Vec<String> = rows.iter().filter(|row| row.n_touches <= 3).filter_map(off).collect();
+    html! {
+        @if !off.is_empty() {
+            " Its probabilities are off by this many points on average (expected calibration error; over parts 95 %): "
+            (off.join(", ")) "."
+        }
+    }
 }
 
 /// Both axes from `lowest` to 100 %; what is below is left out, intervals end at the edge.
@@ -88,7 +113,8 @@ mod tests {
     use super::*;
 
     fn bin(probability: [f64; 2], mean_probability: f64, right: f64, n: usize) -> ReliabilityBin {
-        ReliabilityBin { probability, mean_probability, right, right_ci95: [right - 0.1, (right + 0.1).min(1.0)], n }
+        let right_ci95 = [right - 0.1, (right + 0.1).min(1.0)];
+        ReliabilityBin { probability, mean_probability, right, right_ci95, n, n_episodes: None }
     }
 
     #[test]

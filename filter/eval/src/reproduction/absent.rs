@@ -9,7 +9,7 @@ use crate::page::shell::figure;
 use crate::page::table::{cells, sortable};
 use crate::report::series::leading_stops;
 use crate::result::{Evaluation, Stops};
-use crate::summary::wilson_95;
+use crate::statistics::share::wilson_95;
 
 /// Its entry in the contents.
 const SHORT: &str = "Unknown parts";

@@ -215,7 +215,7 @@ pub fn papers(paper: &PaperNumbers) -> [Option<PaperRow>; 5] {
 pub(super) mod tests {
     use super::*;
     use crate::result::tests::published;
-    use crate::summary::wilson_95;
+    use crate::statistics::share::wilson_95;
 
     /// An evaluation on the grid: MoCo and the filter with these shares of 500 right.
     pub fn evaluation(scene: &str, moco: f64, filter: &[(usize, f64)]) -> Evaluation {

@@ -87,7 +87,7 @@ mod tests {
     use super::super::cell::tests::evaluation;
     use super::super::folder::tests::of;
     use super::*;
-    use crate::summary::wilson_95;
+    use crate::statistics::share::wilson_95;
     use maud::Render;
 
     #[test]

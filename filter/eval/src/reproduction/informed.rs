@@ -107,6 +107,7 @@ mod tests {
             n_touches,
             difference,
             ci95: [difference - 0.03125, difference + 0.03125],
+            paired: None,
         };
         made.comparisons = vec![
             comparison(Choice::Information, Choice::Paper, 3, 0.5),

@@ -44,7 +44,9 @@ const FILES: [&str; 2] = ["report.html", "evaluation.json"];
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter evaluate --model infer/models/maze-small.safetensors \
                         --bank pegs.bank --scene alphabet-small --out evaluation\n  tactile-filter evaluate --model \
-                        infer/models/maze-small.safetensors --bank pegs.bank --holes recorded --out evaluation")]
+                        infer/models/maze-small.safetensors --bank pegs.bank --holes recorded --out evaluation\n  \
+                        tactile-filter evaluate --model infer/models/maze-small.safetensors --bank pegs.bank \
+                        --scene alphabet-small --prints 4 --out four-prints")]
 pub struct Evaluate {
     #[command(flatten)]
     inputs: Inputs,
@@ -72,6 +74,10 @@ pub struct Evaluate {
     poses: Poses,
     #[command(flatten, next_help_heading = "Episodes")]
     seeds: Seeds,
+    /// Prints of each part that episodes take turns with: they differ in their layer lines, and the first has those of a
+    /// bank of the same seed that knows holes; recorded holes have one
+    #[arg(long, value_name = "P", default_value_t = 1, help_heading = "Episodes")]
+    prints: usize,
     /// Choose each hole's part from K parts only: its own and others drawn at random [default: all of the bank]
     #[arg(long, value_name = "K", help_heading = "Episodes")]
     classes: Option<usize>,
@@ -233,6 +239,7 @@ impl Evaluate {
             absent: self.absent,
             n_classes: self.classes,
             choose_ms: self.choose_ms,
+            n_prints: self.prints,
             n_touches: self.touches,
         }
     }
@@ -292,6 +299,7 @@ impl Evaluate {
             n_classes: self.classes.unwrap_or(bank.parts().len()),
             n_episodes: protocol.n_episodes,
             seeds: protocol.seeds.clone(),
+            n_prints: protocol.n_prints,
             n_touches: protocol.n_touches,
             poses: protocol.poses,
             absent: protocol.absent,

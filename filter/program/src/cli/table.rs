@@ -6,17 +6,25 @@ use tactile_eval::result::{Evaluation, Row};
 #[expect(clippy::too_many_lines, reason = "one table, line by line")]
 pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
     println!("{}: {} episodes, {} parts", evaluation.scene, evaluation.n_episodes, evaluation.n_classes);
+    if let Some(n) = evaluation.distinct_first_views.filter(|n| *n < evaluation.n_episodes) {
+        println!("  they begin with {n} different views: intervals after one touch are of {n}");
+    }
     println!(
-        "  {:28} {:>2} {:>8} {:>15} {:>8} {:>7} {:>7}",
-        "method", "n", "right %", "95 % interval", "cell %", "xy mm", "deg"
+        "  {:28} {:>2} {:>8} {:>15} {:>15} {:>8} {:>7} {:>7}",
+        "method", "n", "right %", "95 % interval", "over parts", "cell %", "xy mm", "deg"
     );
     let print = |name: &str, row: &Row| {
         println!(
-            "  {name:28} {:2} {:8.1} {:7.1}-{:<7.1} {:8.1} {:7.2} {:7.2}",
+            "  {name:28} {:2} {:8.1} {:7.1}-{:<7.1} {:>15} {:8.1} {:7.2} {:7.2}",
             row.n_touches,
             100.0 * row.accuracy,
             100.0 * row.accuracy_ci95[0],
             100.0 * row.accuracy_ci95[1],
+            row.accuracy_ci95_clustered.map_or("-".into(), |[low, high]| format!(
+                "{:.1}-{:.1}",
+                100.0 * low,
+                100.0 * high
+            )),
             100.0 * row.exact_cell,
             row.xy_mm_mean,
             row.theta_deg_mean
@@ -42,7 +50,11 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
     for c in evaluation.comparisons.iter().filter(|c| [1, 2, 3, 5, 10].contains(&c.n_touches)) {
         let name = format!("{:?}, {:?} less {:?}", c.inference, c.action, c.against).to_lowercase();
         let [low, high] = c.ci95.map(|bound| 100.0 * bound);
-        println!("  {name:38} n = {:2}: {:+.1} points ({low:+.1} to {high:+.1})", c.n_touches, 100.0 * c.difference);
+        let paired = c.paired.map_or_else(String::new, |paired| {
+            format!(", {} against {}, p = {:.3}", paired.better, paired.worse, paired.p_value)
+        });
+        let (n, points) = (c.n_touches, 100.0 * c.difference);
+        println!("  {name:38} n = {n:2}: {points:+.1} points ({low:+.1} to {high:+.1}){paired}");
     }
     for bin in &evaluation.reliability {
         let [low, high] = bin.right_ci95.map(|bound| 100.0 * bound);

@@ -191,6 +191,7 @@ impl TradeoffArgs {
             absent: false,
             n_classes: None,
             choose_ms: None,
+            n_prints: 1,
             n_touches: TOUCHES[TOUCHES.len() - 1],
         }
     }
