@@ -56,10 +56,12 @@ impl PoseGrid {
         Ok(())
     }
 
-    /// The same ranges with steps that are this many times as fine; fit to use where [`Self::validate`] says so.
-    pub fn subdivided(&self, times: usize) -> Self {
-        let times = times as f64;
-        Self { xy_step_mm: self.xy_step_mm / times, theta_step_deg: self.theta_step_deg / times, ..*self }
+    /// The same ranges with steps in x and y and in theta that are so many times as fine; fit to use where
+    /// [`Self::validate`] says so.
+    pub fn subdivided(&self, xy_times: usize, theta_times: usize) -> Self {
+        let (xy_step_mm, theta_step_deg) =
+            (self.xy_step_mm / xy_times as f64, self.theta_step_deg / theta_times as f64);
+        Self { xy_step_mm, theta_step_deg, ..*self }
     }
 
     /// Number of distinct x (and of y) values.

@@ -18,6 +18,7 @@ use crate::blocks::{Blocks, Layout};
 use crate::evidence::Evidence;
 use crate::exact::{Exact, keep_heaviest};
 pub use crate::hypothesis::Hypothesis;
+use crate::hypothesis::states_between;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
@@ -64,13 +65,14 @@ pub struct Belief {
 impl Belief {
     /// The belief after the first touch; every state was equally likely before it (paper, Eq. 3).
     ///
-    /// `subdivisions`: parts of a step of the bank's grid between two states, at least 1. More than 1 only where
-    /// views are interpolated between the bank's poses: a state may then lie between them.
+    /// `subdivisions`: parts of a step of 2 mm and 15 degrees between two states, at least 1; a finer bank has at least the states
+    /// of its views. More than 1 only where views are interpolated between the bank's poses: a state may then lie between
+    /// them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
         let EngineConfig::Particle(config) = engine else {
             return Self::within(ALLOWED_ERROR, bank, subdivisions, first);
         };
-        let (views, grid) = (*bank.grid(), bank.grid().subdivided(subdivisions.max(1)));
+        let (views, grid) = (*bank.grid(), states_between(bank.grid(), subdivisions));
         let mut log_states = Vec::new();
         let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
         let first = Evidence::new([&views, &grid], Se2::IDENTITY, 1.0, first, &mut take);
@@ -87,7 +89,7 @@ impl Belief {
     }
 
     fn within(allowed: f64, bank: &Bank, subdivisions: usize, first: TouchLikelihood) -> Self {
-        let (views, grid) = (*bank.grid(), bank.grid().subdivided(subdivisions.max(1)));
+        let (views, grid) = (*bank.grid(), states_between(bank.grid(), subdivisions));
         let Layout { n_angles, n_places } = Layout::of(&grid);
         let mut exact = Exact::uniform(bank.parts().len() * n_angles, n_places, allowed);
         let first = Evidence::of(&views, Se2::IDENTITY, 1.0, first);

@@ -31,8 +31,9 @@ pub struct EpisodeConfig {
     pub max_touches: usize,
     /// Whether the pose may lie between recorded ones; else it is one of them, as in the paper's protocol.
     pub between_poses: bool,
-    /// States between two recorded poses of a bank fine enough to be interpolated, on each axis; at least 1.
-    /// A state stands for all poses around it, and ten touches see farther than a bank's step.
+    /// States between two recorded poses of a bank of 2 mm and 15 degrees, on each axis; at least 1. A state stands for all
+    /// poses around it, and ten touches see farther than a bank's step. Of a finer bank states are no nearer, but for
+    /// those at its own poses; of one too coarse to be interpolated there are no others.
     pub subdivisions: usize,
     /// A part explains the touches when its fit ([`crate::Estimate::fit`]) is at least this; at or below 0. `None`: any
     /// part explains any touches.

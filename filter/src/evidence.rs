@@ -253,7 +253,7 @@ mod tests {
     fn a_lattice_of_poses_is_the_states_there() {
         let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
         let world = World::new(2, grid, 0.1, 0.02, 4);
-        let states = grid.subdivided(2);
+        let states = grid.subdivided(2, 2);
         let observation = world.touch(1, &Se2::from_degrees(1.2, -0.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
         // Looks of all states are in f32, and where there are outliers, to 0.002 nats.
         for (interpolation, outlier_share, most) in [
@@ -289,7 +289,7 @@ mod tests {
     fn what_no_view_on_a_line_resembles_is_an_outlier_there() {
         let grid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
         let world = World::new(3, grid, 0.1, 0.02, 4);
-        let states = grid.subdivided(2);
+        let states = grid.subdivided(2, 2);
         let observation = world.touch(1, &Se2::from_degrees(5.2, -4.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
         let config =
             LikelihoodConfig { temperature: 0.01, interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };

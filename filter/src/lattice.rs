@@ -347,7 +347,7 @@ mod tests {
             let neighbours = Neighbours::new(FINE.n_xy(), FINE.n_theta(), |[x, y, theta], axis, k| {
                 noise(9 * (117 * x + 13 * y + theta) + 3 * axis + k)
             });
-            let states = FINE.subdivided(times);
+            let states = FINE.subdivided(times, times);
             for angle in [0, states.n_theta() / 3, states.n_theta() - 1] {
                 let lattice = LatticeWeights::of_states(&FINE, &states, angle, &moved);
                 let planes = in_planes(&cells, &FINE);

@@ -1,6 +1,7 @@
 //! A bank without a dataset: the parts of a scene touched and embedded as they come, nothing kept on disk but, where that
 //! is asked for, the parts that are done.
 
+pub mod density;
 mod matches;
 mod temperature;
 
@@ -11,6 +12,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 use tactile_data::frame::{Background, Frame, TactileImage};
 use tactile_data::generate::{Places, Planned, plan, render};
+use tactile_data::grid::PoseGrid;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
@@ -85,9 +87,7 @@ impl SceneBank<'_> {
     pub fn make(&self, kept: Option<&Path>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Bank> {
         let Self { model, scene, views, learn_from, seed } = *self;
         let simulator = Simulator::new(scene.clone(), seed)?;
-        let Some(reach) = scene.reach else {
-            return Err(Error::invalid(&scene.name, "a reach: the poses at which each peg is touched", "none"));
-        };
+        let reach = self.reach()?;
         let planned = plan(scene, &[Side::Peg], Places::EachPose, seed)?;
         let background = model.background(&simulator.no_contact(seed))?.lit_by(&scene.sensor.known_lamps())?;
         let (n_parts, done) = (simulator.parts().len(), AtomicUsize::new(0));
@@ -112,6 +112,12 @@ impl SceneBank<'_> {
         let (parts, rows) = (simulator.parts().to_vec(), Rows::new(model.dim(), rows)?);
         let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?;
         with_geometry(model, bank.with_views(views).with_origin(scene.origin()), (&simulator, seed), learn_from)
+    }
+
+    /// The poses at which each part is touched.
+    fn reach(&self) -> Result<PoseGrid> {
+        let expected = "a reach: the poses at which each peg is touched";
+        self.scene.reach.ok_or_else(|| Error::invalid(&self.scene.name, expected, "none"))
     }
 
     /// Removes what [`Self::make`] kept in a folder; anything else in it stays, and then the folder.
@@ -280,6 +286,38 @@ mod tests {
             assert!(holes.matched.mean < pegs.matched.mean, "{holes:?}");
         }
         assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
+    }
+
+    #[test]
+    fn a_bank_is_as_fine_as_its_parts_ask_for() {
+        let (scene, model) = scene_and_model();
+        let job =
+            |scene| SceneBank { model: &model, scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 };
+        let with_steps = |xy_step_mm, theta_step_deg| {
+            let reach = scene.reach.map(|reach| PoseGrid { xy_step_mm, theta_step_deg, ..reach });
+            Scene { reach, ..scene.clone() }
+        };
+        let most = |scene: &Scene| -> f64 {
+            let lost = job(scene).lost().unwrap();
+            lost.iter().flatten().map(|lost| lost.along_xy).sum()
+        };
+        let [wide, fine] = [with_steps(8.0, 45.0), with_steps(0.5, 45.0)].map(|scene| most(&scene));
+        assert!(wide > 4.0 * fine && fine >= 0.0, "{wide} {fine}");
+        // What is asked for is little lost, unless there is nothing finer; its own steps say the same of it.
+        let (grid, lost) = job(&scene).asked_for().unwrap();
+        let again = job(&with_steps(grid.xy_step_mm, grid.theta_step_deg)).lost().unwrap();
+        assert_eq!(again.len(), 2);
+        for lost in lost.iter().chain(&again).flatten() {
+            assert!(lost.along_xy <= density::ALLOWED || grid.xy_step_mm == 1.0, "{grid:?} {lost:?}");
+            assert!(lost.along_theta <= density::ALLOWED || grid.theta_step_deg == 7.5, "{grid:?} {lost:?}");
+        }
+        let nowhere = Scene { reach: None, ..scene.clone() };
+        assert!(job(&nowhere).asked_for().unwrap_err().to_string().contains("a reach"));
+        let odd = Scene {
+            reach: scene.reach.map(|reach| PoseGrid { xy_half_mm: 7.3, xy_step_mm: 7.3, ..reach }),
+            ..scene.clone()
+        };
+        assert!(job(&odd).asked_for().unwrap_err().to_string().contains("steps of [2.0, 1.0] mm"));
     }
 
     #[test]

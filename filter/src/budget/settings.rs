@@ -10,6 +10,7 @@ use crate::action::ActionRule;
 use crate::belief::EngineConfig;
 use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
+use crate::hypothesis::states_between;
 
 /// A way to run an episode, with what it needs of a model and a bank.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -139,7 +140,7 @@ impl Settings {
 
     /// Megabytes (10^6 bytes) that an episode of `n_touches` holds: weights, bank, tables of each touch and belief.
     pub fn memory_mb(&self, n_parameters: usize, bank: &Bank, n_touches: usize) -> Result<f64> {
-        let finer = bank.grid().subdivided(self.subdivisions);
+        let finer = states_between(bank.grid(), self.subdivisions);
         finer.validate().map_err(|e| Error::config("subdivisions", "a grid of states", e.to_string()))?;
         let n_states = bank.parts().len() * finer.len();
         // Rows, edge shares and nine cosines of neighbours; a cosine for each row of each touch; log-weight and

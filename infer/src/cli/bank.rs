@@ -5,17 +5,20 @@ use std::str::FromStr;
 
 use clap::Args;
 use tactile_data::calibrate::Calibration;
+use tactile_data::grid::PoseGrid;
 use tactile_data::output;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
 use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
+use tactile_infer::between::is_fine;
 use tactile_infer::learn_from::LearnFrom;
 use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
 use tactile_infer::recorded::parts_on_grid;
 use tactile_infer::simulated::SceneBank;
+use tactile_infer::simulated::density::Lost;
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
 
 use super::{ModelArgs, PosesArgs, embed_pegs, learn_from, precision, views};
@@ -53,6 +56,12 @@ pub struct BankArgs {
     rows: Precision,
     #[command(flatten)]
     poses: PosesArgs,
+    /// With --scene: steps as fine as the parts ask for, 2 or 1 mm and 15 or 7.5 degrees: what is lost between poses is
+    /// measured first
+    #[arg(
+        long, requires = "scene", conflicts_with_all = ["data", "xy_step_mm", "theta_step_deg"], help_heading = "Poses"
+    )]
+    auto_steps: bool,
     /// With --scene: draws jitter and noise
     #[arg(long, default_value_t = 1, help_heading = "Poses")]
     seed: u64,
@@ -98,13 +107,7 @@ impl BankArgs {
         };
         let Some(data) = &self.data else {
             let scene = self.touched_scene(&model)?;
-            let job = SceneBank {
-                model: &model,
-                scene: &scene,
-                views: self.views.unwrap_or(Views::Both),
-                learn_from: self.learn_from.unwrap_or_default(),
-                seed: self.seed,
-            };
+            let job = self.job(&model, &scene);
             let kept = with_ending(&self.out, ".parts");
             finish(job.make(Some(&kept), &reporter("touches"))?)?;
             return job.forget(&kept);
@@ -114,7 +117,12 @@ impl BankArgs {
         finish(embed_pegs(&model, &dataset, &self.poses)?)
     }
 
-    /// The scene whose parts are touched, at the poses that were asked for.
+    fn job<'a>(&self, model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {
+        let (views, learn_from) = (self.views.unwrap_or(Views::Both), self.learn_from.unwrap_or_default());
+        SceneBank { model, scene, views, learn_from, seed: self.seed }
+    }
+
+    /// The scene whose parts are touched, at the poses that were asked for; what is lost between them is said.
     fn touched_scene(&self, model: &Model) -> Result<Scene> {
         /// A planned touch, without its row.
         const TOUCH_BYTES: usize = 64;
@@ -128,6 +136,14 @@ impl BankArgs {
         }
         scene.validate()?;
         check_declared(&self.symmetries, &scene.part_names())?;
+        if self.auto_steps {
+            let (grid, lost) = self.job(model, &scene).asked_for()?;
+            println!("{} mm and {} degrees between poses", grid.xy_step_mm, grid.theta_step_deg);
+            note_lost(&scene, &grid, &lost);
+            scene.reach = Some(grid);
+        } else if let Some(grid) = scene.reach.filter(is_fine) {
+            note_lost(&scene, &grid, &self.job(model, &scene).lost()?);
+        }
         let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
         let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
         output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
@@ -137,6 +153,23 @@ impl BankArgs {
 
 /// Parts whose holes match their own views by less than this are worth a word: letters do by 0.9, a stranger by 0.8.
 const LOW_MATCH: f32 = 0.8;
+
+/// Says how many parts change fast between the poses of a grid, and which the most.
+fn note_lost(scene: &Scene, grid: &PoseGrid, lost: &[Option<Lost>]) {
+    let fast =
+        |(part, lost): (usize, &Option<Lost>)| lost.filter(|lost| !lost.is_little()).map(|lost| (part, lost.most()));
+    let fast: Vec<(usize, f64)> = lost.iter().enumerate().filter_map(fast).collect();
+    let Some((part, most)) = fast.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) else { return };
+    eprintln!(
+        "note: views of {} of {} parts change fast between poses {} mm and {} degrees apart, {} the most (a cosine of {most:.3} \
+         is lost half way); --auto-steps makes a bank as fine as its parts ask for",
+        fast.len(),
+        lost.len(),
+        grid.xy_step_mm,
+        grid.theta_step_deg,
+        scene.part_names()[part],
+    );
+}
 
 /// A path with a few more letters.
 fn with_ending(path: &Path, ending: &str) -> PathBuf {

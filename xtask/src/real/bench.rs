@@ -94,10 +94,8 @@ impl Bench<'_> {
              field_of_view_mm = [{x:.4}, {y:.4}]\n{depth}{calibration}"
         );
         self.write(&format!("{name}.toml"), &scene)?;
-        self.run(
-            "tactile-infer",
-            &format!("bank --model MODEL --scene {name}.toml --views pegs --learn-from peg --out {name}.bank"),
-        )
+        let options = "--views pegs --learn-from peg --auto-steps";
+        self.run("tactile-infer", &format!("bank --model MODEL --scene {name}.toml {options} --out {name}.bank"))
     }
 
     /// Names the episodes of a dataset of pegs by a bank.
