@@ -127,6 +127,40 @@ fn a_trade_off_over_recordings_is_continued_but_not_with_another_recording() {
     assert_eq!(measured("holes", "").0, 2);
 }
 
+/// Of five episodes three choose and two promise.
+#[test]
+fn a_budget_promises_what_episodes_that_did_not_choose_came_to() {
+    let sample = Sample::make();
+    let at = sample.folder();
+    let of_model = "--model model/model.safetensors";
+    let words =
+        format!("tradeoff {of_model} --pegs pegs --holes holes --settings 1 --episodes 5 --seeds 1,2 --out out");
+    done("tactile-filter", at, &words);
+    let frontier = read_json(&at.join("out/frontier.json"));
+    let points = frontier["points"].as_array().unwrap();
+    let count = |point: &Value, half: &str, of: &str| point["halves"][half][of].as_u64().unwrap();
+    for point in points {
+        assert_eq!([count(point, "choosing", "n_episodes"), count(point, "promising", "n_episodes")], [3, 2]);
+        let right = count(point, "choosing", "n_right") + count(point, "promising", "n_right");
+        assert!((point["accuracy"].as_f64().unwrap() - right as f64 / 5.0).abs() < 1e-12);
+    }
+    done("tactile-infer", at, &format!("bank {of_model} --data pegs --out a.bank"));
+    let words = format!(
+        "evaluate {of_model} --bank a.bank --holes holes --out chosen --episodes 4 --seeds 3 --touches 10 --stories 0 \
+         --budget-mb 1000 --max-touches 3 --frontier out/frontier.json"
+    );
+    let said = done("tactile-filter", at, &words);
+    let promise = &read_json(&at.join("chosen/evaluation.json"))["promise"];
+    let worth = |point: &&Value| count(point, "choosing", "n_decided_and_right");
+    let within = || points.iter().filter(|point| point["n_touches"].as_u64().unwrap() <= 3);
+    let most = within().map(|point| worth(&point)).max().unwrap();
+    let of_best = |point: &Value| count(point, "promising", "n_decided_and_right") as f64 / 2.0;
+    let promised = promise["decided_and_right"]["share"].as_f64().unwrap();
+    assert!(within().any(|point| worth(&point) == most && of_best(point) == promised), "{promise} {points:?}");
+    assert_eq!(promise["decided_and_right"]["n_episodes"], 2);
+    assert!(said.contains("touches sure and right: ") && said.contains("touches right, sure or not: "), "{said}");
+}
+
 #[test]
 fn a_trade_off_resamples_finer_recordings() {
     let sample = Sample::make();

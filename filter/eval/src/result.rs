@@ -2,9 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
+use tactile_filter::budget::{Half, Point, Tradeoff};
 use tactile_infer::{Model, Views};
 
 use crate::statistics::mcnemar::Paired;
+use crate::statistics::share::wilson_95;
 
 /// The value of [`Evaluation::schema`].
 pub const SCHEMA: &str = "tactile-filter/evaluation/1";
@@ -85,7 +87,7 @@ pub(crate) fn is_one(n: &usize) -> bool {
     *n == 1
 }
 
-/// Settings chosen for a budget, and what they should cost on this machine.
+/// Settings chosen for a budget, what they should cost on this machine and what they should reach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Promise {
     /// The settings, in words.
@@ -96,6 +98,50 @@ pub struct Promise {
     pub memory_mb: f64,
     /// Touches of it.
     pub n_touches: usize,
+    /// Name of the scene, or of the recording of the holes, that the shares were measured on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<String>,
+    /// Share of episodes that end sure and right within these touches: of episodes that did not choose the settings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decided_and_right: Option<PromisedShare>,
+    /// Share that names the right part after these touches, sure or not: of the same episodes, or where decisions were not
+    /// counted, of those that chose.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accuracy: Option<PromisedShare>,
+}
+
+/// A share of episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PromisedShare {
+    /// The share, 0..=1.
+    pub share: f64,
+    /// Bounds of its 95 % interval.
+    pub ci95: [f64; 2],
+    /// Episodes behind it.
+    pub n_episodes: usize,
+}
+
+impl Promise {
+    /// What a setting chosen from a trade-off promises; `settings` names it.
+    pub fn of(choice: &tactile_filter::budget::Choice, tradeoff: &Tradeoff, settings: String) -> Self {
+        let Point { accuracy, accuracy_ci95, n_touches, .. } = choice.point;
+        let halves = choice.point.halves;
+        let share = |half: Half, n: usize| PromisedShare {
+            share: n as f64 / half.n_episodes.max(1) as f64,
+            ci95: wilson_95(n, half.n_episodes),
+            n_episodes: half.n_episodes,
+        };
+        let of_all = PromisedShare { share: accuracy, ci95: accuracy_ci95, n_episodes: tradeoff.n_episodes };
+        Self {
+            settings,
+            decision_ms: choice.decision_ms,
+            memory_mb: choice.memory_mb,
+            n_touches,
+            scene: Some(tradeoff.scene.clone()),
+            decided_and_right: halves.map(|h| share(h.promising, h.promising.n_decided_and_right)),
+            accuracy: Some(halves.map_or(of_all, |h| share(h.promising, h.promising.n_right))),
+        }
+    }
 }
 
 /// Which model it was.
@@ -344,7 +390,9 @@ pub struct Quantiles {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::report::tradeoff::tests::tradeoff;
     use serde_json::{Value, json};
+    use tactile_filter::budget::{Budget, Cost, Halves, Settings};
 
     /// An evaluation in the schema as it is published, every optional field absent.
     pub(crate) fn published() -> Value {
@@ -371,6 +419,33 @@ pub(crate) mod tests {
         let evaluation: Evaluation = serde_json::from_value(published()).unwrap();
         assert_eq!(evaluation.schema, SCHEMA);
         assert_eq!(serde_json::to_value(&evaluation).unwrap(), published());
+    }
+
+    #[test]
+    fn what_is_promised_is_of_the_half_that_did_not_choose() {
+        let mut tradeoff = tradeoff();
+        let promise = |tradeoff: &Tradeoff| {
+            let here = |p: &Point| Cost { pace_ms: p.pace_ms, memory_mb: p.memory_mb };
+            let point = tradeoff.points[5].clone();
+            let mut only = |settings: &Settings, n: usize| {
+                Ok((*settings == point.settings && n == point.n_touches).then(|| here(&point)))
+            };
+            let choice = tradeoff.choose(&Budget::default(), &mut only).unwrap();
+            Promise::of(&choice, tradeoff, "s".into())
+        };
+        let of_before = promise(&tradeoff);
+        assert_eq!((of_before.decided_and_right, of_before.accuracy.map(|of| of.n_episodes)), (None, Some(100)));
+        let half =
+            |n_decided_and_right, n_episodes| Half { n_episodes, n_right: 160, n_decided: 100, n_decided_and_right };
+        for point in &mut tradeoff.points {
+            point.halves = Some(Halves { choosing: half(99, 264), promising: half(81, 263) });
+        }
+        let promise = promise(&tradeoff);
+        let PromisedShare { share, ci95: [low, high], n_episodes } = promise.decided_and_right.unwrap();
+        // Newcombe 1998, Table I, method 3.
+        assert!((low - 0.2553).abs() < 5e-5 && (high - 0.3662).abs() < 5e-5);
+        assert_eq!((share, n_episodes, promise.accuracy.unwrap().share), (81.0 / 263.0, 263, 160.0 / 263.0));
+        assert_eq!((promise.n_touches, promise.scene.as_deref()), (1, Some("a<b")));
     }
 
     #[test]

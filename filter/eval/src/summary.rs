@@ -11,6 +11,7 @@ use crate::statistics::bootstrap::clustered_95;
 use crate::statistics::mcnemar::Paired;
 use crate::statistics::share::{grouped_95, wilson_of};
 use crate::statistics::{Z_95, quantile};
+use tactile_filter::budget::Halves;
 use tactile_filter::{EpisodeConfig, StopReason};
 
 /// What a row is about.
@@ -117,13 +118,40 @@ fn calibration_of(scored: &[Scored], origins: &Origins) -> (f64, Option<[f64; 2]
     (error, by_parts.map(|[low, high]| [low.min(2.0 * error - high).max(0.0), high.clamp(error, 1.0)]))
 }
 
+/// The touch, from 0, at which an episode would have stopped by the rule of `config`, and why; `None` where never.
+fn stopped(outcome: &Outcome, config: &EpisodeConfig) -> Option<(usize, StopReason)> {
+    let reason = |(at, s): (usize, &Scored)| Some((at, config.stop(s.probability, s.fit, at + 1)?));
+    outcome.scored.iter().enumerate().find_map(reason)
+}
+
+/// After each number of touches the episodes of each half (even and odd numbers, from that of the first outcome, 0) that
+/// name the right part, and those that the rule of `config` would have ended as confident by then.
+pub fn halves(outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<Halves> {
+    let n_touches = outcomes.iter().map(|outcome| outcome.scored.len()).min().unwrap_or(0);
+    let mut all = vec![Halves::default(); n_touches];
+    for (index, outcome) in outcomes.iter().enumerate() {
+        let decided = match stopped(outcome, config) {
+            Some((at, StopReason::Confident)) => Some((at, outcome.scored[at].right)),
+            _ => None,
+        };
+        for (n, (halves, scored)) in all.iter_mut().zip(&outcome.scored).enumerate() {
+            let half = if index % 2 == 0 { &mut halves.choosing } else { &mut halves.promising };
+            let decided = decided.filter(|(at, _)| *at <= n);
+            half.n_episodes += 1;
+            half.n_right += usize::from(scored.right);
+            half.n_decided += usize::from(decided.is_some());
+            half.n_decided_and_right += usize::from(decided.is_some_and(|(_, right)| right));
+        }
+    }
+    all
+}
+
 /// Where each episode would have stopped by the rule of `config`, or at its last touch. The share of
 /// confident stops that name the wrong part is of those stops, not of all episodes.
 pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig) -> Stops {
     let (mut touches, mut to_95, mut confident, mut wrong, mut none) = (0, 0, 0.0_f64, 0.0, 0.0);
     for outcome in outcomes {
-        let reason = |(at, s): (usize, &Scored)| Some((at, config.stop(s.probability, s.fit, at + 1)?));
-        let stop = outcome.scored.iter().enumerate().find_map(reason);
+        let stop = stopped(outcome, config);
         touches += stop.map_or(outcome.scored.len(), |(at, _)| at + 1);
         to_95 += outcome.scored.iter().position(|s| s.probability > 0.95).unwrap_or(outcome.scored.len()) + 1;
         match stop {
@@ -240,6 +268,8 @@ pub fn latency(outcomes: &[Outcome]) -> Latency {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::rngs::ChaCha8Rng;
+    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn an_episode_stops_when_it_is_sure_and_is_counted_wrong_if_it_is() {
@@ -255,6 +285,36 @@ mod tests {
         assert_eq!(stops.mean_touches, (2 + 1 + 3) as f64 / 3.0);
         assert_eq!((stops.confident, stops.confident_and_wrong, stops.none_of_these), (2.0 / 3.0, 0.5, 0.0));
         assert_eq!(stops.touches_to_95, (2 + 1 + 4) as f64 / 3.0);
+    }
+
+    /// By another way: an episode cut after n touches, whose stops are counted as those of an evaluation.
+    #[test]
+    fn halves_count_what_shorter_episodes_would_come_to() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut scored = || Scored {
+            right: rng.random_bool(0.7),
+            probability: if rng.random_bool(0.4) { 0.99 } else { 0.5 },
+            fit: Some(if rng.random_bool(0.2) { -9.0 } else { 0.0 }),
+            ..Scored::default()
+        };
+        let outcomes: Vec<Outcome> =
+            (0..101).map(|_| Outcome { scored: (0..6).map(|_| scored()).collect(), ..Outcome::default() }).collect();
+        let config = EpisodeConfig { fit_margin: 0.0, ..EpisodeConfig::default() };
+        let found = halves(&outcomes, &config);
+        assert_eq!(found.len(), 6);
+        for (at, halves) in found.iter().enumerate() {
+            for (first, half) in [(0, halves.choosing), (1, halves.promising)] {
+                let cut = |o: &Outcome| Outcome { scored: o.scored[..=at].to_vec(), ..o.clone() };
+                let mine: Vec<Outcome> = outcomes.iter().skip(first).step_by(2).map(cut).collect();
+                let stops = stops(LABEL, &mine, &EpisodeConfig { max_touches: at + 1, ..config });
+                let n = mine.len() as f64;
+                assert_eq!((half.n_episodes, half.n_decided), (mine.len(), (stops.confident * n).round() as usize));
+                let right = stops.confident * n * (1.0 - stops.confident_and_wrong);
+                assert_eq!(half.n_decided_and_right, right.round() as usize);
+                assert_eq!(half.n_right, mine.iter().filter(|o| o.scored[at].right).count());
+            }
+        }
+        assert!(found[5].choosing.n_decided > found[0].choosing.n_decided);
     }
 
     const LABEL: Label =

@@ -15,11 +15,11 @@ use crate::evaluate::{Banks, Protocol, Run, run_all, run_one};
 use crate::holes::Holes;
 use crate::result::{Choice, Inference, Method, Poses, Row};
 use crate::statistics::quantile;
-use crate::summary::{Label, rows};
+use crate::summary::{Label, halves, rows};
 use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::budget::{Pace, Point, Settings};
+use tactile_filter::budget::{Halves, Pace, Point, Settings};
 use tactile_filter::particle::ParticleConfig;
 
 /// Touches after which a point is taken.
@@ -151,7 +151,7 @@ pub struct Bench<'a> {
     pub protocol: &'a Protocol,
 }
 
-/// Measures one setting: accuracy on all cores, then time on one. A point for each of [`TOUCHES`] that the protocol reaches.
+/// Measures one setting: accuracy and decisions on all cores, then time on one. A point for each of [`TOUCHES`] that the protocol reaches.
 pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
     let Bench { holes, model, no_contact, protocol, .. } = bench;
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
@@ -180,13 +180,15 @@ pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
         let pace_ms = pace.decision_ms(&config, PACE_S, &mut || begun.elapsed().as_secs_f64())?;
         Ok((decisions, pace_ms))
     })?;
-    let reached = rows(label, &outcomes).into_iter().filter(|row| TOUCHES.contains(&row.n_touches));
-    let point = |row: Row| {
+    let after = rows(label, &outcomes).into_iter().zip(halves(&outcomes, &config));
+    let reached = after.filter(|(row, _)| TOUCHES.contains(&row.n_touches));
+    let point = |(row, halves): (Row, Halves)| {
         Ok(Point {
             settings: settings.clone(),
             n_touches: row.n_touches,
             accuracy: row.accuracy,
             accuracy_ci95: row.accuracy_ci95,
+            halves: Some(halves),
             xy_mm_mean: row.xy_mm_mean,
             theta_deg_mean: row.theta_deg_mean,
             decision_ms_p50: quantile(decisions.clone(), 0.5),

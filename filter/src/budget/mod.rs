@@ -1,12 +1,13 @@
 //! Settings for a budget of time, memory and touches, chosen from a measured trade-off (`tactile-filter tradeoff`).
 //!
 //! A [`Tradeoff`] holds points that were measured on one machine with one bank. [`Pace`] measures how fast this
-//! machine and this bank are with the same settings; [`Tradeoff::choose`] takes the most accurate point that a
-//! [`Budget`] allows.
+//! machine and this bank are with the same settings; of the points that a [`Budget`] allows, [`Tradeoff::choose`] takes the
+//! one with which most episodes end sure and right. It asks half of the episodes measured; the other half says what to
+//! expect ([`Halves`]).
 //!
 //! ```no_run
 //! # use tactile_data::{frame::Frame, grid::PoseGrid};
-//! # use tactile_filter::budget::{Budget, Cost, Pace, Tradeoff};
+//! # use tactile_filter::budget::{Budget, Cost, Half, Pace, Tradeoff};
 //! # use tactile_filter::{EpisodeConfig, Sensor};
 //! # use tactile_infer::{Bank, Model};
 //! # fn choose(
@@ -24,16 +25,22 @@
 //! };
 //! let budget = Budget { decision_ms: Some(4.0), max_touches: Some(4), ..Budget::default() };
 //! let choice = tradeoff.choose(&budget, &mut here)?;
+//! if let Some(halves) = choice.point.halves {
+//!     let Half { n_decided_and_right, n_episodes, .. } = halves.promising;
+//!     println!("{n_decided_and_right} of {n_episodes} other episodes ended sure and right");
+//! }
 //! // The bank's rows belong in the format `choice.point.settings.rows`: `Bank::with_precision`.
 //! let config = choice.point.settings.applied_to(&base);
 //! # Ok(config)
 //! # }
 //! ```
 
+mod halves;
 mod pace;
 mod settings;
 mod tradeoff;
 
+pub use halves::{Half, Halves};
 pub use pace::Pace;
 pub use settings::{Knob, Settings};
 pub use tradeoff::{Budget, Choice, Cost, Point, SCHEMA, Tradeoff};

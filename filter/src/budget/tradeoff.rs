@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 
+use super::halves::Halves;
 use super::settings::Settings;
 use crate::error::{Error, Result};
 
@@ -43,10 +44,14 @@ pub struct Point {
     pub settings: Settings,
     /// Touches made.
     pub n_touches: usize,
-    /// Share of episodes that name the right part, 0..=1.
+    /// Share of all episodes that name the right part after these touches, sure or not, 0..=1.
     pub accuracy: f64,
     /// Bounds of its 95 % interval.
     pub accuracy_ci95: [f64; 2],
+    /// How many were right, and sure of it, in each half of the episodes; in a file all points have them or none, and then
+    /// accuracy chooses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub halves: Option<Halves>,
     /// Mean distance to the true place where the part is right, mm.
     pub xy_mm_mean: f64,
     /// Mean angle to the true angle there, degrees.
@@ -59,7 +64,8 @@ pub struct Point {
     pub pace_ms: f64,
     /// What an episode of these touches holds, 10^6 bytes.
     pub memory_mb: f64,
-    /// Whether another point is no worse in accuracy, time, touches and memory, and better in one.
+    /// Whether another point is no worse in episodes decided and right, in accuracy (both of the choosing half), time,
+    /// touches and memory, and better in one.
     pub dominated: bool,
 }
 
@@ -94,8 +100,20 @@ pub struct Choice {
     pub memory_mb: f64,
 }
 
+impl Point {
+    /// What chooses, the more the better: the shares of the choosing half that are decided and right, and right. Without
+    /// halves the second takes the place of the first, too.
+    fn worth(&self) -> [f64; 2] {
+        let of = |Halves { choosing, .. }| [choosing.decided_and_right(), choosing.accuracy()];
+        self.halves.map_or([self.accuracy; 2], of)
+    }
+}
+
 impl Tradeoff {
     /// Reads what [`serde_json`] wrote of one; `what` names it in an error.
+    ///
+    /// # Errors
+    /// Another schema, numbers that are none, counts of more episodes than there are or of only some points.
     pub fn from_json(what: &str, text: &str) -> Result<Self> {
         let found: Self = serde_json::from_str(text).map_err(|e| Error::config(what, "a trade-off", e.to_string()))?;
         if found.schema != SCHEMA {
@@ -104,10 +122,25 @@ impl Tradeoff {
         let finite = |p: &Point| {
             [p.accuracy, p.decision_ms_p50, p.pace_ms, p.memory_mb].iter().all(|x| x.is_finite() && *x >= 0.0)
         };
-        match found.points.iter().position(|point| !finite(point) || point.pace_ms == 0.0) {
-            Some(at) => Err(Error::config(format!("{what}: point {at}"), "numbers above zero", "another")),
+        let with_halves = found.has_halves();
+        let counted = |p: &Point| p.halves.map_or(!with_halves, |halves| halves.add_up());
+        let points = &found.points;
+        if let Some(at) = points.iter().position(|point| !finite(point) || point.pace_ms == 0.0) {
+            return Err(Error::config(format!("{what}: point {at}"), "numbers above zero", "another"));
+        }
+        match points.iter().position(|point| !counted(point)) {
+            Some(at) => {
+                let expected = "halves that count some of their episodes, of every point or of none";
+                Err(Error::config(format!("{what}: point {at}"), expected, "others"))
+            }
             None => Ok(found),
         }
+    }
+
+    /// Whether decisions were counted, by halves of the episodes. Where not (files of before), accuracy chooses, and it is
+    /// that of the episodes that chose.
+    pub fn has_halves(&self) -> bool {
+        self.points.iter().any(|point| point.halves.is_some())
     }
 
     /// The distinct settings that were measured with a model and a bank of these steps, in order.
@@ -121,7 +154,9 @@ impl Tradeoff {
         found
     }
 
-    /// The most accurate point within a budget; of equals the fastest, then the one of fewest touches.
+    /// The point within a budget with which most episodes of the choosing half end sure and right by the stopping rule;
+    /// of equals the most accurate there, then the fastest, then the one of fewest touches. Without halves
+    /// ([`Self::has_halves`]) the most accurate. What to expect of it is what the other half found ([`Halves::promising`]).
     ///
     /// `here` gives the cost of a setting and a number of touches; `None` for a setting that cannot be had here.
     ///
@@ -151,7 +186,7 @@ impl Tradeoff {
                 && budget.max_touches.is_none_or(|most| choice.point.n_touches <= most)
         };
         let better = |a: Choice, b: Choice| {
-            let key = |c: &Choice| (-c.point.accuracy, c.decision_ms, c.point.n_touches as f64);
+            let key = |c: &Choice| (c.point.worth().map(|share| -share), c.decision_ms, c.point.n_touches);
             if key(&b) < key(&a) { b } else { a }
         };
         choices.into_iter().filter(fits).reduce(better).ok_or_else(|| {
@@ -160,22 +195,28 @@ impl Tradeoff {
         })
     }
 
-    /// Marks the points that another one dominates.
+    /// Marks the points that another one dominates ([`Point::dominated`]).
     pub fn mark_dominated(&mut self) {
-        let of = |p: &Point| [-p.accuracy, p.decision_ms_p50, p.n_touches as f64, p.memory_mb];
-        let all: Vec<[f64; 4]> = self.points.iter().map(of).collect();
-        let dominates = |a: &[f64; 4], b: &[f64; 4]| a.iter().zip(b).all(|(a, b)| a <= b) && a != b;
+        let of = |p: &Point| {
+            let [decided, right] = p.worth();
+            [-decided, -right, p.decision_ms_p50, p.n_touches as f64, p.memory_mb]
+        };
+        let all: Vec<[f64; 5]> = self.points.iter().map(of).collect();
+        let dominates = |a: &[f64; 5], b: &[f64; 5]| a.iter().zip(b).all(|(a, b)| a <= b) && a != b;
         for (point, mine) in self.points.iter_mut().zip(&all) {
             point.dominated = all.iter().any(|other| dominates(other, mine));
         }
     }
 
-    /// The points that none dominates, of one model: what is shipped with it.
+    /// What is shipped with a model: its settings of which some point is not dominated, with all their points. A dominated one
+    /// may be the best with another limit on touches, or where times are others.
     pub fn frontier(&self, model_sha256: &str) -> Self {
         let keep = |p: &&Point| p.settings.model_sha256 == model_sha256;
         let mut of_model = Self { points: self.points.iter().filter(keep).cloned().collect(), ..self.clone() };
         of_model.mark_dominated();
-        of_model.points.retain(|point| !point.dominated);
+        let kept: Vec<Settings> =
+            of_model.points.iter().filter(|point| !point.dominated).map(|point| point.settings.clone()).collect();
+        of_model.points.retain(|point| kept.contains(&point.settings));
         of_model
     }
 }
@@ -193,6 +234,7 @@ impl std::fmt::Display for Budget {
 
 #[cfg(test)]
 mod tests {
+    use super::super::halves::Half;
     use super::super::settings::tests::settings;
     use super::*;
     use proptest::prelude::*;
@@ -203,6 +245,7 @@ mod tests {
             n_touches,
             accuracy,
             accuracy_ci95: [0.0, 1.0],
+            halves: None,
             xy_mm_mean: 0.0,
             theta_deg_mean: 0.0,
             decision_ms_p50: ms,
@@ -254,7 +297,8 @@ mod tests {
         let dominated: Vec<bool> = tradeoff(points()).points.iter().map(|p| p.dominated).collect();
         assert_eq!(dominated, [false, false, true, false, true]);
         let shipped = tradeoff(points()).frontier("ab");
-        assert_eq!(shipped.points.iter().map(|p| p.accuracy).collect::<Vec<_>>(), [0.5, 0.7, 0.9]);
+        // The beaten point of a setting that is the best with more touches stays, too.
+        assert_eq!(shipped.points.iter().map(|p| p.accuracy).collect::<Vec<_>>(), [0.5, 0.7, 0.5, 0.9]);
         assert!(tradeoff(points()).frontier("another").points.is_empty());
     }
 
@@ -275,6 +319,36 @@ mod tests {
         );
     }
 
+    /// A point whose choosing half and whose other half ended so many of 20 episodes sure and right.
+    fn decided(point: Point, choosing: usize, promising: usize) -> Point {
+        let n_right = (20.0 * point.accuracy).round() as usize;
+        let half = |n| Half { n_episodes: 20, n_right, n_decided: n, n_decided_and_right: n };
+        Point { halves: Some(Halves { choosing: half(choosing), promising: half(promising) }), ..point }
+    }
+
+    #[test]
+    fn a_part_named_without_being_sure_does_not_choose() {
+        let points = vec![
+            decided(point(1, 2, 1.0, 1.0, 10.0), 12, 20),
+            decided(point(1, 4, 0.95, 1.0, 12.0), 19, 18),
+            decided(point(9, 2, 0.9, 2.0, 10.0), 14, 13),
+            decided(point(9, 4, 1.0, 2.0, 12.0), 19, 17),
+            decided(point(99, 4, 1.0, 3.0, 12.0), 19, 20),
+        ];
+        let choose = |points: &[Point], max_touches| {
+            let budget = Budget { max_touches, ..Budget::default() };
+            tradeoff(points.to_vec()).choose(&budget, &mut same(points)).unwrap().point
+        };
+        // 19 of 20 three times: the more accurate, then the faster; the other half has no voice.
+        assert_eq!(choose(&points, None).settings.n_draws, 9);
+        assert_eq!(choose(&points, None).halves.unwrap().promising.decided_and_right(), 0.85);
+        assert_eq!(choose(&points, Some(2)).settings.n_draws, 9);
+        let of_before: Vec<Point> = points.iter().cloned().map(|p| Point { halves: None, ..p }).collect();
+        assert_eq!((choose(&of_before, None).settings.n_draws, choose(&of_before, None).n_touches), (1, 2));
+        let kept: Vec<bool> = tradeoff(points).points.iter().map(|p| !p.dominated).collect();
+        assert_eq!(kept, [true, true, true, true, false]);
+    }
+
     #[test]
     fn a_slower_machine_is_promised_longer_times() {
         let budget = Budget { decision_ms: Some(4.0), ..Budget::default() };
@@ -286,14 +360,16 @@ mod tests {
     }
 
     proptest! {
-        /// By trying them all: nothing chosen breaks the budget, and nothing within it is more accurate.
+        /// By trying them all: nothing chosen breaks the budget, and nothing within it decides more.
         #[test]
         fn a_choice_keeps_its_budget_and_none_within_it_is_better(
-            raw in prop::collection::vec((1usize..4, 0u8..20, 1u8..50, 1u8..50), 1..12),
-            ms in 1u8..60, mb in 1u8..60, touches in 1usize..5,
+            raw in prop::collection::vec((1usize..4, 0u8..20, 1u8..50, 1u8..50), 1..12), seed in 0usize..400,
+            ms in 1u8..60, mb in 1u8..60, touches in 1usize..5, with_halves: bool,
         ) {
             let points: Vec<Point> = raw.iter().enumerate()
                 .map(|(i, (n, a, ms, mb))| point(i + 1, *n, f64::from(*a) / 20.0, f64::from(*ms), f64::from(*mb)))
+                .enumerate()
+                .map(|(i, p)| if with_halves { decided(p, (seed * (i + 3)) % 21, (seed + i) % 21) } else { p })
                 .collect();
             let budget = Budget {
                 decision_ms: Some(f64::from(ms)), memory_mb: Some(f64::from(mb)), max_touches: Some(touches),
@@ -301,11 +377,16 @@ mod tests {
             let fits = |p: &&Point| {
                 p.decision_ms_p50 <= f64::from(ms) && p.memory_mb <= f64::from(mb) && p.n_touches <= touches
             };
-            let best = points.iter().filter(fits).map(|p| p.accuracy).reduce(f64::max);
-            match tradeoff(points.clone()).choose(&budget, &mut same(&points)) {
-                Ok(choice) => prop_assert!(fits(&&choice.point) && Some(choice.point.accuracy) == best),
+            let worth = |p: &Point| p.halves.map_or(p.accuracy, |h| h.choosing.n_decided_and_right as f64);
+            let best = points.iter().filter(fits).map(worth).reduce(f64::max);
+            let made = tradeoff(points.clone());
+            match made.choose(&budget, &mut same(&points)) {
+                Ok(choice) => prop_assert!(fits(&&choice.point) && Some(worth(&choice.point)) == best),
                 Err(_) => prop_assert!(best.is_none()),
             }
+            // What is shipped holds what would be chosen of all.
+            let [of_all, of_shipped] = [&made, &made.frontier("ab")].map(|of| of.choose(&budget, &mut same(&points)).ok());
+            prop_assert_eq!(of_all.map(|c| worth(&c.point)), of_shipped.map(|c| worth(&c.point)));
         }
     }
 
@@ -316,6 +397,16 @@ mod tests {
         assert_eq!(Tradeoff::from_json("f", &text).unwrap(), made);
         let foreign = text.replace(SCHEMA, "other/1");
         assert!(Tradeoff::from_json("f", &foreign).unwrap_err().to_string().starts_with("f: schema: expected"));
+        let halves = tradeoff(points().into_iter().map(|p| decided(p, 9, 8)).collect());
+        let counted = serde_json::to_string(&halves).unwrap();
+        assert_eq!(Tradeoff::from_json("f", &counted).unwrap(), halves);
+        assert!(halves.has_halves() && !made.has_halves());
+        let more = counted.replacen("\"n_decided\":9", "\"n_decided\":21", 1);
+        assert!(Tradeoff::from_json("f", &more).unwrap_err().to_string().starts_with("f: point 0: expected halves"));
+        let mut mixed = halves;
+        mixed.points[3].halves = None;
+        let mixed = serde_json::to_string(&mixed).unwrap();
+        assert!(Tradeoff::from_json("f", &mixed).unwrap_err().to_string().starts_with("f: point 3: expected halves"));
         let broken = text.replace("\"pace_ms\":0.5", "\"pace_ms\":0.0");
         assert_eq!(
             Tradeoff::from_json("f", &broken).unwrap_err().to_string(),

@@ -1,4 +1,6 @@
-//! The page of a trade-off: the frontier in three planes, what each knob buys, every point.
+//! The page of a trade-off: the frontier in planes of a cost and a share, what each knob buys, every point.
+
+use std::cmp::{Ordering, Reverse};
 
 use maud::{Markup, html};
 use tactile_filter::budget::{Point, Settings, Tradeoff};
@@ -16,6 +18,9 @@ pub struct Verdict<'a> {
     pub best: &'a Point,
     /// The fastest of at most two points less than `best`, after as many touches or fewer.
     pub fast: &'a Point,
+    /// The one with which most episodes end sure and right; of equals the most accurate, then the fastest. `None` where
+    /// decisions were not counted.
+    pub surest: Option<&'a Point>,
     /// Distinct settings.
     pub n_settings: usize,
     /// Points that none dominates.
@@ -31,6 +36,9 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     let highest = points.iter().map(|p| p.accuracy).fold(f64::NEG_INFINITY, f64::max);
     let best = points.iter().filter(|p| p.accuracy == highest).min_by(faster)?;
     let fast = points.iter().filter(|p| p.accuracy >= highest - 0.02).min_by(faster)?;
+    let decided =
+        |p: &&Point| Some((p.halves?.decided_and_right(), p.accuracy, -p.decision_ms_p50, Reverse(p.n_touches)));
+    let surest = |a: &&Point, b: &&Point| decided(a).partial_cmp(&decided(b)).unwrap_or(Ordering::Equal);
     let mut settings: Vec<&Settings> = Vec::new();
     for point in points {
         if !settings.contains(&&point.settings) {
@@ -41,6 +49,7 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     Some(Verdict {
         best,
         fast,
+        surest: points.iter().filter(|p| p.halves.is_some()).max_by(surest),
         n_settings: settings.len(),
         n_frontier: kept().count(),
         span: kept().fold(0.0, f64::max) / kept().fold(f64::INFINITY, f64::min),
@@ -82,6 +91,11 @@ fn about(tradeoff: &Tradeoff) -> Markup {
             }
             ", and its decisions were timed on one core (" (machine) "). A decision is to see (encode), to update the belief and to "
             "choose the next touch; the robot’s motion is not counted."
+            @if tradeoff.has_halves() {
+                " An episode is " b { "decided and right" } " if the stopping rule ended it as confident by then and its part was "
+                "right. Half of the episodes (of even number) choose among the settings; what a budget promises is what the other "
+                "half found."
+            }
             @if !tradeoff.recorded {
                 " Where the scene is one of letters for tuning, what is chosen here says nothing in advance about the letters of "
                 "the evaluation."
@@ -100,7 +114,7 @@ fn about(tradeoff: &Tradeoff) -> Markup {
 
 /// The verdict as tiles.
 pub(crate) fn tiles(verdict: &Verdict<'_>) -> Markup {
-    let Verdict { best, fast, n_settings, n_frontier, span } = verdict;
+    let Verdict { best, fast, surest, n_settings, n_frontier, span } = verdict;
     let ms = |point: &Point| milliseconds(point.decision_ms_p50);
     let faster = number(best.decision_ms_p50 / fast.decision_ms_p50, 1);
     html! {
@@ -109,46 +123,66 @@ pub(crate) fn tiles(verdict: &Verdict<'_>) -> Markup {
             "the fastest within 2 points of it: " (percent_sign(fast.accuracy)) " after " (touch_count(fast.n_touches)) ", "
             (faster) " times as fast"
         }))
+        @if let Some((point, halves)) = surest.and_then(|point| Some((point, point.halves?))) {
+            (tile(percent_sign(halves.decided_and_right()), html! {
+                "of the episodes end sure and right, the most: within " (touch_count(point.n_touches)) ", " (ms(point)) " a decision"
+            }))
+        }
         (tile(n_settings, "settings measured"))
         (tile(n_frontier, html! { "points on the frontier, whose decisions span a factor of " (number(*span, 0)) }))
     }
 }
 
-/// Accuracy against time, touches and memory.
+/// Accuracy against time, touches and memory; and where they were counted, decisions against time and touches.
 pub(crate) fn planes(tradeoff: &Tradeoff) -> Markup {
-    let plane = |title: &str, x_axis: &str, log_x: bool, x: fn(&Point) -> f64| {
-        let dot = |point: &Point| Dot {
-            x: x(point),
-            y: 100.0 * point.accuracy,
-            class: if point.dominated { "dominated" } else { "kept" },
-            label: [
-                in_words(&point.settings) + ": " + &percent_sign(point.accuracy),
-                touch_count(point.n_touches),
-                milliseconds(point.decision_ms_p50),
-                format!("{}\u{a0}MB", number(point.memory_mb, 1)),
-            ]
-            .join(", "),
-        };
-        let (under, over): (Vec<&Point>, Vec<&Point>) = tradeoff.points.iter().partition(|p| p.dominated);
-        let dots: Vec<Dot> = under.into_iter().chain(over).map(dot).collect();
-        let steps = staircase(tradeoff.points.iter().map(|p| [x(p), 100.0 * p.accuracy]).collect());
-        let lowest = tradeoff.points.iter().map(|p| 100.0 * p.accuracy).fold(100.0, f64::min);
-        let y_range = [(lowest / 20.0).floor().min(4.0) * 20.0, 100.0];
-        html! { div { p { (title) } (Scatter { title, x_axis, log_x, y_range, dots: &dots, steps: &steps }.svg()) } }
-    };
+    const TIME: (&str, bool, fn(&Point) -> f64) = ("milliseconds a decision", true, |p| p.decision_ms_p50);
+    const TOUCHES: (&str, bool, fn(&Point) -> f64) = ("touches", false, |p| p.n_touches as f64);
+    let right = |p: &Point| 100.0 * p.accuracy;
+    let decided = |p: &Point| p.halves.map_or(f64::NAN, |halves| 100.0 * halves.decided_and_right());
     let planes = html! {
         div.planes {
-            (plane("Right part, %, against time", "milliseconds a decision", true, |p| p.decision_ms_p50))
-            (plane("Right part, %, against touches", "touches", false, |p| p.n_touches as f64))
-            (plane("Right part, %, against memory", "megabytes an episode holds", true, |p| p.memory_mb))
+            (plane(tradeoff, "Right part, %, against time", TIME, right))
+            (plane(tradeoff, "Right part, %, against touches", TOUCHES, right))
+            (plane(tradeoff, "Right part, %, against memory", ("megabytes an episode holds", true, |p| p.memory_mb), right))
+            @if tradeoff.has_halves() {
+                (plane(tradeoff, "Decided and right, %, against time", TIME, decided))
+                (plane(tradeoff, "Decided and right, %, against touches", TOUCHES, decided))
+            }
         }
     };
     figure(
         planes,
         "A dot is a setting after a number of touches; point at one to read what it is. Blue: nothing else is as \
-        accurate, as fast, as sparing of touches and of memory at once. Grey: something else is. The line is the best that can be \
-        had for the cost on the axis, at any other cost.",
+        accurate, decides as much, is as fast, as sparing of touches and of memory at once. Grey: something else is. The line is \
+        the best that can be had for the cost on the axis, at any other cost.",
     )
+}
+
+/// One plane: a cost (name and unit, whether its axis is logarithmic, value) against a share in per cent.
+fn plane(
+    tradeoff: &Tradeoff,
+    title: &str,
+    (x_axis, log_x, x): (&str, bool, fn(&Point) -> f64),
+    y: impl Fn(&Point) -> f64,
+) -> Markup {
+    let dot = |point: &Point| Dot {
+        x: x(point),
+        y: y(point),
+        class: if point.dominated { "dominated" } else { "kept" },
+        label: [
+            in_words(&point.settings) + ": " + &percent_sign(y(point) / 100.0),
+            touch_count(point.n_touches),
+            milliseconds(point.decision_ms_p50),
+            format!("{}\u{a0}MB", number(point.memory_mb, 1)),
+        ]
+        .join(", "),
+    };
+    let (under, over): (Vec<&Point>, Vec<&Point>) = tradeoff.points.iter().partition(|p| p.dominated);
+    let dots: Vec<Dot> = under.into_iter().chain(over).map(dot).collect();
+    let steps = staircase(tradeoff.points.iter().map(|p| [x(p), y(p)]).collect());
+    let lowest = tradeoff.points.iter().map(y).fold(100.0, f64::min);
+    let y_range = [(lowest / 20.0).floor().min(4.0) * 20.0, 100.0];
+    html! { div { p { (title) } (Scatter { title, x_axis, log_x, y_range, dots: &dots, steps: &steps }.svg()) } }
 }
 
 /// The points that no other beats in both coordinates, from left to right.
@@ -169,6 +203,7 @@ fn every_point(tradeoff: &Tradeoff) -> Markup {
         row.extend(cells![
             point.n_touches,
             over(percent(point.accuracy), interval(point.accuracy_ci95)),
+            percent(point.halves.map_or(f64::NAN, |halves| halves.decided_and_right())),
             number(point.xy_mm_mean, 2),
             number(point.theta_deg_mean, 1),
             over(number(point.decision_ms_p50, 2), number(point.decision_ms_p99, 2)),
@@ -179,9 +214,9 @@ fn every_point(tradeoff: &Tradeoff) -> Markup {
     };
     let rows: Vec<_> = tradeoff.points.iter().map(row).collect();
     let of_settings = ["Model", "Bank", "Rows", "Inference", "States", "Rule", "Effort"];
-    let heads = ["Touches", "Right, %", "mm", "degrees", "ms, half (99 %)", "MB", "Frontier"];
+    let heads = ["Touches", "Right, %", "Decided and right, %", "mm", "degrees", "ms, half (99 %)", "MB", "Frontier"];
     html! {
-        details { summary { (rows.len()) " points, sortable" } (sortable(&[of_settings, heads].concat(), &rows)) }
+        details { summary { (rows.len()) " points, sortable" } (sortable(&[&of_settings[..], &heads].concat(), &rows)) }
     }
 }
 
@@ -190,7 +225,7 @@ pub(crate) mod tests {
     use super::*;
     use tactile_filter::action::ActionRule;
     use tactile_filter::belief::EngineConfig;
-    use tactile_filter::budget::SCHEMA;
+    use tactile_filter::budget::{Half, Halves, SCHEMA};
     use tactile_infer::precision::Precision;
 
     /// The default settings of the filter.
@@ -218,6 +253,7 @@ pub(crate) mod tests {
             n_touches,
             accuracy,
             accuracy_ci95: [0.25, 1.0],
+            halves: None,
             xy_mm_mean: 0.5,
             theta_deg_mean: 2.0,
             decision_ms_p50: ms,
@@ -276,6 +312,22 @@ pub(crate) mod tests {
         assert_eq!(html.matches("<circle").count(), 3 * 6);
         assert!(!html.replace("http://www.w3.org/2000/svg", "").contains("http"));
         assert!(html.contains("Most is bought by bank of 1 mm, 15° (+2.0 points, 10.0 times as long)"));
+    }
+
+    #[test]
+    fn what_was_decided_is_shown_where_it_was_counted() {
+        let of_before = html(&tradeoff());
+        assert!(!of_before.contains("decided and right"));
+        let mut counted = tradeoff();
+        for (n, point) in counted.points.iter_mut().enumerate() {
+            let half = |n_right| Half { n_episodes: 50, n_right: 45, n_decided: 44, n_decided_and_right: n_right };
+            point.halves = Some(Halves { choosing: half(40 - n), promising: half(20 + 3 * n) });
+        }
+        // 60, 62, 64, ... of 100.
+        assert_eq!(verdict(&counted).unwrap().surest.unwrap().n_touches, 1);
+        let page = html(&counted);
+        assert_eq!(page.matches("<circle").count(), 5 * 6);
+        assert!(page.contains("70.0\u{a0}%") && page.contains("Decided and right, %, against time"));
     }
 
     #[test]

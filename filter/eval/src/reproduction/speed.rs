@@ -111,6 +111,7 @@ mod tests {
             n_touches: 3,
             accuracy,
             accuracy_ci95: [0.5, 1.0],
+            halves: None,
             xy_mm_mean: 0.5,
             theta_deg_mean: 2.0,
             decision_ms_p50: ms,

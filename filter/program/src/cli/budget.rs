@@ -8,9 +8,9 @@ use clap::Args;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_eval::report::knobs::in_words;
-use tactile_eval::result::Promise;
+use tactile_eval::result::{Promise, PromisedShare};
 use tactile_eval::{Error, Result};
-use tactile_filter::budget::{Budget, Choice, Cost, Pace, Settings, Tradeoff};
+use tactile_filter::budget::{Budget, Cost, Pace, Settings, Tradeoff};
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::Model;
@@ -24,11 +24,11 @@ const CALIBRATION_S: f64 = 10.0;
 #[derive(Args)]
 #[command(next_help_heading = "Budget")]
 pub struct BudgetArgs {
-    /// Choose the settings: the most accurate whose decisions take at most this (median, one core), ms. Ten seconds go
-    /// into finding how fast this machine is
+    /// Choose the settings with which most episodes end sure and right within --max-touches and whose decisions take at
+    /// most this (median, one core), ms. Ten seconds go into finding how fast this machine is
     #[arg(long, value_name = "MS", value_parser = positive)]
     budget_ms: Option<f64>,
-    /// Choose the settings: the most accurate that take at most this much memory, 10^6 bytes
+    /// Choose the settings with which most episodes end sure and right and that take at most this much memory, 10^6 bytes
     #[arg(long, value_name = "MB", value_parser = positive)]
     budget_mb: Option<f64>,
     /// Stop after this many touches [default: 10]
@@ -37,6 +37,10 @@ pub struct BudgetArgs {
     /// What tactile-filter tradeoff measured [default: the model's file with the ending .frontier.json]
     #[arg(long, value_name = "FILE")]
     frontier: Option<PathBuf>,
+    /// The sensor is rough or pressed unevenly, so that a touch says little: choose by what was measured with such a one
+    /// (the model's file with the ending .rough.frontier.json)
+    #[arg(long, conflicts_with = "frontier")]
+    rough_sensor: bool,
 }
 
 /// What the settings were chosen for.
@@ -70,7 +74,8 @@ impl BudgetArgs {
 
     /// Chooses settings; returns the bank in the format that they take, what they are, and what they promise.
     pub fn choose(&self, task: &Task<'_>, base: &EpisodeConfig) -> Result<(Arc<Bank>, EpisodeConfig, Promise)> {
-        let path = self.frontier.clone().unwrap_or_else(|| task.model_path.with_extension("frontier.json"));
+        let ending = if self.rough_sensor { "rough.frontier.json" } else { "frontier.json" };
+        let path = self.frontier.clone().unwrap_or_else(|| task.model_path.with_extension(ending));
         if !path.exists() {
             let expected = "a frontier of this model, as tactile-filter tradeoff measures it";
             return Err(Error::invalid(path.display().to_string(), expected, "no such file"));
@@ -84,16 +89,11 @@ impl BudgetArgs {
             let memory_mb = settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?;
             Ok(Some(Cost { pace_ms: *pace_ms, memory_mb }))
         })?;
-        print(&choice, &tradeoff);
         let settings = &choice.point.settings;
         let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
         config.validate()?;
-        let promise = Promise {
-            settings: in_words(settings),
-            decision_ms: choice.decision_ms,
-            memory_mb: choice.memory_mb,
-            n_touches: config.max_touches,
-        };
+        let promise = Promise::of(&choice, &tradeoff, in_words(settings));
+        print(&promise, &tradeoff, &path);
         Ok((with_rows(task.bank, settings)?, config, promise))
     }
 
@@ -119,16 +119,30 @@ fn with_rows(bank: &Bank, settings: &Settings) -> Result<Arc<Bank>> {
     Ok(Arc::new(bank.clone().with_precision(settings.rows)?))
 }
 
-fn print(choice: &Choice, tradeoff: &Tradeoff) {
-    let point = &choice.point;
+fn print(promise: &Promise, tradeoff: &Tradeoff, frontier: &Path) {
+    if !tradeoff.has_halves() {
+        eprintln!(
+            "note: {} does not say how many episodes were decided: the most accurate setting is chosen, and its accuracy is of the \
+             episodes that chose it. tactile-filter tradeoff measures both",
+            frontier.display()
+        );
+    }
+    let Promise { settings, decision_ms, memory_mb, n_touches, .. } = promise;
     eprintln!(
-        "budget: {:.2} ms a decision and {:.1} MB here, {} touches; {:.1} % right on {}, {}: {}",
-        choice.decision_ms,
-        choice.memory_mb,
-        point.n_touches,
-        100.0 * point.accuracy,
+        "budget: {decision_ms:.2} ms a decision and {memory_mb:.1} MB here, at most {n_touches} touches; {} on {}, {}: {settings}",
+        promised(promise),
         tradeoff.scene,
         tradeoff.poses,
-        in_words(&point.settings)
     );
+}
+
+/// The shares that are promised, in words.
+fn promised(promise: &Promise) -> String {
+    let share = |share: PromisedShare, what: &str| {
+        let PromisedShare { share, ci95: [low, high], n_episodes } = share;
+        let [share, low, high] = [share, low, high].map(|of| 100.0 * of);
+        format!("{share:.1} % {what} ({low:.1} to {high:.1}, {n_episodes} episodes)")
+    };
+    let decided = promise.decided_and_right.map(|of| share(of, "sure and right"));
+    decided.into_iter().chain(promise.accuracy.map(|of| share(of, "right, sure or not"))).collect::<Vec<_>>().join(", ")
 }

@@ -1,6 +1,6 @@
 //! An evaluation as a table on the terminal.
 
-use tactile_eval::result::{Evaluation, Row};
+use tactile_eval::result::{Evaluation, Method, PromisedShare, Row};
 
 /// Prints it; `inside_out` is the Pixel baseline with its pictures turned inside out.
 #[expect(clippy::too_many_lines, reason = "one table, line by line")]
@@ -47,6 +47,7 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
             stops.touches_to_95,
         );
     }
+    promise(evaluation);
     for c in evaluation.comparisons.iter().filter(|c| [1, 2, 3, 5, 10].contains(&c.n_touches)) {
         let name = format!("{:?}, {:?} less {:?}", c.inference, c.action, c.against).to_lowercase();
         let [low, high] = c.ci95.map(|bound| 100.0 * bound);
@@ -78,5 +79,25 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
     );
     if let Some(checksum) = &evaluation.checksum {
         println!("  checksum {checksum}");
+    }
+}
+
+/// What the settings promised next to what came.
+fn promise(evaluation: &Evaluation) {
+    let (Some(promise), Some(stops)) = (&evaluation.promise, evaluation.stops.first()) else { return };
+    let right = evaluation.rows.iter().find(|row| row.method == Method::Filter && row.n_touches == promise.n_touches);
+    let decided = stops.confident * (1.0 - stops.confident_and_wrong);
+    let shares = [
+        ("sure and right", promise.decided_and_right, Some(decided)),
+        ("right, sure or not", promise.accuracy, right.map(|row| row.accuracy)),
+    ];
+    for (what, promised, found) in shares {
+        if let (Some(PromisedShare { share, ci95: [low, high], .. }), Some(found)) = (promised, found) {
+            let [share, low, high, found] = [share, low, high, found].map(|of| 100.0 * of);
+            println!(
+                "  within {} touches {what}: {found:.1} %; promised {share:.1} % ({low:.1}-{high:.1})",
+                promise.n_touches
+            );
+        }
     }
 }

@@ -28,7 +28,9 @@ const FILES: [&str; 2] = ["tradeoff.html", "tradeoff.json"];
 
 /// Measure how speed, memory and touches trade against accuracy; write tradeoff.json, frontier.json and a page.
 ///
-/// Each setting is saved as soon as it is measured: the same command continues where it was stopped.
+/// For each setting and number of touches: how many episodes end sure and right, and how many are right at all. Episodes
+/// of even number choose among the settings, those of odd number say what is promised. Each setting is saved as soon as
+/// it is measured: the same command continues where it was stopped.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter tradeoff --model infer/models/maze-small.safetensors \
                         --scene alphabet-small-dev --out tradeoff\n  tactile-filter tradeoff --model \
@@ -41,7 +43,7 @@ pub struct TradeoffArgs {
     source: SourceArgs,
     #[command(flatten)]
     output: Output,
-    /// Episodes of each setting, shared out over the seeds
+    /// Episodes of each setting, shared out over the seeds; half of them choose
     #[arg(long, value_name = "N", default_value_t = 300, help_heading = "Episodes")]
     episodes: usize,
     #[command(flatten, next_help_heading = "Episodes")]
@@ -134,7 +136,9 @@ impl TradeoffArgs {
         let found: Measured = serde_json::from_str(&text)
             .map_err(|e| Error::invalid(path.display().to_string(), "a measured setting", e.to_string()))?;
         let expected = self.measured(sweep, index, found.points.clone())?;
-        Ok((found == expected).then_some(found))
+        // Of before decisions were counted.
+        let counted = found.points.iter().all(|point| point.halves.is_some());
+        Ok((counted && found == expected).then_some(found))
     }
 
     fn measured(&self, sweep: &Sweep, index: usize, points: Vec<Point>) -> Result<Measured> {
@@ -255,8 +259,9 @@ fn print_findings(tradeoff: &Tradeoff) {
     let Some(verdict) = page::verdict(tradeoff) else { return };
     let print = |name: &str, point: &Point| {
         println!(
-            "{name}: {:.1} % after {} touches, {:.2} ms a decision (99 %: {:.2}), {:.1} MB: {}",
+            "{name}: {:.1} %{} after {} touches, {:.2} ms a decision (99 %: {:.2}), {:.1} MB: {}",
             100.0 * point.accuracy,
+            point.halves.map_or_else(String::new, |of| format!(" ({:.1} % and sure)", 100.0 * of.decided_and_right())),
             point.n_touches,
             point.decision_ms_p50,
             point.decision_ms_p99,
@@ -270,6 +275,9 @@ fn print_findings(tradeoff: &Tradeoff) {
     );
     print("most accurate", verdict.best);
     print("fastest within 2 points of it", verdict.fast);
+    if let Some(point) = verdict.surest {
+        print("most decided and right", point);
+    }
     if tradeoff.recorded {
         println!("recorded touches: intervals cover which of them are drawn, not other sensors, parts or prints");
     }

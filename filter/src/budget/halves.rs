@@ -1,0 +1,58 @@
+//! Episodes counted in two halves: one half chooses a setting, the other says what it is worth.
+
+use serde::{Deserialize, Serialize};
+
+/// Episodes after some touches, in two halves. Who chooses the best of many settings by some episodes has chosen their
+/// luck, too: what is promised are the figures of other episodes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Halves {
+    /// The episodes of even number, from 0: by these a setting is chosen.
+    pub choosing: Half,
+    /// Those of odd number: what they came to is promised.
+    pub promising: Half,
+}
+
+/// Episodes of one half, counted after some touches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Half {
+    /// Episodes.
+    pub n_episodes: usize,
+    /// Those that name the right part after these touches, sure or not.
+    pub n_right: usize,
+    /// Those that the stopping rule ended as confident by then.
+    pub n_decided: usize,
+    /// Those of them that named the right part when they ended.
+    pub n_decided_and_right: usize,
+}
+
+impl Halves {
+    /// Of all episodes together, the share that ended sure and right, 0..=1.
+    pub fn decided_and_right(&self) -> f64 {
+        let [a, b] = [self.choosing, self.promising];
+        share(a.n_decided_and_right + b.n_decided_and_right, a.n_episodes + b.n_episodes)
+    }
+
+    /// Whether no count is of more episodes than there are.
+    pub(super) fn add_up(&self) -> bool {
+        [self.choosing, self.promising].iter().all(|half| {
+            let Half { n_episodes, n_right, n_decided, n_decided_and_right } = *half;
+            n_right <= n_episodes && n_decided_and_right <= n_decided && n_decided <= n_episodes
+        }) && self.choosing.n_episodes > 0
+    }
+}
+
+impl Half {
+    /// Share that names the right part, sure or not, 0..=1; 0 of no episodes.
+    pub fn accuracy(&self) -> f64 {
+        share(self.n_right, self.n_episodes)
+    }
+
+    /// Share that ended sure and right, 0..=1; 0 of no episodes.
+    pub fn decided_and_right(&self) -> f64 {
+        share(self.n_decided_and_right, self.n_episodes)
+    }
+}
+
+fn share(n: usize, of: usize) -> f64 {
+    n as f64 / of.max(1) as f64
+}
