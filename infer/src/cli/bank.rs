@@ -18,7 +18,7 @@ use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
 use tactile_infer::recorded::parts_on_grid;
 use tactile_infer::simulated::SceneBank;
-use tactile_infer::simulated::density::Lost;
+use tactile_infer::simulated::density::{ALLOWED, Lost};
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
 
 use super::{ModelArgs, PosesArgs, embed_pegs, learn_from, precision, views};
@@ -161,8 +161,8 @@ fn note_lost(scene: &Scene, grid: &PoseGrid, lost: &[Option<Lost>]) {
     let fast: Vec<(usize, f64)> = lost.iter().enumerate().filter_map(fast).collect();
     let Some((part, most)) = fast.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) else { return };
     eprintln!(
-        "note: views of {} of {} parts change fast between poses {} mm and {} degrees apart, {} the most (a cosine of {most:.3} \
-         is lost half way); --auto-steps makes a bank as fine as its parts ask for",
+        "note: views of {} of {} parts change fast between poses {} mm and {} degrees apart, {} the most: a cosine of {most:.3} \
+         is lost half way ({ALLOWED} is little, and what --auto-steps looks for)",
         fast.len(),
         lost.len(),
         grid.xy_step_mm,
