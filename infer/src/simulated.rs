@@ -288,36 +288,39 @@ mod tests {
         assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
     }
 
+    /// A bank of pegs that learns nothing.
+    fn by_cosine<'a>(model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {
+        SceneBank { model, scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 }
+    }
+
     #[test]
     fn a_bank_is_as_fine_as_its_parts_ask_for() {
         let (scene, model) = scene_and_model();
-        let job =
-            |scene| SceneBank { model: &model, scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 };
         let with_steps = |xy_step_mm, theta_step_deg| {
             let reach = scene.reach.map(|reach| PoseGrid { xy_step_mm, theta_step_deg, ..reach });
             Scene { reach, ..scene.clone() }
         };
         let most = |scene: &Scene| -> f64 {
-            let lost = job(scene).lost().unwrap();
+            let lost = by_cosine(&model, scene).lost().unwrap();
             lost.iter().flatten().map(|lost| lost.along_xy).sum()
         };
         let [wide, fine] = [with_steps(8.0, 45.0), with_steps(0.5, 45.0)].map(|scene| most(&scene));
         assert!(wide > 4.0 * fine && fine >= 0.0, "{wide} {fine}");
         // What is asked for is little lost, unless there is nothing finer; its own steps say the same of it.
-        let (grid, lost) = job(&scene).asked_for().unwrap();
-        let again = job(&with_steps(grid.xy_step_mm, grid.theta_step_deg)).lost().unwrap();
+        let (grid, lost) = by_cosine(&model, &scene).asked_for().unwrap();
+        let again = by_cosine(&model, &with_steps(grid.xy_step_mm, grid.theta_step_deg)).lost().unwrap();
         assert_eq!(again.len(), 2);
         for lost in lost.iter().chain(&again).flatten() {
             assert!(lost.along_xy <= density::ALLOWED || grid.xy_step_mm == 1.0, "{grid:?} {lost:?}");
             assert!(lost.along_theta <= density::ALLOWED || grid.theta_step_deg == 7.5, "{grid:?} {lost:?}");
         }
         let nowhere = Scene { reach: None, ..scene.clone() };
-        assert!(job(&nowhere).asked_for().unwrap_err().to_string().contains("a reach"));
+        assert!(by_cosine(&model, &nowhere).asked_for().unwrap_err().to_string().contains("a reach"));
         let odd = Scene {
             reach: scene.reach.map(|reach| PoseGrid { xy_half_mm: 7.3, xy_step_mm: 7.3, ..reach }),
             ..scene.clone()
         };
-        assert!(job(&odd).asked_for().unwrap_err().to_string().contains("steps of [2.0, 1.0] mm"));
+        assert!(by_cosine(&model, &odd).asked_for().unwrap_err().to_string().contains("steps of [2.0, 1.0] mm"));
     }
 
     #[test]
