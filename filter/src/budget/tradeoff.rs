@@ -177,7 +177,9 @@ impl Tradeoff {
         let least = |of: fn(&Choice) -> f64| choices.iter().map(of).fold(f64::INFINITY, f64::min);
         let (ms, mb) = (least(|c| c.decision_ms), least(|c| c.memory_mb));
         if choices.is_empty() {
-            let expected = format!("a model and a bank that settings were measured with ({})", self.scene);
+            let banks = self.banks().join(", ");
+            let expected =
+                format!("a model and a bank that settings were measured with ({}; banks of {banks})", self.scene);
             return Err(Error::config("budget", expected, "others"));
         }
         let fits = |choice: &Choice| {
@@ -193,6 +195,18 @@ impl Tradeoff {
             let expected = format!("at least {ms:.2} ms, {mb:.1} MB and one touch, all within one setting");
             Error::config("budget", expected, budget.to_string())
         })
+    }
+
+    /// The banks that settings were measured with, by their steps.
+    fn banks(&self) -> Vec<String> {
+        let mut banks = Vec::new();
+        for Settings { xy_step_mm, theta_step_deg, .. } in self.points.iter().map(|point| &point.settings) {
+            let bank = format!("{xy_step_mm} mm and {theta_step_deg} degrees");
+            if !banks.contains(&bank) {
+                banks.push(bank);
+            }
+        }
+        banks
     }
 
     /// Marks the points that another one dominates ([`Point::dominated`]).
@@ -317,6 +331,11 @@ mod tests {
             error,
             "budget: expected at least 1.00 ms, 10.0 MB and one touch, all within one setting, got 0.5 ms"
         );
+        // A bank of other steps than any that was measured.
+        let error = tradeoff(points()).choose(&Budget::default(), &mut |_, _| Ok(None)).unwrap_err().to_string();
+        let settings = settings();
+        let bank = format!("banks of {} mm and {} degrees)", settings.xy_step_mm, settings.theta_step_deg);
+        assert!(error.contains(&bank), "{error}");
     }
 
     /// A point whose choosing half and whose other half ended so many of 20 episodes sure and right.
