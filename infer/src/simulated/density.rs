@@ -19,8 +19,10 @@ use crate::threads;
 
 use super::SceneBank;
 
-/// Poses at which each part is looked at.
-const N_POSES: u64 = 24;
+/// Poses at which each part is looked at to choose steps ...
+const N_TO_CHOOSE: u64 = 24;
+/// ... and to say what given steps lose: a tenth of what a bank of 2 mm and 15 degrees touches.
+const N_TO_SAY: u64 = 12;
 
 /// Fewer edged ones say too little.
 const ENOUGH: usize = 6;
@@ -71,7 +73,7 @@ impl SceneBank<'_> {
         let theta = THETA_STEPS_DEG.map(|theta_step_deg| PoseGrid { theta_step_deg, ..reach });
         let xy: Vec<f64> = xy.iter().filter(|grid| fits(grid)).map(|grid| grid.xy_step_mm).collect();
         let theta: Vec<f64> = theta.iter().filter(|grid| fits(grid)).map(|grid| grid.theta_step_deg).collect();
-        let lost = self.lost_between(&xy, &theta)?;
+        let lost = self.lost_between([&xy, &theta], N_TO_CHOOSE)?;
         let most = |of: &dyn Fn(&OfPart) -> f64| lost.iter().flatten().map(of).fold(0.0, f64::max);
         // The finest where none is fine enough.
         let first = |n: usize, of: &dyn Fn(&OfPart, usize) -> f64| {
@@ -94,18 +96,19 @@ impl SceneBank<'_> {
     /// A scene without a reach, or that cannot be touched.
     pub fn lost(&self) -> Result<Vec<Option<Lost>>> {
         let reach = self.reach()?;
-        let lost = self.lost_between(&[reach.xy_step_mm], &[reach.theta_step_deg])?;
+        let lost = self.lost_between([&[reach.xy_step_mm], &[reach.theta_step_deg]], N_TO_SAY)?;
         Ok(lost.into_iter().map(|part| part.map(|of| Lost { along_xy: of.xy[0], along_theta: of.theta[0] })).collect())
     }
 
-    /// What each part loses between places and angles so far apart, mm and degrees; `None` of parts that show few edges.
-    fn lost_between(&self, xy_mm: &[f64], theta_deg: &[f64]) -> Result<Vec<Option<OfPart>>> {
+    /// What each part loses between places and angles so far apart, mm and degrees, seen at so many poses; `None` of parts that
+    /// show few edges.
+    fn lost_between(&self, steps: [&[f64]; 2], n_poses: u64) -> Result<Vec<Option<OfPart>>> {
         let simulator = Simulator::new(self.scene.clone(), self.seed)?;
         let at_rest = simulator.no_contact(self.seed);
         let background = self.model.background(&at_rest)?.lit_by(&self.scene.sensor.known_lamps())?;
-        let views = Views { model: self.model, simulator: &simulator, background, seed: self.seed ^ SEED };
+        let pegs = Pegs { model: self.model, simulator: &simulator, background, seed: self.seed ^ SEED };
         let reach = self.reach()?;
-        threads::each(0..simulator.parts().len(), |part| views.of_part(part, &reach, [xy_mm, theta_deg]))
+        threads::each(0..simulator.parts().len(), |part| pegs.lost(part, (&reach, n_poses), steps))
     }
 }
 
@@ -115,23 +118,24 @@ struct OfPart {
     theta: Vec<f64>,
 }
 
-/// Views of pegs at any pose.
-struct Views<'a> {
+/// Pegs that are touched at any pose.
+struct Pegs<'a> {
     model: &'a Model,
     simulator: &'a Simulator,
     background: Background,
     seed: u64,
 }
 
-impl Views<'_> {
-    fn of_part(&self, part: usize, reach: &PoseGrid, steps: [&[f64]; 2]) -> Result<Option<OfPart>> {
+impl Pegs<'_> {
+    /// What a part loses, at so many poses of a reach.
+    fn lost(&self, part: usize, (reach, n_poses): (&PoseGrid, u64), steps: [&[f64]; 2]) -> Result<Option<OfPart>> {
         let (mut lost, mut n_edged) = (steps.map(|steps| vec![0.0; steps.len()]), 0);
         let mut twice = 0.0;
-        for number in 0..N_POSES {
-            let mut rng = frame_rng(self.seed, (part as u64 * N_POSES + number) << 8);
+        for number in 0..n_poses {
+            let mut rng = frame_rng(self.seed, (part as u64 * N_TO_CHOOSE + number) << 8);
             let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
             let pose = [around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg)];
-            let mut stream = (part as u64 * N_POSES + number) << 8;
+            let mut stream = (part as u64 * N_TO_CHOOSE + number) << 8;
             let mut view = |off: [f64; 3]| {
                 stream += 1;
                 let [x, y, theta] = [0, 1, 2].map(|axis| pose[axis] + off[axis]);
