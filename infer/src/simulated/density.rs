@@ -68,18 +68,12 @@ impl SceneBank<'_> {
     /// A scene without a reach, one whose reach none of these steps divide, or that cannot be touched.
     pub fn asked_for(&self) -> Result<(PoseGrid, Vec<Option<Lost>>)> {
         let reach = self.reach()?;
-        let fits = |grid: &PoseGrid| grid.validate().is_ok();
-        let xy = XY_STEPS_MM.map(|xy_step_mm| PoseGrid { xy_step_mm, theta_step_deg: reach.theta_half_deg, ..reach });
-        let theta = THETA_STEPS_DEG.map(|theta_step_deg| PoseGrid { theta_step_deg, ..reach });
-        let xy: Vec<f64> = xy.iter().filter(|grid| fits(grid)).map(|grid| grid.xy_step_mm).collect();
-        let theta: Vec<f64> = theta.iter().filter(|grid| fits(grid)).map(|grid| grid.theta_step_deg).collect();
+        let divides = |grid: PoseGrid| grid.validate().is_ok();
+        let xy = XY_STEPS_MM.into_iter().filter(|mm| divides(PoseGrid { xy_step_mm: *mm, ..reach }));
+        let theta = THETA_STEPS_DEG.into_iter().filter(|deg| divides(PoseGrid { theta_step_deg: *deg, ..reach }));
+        let (xy, theta): (Vec<f64>, Vec<f64>) = (xy.collect(), theta.collect());
         let lost = self.lost_between([&xy, &theta], N_TO_CHOOSE)?;
-        let most = |of: &dyn Fn(&OfPart) -> f64| lost.iter().flatten().map(of).fold(0.0, f64::max);
-        // The finest where none is fine enough.
-        let first = |n: usize, of: &dyn Fn(&OfPart, usize) -> f64| {
-            (0..n).find(|step| most(&|part| of(part, *step)) <= ALLOWED).or(n.checked_sub(1))
-        };
-        let chosen = (first(xy.len(), &|part, step| part.xy[step]), first(theta.len(), &|part, step| part.theta[step]));
+        let chosen = (first_fine(&lost, xy.len(), |part| &part.xy), first_fine(&lost, theta.len(), |part| &part.theta));
         let (Some(at_xy), Some(at_theta)) = chosen else {
             let expected = format!("a reach that steps of {XY_STEPS_MM:?} mm and {THETA_STEPS_DEG:?} degrees divide");
             let got = format!("{} mm and {} degrees", reach.xy_half_mm, reach.theta_half_deg);
@@ -118,6 +112,12 @@ struct OfPart {
     theta: Vec<f64>,
 }
 
+/// The first of so many steps at which no part loses more than [`ALLOWED`], or the last; `None` of none.
+fn first_fine(lost: &[Option<OfPart>], n_steps: usize, of: impl Fn(&OfPart) -> &[f64]) -> Option<usize> {
+    let is_little = |step: &usize| lost.iter().flatten().all(|part| of(part)[*step] <= ALLOWED);
+    (0..n_steps).find(is_little).or(n_steps.checked_sub(1))
+}
+
 /// Pegs that are touched at any pose.
 struct Pegs<'a> {
     model: &'a Model,
@@ -147,15 +147,12 @@ impl Pegs<'_> {
             let axes = [number as usize % 2, 2];
             for ((axis, steps), sums) in axes.into_iter().zip(steps).zip(&mut lost) {
                 for (step, sum) in steps.iter().zip(sums) {
-                    *sum += 1.0
-                        - between(
-                            |place| {
-                                let mut off = [0.0; 3];
-                                off[axis] = place * step;
-                                view(off)
-                            },
-                            &first,
-                        )?;
+                    let along = |place: f64| {
+                        let mut off = [0.0; 3];
+                        off[axis] = place * step;
+                        view(off)
+                    };
+                    *sum += 1.0 - between(along, &first)?;
                 }
             }
         }
