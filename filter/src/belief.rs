@@ -305,6 +305,14 @@ impl Belief {
         refine(&self.views, &self.touches, self.joint_weight(0.0), state.part, &start)
     }
 
+    /// By how much one touch alone, the one that tells most, speaks for a part at a pose rather than for another at its own,
+    /// nats. Poses are of the first touch.
+    pub fn told_apart(&self, (part, pose): (usize, &Se2), (other, other_pose): (usize, &Se2)) -> f64 {
+        let log = |touch: &Evidence, part, pose| touch.log_at(&self.views, part, pose);
+        let nats = self.touches.iter().map(|touch| log(touch, part, pose) - log(touch, other, other_pose));
+        nats.fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// How well a part at a pose explains what was felt: the mean over the edged touches of [`Evidence::standard_score`], in
     /// standard deviations of such a mean; `None` where no edge was felt within the recorded area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<f64> {
@@ -329,6 +337,21 @@ impl Belief {
         let least = 1e-4 * all / self.grid.len() as f64;
         let near = of_part.iter().filter(|(state, mass)| *mass > least && is_near(state.cell));
         if all > 0.0 { near.map(|(_, mass)| mass).sum::<f64>() / all } else { 0.0 }
+    }
+
+    /// `n` states drawn from the belief in a part, ascending, each about as often as it is probable there; none where the
+    /// belief holds none of it.
+    pub fn draw_of(&self, part: usize, n: usize, rng: &mut ChaCha8Rng) -> Vec<Hypothesis> {
+        let states = self.states_of(part..part + 1, 0.0);
+        let all: f64 = states.iter().map(|(_, mass)| mass).sum();
+        if all <= 0.0 {
+            return Vec::new();
+        }
+        let masses: Vec<f64> = states.iter().map(|(_, mass)| mass / all).collect();
+        let mut drawn: Vec<Hypothesis> =
+            systematic(&masses, n, rng.random()).into_iter().map(|i| states[i].0).collect();
+        drawn.sort_unstable();
+        drawn
     }
 
     /// `n` states drawn from the belief, ascending, each about as often as it is probable.

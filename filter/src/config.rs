@@ -9,7 +9,7 @@ use crate::belief::EngineConfig;
 use crate::error::{Error, Result};
 use crate::likelihood::{LikelihoodConfig, calibration_of};
 use crate::particle::ParticleConfig;
-use crate::stop::StopReason;
+use crate::stop::{Standing, StopReason};
 
 /// How an episode infers, chooses and stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,6 +43,10 @@ pub struct EpisodeConfig {
     pub fit_margin: f64,
     /// A fit below `none_fit` means none of these parts from this many touches on; at least 1.
     pub none_touches: usize,
+    /// To be confident one touch alone must speak for the part rather than for the next likeliest by this much, nats, each
+    /// in its likeliest state; not negative. What only many touches say together, none of which could tell the two apart,
+    /// is what a network takes one part for another by. 0: all touches together are enough.
+    pub told_apart_nats: f64,
     /// An estimate warns where no edged touch reached this cosine with any recorded view, -1..=1.
     pub low_similarity: f32,
     /// Seed of every random draw.
@@ -51,6 +55,9 @@ pub struct EpisodeConfig {
 
 /// One in 160, were the mean cosine of a hole's touches normal.
 const NONE_FIT: f64 = -2.5;
+
+/// Four to one.
+const TOLD_APART_NATS: f64 = 1.4;
 
 impl Default for EpisodeConfig {
     /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V). 99 in 100
@@ -68,6 +75,7 @@ impl Default for EpisodeConfig {
             none_fit: Some(NONE_FIT),
             fit_margin: 4.6,
             none_touches: 4,
+            told_apart_nats: TOLD_APART_NATS,
             low_similarity: 0.8,
             seed: 1,
         }
@@ -100,6 +108,7 @@ impl EpisodeConfig {
             likelihood: LikelihoodConfig::paper(),
             between_poses: false,
             none_fit: None,
+            told_apart_nats: 0.0,
             ..Self::default()
         }
     }
@@ -110,19 +119,21 @@ impl EpisodeConfig {
         self.none_fit.map(|least| least + self.fit_margin / (n_touches as f64).sqrt())
     }
 
-    /// Why to stop after `n_touches` when the likeliest part has this probability and fit, its place known well
-    /// enough; `None` to go on.
-    pub fn stop(&self, probability: f64, fit: Option<f64>, n_touches: usize) -> Option<StopReason> {
+    /// Why to stop where the likeliest part stands like this, its place known well enough; `None` to go on.
+    pub fn stop(&self, standing: &Standing) -> Option<StopReason> {
+        let Standing { probability, fit, told_apart_nats, n_touches } = *standing;
         // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.
         let explains = match (self.fit_needed(n_touches), fit) {
             (Some(least), Some(fit)) => fit >= least,
             (Some(_), None) => false,
             (None, _) => true,
         };
+        let is_told_apart =
+            self.told_apart_nats == 0.0 || told_apart_nats.is_none_or(|nats| nats >= self.told_apart_nats);
         let is_none = self.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
         if n_touches >= self.none_touches && is_none {
             Some(StopReason::NoneOfThese)
-        } else if probability.min(1.0) > self.stop_probability && explains {
+        } else if probability.min(1.0) > self.stop_probability && explains && is_told_apart {
             Some(StopReason::Confident)
         } else if n_touches >= self.max_touches {
             Some(StopReason::TouchLimit)
@@ -147,6 +158,8 @@ impl EpisodeConfig {
         }
         let margin = self.fit_margin;
         check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
+        let nats = self.told_apart_nats;
+        check("told_apart_nats", "a number, not negative", nats, nats.is_finite() && nats >= 0.0)?;
         check("subdivisions", "1 to 8", self.subdivisions as f64, (1..=8).contains(&self.subdivisions))?;
         check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
         check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
@@ -178,7 +191,8 @@ mod tests {
     #[test]
     fn a_fit_is_asked_for_less_the_more_touches_there_are() {
         let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 1.2, none_touches: 4, ..Default::default() };
-        let stop = |fit: Option<f64>, n: usize| config.stop(0.99, fit, n);
+        let standing = |fit, n_touches| Standing { probability: 0.99, fit, told_apart_nats: None, n_touches };
+        let stop = |fit: Option<f64>, n: usize| config.stop(&standing(fit, n));
         // -0.9 + 1.2 / sqrt(n): 0.3 after one touch; -0.051 after two; -0.207 after three; -0.3 after four.
         assert_eq!([stop(Some(0.29), 1), stop(Some(0.31), 1)], [None, Some(StopReason::Confident)]);
         assert_eq!([stop(Some(-0.05), 2), stop(Some(-0.06), 2)], [Some(StopReason::Confident), None]);
@@ -187,7 +201,9 @@ mod tests {
         assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
         // Without an edge nothing is confident; without a threshold everything may be.
         assert_eq!(stop(None, 5), None);
+        let told = |nats| config.stop(&Standing { told_apart_nats: Some(nats), ..standing(Some(0.0), 4) });
+        assert_eq!([told(1.39), told(1.4)], [None, Some(StopReason::Confident)]);
         let any = EpisodeConfig { none_fit: None, ..config };
-        assert_eq!(any.stop(0.99, None, 1), Some(StopReason::Confident));
+        assert_eq!(any.stop(&standing(None, 1)), Some(StopReason::Confident));
     }
 }

@@ -11,13 +11,13 @@ use crate::action::{Action, Judgement, Situation, choose, judge};
 use crate::belief::{Belief, Hypothesis};
 use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, Warning};
+use crate::estimate::{Estimate, RunnerUp, Warning};
 use crate::likelihood::TouchLikelihood;
 use crate::modes::modes;
 use crate::observation::Observation;
 use crate::record::{EpisodeRecord, VERSION};
 use crate::refine::Refined;
-use crate::stop::StopReason;
+use crate::stop::{Standing, StopReason};
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -155,13 +155,14 @@ impl Episode {
     /// As [`Self::decide`].
     pub fn decide_while(&self, reach: &[Se2], keep_going: &mut dyn FnMut() -> bool) -> Result<Decision> {
         let done = |reason| Decision::Done(Box::new(self.estimate()), reason);
-        if let Some(reason) = self.stop_reason() {
+        let leaders = self.leaders();
+        if let Some(reason) = self.stop_reason_of(&leaders) {
             return Ok(done(reason));
         }
         if !reach.iter().any(Se2::is_finite) {
             return Err(Error::EmptyReach { n_motions: reach.len() });
         }
-        let chosen = choose(&self.situation(reach), self.choice_seed(), keep_going);
+        let chosen = choose(&self.situation(reach, &leaders), self.choice_seed(), keep_going);
         Ok(chosen.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch))
     }
 
@@ -169,16 +170,19 @@ impl Episode {
     /// it is expected to tell; for reports. Asks neither whether to stop nor for the time. `None` where nothing
     /// is left to touch.
     pub fn judged(&self, candidates: &[Se2]) -> Option<Judgement> {
-        judge(&self.situation(candidates), self.choice_seed())
+        judge(&self.situation(candidates, &self.leaders()), self.choice_seed())
     }
 
-    fn situation<'s>(&'s self, candidates: &'s [Se2]) -> Situation<'s> {
+    fn situation<'s>(&'s self, candidates: &'s [Se2], leaders: &Leaders) -> Situation<'s> {
+        let least = self.config.told_apart_nats;
+        let rival = leaders.rival.as_ref().filter(|rival| leaders.is_pair && rival.told_apart_nats < least);
         Situation {
             config: &self.config.action,
             likelihood: &self.config.likelihood,
             belief: &self.belief,
             bank: &self.bank,
             candidates,
+            between: rival.map(|rival| [leaders.part, rival.part]),
             only_recorded: !self.config.between_poses,
         }
     }
@@ -191,20 +195,26 @@ impl Episode {
 
     /// Why to stop now, whatever could still be touched; `None` to go on.
     pub fn stop_reason(&self) -> Option<StopReason> {
-        let (part, probability) = self.likeliest_part();
+        self.stop_reason_of(&self.leaders())
+    }
+
+    fn stop_reason_of(&self, leaders: &Leaders) -> Option<StopReason> {
+        let Leaders { part, probability, placed, rival, .. } = leaders;
         let n_touches = self.belief.touches().len();
-        // The fit costs hundreds of interpolations a touch: found only where it can matter.
-        let matters = n_touches >= self.config.none_touches || probability > self.config.stop_probability;
-        let placed = if matters { Some(self.place(part)) } else { None };
-        let reason = self.config.stop(probability, placed.as_ref().and_then(|placed| placed.fit), n_touches);
+        let reason = self.config.stop(&Standing {
+            probability: *probability,
+            fit: placed.as_ref().and_then(|placed| placed.fit),
+            told_apart_nats: rival.as_ref().map(|rival| rival.told_apart_nats),
+            n_touches,
+        });
         let is_placed = |placed: &Placed, mm: f64| {
             let Refined { part_from_first, covariance: [[x, ..], [_, y, _], _] } = placed.refined;
             // Three standard deviations hold 99 % of one hill; another one farther away is a second place.
-            let near = || self.belief.share_near(part, &part_from_first, 3.0 * mm, &self.bank.symmetry(part));
+            let near = || self.belief.share_near(*part, &part_from_first, 3.0 * mm, &self.bank.symmetry(*part));
             x.max(y) <= mm * mm && near() >= self.config.stop_probability
         };
         match (reason, self.config.stop_place_mm, placed) {
-            (Some(StopReason::Confident), Some(mm), Some(placed)) if !is_placed(&placed, mm) => {
+            (Some(StopReason::Confident), Some(mm), Some(placed)) if !is_placed(placed, mm) => {
                 (n_touches >= self.config.max_touches).then_some(StopReason::TouchLimit)
             }
             _ => reason,
@@ -215,9 +225,15 @@ impl Episode {
     pub fn estimate(&self) -> Estimate {
         let (part, probability) = self.likeliest_part();
         let placed = self.place(part);
+        let rival = self.next_likeliest(part).and_then(|other| self.rival(part, &placed, other));
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
+            runner_up: rival.map(|Rival { part, probability, told_apart_nats }| RunnerUp {
+                part: self.bank.parts()[part].clone(),
+                probability,
+                told_apart_nats,
+            }),
             part_from_sensor: placed.refined.part_from_first * self.belief.first_from_sensor(),
             part_from_first: placed.refined.part_from_first,
             symmetry: self.bank.symmetry(part),
@@ -238,15 +254,47 @@ impl Episode {
         self.belief.class_posterior().iter().copied().enumerate().fold((0, 0.0), most)
     }
 
+    /// The two most probable parts, their places found only where something depends on them: each costs hundreds of
+    /// interpolations a touch.
+    fn leaders(&self) -> Leaders {
+        /// Two parts that together are more probable than this are all there is to tell apart.
+        const ALL_BUT: f64 = 0.95;
+        let (part, probability) = self.likeliest_part();
+        let other = self.next_likeliest(part);
+        let is_pair = other.is_some_and(|(_, next)| probability + next > ALL_BUT) && self.config.told_apart_nats > 0.0;
+        let may_stop = self.belief.touches().len() >= self.config.none_touches;
+        let placed = (may_stop || is_pair || probability > self.config.stop_probability).then(|| self.place(part));
+        let rival = placed.as_ref().zip(other).and_then(|(placed, other)| self.rival(part, placed, other));
+        Leaders { part, probability, placed, rival, is_pair }
+    }
+
+    /// The most probable part but for one, the first of equals, and its probability; `None` where there is no other.
+    fn next_likeliest(&self, likeliest: usize) -> Option<(usize, f64)> {
+        let others = self.belief.class_posterior().iter().copied().enumerate().filter(|(part, _)| *part != likeliest);
+        others.reduce(|best, next| if next.1 > best.1 { next } else { best })
+    }
+
+    /// How the part in its place stands against another one; `None` where the belief holds nothing of that.
+    fn rival(&self, likeliest: usize, placed: &Placed, (part, probability): (usize, f64)) -> Option<Rival> {
+        let pose = self.pose(self.belief.best(Some(part))?).part_from_first;
+        let told_apart_nats = self.belief.told_apart((likeliest, &placed.refined.part_from_first), (part, &pose));
+        Some(Rival { part, probability, told_apart_nats })
+    }
+
     /// Where a part would be, and how well it explains the touches there.
     fn place(&self, part: usize) -> Placed {
         let state = self.belief.best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
-        let refined = if self.config.between_poses {
+        let refined = self.pose(state);
+        Placed { refined, fit: self.belief.fit(part, &refined.part_from_first) }
+    }
+
+    /// The pose of the first touch around a state.
+    fn pose(&self, state: Hypothesis) -> Refined {
+        if self.config.between_poses {
             self.belief.refine(state)
         } else {
             Refined { part_from_first: self.belief.grid().pose(state.cell), covariance: [[0.0; 3]; 3] }
-        };
-        Placed { refined, fit: self.belief.fit(part, &refined.part_from_first) }
+        }
     }
 
     /// The belief, for maps and reports.
@@ -282,6 +330,25 @@ fn check_model(bank: &Bank, observation: &Observation) -> Result<()> {
 /// Whether a robot could have moved so; NaN could not. Far beyond, composed poses overflow.
 pub(crate) fn is_plausible(moved: &Se2) -> bool {
     moved.x_mm.abs() <= 1e6 && moved.y_mm.abs() <= 1e6 && moved.theta_rad.abs() <= 1e3
+}
+
+/// The most probable part and the next.
+struct Leaders {
+    part: usize,
+    probability: f64,
+    /// Where something depends on it.
+    placed: Option<Placed>,
+    /// Likewise, of a part that the belief holds.
+    rival: Option<Rival>,
+    /// Whether the two hold nearly all of the belief.
+    is_pair: bool,
+}
+
+/// The second most probable part.
+struct Rival {
+    part: usize,
+    probability: f64,
+    told_apart_nats: f64,
 }
 
 /// A part's pose and its fit there.
@@ -519,6 +586,59 @@ mod tests {
         };
         let (present, absent) = (n_strange(false), n_strange(true));
         assert!(present <= 2 && absent >= 20, "{present} of 24 in the bank, {absent} of 24 not in it");
+    }
+
+    #[test]
+    fn parts_that_no_touch_tells_apart_are_not_named() {
+        // Two parts alike but for the views of one corner; the touch is at the other.
+        const DIM: usize = 32;
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut unit_row = || {
+            let mut row: Vec<f32> = (0..DIM).map(|_| rng.random::<f32>() - 0.5).collect();
+            normalize_rows(&mut row, DIM);
+            row
+        };
+        let mut rows: Vec<Vec<f32>> = (0..GRID.len()).map(|_| unit_row()).collect();
+        let in_corner = |cell: usize| GRID.pose(cell).x_mm > 6.0 && GRID.pose(cell).y_mm > 6.0;
+        rows.extend_from_within(..);
+        (0..GRID.len()).filter(|cell| in_corner(*cell)).for_each(|cell| rows[GRID.len() + cell] = unit_row());
+        let (names, shares) = (vec!["O".to_string(), "Q".to_string()], vec![0.2; rows.len()]);
+        let bank = Bank::from_rows(names, GRID, Rows::new(DIM, rows.concat()).unwrap(), shares, "").unwrap();
+        let bank = Arc::new(bank);
+        // All that is asked for otherwise is given, whatever was touched.
+        let eager = EpisodeConfig { stop_probability: 0.4, none_fit: None, ..EpisodeConfig::default() };
+        let likelihood = LikelihoodConfig { interpolation: Interpolation::Nearest, ..eager.likelihood };
+        let eager = EpisodeConfig { between_poses: false, likelihood, ..eager };
+        let start = GRID.pose(0);
+        let touch = |pose: Se2| Observation::new(bank.row(GRID.len() + GRID.nearest(&pose).unwrap()).into_owned(), 0.2);
+        let mut episode = Episode::begin(eager, bank.clone(), &touch(start)).unwrap();
+        let estimate = episode.estimate();
+        let other = estimate.runner_up.clone().unwrap();
+        assert_eq!((estimate.part.as_str(), other.part.as_str(), other.told_apart_nats), ("O", "Q", 0.0));
+        assert!((estimate.probability - 0.5).abs() + (other.probability - 0.5).abs() < 1e-6, "{estimate:?}");
+        assert_eq!(episode.stop_reason(), None);
+        let anything = EpisodeConfig { told_apart_nats: 0.0, ..eager };
+        let hasty = Episode::begin(anything, bank.clone(), &touch(start)).unwrap();
+        assert_eq!(hasty.stop_reason(), Some(StopReason::Confident));
+        // It goes where they differ, and is told.
+        let reach: Vec<Se2> = (0..GRID.len()).map(|cell| start.inverse() * GRID.pose(cell)).collect();
+        let Decision::Touch(action) = episode.decide(&reach).unwrap() else { panic!("stopped") };
+        let next = start * action.sensor_from_next;
+        assert!(in_corner(GRID.nearest(&next).unwrap()), "{next:?}");
+        episode.observe(action.sensor_from_next, &touch(next)).unwrap();
+        let estimate = episode.estimate();
+        let told = estimate.runner_up.as_ref().unwrap().told_apart_nats;
+        // Of the one touch that differs, by hand.
+        let (first, last) = (GRID.nearest(&start).unwrap(), GRID.nearest(&next).unwrap());
+        let [first, last] = [(0, first), (1, last)].map(|(touch, cell)| {
+            let likelihood = &episode.belief().touches()[touch].likelihood;
+            likelihood.log_row(GRID.len() + cell) - likelihood.log_row(cell)
+        });
+        assert!((told - last).abs() < 1e-9 && first == 0.0 && told > eager.told_apart_nats, "{told} {last}");
+        assert_eq!((estimate.part.as_str(), episode.stop_reason()), ("Q", Some(StopReason::Confident)));
+        // A part that is alone has no rival.
+        let alone = Episode::begin(eager, Arc::new(bank.without(0).unwrap()), &touch(start)).unwrap();
+        assert_eq!((alone.estimate().runner_up, alone.stop_reason()), (None, Some(StopReason::Confident)));
     }
 
     #[test]

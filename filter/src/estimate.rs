@@ -4,6 +4,7 @@ use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 
 use crate::modes::Mode;
+use crate::stop::Standing;
 
 /// A reason to doubt an estimate, however probable it is: the filter only weighs the parts of its bank.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +31,19 @@ impl std::fmt::Display for Warning {
     }
 }
 
+/// The second most probable part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunnerUp {
+    /// Its name; the first of equals.
+    pub part: String,
+    /// Its probability, 0..=1.
+    pub probability: f64,
+    /// By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this one, each
+    /// in its likeliest state, nats. Below [`crate::EpisodeConfig::told_apart_nats`] no touch was made where the two look
+    /// different to the network: it may be either.
+    pub told_apart_nats: f64,
+}
+
 /// What is known after the touches so far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
@@ -37,6 +51,8 @@ pub struct Estimate {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
+    /// The next likeliest; `None` where no other part is left.
+    pub runner_up: Option<RunnerUp>,
     /// Pose of the sensor now, around the likeliest state of that part.
     pub part_from_sensor: Se2,
     /// Pose of the sensor at its first touch: the mean around that state, or its recorded pose where
@@ -63,4 +79,16 @@ pub struct Estimate {
     pub n_touches: usize,
     /// Reasons to doubt all this.
     pub warnings: Vec<Warning>,
+}
+
+impl Estimate {
+    /// What is asked of it before it is believed.
+    pub fn standing(&self) -> Standing {
+        Standing {
+            probability: self.probability,
+            fit: self.fit,
+            told_apart_nats: self.runner_up.as_ref().map(|other| other.told_apart_nats),
+            n_touches: self.n_touches,
+        }
+    }
 }

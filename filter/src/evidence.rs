@@ -163,6 +163,12 @@ impl Evidence {
         }
     }
 
+    /// log p(touch | part and pose of the first touch), as far as the touch counts.
+    pub fn log_at(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
+        let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor));
+        seen.map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen))
+    }
+
     /// How well the view at a pose matches an edged touch: how many standard deviations its cosine is above that of the
     /// view which a touch was made at; at least -6, so that one spoilt touch does not outweigh all others. `None` where the
     /// touch is blank or the view unknown.

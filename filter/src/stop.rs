@@ -1,12 +1,25 @@
-//! Why an episode ends.
+//! When and why an episode ends.
 
 use serde::{Deserialize, Serialize};
+
+/// How the likeliest part stands when it is asked whether to stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Standing {
+    /// Its probability, 0..=1.
+    pub probability: f64,
+    /// How well it explains the touches ([`crate::Estimate::fit`]).
+    pub fit: Option<f64>,
+    /// [`crate::RunnerUp::told_apart_nats`] of the next likeliest; `None` where no other part is left.
+    pub told_apart_nats: Option<f64>,
+    /// Touches made.
+    pub n_touches: usize,
+}
 
 /// Why an episode is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopReason {
-    /// A part is more probable than `stop_probability` and explains the touches.
+    /// A part is more probable than `stop_probability`, explains the touches, and was told from the next likeliest.
     Confident,
     /// No part explains the touches: this one is not in the bank.
     NoneOfThese,

@@ -29,6 +29,7 @@ fn checked(config: &tf_episode_config) -> Result<EpisodeConfig, Failure> {
         none_fit: optional("has_none_fit", config.has_none_fit, config.none_fit)?,
         fit_margin: config.fit_margin,
         none_touches: config.none_touches,
+        told_apart_nats: EpisodeConfig::default().told_apart_nats,
         low_similarity: config.low_similarity,
         seed: config.seed,
     };

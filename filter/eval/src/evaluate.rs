@@ -14,7 +14,7 @@ use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::simulator::frame_rng;
-use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
+use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, Standing};
 use tactile_infer::Bank;
 use tactile_infer::threads;
 
@@ -152,8 +152,19 @@ pub struct Scored {
     pub probability: f64,
     /// How well that part explains what was felt.
     pub fit: Option<f64>,
+    /// By how much one touch alone speaks for it rather than for the next likeliest, nats; `None` where no other is left.
+    #[serde(default)]
+    pub told_apart_nats: Option<f64>,
     /// Squared difference of the class posterior from the truth, 0..=2.
     pub brier: f64,
+}
+
+impl Scored {
+    /// What is asked of it before it is believed, after `n_touches`.
+    pub fn standing(&self, n_touches: usize) -> Standing {
+        let Self { probability, fit, told_apart_nats, .. } = *self;
+        Standing { probability, fit, told_apart_nats, n_touches }
+    }
 }
 
 /// Milliseconds of each stage of one touch.
@@ -297,6 +308,7 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
     Scored {
         probability: estimate.probability,
         fit: estimate.fit,
+        told_apart_nats: estimate.standing().told_apart_nats,
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
         named: hole.index_of(&estimate.part),
         normalised_error: normalised_error(estimate, hole),

@@ -119,8 +119,7 @@ pub fn play(
     let pose = estimate.part_from_sensor;
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
-        confident: config.stop(estimate.probability, estimate.fit, estimate.n_touches) == Some(StopReason::Confident)
-            && estimate.warnings.is_empty(),
+        confident: config.stop(&estimate.standing()) == Some(StopReason::Confident) && estimate.warnings.is_empty(),
         stop: episode.stop_reason(),
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
         part: estimate.part,

@@ -120,7 +120,7 @@ fn calibration_of(scored: &[Scored], origins: &Origins) -> (f64, Option<[f64; 2]
 
 /// The touch, from 0, at which an episode would have stopped by the rule of `config`, and why; `None` where never.
 fn stopped(outcome: &Outcome, config: &EpisodeConfig) -> Option<(usize, StopReason)> {
-    let reason = |(at, s): (usize, &Scored)| Some((at, config.stop(s.probability, s.fit, at + 1)?));
+    let reason = |(at, s): (usize, &Scored)| Some((at, config.stop(&s.standing(at + 1))?));
     outcome.scored.iter().enumerate().find_map(reason)
 }
 

@@ -43,7 +43,7 @@ pub fn pick(outcomes: &[Outcome], config: &EpisodeConfig, n: usize) -> Vec<Pick>
 /// How much there is to learn from an episode: a rank, then touches until it stops.
 fn lesson(outcome: &Outcome, config: &EpisodeConfig) -> (usize, usize) {
     let scored = outcome.scored.iter().zip(1..);
-    let stop = scored.clone().find_map(|(s, n)| Some((s, n, config.stop(s.probability, s.fit, n)?)));
+    let stop = scored.clone().find_map(|(s, n)| Some((s, n, config.stop(&s.standing(n))?)));
     let last = scored.last().map(|(s, n)| (s, n, StopReason::TouchLimit));
     match stop.or(last) {
         Some((s, n, StopReason::Confident)) => (if s.right { 0 } else { 3 }, n),
@@ -100,7 +100,7 @@ impl<'a> Recorder<'a> {
     /// Takes in a touch.
     fn record(&mut self, hole: &Hole<'_>, frame: &Frame, episode: &Episode, estimate: &Estimate) -> Result<()> {
         let Run { bank, config, protocol, .. } = self.run;
-        let stop = config.stop(estimate.probability, estimate.fit, estimate.n_touches);
+        let stop = config.stop(&estimate.standing());
         self.narrative.truth = hole.part_index();
         self.is_over = matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese));
         self.narrative.refused = stop == Some(StopReason::NoneOfThese);
