@@ -84,6 +84,14 @@ static void print_belief(const tf_bank *bank, const tf_episode *episode)
     const char *name = NULL;
     double *posterior;
     tf_mode *modes;
+    tf_runner_up other;
+    check(tf_episode_runner_up(episode, &other));
+    if (other.has_part) {
+        printf("runner-up %s probability %.17g", other.part_name, other.probability);
+        printf(" told apart %.17g\n", other.told_apart_nats);
+    } else {
+        printf("no runner-up\n");
+    }
     check(tf_episode_class_posterior(episode, NULL, 0, &n_parts));
     posterior = allocate(n_parts * sizeof *posterior);
     check(tf_episode_class_posterior(episode, posterior, n_parts, &n_parts));

@@ -73,6 +73,12 @@ void print_done(const tf_decision &done)
 
 void print_belief(const tf::Bank &bank, const tf::Episode &episode)
 {
+    if (const auto other = episode.runner_up()) {
+        std::printf("runner-up %s probability %.17g", std::string(tf::name(*other)).c_str(), other->probability);
+        std::printf(" told apart %.17g\n", other->told_apart_nats);
+    } else {
+        std::printf("no runner-up\n");
+    }
     const auto names = bank.parts();
     const auto posterior = episode.class_posterior();
     for (std::size_t part = 0; part < names.size(); part++) {

@@ -17,7 +17,7 @@ use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
-use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, StopReason};
+use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, RunnerUp, Sensor, StopReason};
 use tactile_infer::Model;
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;
@@ -112,6 +112,12 @@ fn conclusion(lines: &mut String, estimate: &Estimate, reason: StopReason, parts
     let covariance = estimate.covariance.as_flattened().iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
     writeln!(lines, "covariance {covariance}")?;
     writeln!(lines, "fit {} entropy {}", estimate.fit.unwrap_or_default(), estimate.entropy_nats)?;
+    match &estimate.runner_up {
+        Some(RunnerUp { part, probability, told_apart_nats: nats }) => {
+            writeln!(lines, "runner-up {part} probability {probability} told apart {nats}")?;
+        }
+        None => writeln!(lines, "no runner-up")?,
+    }
     for (part, probability) in parts.iter().zip(&estimate.class_posterior) {
         writeln!(lines, "posterior {part} {probability}")?;
     }

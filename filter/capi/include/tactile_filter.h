@@ -170,7 +170,7 @@ typedef enum tf_stop {
      */
     TF_STOP_NONE = 0,
     /**
-     * A part is more probable than stop_probability and explains the touches.
+     * A part is more probable than stop_probability, explains the touches, and was told from the next likeliest.
      */
     TF_STOP_CONFIDENT = 1,
     /**
@@ -652,6 +652,11 @@ typedef struct tf_episode_config {
      * Share of the square of matched_sd that the touches of one hole have in common, 0 to 1.
      */
     double matched_shared;
+    /**
+     * To be confident one touch alone must speak for the part rather than for the next likeliest by this much, nats,
+     * not negative. 0: all touches together are enough.
+     */
+    double told_apart_nats;
 } tf_episode_config;
 
 /**
@@ -675,6 +680,33 @@ typedef struct tf_decision {
      */
     struct tf_estimate estimate;
 } tf_decision;
+
+/**
+ * The second most probable part.
+ */
+typedef struct tf_runner_up {
+    /**
+     * 1 where there is one; 0 where no other part is left, then all else is zeros and an empty name.
+     */
+    uint32_t has_part;
+    /**
+     * Its index in the bank; the first of equals.
+     */
+    size_t part;
+    /**
+     * Its name, UTF-8. Belongs to the episode, and is valid until that is freed.
+     */
+    const char *part_name;
+    /**
+     * Its probability, 0 to 1.
+     */
+    double probability;
+    /**
+     * By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this
+     * one, nats. Below tf_episode_config.told_apart_nats no touch told the two apart: it may be either.
+     */
+    double told_apart_nats;
+} tf_runner_up;
 
 /**
  * A pose of the sensor on a part, and its probability.
@@ -935,6 +967,14 @@ enum tf_status tf_episode_decide_within(const struct tf_episode *episode,
 enum tf_status tf_episode_estimate(const struct tf_episode *episode,
                                    struct tf_estimate *estimate,
                                    enum tf_stop *stop);
+
+/**
+ * The second most probable part now. Ask for it after TF_STOP_TOUCH_LIMIT and TF_STOP_NOTHING_TO_LEARN: the hole may
+ * be that of either.
+ * \param runner_up  where it goes; its has_part is 0 where no other part is left
+ */
+enum tf_status tf_episode_runner_up(const struct tf_episode *episode,
+                                    struct tf_runner_up *runner_up);
 
 /**
  * The probability of each part, in the bank's order; they sum to 1.

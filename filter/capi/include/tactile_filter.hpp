@@ -146,6 +146,12 @@ inline std::string_view name(const tf_estimate &estimate)
     return estimate.part_name != nullptr ? std::string_view(estimate.part_name) : std::string_view();
 }
 
+// The name of the second most probable part; valid as long as the episode that gave it.
+inline std::string_view name(const tf_runner_up &runner_up)
+{
+    return runner_up.part_name != nullptr ? std::string_view(runner_up.part_name) : std::string_view();
+}
+
 // The poses that touch cannot tell from the estimate's, itself first: insert at any of them.
 inline Result<std::vector<tf_pose>> twins(const tf_estimate &estimate)
 {
@@ -343,6 +349,15 @@ public:
         tf_stop stop = TF_STOP_NONE;
         const tf_status status = tf_episode_estimate(get(), &estimate, &stop);
         return detail::give(status, stop);
+    }
+
+    // The second most probable part; nothing where no other part is left.
+    Result<std::optional<tf_runner_up>> runner_up() const
+    {
+        tf_runner_up runner_up{};
+        const tf_status status = tf_episode_runner_up(get(), &runner_up);
+        const bool is_one = status == TF_STATUS_OK && runner_up.has_part != 0;
+        return detail::give(status, is_one ? std::optional<tf_runner_up>(runner_up) : std::nullopt);
     }
 
     // The probability of each part, in the bank's order.

@@ -12,7 +12,7 @@ use crate::pointer::{fill, free, get, give, out, slice};
 use crate::sensor::tf_observation;
 use crate::settings::{check_memory, read};
 use crate::status::{Failure, call, tf_status};
-use crate::value::{tf_decision, tf_estimate, tf_mode, tf_pose, tf_state, tf_stop};
+use crate::value::{tf_decision, tf_estimate, tf_mode, tf_pose, tf_runner_up, tf_state, tf_stop};
 
 /// One hole being identified. Several threads may ask at once, but only one may use it while a touch is taken in: the others
 /// get TF_STATUS_BUSY.
@@ -149,6 +149,19 @@ pub unsafe extern "C" fn tf_episode_estimate(
         if !stop.is_null() {
             out(stop, "stop")?.put(episode.stop_reason().map_or(tf_stop::None, Into::into));
         }
+        Ok(())
+    })
+}
+
+/// The second most probable part now. Ask for it after TF_STOP_TOUCH_LIMIT and TF_STOP_NOTHING_TO_LEARN: the hole may
+/// be that of either.
+/// \param runner_up  where it goes; its has_part is 0 where no other part is left
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_episode_runner_up(episode: *const tf_episode, runner_up: *mut tf_runner_up) -> tf_status {
+    call(|| unsafe {
+        let (handle, place) = (get(episode, "episode")?, out(runner_up, "runner_up")?);
+        let known = handle.read()?.estimate().runner_up;
+        place.put(known.map_or_else(|| Ok(tf_runner_up::default()), |known| tf_runner_up::of(&known, &handle.parts))?);
         Ok(())
     })
 }

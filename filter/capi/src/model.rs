@@ -98,6 +98,12 @@ pub unsafe extern "C" fn tf_bank_sha256(
 }
 
 impl Parts {
+    /// The number of the part of a name.
+    pub fn index(&self, name: &str) -> Result<usize, Failure> {
+        let index = self.bank.parts().iter().position(|part| part == name);
+        index.ok_or_else(|| Failure::argument("estimate", "a part of the bank", name))
+    }
+
     /// A part's name.
     pub fn name(&self, part: usize) -> Result<&CString, Failure> {
         let n_parts = self.names.len();

@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 use tactile_filter::modes::Mode;
-use tactile_filter::{Decision, Estimate, StopReason, Warning};
+use tactile_filter::{Decision, Estimate, RunnerUp, StopReason, Warning};
 
 use crate::model::Parts;
 use crate::pointer::{fill, get};
@@ -55,7 +55,7 @@ pub enum tf_stop {
     /// It is not: go on.
     #[default]
     None = 0,
-    /// A part is more probable than stop_probability and explains the touches.
+    /// A part is more probable than stop_probability, explains the touches, and was told from the next likeliest.
     Confident = 1,
     /// No part explains the touches: this one is not in the bank.
     NoneOfThese = 2,
@@ -150,8 +150,7 @@ fn flat(covariance: &[[f64; 3]; 3]) -> [f64; 9] {
 impl tf_estimate {
     /// An estimate as C sees it; its name belongs to `parts`.
     pub(crate) fn of(estimate: &Estimate, parts: &Parts) -> Result<Self, Failure> {
-        let part = parts.bank.parts().iter().position(|part| *part == estimate.part);
-        let part = part.ok_or_else(|| Failure::argument("estimate", "a part of the bank", &estimate.part))?;
+        let part = parts.index(&estimate.part)?;
         let warnings = estimate.warnings.iter().map(|warning| match warning {
             Warning::LowSimilarity { .. } => TF_WARNING_LOW_SIMILARITY,
             Warning::NothingSeen => TF_WARNING_NOTHING_SEEN,
@@ -171,6 +170,44 @@ impl tf_estimate {
             n_touches: estimate.n_touches,
             symmetry_order: estimate.symmetry.order.unwrap_or(TF_ROUND),
             symmetry_centre_mm: estimate.symmetry.centre_mm,
+        })
+    }
+}
+
+/// The second most probable part.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct tf_runner_up {
+    /// 1 where there is one; 0 where no other part is left, then all else is zeros and an empty name.
+    pub has_part: u32,
+    /// Its index in the bank; the first of equals.
+    pub part: usize,
+    /// Its name, UTF-8. Belongs to the episode, and is valid until that is freed.
+    pub part_name: *const c_char,
+    /// Its probability, 0 to 1.
+    pub probability: f64,
+    /// By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this
+    /// one, nats. Below tf_episode_config.told_apart_nats no touch told the two apart: it may be either.
+    pub told_apart_nats: f64,
+}
+
+impl Default for tf_runner_up {
+    fn default() -> Self {
+        Self { has_part: 0, part: 0, part_name: c"".as_ptr(), probability: 0.0, told_apart_nats: 0.0 }
+    }
+}
+
+impl tf_runner_up {
+    /// A runner-up as C sees it; its name belongs to `parts`.
+    pub(crate) fn of(runner_up: &RunnerUp, parts: &Parts) -> Result<Self, Failure> {
+        let RunnerUp { part, probability, told_apart_nats } = runner_up;
+        let part = parts.index(part)?;
+        Ok(Self {
+            has_part: 1,
+            part,
+            part_name: parts.name(part)?.as_ptr(),
+            probability: *probability,
+            told_apart_nats: *told_apart_nats,
         })
     }
 }

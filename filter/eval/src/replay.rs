@@ -30,6 +30,10 @@ pub struct Replayed {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
+    /// The part that it may be as well: where the filter is not sure, the next likeliest and its probability; left out where
+    /// no other part is left.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub or: Option<(String, f64)>,
     /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
     pub part_from_sensor: [f64; 3],
     /// Turns of the part, none among them, that feel the same: 1 for a part without symmetry; `None`: any turn.
@@ -117,9 +121,11 @@ pub fn play(
     }
     let estimate = episode.estimate();
     let pose = estimate.part_from_sensor;
+    let is_sure = config.stop(&estimate.standing()) == Some(StopReason::Confident);
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
-        confident: config.stop(&estimate.standing()) == Some(StopReason::Confident) && estimate.warnings.is_empty(),
+        confident: is_sure && estimate.warnings.is_empty(),
+        or: estimate.runner_up.filter(|_| !is_sure).map(|other| (other.part, other.probability)),
         stop: episode.stop_reason(),
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
         part: estimate.part,

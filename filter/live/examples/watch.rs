@@ -50,6 +50,7 @@ fn made_up(time_s: f64) -> View {
     view.place = Some(Place {
         part: likeliest.name.clone(),
         probability: likeliest.probability,
+        other: (n < N_TOUCHES).then(|| view.parts[1].name.clone()),
         part_from_sensor: pose,
         sd_mm: [3.0 * (1.0 - sureness) + 0.1; 2],
         sd_deg: 20.0 * (1.0 - sureness) + 0.8,

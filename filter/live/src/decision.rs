@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
-use tactile_filter::{Decision, Episode, StopReason};
+use tactile_filter::{Decision, Episode, EpisodeConfig, RunnerUp, StopReason};
 use tactile_infer::Bank;
 
 /// One touch that was taken in. Numbers are written so that they read back to the same bits.
@@ -36,6 +36,9 @@ pub struct EstimateReport {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
+    /// The next likeliest; `None` where no other part is left, and in recordings from before it was written.
+    #[serde(default)]
+    pub runner_up: Option<RunnerUpReport>,
     /// The sensor's pose on it, now.
     pub part_from_sensor: Motion,
     /// Covariance of its pose at the first touch: x mm, y mm, theta rad.
@@ -47,6 +50,34 @@ pub struct EstimateReport {
     /// Reasons to doubt.
     pub warnings: Vec<String>,
 }
+
+/// The second most probable part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunnerUpReport {
+    /// Its name.
+    pub part: String,
+    /// Its probability, 0..=1.
+    pub probability: f64,
+    /// [`RunnerUp::told_apart_nats`].
+    pub told_apart_nats: f64,
+    /// Whether that is as much as the settings ask for: where not, it may be either part.
+    pub is_told_apart: bool,
+}
+
+impl RunnerUpReport {
+    fn new(runner_up: &RunnerUp, config: &EpisodeConfig) -> Self {
+        let RunnerUp { part, probability, told_apart_nats } = runner_up;
+        Self {
+            part: part.clone(),
+            probability: *probability,
+            told_apart_nats: *told_apart_nats,
+            is_told_apart: config.told_apart_nats == 0.0 || *told_apart_nats >= config.told_apart_nats,
+        }
+    }
+}
+
+/// A second part that is more probable than this is worth a person's attention.
+const LEAST_OF_OTHER: f64 = 0.05;
 
 /// What is known of a touch besides its episode.
 #[derive(Clone, Copy, Debug)]
@@ -60,8 +91,8 @@ pub struct Touched {
 }
 
 impl DecisionReport {
-    /// The report of an episode's latest touch.
-    pub fn new(touched: &Touched, bank: &Bank, episode: &Episode, decision: &Decision) -> Self {
+    /// The report of the latest touch of an episode with these settings.
+    pub fn new(touched: &Touched, bank: &Bank, config: &EpisodeConfig, episode: &Episode, decision: &Decision) -> Self {
         let Touched { episode: number, moved, edge_share } = *touched;
         let (next, stop, estimate) = match decision {
             Decision::Touch(action) => (Some(action.sensor_from_next), None, Box::new(episode.estimate())),
@@ -77,6 +108,7 @@ impl DecisionReport {
             estimate: EstimateReport {
                 part: estimate.part.clone(),
                 probability: estimate.probability,
+                runner_up: estimate.runner_up.as_ref().map(|runner_up| RunnerUpReport::new(runner_up, config)),
                 part_from_sensor: estimate.part_from_sensor,
                 covariance: estimate.covariance,
                 fit: estimate.fit,
@@ -87,25 +119,38 @@ impl DecisionReport {
         }
     }
 
+    /// The second part that it may be as well: while it is neither sure nor none of these, one that is worth naming or
+    /// that no touch told from the first.
+    pub fn other(&self) -> Option<&RunnerUpReport> {
+        if matches!(self.stop, Some(StopReason::Confident | StopReason::NoneOfThese)) {
+            return None;
+        }
+        let other = self.estimate.runner_up.as_ref();
+        other.filter(|other| other.probability > LEAST_OF_OTHER || !other.is_told_apart)
+    }
+
     /// A line for a person.
     pub fn line(&self) -> String {
-        let EstimateReport { part, probability, .. } = &self.estimate;
-        let percent = 100.0 * probability;
         let n = self.touch;
+        let part = &self.estimate.part;
+        let percent = |probability: f64| format!("{:.1} %", 100.0 * probability);
+        let sure = percent(self.estimate.probability);
+        let perhaps = match self.other() {
+            Some(other) => format!("{part}, {sure}, or {}, {}", other.part, percent(other.probability)),
+            None => format!("perhaps {part}, {sure}"),
+        };
         match (self.stop, self.next) {
-            (Some(StopReason::Confident), _) => format!("touch {n}: it is {part}, {percent:.1} % sure"),
+            (Some(StopReason::Confident), _) => format!("touch {n}: it is {part}, {sure} sure"),
             (Some(StopReason::NoneOfThese), _) => format!("touch {n}: none of these parts ({part} is the nearest)"),
-            (Some(StopReason::TouchLimit), _) => format!("touch {n}: no more touches; perhaps {part}, {percent:.1} %"),
-            (Some(StopReason::NothingToLearn), _) => {
-                format!("touch {n}: nothing left to touch; perhaps {part}, {percent:.1} %")
-            }
+            (Some(StopReason::TouchLimit), _) => format!("touch {n}: no more touches; {perhaps}"),
+            (Some(StopReason::NothingToLearn), _) => format!("touch {n}: nothing left to touch; {perhaps}"),
             (None, Some(next)) => format!(
-                "touch {n}: perhaps {part}, {percent:.1} %; next {:.1} mm, {:.1} mm, {:.1} degrees",
+                "touch {n}: {perhaps}; next {:.1} mm, {:.1} mm, {:.1} degrees",
                 next.x_mm,
                 next.y_mm,
                 next.theta_deg()
             ),
-            (None, None) => format!("touch {n}: perhaps {part}, {percent:.1} %"),
+            (None, None) => format!("touch {n}: {perhaps}"),
         }
     }
 
@@ -116,5 +161,74 @@ impl DecisionReport {
             Some(StopReason::NoneOfThese) => "none of these".to_owned(),
             _ => format!("{}?", self.estimate.part),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// After ten touches of O, or of Q.
+    fn report(stop: Option<StopReason>, runner_up: Option<RunnerUpReport>) -> DecisionReport {
+        let estimate = EstimateReport {
+            part: "O".into(),
+            probability: 0.601,
+            runner_up,
+            part_from_sensor: Motion::IDENTITY,
+            covariance: [[0.0; 3]; 3],
+            fit: Some(-0.5),
+            entropy_nats: 1.0,
+            warnings: Vec::new(),
+        };
+        let next = stop.is_none().then(|| Motion::new(4.0, 0.0, 0.0));
+        let posterior = [("O".into(), 0.601), ("Q".into(), 0.389), ("T".into(), 0.01)].to_vec();
+        DecisionReport { episode: 1, touch: 10, moved: None, edge_share: 0.2, next, stop, estimate, posterior }
+    }
+
+    fn told(probability: f64, told_apart_nats: f64, config: &EpisodeConfig) -> RunnerUpReport {
+        RunnerUpReport::new(&RunnerUp { part: "Q".into(), probability, told_apart_nats }, config)
+    }
+
+    #[test]
+    fn both_parts_are_named_where_it_may_be_either() {
+        let config = EpisodeConfig::default();
+        let of = |stop, other: &RunnerUpReport| report(stop, Some(other.clone())).line();
+        let likely = told(0.389, 9.0, &config);
+        let both = "O, 60.1 %, or Q, 38.9 %";
+        let limit = Some(StopReason::TouchLimit);
+        assert_eq!(of(limit, &likely), format!("touch 10: no more touches; {both}"));
+        assert_eq!(of(Some(StopReason::NothingToLearn), &likely), format!("touch 10: nothing left to touch; {both}"));
+        assert_eq!(of(None, &likely), format!("touch 10: {both}; next 4.0 mm, 0.0 mm, 0.0 degrees"));
+        // A part that is hardly probable is named only where no touch told it from the first.
+        let (one, other) =
+            ("touch 10: no more touches; perhaps O, 60.1 %", "touch 10: no more touches; O, 60.1 %, or Q, 4.0 %");
+        assert_eq!([1.4, 1.3].map(|nats| of(limit, &told(0.04, nats, &config))), [one, other]);
+        let anything = EpisodeConfig { told_apart_nats: 0.0, ..config };
+        assert_eq!(of(limit, &told(0.04, -3.0, &anything)), one);
+        assert_eq!(report(limit, None).line(), one);
+    }
+
+    #[test]
+    fn what_is_sure_is_one_part_or_none_and_the_label_names_no_other() {
+        let other = told(0.389, 0.0, &EpisodeConfig::default());
+        let of = |stop| {
+            let report = report(stop, Some(other.clone()));
+            (report.line(), report.label())
+        };
+        let confident = of(Some(StopReason::Confident));
+        assert_eq!(confident, ("touch 10: it is O, 60.1 % sure".into(), "O".into()));
+        let none = of(Some(StopReason::NoneOfThese));
+        assert_eq!(none, ("touch 10: none of these parts (O is the nearest)".into(), "none of these".into()));
+        assert_eq!([of(Some(StopReason::TouchLimit)).1, of(None).1], ["O?", "O?"]);
+    }
+
+    #[test]
+    fn a_report_reads_back_and_so_does_one_from_before_there_was_a_runner_up() {
+        let now = report(None, Some(told(0.389, 0.1 + 0.2, &EpisodeConfig::default())));
+        let mut json = serde_json::to_value(&now).unwrap();
+        assert_eq!(json["estimate"]["runner_up"]["is_told_apart"], false);
+        assert_eq!(serde_json::from_str::<DecisionReport>(&json.to_string()).unwrap(), now);
+        json["estimate"].as_object_mut().unwrap().remove("runner_up");
+        assert_eq!(serde_json::from_value::<DecisionReport>(json).unwrap(), report(None, None));
     }
 }

@@ -418,7 +418,7 @@ impl Node {
         let config = self.parameters.episode_config(&self.model, self.n_episodes);
         let episode = Episode::begin(config, Arc::clone(&self.bank), observation)?;
         self.n_episodes += 1;
-        self.running = Some(Running { episode, base_from_first: base_from_sensor, base_from_sensor });
+        self.running = Some(Running { config, episode, base_from_first: base_from_sensor, base_from_sensor });
         Ok(None)
     }
 
@@ -427,7 +427,7 @@ impl Node {
         let episode = &running.episode;
         let decision = running.decide(&self.reach)?;
         let touched = Touched { episode: self.n_episodes, moved, edge_share };
-        let report = DecisionReport::new(&touched, &self.bank, episode, &decision);
+        let report = DecisionReport::new(&touched, &self.bank, &running.config, episode, &decision);
         let scene = Scene {
             time: Time::of_nanoseconds(self.now_ns),
             base: &placed.frame_id,

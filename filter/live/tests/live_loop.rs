@@ -17,7 +17,7 @@ use tactile_infer::{Bank, Model};
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings, pair};
 use tactile_live::session::{Names, Session};
 use tactile_live::shell::Spoken;
-use tactile_live::{Node, Parameters, replay};
+use tactile_live::{DecisionReport, Node, Parameters, replay};
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maze-small.safetensors");
 
@@ -86,6 +86,14 @@ fn holes_are_named_and_the_log_gives_the_same_decisions() {
     let named: Vec<_> = outcomes.iter().flat_map(|outcome| outcome.named.clone()).collect();
     assert_eq!(replayed.decisions.iter().map(|d| d.estimate.part.clone()).collect::<Vec<_>>(), named);
     assert_eq!(replayed.cut, None);
+    let with_other = |decision: &DecisionReport| decision.estimate.runner_up.is_some();
+    assert!(replayed.decisions.iter().any(with_other));
+    for decision in &replayed.decisions {
+        let Some(other) = &decision.estimate.runner_up else { continue };
+        let of_other = decision.posterior.iter().find(|(part, _)| *part == other.part);
+        assert_eq!(of_other.map(|(_, probability)| *probability), Some(other.probability), "{decision:?}");
+        assert!(decision.stop != Some(StopReason::Confident) || other.is_told_apart, "{decision:?}");
+    }
 
     // Cut off where a program was killed: what is there is replayed.
     let bytes = std::fs::read(&log).unwrap();

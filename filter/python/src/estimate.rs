@@ -2,8 +2,8 @@
 
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use tactile_filter::Estimate;
 use tactile_filter::modes::Mode;
+use tactile_filter::{Estimate, RunnerUp};
 
 use crate::array::{matrix, vector};
 use crate::pose::PyPose;
@@ -30,6 +30,12 @@ impl PyEstimate {
     #[getter]
     fn probability(&self) -> f64 {
         self.estimate.probability
+    }
+
+    /// The next likeliest part; `None` where no other is left.
+    #[getter]
+    fn runner_up(&self) -> Option<PyRunnerUp> {
+        self.estimate.runner_up.clone().map(PyRunnerUp)
     }
 
     /// Pose of the sensor now, on that part.
@@ -104,6 +110,38 @@ impl PyEstimate {
         let Estimate { part, probability, part_from_sensor: at, n_touches, .. } = &self.estimate;
         let place = format!("{:.2} mm, {:.2} mm, {:.1} degrees", at.x_mm, at.y_mm, at.theta_deg());
         format!("<Estimate: part {part} with {:.1} % at {place} after {n_touches} touches>", 100.0 * probability)
+    }
+}
+
+/// The second most probable part.
+#[pyclass(name = "RunnerUp", module = "tactile_filter", frozen, eq)]
+#[derive(PartialEq)]
+pub struct PyRunnerUp(RunnerUp);
+
+#[pymethods]
+impl PyRunnerUp {
+    /// Its name; the first of equals.
+    #[getter]
+    fn part(&self) -> &str {
+        &self.0.part
+    }
+
+    /// Its probability, 0 to 1.
+    #[getter]
+    fn probability(&self) -> f64 {
+        self.0.probability
+    }
+
+    /// By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this
+    /// one, nats.
+    #[getter]
+    fn told_apart_nats(&self) -> f64 {
+        self.0.told_apart_nats
+    }
+
+    fn __repr__(&self) -> String {
+        let RunnerUp { part, probability, told_apart_nats } = &self.0;
+        format!("<RunnerUp: part {part} with {:.1} %, told apart by {told_apart_nats:.2} nats>", 100.0 * probability)
     }
 }
 

@@ -47,6 +47,7 @@ fn tactile_filter_module(module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo
     module.add_class::<episode::PyTouch>()?;
     module.add_class::<episode::PyDone>()?;
     module.add_class::<estimate::PyEstimate>()?;
+    module.add_class::<estimate::PyRunnerUp>()?;
     module.add_class::<estimate::PyMode>()?;
     module.add_class::<belief::PyBelief>()?;
     #[cfg(feature = "sim")]

@@ -34,6 +34,12 @@ def same_estimate(what, got, expected):
     same(f"{what} fit", [got.fit or 0.0], floats([expected["fit"] or 0]))
     for name in ["probability", "entropy_nats", "log_evidence"]:
         same(f"{what} {name}", [getattr(got, name)], floats([expected[name]]))
+    other = got.runner_up
+    if (other and other.part) != (expected["runner_up"] and expected["runner_up"]["part"]):
+        sys.exit(f"error: {what} runner-up: expected {expected['runner_up']}, got {other}")
+    if other:
+        for name in ["probability", "told_apart_nats"]:
+            same(f"{what} runner-up {name}", [getattr(other, name)], floats([expected["runner_up"][name]]))
     for name in ["part_from_sensor", "part_from_first"]:
         same(f"{what} {name}", getattr(got, name).as_tuple(), floats(expected[name]))
     same(f"{what} twins", [twin.as_tuple() for twin in got.twins], floats(expected["twins"]))

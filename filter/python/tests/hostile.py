@@ -143,6 +143,7 @@ def settings(model):
         ("fit_margin", np.inf, "finite inf"), ("rule", "luck", "information luck"), ("rule", 3, ""), ("engine", "magic", "particle magic"),
         ("between_poses", 1, "True or False 1"), ("temprature", 1.0, "temperature"), ("temperature", [1], "list"),
         ("n_particles", 5, "engine"), ("action", {}, ""), ("likelihood", None, ""), ("stop_place_mm", 0, "positive"),
+        ("told_apart_nats", -0.5, "not negative -0.5"), ("told_apart_nats", None, "number"),
     ]:  # fmt: skip
         for make in [tf.EpisodeConfig, tf.EpisodeConfig.paper, tf.EpisodeConfig.of(model).replace]:
             if name == "n_particles" and make is tf.EpisodeConfig.paper:
@@ -193,7 +194,11 @@ def records(episode, bank, other_bank):
 def values(episode, decision):
     """What comes out cannot be changed, and says what it is."""
     estimate, belief = episode.estimate(), episode.belief()
-    for made, name in [(estimate, "part"), (decision, "motion"), (episode, "bank"), (belief, "parts"), (tf.Pose(), "x_mm")]:
+    other = estimate.runner_up
+    for made, name in [
+        (estimate, "part"), (other, "part"), (decision, "motion"), (episode, "bank"), (belief, "parts"),
+        (tf.Pose(), "x_mm"),
+    ]:  # fmt: skip
         refused(AttributeError, "", setattr, made, name, None)
         refused(AttributeError, "", setattr, made, "new_name", None)
         assert len(repr(made)) > 10
@@ -202,8 +207,11 @@ def values(episode, decision):
     assert abs(belief.probabilities.sum() - 1) < 1e-9 and abs(estimate.class_posterior.sum() - 1) < 1e-9
     assert belief.probabilities.shape == (len(belief.parts), len(belief.poses)) and len(belief.poses) == np.prod(belief.shape)
     assert belief.poses.shape[1] == 3 and (np.diff(belief.poses[: belief.shape[2], 2]) > 0).all()
-    for class_ in [tf.Episode, tf.Model, tf.Bank, tf.Estimate, tf.Touch, tf.Done, tf.Belief, tf.Mode]:
+    for class_ in [tf.Episode, tf.Model, tf.Bank, tf.Estimate, tf.Touch, tf.Done, tf.Belief, tf.Mode, tf.RunnerUp]:
         refused(TypeError, "", class_)
+    second = np.argsort(estimate.class_posterior)[-2]
+    assert (other.part, other.probability) == (belief.parts[second], estimate.class_posterior[second]), other
+    assert other == episode.estimate().runner_up and other != estimate and np.isfinite(other.told_apart_nats)
     # The parts' rows sum to the parts' probabilities: numpy's sum against Rust's.
     assert np.allclose(belief.probabilities.sum(axis=1), belief.class_posterior, rtol=0, atol=1e-12)
     pose = tf.Pose(1.0, -2.0, 0.5)
@@ -219,6 +227,16 @@ def values(episode, decision):
     for error in vars(tf).values():
         if isinstance(error, type) and issubclass(error, Exception):
             assert issubclass(error, tf.Error) and error.__module__ == "tactile_filter" and error.__doc__, error
+
+
+def told_apart(bank, observation):
+    """Where all else that is asked for is given, what one touch must tell decides."""
+    eager = tf.EpisodeConfig(stop_probability=0.0, none_fit=None)
+    assert eager.settings["told_apart_nats"] == 1.4 and tf.EpisodeConfig.paper().settings["told_apart_nats"] == 0
+    reasons = [
+        tf.Episode.begin(eager.replace(told_apart_nats=nats), bank, observation).stop_reason() for nats in [0.0, 1e9]
+    ]
+    assert reasons == ["confident", None], reasons
 
 
 def simulators(model):
@@ -253,6 +271,7 @@ def main(folder):
         files(model, folder / "fine.bank", episode, Path(scratch))
     records(episode, bank, other_bank)
     values(episode, decision)
+    told_apart(bank, observation)
     if hasattr(tf, "Simulator"):
         simulators(model)
     refused(TypeError, "", tf.Episode.begin, None, bank, observation)

@@ -104,7 +104,7 @@ impl LikelihoodConfig {
             temperature: calibration.temperature,
             outlier_share: calibration.outlier_share.max(default.outlier_share),
             blank_agreement: calibration.blank_agreement.clamp(0.5, default.blank_agreement),
-            unknown_similarity: Some((matched.mean - UNKNOWN_SDS * matched.sd).max(-1.0)),
+            unknown_similarity: Some(unknown_similarity(matched, calibration.low_similarity)),
             matched_mean: matched.mean,
             matched_sd: matched.sd,
             matched_shared: shared_variance(calibration),
@@ -205,3 +205,25 @@ const LEAST_SD: f64 = 0.01;
 /// A recorded view whose cosine is so many standard deviations below that of the view touched is less likely than one that
 /// nobody recorded. With 4 more parts of the bank are taken for none of these (`NOTES.md`).
 const UNKNOWN_SDS: f64 = 5.0;
+
+/// The cosine as which a view counts that nobody recorded. Few touches of one sensor may lie near together, yet one in a
+/// hundred is below the low similarity: what is unknown is no likelier than those.
+fn unknown_similarity(matched: Spread, low_similarity: f32) -> f64 {
+    (matched.mean - UNKNOWN_SDS * matched.sd).min(f64::from(low_similarity)).max(-1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_nobody_recorded_is_no_likelier_than_the_worst_match_in_a_hundred() {
+        // Over many sensors five standard deviations are far; of ten touches of one they are near.
+        for (mean, sd, low, unknown) in
+            [(0.907, 0.0386, 0.744, 0.714), (0.97, 0.01, 0.78, 0.78), (-0.9, 0.1, 0.5, -1.0)]
+        {
+            let found = unknown_similarity(Spread { mean, sd }, low);
+            assert!((found - unknown).abs() < 1e-6, "{found} {unknown}");
+        }
+    }
+}

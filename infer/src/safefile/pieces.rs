@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use safetensors::tensor::{Metadata, TensorInfo};
@@ -80,7 +80,10 @@ impl Opened {
         let n_bytes = file.metadata().map_err(Error::io(path))?.len();
         let mut file = BufReader::new(file);
         let mut length = [0; 8];
-        file.read_exact(&mut length).map_err(|_| broken("less than 8 bytes"))?;
+        file.read_exact(&mut length).map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof => broken("less than 8 bytes"),
+            _ => Error::io(path)(error),
+        })?;
         let length = u64::from_le_bytes(length);
         if length > MOST_HEADER_BYTES || length + 8 > n_bytes {
             return Err(broken(&format!("a header of {length} bytes in a file of {n_bytes}")));

@@ -26,6 +26,12 @@ const FRAME_PX: [f64; 2] = [320.0, 240.0];
 const N_TOUCHES: usize = 5;
 const STRIDE: usize = 4;
 
+/// What a folder of presses lists of each.
+const INDEX: &str = "file,part,side,x_mm,y_mm,theta_deg,episode\n";
+
+/// Presses that calibrate confidence.
+const N_CALIBRATING: usize = 10;
+
 /// One press, in the picture turned by a quarter.
 struct Label {
     /// The picture in the folder of turned ones.
@@ -61,11 +67,14 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
     let halves: [Vec<&Label>; 2] = [0, 1].map(|half| labels.iter().skip(half).step_by(2).collect());
     // The light for the presses of a half is fitted to the other.
     let [other, one] = [calibrate(bench, 0, &halves[0])?, calibrate(bench, 1, &halves[1])?];
-    let (mut by_one, mut by_several, mut twins) = (Vec::new(), Vec::new(), Twins::default());
+    let (mut by_one, mut by_several, mut by_calibrated) = (Vec::new(), Vec::new(), Vec::new());
+    let mut twins = Twins::default();
     for (half, light, depths) in [(0, &one, &other), (1, &other, &one)] {
         let presses = &halves[half];
         let mut named = episodes(bench, half, presses, light)?;
         by_several.extend(named.split_off(presses.len().min(named.len())));
+        let mut named = calibrated(bench, half, &halves[1 - half], light)?;
+        by_calibrated.extend(named.split_off(presses.len().min(named.len())));
         by_one.extend(named);
         twins = twins.and(compare(bench, half, presses, [light, depths])?);
     }
@@ -75,10 +84,11 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
          the other way round: no press is named under a light that was fitted to it. The pictures are turned by a quarter, \
          as the model sees wide ones. The bank is simulated at the depth of the fitted presses. An episode is {N_TOUCHES} \
          presses with the motions between their labels: the ball did not move, the sensor did. After one touch the filter \
-         is hardly ever confident. A twin is where and as deep as the fit of its own half has the press.",
+         is hardly ever confident. Calibrated: confidence, too, by {N_CALIBRATING} presses of the half that the light was \
+         fitted to, as a user with 20 presses of a ball would. A twin is where and as deep as the fit of its own half has the press.",
         labels.len()
     );
-    let named = vec![("one press", by_one), ("five presses", by_several)];
+    let named = vec![("one press", by_one), ("five presses", by_several), ("five presses, calibrated", by_calibrated)];
     Ok(Some(Set { title: TITLE, source: SOURCE, about, named, twins: Some(twins) }))
 }
 
@@ -149,7 +159,7 @@ fn episodes(bench: &Bench<'_>, half: usize, presses: &[&Label], light: &Fitted) 
     let bank = format!("balls-bank-{half}");
     bench.bank(&bank, &Sensor { view_mm: view_mm(), depth_mm, calibration: Some(&light.file) })?;
     let folder = bench.folder(&format!("balls-{half}"))?;
-    let mut index = "file,part,side,x_mm,y_mm,theta_deg,episode\n".to_owned();
+    let mut index = INDEX.to_owned();
     let n = presses.len();
     let alone = (0..n).map(|i| (format!("one-{i:02}"), vec![i]));
     let several = (0..n).map(|i| (format!("several-{i:02}"), (0..N_TOUCHES).map(|k| (i + STRIDE * k) % n).collect()));
@@ -162,16 +172,42 @@ fn episodes(bench: &Bench<'_>, half: usize, presses: &[&Label], light: &Fitted) 
         }
     }
     bench.write(&format!("balls-{half}/index.csv"), &index)?;
+    import(bench, &format!("balls-{half}"), light, &format!("balls-set-{half}"))?;
+    bench.replay(&bank, &format!("balls-set-{half}"))
+}
+
+/// What the presses of a half are called once the confidence was calibrated by some of the others.
+fn calibrated(bench: &Bench<'_>, half: usize, others: &[&Label], light: &Fitted) -> Result<Vec<Named>> {
+    let folder = bench.folder(&format!("own-{half}"))?;
+    let mut index = INDEX.to_owned();
+    for Label { file, centre_px, .. } in others {
+        copy(&bench.out.join("balls").join(file), &folder.join(file))?;
+        let [x, y] = ball_from_sensor_mm(*centre_px);
+        line(&mut index, format_args!("{file},{PART},peg,{x:.4},{y:.4},0,{file}"))?;
+    }
+    bench.write(&format!("own-{half}/index.csv"), &index)?;
+    import(bench, &format!("own-{half}"), light, &format!("own-set-{half}"))?;
+    let (bank, own) = (format!("balls-bank-{half}"), format!("own-{half}.safetensors"));
+    bench.run(
+        "tactile-infer",
+        &format!(
+            "calibrate --model MODEL --bank {bank}.bank --holes own-set-{half} --side peg --touches {N_CALIBRATING} \
+             --out {own}"
+        ),
+    )?;
+    bench.replay_by(&own, &bank, &format!("balls-set-{half}"))
+}
+
+/// Imports a folder of presses under a light.
+fn import(bench: &Bench<'_>, folder: &str, light: &Fitted, out: &str) -> Result<()> {
     let [x, y] = view_mm();
     bench.run(
         "tactile-data",
         &format!(
-            "import balls-{half} --no-contact balls/no_contact.png --field-of-view-mm {x} {y} \
-             --calibration {} --out balls-set-{half}",
+            "import {folder} --no-contact balls/no_contact.png --field-of-view-mm {x} {y} --calibration {} --out {out}",
             light.file
         ),
-    )?;
-    bench.replay(&bank, &format!("balls-set-{half}"))
+    )
 }
 
 /// The sensor's middle, seen from the ball's, mm.

@@ -100,7 +100,12 @@ impl Bench<'_> {
 
     /// Names the episodes of a dataset of pegs by a bank.
     pub fn replay(&self, bank: &str, data: &str) -> Result<Vec<Named>> {
-        let line = format!("replay --model MODEL --bank {bank}.bank --data {data} --side peg --json");
+        self.replay_by("MODEL", bank, data)
+    }
+
+    /// The same by a model of the output folder, or `MODEL`.
+    pub fn replay_by(&self, model: &str, bank: &str, data: &str) -> Result<Vec<Named>> {
+        let line = format!("replay --model {model} --bank {bank}.bank --data {data} --side peg --json");
         let said = self.line("tactile-filter", &line).output(&self.out)?;
         // One line an episode; without any the program says so in words.
         let lines = said.lines().filter(|line| line.starts_with('{'));

@@ -52,6 +52,8 @@ pub enum Part {
     Classes,
     /// A part that is not in the bank.
     Absent,
+    /// The same anywhere with banks that know the holes, and with look-alikes; as the model comes and after ten touches.
+    Strangers,
     /// Belief maps and assembly of M, L, T and F.
     Assembly,
     /// Scenes where one touch says as little as in the paper.

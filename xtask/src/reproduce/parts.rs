@@ -57,7 +57,7 @@ impl Kind {
 }
 
 /// The banks: name, kind and scene, a preset or a file.
-const BANKS: [(&str, Kind, &str); 26] = [
+const BANKS: [(&str, Kind, &str); 28] = [
     ("small", Kind::Recorded, "alphabet-small"),
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
@@ -84,13 +84,15 @@ const BANKS: [(&str, Kind, &str); 26] = [
     ("connectors-both", Kind::PLAIN_BOTH, "connectors"),
     ("small-hard-both", Kind::PLAIN_BOTH, "alphabet-small-hard"),
     ("large-hard-both", Kind::PLAIN_BOTH, "alphabet-large-hard"),
+    ("connectors-fine-both", Kind::FINE_BOTH, "connectors"),
+    ("look-alikes-both", Kind::FINE_BOTH, "look-alikes.toml"),
 ];
 
 /// Part, name, bank, the scene where it is not the bank's, ways and settings.
 type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
 
 /// The evaluations.
-const EVALUATIONS: [Evaluation; 34] = [
+const EVALUATIONS: [Evaluation; 44] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
@@ -111,6 +113,16 @@ const EVALUATIONS: [Evaluation; 34] = [
     (Part::Absent, "small-absent", "small", None, DEFAULT, "--absent"),
     (Part::Absent, "large-absent", "large", None, DEFAULT, "--absent"),
     (Part::Absent, "small-anywhere-absent", "small-fine", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "strangers-small-own", "small-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "small-own", "small-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "look-alikes", "look-alikes-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "look-alikes-own", "look-alikes-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "strangers-alike", "look-alikes-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "strangers-alike-own", "look-alikes-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "connectors-fine", "connectors-fine-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "connectors-own", "connectors-fine-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "strangers-connectors", "connectors-fine-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "strangers-connectors-own", "connectors-fine-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Hard, "small-hard", "small-hard", None, INFORMED, ""),
     (Part::Hard, "large-hard", "large-hard", None, INFORMED, ""),
     (Part::Robust, "robust-cmu-light", "robust-cmu-light", None, DEFAULT, ""),
@@ -184,6 +196,7 @@ impl Maker<'_> {
                     let name = name.trim_start_matches("known-");
                     self.calibrate(name, self.job.model, &format!("alphabet-{name}-dev"), false)
                 }
+                _ if name.ends_with("-own") => self.calibrate_by_ten(),
                 _ => self.job.model.to_path_buf(),
             };
             let Amount { episodes, fewer, .. } = self.job.amount;
@@ -247,6 +260,21 @@ impl Maker<'_> {
         let program = program.words(format!("--bank {bank} --holes {holes} --out {calibrated}"));
         self.add(Step::new(&calibrated, program, &calibrated).needs(bank).needs(touches));
         calibrated.into()
+    }
+
+    /// Adds the steps of a calibration by ten touches of the letters for tuning, as a user makes one of the own sensor, with a
+    /// bank of both sides; returns the calibrated model's file.
+    fn calibrate_by_ten(&mut self) -> PathBuf {
+        const OWN: &str = "own.safetensors";
+        let (scene, model) = ("alphabet-small-dev", self.job.model);
+        let touches = self.dataset("own-holes", scene, "--sides hole --anywhere 20 --seed 9");
+        let program = self.program("tactile-infer", "bank --model").arg(model);
+        let program = program.words(format!("--scene {scene} --out own-dev.bank --views both {ROWS} {FINE}"));
+        self.add(Step::new("own-dev.bank", program, "own-dev.bank").needs(model));
+        let program = self.program("tactile-infer", "calibrate --model").arg(model);
+        let program = program.words(format!("--bank own-dev.bank --holes own-holes --touches 10 --out {OWN}"));
+        self.add(Step::new(OWN, program, OWN).needs("own-dev.bank").needs(touches));
+        OWN.into()
     }
 
     /// Adds the steps of a bank; returns its file and its scene.

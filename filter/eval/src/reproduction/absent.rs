@@ -14,12 +14,17 @@ use crate::statistics::share::wilson_95;
 /// Its entry in the contents.
 const SHORT: &str = "Unknown parts";
 /// Folder, name of the board, and the folder in which the parts are all there.
-const BOARDS: [(&str, &str, &str); 5] = [
+const BOARDS: [(&str, &str, &str); 10] = [
     ("small-absent", "small board", "small"),
     ("large-absent", "large board", "large"),
     ("small-anywhere-absent", "small board, touched anywhere", "small-anywhere"),
     ("known-small-absent", "small board, touched anywhere, holes known", "known-small"),
     ("known-connectors-absent", "connectors, holes known", "known-connectors"),
+    ("strangers-small-own", "small board, anywhere, holes known, after ten touches of the sensor", "small-own"),
+    ("strangers-alike", "O Q C G E F, anywhere, holes known", "look-alikes"),
+    ("strangers-alike-own", "O Q C G E F, after ten touches of the sensor", "look-alikes-own"),
+    ("strangers-connectors", "connectors, anywhere, holes known", "connectors-fine"),
+    ("strangers-connectors-own", "connectors, anywhere, after ten touches of the sensor", "connectors-own"),
 ];
 
 /// The section.

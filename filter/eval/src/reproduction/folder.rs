@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::result::{Evaluation, SCHEMA};
 
 /// The folders of evaluations, in the order of the page; those of robustness, sensors and other parts follow by name.
-const EVALUATIONS: [&str; 22] = [
+const EVALUATIONS: [&str; 32] = [
     "small",
     "large",
     "connectors",
@@ -39,6 +39,16 @@ const EVALUATIONS: [&str; 22] = [
     "known-large-hard",
     "known-small-absent",
     "known-connectors-absent",
+    "small-own",
+    "strangers-small-own",
+    "look-alikes",
+    "look-alikes-own",
+    "strangers-alike",
+    "strangers-alike-own",
+    "connectors-fine",
+    "connectors-own",
+    "strangers-connectors",
+    "strangers-connectors-own",
 ];
 
 /// What the name of a robustness row's folder begins with.

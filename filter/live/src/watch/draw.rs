@@ -91,7 +91,8 @@ fn verdict_line(view: &View) -> Line<'static> {
         spans.push(Span::from(" "));
     }
     let colour = if is_over { Color::Green } else { Color::Yellow };
-    spans.push(Span::from(format!("{} {}", place.part, percent(place.probability))).fg(colour).bold());
+    let other = place.other.as_ref().map_or_else(String::new, |other| format!(" or {other}"));
+    spans.push(Span::from(format!("{} {}{other}", place.part, percent(place.probability))).fg(colour).bold());
     spans.push(Span::from(format!(
         "  x {x_mm:.2} ±{sd_x:.2}  y {y_mm:.2} ±{sd_y:.2} mm  {turn:.1} ±{:.1}°",
         place.sd_deg
@@ -268,6 +269,7 @@ mod tests {
             place: Some(Place {
                 part: "bayonet".into(),
                 probability: 0.75,
+                other: None,
                 part_from_sensor: Se2::from_degrees(4.0, -4.0, 90.0),
                 sd_mm: [0.25, 0.5],
                 sd_deg: 1.5,
@@ -401,6 +403,9 @@ mod tests {
         assert!(has(&drawn(&over, None, 80, 24), &[" none of these ", "bayonet 75.0 %"]));
         assert!(!has(&drawn(&view(), None, 80, 24), &["none of these"]));
         assert!(has(&drawn(&View::default(), None, 80, 24), &["no touch yet"]));
+        let mut either = View { stop: Some("no more touches".into()), ..view() };
+        either.place.as_mut().unwrap().other = Some("key".into());
+        assert!(has(&drawn(&either, None, 80, 24), &[" no more touches ", "bayonet 75.0 % or key", "x 4.00"]));
     }
 
     #[test]

@@ -72,6 +72,7 @@ impl Follower {
         view.place = Some(Place {
             part: estimate.part.clone(),
             probability: estimate.probability,
+            other: report.other().map(|other| other.part.clone()),
             part_from_sensor: estimate.part_from_sensor,
             sd_mm: [xx.max(0.0).sqrt(), yy.max(0.0).sqrt()],
             sd_deg: tt.max(0.0).sqrt().to_degrees(),
@@ -154,12 +155,16 @@ mod tests {
     }
 
     fn decision(touch: usize, stop: &str) -> Vec<u8> {
-        text(&format!(
+        text(&json(touch, stop))
+    }
+
+    fn json(touch: usize, stop: &str) -> String {
+        format!(
             r#"{{"episode":2,"touch":{touch},"moved":null,"edge_share":0.25,"next":null,"stop":{stop},
             "estimate":{{"part":"B","probability":0.75,"part_from_sensor":{{"x_mm":1.0,"y_mm":2.0,"theta_rad":0.0}},
             "covariance":[[4.0,0.0,0.0],[0.0,9.0,0.0],[0.0,0.0,0.0]],"fit":null,"entropy_nats":1.5,"warnings":[]}},
             "posterior":[["A",0.25],["B",0.75]]}}"#
-        ))
+        )
     }
 
     #[test]
@@ -195,6 +200,12 @@ mod tests {
         // Another hole.
         follower.take(6_000_000_000, Topic::Decision, &decision(1, "null"));
         assert_eq!((follower.view().touches.len(), follower.view().stop.as_deref()), (1, None));
+        assert_eq!(follower.view().place.as_ref().unwrap().other, None);
+        let other = r#""runner_up":{"part":"A","probability":0.25,"told_apart_nats":0.5,"is_told_apart":false},"fit""#;
+        let limit = json(2, "\"touch-limit\"").replace("\"fit\"", other);
+        follower.take(7_000_000_000, Topic::Decision, &text(&limit));
+        assert_eq!(follower.view().place.as_ref().unwrap().other.as_deref(), Some("A"));
+        assert_eq!(follower.view().status, "episode 2, touch 2: no more touches; B, 75.0 %, or A, 25.0 %");
     }
 
     #[test]

@@ -56,6 +56,8 @@ pub struct Place {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
+    /// Name of another part that it may be as well; `None` where none is worth naming.
+    pub other: Option<String>,
     /// Pose of the sensor now.
     pub part_from_sensor: Se2,
     /// Standard deviation along x and along y, mm.
@@ -176,6 +178,7 @@ mod tests {
         let place = Place {
             part: "A".into(),
             probability: 1.0,
+            other: None,
             // From (1, 1): 2 mm along x, a quarter turn from x towards y, 3 mm along what was y.
             part_from_sensor: Se2::from_degrees(3.0, 4.0, 90.0),
             sd_mm: [0.0; 2],

@@ -53,6 +53,9 @@ pub struct Replay {
 /// Scales that differ by more than this share are reported: an edge's shape then means another thing.
 const SCALE_TOLERANCE: f64 = 0.05;
 
+/// A second part that is more probable than this is named as well.
+const LEAST_OF_OTHER: f64 = 0.05;
+
 impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
@@ -133,8 +136,14 @@ impl Replay {
             Some(1) => String::new(),
             Some(order) => format!(" or turned by {:.0} deg", 360.0 / order as f64),
         };
+        let or = match &replayed.or {
+            Some((part, probability)) if *probability > LEAST_OF_OTHER => {
+                format!(" or {part} with {:.1} %", 100.0 * probability)
+            }
+            _ => String::new(),
+        };
         println!(
-            "episode {number}: {} touches, {} with {:.1} %, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
+            "episode {number}: {} touches, {} with {:.1} %{or}, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
             replayed.frames.len(),
             replayed.part,
             100.0 * replayed.probability

@@ -33,6 +33,7 @@ class _Settings(TypedDict, total=False):
     none_fit: float | None
     fit_margin: float
     none_touches: int
+    told_apart_nats: float
     # What is believed.
     between_poses: bool
     subdivisions: int
@@ -258,6 +259,26 @@ class Mode:
     def __ne__(self, value: object, /) -> bool: ...
 
 @final
+class RunnerUp:
+    """The second most probable part."""
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    @property
+    def part(self) -> str:
+        """Its name; the first of equals."""
+    @property
+    def probability(self) -> float:
+        """Of that part, 0 to 1."""
+    @property
+    def told_apart_nats(self) -> float:
+        """By how much one touch alone speaks for the most probable part rather than for this one, nats.
+
+        Of the touch that tells most. Below the setting `told_apart_nats` no touch told the two apart: it may be either.
+        """
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+
+@final
 class Estimate:
     """What is known after the touches so far."""
 
@@ -268,6 +289,9 @@ class Estimate:
     @property
     def probability(self) -> float:
         """Of that part, 0 to 1."""
+    @property
+    def runner_up(self) -> RunnerUp | None:
+        """The next likeliest part; `None` where no other is left."""
     @property
     def part_from_sensor(self) -> Pose:
         """Pose of the sensor now, on that part."""
