@@ -216,8 +216,9 @@ impl<'a> Judge<'a> {
             }
             let of_truth = match config.rule {
                 ActionRule::Information if pair.is_some() => {
-                    // Both equally likely: log(own / mean of both).
-                    let (own, other) = (of_part / n_of_part, (sum - of_part) / (n_states - n_of_part));
+                    // Both equally likely: log(own / mean of both). No state of the other was left to draw: nothing to tell.
+                    let (own, n_others) = (of_part / n_of_part, n_states - n_of_part);
+                    let other = if n_others > 0.0 { (sum - of_part) / n_others } else { own };
                     (2.0 * own / (own + other)).ln()
                 }
                 ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
