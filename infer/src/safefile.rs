@@ -273,6 +273,18 @@ mod tests {
     }
 
     #[test]
+    fn what_cannot_be_read_is_no_broken_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = |path: &Path| pieces::Opened::new(path, "test/1").err().unwrap();
+        let is_of_reading = |error: &Error| matches!(error, Error::Data(tactile_data::Error::Io { .. }));
+        assert!(is_of_reading(&open(folder.path())) && is_of_reading(&open(&folder.path().join("nowhere"))));
+        let short = folder.path().join("short");
+        std::fs::write(&short, [1, 2, 3]).unwrap();
+        let broken = open(&short);
+        assert!(!is_of_reading(&broken) && broken.to_string().contains("less than 8 bytes"), "{broken}");
+    }
+
+    #[test]
     fn a_file_of_narrow_matrices_holds_the_same_values() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.safetensors");
