@@ -119,6 +119,11 @@ impl EpisodeConfig {
         self.none_fit.map(|least| least + self.fit_margin / (n_touches as f64).sqrt())
     }
 
+    /// Whether a touch that speaks so much against the next likeliest part ([`crate::RunnerUp::told_apart_nats`]) is enough.
+    pub fn is_told_apart(&self, nats: f64) -> bool {
+        self.told_apart_nats == 0.0 || nats >= self.told_apart_nats
+    }
+
     /// Why to stop where the likeliest part stands like this, its place known well enough; `None` to go on.
     pub fn stop(&self, standing: &Standing) -> Option<StopReason> {
         let Standing { probability, fit, told_apart_nats, n_touches } = *standing;
@@ -128,8 +133,7 @@ impl EpisodeConfig {
             (Some(_), None) => false,
             (None, _) => true,
         };
-        let is_told_apart =
-            self.told_apart_nats == 0.0 || told_apart_nats.is_none_or(|nats| nats >= self.told_apart_nats);
+        let is_told_apart = told_apart_nats.is_none_or(|nats| self.is_told_apart(nats));
         let is_none = self.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
         if n_touches >= self.none_touches && is_none {
             Some(StopReason::NoneOfThese)

@@ -174,8 +174,8 @@ impl Episode {
     }
 
     fn situation<'s>(&'s self, candidates: &'s [Se2], leaders: &Leaders) -> Situation<'s> {
-        let least = self.config.told_apart_nats;
-        let rival = leaders.rival.as_ref().filter(|rival| leaders.is_pair && rival.told_apart_nats < least);
+        let is_open = |rival: &&Rival| leaders.is_pair && !self.config.is_told_apart(rival.told_apart_nats);
+        let rival = leaders.rival.as_ref().filter(is_open);
         Situation {
             config: &self.config.action,
             likelihood: &self.config.likelihood,
@@ -262,9 +262,11 @@ impl Episode {
         let (part, probability) = self.likeliest_part();
         let other = self.next_likeliest(part);
         let is_pair = other.is_some_and(|(_, next)| probability + next > ALL_BUT) && self.config.told_apart_nats > 0.0;
-        let may_stop = self.belief.touches().len() >= self.config.none_touches;
-        let placed = (may_stop || is_pair || probability > self.config.stop_probability).then(|| self.place(part));
-        let rival = placed.as_ref().zip(other).and_then(|(placed, other)| self.rival(part, placed, other));
+        let may_be_none = self.belief.touches().len() >= self.config.none_touches;
+        let is_asked = is_pair || probability > self.config.stop_probability;
+        let placed = (may_be_none || is_asked).then(|| self.place(part));
+        let rival_of = |(placed, other)| self.rival(part, placed, other);
+        let rival = placed.as_ref().filter(|_| is_asked).zip(other).and_then(rival_of);
         Leaders { part, probability, placed, rival, is_pair }
     }
 
@@ -338,7 +340,7 @@ struct Leaders {
     probability: f64,
     /// Where something depends on it.
     placed: Option<Placed>,
-    /// Likewise, of a part that the belief holds.
+    /// Where to be sure or the next touch depends on it, of a part that the belief holds.
     rival: Option<Rival>,
     /// Whether the two hold nearly all of the belief.
     is_pair: bool,

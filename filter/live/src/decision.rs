@@ -71,7 +71,7 @@ impl RunnerUpReport {
             part: part.clone(),
             probability: *probability,
             told_apart_nats: *told_apart_nats,
-            is_told_apart: config.told_apart_nats == 0.0 || *told_apart_nats >= config.told_apart_nats,
+            is_told_apart: config.is_told_apart(*told_apart_nats),
         }
     }
 }
