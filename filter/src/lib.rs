@@ -33,6 +33,7 @@
 pub mod action;
 pub mod belief;
 mod bests;
+mod beyond;
 mod blocks;
 pub mod budget;
 mod config;

@@ -28,6 +28,7 @@ pub use config::LikelihoodConfig;
 pub(crate) use config::calibration_of;
 
 use crate::bests::{Bests, PartBests};
+use crate::beyond;
 use crate::error::{Error, Result};
 use crate::interpolation::ViewWeights;
 use crate::lattice::LatticeWeights;
@@ -35,11 +36,6 @@ use crate::match_model::MatchModel;
 use crate::nearest::Nearest;
 use crate::observation::Observation;
 use crate::simd;
-
-/// Probability that a view outside the recorded area is blank. Around a small part nearly all are and on a
-/// large one few; were it the recorded views' own share, a blank touch outside would speak for a wrong
-/// state that sees the touch at one of the few blank views inside.
-const UNKNOWN_IS_BLANK: f64 = 0.5;
 
 /// Parts unlike those that were calibrated on match with so much more variance, a standard deviation of the cosine: 0.050 on
 /// outlines drawn at random instead of 0.034 on the tuning letters. Where a bank knows how well each of its parts matches,
@@ -94,8 +90,8 @@ pub struct TouchLikelihood {
     pub similarities: Vec<f32>,
     /// The largest of them with each part's views at each angle.
     bests: Bests,
-    /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view,
-    /// either as likely as the other.
+    /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view
+    /// (`NOTES.md`, "Between recorded poses").
     pub log_unknown: f64,
     /// The largest cosine with any edged view, -1..=1; -1 where no view is edged.
     pub best_similarity: f32,
@@ -144,10 +140,11 @@ impl TouchLikelihood {
         let beside = unknown_similarity.map(|unknown| f64::from(unknown - reference));
         above_best.extend(beside);
         let model = MatchModel::new(config.temperature, config.outlier_share, above_best);
+        let unknown_is_blank = beyond::blank_share(bank, config);
         let log_unknown = match unknown_similarity {
-            _ if blank => UNKNOWN_IS_BLANK.ln(),
-            Some(unknown) => (1.0 - UNKNOWN_IS_BLANK).ln() + model.log(f64::from(unknown - reference)),
-            None => (1.0 - UNKNOWN_IS_BLANK).ln(),
+            _ if blank => unknown_is_blank.ln(),
+            Some(unknown) => (1.0 - unknown_is_blank).ln() + model.log(f64::from(unknown - reference)),
+            None => (1.0 - unknown_is_blank).ln(),
         };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());
         let bests = Bests::of(&similarities, bank.grid());

@@ -68,7 +68,7 @@ impl Default for LikelihoodConfig {
             matched_sd: 0.03,
             matched_shared: SHARED_VARIANCE,
             matched_views: Views::Pegs,
-            shared_error: 0.15,
+            shared_error: 0.05,
             overlap_mm: 3.0,
             overlap_deg: 15.0,
         }
