@@ -36,6 +36,8 @@ fn border(grid: &PoseGrid) -> impl Iterator<Item = usize> {
 
 #[cfg(test)]
 mod tests {
+    use tactile_infer::rows::Rows;
+
     use super::*;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 1.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
@@ -46,8 +48,8 @@ mod tests {
             let pose = GRID.pose(cell);
             if is_blank(pose.x_mm, pose.y_mm) { 0.0 } else { 0.5 }
         };
-        let rows = vec![1.0; GRID.len()];
-        Bank::from_rows(vec!["a".into()], GRID, 1, rows, (0..GRID.len()).map(edge_share).collect(), "model").unwrap()
+        let rows = Rows::new(1, vec![1.0; GRID.len()]).unwrap();
+        Bank::from_rows(vec!["a".into()], GRID, rows, (0..GRID.len()).map(edge_share).collect(), "model").unwrap()
     }
 
     #[test]

@@ -9,6 +9,7 @@ use tactile_infer::Bank;
 use super::repeated::Repeated;
 use super::{ActionRule, Expected, Situation};
 use crate::belief::Hypothesis;
+use crate::beyond;
 use crate::likelihood::LikelihoodConfig;
 use crate::nearest::{Nearest, trusted};
 use crate::simd;
@@ -319,7 +320,7 @@ impl<'a> Pairing<'a> {
         pairing.unknown = match (config.rule, unknown_similarity) {
             (ActionRule::Paper, _) => pairing.average,
             (_, Some(cosine)) if likelihood.interpolation.is_cubic(bank.grid()) => {
-                pairing.likely(cosine) / pairing.average
+                (1.0 - beyond::blank_share(bank, likelihood)).powf(joint) * pairing.likely(cosine) / pairing.average
             }
             _ => 1.0,
         };
@@ -482,7 +483,8 @@ mod tests {
             ..LikelihoodConfig::default()
         };
         let (got, average) = unknown(ActionRule::Information, &fine);
-        let likely = (-0.1 / fine.temperature).exp() + 0.02 / 0.98 * average;
+        // Edged in every second case.
+        let likely = 0.5 * ((-0.1 / fine.temperature).exp() + 0.02 / 0.98 * average);
         assert!((got - likely / average).abs() < 1e-6 && got < 1.0, "{got}");
         // An average one, where none are interpolated or nothing is known of them.
         let coarse = LikelihoodConfig { interpolation: Interpolation::Nearest, ..fine };
