@@ -15,6 +15,7 @@ use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
 
 use crate::blocks::{Blocks, Layout};
+use crate::doubt::shared_error;
 use crate::evidence::Evidence;
 use crate::exact::{Exact, keep_heaviest};
 pub use crate::hypothesis::Hypothesis;
@@ -119,7 +120,7 @@ impl Belief {
         } else {
             self.touches.iter().map(new_share).fold(1.0, f64::min)
         };
-        let (before, joint) = (self.joint_weight(0.0), self.joint_weight(weight));
+        let (before, joint) = (self.joint_weight(0.0, None), self.joint_weight(weight, Some(&likelihood)));
         let (grid, n_cells) = (&self.grid, self.grid.len());
         let log_evidence = match &mut self.engine {
             Engine::Exact(exact) => {
@@ -170,11 +171,12 @@ impl Belief {
         first_from_sensor.x_mm.hypot(first_from_sensor.y_mm) > diagonal_mm + rim_mm
     }
 
-    /// The power to which the likelihood of each touch is taken, 0..=1, with another one of which `new_share` is new:
-    /// [`LikelihoodConfig::shared_error`](crate::LikelihoodConfig::shared_error).
-    pub(crate) fn joint_weight(&self, new_share: f64) -> f64 {
+    /// The power to which the likelihood of each touch is taken, 0..=1, with another one, as far as it is known, of which
+    /// `new_share` is new: [`LikelihoodConfig::shared_error`](crate::LikelihoodConfig::shared_error).
+    pub(crate) fn joint_weight(&self, new_share: f64, next: Option<&TouchLikelihood>) -> f64 {
         let n_touches = self.touches.iter().map(|touch| touch.weight).sum::<f64>() + new_share;
-        (1.0 + self.config().shared_error * (n_touches - 1.0).max(0.0)).recip()
+        let touches = self.touches.iter().map(|touch| &touch.likelihood).chain(next);
+        (1.0 + shared_error(self.config(), touches) * (n_touches - 1.0).max(0.0)).recip()
     }
 
     /// log p(all touches), up to the constants of [`TouchLikelihood`]: 0 says no more than chance, -inf
@@ -302,7 +304,7 @@ impl Belief {
     /// The pose of the first touch around a state, to below the grid's step.
     pub fn refine(&self, state: Hypothesis) -> Refined {
         let start = self.grid.pose(state.cell);
-        refine(&self.views, &self.touches, self.joint_weight(0.0), state.part, &start)
+        refine(&self.views, &self.touches, self.joint_weight(0.0, None), state.part, &start)
     }
 
     /// By how much one touch alone, the one that tells most, speaks for a part at a pose rather than for another at its own,
@@ -553,7 +555,21 @@ mod tests {
                     .collect()
             })
             .collect();
-        let joint = 1.0 / (1.0 + c.shared_error * (touches.len() - 1) as f64);
+        let bests: Vec<f64> = touches
+            .iter()
+            .filter(|(_, touch)| touch.edge_share > 0.0)
+            .map(|(_, touch)| {
+                let cosine = |row: &Vec<f32>| row.iter().zip(&touch.query).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+                rows.iter()
+                    .enumerate()
+                    .filter(|(row, _)| !blank_row(*row))
+                    .map(|(_, row)| cosine(row))
+                    .fold(-1.0, f64::max)
+            })
+            .collect();
+        let mean = bests.iter().sum::<f64>() / bests.len().max(1) as f64;
+        let doubt = if bests.is_empty() { 0.0 } else { ((0.95 - mean) / 0.25).clamp(0.0, 1.0) };
+        let joint = 1.0 / (1.0 + c.shared_error * (1.0 + 5.0 * doubt) * (touches.len() - 1) as f64);
         let mut masses: Vec<f64> = (0..n_parts * N_CELLS)
             .map(|state| {
                 let mut pose = GRID.pose(state % N_CELLS);

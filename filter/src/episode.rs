@@ -13,7 +13,7 @@ use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, RunnerUp, Warning};
 use crate::likelihood::TouchLikelihood;
-use crate::modes::modes;
+use crate::modes::{covariance_of_all, modes};
 use crate::observation::Observation;
 use crate::record::{EpisodeRecord, VERSION};
 use crate::refine::Refined;
@@ -226,6 +226,12 @@ impl Episode {
         let (part, probability) = self.likeliest_part();
         let placed = self.place(part);
         let rival = self.next_likeliest(part).and_then(|other| self.rival(part, &placed, other));
+        let symmetry = self.bank.symmetry(part);
+        let modes = modes(&self.belief, &|part| self.bank.symmetry(part));
+        let covariance = match self.config.between_poses {
+            true => covariance_of_all(&self.belief, &modes, part, &placed.refined, &symmetry),
+            false => placed.refined.covariance,
+        };
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
@@ -236,11 +242,11 @@ impl Episode {
             }),
             part_from_sensor: placed.refined.part_from_first * self.belief.first_from_sensor(),
             part_from_first: placed.refined.part_from_first,
-            symmetry: self.bank.symmetry(part),
-            covariance: placed.refined.covariance,
+            symmetry,
+            covariance,
             fit: placed.fit,
             class_posterior: self.belief.class_posterior().to_vec(),
-            modes: modes(&self.belief, &|part| self.bank.symmetry(part)),
+            modes,
             entropy_nats: self.belief.entropy_nats(),
             log_evidence: self.belief.log_evidence(),
             n_touches: self.belief.touches().len(),

@@ -61,7 +61,9 @@ pub struct Estimate {
     /// The turns after which that part feels the same. Touch cannot tell the poses of
     /// `symmetry.twins(&part_from_sensor)` apart; insert at any of them.
     pub symmetry: Symmetry,
-    /// Covariance of that pose: (x mm, y mm, theta rad); zeros for a recorded pose.
+    /// Covariance of that pose, (x mm, y mm, theta rad), over all that is believed of where this part is: other hills count
+    /// as far as they are away and as often as they are believed ([`Self::modes`] has each on its own); zeros for a recorded
+    /// pose.
     pub covariance: [[f64; 3]; 3],
     /// How well that part explains what was felt ([`Belief::fit`](crate::belief::Belief::fit)): how many standard deviations
     /// the edged touches look more like its views than the touches of a part that is there do on average; `None` where no

@@ -37,6 +37,7 @@ mod beyond;
 mod blocks;
 pub mod budget;
 mod config;
+mod doubt;
 mod episode;
 mod error;
 mod estimate;

@@ -385,7 +385,8 @@ typedef struct tf_estimate {
      */
     struct tf_pose part_from_first;
     /**
-     * Covariance of that pose over (x mm, y mm, theta rad), row by row; zeros where between_poses is off.
+     * Covariance of that pose over (x mm, y mm, theta rad), row by row, over all that is believed of where the part is: other
+     * places count as far as they are away; zeros where between_poses is off.
      */
     double covariance[9];
     /**
@@ -640,8 +641,8 @@ typedef struct tf_episode_config {
      */
     uint32_t has_unknown_similarity;
     /**
-     * Share of their error that the touches of one hole have in common, 0 to 1: n touches count as
-     * n / (1 + share (n - 1)).
+     * Share of their error that the touches of one hole have in common, 0 to 1, where they match their views well; up to six
+     * times as much, and at most 1, the worse they do. n touches count as n / (1 + share (n - 1)).
      */
     double shared_error;
     /**

@@ -147,8 +147,8 @@ pub struct tf_episode_config {
     pub unknown_similarity: f64,
     /// 0: it is as likely as an average recorded one.
     pub has_unknown_similarity: u32,
-    /// Share of their error that the touches of one hole have in common, 0 to 1: n touches count as
-    /// n / (1 + share (n - 1)).
+    /// Share of their error that the touches of one hole have in common, 0 to 1, where they match their views well; up to six
+    /// times as much, and at most 1, the worse they do. n touches count as n / (1 + share (n - 1)).
     pub shared_error: f64,
     /// A tf_views: what the views of the bank are of that matched_mean and matched_sd were measured with.
     pub matched_views: u32,

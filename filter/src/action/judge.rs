@@ -293,7 +293,7 @@ struct Pairing<'a> {
 impl<'a> Pairing<'a> {
     fn new(situation: &Situation<'a>, rng: &mut ChaCha8Rng) -> Self {
         let Situation { config, likelihood, bank, belief, .. } = *situation;
-        let joint = belief.joint_weight(1.0);
+        let joint = belief.joint_weight(1.0, None);
         let LikelihoodConfig { temperature, outlier_share, blank_agreement, unknown_similarity, .. } =
             likelihood.in_metric_of(bank);
         let mut pairing = Self {

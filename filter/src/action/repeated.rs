@@ -1,6 +1,7 @@
 //! What touches like those made would only say again.
 
 use super::ActionRule;
+use crate::doubt::doubt;
 use crate::evidence::Evidence;
 use crate::likelihood::TouchLikelihood;
 
@@ -14,19 +15,11 @@ pub(super) struct Repeated<'a> {
 }
 
 impl<'a> Repeated<'a> {
-    /// Nothing where the best matches of the touches have this cosine on average, as those of a sensor that the network
-    /// knows, and all of it where they have that. Neither has to be exact (`NOTES.md`).
-    const NOTHING_AND_ALL: [f64; 2] = [0.95, 0.7];
-
     /// Of the touches made, as a rule asks for it: only expected information looks at what they repeat.
     pub fn of(rule: ActionRule, touches: &'a [Evidence]) -> Self {
-        let [nothing, all] = Self::NOTHING_AND_ALL;
         let edged = touches.iter().map(|touch| &touch.likelihood).filter(|likelihood| !likelihood.blank);
         let touches: Vec<&TouchLikelihood> = edged.collect();
-        let best = |touch: &&TouchLikelihood| f64::from(touch.best_similarity);
-        let mean = touches.iter().map(best).sum::<f64>() / touches.len() as f64;
-        let is_asked = rule == ActionRule::Information && !touches.is_empty();
-        let share = if is_asked { ((nothing - mean) / (nothing - all)).clamp(0.0, 1.0) } else { 0.0 };
+        let share = if rule == ActionRule::Information { doubt(touches.iter().copied()) } else { 0.0 };
         Self { touches, share }
     }
 

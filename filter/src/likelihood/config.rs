@@ -42,9 +42,10 @@ pub struct LikelihoodConfig {
     pub matched_shared: f64,
     /// ... of a bank with such views. In one of others a part's own mean counts, as far as it is known.
     pub matched_views: Views,
-    /// Share of their error that the touches of one hole have in common, 0..=1: the same print, the same network. Zero:
-    /// all they say is multiplied. Else n touches count as n / (1 + share (n - 1)), each likelihood taken to that power of
-    /// n, as the mean of n numbers of which any two correlate so much.
+    /// Share of their error that the touches of one hole have in common where they match their views well, 0..=1: the same
+    /// print, the same network; up to six times as much, and at most 1, the worse their best matches are. Zero: all they say
+    /// is multiplied. Else n touches count as n / (1 + share (n - 1)), each likelihood taken to that power of n, as the mean
+    /// of n numbers of which any two correlate so much.
     pub shared_error: f64,
     /// Touches nearer than this share evidence, mm, not negative; zero: all count as independent.
     pub overlap_mm: f64,

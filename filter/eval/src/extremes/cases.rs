@@ -63,7 +63,7 @@ pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
             for half_decades in -8..=8 {
                 let temperature = 10.0_f64.powf(f64::from(half_decades) / 2.0);
                 let config = LikelihoodConfig { temperature, outlier_share, ..LikelihoodConfig::default() };
-                let bound = rounding_bound(cosine_error, temperature, n_touches);
+                let bound = rounding_bound(cosine_error, &config, n_touches);
                 if bound > 1.0 {
                     continue;
                 }
@@ -79,9 +79,17 @@ pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
 }
 
 /// What the rounding of the cosines can do to a probability: each touch divides the match of a row by the mean
-/// match, and the states by their sum, and each of the four is off by `cosine_error / tau` at most.
-fn rounding_bound(cosine_error: f64, temperature: f64, n_touches: usize) -> f64 {
-    (4.0 * n_touches as f64 * cosine_error / temperature).exp_m1() + LOG_ROUNDING
+/// match, and the states by their sum, and each of the four is off by `cosine_error / tau` at most. And how much error touches
+/// share follows from the cosines of the best matches: twenty shares of `shared_error` for a cosine of 1, which moves the power
+/// of the likelihoods by that square, of the states' and of their sum's, as much as a touch can tell of blankness and of a match.
+fn rounding_bound(cosine_error: f64, config: &LikelihoodConfig, n_touches: usize) -> f64 {
+    let LikelihoodConfig { temperature, outlier_share, blank_agreement, shared_error, .. } = *config;
+    let n = n_touches as f64;
+    let of_matches = 4.0 * n * cosine_error / temperature;
+    let most_told = (blank_agreement / (1.0 - blank_agreement)).ln() + (2.0 / temperature).min(-outlier_share.ln());
+    let power = (1.0 + shared_error * (n - 1.0)).recip();
+    let of_power = 2.0 * power * power * (n - 1.0) * 20.0 * shared_error * cosine_error * n * most_told;
+    (of_matches + of_power).exp_m1() + LOG_ROUNDING
 }
 
 /// K from 1 to 1e6 against the exact engine.
@@ -167,7 +175,7 @@ pub fn classes(seed: u64, quick: bool) -> Result<Vec<Case>> {
         let sample = Sample::draw(n_parts, grid, DIM, n_touches, seed);
         let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
         let error = relative_error(&belief, &sample.reference(&config));
-        let bound = rounding_bound(COSINE_ERROR, config.temperature, n_touches);
+        let bound = rounding_bound(COSINE_ERROR, &config, n_touches);
         let expected = "as in f64, to the rounding of the cosines";
         let case = Case::measured(Group::Classes, "exact engine", expected, error, bound);
         cases.push(case.at(n_parts as f64).right_part(names_truth(&belief)));
@@ -244,7 +252,7 @@ fn by_hand(variant: &str, expected: &str, rows: &[Vec<f32>], query: Vec<f32>, co
     let belief = Belief::of_all_states(&bank, 1, first);
     let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec() };
     let error = relative_error(&belief, &log_posterior(&POINT, bank.edge_shares(), &[touch], &config));
-    let bound = rounding_bound(COSINE_ERROR, config.temperature, 1);
+    let bound = rounding_bound(COSINE_ERROR, &config, 1);
     Ok(Case::measured(Group::Similarity, variant, expected, error, bound))
 }
 
@@ -277,7 +285,7 @@ pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let sample = Sample::draw(2, RING, 32, n_actions, seed);
     let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
     let error = relative_error(&belief, &sample.reference(&config));
-    let bound = rounding_bound(COSINE_ERROR, WARM, n_actions);
+    let bound = rounding_bound(COSINE_ERROR, &config, n_actions);
     let expected = "as in f64, to the rounding of the cosines";
     let case = Case::measured(Group::Chain, "belief after as many touches", expected, error, bound);
     cases.push(at(case.right_part(names_truth(&belief))));
@@ -310,7 +318,7 @@ pub fn wrap(seed: u64) -> Result<Vec<Case>> {
         let sample = Sample::along(N_PARTS, RING, DIM, first, &motions, seed);
         let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
         let error = relative_error(&belief, &sample.reference(&config));
-        let bound = rounding_bound(COSINE_ERROR, config.temperature, sample.touches.len());
+        let bound = rounding_bound(COSINE_ERROR, &config, sample.touches.len());
         let expected = "as in f64 by matrices";
         let case = Case::measured(Group::Wrap, "a turn of the sensor", expected, error, bound);
         cases.push(case.at(degrees).right_part(names_truth(&belief)));

@@ -87,14 +87,15 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
 pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], config: &LikelihoodConfig) -> Vec<f64> {
     let recorded = poses(grid);
     let mut logs = vec![0.0; edge_shares.len()];
-    let (mut first_from_sensor, mut n_touches): (Vec<Pose>, f64) = (Vec::new(), 0.0);
+    let (mut first_from_sensor, mut n_touches, mut bests): (Vec<Pose>, f64, Vec<f64>) = (Vec::new(), 0.0, Vec::new());
     for touch in touches {
         let moved = Pose::of(&touch.moved);
         let now = first_from_sensor.last().map_or(Pose::from_degrees(0.0, 0.0, 0.0), |before| before.then(&moved));
         let weight = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
         n_touches += if is_far(&now, config, grid) { 0.0 } else { weight };
         first_from_sensor.push(now);
-        let Logs { of_row, unknown, .. } = Logs::of(edge_shares, touch, config, None);
+        let Logs { of_row, unknown, best, .. } = Logs::of(edge_shares, grid, touch, config, None);
+        bests.extend(best);
         for (cell, first) in recorded.iter().enumerate() {
             let pose = first.then(&now);
             let Some((seen, trust)) = nearest(grid, &recorded, &pose, config.nearest_tolerance) else {
@@ -108,7 +109,7 @@ pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], co
             }
         }
     }
-    weigh_together(&mut logs, n_touches, config);
+    weigh_together(&mut logs, n_touches, &bests, config);
     normalise(&mut logs);
     logs
 }
@@ -119,10 +120,22 @@ fn is_far(first_from_sensor: &Pose, config: &LikelihoodConfig, grid: &PoseGrid) 
     first_from_sensor.x.hypot(first_from_sensor.y) > 8.0_f64.sqrt() * grid.xy_half_mm + rim_mm
 }
 
-/// Touches that share an error count as fewer.
-fn weigh_together(logs: &mut [f64], n_touches: f64, config: &LikelihoodConfig) {
-    let n_alike = 1.0 + config.shared_error * (n_touches - 1.0).max(0.0);
+/// Touches that share an error count as fewer, the more so the less the best views of the edged ones are like them.
+fn weigh_together(logs: &mut [f64], n_touches: f64, bests: &[f64], config: &LikelihoodConfig) {
+    let mean = bests.iter().sum::<f64>() / bests.len() as f64;
+    let doubt = if bests.is_empty() { 0.0 } else { (0.95 - mean).clamp(0.0, 0.25) / 0.25 };
+    let n_alike = 1.0 + (config.shared_error * (1.0 + 5.0 * doubt)).min(1.0) * (n_touches - 1.0).max(0.0);
     logs.iter_mut().for_each(|log| *log /= n_alike);
+}
+
+/// The probability that a view beyond the grid is blank: as its border, at least a half.
+fn beyond_is_blank(edge_shares: &[f32], grid: &PoseGrid, config: &LikelihoodConfig) -> f64 {
+    let poses = poses(grid);
+    let is_border = |pose: &Pose| (pose.x.abs().max(pose.y.abs()) - grid.xy_half_mm).abs() < 1e-9;
+    let border = edge_shares.chunks_exact(poses.len()).flat_map(|of_part| of_part.iter().zip(&poses));
+    let border: Vec<f32> = border.filter(|(_, pose)| is_border(pose)).map(|(share, _)| *share).collect();
+    let n_blank = border.iter().filter(|share| **share < config.blank_share).count();
+    (n_blank as f64 / border.len() as f64).min(config.blank_agreement).max(0.5)
 }
 
 /// Makes exp of the logs sum to 1.
@@ -136,15 +149,23 @@ pub fn normalise(logs: &mut [f64]) {
 struct Logs {
     /// At each row: agreement about blankness, and among edged views the match relative to its mean.
     of_row: Vec<f64>,
-    /// Where the view is unknown: blank or not, either as likely, and if not as a row of a given cosine.
+    /// Where the view is unknown: blank or not, and if not as a row of a given cosine.
     unknown: f64,
+    /// The largest cosine with an edged row, of a touch that shows an edge.
+    best: Option<f64>,
     /// The cosine from which matches are measured, and the log-likelihood there.
     #[cfg(test)]
     reference: [f64; 2],
 }
 
 impl Logs {
-    fn of(edge_shares: &[f32], touch: &Touch, config: &LikelihoodConfig, unknown: Option<f64>) -> Self {
+    fn of(
+        edge_shares: &[f32],
+        grid: &PoseGrid,
+        touch: &Touch,
+        config: &LikelihoodConfig,
+        unknown: Option<f64>,
+    ) -> Self {
         let is_blank = |share: f32| share < config.blank_share;
         let best = (0..edge_shares.len())
             .filter(|row| !is_blank(edge_shares[*row]))
@@ -171,10 +192,15 @@ impl Logs {
                 _ => (1.0 - agreement).ln(),
             })
             .collect();
-        let of_unknown = if is_blank(touch.edge_share) { 0.0 } else { unknown.map_or(0.0, log_of) };
+        let beyond_is_blank = beyond_is_blank(edge_shares, grid, config);
+        let unknown = match is_blank(touch.edge_share) {
+            true => beyond_is_blank.ln(),
+            false => (1.0 - beyond_is_blank).ln() + unknown.map_or(0.0, log_of),
+        };
         Self {
             of_row,
-            unknown: 0.5_f64.ln() + of_unknown,
+            unknown,
+            best: (!is_blank(touch.edge_share)).then_some(best),
             #[cfg(test)]
             reference: [reference, log_mean],
         }
@@ -315,7 +341,7 @@ mod tests {
     fn log_posterior_between(sample: &Sample, states: &PoseGrid, config: &LikelihoodConfig) -> Vec<f64> {
         let n_views = sample.grid.len();
         let mut logs = vec![0.0; sample.n_parts * states.len()];
-        let (mut first_from_sensor, mut n_touches): (Vec<Pose>, f64) = (Vec::new(), 0.0);
+        let (mut first_from_sensor, mut n_touches, mut bests) = (Vec::<Pose>::new(), 0.0, Vec::new());
         for (moved, observation) in &sample.touches {
             let now = first_from_sensor.last().map_or(Pose::of(moved), |before| before.then(&Pose::of(moved)));
             let weight = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
@@ -324,8 +350,9 @@ mod tests {
             let query: Vec<f64> = observation.query.iter().map(|value| f64::from(*value)).collect();
             let (edge_share, recorded) = (observation.edge_share, cosines(&sample.rows, &observation.query));
             let touch = Touch { moved: *moved, edge_share, cosines: recorded };
-            let Logs { of_row, unknown, reference: [reference, log_mean] } =
-                Logs::of(&sample.edge_shares, &touch, config, config.unknown_similarity);
+            let Logs { of_row, unknown, best, reference: [reference, log_mean] } =
+                Logs::of(&sample.edge_shares, &sample.grid, &touch, config, config.unknown_similarity);
+            bests.extend(best);
             let share = config.outlier_share;
             for (cell, first) in poses(states).iter().enumerate() {
                 let pose = first.then(&now);
@@ -360,7 +387,7 @@ mod tests {
                 }
             }
         }
-        weigh_together(&mut logs, n_touches, config);
+        weigh_together(&mut logs, n_touches, &bests, config);
         normalise(&mut logs);
         logs
     }

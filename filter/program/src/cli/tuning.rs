@@ -54,7 +54,8 @@ pub struct Tuning {
     /// By how much one touch alone must speak against the next likeliest part for the filter to be confident, nats; 0: not asked
     #[arg(long, value_name = "NATS")]
     told_apart_nats: Option<f64>,
-    /// Share of their error that the touches of one hole have in common
+    /// Share of their error that the touches of one hole have in common where they match their views well; up to six times as
+    /// much where they do not
     #[arg(long, value_name = "SHARE")]
     shared_error: Option<f64>,
     /// Touches nearer than this to each other share evidence, mm

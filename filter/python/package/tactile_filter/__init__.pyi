@@ -303,7 +303,7 @@ class Estimate:
         """The poses that touch cannot tell from `part_from_sensor`, itself first: insert at any of them."""
     @property
     def covariance(self) -> npt.NDArray[np.float64]:
-        """Of the pose: `[3, 3]` of x mm, y mm, theta rad."""
+        """Of the pose over all places of the part that are believed: `[3, 3]` of x mm, y mm, theta rad."""
     @property
     def fit(self) -> float | None:
         """How well that part explains the touches, at best 0; `None` where no edge was felt."""
