@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
 
@@ -21,6 +21,7 @@ use crate::exact::{Exact, keep_heaviest};
 pub use crate::hypothesis::Hypothesis;
 use crate::hypothesis::states_between;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+use crate::modes::is_one_hill;
 use crate::particle::{Particle, ParticleConfig};
 use crate::refine::{Refined, refine};
 use crate::resample::{log_normalize, systematic};
@@ -339,6 +340,26 @@ impl Belief {
         let least = 1e-4 * all / self.grid.len() as f64;
         let near = of_part.iter().filter(|(state, mass)| *mass > least && is_near(state.cell));
         if all > 0.0 { near.map(|(_, mass)| mass).sum::<f64>() / all } else { 0.0 }
+    }
+
+    /// Covariance of a part's pose at the first touch, (x mm, y mm, theta rad), over all of the belief in that part: that of the
+    /// hill around `refined`, and how far the states of other hills lie from there, each as often as it is believed. Of poses
+    /// that the part's symmetry turns into each other the nearest counts.
+    pub(crate) fn covariance(&self, part: usize, refined: &Refined, symmetry: &Symmetry) -> [[f64; 3]; 3] {
+        /// Lighter states move no variance by more than this times the square of the way across the bank.
+        const NEGLIGIBLE: f64 = 1e-7;
+        let (of_part, here) = (self.states_of(part..part + 1, 0.0), &refined.part_from_first);
+        let all: f64 = of_part.iter().map(|(_, mass)| mass).sum();
+        let mut covariance = refined.covariance;
+        for (state, mass) in of_part.iter().filter(|(_, mass)| *mass > NEGLIGIBLE * all) {
+            let there = symmetry.nearest_twin(&self.grid.pose(state.cell), here);
+            if !is_one_hill(&self.views, &there, here) {
+                let turned = wrap_angle(there.theta_rad - here.theta_rad);
+                let off = [there.x_mm - here.x_mm, there.y_mm - here.y_mm, turned];
+                (0..3).for_each(|i| (0..3).for_each(|j| covariance[i][j] += mass / all * off[i] * off[j]));
+            }
+        }
+        covariance
     }
 
     /// `n` states drawn from the belief in a part, ascending, each about as often as it is probable there; none where the

@@ -13,7 +13,7 @@ use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, RunnerUp, Warning};
 use crate::likelihood::TouchLikelihood;
-use crate::modes::{covariance_of_all, modes};
+use crate::modes::modes;
 use crate::observation::Observation;
 use crate::record::{EpisodeRecord, VERSION};
 use crate::refine::Refined;
@@ -229,7 +229,7 @@ impl Episode {
         let symmetry = self.bank.symmetry(part);
         let modes = modes(&self.belief, &|part| self.bank.symmetry(part));
         let covariance = match self.config.between_poses {
-            true => covariance_of_all(&self.belief, &modes, part, &placed.refined, &symmetry),
+            true => self.belief.covariance(part, &placed.refined, &symmetry),
             false => placed.refined.covariance,
         };
         Estimate {

@@ -5,7 +5,6 @@ use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
 
 use crate::belief::{Belief, Hypothesis};
-use crate::refine::Refined;
 
 /// A peak of the belief with the states that lead up to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,32 +64,8 @@ pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode>
     merge_twins(modes, belief.grid(), symmetry)
 }
 
-/// The covariance of a part's pose at the first touch over all of the belief in that part: that of the hill around
-/// `refined`, and how far the other hills lie from there, each as often as the belief holds it. Twins are one pose.
-pub(crate) fn covariance_of_all(
-    belief: &Belief,
-    modes: &[Mode],
-    part: usize,
-    refined: &Refined,
-    symmetry: &Symmetry,
-) -> [[f64; 3]; 3] {
-    let (here, grid) = (&refined.part_from_first, belief.grid());
-    let sensor_from_first = belief.first_from_sensor().inverse();
-    let of_part = || modes.iter().filter(|mode| mode.part == part);
-    let all: f64 = of_part().map(|mode| mode.mass).sum();
-    let mut covariance = refined.covariance;
-    for mode in of_part() {
-        let there = symmetry.nearest_twin(&(mode.part_from_sensor * sensor_from_first), here);
-        if !is_one_hill(grid, &there, here) {
-            let off = [there.x_mm - here.x_mm, there.y_mm - here.y_mm, wrap_angle(there.theta_rad - here.theta_rad)];
-            (0..3).for_each(|i| (0..3).for_each(|j| covariance[i][j] += mode.mass / all * off[i] * off[j]));
-        }
-    }
-    covariance
-}
-
 /// Whether two poses are so near that their hills are one.
-fn is_one_hill(grid: &PoseGrid, a: &Se2, b: &Se2) -> bool {
+pub(crate) fn is_one_hill(grid: &PoseGrid, a: &Se2, b: &Se2) -> bool {
     let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
     a.distance_mm(b) <= 2.0 * grid.xy_step_mm && turned <= 2.0 * grid.theta_step_deg
 }
