@@ -44,6 +44,12 @@ pub struct RunnerUp {
     pub told_apart_nats: f64,
 }
 
+impl RunnerUp {
+    /// While no part is sure, a second one that is more probable than this is named next to the first, as is one that no touch
+    /// told from it.
+    pub const NAMED_ABOVE: f64 = 0.05;
+}
+
 /// What is known after the touches so far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {

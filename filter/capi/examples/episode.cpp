@@ -71,14 +71,18 @@ void print_done(const tf_decision &done)
     std::printf("\nfit %.17g entropy %.17g\n", estimate.fit, estimate.entropy_nats);
 }
 
-void print_belief(const tf::Bank &bank, const tf::Episode &episode)
+void print_runner_up(const std::optional<tf_runner_up> &other)
 {
-    if (const auto other = episode.runner_up()) {
+    if (other) {
         std::printf("runner-up %s probability %.17g", std::string(tf::name(*other)).c_str(), other->probability);
         std::printf(" told apart %.17g\n", other->told_apart_nats);
     } else {
         std::printf("no runner-up\n");
     }
+}
+
+void print_belief(const tf::Bank &bank, const tf::Episode &episode)
+{
     const auto names = bank.parts();
     const auto posterior = episode.class_posterior();
     for (std::size_t part = 0; part < names.size(); part++) {
@@ -100,6 +104,7 @@ tf::Episode on_this_thread(const std::string &folder, const tf::Model &model, co
         const tf_decision decision = episode.decide(reach);
         if (decision.kind == TF_DECISION_KIND_DONE) {
             print_done(decision);
+            print_runner_up(episode.runner_up());
             return episode;
         }
         print_move(n, decision.sensor_from_next);
@@ -129,6 +134,7 @@ void on_a_runner(const std::string &folder, tf::Runner &runner, const std::vecto
         }
         if (outcome->decision.kind == TF_DECISION_KIND_DONE) {
             print_done(outcome->decision);
+            print_runner_up(runner.runner_up());
             return;
         }
         moved = outcome->decision.sensor_from_next;

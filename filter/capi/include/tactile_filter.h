@@ -695,7 +695,7 @@ typedef struct tf_runner_up {
      */
     size_t part;
     /**
-     * Its name, UTF-8. Belongs to the episode, and is valid until that is freed.
+     * Its name, UTF-8. Belongs to the episode or runner, and is valid until that is freed.
      */
     const char *part_name;
     /**
@@ -1086,6 +1086,14 @@ enum tf_status tf_runner_submit_rest(struct tf_runner *runner,
  */
 enum tf_status tf_runner_poll(struct tf_runner *runner,
                               struct tf_outcome *outcome);
+
+/**
+ * The second most probable part of the latest outcome that tf_runner_poll() gave, where that holds an estimate: see
+ * tf_episode_runner_up().
+ * \param runner_up  where it goes; its has_part is 0 where that outcome holds no estimate, or no other part is left
+ */
+enum tf_status tf_runner_runner_up(const struct tf_runner *runner,
+                                   struct tf_runner_up *runner_up);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -457,6 +457,15 @@ public:
         return detail::give(status, is_one ? std::optional<tf_outcome>(outcome) : std::nullopt);
     }
 
+    // The second most probable part of the latest outcome, where that holds an estimate; nothing where no other part is left.
+    Result<std::optional<tf_runner_up>> runner_up() const
+    {
+        tf_runner_up runner_up{};
+        const tf_status status = tf_runner_runner_up(handle_.get(), &runner_up);
+        const bool is_one = status == TF_STATUS_OK && runner_up.has_part != 0;
+        return detail::give(status, is_one ? std::optional<tf_runner_up>(runner_up) : std::nullopt);
+    }
+
 private:
     explicit Runner(tf_runner *handle) : handle_(handle) {}
 

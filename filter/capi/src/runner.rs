@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use tactile_filter::runner::{Answer, Job, Outcome, Runner};
+use tactile_filter::{Decision, Estimate, RunnerUp};
 
 use crate::config::tf_episode_config;
 use crate::episode::{locked, motions};
@@ -11,17 +12,23 @@ use crate::pointer::{free, get, give, out};
 use crate::sensor::{self, tf_frame, tf_sensor};
 use crate::settings::read;
 use crate::status::{Failure, call, remember, tf_status};
-use crate::value::{tf_decision, tf_estimate, tf_pose};
+use crate::value::{tf_decision, tf_estimate, tf_pose, tf_runner_up};
 
 /// An episode on a thread of its own, for callers that must never wait. tf_runner_submit_...() and tf_runner_poll() never
 /// wait for the thread. Use it from one thread at a time: a call that meets another gets TF_STATUS_BUSY.
 pub struct tf_runner {
     parts: Arc<Parts>,
-    runner: Mutex<Runner>,
+    runner: Mutex<Polled>,
+}
+
+/// A runner, and what its latest polled outcome knew besides what [`tf_outcome`] holds.
+struct Polled {
+    runner: Runner,
+    runner_up: Option<RunnerUp>,
 }
 
 impl tf_runner {
-    fn lock(&self) -> Result<MutexGuard<'_, Runner>, Failure> {
+    fn lock(&self) -> Result<MutexGuard<'_, Polled>, Failure> {
         self.runner.try_lock().map_err(|error| locked(&error))
     }
 }
@@ -104,7 +111,7 @@ pub unsafe extern "C" fn tf_runner_start(
         let (sensor, parts) = unsafe { (get(sensor, "sensor")?, get(bank, "bank")?.parts.clone()) };
         let config = unsafe { read(config)? };
         let runner = Runner::start((*sensor.sensor).clone(), parts.bank.clone(), config, capacity)?;
-        Ok(tf_runner { parts, runner: Mutex::new(runner) })
+        Ok(tf_runner { parts, runner: Mutex::new(Polled { runner, runner_up: None }) })
     };
     call(|| unsafe { give(out, start) })
 }
@@ -181,7 +188,7 @@ unsafe fn submit(
 ) -> Result<(), Failure> {
     let runner = unsafe { get(runner, "runner")? };
     let place = if ticket.is_null() { None } else { Some(out(ticket, "ticket")?) };
-    let number = runner.lock()?.submit(job()?)?;
+    let number = runner.lock()?.runner.submit(job()?)?;
     if let Some(place) = place {
         unsafe { place.put(number) };
     }
@@ -194,8 +201,34 @@ unsafe fn submit(
 pub unsafe extern "C" fn tf_runner_poll(runner: *mut tf_runner, outcome: *mut tf_outcome) -> tf_status {
     call(|| unsafe {
         let (runner, place) = (get(runner, "runner")?, out(outcome, "outcome")?);
-        let polled = runner.lock()?.poll();
-        place.put(polled.map_or_else(|| Ok(tf_outcome::default()), |polled| tf_outcome::of(polled, &runner.parts))?);
+        let mut polled = runner.lock()?;
+        let Some(next) = polled.runner.poll() else {
+            place.put(tf_outcome::default());
+            return Ok(());
+        };
+        polled.runner_up = estimate_of(&next).and_then(|estimate| estimate.runner_up.clone());
+        place.put(tf_outcome::of(next, &runner.parts)?);
+        Ok(())
+    })
+}
+
+/// What was found, where an outcome says so.
+fn estimate_of(outcome: &Outcome) -> Option<&Estimate> {
+    match &outcome.answer {
+        Ok(Answer::Estimate(estimate) | Answer::Decision(Decision::Done(estimate, _))) => Some(estimate),
+        _ => None,
+    }
+}
+
+/// The second most probable part of the latest outcome that tf_runner_poll() gave, where that holds an estimate: see
+/// tf_episode_runner_up().
+/// \param runner_up  where it goes; its has_part is 0 where that outcome holds no estimate, or no other part is left
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_runner_runner_up(runner: *const tf_runner, runner_up: *mut tf_runner_up) -> tf_status {
+    call(|| unsafe {
+        let (runner, place) = (get(runner, "runner")?, out(runner_up, "runner_up")?);
+        let known = runner.lock()?.runner_up.clone();
+        place.put(known.map_or_else(|| Ok(tf_runner_up::default()), |known| tf_runner_up::of(&known, &runner.parts))?);
         Ok(())
     })
 }

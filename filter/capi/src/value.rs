@@ -183,7 +183,7 @@ pub struct tf_runner_up {
     pub has_part: u32,
     /// Its index in the bank; the first of equals.
     pub part: usize,
-    /// Its name, UTF-8. Belongs to the episode, and is valid until that is freed.
+    /// Its name, UTF-8. Belongs to the episode or runner, and is valid until that is freed.
     pub part_name: *const c_char,
     /// Its probability, 0 to 1.
     pub probability: f64,

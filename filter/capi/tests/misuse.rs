@@ -197,6 +197,8 @@ fn null_is_refused_everywhere_else() {
             tf_runner_submit_touch(runner, null(), STILL, reach, 2, null_mut()),
             tf_runner_submit_rest(runner, null(), null_mut()),
             tf_runner_poll(runner, null_mut()),
+            tf_runner_runner_up(null(), &mut zeroed()),
+            tf_runner_runner_up(runner, null_mut()),
             tf_estimate_twins(null(), null_mut(), 0, n),
         ]
     };
@@ -488,9 +490,21 @@ fn a_runner_answers_each_job_once_with_its_status() {
     known.part_name = null();
     let episode = world.episode();
     assert_eq!(known, estimate(episode).0);
+    // A name belongs to its handle.
+    let nameless = |other: tf_runner_up| tf_runner_up { part_name: null(), ..other };
+    let of_runner = || {
+        let mut other = tf_runner_up::default();
+        ok(unsafe { tf_runner_runner_up(runner, &mut other) });
+        nameless(other)
+    };
+    let mut other = tf_runner_up::default();
+    ok(unsafe { tf_episode_runner_up(episode, &mut other) });
+    assert_eq!((of_runner(), other.has_part), (nameless(other), 1));
     ok(unsafe { tf_runner_submit_new_episode(runner, null(), null_mut()) });
     ok(unsafe { tf_runner_submit_estimate(runner, &mut ticket) });
-    let (new, none) = (wait(runner), wait(runner));
+    let new = wait(runner);
+    assert_eq!(of_runner(), nameless(tf_runner_up::default()));
+    let none = wait(runner);
     assert_eq!((new.kind, none.status, none.ticket), (tf_outcome_kind::NewEpisode, tf_status::NoEpisode, 4));
     unsafe {
         tf_runner_free(runner);

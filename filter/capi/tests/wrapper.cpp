@@ -42,7 +42,7 @@ int main()
     tf::Runner runner;
     expect(!runner.submit(tf::frame(pixels, 2, 2), tf_pose{}, reach).ok() && !runner.submit_estimate().ok());
     expect(!runner.submit_new_episode().ok() && !runner.submit_new_episode(config).ok());
-    expect(!runner.submit_rest(tf::frame(pixels, 2, 2)).ok() && !runner.poll().ok());
+    expect(!runner.submit_rest(tf::frame(pixels, 2, 2)).ok() && !runner.poll().ok() && !runner.runner_up().ok());
     tf_estimate estimate{};
     expect(tf::twins(estimate).status() == TF_STATUS_ARGUMENT && tf::name(estimate).empty());
     estimate.symmetry_order = 2;

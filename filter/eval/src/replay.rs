@@ -10,7 +10,7 @@ use tactile_data::touch::{Side, Touch};
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
-use tactile_filter::{Episode, EpisodeConfig, Sensor, StopReason};
+use tactile_filter::{Episode, EpisodeConfig, RunnerUp, Sensor, StopReason};
 
 /// One touch of a recording: the frame to look at, and the motion since the touch before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,8 +30,8 @@ pub struct Replayed {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// The part that it may be as well: where the filter is not sure, the next likeliest and its probability; left out where
-    /// no other part is left.
+    /// The part that it may be as well, where the filter is not sure: the next likeliest and its probability, where that is more
+    /// than [`RunnerUp::NAMED_ABOVE`] or no touch told the two apart; left out otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub or: Option<(String, f64)>,
     /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
@@ -122,10 +122,13 @@ pub fn play(
     let estimate = episode.estimate();
     let pose = estimate.part_from_sensor;
     let is_sure = config.stop(&estimate.standing()) == Some(StopReason::Confident);
+    let is_named = |other: &RunnerUp| {
+        !is_sure && (other.probability > RunnerUp::NAMED_ABOVE || !config.is_told_apart(other.told_apart_nats))
+    };
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
         confident: is_sure && estimate.warnings.is_empty(),
-        or: estimate.runner_up.filter(|_| !is_sure).map(|other| (other.part, other.probability)),
+        or: estimate.runner_up.filter(is_named).map(|other| (other.part, other.probability)),
         stop: episode.stop_reason(),
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
         part: estimate.part,

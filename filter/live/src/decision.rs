@@ -76,9 +76,6 @@ impl RunnerUpReport {
     }
 }
 
-/// A second part that is more probable than this is worth a person's attention.
-const LEAST_OF_OTHER: f64 = 0.05;
-
 /// What is known of a touch besides its episode.
 #[derive(Clone, Copy, Debug)]
 pub struct Touched {
@@ -126,7 +123,7 @@ impl DecisionReport {
             return None;
         }
         let other = self.estimate.runner_up.as_ref();
-        other.filter(|other| other.probability > LEAST_OF_OTHER || !other.is_told_apart)
+        other.filter(|other| other.probability > RunnerUp::NAMED_ABOVE || !other.is_told_apart)
     }
 
     /// A line for a person.

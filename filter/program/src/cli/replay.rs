@@ -53,9 +53,6 @@ pub struct Replay {
 /// Scales that differ by more than this share are reported: an edge's shape then means another thing.
 const SCALE_TOLERANCE: f64 = 0.05;
 
-/// A second part that is more probable than this is named as well.
-const LEAST_OF_OTHER: f64 = 0.05;
-
 impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
@@ -137,10 +134,8 @@ impl Replay {
             Some(order) => format!(" or turned by {:.0} deg", 360.0 / order as f64),
         };
         let or = match &replayed.or {
-            Some((part, probability)) if *probability > LEAST_OF_OTHER => {
-                format!(" or {part} with {:.1} %", 100.0 * probability)
-            }
-            _ => String::new(),
+            Some((part, probability)) => format!(" or {part} with {:.1} %", 100.0 * probability),
+            None => String::new(),
         };
         println!(
             "episode {number}: {} touches, {} with {:.1} %{or}, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",

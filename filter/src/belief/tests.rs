@@ -1,0 +1,358 @@
+//! The posterior against its definition, and what must hold of it.
+
+use super::*;
+use crate::observation::Observation;
+use proptest::prelude::*;
+use rand::SeedableRng;
+use tactile_data::se2::wrap_angle;
+use tactile_data::symmetry::Symmetry;
+use tactile_infer::rows::Rows;
+
+/// 3 x 3 x 3 = 27 poses.
+const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+const N_CELLS: usize = 27;
+const DIM: usize = 4;
+
+fn unit_rows(n_rows: usize, seed: u64) -> Vec<Vec<f32>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut row = || {
+        let values: Vec<f32> = (0..DIM).map(|_| rng.random::<f32>() - 0.5).collect();
+        let norm = values.iter().map(|value| value * value).sum::<f32>().sqrt();
+        values.iter().map(|value| value / norm).collect()
+    };
+    (0..n_rows).map(|_| row()).collect()
+}
+
+fn bank(parts: &[&[Vec<f32>]]) -> Bank {
+    let names = (0..parts.len()).map(|part| part.to_string()).collect();
+    let rows: Vec<f32> = parts.iter().flat_map(|rows| rows.concat()).collect();
+    let shares = (0..parts.len() * N_CELLS).map(|row| if row % 5 == 0 { 0.0 } else { 0.3 }).collect();
+    Bank::from_rows(names, GRID, Rows::new(DIM, rows).unwrap(), shares, "").unwrap()
+}
+
+fn touches(n: usize, seed: u64) -> Vec<(Se2, Observation)> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed + 1000);
+    unit_rows(n, seed + 500)
+        .into_iter()
+        .map(|query| {
+            let mut step = |scale: f64| scale * (rng.random::<f64>() - 0.5);
+            let moved = Se2::from_degrees(step(8.0), step(8.0), step(60.0));
+            let edge_share = if step(1.0) > 0.3 { 0.0 } else { 0.3 };
+            (moved, Observation::new(query, edge_share))
+        })
+        .collect()
+}
+
+#[test]
+fn two_places_that_feel_the_same_are_not_one() {
+    let mut rows = unit_rows(N_CELLS, 4);
+    let [left, right] = [-4.0, 4.0].map(|x| GRID.nearest(&Se2::new(x, 0.0, 0.0)).unwrap());
+    rows[right] = rows[left].clone();
+    let bank = bank(&[&rows]);
+    let config =
+        LikelihoodConfig { temperature: 1e-3, outlier_share: 0.0, blank_share: 0.0, ..LikelihoodConfig::default() };
+    let touch = TouchLikelihood::new(&Observation::new(rows[left].clone(), 0.3), &bank, &config).unwrap();
+    let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
+    let near = |x: f64, mm: f64, symmetry: Symmetry| belief.share_near(0, &Se2::new(x, 0.0, 0.0), mm, &symmetry);
+    // A cell of 4 mm reaches 2.8 mm from its centre.
+    let [at_left, between] = [-4.0, 0.0].map(|x| near(x, 1.0, Symmetry::NONE));
+    assert!((at_left - 0.5).abs() < 0.01 && between < 0.01, "{at_left} {between}");
+    assert!((near(-4.0, 6.0, Symmetry::NONE) - 1.0).abs() < 0.01);
+    // By half a turn about the middle the state at the right is the place at the left, seen the other way round.
+    let half_turn = Symmetry { order: Some(2), centre_mm: [0.0; 2] };
+    let turned = Se2::new(-4.0, 0.0, std::f64::consts::PI);
+    assert!((belief.share_near(0, &turned, 1.0, &half_turn) - 0.5).abs() < 0.01);
+}
+
+/// The probability of each state, in order.
+fn masses_of(belief: &Belief) -> Vec<f64> {
+    let mut masses = vec![0.0; belief.n_states()];
+    belief.states().iter().for_each(|(state, mass)| masses[state.part * belief.grid().len() + state.cell] = *mass);
+    masses
+}
+
+/// log p(touch | state) of a touch, judged again.
+fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
+    let Evidence { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
+    let mut log_states = Vec::new();
+    let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
+    Evidence::new([&belief.views, &belief.grid], *first_from_sensor, *weight, likelihood.clone(), &mut take);
+    log_states
+}
+
+/// Touches that share no evidence, wherever they are, and no error.
+fn independent() -> LikelihoodConfig {
+    LikelihoodConfig { overlap_mm: 0.0, shared_error: 0.0, ..LikelihoodConfig::default() }
+}
+
+fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
+    let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
+    let mut belief = Belief::new(bank, engine, 1, 3, likelihood(&touches[0].1));
+    for (moved, touch) in &touches[1..] {
+        belief.update(moved, likelihood(touch));
+    }
+    belief
+}
+
+/// The same with all states.
+fn run_all(bank: &Bank, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
+    let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
+    let mut belief = Belief::of_all_states(bank, 1, likelihood(&touches[0].1));
+    for (moved, touch) in &touches[1..] {
+        belief.update(moved, likelihood(touch));
+    }
+    belief
+}
+
+/// Every fifth row is blank.
+fn blank_row(row: usize) -> bool {
+    row.is_multiple_of(5)
+}
+
+/// The power of each touch's likelihood: one of `n` by how much error they share, six times as much where the best rows
+/// have a cosine of 0.7 with the edged ones as where that is 0.95.
+fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &LikelihoodConfig) -> f64 {
+    let cosine = |row: usize, touch: &Observation| {
+        rows[row].iter().zip(&touch.query).map(|(a, b)| f64::from(a * b)).sum::<f64>()
+    };
+    let best = |touch: &Observation| {
+        (0..rows.len()).filter(|row| !blank_row(*row)).map(|row| cosine(row, touch)).fold(-1.0, f64::max)
+    };
+    let edged = touches.iter().map(|(_, touch)| touch).filter(|touch| touch.edge_share > 0.0);
+    let bests: Vec<f64> = edged.map(best).collect();
+    let mean = bests.iter().sum::<f64>() / bests.len().max(1) as f64;
+    let doubt = if bests.is_empty() { 0.0 } else { ((0.95 - mean) / 0.25).clamp(0.0, 1.0) };
+    1.0 / (1.0 + c.shared_error * (1.0 + 5.0 * doubt) * (touches.len() - 1) as f64)
+}
+
+/// The posterior straight from its definition, in f64 probabilities: no logs, no shared interpolation.
+fn brute_force(rows: &[Vec<f32>], n_parts: usize, touches: &[(Se2, Observation)], c: &LikelihoodConfig) -> Vec<f64> {
+    let likelihoods: Vec<Vec<f64>> = touches
+        .iter()
+        .map(|(_, touch)| {
+            let cosine = |row: &Vec<f32>| -> f64 {
+                row.iter().zip(&touch.query).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+            };
+            let cosines: Vec<f64> = rows.iter().map(cosine).collect();
+            let edged = || (0..rows.len()).filter(|row| !blank_row(*row));
+            let best = edged().map(|row| cosines[row]).fold(-1.0, f64::max);
+            let alike = |row: usize| ((cosines[row] - best) / c.temperature).exp();
+            let mean = edged().map(alike).sum::<f64>() / edged().count() as f64;
+            let look = |row: usize| (1.0 - c.outlier_share) * alike(row) / mean + c.outlier_share;
+            (0..rows.len())
+                .map(|row| match (blank_row(row), touch.edge_share == 0.0) {
+                    (false, false) => c.blank_agreement * look(row),
+                    (true, true) => c.blank_agreement,
+                    _ => 1.0 - c.blank_agreement,
+                })
+                .collect()
+        })
+        .collect();
+    let joint = joint(rows, touches, c);
+    let mut masses: Vec<f64> = (0..n_parts * N_CELLS)
+        .map(|state| {
+            let mut pose = GRID.pose(state % N_CELLS);
+            let mut product = 1.0;
+            for (index, (moved, _)) in touches.iter().enumerate() {
+                if index > 0 {
+                    pose = pose * *moved;
+                }
+                // Blank or not, an unknown view is as likely one as the other.
+                let average = 0.5;
+                let distance = |cell: usize| {
+                    let recorded = GRID.pose(cell);
+                    let shift = recorded.distance_mm(&pose) / 4.0;
+                    shift.max((recorded.theta_rad - pose.theta_rad).to_degrees().abs() / 30.0)
+                };
+                let inside = pose.x_mm.abs() <= 6.0 && pose.y_mm.abs() <= 6.0 && pose.theta_deg().abs() <= 45.0;
+                let apart = |a: f64, b: f64, step: f64| (a - b).abs() <= step / 2.0;
+                let cell = (0..N_CELLS).find(|cell| {
+                    let recorded = GRID.pose(*cell);
+                    apart(recorded.x_mm, pose.x_mm, 4.0)
+                        && apart(recorded.y_mm, pose.y_mm, 4.0)
+                        && apart(recorded.theta_deg(), pose.theta_deg(), 30.0)
+                });
+                product *= match cell.filter(|_| inside) {
+                    None => average,
+                    Some(cell) => {
+                        let excess = (distance(cell) / c.nearest_tolerance - 1.0).max(0.0);
+                        let trust = (-excess * excess / 2.0).exp();
+                        trust * likelihoods[index][state / N_CELLS * N_CELLS + cell] + (1.0 - trust) * average
+                    }
+                };
+            }
+            product.powf(joint)
+        })
+        .collect();
+    let sum: f64 = masses.iter().sum();
+    masses.iter_mut().for_each(|mass| *mass /= sum);
+    masses
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn the_exact_engine_agrees_with_the_definition(seed in 0..1000_u64, n_touches in 1..6_usize) {
+        let rows = unit_rows(3 * N_CELLS, seed);
+        let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
+        let touches = touches(n_touches, seed);
+        let config = LikelihoodConfig { shared_error: 0.1, ..independent() };
+        let belief = run_all(&bank, &touches, &config);
+        let expected = brute_force(&rows, 3, &touches, &config);
+        for (got, expected) in masses_of(&belief).iter().zip(&expected) {
+            // Cosines are f32 (error 1e-7), divided by tau 0.1, over at most 5 touches.
+            prop_assert!((got - expected).abs() <= 1e-5 * expected + 1e-12, "{got} {expected}");
+        }
+    }
+
+    /// Of touches at random, which contradict each other, after each of them.
+    #[test]
+    fn what_is_left_out_moves_the_posterior_no_more_than_it_says(seed in 0..1000_u64, cubic in any::<bool>()) {
+        let rows = unit_rows(3 * N_CELLS, seed);
+        let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
+        let interpolation =
+            if cubic { crate::interpolation::Interpolation::Cubic } else { crate::interpolation::Interpolation::Nearest };
+        let config = LikelihoodConfig { interpolation, ..LikelihoodConfig::default() };
+        let touches = touches(10, seed);
+        for n_touches in 1..=10 {
+            let belief = run(&bank, EngineConfig::Exact, &touches[..n_touches], &config);
+            let all = run_all(&bank, &touches[..n_touches], &config);
+            let (belief_masses, all_masses) = (masses_of(&belief), masses_of(&all));
+            let apart = belief_masses.iter().zip(&all_masses).map(|(a, b)| (a - b).abs()).sum::<f64>() / 2.0;
+            prop_assert!(apart <= belief.left_out() + 1e-12 && belief.left_out() <= ALLOWED_ERROR, "{apart}");
+            prop_assert_eq!(all.left_out(), 0.0);
+        }
+    }
+
+    #[test]
+    fn the_posterior_is_normalised(seed in 0..1000_u64, particles in any::<bool>()) {
+        let rows = unit_rows(2 * N_CELLS, seed);
+        let bank = bank(&[&rows[..27], &rows[27..]]);
+        let engine = if particles { EngineConfig::Particle(ParticleConfig::default()) } else { EngineConfig::Exact };
+        let belief = run(&bank, engine, &touches(4, seed), &LikelihoodConfig::default());
+        prop_assert!((belief.class_posterior().iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        prop_assert!((belief.states().iter().map(|(_, mass)| mass).sum::<f64>() - 1.0).abs() < 1e-9);
+        prop_assert!(belief.entropy_nats() >= 0.0 && belief.entropy_nats() <= 54.0_f64.ln() + 1e-9);
+    }
+
+    #[test]
+    fn permuting_the_parts_permutes_the_posterior(seed in 0..1000_u64) {
+        let rows = unit_rows(2 * N_CELLS, seed);
+        // Nothing blank: this bank's blank rows do not move with their parts.
+        let config = LikelihoodConfig { blank_share: 0.0, ..LikelihoodConfig::default() };
+        let posterior = |parts: &[&[Vec<f32>]]| {
+            run(&bank(parts), EngineConfig::Exact, &touches(4, seed), &config).class_posterior().to_vec()
+        };
+        let (there, back) = (posterior(&[&rows[..27], &rows[27..]]), posterior(&[&rows[27..], &rows[..27]]));
+        prop_assert!((there[0] - back[1]).abs() < 1e-9 && (there[1] - back[0]).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_action_and_its_inverse_look_up_the_same_rows(
+        x in -30.0..30.0_f64, y in -30.0..30.0_f64, theta in -170.0..170.0_f64,
+    ) {
+        let rows = unit_rows(N_CELLS, 1);
+        let bank = bank(&[&rows]);
+        let there = Se2::from_degrees(x, y, theta);
+        let mut touches = touches(3, 1);
+        touches[1].0 = there;
+        touches[2].0 = there.inverse();
+        touches[2].1 = touches[0].1.clone();
+        let belief = run(&bank, EngineConfig::Exact, &touches, &independent());
+        let logs = [2, 0].map(|touch| log_states(&belief, touch));
+        let apart = logs[0].iter().zip(&logs[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        prop_assert!(apart < 1e-9);
+    }
+}
+
+#[test]
+fn many_particles_agree_with_the_exact_engine() {
+    let rows = unit_rows(3 * N_CELLS, 11);
+    let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
+    let (touches, config) = (touches(4, 11), LikelihoodConfig::default());
+    let exact = run(&bank, EngineConfig::Exact, &touches, &config);
+    for n_moves in [0, 4] {
+        let engine = ParticleConfig { n_particles: 20_000, n_moves, adaptive: false, ..ParticleConfig::default() };
+        let particle = run(&bank, EngineConfig::Particle(engine), &touches, &config);
+        for (a, b) in particle.class_posterior().iter().zip(exact.class_posterior()) {
+            // Standard error of a share of 2e4 draws: 0.0035; at an effective size of a tenth: 0.011; four of those.
+            assert!((a - b).abs() < 0.045, "{a} {b} with {n_moves} moves");
+        }
+        assert_eq!(particle.best(None), exact.best(None));
+    }
+}
+
+#[test]
+fn one_part_and_one_particle_and_half_a_turn_are_fine() {
+    let rows = unit_rows(N_CELLS, 2);
+    let bank = bank(&[&rows]);
+    let mut touches = touches(3, 2);
+    touches[1].0 = Se2::from_degrees(0.0, 0.0, 180.0);
+    touches[2].0 = Se2::from_degrees(0.0, 0.0, -180.0);
+    let engine = ParticleConfig { n_particles: 1, ..ParticleConfig::default() };
+    for engine in [EngineConfig::Exact, EngineConfig::Particle(engine)] {
+        let belief = run(&bank, engine, &touches, &LikelihoodConfig::default());
+        assert!((belief.class_posterior()[0] - 1.0).abs() < 1e-12);
+        // Half a turn leads out of a reach of 30 degrees: unknown, never no contact.
+        let unknown = |touch: usize| belief.touches()[touch].likelihood.log_unknown;
+        assert!(log_states(&belief, 1).iter().all(|log| *log == unknown(1)));
+        assert!(log_states(&belief, 0).iter().any(|log| *log != unknown(0)));
+    }
+}
+
+#[test]
+fn the_same_touch_twice_tells_nothing_new() {
+    let rows = unit_rows(2 * N_CELLS, 6);
+    let bank = bank(&[&rows[..27], &rows[27..]]);
+    let mut touches = touches(2, 6);
+    touches[1] = (Se2::IDENTITY, touches[0].1.clone());
+    let once = run_all(&bank, &touches[..1], &LikelihoodConfig::default());
+    let twice = run_all(&bank, &touches, &LikelihoodConfig::default());
+    assert!(masses_of(&once).iter().zip(masses_of(&twice).iter()).all(|(a, b)| (a - b).abs() < 1e-12));
+    let counted_twice = run(&bank, EngineConfig::Exact, &touches, &independent());
+    assert!(counted_twice.entropy_nats() < once.entropy_nats() - 0.1);
+}
+
+#[test]
+fn a_finer_grid_of_states_holds_the_coarser_one() {
+    let rows = unit_rows(2 * N_CELLS, 8);
+    let bank = bank(&[&rows[..27], &rows[27..]]);
+    let config = LikelihoodConfig { interpolation: crate::interpolation::Interpolation::Cubic, ..independent() };
+    let (touches, likelihood) = (touches(1, 8), |touch| TouchLikelihood::new(touch, &bank, &config).unwrap());
+    let belief = |n| Belief::new(&bank, EngineConfig::Exact, n, 3, likelihood(&touches[0].1));
+    let (coarse, fine) = (belief(1), belief(2));
+    assert_eq!(fine.grid().len(), 5 * 5 * 5);
+    let logs = [&coarse, &fine].map(|belief| log_states(belief, 0));
+    for cell in 0..N_CELLS {
+        let same = fine.grid().nearest(&GRID.pose(cell)).unwrap();
+        assert!((logs[0][cell] - logs[1][same]).abs() < 1e-4);
+    }
+    assert!((fine.class_posterior().iter().sum::<f64>() - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_touch_outside_the_recorded_area_changes_nothing() {
+    let rows = unit_rows(2 * N_CELLS, 4);
+    let bank = bank(&[&rows[..27], &rows[27..]]);
+    let mut touches = touches(2, 4);
+    touches[1].0 = Se2::from_degrees(100.0, 0.0, 0.0);
+    let config = LikelihoodConfig::default();
+    let (before, after) = (run_all(&bank, &touches[..1], &config), run_all(&bank, &touches, &config));
+    for (a, b) in masses_of(&before).iter().zip(masses_of(&after).iter()) {
+        assert!((a - b).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn neighbours_are_one_step_away_and_back() {
+    for cell in 0..N_CELLS {
+        for direction in 0..6 {
+            let Some(next) = neighbour(&GRID, cell, direction) else { continue };
+            let (a, b) = (GRID.pose(cell), GRID.pose(next));
+            let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
+            assert!((a.distance_mm(&b) / 4.0 + turned / 30.0 - 1.0).abs() < 1e-9);
+            assert_eq!(neighbour(&GRID, next, direction ^ 1), Some(cell));
+        }
+    }
+}
