@@ -45,9 +45,11 @@ pub struct RunnerUp {
 }
 
 impl RunnerUp {
-    /// While no part is sure, a second one that is more probable than this is named next to the first, as is one that no touch
-    /// told from it.
-    pub const NAMED_ABOVE: f64 = 0.05;
+    /// Whether a second part is named next to the first while that is not sure: it is more probable than 5 %, or no touch told
+    /// it from the first ([`crate::EpisodeConfig::is_told_apart`]).
+    pub fn is_named(probability: f64, is_told_apart: bool) -> bool {
+        probability > 0.05 || !is_told_apart
+    }
 }
 
 /// What is known after the touches so far.

@@ -127,6 +127,13 @@ Result<List> list(Ask ask)
     return give(status, std::move(values));
 }
 
+// A runner-up, where there is one.
+inline Result<std::optional<tf_runner_up>> perhaps(tf_status status, const tf_runner_up &runner_up)
+{
+    const bool is_one = status == TF_STATUS_OK && runner_up.has_part != 0;
+    return give(status, is_one ? std::optional<tf_runner_up>(runner_up) : std::nullopt);
+}
+
 }  // namespace detail
 
 // Whether the library is the one that this header belongs to. Ask once, at the start.
@@ -356,8 +363,7 @@ public:
     {
         tf_runner_up runner_up{};
         const tf_status status = tf_episode_runner_up(get(), &runner_up);
-        const bool is_one = status == TF_STATUS_OK && runner_up.has_part != 0;
-        return detail::give(status, is_one ? std::optional<tf_runner_up>(runner_up) : std::nullopt);
+        return detail::perhaps(status, runner_up);
     }
 
     // The probability of each part, in the bank's order.
@@ -462,8 +468,7 @@ public:
     {
         tf_runner_up runner_up{};
         const tf_status status = tf_runner_runner_up(handle_.get(), &runner_up);
-        const bool is_one = status == TF_STATUS_OK && runner_up.has_part != 0;
-        return detail::give(status, is_one ? std::optional<tf_runner_up>(runner_up) : std::nullopt);
+        return detail::perhaps(status, runner_up);
     }
 
 private:

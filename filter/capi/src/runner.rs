@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use tactile_filter::runner::{Answer, Job, Outcome, Runner};
-use tactile_filter::{Decision, Estimate, RunnerUp};
+use tactile_filter::{Decision, Estimate};
 
 use crate::config::tf_episode_config;
 use crate::episode::{locked, motions};
@@ -24,7 +24,7 @@ pub struct tf_runner {
 /// A runner, and what its latest polled outcome knew besides what [`tf_outcome`] holds.
 struct Polled {
     runner: Runner,
-    runner_up: Option<RunnerUp>,
+    runner_up: tf_runner_up,
 }
 
 impl tf_runner {
@@ -111,7 +111,7 @@ pub unsafe extern "C" fn tf_runner_start(
         let (sensor, parts) = unsafe { (get(sensor, "sensor")?, get(bank, "bank")?.parts.clone()) };
         let config = unsafe { read(config)? };
         let runner = Runner::start((*sensor.sensor).clone(), parts.bank.clone(), config, capacity)?;
-        Ok(tf_runner { parts, runner: Mutex::new(Polled { runner, runner_up: None }) })
+        Ok(tf_runner { parts, runner: Mutex::new(Polled { runner, runner_up: tf_runner_up::default() }) })
     };
     call(|| unsafe { give(out, start) })
 }
@@ -206,7 +206,7 @@ pub unsafe extern "C" fn tf_runner_poll(runner: *mut tf_runner, outcome: *mut tf
             place.put(tf_outcome::default());
             return Ok(());
         };
-        polled.runner_up = estimate_of(&next).and_then(|estimate| estimate.runner_up.clone());
+        polled.runner_up = tf_runner_up::of(estimate_of(&next), &runner.parts)?;
         place.put(tf_outcome::of(next, &runner.parts)?);
         Ok(())
     })
@@ -227,8 +227,7 @@ fn estimate_of(outcome: &Outcome) -> Option<&Estimate> {
 pub unsafe extern "C" fn tf_runner_runner_up(runner: *const tf_runner, runner_up: *mut tf_runner_up) -> tf_status {
     call(|| unsafe {
         let (runner, place) = (get(runner, "runner")?, out(runner_up, "runner_up")?);
-        let known = runner.lock()?.runner_up.clone();
-        place.put(known.map_or_else(|| Ok(tf_runner_up::default()), |known| tf_runner_up::of(&known, &runner.parts))?);
+        place.put(runner.lock()?.runner_up);
         Ok(())
     })
 }

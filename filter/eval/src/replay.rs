@@ -30,8 +30,8 @@ pub struct Replayed {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// The part that it may be as well, where the filter is not sure: the next likeliest and its probability, where that is more
-    /// than [`RunnerUp::NAMED_ABOVE`] or no touch told the two apart; left out otherwise.
+    /// The part that it may be as well, where the filter is not sure: the next likeliest and its probability, where
+    /// [`RunnerUp::is_named`] says so; left out otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub or: Option<(String, f64)>,
     /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
@@ -123,7 +123,7 @@ pub fn play(
     let pose = estimate.part_from_sensor;
     let is_sure = config.stop(&estimate.standing()) == Some(StopReason::Confident);
     let is_named = |other: &RunnerUp| {
-        !is_sure && (other.probability > RunnerUp::NAMED_ABOVE || !config.is_told_apart(other.told_apart_nats))
+        !is_sure && RunnerUp::is_named(other.probability, config.is_told_apart(other.told_apart_nats))
     };
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),

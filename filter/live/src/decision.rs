@@ -123,7 +123,7 @@ impl DecisionReport {
             return None;
         }
         let other = self.estimate.runner_up.as_ref();
-        other.filter(|other| other.probability > RunnerUp::NAMED_ABOVE || !other.is_told_apart)
+        other.filter(|other| RunnerUp::is_named(other.probability, other.is_told_apart))
     }
 
     /// A line for a person.
