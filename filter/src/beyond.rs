@@ -10,6 +10,11 @@ use crate::likelihood::LikelihoodConfig;
 /// few blank views inside.
 const LEAST_BLANK: f64 = 0.5;
 
+/// Share of the unknown views with an edge that look like recorded ones on average, 0..=1: beyond the border the same edges
+/// go on. The others look like none that was recorded ([`LikelihoodConfig::unknown_similarity`]). Were it none, a touch made
+/// there would speak for the one recorded view, of whichever part, that it resembles by chance (`NOTES.md`).
+pub(crate) const LIKE_RECORDED: f64 = 0.8;
+
 /// Probability that a view beyond the recorded area is blank: as many as on its border, where that is most of them, since
 /// a bank that reaches past its parts ends where they do not reach; else a half. Never more than recorded views are
 /// believed to be blank.
@@ -23,6 +28,12 @@ pub(crate) fn blank_share(bank: &Bank, config: &LikelihoodConfig) -> f64 {
         }
     }
     (n_blank as f64 / n_recorded.max(1) as f64).clamp(LEAST_BLANK, config.blank_agreement.max(LEAST_BLANK))
+}
+
+/// How likely an edged touch is at an unknown view, above the average of the recorded ones: `of_least_alike` is what it is at
+/// a view that looks like none of those.
+pub(crate) fn likely(of_least_alike: f64) -> f64 {
+    LIKE_RECORDED + (1.0 - LIKE_RECORDED) * of_least_alike
 }
 
 /// The cells with the least or the largest x or y.

@@ -7,9 +7,9 @@
 //! so that a likelihood is a mixture of that and 1, which says nothing. A blank view has no such picture: there the second
 //! factor is 1.
 //!
-//! Outside the recorded area the view is unknown. Where views are interpolated it counts as one of
-//! `unknown_similarity`. Were it worth as much as an average view, a touch whose own view was not recorded would speak
-//! for the best of the recorded ones, even a poor one.
+//! Outside the recorded area the view is unknown. Where views are interpolated, four in five of those with an edge count as
+//! an average recorded one and the others as one of `unknown_similarity`: without these, a touch whose own view was not
+//! recorded would speak for the best of the recorded ones, even a poor one; without those, for a good one of the wrong part.
 
 mod config;
 
@@ -143,7 +143,10 @@ impl TouchLikelihood {
         let unknown_is_blank = beyond::blank_share(bank, config);
         let log_unknown = match unknown_similarity {
             _ if blank => unknown_is_blank.ln(),
-            Some(unknown) => (1.0 - unknown_is_blank).ln() + model.log(f64::from(unknown - reference)),
+            Some(unknown) => {
+                let of_least_alike = model.log(f64::from(unknown - reference)).exp();
+                (1.0 - unknown_is_blank).ln() + beyond::likely(of_least_alike).ln()
+            }
             None => (1.0 - unknown_is_blank).ln(),
         };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());

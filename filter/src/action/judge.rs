@@ -320,7 +320,8 @@ impl<'a> Pairing<'a> {
         pairing.unknown = match (config.rule, unknown_similarity) {
             (ActionRule::Paper, _) => pairing.average,
             (_, Some(cosine)) if likelihood.interpolation.is_cubic(bank.grid()) => {
-                (1.0 - beyond::blank_share(bank, likelihood)).powf(joint) * pairing.likely(cosine) / pairing.average
+                (1.0 - beyond::blank_share(bank, likelihood)).powf(joint)
+                    * beyond::likely(pairing.likely(cosine) / pairing.average)
             }
             _ => 1.0,
         };
@@ -484,8 +485,8 @@ mod tests {
         };
         let (got, average) = unknown(ActionRule::Information, &fine);
         // Edged in every second case.
-        let likely = 0.5 * ((-0.1 / fine.temperature).exp() + 0.02 / 0.98 * average);
-        assert!((got - likely / average).abs() < 1e-6 && got < 1.0, "{got}");
+        let least_alike = ((-0.1 / fine.temperature).exp() + 0.02 / 0.98 * average) / average;
+        assert!((got - 0.5 * (0.8 + 0.2 * least_alike)).abs() < 1e-6 && got < 1.0, "{got}");
         // An average one, where none are interpolated or nothing is known of them.
         let coarse = LikelihoodConfig { interpolation: Interpolation::Nearest, ..fine };
         let average_one = LikelihoodConfig { unknown_similarity: None, ..fine };

@@ -30,8 +30,9 @@ pub struct LikelihoodConfig {
     pub nearest_tolerance: f64,
     /// How views between recorded poses are judged.
     pub interpolation: Interpolation,
-    /// Where views are interpolated, one outside the recorded area is as likely as a recorded one whose cosine with an
-    /// edged touch is this, -1..=1. `None`, and where they are not: as an average recorded one, the same for every touch.
+    /// Where views are interpolated, one view in five outside the recorded area is as likely as a recorded one whose cosine
+    /// with an edged touch is this, -1..=1. The others, and all where it is `None` or views are not interpolated: as an
+    /// average recorded one, the same for every touch.
     pub unknown_similarity: Option<f64>,
     /// What a part's fit is measured by ([`crate::Estimate::fit`]): the cosine of an edged touch with the view that it was
     /// made at, mean ...

@@ -149,7 +149,7 @@ pub fn normalise(logs: &mut [f64]) {
 struct Logs {
     /// At each row: agreement about blankness, and among edged views the match relative to its mean.
     of_row: Vec<f64>,
-    /// Where the view is unknown: blank or not, and if not as a row of a given cosine.
+    /// Where the view is unknown: blank or not, and if not as an average row or as one of a given cosine.
     unknown: f64,
     /// The largest cosine with an edged row, of a touch that shows an edge.
     best: Option<f64>,
@@ -195,7 +195,8 @@ impl Logs {
         let beyond_is_blank = beyond_is_blank(edge_shares, grid, config);
         let unknown = match is_blank(touch.edge_share) {
             true => beyond_is_blank.ln(),
-            false => (1.0 - beyond_is_blank).ln() + unknown.map_or(0.0, log_of),
+            // Four in five as an average row.
+            false => (1.0 - beyond_is_blank).ln() + unknown.map_or(0.0, |one| (0.8 + 0.2 * log_of(one).exp()).ln()),
         };
         Self {
             of_row,
