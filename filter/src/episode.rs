@@ -225,7 +225,6 @@ impl Episode {
     pub fn estimate(&self) -> Estimate {
         let (part, probability) = self.likeliest_part();
         let placed = self.place(part);
-        let rival = self.next_likeliest(part).and_then(|other| self.rival(part, &placed, other));
         let symmetry = self.bank.symmetry(part);
         let modes = modes(&self.belief, &|part| self.bank.symmetry(part));
         let covariance = match self.config.between_poses {
@@ -235,11 +234,7 @@ impl Episode {
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
-            runner_up: rival.map(|Rival { part, probability, told_apart_nats }| RunnerUp {
-                part: self.bank.parts()[part].clone(),
-                probability,
-                told_apart_nats,
-            }),
+            runner_up: self.runner_up_to(part, &placed),
             part_from_sensor: placed.refined.part_from_first * self.belief.first_from_sensor(),
             part_from_first: placed.refined.part_from_first,
             symmetry,
@@ -252,6 +247,20 @@ impl Episode {
             n_touches: self.belief.touches().len(),
             warnings: self.warnings(),
         }
+    }
+
+    /// The second most probable part now, as [`Self::estimate`] has it, without the rest of it; `None` where no other part is
+    /// left.
+    pub fn runner_up(&self) -> Option<RunnerUp> {
+        let (part, _) = self.likeliest_part();
+        self.runner_up_to(part, &self.place(part))
+    }
+
+    /// The second most probable part next to the most probable one in its place.
+    fn runner_up_to(&self, likeliest: usize, placed: &Placed) -> Option<RunnerUp> {
+        let Rival { part, probability, told_apart_nats } =
+            self.rival(likeliest, placed, self.next_likeliest(likeliest)?)?;
+        Some(RunnerUp { part: self.bank.parts()[part].clone(), probability, told_apart_nats })
     }
 
     /// The most probable part, the first of equals, and its probability.
@@ -644,9 +653,11 @@ mod tests {
         });
         assert!((told - last).abs() < 1e-9 && first == 0.0 && told > eager.told_apart_nats, "{told} {last}");
         assert_eq!((estimate.part.as_str(), episode.stop_reason()), ("Q", Some(StopReason::Confident)));
+        assert_eq!(episode.runner_up(), estimate.runner_up);
         // A part that is alone has no rival.
         let alone = Episode::begin(eager, Arc::new(bank.without(0).unwrap()), &touch(start)).unwrap();
-        assert_eq!((alone.estimate().runner_up, alone.stop_reason()), (None, Some(StopReason::Confident)));
+        assert_eq!((alone.estimate().runner_up, alone.runner_up()), (None, None));
+        assert_eq!(alone.stop_reason(), Some(StopReason::Confident));
     }
 
     #[test]

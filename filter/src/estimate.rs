@@ -4,7 +4,7 @@ use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 
 use crate::modes::Mode;
-use crate::stop::Standing;
+use crate::stop::{Standing, StopReason};
 
 /// A reason to doubt an estimate, however probable it is: the filter only weighs the parts of its bank.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,10 +45,11 @@ pub struct RunnerUp {
 }
 
 impl RunnerUp {
-    /// Whether a second part is named next to the first while that is not sure: it is more probable than 5 %, or no touch told
-    /// it from the first ([`crate::EpisodeConfig::is_told_apart`]).
-    pub fn is_named(probability: f64, is_told_apart: bool) -> bool {
-        probability > 0.05 || !is_told_apart
+    /// Whether a second part is named next to the first: neither is that sure nor is it none of these, and the second is more
+    /// probable than 5 %, or no touch told it from the first ([`crate::EpisodeConfig::is_told_apart`]).
+    pub fn is_named(stop: Option<StopReason>, probability: f64, is_told_apart: bool) -> bool {
+        let is_open = !matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese));
+        is_open && (probability > 0.05 || !is_told_apart)
     }
 }
 
@@ -99,6 +100,25 @@ impl Estimate {
             fit: self.fit,
             told_apart_nats: self.runner_up.as_ref().map(|other| other.told_apart_nats),
             n_touches: self.n_touches,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_part_is_named_only_while_it_may_be_that_one() {
+        let of = |stop| {
+            [(0.06, true), (0.05, true), (0.01, false)]
+                .map(|(p, is_told_apart)| RunnerUp::is_named(stop, p, is_told_apart))
+        };
+        for stop in [None, Some(StopReason::TouchLimit), Some(StopReason::NothingToLearn)] {
+            assert_eq!(of(stop), [true, false, true], "{stop:?}");
+        }
+        for stop in [StopReason::Confident, StopReason::NoneOfThese] {
+            assert_eq!(of(Some(stop)), [false; 3], "{stop:?}");
         }
     }
 }

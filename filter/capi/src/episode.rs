@@ -160,8 +160,8 @@ pub unsafe extern "C" fn tf_episode_estimate(
 pub unsafe extern "C" fn tf_episode_runner_up(episode: *const tf_episode, runner_up: *mut tf_runner_up) -> tf_status {
     call(|| unsafe {
         let (handle, place) = (get(episode, "episode")?, out(runner_up, "runner_up")?);
-        let known = handle.read()?.estimate();
-        place.put(tf_runner_up::of(Some(&known), &handle.parts)?);
+        let runner_up = handle.read()?.runner_up();
+        place.put(tf_runner_up::of(runner_up.as_ref(), &handle.parts)?);
         Ok(())
     })
 }

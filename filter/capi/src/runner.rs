@@ -206,7 +206,8 @@ pub unsafe extern "C" fn tf_runner_poll(runner: *mut tf_runner, outcome: *mut tf
             place.put(tf_outcome::default());
             return Ok(());
         };
-        polled.runner_up = tf_runner_up::of(estimate_of(&next), &runner.parts)?;
+        let runner_up = estimate_of(&next).and_then(|estimate| estimate.runner_up.as_ref());
+        polled.runner_up = tf_runner_up::of(runner_up, &runner.parts)?;
         place.put(tf_outcome::of(next, &runner.parts)?);
         Ok(())
     })

@@ -199,12 +199,11 @@ impl Default for tf_runner_up {
 }
 
 impl tf_runner_up {
-    /// The runner-up of an estimate, where there is one, as C sees it; its name belongs to `parts`.
-    pub(crate) fn of(estimate: Option<&Estimate>, parts: &Parts) -> Result<Self, Failure> {
-        let Some(runner_up) = estimate.and_then(|estimate| estimate.runner_up.as_ref()) else {
+    /// A runner-up, where there is one, as C sees it; its name belongs to `parts`.
+    pub(crate) fn of(runner_up: Option<&RunnerUp>, parts: &Parts) -> Result<Self, Failure> {
+        let Some(RunnerUp { part, probability, told_apart_nats }) = runner_up else {
             return Ok(Self::default());
         };
-        let RunnerUp { part, probability, told_apart_nats } = runner_up;
         let part = parts.index(part)?;
         Ok(Self {
             has_part: 1,

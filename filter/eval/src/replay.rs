@@ -30,8 +30,8 @@ pub struct Replayed {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// The part that it may be as well, where the filter is not sure: the next likeliest and its probability, where
-    /// [`RunnerUp::is_named`] says so; left out otherwise.
+    /// The part that it may be as well: the next likeliest and its probability, where [`RunnerUp::is_named`] says so; left
+    /// out otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub or: Option<(String, f64)>,
     /// Pose of the sensor at the last touch: x mm, y mm, theta degrees.
@@ -121,13 +121,12 @@ pub fn play(
     }
     let estimate = episode.estimate();
     let pose = estimate.part_from_sensor;
-    let is_sure = config.stop(&estimate.standing()) == Some(StopReason::Confident);
-    let is_named = |other: &RunnerUp| {
-        !is_sure && RunnerUp::is_named(other.probability, config.is_told_apart(other.told_apart_nats))
-    };
+    let known = config.stop(&estimate.standing());
+    let is_named =
+        |other: &RunnerUp| RunnerUp::is_named(known, other.probability, config.is_told_apart(other.told_apart_nats));
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
-        confident: is_sure && estimate.warnings.is_empty(),
+        confident: known == Some(StopReason::Confident) && estimate.warnings.is_empty(),
         or: estimate.runner_up.filter(is_named).map(|other| (other.part, other.probability)),
         stop: episode.stop_reason(),
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),

@@ -119,11 +119,8 @@ impl DecisionReport {
     /// The second part that it may be as well: while it is neither sure nor none of these, one that is worth naming or
     /// that no touch told from the first.
     pub fn other(&self) -> Option<&RunnerUpReport> {
-        if matches!(self.stop, Some(StopReason::Confident | StopReason::NoneOfThese)) {
-            return None;
-        }
         let other = self.estimate.runner_up.as_ref();
-        other.filter(|other| RunnerUp::is_named(other.probability, other.is_told_apart))
+        other.filter(|other| RunnerUp::is_named(self.stop, other.probability, other.is_told_apart))
     }
 
     /// A line for a person.

@@ -40,14 +40,13 @@ impl Belief {
     /// Share of the belief in a part, 0..=1, in states whose first touch was made within `mm` of a pose or, by the part's
     /// symmetry, of one that feels the same; a state is as wide as its cell. 0 where the part is ruled out.
     pub fn share_near(&self, part: usize, part_from_first: &Se2, mm: f64, symmetry: &Symmetry) -> f64 {
-        let of_part = self.states_of(part..part + 1, 0.0);
+        let (of_part, all) = self.states_of_part(part);
         let reach = mm + self.grid.xy_step_mm * std::f64::consts::FRAC_1_SQRT_2;
         let is_near = |cell: usize| {
             let pose = self.grid.pose(cell);
             symmetry.nearest_twin(&pose, part_from_first).distance_mm(part_from_first) <= reach
         };
         // A ten-thousandth of it in the lightest states does not matter, and is most of them.
-        let all: f64 = of_part.iter().map(|(_, mass)| mass).sum();
         let least = 1e-4 * all / self.grid.len() as f64;
         let near = of_part.iter().filter(|(state, mass)| *mass > least && is_near(state.cell));
         if all > 0.0 { near.map(|(_, mass)| mass).sum::<f64>() / all } else { 0.0 }
@@ -59,8 +58,7 @@ impl Belief {
     pub(crate) fn covariance(&self, part: usize, refined: &Refined, symmetry: &Symmetry) -> [[f64; 3]; 3] {
         /// Lighter states move no variance by more than this times the square of the way across the bank.
         const NEGLIGIBLE: f64 = 1e-7;
-        let (of_part, here) = (self.states_of(part..part + 1, 0.0), &refined.part_from_first);
-        let all: f64 = of_part.iter().map(|(_, mass)| mass).sum();
+        let ((of_part, all), here) = (self.states_of_part(part), &refined.part_from_first);
         let mut covariance = refined.covariance;
         for (state, mass) in of_part.iter().filter(|(_, mass)| *mass > NEGLIGIBLE * all) {
             let there = symmetry.nearest_twin(&self.grid.pose(state.cell), here);
@@ -76,8 +74,7 @@ impl Belief {
     /// `n` states drawn from the belief in a part, ascending, each about as often as it is probable there; none where the
     /// belief holds none of it.
     pub fn draw_of(&self, part: usize, n: usize, rng: &mut ChaCha8Rng) -> Vec<Hypothesis> {
-        let states = self.states_of(part..part + 1, 0.0);
-        let all: f64 = states.iter().map(|(_, mass)| mass).sum();
+        let (states, all) = self.states_of_part(part);
         if all <= 0.0 {
             return Vec::new();
         }
@@ -86,5 +83,12 @@ impl Belief {
             systematic(&masses, n, rng.random()).into_iter().map(|i| states[i].0).collect();
         drawn.sort_unstable();
         drawn
+    }
+
+    /// The states of a part with the belief in each, and its sum.
+    fn states_of_part(&self, part: usize) -> (Vec<(Hypothesis, f64)>, f64) {
+        let states = self.states_of(part..part + 1, 0.0);
+        let all = states.iter().map(|(_, mass)| mass).sum();
+        (states, all)
     }
 }
