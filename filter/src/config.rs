@@ -41,7 +41,8 @@ pub struct EpisodeConfig {
     /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / sqrt(n)`; not
     /// negative. Large: parts that are not in the bank are recognised, at the price of touches.
     pub fit_margin: f64,
-    /// A fit below `none_fit` means none of these parts from this many touches on; at least 1.
+    /// A fit below `none_fit` means none of these parts from this many touches on, where it is of more than one of them
+    /// ([`crate::Estimate::n_fitted`]); at least 1. With 1 that of the first touch is enough.
     pub none_touches: usize,
     /// To be confident one touch alone must speak for the part rather than for the next likeliest by this much, nats, each
     /// in its likeliest state; not negative. What only many touches say together, none of which could tell the two apart,
@@ -55,6 +56,10 @@ pub struct EpisodeConfig {
 
 /// One in 160, were the mean cosine of a hole's touches normal.
 const NONE_FIT: f64 = -2.5;
+
+/// Touches whose fit may refuse a part. After several blank ones the first edge fits badly wherever the likeliest part then is,
+/// which is hardly likelier than the others (`NOTES.md`, "When to stop").
+const FEWEST_FITTED: usize = 2;
 
 /// Four to one.
 const TOLD_APART_NATS: f64 = 1.4;
@@ -126,7 +131,7 @@ impl EpisodeConfig {
 
     /// Why to stop where the likeliest part stands like this, its place known well enough; `None` to go on.
     pub fn stop(&self, standing: &Standing) -> Option<StopReason> {
-        let Standing { probability, fit, told_apart_nats, n_touches } = *standing;
+        let Standing { probability, fit, n_fitted, told_apart_nats, n_touches } = *standing;
         // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.
         let explains = match (self.fit_needed(n_touches), fit) {
             (Some(least), Some(fit)) => fit >= least,
@@ -135,7 +140,8 @@ impl EpisodeConfig {
         };
         let is_told_apart = told_apart_nats.is_none_or(|nats| self.is_told_apart(nats));
         let is_none = self.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
-        if n_touches >= self.none_touches && is_none {
+        let are_enough = n_touches >= self.none_touches && n_fitted >= self.none_touches.min(FEWEST_FITTED);
+        if are_enough && is_none {
             Some(StopReason::NoneOfThese)
         } else if probability.min(1.0) > self.stop_probability && explains && is_told_apart {
             Some(StopReason::Confident)
@@ -195,14 +201,19 @@ mod tests {
     #[test]
     fn a_fit_is_asked_for_less_the_more_touches_there_are() {
         let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 1.2, none_touches: 4, ..Default::default() };
-        let standing = |fit, n_touches| Standing { probability: 0.99, fit, told_apart_nats: None, n_touches };
+        let standing =
+            |fit, n_touches| Standing { probability: 0.99, fit, n_fitted: n_touches, told_apart_nats: None, n_touches };
         let stop = |fit: Option<f64>, n: usize| config.stop(&standing(fit, n));
         // -0.9 + 1.2 / sqrt(n): 0.3 after one touch; -0.051 after two; -0.207 after three; -0.3 after four.
         assert_eq!([stop(Some(0.29), 1), stop(Some(0.31), 1)], [None, Some(StopReason::Confident)]);
         assert_eq!([stop(Some(-0.05), 2), stop(Some(-0.06), 2)], [Some(StopReason::Confident), None]);
         assert_eq!([stop(Some(-0.29), 4), stop(Some(-0.31), 4)], [Some(StopReason::Confident), None]);
-        // Below the threshold no part explains the touches, from the fourth on.
+        // Below the threshold no part explains the touches, from the fourth on that the fit is of.
         assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
+        let of = |n_fitted| config.stop(&Standing { n_fitted, ..standing(Some(-0.91), 9) });
+        assert_eq!([of(1), of(2)], [None, Some(StopReason::NoneOfThese)]);
+        let hasty = EpisodeConfig { none_touches: 1, ..config };
+        assert_eq!(hasty.stop(&standing(Some(-0.91), 1)), Some(StopReason::NoneOfThese));
         // Without an edge nothing is confident; without a threshold everything may be.
         assert_eq!(stop(None, 5), None);
         let told = |nats| config.stop(&Standing { told_apart_nats: Some(nats), ..standing(Some(0.0), 4) });

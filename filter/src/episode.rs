@@ -204,6 +204,7 @@ impl Episode {
         let reason = self.config.stop(&Standing {
             probability: *probability,
             fit: placed.as_ref().and_then(|placed| placed.fit),
+            n_fitted: placed.as_ref().map_or(0, |placed| placed.n_fitted),
             told_apart_nats: rival.as_ref().map(|rival| rival.told_apart_nats),
             n_touches,
         });
@@ -240,6 +241,7 @@ impl Episode {
             symmetry,
             covariance,
             fit: placed.fit,
+            n_fitted: placed.n_fitted,
             class_posterior: self.belief.class_posterior().to_vec(),
             modes,
             entropy_nats: self.belief.entropy_nats(),
@@ -302,7 +304,8 @@ impl Episode {
     fn place(&self, part: usize) -> Placed {
         let state = self.belief.best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
         let refined = self.pose(state);
-        Placed { refined, fit: self.belief.fit(part, &refined.part_from_first) }
+        let fitted = self.belief.fit(part, &refined.part_from_first);
+        Placed { refined, fit: fitted.map(|(fit, _)| fit), n_fitted: fitted.map_or(0, |(_, n)| n) }
     }
 
     /// The pose of the first touch around a state.
@@ -368,10 +371,11 @@ struct Rival {
     told_apart_nats: f64,
 }
 
-/// A part's pose and its fit there.
+/// A part's pose and its fit there, with how many touches that is of.
 struct Placed {
     refined: Refined,
     fit: Option<f64>,
+    n_fitted: usize,
 }
 
 #[cfg(test)]

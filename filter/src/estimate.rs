@@ -78,6 +78,8 @@ pub struct Estimate {
     /// the edged touches look more like its views than the touches of a part that is there do on average; `None` where no
     /// edge was felt.
     pub fit: Option<f64>,
+    /// Touches that this is of: with an edge, and made within the recorded area if that part is there.
+    pub n_fitted: usize,
     /// Probability of each part of the bank, `[n_parts]`.
     pub class_posterior: Vec<f64>,
     /// Where else it may be: the belief's modes, the heaviest first.
@@ -98,6 +100,7 @@ impl Estimate {
         Standing {
             probability: self.probability,
             fit: self.fit,
+            n_fitted: self.n_fitted,
             told_apart_nats: self.runner_up.as_ref().map(|other| other.told_apart_nats),
             n_touches: self.n_touches,
         }

@@ -9,6 +9,8 @@ pub struct Standing {
     pub probability: f64,
     /// How well it explains the touches ([`crate::Estimate::fit`]).
     pub fit: Option<f64>,
+    /// Touches that this is of ([`crate::Estimate::n_fitted`]).
+    pub n_fitted: usize,
     /// [`crate::RunnerUp::told_apart_nats`] of the next likeliest; `None` where no other part is left.
     pub told_apart_nats: Option<f64>,
     /// Touches made.

@@ -76,7 +76,8 @@ pub struct tf_episode_config {
     pub none_fit: f64,
     /// To be confident after n touches the fit must be at least none_fit + fit_margin / sqrt(n); not negative.
     pub fit_margin: f64,
-    /// A fit below none_fit means none of these parts from this many touches on; at least 1.
+    /// A fit below none_fit means none of these parts from this many touches on, where at least two of them showed an edge
+    /// in the recorded area (with 1 here, one); at least 1.
     pub none_touches: usize,
     /// 1: the pose may lie between recorded ones.
     pub between_poses: u32,

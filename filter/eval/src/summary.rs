@@ -295,6 +295,7 @@ mod tests {
             right: rng.random_bool(0.7),
             probability: if rng.random_bool(0.4) { 0.99 } else { 0.5 },
             fit: Some(if rng.random_bool(0.2) { -9.0 } else { 0.0 }),
+            n_fitted: rng.random_range(1..4),
             ..Scored::default()
         };
         let outcomes: Vec<Outcome> =

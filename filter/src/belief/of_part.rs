@@ -28,13 +28,14 @@ impl Belief {
     }
 
     /// How well a part at a pose explains what was felt: the mean over the edged touches of [`Evidence::standard_score`], in
-    /// standard deviations of such a mean; `None` where no edge was felt within the recorded area.
-    pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<f64> {
+    /// standard deviations of such a mean, and how many touches that are; `None` where no edge was felt within the recorded
+    /// area.
+    pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<(f64, usize)> {
         let scores = self.touches.iter().filter_map(|touch| touch.standard_score(&self.views, part, part_from_first));
-        let (sum, n) = scores.fold((0.0, 0.0), |(sum, n), score| (sum + score, n + 1.0));
+        let (sum, n_fitted) = scores.fold((0.0, 0), |(sum, n), score| (sum + score, n + 1));
         // By the standard deviation of the mean of scores that share a part of their variance.
-        let shared = self.config().matched_shared;
-        (n > 0.0).then(|| sum / n / (shared + (1.0 - shared) / n).sqrt())
+        let (shared, n) = (self.config().matched_shared, n_fitted as f64);
+        (n_fitted > 0).then(|| (sum / n / (shared + (1.0 - shared) / n).sqrt(), n_fitted))
     }
 
     /// Share of the belief in a part, 0..=1, in states whose first touch was made within `mm` of a pose or, by the part's

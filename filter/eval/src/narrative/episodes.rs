@@ -145,6 +145,7 @@ mod tests {
         let scored = |n: usize| Scored {
             probability: if n >= sure_at { 0.999 } else { 0.5 },
             fit: Some(fit),
+            n_fitted: n,
             right,
             ..Scored::default()
         };
