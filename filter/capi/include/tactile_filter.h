@@ -508,7 +508,8 @@ typedef struct tf_episode_config {
      */
     double fit_margin;
     /**
-     * A fit below none_fit means none of these parts from this many touches on; at least 1.
+     * A fit below none_fit means none of these parts from this many touches on, where at least two of them showed an edge
+     * in the recorded area (with 1 here, one); at least 1.
      */
     size_t none_touches;
     /**
