@@ -208,7 +208,7 @@ mod tests {
         assert_eq!([stop(Some(0.29), 1), stop(Some(0.31), 1)], [None, Some(StopReason::Confident)]);
         assert_eq!([stop(Some(-0.05), 2), stop(Some(-0.06), 2)], [Some(StopReason::Confident), None]);
         assert_eq!([stop(Some(-0.29), 4), stop(Some(-0.31), 4)], [Some(StopReason::Confident), None]);
-        // Below the threshold no part explains the touches, from the fourth on that the fit is of.
+        // Below the threshold no part explains the touches, from the fourth on, where the fit is of two of them.
         assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
         let of = |n_fitted| config.stop(&Standing { n_fitted, ..standing(Some(-0.91), 9) });
         assert_eq!([of(1), of(2)], [None, Some(StopReason::NoneOfThese)]);

@@ -579,6 +579,37 @@ mod tests {
     }
 
     #[test]
+    fn a_fit_is_of_the_touches_with_an_edge_in_the_recorded_area() {
+        let world = World::new(4, GRID, 0.2, 0.02, 2);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let touch = world.touch(0, &Se2::IDENTITY, &mut rng);
+        let config = EpisodeConfig { between_poses: false, ..never_confident(9) };
+        let mut episode = Episode::begin(config, world.bank.clone(), &touch).unwrap();
+        let n_fitted = |episode: &Episode| {
+            let estimate = episode.estimate();
+            assert_eq!(
+                (estimate.part.as_str(), estimate.part_from_first),
+                (world.bank.parts()[0].as_str(), Se2::IDENTITY)
+            );
+            let scores = episode.belief().touches().iter();
+            let score = |touch: &crate::evidence::Evidence| touch.standard_score(world.bank.grid(), 0, &Se2::IDENTITY);
+            assert_eq!(scores.filter_map(score).count(), estimate.n_fitted);
+            estimate.n_fitted
+        };
+        assert_eq!(n_fitted(&episode), 1);
+        // Nothing is seen, then something where nothing was recorded.
+        let aside = Se2::from_degrees(4.0, 0.0, 0.0);
+        episode.observe(aside, &Observation { edge_share: 0.0, ..touch.clone() }).unwrap();
+        assert_eq!(n_fitted(&episode), 1);
+        episode.observe(Se2::from_degrees(2.0 * GRID.xy_half_mm, 0.0, 0.0), &touch).unwrap();
+        assert_eq!(n_fitted(&episode), 1);
+        let back = Se2::from_degrees(-2.0 * GRID.xy_half_mm, 4.0, 0.0);
+        let again = world.touch(0, &(aside * Se2::from_degrees(0.0, 4.0, 0.0)), &mut rng);
+        episode.observe(back, &again).unwrap();
+        assert_eq!(n_fitted(&episode), 2);
+    }
+
+    #[test]
     fn a_part_that_is_not_in_the_bank_is_none_of_these() {
         let world = World::new(6, GRID, 0.2, 0.02, 3);
         let reason = |bank: &Arc<Bank>, part: usize, seed: u64| {

@@ -28,7 +28,7 @@ impl Belief {
     }
 
     /// How well a part at a pose explains what was felt: the mean over the edged touches of [`Evidence::standard_score`], in
-    /// standard deviations of such a mean, and how many touches that are; `None` where no edge was felt within the recorded
+    /// standard deviations of such a mean, and of how many touches it is; `None` where no edge was felt within the recorded
     /// area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<(f64, usize)> {
         let scores = self.touches.iter().filter_map(|touch| touch.standard_score(&self.views, part, part_from_first));
