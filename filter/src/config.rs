@@ -57,8 +57,8 @@ pub struct EpisodeConfig {
 /// One in 160, were the mean cosine of a hole's touches normal.
 const NONE_FIT: f64 = -2.5;
 
-/// Touches whose fit may refuse a part. After several blank ones the first edge fits badly wherever the likeliest part then is,
-/// which is hardly likelier than the others (`NOTES.md`, "When to stop").
+/// The fewest touches whose fit may refuse a part. After several blank ones the likeliest pose is hardly likelier than others, so
+/// that the first edge may fit badly there (`NOTES.md`, "When to stop").
 const FEWEST_FITTED: usize = 2;
 
 /// Four to one.

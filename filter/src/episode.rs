@@ -591,9 +591,9 @@ mod tests {
                 (estimate.part.as_str(), estimate.part_from_first),
                 (world.bank.parts()[0].as_str(), Se2::IDENTITY)
             );
-            let scores = episode.belief().touches().iter();
-            let score = |touch: &crate::evidence::Evidence| touch.standard_score(world.bank.grid(), 0, &Se2::IDENTITY);
-            assert_eq!(scores.filter_map(score).count(), estimate.n_fitted);
+            let touches = episode.belief().touches().iter();
+            let scores = touches.filter_map(|touch| touch.standard_score(world.bank.grid(), 0, &Se2::IDENTITY));
+            assert_eq!(scores.count(), estimate.n_fitted);
             estimate.n_fitted
         };
         assert_eq!(n_fitted(&episode), 1);

@@ -45,8 +45,8 @@ pub struct RunnerUp {
 }
 
 impl RunnerUp {
-    /// Whether a second part is named next to the first: neither is that sure nor is it none of these, and the second is more
-    /// probable than 5 %, or no touch told it from the first ([`crate::EpisodeConfig::is_told_apart`]).
+    /// Whether a second part is named next to the first: the answer is neither that one part nor none of these, and the second
+    /// is more probable than 5 %, or no touch distinguishes the two ([`crate::EpisodeConfig::is_told_apart`]).
     pub fn is_named(stop: Option<StopReason>, probability: f64, is_told_apart: bool) -> bool {
         let is_open = !matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese));
         is_open && (probability > 0.05 || !is_told_apart)

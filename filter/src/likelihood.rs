@@ -137,18 +137,13 @@ impl TouchLikelihood {
         let reference = unknown_similarity.map_or(best_similarity, |unknown| unknown.max(best_similarity));
         above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(reference));
         // A view outside the recorded area is one more that a touch may be made at.
-        let beside = unknown_similarity.map(|unknown| f64::from(unknown - reference));
-        above_best.extend(beside);
+        let unknown_above_best = unknown_similarity.map(|unknown| f64::from(unknown - reference));
+        above_best.extend(unknown_above_best);
         let model = MatchModel::new(config.temperature, config.outlier_share, above_best);
         let unknown_is_blank = beyond::blank_share(bank, config);
-        let log_unknown = match unknown_similarity {
-            _ if blank => unknown_is_blank.ln(),
-            Some(unknown) => {
-                let of_least_alike = model.log(f64::from(unknown - reference)).exp();
-                (1.0 - unknown_is_blank).ln() + beyond::likely(of_least_alike).ln()
-            }
-            None => (1.0 - unknown_is_blank).ln(),
-        };
+        let edged_unknown = unknown_above_best.map_or(1.0, |above_best| beyond::likely(model.log(above_best).exp()));
+        let log_unknown =
+            if blank { unknown_is_blank.ln() } else { (1.0 - unknown_is_blank).ln() + edged_unknown.ln() };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());
         let bests = Bests::of(&similarities, bank.grid());
         let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());

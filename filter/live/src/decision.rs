@@ -116,8 +116,7 @@ impl DecisionReport {
         }
     }
 
-    /// The second part that it may be as well: while it is neither sure nor none of these, one that is worth naming or
-    /// that no touch told from the first.
+    /// The second part that it may be as well, where [`RunnerUp::is_named`] says so.
     pub fn other(&self) -> Option<&RunnerUpReport> {
         let other = self.estimate.runner_up.as_ref();
         other.filter(|other| RunnerUp::is_named(self.stop, other.probability, other.is_told_apart))
