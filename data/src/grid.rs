@@ -6,7 +6,8 @@ use crate::error::{Error, Result};
 use crate::se2::{Se2, wrap_angle};
 
 /// A regular grid of `part_from_sensor` poses round a part's centre, with `x`, `y` in
-/// `-xy_half_mm ..= xy_half_mm` and `theta` in `-theta_half_deg ..= theta_half_deg`.
+/// `-xy_half_mm ..= xy_half_mm` and `theta` in `-theta_half_deg ..= theta_half_deg`. On a grid of a full turn, 180 degrees to
+/// either side, each angle comes once: the last is one step before +180 degrees, which is -180 degrees.
 ///
 /// The paper's grids: small objects 8 mm by 4, large objects 20 mm by 4, both 90 degrees by 30.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,7 +72,13 @@ impl PoseGrid {
 
     /// Number of distinct angles.
     pub fn n_theta(&self) -> usize {
-        2 * rounded(self.theta_half_deg / self.theta_step_deg) + 1
+        let n_steps = 2 * rounded(self.theta_half_deg / self.theta_step_deg);
+        if self.theta_half_deg >= 180.0 { n_steps } else { n_steps + 1 }
+    }
+
+    /// Whether the angles go round: the last is one step before the first.
+    pub fn goes_round(&self) -> bool {
+        (self.n_theta() as f64 * self.theta_step_deg - 360.0).abs() < 1e-6
     }
 
     /// Number of poses.
@@ -213,7 +220,22 @@ mod tests {
         let grid = PoseGrid { theta_half_deg: 150.0, ..PoseGrid::SMALL };
         assert!(grid.nearest(&Se2::from_degrees(0.0, 0.0, 179.0)).is_none());
         let full = PoseGrid { theta_half_deg: 180.0, ..PoseGrid::SMALL };
-        assert!(full.nearest(&Se2::from_degrees(0.0, 0.0, -179.0)).is_some());
+        let cell = |degrees| full.nearest(&Se2::from_degrees(0.0, 0.0, degrees));
+        assert!(cell(-179.0).is_some() && cell(179.0) == cell(-179.0) && cell(164.0) != cell(166.0));
+    }
+
+    #[test]
+    fn each_angle_of_a_full_turn_comes_once() {
+        let grids = [(180.0, 30.0, 12), (180.0, 7.5, 48), (165.0, 30.0, 12), (150.0, 30.0, 11), (180.0, 180.0, 2)];
+        for (theta_half_deg, theta_step_deg, n_theta) in grids {
+            let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 1.0, theta_half_deg, theta_step_deg };
+            let angles: Vec<f64> = (0..grid.len()).map(|cell| wrap_angle(grid.pose(cell).theta_rad)).collect();
+            let apart = |a: usize, b: usize| wrap_angle(angles[a] - angles[b]).abs().to_degrees();
+            let pairs = (0..angles.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+            assert!(pairs.into_iter().all(|(a, b)| apart(a, b) > theta_step_deg - 1e-6), "{theta_half_deg}");
+            assert_eq!((grid.n_theta(), grid.goes_round()), (n_theta, theta_half_deg != 150.0));
+            assert!((0..grid.len()).all(|cell| grid.nearest(&grid.pose(cell)) == Some(cell)));
+        }
     }
 
     #[test]

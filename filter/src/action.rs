@@ -107,9 +107,6 @@ pub struct Situation<'a> {
     pub bank: &'a Bank,
     /// Motions `sensor_from_next` that the reach allows.
     pub candidates: &'a [Se2],
-    /// Two parts that hold nearly all of the belief and that no touch has told apart: expected information then asks for the
-    /// touch that tells most which of the two it is, both equally likely.
-    pub between: Option<[usize; 2]>,
     /// Whether every candidate leads to a recorded pose of the true part, as in the paper's protocol:
     /// a supposition that it leads out of is then known to be wrong.
     pub only_recorded: bool,
@@ -121,9 +118,8 @@ pub struct Judged {
     /// The motion, one of those offered.
     pub sensor_from_next: Se2,
     /// The more, the better. [`ActionRule::Information`]: the expected gain of the true state's log-probability, nats, of views
-    /// like touches that match badly less than that, less the price of the way; of two parts to be told apart
-    /// ([`Situation::between`]) that of the part's alone. [`ActionRule::Paper`]: the sum of 1 / f_PP,
-    /// times exp(-1 / temperature).
+    /// like touches that match badly less than that, less the price of the way. [`ActionRule::Paper`]: the sum
+    /// of 1 / f_PP, times exp(-1 / temperature).
     /// `None` where contact is expected from no supposed state; such a candidate is not chosen.
     pub score: Option<f64>,
     /// Whether all draws judged it; else a sixth of them did, in the first pass.
@@ -293,7 +289,6 @@ mod tests {
             belief: &belief,
             bank,
             candidates,
-            between: None,
             only_recorded: true,
         };
         choose(&situation, seed, &mut || true).map(|action| action.sensor_from_next)
@@ -360,7 +355,6 @@ mod tests {
             belief: &belief,
             bank: &bank,
             candidates,
-            between: None,
             only_recorded: true,
         };
         assert!(choose(&situation, 1, &mut || false).is_some_and(|a| candidates.contains(&a.sensor_from_next)));

@@ -5,6 +5,7 @@
 //! likelihood of each touch is kept, so that any state can be scored again over all touches.
 
 mod of_part;
+mod spread;
 
 use std::ops::Range;
 
@@ -354,11 +355,16 @@ fn log_score(log_likelihoods: &[Vec<f64>], state: usize) -> f64 {
     log_likelihoods.iter().map(|log_states| log_states[state]).sum()
 }
 
-/// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5); `None` off the grid.
+/// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5), round the circle where the angles go round; `None`
+/// off the grid.
 fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
     let (n_xy, axis) = (grid.n_xy(), direction / 2);
     let (stride, length) = (grid.strides()[axis], [n_xy, n_xy, grid.n_theta()][axis]);
     let index = cell / stride % length;
+    if axis == 2 && grid.goes_round() {
+        let step = if direction.is_multiple_of(2) { length - 1 } else { 1 };
+        return Some(cell - index + (index + step) % length);
+    }
     if direction.is_multiple_of(2) {
         (index > 0).then(|| cell - stride)
     } else {

@@ -38,16 +38,13 @@ pub struct EpisodeConfig {
     /// A part explains the touches when its fit ([`crate::Estimate::fit`]) is at least this; at or below 0. `None`: any
     /// part explains any touches.
     pub none_fit: Option<f64>,
-    /// To be confident after `n` touches the fit must be at least `none_fit + fit_margin / sqrt(n)`; not
-    /// negative. Large: parts that are not in the bank are recognised, at the price of touches.
+    /// To be confident the fit of `n` touches ([`crate::Estimate::n_fitted`]) must be at least
+    /// `none_fit + fit_margin / sqrt(n)`; not negative. Large: parts that are not in the bank are recognised, at the price of
+    /// touches.
     pub fit_margin: f64,
     /// A fit below `none_fit` means none of these parts from this many touches on, where it is of more than one of them
     /// ([`crate::Estimate::n_fitted`]); at least 1. With 1 that of the first touch is enough.
     pub none_touches: usize,
-    /// To be confident one touch alone must speak for the part rather than for the next likeliest by this much, nats, each
-    /// in its likeliest state; not negative. What only many touches say together, none of which could tell the two apart,
-    /// is what a network takes one part for another by. 0: all touches together are enough.
-    pub told_apart_nats: f64,
     /// An estimate warns where no edged touch reached this cosine with any recorded view, -1..=1.
     pub low_similarity: f32,
     /// Seed of every random draw.
@@ -60,9 +57,6 @@ const NONE_FIT: f64 = -2.5;
 /// The fewest touches whose fit may refuse a part. After several blank ones the likeliest pose is hardly likelier than others, so
 /// that the first edge may fit badly there (`NOTES.md`, "When to stop").
 const FEWEST_FITTED: usize = 2;
-
-/// Four to one.
-const TOLD_APART_NATS: f64 = 1.4;
 
 impl Default for EpisodeConfig {
     /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V). The warning's cosine is a
@@ -80,7 +74,6 @@ impl Default for EpisodeConfig {
             none_fit: Some(NONE_FIT),
             fit_margin: 4.6,
             none_touches: 4,
-            told_apart_nats: TOLD_APART_NATS,
             low_similarity: 0.8,
             seed: 1,
         }
@@ -113,37 +106,30 @@ impl EpisodeConfig {
             likelihood: LikelihoodConfig::paper(),
             between_poses: false,
             none_fit: None,
-            told_apart_nats: 0.0,
             ..Self::default()
         }
     }
 
-    /// The least fit with which to be confident after `n_touches`; `None` where any will do. What a few touches say of how
-    /// well a part matches is uncertain by the root of their number.
-    pub fn fit_needed(&self, n_touches: usize) -> Option<f64> {
-        self.none_fit.map(|least| least + self.fit_margin / (n_touches as f64).sqrt())
-    }
-
-    /// Whether a touch that speaks so much against the next likeliest part ([`crate::RunnerUp::told_apart_nats`]) is enough.
-    pub fn is_told_apart(&self, nats: f64) -> bool {
-        self.told_apart_nats == 0.0 || nats >= self.told_apart_nats
+    /// The least fit of `n_fitted` touches with which to be confident; `None` where any will do. What a few touches say of
+    /// how well a part matches is uncertain by the root of their number, and touches without an edge say nothing of it.
+    pub fn fit_needed(&self, n_fitted: usize) -> Option<f64> {
+        self.none_fit.map(|least| least + self.fit_margin / (n_fitted.max(1) as f64).sqrt())
     }
 
     /// Why to stop where the likeliest part stands like this, its place known well enough; `None` to go on.
     pub fn stop(&self, standing: &Standing) -> Option<StopReason> {
-        let Standing { probability, fit, n_fitted, told_apart_nats, n_touches } = *standing;
+        let Standing { probability, fit, n_fitted, n_touches } = *standing;
         // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.
-        let explains = match (self.fit_needed(n_touches), fit) {
+        let explains = match (self.fit_needed(n_fitted), fit) {
             (Some(least), Some(fit)) => fit >= least,
             (Some(_), None) => false,
             (None, _) => true,
         };
-        let is_told_apart = told_apart_nats.is_none_or(|nats| self.is_told_apart(nats));
         let is_none = self.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
         let are_enough = n_touches >= self.none_touches && n_fitted >= self.none_touches.min(FEWEST_FITTED);
         if are_enough && is_none {
             Some(StopReason::NoneOfThese)
-        } else if probability.min(1.0) > self.stop_probability && explains && is_told_apart {
+        } else if probability.min(1.0) > self.stop_probability && explains {
             Some(StopReason::Confident)
         } else if n_touches >= self.max_touches {
             Some(StopReason::TouchLimit)
@@ -168,8 +154,6 @@ impl EpisodeConfig {
         }
         let margin = self.fit_margin;
         check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
-        let nats = self.told_apart_nats;
-        check("told_apart_nats", "a number, not negative", nats, nats.is_finite() && nats >= 0.0)?;
         check("subdivisions", "1 to 8", self.subdivisions as f64, (1..=8).contains(&self.subdivisions))?;
         check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
         check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
@@ -201,8 +185,7 @@ mod tests {
     #[test]
     fn a_fit_is_asked_for_less_the_more_touches_there_are() {
         let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 1.2, none_touches: 4, ..Default::default() };
-        let standing =
-            |fit, n_touches| Standing { probability: 0.99, fit, n_fitted: n_touches, told_apart_nats: None, n_touches };
+        let standing = |fit, n_touches| Standing { probability: 0.99, fit, n_fitted: n_touches, n_touches };
         let stop = |fit: Option<f64>, n: usize| config.stop(&standing(fit, n));
         // -0.9 + 1.2 / sqrt(n): 0.3 after one touch; -0.051 after two; -0.207 after three; -0.3 after four.
         assert_eq!([stop(Some(0.29), 1), stop(Some(0.31), 1)], [None, Some(StopReason::Confident)]);
@@ -214,10 +197,11 @@ mod tests {
         assert_eq!([of(1), of(2)], [None, Some(StopReason::NoneOfThese)]);
         let hasty = EpisodeConfig { none_touches: 1, ..config };
         assert_eq!(hasty.stop(&standing(Some(-0.91), 1)), Some(StopReason::NoneOfThese));
+        // Blank touches say nothing of how well a part matches: one edge among ten touches must fit as one alone must.
+        let of_one = |fit| config.stop(&Standing { n_fitted: 1, ..standing(Some(fit), 9) });
+        assert_eq!([of_one(0.29), of_one(0.31)], [None, Some(StopReason::Confident)]);
         // Without an edge nothing is confident; without a threshold everything may be.
         assert_eq!(stop(None, 5), None);
-        let told = |nats| config.stop(&Standing { told_apart_nats: Some(nats), ..standing(Some(0.0), 4) });
-        assert_eq!([told(1.39), told(1.4)], [None, Some(StopReason::Confident)]);
         let any = EpisodeConfig { none_fit: None, ..config };
         assert_eq!(any.stop(&standing(None, 1)), Some(StopReason::Confident));
     }

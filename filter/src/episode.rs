@@ -5,7 +5,6 @@ use std::sync::Arc;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
-use tactile_infer::metric::by_cosine;
 
 use crate::action::{Action, Judgement, Situation, choose, judge};
 use crate::belief::{Belief, Hypothesis};
@@ -16,7 +15,6 @@ use crate::likelihood::TouchLikelihood;
 use crate::modes::modes;
 use crate::observation::Observation;
 use crate::record::{EpisodeRecord, VERSION};
-use crate::refine::Refined;
 use crate::stop::{Standing, StopReason};
 
 /// What to do next.
@@ -155,14 +153,13 @@ impl Episode {
     /// As [`Self::decide`].
     pub fn decide_while(&self, reach: &[Se2], keep_going: &mut dyn FnMut() -> bool) -> Result<Decision> {
         let done = |reason| Decision::Done(Box::new(self.estimate()), reason);
-        let leaders = self.leaders();
-        if let Some(reason) = self.stop_reason_of(&leaders) {
+        if let Some(reason) = self.stop_reason() {
             return Ok(done(reason));
         }
         if !reach.iter().any(Se2::is_finite) {
             return Err(Error::EmptyReach { n_motions: reach.len() });
         }
-        let chosen = choose(&self.situation(reach, &leaders), self.choice_seed(), keep_going);
+        let chosen = choose(&self.situation(reach), self.choice_seed(), keep_going);
         Ok(chosen.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch))
     }
 
@@ -170,19 +167,16 @@ impl Episode {
     /// it is expected to tell; for reports. Asks neither whether to stop nor for the time. `None` where nothing
     /// is left to touch.
     pub fn judged(&self, candidates: &[Se2]) -> Option<Judgement> {
-        judge(&self.situation(candidates, &self.leaders()), self.choice_seed())
+        judge(&self.situation(candidates), self.choice_seed())
     }
 
-    fn situation<'s>(&'s self, candidates: &'s [Se2], leaders: &Leaders) -> Situation<'s> {
-        let is_open = |rival: &&Rival| leaders.is_pair && !self.config.is_told_apart(rival.told_apart_nats);
-        let rival = leaders.rival.as_ref().filter(is_open);
+    fn situation<'s>(&'s self, candidates: &'s [Se2]) -> Situation<'s> {
         Situation {
             config: &self.config.action,
             likelihood: &self.config.likelihood,
             belief: &self.belief,
             bank: &self.bank,
             candidates,
-            between: rival.map(|rival| [leaders.part, rival.part]),
             only_recorded: !self.config.between_poses,
         }
     }
@@ -193,29 +187,24 @@ impl Episode {
         self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches)
     }
 
-    /// Why to stop now, whatever could still be touched; `None` to go on.
+    /// Why to stop now, however much could still be touched; `None` to go on.
     pub fn stop_reason(&self) -> Option<StopReason> {
-        self.stop_reason_of(&self.leaders())
-    }
-
-    fn stop_reason_of(&self, leaders: &Leaders) -> Option<StopReason> {
-        let Leaders { part, probability, placed, rival, .. } = leaders;
-        let n_touches = self.belief.touches().len();
+        let ((part, probability), n_touches) = (self.likeliest_part(), self.belief.touches().len());
+        // A place costs hundreds of interpolations a touch: it is found only where something depends on it.
+        let is_asked = probability > self.config.stop_probability || n_touches >= self.config.none_touches;
+        let placed = is_asked.then(|| self.place(part));
         let reason = self.config.stop(&Standing {
-            probability: *probability,
+            probability,
             fit: placed.as_ref().and_then(|placed| placed.fit),
             n_fitted: placed.as_ref().map_or(0, |placed| placed.n_fitted),
-            told_apart_nats: rival.as_ref().map(|rival| rival.told_apart_nats),
             n_touches,
         });
         let is_placed = |placed: &Placed, mm: f64| {
-            let Refined { part_from_first, covariance: [[x, ..], [_, y, _], _] } = placed.refined;
-            // Three standard deviations hold 99 % of one hill; another one farther away is a second place.
-            let near = || self.belief.share_near(*part, &part_from_first, 3.0 * mm, &self.bank.symmetry(*part));
-            x.max(y) <= mm * mm && near() >= self.config.stop_probability
+            let [[x, ..], [_, y, _], _] = self.covariance(part, placed);
+            x.max(y) <= mm * mm
         };
         match (reason, self.config.stop_place_mm, placed) {
-            (Some(StopReason::Confident), Some(mm), Some(placed)) if !is_placed(placed, mm) => {
+            (Some(StopReason::Confident), Some(mm), Some(placed)) if !is_placed(&placed, mm) => {
                 (n_touches >= self.config.max_touches).then_some(StopReason::TouchLimit)
             }
             _ => reason,
@@ -228,18 +217,14 @@ impl Episode {
         let placed = self.place(part);
         let symmetry = self.bank.symmetry(part);
         let modes = modes(&self.belief, &|part| self.bank.symmetry(part));
-        let covariance = match self.config.between_poses {
-            true => self.belief.covariance(part, &placed.refined, &symmetry),
-            false => placed.refined.covariance,
-        };
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
-            runner_up: self.runner_up_to(part, &placed),
-            part_from_sensor: placed.refined.part_from_first * self.belief.first_from_sensor(),
-            part_from_first: placed.refined.part_from_first,
+            runner_up: self.runner_up(),
+            part_from_sensor: placed.pose * self.belief.first_from_sensor(),
+            part_from_first: placed.pose,
             symmetry,
-            covariance,
+            covariance: self.covariance(part, &placed),
             fit: placed.fit,
             n_fitted: placed.n_fitted,
             class_posterior: self.belief.class_posterior().to_vec(),
@@ -254,15 +239,16 @@ impl Episode {
     /// The second most probable part now, as [`Self::estimate`] has it, without the rest of it; `None` where no other part is
     /// left.
     pub fn runner_up(&self) -> Option<RunnerUp> {
-        let (part, _) = self.likeliest_part();
-        self.runner_up_to(part, &self.place(part))
-    }
-
-    /// The second most probable part next to the most probable one in its place.
-    fn runner_up_to(&self, likeliest: usize, placed: &Placed) -> Option<RunnerUp> {
-        let Rival { part, probability, told_apart_nats } =
-            self.rival(likeliest, placed, self.next_likeliest(likeliest)?)?;
-        Some(RunnerUp { part: self.bank.parts()[part].clone(), probability, told_apart_nats })
+        let (likeliest, _) = self.likeliest_part();
+        let left = self
+            .belief
+            .class_posterior()
+            .iter()
+            .copied()
+            .enumerate()
+            .filter(|(part, p)| *part != likeliest && *p > 0.0);
+        let (part, probability) = left.reduce(|best, next| if next.1 > best.1 { next } else { best })?;
+        Some(RunnerUp { part: self.bank.parts()[part].clone(), probability })
     }
 
     /// The most probable part, the first of equals, and its probability.
@@ -271,50 +257,18 @@ impl Episode {
         self.belief.class_posterior().iter().copied().enumerate().fold((0, 0.0), most)
     }
 
-    /// The two most probable parts, their places found only where something depends on them: each costs hundreds of
-    /// interpolations a touch.
-    fn leaders(&self) -> Leaders {
-        /// Two parts that together are more probable than this are all there is to tell apart.
-        const ALL_BUT: f64 = 0.95;
-        let (part, probability) = self.likeliest_part();
-        let other = self.next_likeliest(part);
-        let is_pair = other.is_some_and(|(_, next)| probability + next > ALL_BUT) && self.config.told_apart_nats > 0.0;
-        let may_be_none = self.belief.touches().len() >= self.config.none_touches;
-        let is_asked = is_pair || probability > self.config.stop_probability;
-        let placed = (may_be_none || is_asked).then(|| self.place(part));
-        let rival_of = |(placed, other)| self.rival(part, placed, other);
-        let rival = placed.as_ref().filter(|_| is_asked).zip(other).and_then(rival_of);
-        Leaders { part, probability, placed, rival, is_pair }
-    }
-
-    /// The most probable part but for one, the first of equals, and its probability; `None` where there is no other.
-    fn next_likeliest(&self, likeliest: usize) -> Option<(usize, f64)> {
-        let others = self.belief.class_posterior().iter().copied().enumerate().filter(|(part, _)| *part != likeliest);
-        others.reduce(|best, next| if next.1 > best.1 { next } else { best })
-    }
-
-    /// How the part in its place stands against another one; `None` where the belief holds nothing of that.
-    fn rival(&self, likeliest: usize, placed: &Placed, (part, probability): (usize, f64)) -> Option<Rival> {
-        let pose = self.pose(self.belief.best(Some(part))?).part_from_first;
-        let told_apart_nats = self.belief.told_apart((likeliest, &placed.refined.part_from_first), (part, &pose));
-        Some(Rival { part, probability, told_apart_nats })
-    }
-
     /// Where a part would be, and how well it explains the touches there.
     fn place(&self, part: usize) -> Placed {
         let state = self.belief.best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
-        let refined = self.pose(state);
-        let fitted = self.belief.fit(part, &refined.part_from_first);
-        Placed { refined, fit: fitted.map(|(fit, _)| fit), n_fitted: fitted.map_or(0, |(_, n)| n) }
+        let is_between = self.config.between_poses;
+        let refined = || self.belief.refine(state, &self.bank.symmetry(part));
+        let pose = if is_between { refined() } else { self.belief.grid().pose(state.cell) };
+        let fitted = self.belief.fit(part, &pose);
+        Placed { pose, fit: fitted.map(|(fit, _)| fit), n_fitted: fitted.map_or(0, |(_, n)| n) }
     }
 
-    /// The pose of the first touch around a state.
-    fn pose(&self, state: Hypothesis) -> Refined {
-        if self.config.between_poses {
-            self.belief.refine(state)
-        } else {
-            Refined { part_from_first: self.belief.grid().pose(state.cell), covariance: [[0.0; 3]; 3] }
-        }
+    fn covariance(&self, part: usize, placed: &Placed) -> [[f64; 3]; 3] {
+        self.belief.covariance(part, &placed.pose, &self.bank.symmetry(part), self.config.between_poses)
     }
 
     /// The belief, for maps and reports.
@@ -324,8 +278,7 @@ impl Episode {
 
     fn warnings(&self) -> Vec<Warning> {
         let edged = self.belief.touches().iter().map(|touched| &touched.likelihood).filter(|touch| !touch.blank);
-        let best = edged.map(|touch| touch.best_similarity).reduce(f32::max);
-        let best = best.map(|best| by_cosine(self.bank.metric(), best));
+        let best = edged.map(|touch| touch.best_cosine).reduce(f32::max);
         let floor = self.config.low_similarity;
         match best {
             None => vec![Warning::NothingSeen],
@@ -352,28 +305,9 @@ pub(crate) fn is_plausible(moved: &Se2) -> bool {
     moved.x_mm.abs() <= 1e6 && moved.y_mm.abs() <= 1e6 && moved.theta_rad.abs() <= 1e3
 }
 
-/// The most probable part and the next.
-struct Leaders {
-    part: usize,
-    probability: f64,
-    /// Where something depends on it.
-    placed: Option<Placed>,
-    /// Where to be sure or the next touch depends on it, of a part that the belief holds.
-    rival: Option<Rival>,
-    /// Whether the two hold nearly all of the belief.
-    is_pair: bool,
-}
-
-/// The second most probable part.
-struct Rival {
-    part: usize,
-    probability: f64,
-    told_apart_nats: f64,
-}
-
-/// A part's pose and its fit there, with how many touches that is of.
+/// A part's pose at the first touch and its fit there, with how many touches that is of.
 struct Placed {
-    refined: Refined,
+    pose: Se2,
     fit: Option<f64>,
     n_fitted: usize,
 }
@@ -641,7 +575,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_no_touch_tells_apart_are_not_named() {
+    fn the_next_touch_tells_two_parts_apart_that_look_alike_so_far() {
         // Two parts alike but for the views of one corner; the touch is at the other.
         const DIM: usize = 32;
         let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -657,8 +591,7 @@ mod tests {
         let (names, shares) = (vec!["O".to_string(), "Q".to_string()], vec![0.2; rows.len()]);
         let bank = Bank::from_rows(names, GRID, Rows::new(DIM, rows.concat()).unwrap(), shares, "").unwrap();
         let bank = Arc::new(bank);
-        // All that is asked for otherwise is given, whatever was touched.
-        let eager = EpisodeConfig { stop_probability: 0.4, none_fit: None, ..EpisodeConfig::default() };
+        let eager = EpisodeConfig { stop_probability: 0.6, none_fit: None, ..EpisodeConfig::default() };
         let likelihood = LikelihoodConfig { interpolation: Interpolation::Nearest, ..eager.likelihood };
         let eager = EpisodeConfig { between_poses: false, likelihood, ..eager };
         let start = GRID.pose(0);
@@ -666,27 +599,16 @@ mod tests {
         let mut episode = Episode::begin(eager, bank.clone(), &touch(start)).unwrap();
         let estimate = episode.estimate();
         let other = estimate.runner_up.clone().unwrap();
-        assert_eq!((estimate.part.as_str(), other.part.as_str(), other.told_apart_nats), ("O", "Q", 0.0));
+        assert_eq!((estimate.part.as_str(), other.part.as_str()), ("O", "Q"));
         assert!((estimate.probability - 0.5).abs() + (other.probability - 0.5).abs() < 1e-6, "{estimate:?}");
         assert_eq!(episode.stop_reason(), None);
-        let anything = EpisodeConfig { told_apart_nats: 0.0, ..eager };
-        let hasty = Episode::begin(anything, bank.clone(), &touch(start)).unwrap();
-        assert_eq!(hasty.stop_reason(), Some(StopReason::Confident));
-        // It goes where they differ, and is told.
+        // It goes where they differ.
         let reach: Vec<Se2> = (0..GRID.len()).map(|cell| start.inverse() * GRID.pose(cell)).collect();
         let Decision::Touch(action) = episode.decide(&reach).unwrap() else { panic!("stopped") };
         let next = start * action.sensor_from_next;
         assert!(in_corner(GRID.nearest(&next).unwrap()), "{next:?}");
         episode.observe(action.sensor_from_next, &touch(next)).unwrap();
         let estimate = episode.estimate();
-        let told = estimate.runner_up.as_ref().unwrap().told_apart_nats;
-        // Of the one touch that differs, by hand.
-        let (first, last) = (GRID.nearest(&start).unwrap(), GRID.nearest(&next).unwrap());
-        let [first, last] = [(0, first), (1, last)].map(|(touch, cell)| {
-            let likelihood = &episode.belief().touches()[touch].likelihood;
-            likelihood.log_row(GRID.len() + cell) - likelihood.log_row(cell)
-        });
-        assert!((told - last).abs() < 1e-9 && first == 0.0 && told > eager.told_apart_nats, "{told} {last}");
         assert_eq!((estimate.part.as_str(), episode.stop_reason()), ("Q", Some(StopReason::Confident)));
         assert_eq!(episode.runner_up(), estimate.runner_up);
         // A part that is alone has no rival.

@@ -38,18 +38,13 @@ pub struct RunnerUp {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this one, each
-    /// in its likeliest state, nats. Below [`crate::EpisodeConfig::told_apart_nats`] no touch was made where the two look
-    /// different to the network: it may be either.
-    pub told_apart_nats: f64,
 }
 
 impl RunnerUp {
     /// Whether a second part is named next to the first: the answer is neither that one part nor none of these, and the second
-    /// is more probable than 5 %, or no touch distinguishes the two ([`crate::EpisodeConfig::is_told_apart`]).
-    pub fn is_named(stop: Option<StopReason>, probability: f64, is_told_apart: bool) -> bool {
-        let is_open = !matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese));
-        is_open && (probability > 0.05 || !is_told_apart)
+    /// is more probable than 5 %.
+    pub fn is_named(stop: Option<StopReason>, probability: f64) -> bool {
+        !matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese)) && probability > 0.05
     }
 }
 
@@ -97,13 +92,7 @@ pub struct Estimate {
 impl Estimate {
     /// What is asked of it before it is believed.
     pub fn standing(&self) -> Standing {
-        Standing {
-            probability: self.probability,
-            fit: self.fit,
-            n_fitted: self.n_fitted,
-            told_apart_nats: self.runner_up.as_ref().map(|other| other.told_apart_nats),
-            n_touches: self.n_touches,
-        }
+        Standing { probability: self.probability, fit: self.fit, n_fitted: self.n_fitted, n_touches: self.n_touches }
     }
 }
 
@@ -113,15 +102,12 @@ mod tests {
 
     #[test]
     fn a_second_part_is_named_only_while_it_may_be_that_one() {
-        let of = |stop| {
-            [(0.06, true), (0.05, true), (0.01, false)]
-                .map(|(p, is_told_apart)| RunnerUp::is_named(stop, p, is_told_apart))
-        };
+        let of = |stop| [0.06, 0.05].map(|probability| RunnerUp::is_named(stop, probability));
         for stop in [None, Some(StopReason::TouchLimit), Some(StopReason::NothingToLearn)] {
-            assert_eq!(of(stop), [true, false, true], "{stop:?}");
+            assert_eq!(of(stop), [true, false], "{stop:?}");
         }
         for stop in [StopReason::Confident, StopReason::NoneOfThese] {
-            assert_eq!(of(Some(stop)), [false; 3], "{stop:?}");
+            assert_eq!(of(Some(stop)), [false; 2], "{stop:?}");
         }
     }
 }

@@ -176,6 +176,37 @@ mod tests {
         assert_eq!(ViewWeights::new(&FINE, &Se2::from_degrees(0.0, 0.0, 120.0)), None);
     }
 
+    /// A full turn has no seam: turned by half a turn, views and pose, all is the same.
+    #[test]
+    fn angles_that_go_round_are_interpolated_across_half_a_turn() {
+        const DIM: usize = 8;
+        let ring = PoseGrid { xy_half_mm: 2.0, theta_half_deg: 180.0, ..FINE };
+        let n_theta = ring.n_theta();
+        let turned = |cell: usize| cell - cell % n_theta + (cell + n_theta / 2) % n_theta;
+        let noise = |i: usize| ((i * 7919 + 13) % 1009) as f32 / 1009.0 - 0.4;
+        let bank = |cell_of: &dyn Fn(usize) -> usize| {
+            let row = |cell: usize| {
+                let mut row: Vec<f32> = (0..DIM).map(|i| noise(cell_of(cell) * DIM + i)).collect();
+                tactile_infer::similarity::normalize_rows(&mut row, DIM);
+                row
+            };
+            let rows = tactile_infer::rows::Rows::new(DIM, (0..ring.len()).flat_map(row).collect()).unwrap();
+            tactile_infer::Bank::from_rows(vec!["A".into()], ring, rows, vec![0.3; ring.len()], "").unwrap()
+        };
+        let (plain, other) = (bank(&|cell| cell), bank(&turned));
+        let query: Vec<f32> = (0..DIM).map(|i| noise(i + 99_999)).collect();
+        for degrees in [-180.0, -176.0, -171.5, -1.0, 0.0, 4.0, 166.0, 173.0, 179.9] {
+            let cosine = |bank: &tactile_infer::Bank, degrees: f64| {
+                let pose = Se2::from_degrees(0.7, -0.3, degrees);
+                let cosines: Vec<f32> =
+                    (0..ring.len()).map(|cell| bank.row(cell).iter().zip(&query).map(|(a, b)| a * b).sum()).collect();
+                ViewWeights::new(&ring, &pose).unwrap().cosine(&cosines, &bank.neighbours()[0])
+            };
+            let (here, there) = (cosine(&plain, degrees), cosine(&other, degrees + 180.0));
+            assert!((here - there).abs() < 1e-5, "{degrees}: {here} {there}");
+        }
+    }
+
     /// Embeddings that turn steadily along each axis, in planes of their own: between them too they are known.
     #[test]
     fn the_view_between_counts_by_its_direction() {

@@ -93,8 +93,9 @@ pub struct TouchLikelihood {
     /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view
     /// (`NOTES.md`, "Between recorded poses").
     pub log_unknown: f64,
-    /// The largest cosine with any edged view, -1..=1; -1 where no view is edged.
-    pub best_similarity: f32,
+    /// The plain cosine with the edged view that it resembles most, -1..=1, in whichever metric the bank compares; -1 where no
+    /// view is edged.
+    pub best_cosine: f32,
     /// The cosine that matches are measured from: the best, or an unknown view's where that is more.
     reference: f32,
     /// Whether the touch showed no edge.
@@ -128,9 +129,11 @@ impl TouchLikelihood {
         let mut shows: Vec<Shows> = bank.edge_shares().iter().map(of_share).collect();
         bank.missing().iter().for_each(|row| shows[*row] = Shows::Unknown);
         let blank = config.is_blank(observation.edge_share);
-        let of_edged = similarities.iter().zip(&shows).filter(|(_, shows)| **shows == Shows::Edge);
-        let mut above_best: Vec<f64> = of_edged.map(|(similarity, _)| f64::from(*similarity)).collect();
+        let edged = || (0..shows.len()).filter(|row| shows[*row] == Shows::Edge);
+        let mut above_best: Vec<f64> = edged().map(|row| f64::from(similarities[row])).collect();
         let best_similarity = simd::largest(&above_best).max(-1.0) as f32;
+        let best_row = edged().find(|row| similarities[*row] == best_similarity);
+        let best_cosine = best_row.map_or(-1.0, |row| bank.plain_cosine(&observation.query, row));
         // Where no recorded view matches better than an unknown one, that is the best match.
         let is_cubic = config.interpolation.is_cubic(bank.grid());
         let unknown_similarity = config.unknown_similarity.filter(|_| is_cubic).map(|cosine| cosine as f32);
@@ -151,7 +154,7 @@ impl TouchLikelihood {
             similarities,
             bests,
             log_unknown,
-            best_similarity,
+            best_cosine,
             reference,
             blank,
             shows,

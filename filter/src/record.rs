@@ -7,7 +7,7 @@ use crate::config::EpisodeConfig;
 use crate::observation::Observation;
 
 /// The value of [`EpisodeRecord::version`] that this program writes and reads.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// The settings of an episode and what was touched. Serde writes it; [`Episode::restore`](crate::Episode::restore) plays
 /// it again and gives every number as it was.

@@ -11,8 +11,6 @@ pub struct Standing {
     pub fit: Option<f64>,
     /// Touches that this is of ([`crate::Estimate::n_fitted`]).
     pub n_fitted: usize,
-    /// [`crate::RunnerUp::told_apart_nats`] of the next likeliest; `None` where no other part is left.
-    pub told_apart_nats: Option<f64>,
     /// Touches made.
     pub n_touches: usize,
 }
@@ -21,7 +19,7 @@ pub struct Standing {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopReason {
-    /// A part is more probable than `stop_probability`, explains the touches, and was told from the next likeliest.
+    /// A part is more probable than `stop_probability`, and explains the touches.
     Confident,
     /// No part explains the touches: this one is not in the bank.
     NoneOfThese,

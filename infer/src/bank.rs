@@ -310,6 +310,20 @@ impl Bank {
         self.rows.row(row)
     }
 
+    /// The plain cosine of an embedding, `[dim]`, with one row, as if the bank had no metric, -1..=1; 0 where either has no
+    /// direction.
+    ///
+    /// # Panics
+    /// Where `row` is not below [`Self::n_rows`].
+    pub fn plain_cosine(&self, embedding: &[f32], row: usize) -> f32 {
+        let own = self.row(row);
+        let own = self.metric.as_ref().map_or(own.clone(), |metric| Cow::Owned(metric.undo(&own)));
+        // In f64: the squares of long and short embeddings leave the range of f32.
+        let inner = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
+        let cosine = inner(embedding, &own) / (inner(embedding, embedding).sqrt() * inner(&own, &own).sqrt());
+        if cosine.is_finite() { cosine.clamp(-1.0, 1.0) as f32 } else { 0.0 }
+    }
+
     /// The row recorded of a part at a pose, to within the robot's repeatability; `None` where there is none.
     pub fn row_at(&self, part: &str, part_from_sensor: &Se2) -> Option<usize> {
         let part = self.parts.iter().position(|name| name == part)?;

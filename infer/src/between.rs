@@ -15,7 +15,7 @@ pub fn is_fine(grid: &PoseGrid) -> bool {
 }
 
 /// The four recorded places around a place on one axis, with the weights of cubic interpolation (Catmull and Rom 1974):
-/// exact at recorded places; at the border a parabola goes on through the last three.
+/// exact at recorded places; at the border a parabola goes on through the last three, and angles that go round have none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Around {
     /// Indices of the four.
@@ -43,6 +43,18 @@ impl Around {
         }
     }
 
+    /// A place on a circle of `n` recorded ones, from `-half` on, each `step` further.
+    fn on_circle(value: f64, half: f64, step: f64, n: usize) -> Self {
+        let place = ((value + half) / step).rem_euclid(n as f64);
+        let low = place as usize;
+        Self {
+            indices: [n - 1, 0, 1, 2].map(|k| (low + k) % n),
+            nearest: (place + 0.5) as usize % n,
+            weights: catmull_rom((place - low as f64) as f32),
+            outside: 0.0,
+        }
+    }
+
     /// A place along x or y of a grid, mm.
     #[inline]
     pub fn x_or_y(grid: &PoseGrid, mm: f64) -> Self {
@@ -53,7 +65,8 @@ impl Around {
     #[inline]
     pub fn theta(grid: &PoseGrid, theta_rad: f64) -> Self {
         let turn = wrap_angle(theta_rad).to_degrees();
-        Self::new(turn, grid.theta_half_deg, grid.theta_step_deg, grid.n_theta())
+        let (half, step, n) = (grid.theta_half_deg, grid.theta_step_deg, grid.n_theta());
+        if grid.goes_round() { Self::on_circle(turn, half, step, n) } else { Self::new(turn, half, step, n) }
     }
 
     /// A pose of a grid: its x, y and angle.

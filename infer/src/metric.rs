@@ -99,6 +99,18 @@ impl Metric {
     }
 }
 
+impl Metric {
+    /// The embedding that the metric has like this, up to its length: [`Self::apply`] undone. `row`: `[dim]`.
+    pub fn undo(&self, row: &[f32]) -> Vec<f32> {
+        let mut embedding: Vec<f64> = Vec::with_capacity(self.dim);
+        for (line, value) in self.matrix.chunks_exact(self.dim).zip(row) {
+            let known: f64 = line.iter().zip(&embedding).map(|(factor, value)| f64::from(*factor) * value).sum();
+            embedding.push((f64::from(*value) - known) / f64::from(line[embedding.len()]));
+        }
+        embedding.into_iter().map(|value| value as f32).collect()
+    }
+}
+
 /// What a cosine in a metric counts as by the cosine alone ([`Metric::counted_scale`]), at least -1.
 pub fn by_cosine(metric: Option<&Metric>, cosine: f32) -> f32 {
     metric.map_or(cosine, |metric| (1.0 - (1.0 - f64::from(cosine)) / metric.counted_scale()).max(-1.0) as f32)
@@ -127,5 +139,13 @@ mod tests {
             assert!(new([1.0, 0.0, 0.5, 2.0], measured).is_err());
         }
         assert!(Metric::new(2, vec![1.0; 3], MEASURED).is_err());
+    }
+
+    #[test]
+    fn what_is_undone_points_where_it_did_before() {
+        let metric = Metric::new(3, vec![2.0, 0.0, 0.0, -1.5, 0.5, 0.0, 0.25, 3.0, 0.125], MEASURED).unwrap();
+        let embedding = [0.6, -0.48, 0.64];
+        let undone = metric.undo(&metric.apply(&embedding));
+        assert!((dot(&undone, &embedding) / dot(&undone, &undone).sqrt() - 1.0).abs() < 1e-6, "{undone:?}");
     }
 }

@@ -16,21 +16,13 @@ pub struct BankPoses {
 /// For each cell of a grid the touch nearest to it of those within the tolerance; the first of equals.
 pub(crate) fn nearest_touches(grid: &PoseGrid, poses: &[Se2], tolerance: Tolerance) -> Vec<Option<usize>> {
     let mut touches: Vec<Option<(f64, usize)>> = vec![None; grid.len()];
-    let n_theta = grid.n_theta();
-    // Where the grid goes round, its first and its last angle are one.
-    let is_round = grid.theta_half_deg >= 180.0;
     for (index, pose) in poses.iter().enumerate() {
         let Some(cell) = grid.nearest(pose) else { continue };
-        let place = cell - cell % n_theta;
-        let twin = if is_round && cell == place { place + n_theta - 1 } else { place };
-        let is_end = is_round && (cell == place || cell == place + n_theta - 1);
-        for cell in [Some(cell), Some(twin).filter(|_| is_end)].into_iter().flatten() {
-            let at = grid.pose(cell);
-            let turned = wrap_angle(at.theta_rad - pose.theta_rad).to_degrees().abs();
-            let off = (at.distance_mm(pose) / tolerance.mm).max(turned / tolerance.deg);
-            if off <= 1.0 && touches[cell].is_none_or(|(before, _)| off < before) {
-                touches[cell] = Some((off, index));
-            }
+        let at = grid.pose(cell);
+        let turned = wrap_angle(at.theta_rad - pose.theta_rad).to_degrees().abs();
+        let off = (at.distance_mm(pose) / tolerance.mm).max(turned / tolerance.deg);
+        if off <= 1.0 && touches[cell].is_none_or(|(before, _)| off < before) {
+            touches[cell] = Some((off, index));
         }
     }
     touches.into_iter().map(|touch| touch.map(|(_, index)| index)).collect()

@@ -7,8 +7,8 @@ use tactile_data::grid::PoseGrid;
 use crate::rows::Rows;
 use crate::threads;
 
-/// For each view of one part, the cosines with those one to three steps further along each axis; 1 where the grid ends
-/// before. All of one angle, axis and distance lie together, in order of the place on the axis: neighbours are
+/// For each view of one part, the cosines with those one to three steps further along each axis, round the circle where the
+/// angles go round; 1 where the grid ends before. All of one angle, axis and distance lie together, in order of the place on the axis: neighbours are
 /// asked for together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbours {
@@ -60,12 +60,18 @@ pub(crate) fn neighbours(grid: &PoseGrid, rows: &Rows) -> Vec<Neighbours> {
     let norms: Vec<f32> = (0..rows.len()).map(|row| rows.cosine(row, row).max(0.0).sqrt()).collect();
     let of_part = |part: usize| {
         let cosine = |view: [usize; 3], axis: usize, k: usize| {
-            if view[axis] + k >= [n_xy, n_xy, n_theta][axis] {
-                return 1.0;
+            let (mut moved, n) = (view, [n_xy, n_xy, n_theta][axis]);
+            moved[axis] += k;
+            if moved[axis] >= n {
+                if axis < 2 || !grid.goes_round() {
+                    return 1.0;
+                }
+                moved[axis] %= n;
             }
-            let cell: usize = view.iter().zip(strides).map(|(index, stride)| index * stride).sum();
-            let row = part * n_cells + cell;
-            let further = row + k * strides[axis];
+            let row_of = |view: [usize; 3]| {
+                part * n_cells + view.iter().zip(strides).map(|(index, stride)| index * stride).sum::<usize>()
+            };
+            let (row, further) = (row_of(view), row_of(moved));
             let cosine = rows.cosine(row, further) / (norms[row] * norms[further]);
             if cosine.is_finite() { cosine.clamp(-1.0, 1.0) } else { 0.0 }
         };

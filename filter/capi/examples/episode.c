@@ -87,8 +87,7 @@ static void print_belief(const tf_bank *bank, const tf_episode *episode)
     tf_runner_up other;
     check(tf_episode_runner_up(episode, &other));
     if (other.has_part) {
-        printf("runner-up %s probability %.17g", other.part_name, other.probability);
-        printf(" told apart %.17g\n", other.told_apart_nats);
+        printf("runner-up %s probability %.17g\n", other.part_name, other.probability);
     } else {
         printf("no runner-up\n");
     }

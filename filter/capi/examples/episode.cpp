@@ -74,8 +74,7 @@ void print_done(const tf_decision &done)
 void print_runner_up(const std::optional<tf_runner_up> &other)
 {
     if (other) {
-        std::printf("runner-up %s probability %.17g", std::string(tf::name(*other)).c_str(), other->probability);
-        std::printf(" told apart %.17g\n", other->told_apart_nats);
+        std::printf("runner-up %s probability %.17g\n", std::string(tf::name(*other)).c_str(), other->probability);
     } else {
         std::printf("no runner-up\n");
     }

@@ -113,9 +113,7 @@ fn conclusion(lines: &mut String, estimate: &Estimate, reason: StopReason, parts
     writeln!(lines, "covariance {covariance}")?;
     writeln!(lines, "fit {} entropy {}", estimate.fit.unwrap_or_default(), estimate.entropy_nats)?;
     match &estimate.runner_up {
-        Some(RunnerUp { part, probability, told_apart_nats: nats }) => {
-            writeln!(lines, "runner-up {part} probability {probability} told apart {nats}")?;
-        }
+        Some(RunnerUp { part, probability }) => writeln!(lines, "runner-up {part} probability {probability}")?,
         None => writeln!(lines, "no runner-up")?,
     }
     for (part, probability) in parts.iter().zip(&estimate.class_posterior) {

@@ -654,11 +654,6 @@ typedef struct tf_episode_config {
      * Share of the square of matched_sd that the touches of one hole have in common, 0 to 1.
      */
     double matched_shared;
-    /**
-     * To be confident one touch alone must speak for the part rather than for the next likeliest by this much, nats,
-     * not negative. 0: all touches together are enough.
-     */
-    double told_apart_nats;
 } tf_episode_config;
 
 /**
@@ -703,11 +698,6 @@ typedef struct tf_runner_up {
      * Its probability, 0 to 1.
      */
     double probability;
-    /**
-     * By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this
-     * one, nats. Below tf_episode_config.told_apart_nats no touch told the two apart: it may be either.
-     */
-    double told_apart_nats;
 } tf_runner_up;
 
 /**

@@ -155,10 +155,6 @@ pub struct tf_episode_config {
     pub matched_views: u32,
     /// Share of the square of matched_sd that the touches of one hole have in common, 0 to 1.
     pub matched_shared: f64,
-
-    /// To be confident one touch alone must speak for the part rather than for the next likeliest by this much, nats,
-    /// not negative. 0: all touches together are enough.
-    pub told_apart_nats: f64,
 }
 
 /// The size of the struct's first version.
@@ -170,13 +166,10 @@ pub(crate) const SECOND_SIZE: usize = std::mem::offset_of!(tf_episode_config, ma
 /// The size of its third version.
 pub(crate) const THIRD_SIZE: usize = std::mem::offset_of!(tf_episode_config, matched_shared);
 
-/// The size of its fourth version.
-pub(crate) const FOURTH_SIZE: usize = std::mem::offset_of!(tf_episode_config, told_apart_nats);
-
 /// Refuses a size that no version of the struct has.
 pub(crate) fn check_size(name: &str, size: usize) -> Result<(), Failure> {
     let newest = size_of::<tf_episode_config>();
-    if [FIRST_SIZE, SECOND_SIZE, THIRD_SIZE, FOURTH_SIZE, newest].contains(&size) {
+    if [FIRST_SIZE, SECOND_SIZE, THIRD_SIZE, newest].contains(&size) {
         Ok(())
     } else {
         Err(Failure::argument(name, newest, size))
@@ -265,7 +258,6 @@ impl From<&EpisodeConfig> for tf_episode_config {
             shared_error: likelihood.shared_error,
             matched_views: tf_views::from(likelihood.matched_views) as u32,
             matched_shared: likelihood.matched_shared,
-            told_apart_nats: config.told_apart_nats,
         }
     }
 }

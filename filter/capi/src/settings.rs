@@ -29,7 +29,6 @@ fn checked(config: &tf_episode_config) -> Result<EpisodeConfig, Failure> {
         none_fit: optional("has_none_fit", config.has_none_fit, config.none_fit)?,
         fit_margin: config.fit_margin,
         none_touches: config.none_touches,
-        told_apart_nats: config.told_apart_nats,
         low_similarity: config.low_similarity,
         seed: config.seed,
     };
@@ -156,12 +155,11 @@ pub(crate) unsafe fn read(config: *const tf_episode_config) -> Result<EpisodeCon
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{FIRST_SIZE, FOURTH_SIZE, SECOND_SIZE, THIRD_SIZE};
+    use crate::config::{FIRST_SIZE, SECOND_SIZE, THIRD_SIZE};
 
     #[test]
     fn settings_come_back_as_they_went() {
         let place = EpisodeConfig { stop_place_mm: Some(0.5), seed: u64::MAX, ..EpisodeConfig::default() };
-        let place = EpisodeConfig { told_apart_nats: 0.25, ..place };
         let turned =
             ActionConfig { min_separation_deg: Some(20.0), rule: ActionRule::Random, ..ActionConfig::default() };
         let cubic = LikelihoodConfig { interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
@@ -181,13 +179,11 @@ mod tests {
         let first = tf_episode_config { size: FIRST_SIZE, matched_sd: f64::NAN, matched_views: 9, ..default };
         let second = tf_episode_config { size: SECOND_SIZE, matched_views: 9, ..default };
         let third = tf_episode_config { size: THIRD_SIZE, matched_shared: f64::NAN, ..default };
-        let fourth = tf_episode_config { size: FOURTH_SIZE, told_apart_nats: f64::NAN, ..default };
-        assert_eq!(default.told_apart_nats, 1.4);
-        for there in [first, second, third, fourth] {
+        for there in [first, second, third] {
             assert_eq!(unsafe { read(&there) }.map_err(|failure| failure.message), Ok(EpisodeConfig::default()));
         }
-        let sizes = [SECOND_SIZE, THIRD_SIZE, FOURTH_SIZE, size_of::<tf_episode_config>()];
-        assert_eq!([56, 64, 72, 80].map(|bytes| FIRST_SIZE + bytes), sizes);
+        let sizes = [SECOND_SIZE, THIRD_SIZE, size_of::<tf_episode_config>()];
+        assert_eq!([56, 64, 72].map(|bytes| FIRST_SIZE + bytes), sizes);
     }
 
     #[test]
@@ -206,7 +202,6 @@ mod tests {
             (tf_episode_config { matched_views: 2, ..good }, config, "matched_views"),
             (tf_episode_config { between_poses: 7, ..good }, config, "between_poses"),
             (tf_episode_config { stop_probability: f64::NAN, ..good }, config, "episode.stop_probability"),
-            (tf_episode_config { told_apart_nats: -0.1, ..good }, config, "episode.told_apart_nats"),
             (tf_episode_config { n_particles: usize::MAX, ..good }, config, "n_particles"),
             (tf_episode_config { n_draws: usize::MAX, ..good }, config, "n_draws"),
         ] {

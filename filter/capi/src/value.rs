@@ -187,31 +187,22 @@ pub struct tf_runner_up {
     pub part_name: *const c_char,
     /// Its probability, 0 to 1.
     pub probability: f64,
-    /// By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this
-    /// one, nats. Below tf_episode_config.told_apart_nats no touch told the two apart: it may be either.
-    pub told_apart_nats: f64,
 }
 
 impl Default for tf_runner_up {
     fn default() -> Self {
-        Self { has_part: 0, part: 0, part_name: c"".as_ptr(), probability: 0.0, told_apart_nats: 0.0 }
+        Self { has_part: 0, part: 0, part_name: c"".as_ptr(), probability: 0.0 }
     }
 }
 
 impl tf_runner_up {
     /// A runner-up, where there is one, as C sees it; its name belongs to `parts`.
     pub(crate) fn of(runner_up: Option<&RunnerUp>, parts: &Parts) -> Result<Self, Failure> {
-        let Some(RunnerUp { part, probability, told_apart_nats }) = runner_up else {
+        let Some(RunnerUp { part, probability }) = runner_up else {
             return Ok(Self::default());
         };
         let part = parts.index(part)?;
-        Ok(Self {
-            has_part: 1,
-            part,
-            part_name: parts.name(part)?.as_ptr(),
-            probability: *probability,
-            told_apart_nats: *told_apart_nats,
-        })
+        Ok(Self { has_part: 1, part, part_name: parts.name(part)?.as_ptr(), probability: *probability })
     }
 }
 

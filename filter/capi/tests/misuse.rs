@@ -372,8 +372,7 @@ fn the_runner_up_is_that_of_rust_and_a_part_that_is_alone_has_none() {
     ok(unsafe { tf_episode_runner_up(episode, &mut other) });
     let name = unsafe { CStr::from_ptr(other.part_name) }.to_str().unwrap();
     assert_eq!((other.has_part, name, &bank.parts()[other.part]), (1, expected.part.as_str(), &expected.part));
-    let numbers = [other.probability, other.told_apart_nats];
-    assert_eq!(numbers, [expected.probability, expected.told_apart_nats]);
+    assert_eq!(other.probability, expected.probability);
     let (mut posterior, mut n) = ([0.0; 3], 0);
     ok(unsafe { tf_episode_class_posterior(episode, posterior.as_mut_ptr(), 3, &mut n) });
     posterior.sort_by(f64::total_cmp);
@@ -387,27 +386,12 @@ fn the_runner_up_is_that_of_rust_and_a_part_that_is_alone_has_none() {
     ok(unsafe { tf_bank_load(world.model, path.as_ptr(), &mut bank) });
     ok(unsafe { tf_episode_begin(&world.config, bank, world.touches[0], &mut lonely) });
     ok(unsafe { tf_episode_runner_up(lonely, &mut other) });
-    assert_eq!((other.has_part, other.part, other.probability, other.told_apart_nats), (0, 0, 0.0, 0.0));
+    assert_eq!((other.has_part, other.part, other.probability), (0, 0, 0.0));
     assert!(unsafe { CStr::from_ptr(other.part_name) }.is_empty());
     unsafe {
         [episode, lonely].into_iter().for_each(|episode| tf_episode_free(episode));
         tf_bank_free(bank);
     }
-}
-
-#[test]
-fn a_part_that_no_touch_told_from_the_next_is_not_named() {
-    let world = world();
-    let stop = |told_apart_nats: f64| {
-        // All that is asked for otherwise is given.
-        let config = tf_episode_config { stop_probability: 0.0, has_none_fit: 0, told_apart_nats, ..world.config };
-        let mut episode = null_mut();
-        ok(unsafe { tf_episode_begin(&config, world.bank, world.touches[0], &mut episode) });
-        let (_, stop) = estimate(episode);
-        unsafe { tf_episode_free(episode) };
-        stop
-    };
-    assert_eq!([stop(0.0), stop(1e9)], [tf_stop::Confident, tf_stop::None]);
 }
 
 #[test]

@@ -154,9 +154,6 @@ pub struct Scored {
     pub fit: Option<f64>,
     /// Touches that this is of.
     pub n_fitted: usize,
-    /// By how much one touch alone speaks for it rather than for the next likeliest, nats; `None` where no other is left.
-    #[serde(default)]
-    pub told_apart_nats: Option<f64>,
     /// Squared difference of the class posterior from the truth, 0..=2.
     pub brier: f64,
 }
@@ -164,8 +161,8 @@ pub struct Scored {
 impl Scored {
     /// What is asked of it before it is believed, after `n_touches`.
     pub fn standing(&self, n_touches: usize) -> Standing {
-        let Self { probability, fit, n_fitted, told_apart_nats, .. } = *self;
-        Standing { probability, fit, n_fitted, told_apart_nats, n_touches }
+        let Self { probability, fit, n_fitted, .. } = *self;
+        Standing { probability, fit, n_fitted, n_touches }
     }
 }
 
@@ -311,7 +308,6 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
         probability: estimate.probability,
         fit: estimate.fit,
         n_fitted: estimate.n_fitted,
-        told_apart_nats: estimate.standing().told_apart_nats,
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
         named: hole.index_of(&estimate.part),
         normalised_error: normalised_error(estimate, hole),

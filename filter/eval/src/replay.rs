@@ -122,8 +122,7 @@ pub fn play(
     let estimate = episode.estimate();
     let pose = estimate.part_from_sensor;
     let known = config.stop(&estimate.standing());
-    let is_named =
-        |other: &RunnerUp| RunnerUp::is_named(known, other.probability, config.is_told_apart(other.told_apart_nats));
+    let is_named = |other: &RunnerUp| RunnerUp::is_named(known, other.probability);
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
         confident: known == Some(StopReason::Confident) && estimate.warnings.is_empty(),

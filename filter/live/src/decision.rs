@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
-use tactile_filter::{Decision, Episode, EpisodeConfig, RunnerUp, StopReason};
+use tactile_filter::{Decision, Episode, RunnerUp, StopReason};
 use tactile_infer::Bank;
 
 /// One touch that was taken in. Numbers are written so that they read back to the same bits.
@@ -58,21 +58,12 @@ pub struct RunnerUpReport {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// [`RunnerUp::told_apart_nats`].
-    pub told_apart_nats: f64,
-    /// Whether that is as much as the settings ask for: where not, it may be either part.
-    pub is_told_apart: bool,
 }
 
 impl RunnerUpReport {
-    fn new(runner_up: &RunnerUp, config: &EpisodeConfig) -> Self {
-        let RunnerUp { part, probability, told_apart_nats } = runner_up;
-        Self {
-            part: part.clone(),
-            probability: *probability,
-            told_apart_nats: *told_apart_nats,
-            is_told_apart: config.is_told_apart(*told_apart_nats),
-        }
+    fn new(runner_up: &RunnerUp) -> Self {
+        let RunnerUp { part, probability } = runner_up;
+        Self { part: part.clone(), probability: *probability }
     }
 }
 
@@ -88,8 +79,8 @@ pub struct Touched {
 }
 
 impl DecisionReport {
-    /// The report of the latest touch of an episode with these settings.
-    pub fn new(touched: &Touched, bank: &Bank, config: &EpisodeConfig, episode: &Episode, decision: &Decision) -> Self {
+    /// The report of the latest touch of an episode.
+    pub fn new(touched: &Touched, bank: &Bank, episode: &Episode, decision: &Decision) -> Self {
         let Touched { episode: number, moved, edge_share } = *touched;
         let (next, stop, estimate) = match decision {
             Decision::Touch(action) => (Some(action.sensor_from_next), None, Box::new(episode.estimate())),
@@ -105,7 +96,7 @@ impl DecisionReport {
             estimate: EstimateReport {
                 part: estimate.part.clone(),
                 probability: estimate.probability,
-                runner_up: estimate.runner_up.as_ref().map(|runner_up| RunnerUpReport::new(runner_up, config)),
+                runner_up: estimate.runner_up.as_ref().map(RunnerUpReport::new),
                 part_from_sensor: estimate.part_from_sensor,
                 covariance: estimate.covariance,
                 fit: estimate.fit,
@@ -119,7 +110,7 @@ impl DecisionReport {
     /// The second part that it may be as well, where [`RunnerUp::is_named`] says so.
     pub fn other(&self) -> Option<&RunnerUpReport> {
         let other = self.estimate.runner_up.as_ref();
-        other.filter(|other| RunnerUp::is_named(self.stop, other.probability, other.is_told_apart))
+        other.filter(|other| RunnerUp::is_named(self.stop, other.probability))
     }
 
     /// A line for a person.
@@ -178,34 +169,29 @@ mod tests {
         DecisionReport { episode: 1, touch: 10, moved: None, edge_share: 0.2, next, stop, estimate, posterior }
     }
 
-    fn told(probability: f64, told_apart_nats: f64, config: &EpisodeConfig) -> RunnerUpReport {
-        RunnerUpReport::new(&RunnerUp { part: "Q".into(), probability, told_apart_nats }, config)
+    fn other(probability: f64) -> RunnerUpReport {
+        RunnerUpReport::new(&RunnerUp { part: "Q".into(), probability })
     }
 
     #[test]
     fn both_parts_are_named_where_it_may_be_either() {
-        let config = EpisodeConfig::default();
         let of = |stop, other: &RunnerUpReport| report(stop, Some(other.clone())).line();
-        let likely = told(0.389, 9.0, &config);
+        let likely = other(0.389);
         let both = "O, 60.1 %, or Q, 38.9 %";
         let limit = Some(StopReason::TouchLimit);
         assert_eq!(of(limit, &likely), format!("touch 10: no more touches; {both}"));
         assert_eq!(of(Some(StopReason::NothingToLearn), &likely), format!("touch 10: nothing left to touch; {both}"));
         assert_eq!(of(None, &likely), format!("touch 10: {both}; next 4.0 mm, 0.0 mm, 0.0 degrees"));
-        // A part that is hardly probable is named only where no touch told it from the first.
-        let (one, other) =
-            ("touch 10: no more touches; perhaps O, 60.1 %", "touch 10: no more touches; O, 60.1 %, or Q, 4.0 %");
-        assert_eq!([1.4, 1.3].map(|nats| of(limit, &told(0.04, nats, &config))), [one, other]);
-        let anything = EpisodeConfig { told_apart_nats: 0.0, ..config };
-        assert_eq!(of(limit, &told(0.04, -3.0, &anything)), one);
+        // A part that is hardly probable is not named.
+        let one = "touch 10: no more touches; perhaps O, 60.1 %";
+        assert_eq!(of(limit, &other(0.04)), one);
         assert_eq!(report(limit, None).line(), one);
     }
 
     #[test]
     fn what_is_sure_is_one_part_or_none_and_the_label_names_no_other() {
-        let other = told(0.389, 0.0, &EpisodeConfig::default());
         let of = |stop| {
-            let report = report(stop, Some(other.clone()));
+            let report = report(stop, Some(other(0.389)));
             (report.line(), report.label())
         };
         let confident = of(Some(StopReason::Confident));
@@ -217,9 +203,8 @@ mod tests {
 
     #[test]
     fn a_report_reads_back_and_so_does_one_from_before_there_was_a_runner_up() {
-        let now = report(None, Some(told(0.389, 0.1 + 0.2, &EpisodeConfig::default())));
+        let now = report(None, Some(other(0.1 + 0.2)));
         let mut json = serde_json::to_value(&now).unwrap();
-        assert_eq!(json["estimate"]["runner_up"]["is_told_apart"], false);
         assert_eq!(serde_json::from_str::<DecisionReport>(&json.to_string()).unwrap(), now);
         json["estimate"].as_object_mut().unwrap().remove("runner_up");
         assert_eq!(serde_json::from_value::<DecisionReport>(json).unwrap(), report(None, None));

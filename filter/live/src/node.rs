@@ -427,7 +427,7 @@ impl Node {
         let episode = &running.episode;
         let decision = running.decide(&self.reach)?;
         let touched = Touched { episode: self.n_episodes, moved, edge_share };
-        let report = DecisionReport::new(&touched, &self.bank, &running.config, episode, &decision);
+        let report = DecisionReport::new(&touched, &self.bank, episode, &decision);
         let scene = Scene {
             time: Time::of_nanoseconds(self.now_ns),
             base: &placed.frame_id,

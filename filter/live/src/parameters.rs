@@ -172,8 +172,6 @@ pub struct EpisodeParameters {
     pub seed: Option<u64>,
     /// [`EpisodeConfig::stop_probability`].
     pub stop_probability: Option<f64>,
-    /// [`EpisodeConfig::told_apart_nats`].
-    pub told_apart_nats: Option<f64>,
     /// [`EpisodeConfig::stop_place_mm`].
     pub stop_place_mm: Option<f64>,
     /// [`EpisodeConfig::max_touches`].
@@ -275,11 +273,10 @@ impl Parameters {
 
     /// The settings of the episode of a number, from 0 on.
     pub fn episode_config(&self, model: &Model, episode: u64) -> EpisodeConfig {
-        let EpisodeParameters { seed, stop_probability, told_apart_nats, stop_place_mm, max_touches } = self.episode;
+        let EpisodeParameters { seed, stop_probability, stop_place_mm, max_touches } = self.episode;
         let of_model = EpisodeConfig::of_side(model, self.side);
         EpisodeConfig {
             stop_probability: stop_probability.unwrap_or(of_model.stop_probability),
-            told_apart_nats: told_apart_nats.unwrap_or(of_model.told_apart_nats),
             stop_place_mm: stop_place_mm.or(of_model.stop_place_mm),
             max_touches: max_touches.unwrap_or(of_model.max_touches),
             seed: seed.unwrap_or(of_model.seed).wrapping_add(episode),
@@ -424,10 +421,10 @@ right:
         let mut read = Parameters::from_yaml(FILE, "/tactile_filter", "file.yaml").unwrap();
         Parameters::set(&mut read, "camera.max_age_s", "0.1").unwrap();
         Parameters::set(&mut read, "reach.xy_half_mm", "6").unwrap();
-        Parameters::set(&mut read, "episode.told_apart_nats", "2").unwrap();
+        Parameters::set(&mut read, "episode.stop_place_mm", "2").unwrap();
         let parameters = Parameters::of(read.clone()).unwrap();
         assert_eq!((parameters.camera.max_age_s, parameters.reach.xy_half_mm), (0.1, Some(6.0)));
-        assert_eq!(parameters.episode.told_apart_nats, Some(2.0));
+        assert_eq!(parameters.episode.stop_place_mm, Some(2.0));
         for (name, value, said) in [
             ("camera.crob", "border:1/7", "`crob`"),
             ("camera.crop", "half", "crop: expected LEFT,TOP,WIDTH,HEIGHT"),

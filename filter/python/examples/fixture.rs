@@ -183,7 +183,6 @@ fn estimate_bits(estimate: &Estimate) -> Value {
         "runner_up": estimate.runner_up.as_ref().map(|other| json!({
             "part": other.part,
             "probability": other.probability.to_bits(),
-            "told_apart_nats": other.told_apart_nats.to_bits(),
         })),
         "part_from_sensor": pose_bits(&estimate.part_from_sensor),
         "part_from_first": pose_bits(&estimate.part_from_first),

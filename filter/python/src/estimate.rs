@@ -132,16 +132,9 @@ impl PyRunnerUp {
         self.0.probability
     }
 
-    /// By how much one touch alone, the one that tells most, speaks for the most probable part rather than for this
-    /// one, nats.
-    #[getter]
-    fn told_apart_nats(&self) -> f64 {
-        self.0.told_apart_nats
-    }
-
     fn __repr__(&self) -> String {
-        let RunnerUp { part, probability, told_apart_nats } = &self.0;
-        format!("<RunnerUp: part {part} with {:.1} %, told apart by {told_apart_nats:.2} nats>", 100.0 * probability)
+        let RunnerUp { part, probability } = &self.0;
+        format!("<RunnerUp: part {part} with {:.1} %>", 100.0 * probability)
     }
 }
 

@@ -143,7 +143,6 @@ def settings(model):
         ("fit_margin", np.inf, "finite inf"), ("rule", "luck", "information luck"), ("rule", 3, ""), ("engine", "magic", "particle magic"),
         ("between_poses", 1, "True or False 1"), ("temprature", 1.0, "temperature"), ("temperature", [1], "list"),
         ("n_particles", 5, "engine"), ("action", {}, ""), ("likelihood", None, ""), ("stop_place_mm", 0, "positive"),
-        ("told_apart_nats", -0.5, "not negative -0.5"), ("told_apart_nats", None, "number"),
     ]:  # fmt: skip
         for make in [tf.EpisodeConfig, tf.EpisodeConfig.paper, tf.EpisodeConfig.of(model).replace]:
             if name == "n_particles" and make is tf.EpisodeConfig.paper:
@@ -211,7 +210,7 @@ def values(episode, decision):
         refused(TypeError, "", class_)
     second = np.argsort(estimate.class_posterior)[-2]
     assert (other.part, other.probability) == (belief.parts[second], estimate.class_posterior[second]), other
-    assert other == episode.estimate().runner_up and other != estimate and np.isfinite(other.told_apart_nats)
+    assert other == episode.estimate().runner_up and other != estimate
     # The parts' rows sum to the parts' probabilities: numpy's sum against Rust's.
     assert np.allclose(belief.probabilities.sum(axis=1), belief.class_posterior, rtol=0, atol=1e-12)
     pose = tf.Pose(1.0, -2.0, 0.5)
@@ -227,16 +226,6 @@ def values(episode, decision):
     for error in vars(tf).values():
         if isinstance(error, type) and issubclass(error, Exception):
             assert issubclass(error, tf.Error) and error.__module__ == "tactile_filter" and error.__doc__, error
-
-
-def told_apart(bank, observation):
-    """Where all else that is asked for is given, what one touch must tell decides."""
-    eager = tf.EpisodeConfig(stop_probability=0.0, none_fit=None)
-    assert eager.settings["told_apart_nats"] == 1.4 and tf.EpisodeConfig.paper().settings["told_apart_nats"] == 0
-    reasons = [
-        tf.Episode.begin(eager.replace(told_apart_nats=nats), bank, observation).stop_reason() for nats in [0.0, 1e9]
-    ]
-    assert reasons == ["confident", None], reasons
 
 
 def simulators(model):
@@ -271,7 +260,6 @@ def main(folder):
         files(model, folder / "fine.bank", episode, Path(scratch))
     records(episode, bank, other_bank)
     values(episode, decision)
-    told_apart(bank, observation)
     if hasattr(tf, "Simulator"):
         simulators(model)
     refused(TypeError, "", tf.Episode.begin, None, bank, observation)

@@ -44,13 +44,7 @@ impl<'a> Judge<'a> {
         rng: &mut ChaCha8Rng,
     ) -> Self {
         let Situation { config, belief, .. } = *situation;
-        let drawn = match Self::pair(situation) {
-            Some([a, b]) => {
-                let of_both = [a.min(b), a.max(b)].map(|part| belief.draw_of(part, n_draws.div_ceil(2), rng));
-                of_both.concat()
-            }
-            None => belief.draw(n_draws, rng),
-        };
+        let drawn = belief.draw(n_draws, rng);
         let mut supposed: Vec<Hypothesis> =
             (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
         if let (ActionRule::Paper, Some(best)) = (config.rule, belief.best(None)) {
@@ -60,11 +54,6 @@ impl<'a> Judge<'a> {
         let pairing = Pairing::new(situation, rng);
         let supposed = supposed.into_iter().map(|hypothesis| (hypothesis, 1.0)).collect();
         Self::of(situation, pairing, draws, supposed)
-    }
-
-    /// The parts to be told apart, which expected information alone asks for.
-    fn pair(situation: &Situation) -> Option<[usize; 2]> {
-        situation.between.filter(|_| situation.config.rule == ActionRule::Information)
     }
 
     fn of(
@@ -105,10 +94,7 @@ impl<'a> Judge<'a> {
     pub(super) fn thinned(&self, n_draws: usize, n_suppositions: usize) -> Self {
         let every = self.draws.len().div_ceil(n_draws.max(1)).max(1);
         let state = |draw: &Draw| (draw.hypothesis, draw.count);
-        // Of two parts to be told apart some of either.
-        let is_pair = Self::pair(self.situation).is_some();
-        let of_parts = self.draws.chunk_by(|a, b| !is_pair || a.hypothesis.part == b.hypothesis.part);
-        let draws = of_parts.flat_map(|draws| draws.iter().step_by(every)).map(state).collect();
+        let draws = self.draws.iter().step_by(every).map(state).collect();
         let supposed = self.supposed.iter().take(n_suppositions.max(1)).map(state).collect();
         Self::of(self.situation, self.pairing, draws, supposed)
     }
@@ -184,7 +170,6 @@ impl<'a> Judge<'a> {
         let near = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
         let view = |draw: &Draw| near(draw).filter(|(row, _)| bank.is_recorded(*row));
         let (mut rows, of_draws) = Rows::of(self.draws.iter().map(view));
-        let pair = Self::pair(self.situation);
         let mut weighed = Weighed::default();
         for (index, truth) in self.supposed.iter().enumerate() {
             let Some((row, trust)) = view(truth) else {
@@ -200,8 +185,6 @@ impl<'a> Judge<'a> {
             weighed.n_contacts += 1;
             let (ratios, new_share) = (rows.ratios(&self.pairing, row), self.repeated.new_share(row));
             let (mut sum, mut n_states) = (0.0, 0.0);
-            // The same of the states of the supposed part.
-            let (mut of_part, mut n_of_part) = (0.0, 0.0);
             for (draw, view) in self.draws.iter().zip(&of_draws) {
                 if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
                     continue; // S without s*
@@ -210,18 +193,8 @@ impl<'a> Judge<'a> {
                 report((index, new_share), draw, value);
                 sum += value;
                 n_states += draw.count;
-                if pair.is_some() && draw.hypothesis.part == truth.hypothesis.part {
-                    of_part += value;
-                    n_of_part += draw.count;
-                }
             }
             let of_truth = match config.rule {
-                ActionRule::Information if pair.is_some() => {
-                    // Both equally likely: log(own / mean of both). No state of the other was left to draw: nothing to tell.
-                    let (own, n_others) = (of_part / n_of_part, n_states - n_of_part);
-                    let other = if n_others > 0.0 { (sum - of_part) / n_others } else { own };
-                    (2.0 * own / (own + other)).ln()
-                }
                 ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
                 _ => sum,
             };
@@ -412,7 +385,7 @@ impl<'a> Pairing<'a> {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{GRID, bank};
-    use super::super::{ActionConfig, Judgement, judge};
+    use super::super::{ActionConfig, judge};
     use super::*;
     use crate::belief::{Belief, EngineConfig};
     use crate::interpolation::Interpolation;
@@ -434,7 +407,6 @@ mod tests {
             belief: &belief,
             bank: &bank,
             candidates: &[],
-            between: None,
             only_recorded: true,
         };
         take(&Pairing::new(&situation, &mut ChaCha8Rng::seed_from_u64(1)), mean)
@@ -503,26 +475,8 @@ mod tests {
     /// What a turn is expected to tell after a first touch that looks like X; the rows of each part are its views at
     /// -30, 0 and 30 degrees.
     fn expected_of_turning(degrees: f64, parts: &[[[f32; 3]; 3]]) -> Expected {
-        judged_turning(degrees, parts, None).expected.unwrap()
-    }
-
-    /// The same, by what tells which of `between` it is.
-    fn told_by_turning(degrees: f64, parts: &[[[f32; 3]; 3]], between: [usize; 2]) -> f64 {
-        judged_turning(degrees, parts, Some(between)).judged[0].score.unwrap()
-    }
-
-    fn judged_turning(degrees: f64, parts: &[[[f32; 3]; 3]], between: Option<[usize; 2]>) -> Judgement {
         // Enough draws that rounding a third of them matters little.
         let config = ActionConfig { n_draws: 3000, n_suppositions: 3000, ..ActionConfig::default() };
-        judged_with(config, &[degrees], parts, between)
-    }
-
-    fn judged_with(
-        config: ActionConfig,
-        degrees: &[f64],
-        parts: &[[[f32; 3]; 3]],
-        between: Option<[usize; 2]>,
-    ) -> Judgement {
         let names: Vec<String> = (0..parts.len()).map(|part| part.to_string()).collect();
         let shares = vec![0.2; 3 * parts.len()];
         let rows = parts.concat().concat();
@@ -531,17 +485,16 @@ mod tests {
         let touch = Observation::new(X.to_vec(), 0.2);
         let belief =
             Belief::new(&bank, EngineConfig::Exact, 1, 1, TouchLikelihood::new(&touch, &bank, &likelihood).unwrap());
-        let candidates: Vec<Se2> = degrees.iter().map(|turn| Se2::from_degrees(0.0, 0.0, *turn)).collect();
+        let candidates = [Se2::from_degrees(0.0, 0.0, degrees)];
         let situation = Situation {
             config: &config,
             likelihood: &likelihood,
             belief: &belief,
             bank: &bank,
             candidates: &candidates,
-            between,
             only_recorded: true,
         };
-        judge(&situation, 1).unwrap()
+        judge(&situation, 1).unwrap().expected.unwrap()
     }
 
     /// 3000 suppositions: a share of them is off by about 1 %.
@@ -572,32 +525,6 @@ mod tests {
     fn parts_alike_tell_nothing() {
         let expected = expected_of_turning(60.0, &[[X, Y, UP], [X, Y, UP]]);
         [expected.nats, expected.part_nats].into_iter().for_each(|nats| assert_near(nats, 0.0));
-    }
-
-    #[test]
-    fn of_two_parts_to_be_told_apart_neither_the_place_nor_another_part_counts() {
-        let bit = std::f64::consts::LN_2;
-        // A third part that is ruled out by the touch of either changes nothing.
-        assert_near(told_by_turning(60.0, &[[X, Y, UP], [X, Y, DOWN], [X, Y, X]], [0, 1]), bit);
-        assert_near(told_by_turning(60.0, &[[X, Y, UP], [X, Y, UP], [X, Y, DOWN]], [0, 1]), 0.0);
-        // At -30 or 0 degrees, which the touch tells; the parts are alike.
-        assert_near(expected_of_turning(30.0, &[[X, X, UP], [X, X, UP]]).nats, bit);
-        assert_near(told_by_turning(30.0, &[[X, X, UP], [X, X, UP]], [0, 1]), 0.0);
-        // From one of two places it shows which part it is, from the other nothing: by Bayes' rule the mean of
-        // log(mean of its part / mean of both) over the four states, each of which sees one of X, X, UP, DOWN.
-        let told = told_by_turning(30.0, &[[X, X, UP], [X, X, DOWN]], [0, 1]);
-        assert_near(told, 0.5 * bit);
-    }
-
-    #[test]
-    fn few_draws_leave_either_of_two_parts() {
-        // The one has 2 states, the other 1.
-        let parts = [[X, X, UP], [X, Y, DOWN]];
-        for n_draws in [1, 2, 5] {
-            let config = ActionConfig { n_draws, n_suppositions: 1, n_finalists: Some(1), ..ActionConfig::default() };
-            let score = judged_with(config, &[60.0, 30.0], &parts, Some([0, 1])).judged[0].score;
-            assert!(score.is_none_or(f64::is_finite), "{n_draws}: {score:?}");
-        }
     }
 
     #[test]

@@ -53,15 +53,9 @@ fn two_places_that_feel_the_same_are_not_one() {
         LikelihoodConfig { temperature: 1e-3, outlier_share: 0.0, blank_share: 0.0, ..LikelihoodConfig::default() };
     let touch = TouchLikelihood::new(&Observation::new(rows[left].clone(), 0.3), &bank, &config).unwrap();
     let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
-    let near = |x: f64, mm: f64, symmetry: Symmetry| belief.share_near(0, &Se2::new(x, 0.0, 0.0), mm, &symmetry);
-    // A cell of 4 mm reaches 2.8 mm from its centre.
-    let [at_left, between] = [-4.0, 0.0].map(|x| near(x, 1.0, Symmetry::NONE));
-    assert!((at_left - 0.5).abs() < 0.01 && between < 0.01, "{at_left} {between}");
-    assert!((near(-4.0, 6.0, Symmetry::NONE) - 1.0).abs() < 0.01);
-    // By half a turn about the middle the state at the right is the place at the left, seen the other way round.
-    let half_turn = Symmetry { order: Some(2), centre_mm: [0.0; 2] };
-    let turned = Se2::new(-4.0, 0.0, std::f64::consts::PI);
-    assert!((belief.share_near(0, &turned, 1.0, &half_turn) - 0.5).abs() < 0.01);
+    // In half of all cases it is at the other place, 8 mm away.
+    let covariance = belief.covariance(0, &Se2::new(-4.0, 0.0, 0.0), &Symmetry::NONE, false);
+    assert!((covariance[0][0] - 32.0).abs() < 0.1 && covariance[1][1] < 0.1, "{covariance:?}");
 }
 
 /// The probability of each state, in order.

@@ -120,7 +120,7 @@ impl<'a> Recorder<'a> {
             probability: estimate.probability,
             guess_from_sensor: estimate.part_from_sensor,
             fit: estimate.fit,
-            fit_needed: config.fit_needed(estimate.n_touches),
+            fit_needed: config.fit_needed(estimate.n_fitted),
             belief: places(episode.belief(), bank),
             next: episode.judged(&candidates).map(|judgement| NextTouch { rule, n_candidates, judgement }),
         });

@@ -48,7 +48,7 @@ fn touch(workcell: &Workcell<'_>, moment: &Moment<'_>, rest: &Background) -> Res
         probability: estimate.probability,
         guess_from_sensor: estimate.part_from_sensor,
         fit: estimate.fit,
-        fit_needed: workcell.config().fit_needed(estimate.n_touches),
+        fit_needed: workcell.config().fit_needed(estimate.n_fitted),
         belief,
         // The reasons for it name pegs in hand, not parts of the board.
         next: None,

@@ -12,6 +12,7 @@ mod hard;
 mod informed;
 mod known;
 mod page;
+mod picture;
 mod robust;
 mod section;
 mod sensors;
@@ -21,4 +22,5 @@ mod tables;
 
 pub use folder::{Reproduction, Step};
 pub use page::{html, summary};
+pub use picture::picture;
 pub use sensors::{SensorTable, table as sensor_table};

@@ -201,7 +201,7 @@ mod tests {
         follower.take(6_000_000_000, Topic::Decision, &decision(1, "null"));
         assert_eq!((follower.view().touches.len(), follower.view().stop.as_deref()), (1, None));
         assert_eq!(follower.view().place.as_ref().unwrap().other, None);
-        let other = r#""runner_up":{"part":"A","probability":0.25,"told_apart_nats":0.5,"is_told_apart":false},"fit""#;
+        let other = r#""runner_up":{"part":"A","probability":0.25},"fit""#;
         let limit = json(2, "\"touch-limit\"").replace("\"fit\"", other);
         follower.take(7_000_000_000, Topic::Decision, &text(&limit));
         assert_eq!(follower.view().place.as_ref().unwrap().other.as_deref(), Some("A"));

@@ -14,7 +14,7 @@ use super::arguments::to_json;
 /// Make one page of the paper's tables and figures, with ours next to them, from what cargo xtask reproduce left.
 ///
 /// Prints what each table comes to. What is missing from the folder is shown as not run. Where sensors were compared
-/// their table is written as sensors.json, next to the page.
+/// their table is written as sensors.json, and README's picture as touches.svg, next to the page.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter reproduction reproduction --out reproduction/reproduction.html")]
 pub struct Reproduction {
@@ -35,6 +35,9 @@ impl Reproduction {
         if let Some(table) = reproduction::sensor_table(&found) {
             let json = to_json("sensors", &table)?;
             write_whole(&self.out.with_file_name("sensors.json"), json.as_bytes())?;
+        }
+        if let Some(picture) = reproduction::picture(&found) {
+            write_whole(&self.out.with_file_name("touches.svg"), picture.as_bytes())?;
         }
         reproduction::summary(&found).iter().for_each(|line| println!("{line}"));
         println!("  {}", self.out.display());

@@ -51,9 +51,6 @@ pub struct Tuning {
     /// How much better the fit must be after one touch, half as much after four, for the filter to be confident
     #[arg(long, value_name = "FIT")]
     fit_margin: Option<f64>,
-    /// By how much one touch alone must speak against the next likeliest part for the filter to be confident, nats; 0: not asked
-    #[arg(long, value_name = "NATS")]
-    told_apart_nats: Option<f64>,
     /// Share of their error that the touches of one hole have in common where they match their views well; up to six times as
     /// much where they do not
     #[arg(long, value_name = "SHARE")]
@@ -99,7 +96,6 @@ impl Tuning {
         action.n_finalists = self.finalists.or(action.n_finalists);
         set(&mut config.stop_probability, self.stop_probability);
         set(&mut config.fit_margin, self.fit_margin);
-        set(&mut config.told_apart_nats, self.told_apart_nats);
         set(&mut config.subdivisions, self.subdivisions);
         set(&mut config.low_similarity, self.low_similarity);
         config.none_fit = self.none_fit.or(config.none_fit);

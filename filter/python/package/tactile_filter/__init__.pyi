@@ -33,7 +33,6 @@ class _Settings(TypedDict, total=False):
     none_fit: float | None
     fit_margin: float
     none_touches: int
-    told_apart_nats: float
     # What is believed.
     between_poses: bool
     subdivisions: int
@@ -269,12 +268,6 @@ class RunnerUp:
     @property
     def probability(self) -> float:
         """Of that part, 0 to 1."""
-    @property
-    def told_apart_nats(self) -> float:
-        """By how much one touch alone speaks for the most probable part rather than for this one, nats.
-
-        Of the touch that tells most. Below the setting `told_apart_nats` no touch told the two apart: it may be either.
-        """
     def __eq__(self, value: object, /) -> bool: ...
     def __ne__(self, value: object, /) -> bool: ...
 
