@@ -35,8 +35,7 @@ mod tests {
     use super::*;
     use crate::observation::Observation;
 
-    const GRID: PoseGrid =
-        PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+    const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 
     #[test]
     fn the_same_touches_are_doubted_alike_in_any_metric() {

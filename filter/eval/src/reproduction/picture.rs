@@ -40,8 +40,10 @@ pub fn picture(found: &Reproduction) -> Option<String> {
     }
     let (label, class, marker) = PAPER;
     let rows = PaperNumbers::of_scene("alphabet-small").rows;
-    let points =
-        rows.iter().map(|row| Point { n_touches: row.n_touches, value: row.accuracy_percent, interval: None }).collect();
+    let points = rows
+        .iter()
+        .map(|row| Point { n_touches: row.n_touches, value: row.accuracy_percent, interval: None })
+        .collect();
     lines.push(Line { label: label.into(), class: class.into(), marker, points });
     let title = "Right part named, % of holes of twelve small letters, after each touch";
     let svg = html! {
