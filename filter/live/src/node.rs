@@ -418,7 +418,7 @@ impl Node {
         let config = self.parameters.episode_config(&self.model, self.n_episodes);
         let episode = Episode::begin(config, Arc::clone(&self.bank), observation)?;
         self.n_episodes += 1;
-        self.running = Some(Running { config, episode, base_from_first: base_from_sensor, base_from_sensor });
+        self.running = Some(Running { episode, base_from_first: base_from_sensor, base_from_sensor });
         Ok(None)
     }
 

@@ -3,15 +3,13 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::recording::ros::rigid::Rigid;
 use tactile_data::se2::Se2;
-use tactile_filter::{Decision, Episode, EpisodeConfig, Observation};
+use tactile_filter::{Decision, Episode, Observation};
 
 use crate::error::{Error, Result};
 
 /// An episode, and where its sensor was and is.
 #[derive(Clone, Debug)]
 pub struct Running {
-    /// The episode's settings.
-    pub config: EpisodeConfig,
     /// The episode.
     pub episode: Episode,
     /// The sensor at the first touch.

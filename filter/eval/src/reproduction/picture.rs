@@ -4,7 +4,7 @@ use maud::html;
 
 use super::folder::Reproduction;
 use crate::page::curves::{Line, Marker, Point, chart, mark};
-use crate::report::paper::PaperNumbers;
+use crate::report::PaperNumbers;
 use crate::result::{Choice, Inference, Method};
 
 /// Folder, what it is, class of the style and mark of each curve of ours, from the easiest start on.
