@@ -83,7 +83,7 @@ fn an_evaluation_has_the_promised_keys_and_a_report() {
         for (key, known) in [
             ("method", &["pixel", "moco", "filter"][..]),
             ("inference", &["exact", "particle", "none"]),
-            ("action", &["paper", "information", "random", "none"]),
+            ("action", &["paper", "information", "random", "random-edge", "none"]),
             ("poses", &["on-grid", "off-grid"]),
         ] {
             assert!(row[key].as_str().is_some_and(|value| known.contains(&value)), "{key} of {row}");

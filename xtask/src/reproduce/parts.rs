@@ -17,10 +17,10 @@ const ROWS: &str = "--rows f32";
 pub(super) const BY_COSINE: &str = "--learn-from nothing";
 
 /// The ways that the paper's tables compare.
-const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random";
+const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random,random-edge";
 
-/// The default against chance.
-const INFORMED: &str = "--engines exact --actions information,random";
+/// The default against chance: any touch, and any that should show an edge.
+const INFORMED: &str = "--engines exact --actions information,random,random-edge";
 
 /// The default alone.
 pub(super) const DEFAULT: &str = "--engines exact --actions information";
@@ -362,6 +362,13 @@ pub(super) mod tests {
     fn every_evaluation_has_its_bank() {
         for (_, name, bank, ..) in EVALUATIONS {
             assert!(BANKS.iter().any(|(known, ..)| *known == bank), "{name}");
+        }
+    }
+
+    #[test]
+    fn chance_is_asked_for_an_edge_wherever_chance_is_asked() {
+        for (_, name, _, _, ways, _) in EVALUATIONS {
+            assert_eq!(ways.contains("random,random-edge"), ways.contains("random"), "{name}");
         }
     }
 

@@ -345,6 +345,7 @@ fn label(config: &EpisodeConfig, poses: Poses) -> summary::Label {
         ActionRule::Paper => Choice::Paper,
         ActionRule::Information => Choice::Information,
         ActionRule::Random => Choice::Random,
+        ActionRule::RandomEdge => Choice::RandomEdge,
     };
     summary::Label { method: Method::Filter, inference, action, poses }
 }
