@@ -104,6 +104,42 @@ fn an_evaluation_has_the_promised_keys_and_a_report() {
 }
 
 #[test]
+fn a_bank_that_learnt_learns_again_without_the_absent_part() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).display().to_string();
+    let ran = |program: &str, args: String| run(program, sample.folder(), &args.split_whitespace().collect::<Vec<_>>());
+    let bank = |more: &str, file: &str| {
+        let args = format!("bank --model model/model.safetensors --scene two.toml {more} --out {}", out(file));
+        ran("tactile-infer", args).done();
+    };
+    bank("", "learnt.bank");
+    bank("--learn-from nothing", "plain.bank");
+    let evaluate = |bank: &str, more: &str| {
+        let args = format!(
+            "evaluate --model model/model.safetensors --bank {} --scene two.toml --absent --episodes 6 --touches 2 --engines exact \
+             --actions information,random-edge --out {} {more}",
+            out(bank),
+            out("absent")
+        );
+        ran("tactile-filter", args)
+    };
+    for (bank, again) in [("learnt.bank", true), ("plain.bank", false)] {
+        let ran = evaluate(bank, "");
+        ran.done();
+        assert_eq!(ran.stderr.contains("touches of the bank"), again, "{}", ran.stderr);
+        let json = fs::read(folder.path().join("absent/evaluation.json")).unwrap();
+        let evaluation: Value = serde_json::from_slice(&json).unwrap();
+        let rows = evaluation["rows"].as_array().unwrap();
+        assert_eq!(evaluation["absent"], true);
+        assert!(rows.iter().all(|row| row["accuracy"] == 0.0), "its own part is not there to be named");
+        assert!(rows.iter().any(|row| row["action"] == "random-edge"));
+    }
+    let refused = evaluate("learnt.bank", "--bank-scene alphabet-small");
+    assert!(refused.failed().contains("the parts of scene alphabet-small"), "{refused:?}");
+}
+
+#[test]
 fn pegs_are_named_among_pegs_and_passed_over_where_holes_are_asked_for() {
     let sample = Sample::shared();
     let inputs = ["--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "pegs", "--max-touches", "1"];
