@@ -8,13 +8,13 @@ use crate::step::Step;
 use crate::workspace::Workspace;
 
 /// A finer bank, for touches between the paper's poses.
-pub(super) const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
+pub const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 
 /// The published figures are of rows as they were computed.
 const ROWS: &str = "--rows f32";
 
 /// Embeddings are compared by the cosine alone, as in the paper.
-pub(super) const BY_COSINE: &str = "--learn-from nothing";
+pub const BY_COSINE: &str = "--learn-from nothing";
 
 /// The ways that the paper's tables compare.
 const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random,random-edge";
@@ -57,7 +57,7 @@ impl Kind {
 }
 
 /// The banks: name, kind and scene, a preset or a file.
-const BANKS: [(&str, Kind, &str); 28] = [
+const BANKS: [(&str, Kind, &str); 30] = [
     ("small", Kind::Recorded, "alphabet-small"),
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
@@ -77,14 +77,16 @@ const BANKS: [(&str, Kind, &str); 28] = [
     ("serif-letters", Kind::FINE_COSINE, "serif-letters.toml"),
     ("digits", Kind::FINE_COSINE, "digits.toml"),
     ("outlines", Kind::FINE_COSINE, "outlines.toml"),
+    ("new-outlines", Kind::FINE_COSINE, "new-outlines.toml"),
     ("small-both", Kind::FINE_BOTH, "alphabet-small"),
     ("large-both", Kind::FINE_BOTH, "alphabet-large"),
-    ("outlines-both", Kind::FINE_BOTH, "outlines.toml"),
+    ("new-outlines-both", Kind::FINE_BOTH, "new-outlines.toml"),
     ("connectors-learnt", Kind::PLAIN, "connectors"),
     ("connectors-both", Kind::PLAIN_BOTH, "connectors"),
     ("small-hard-both", Kind::PLAIN_BOTH, "alphabet-small-hard"),
     ("large-hard-both", Kind::PLAIN_BOTH, "alphabet-large-hard"),
     ("connectors-fine-both", Kind::FINE_BOTH, "connectors"),
+    ("look-alikes", Kind::FINE_COSINE, "look-alikes.toml"),
     ("look-alikes-both", Kind::FINE_BOTH, "look-alikes.toml"),
 ];
 
@@ -92,7 +94,7 @@ const BANKS: [(&str, Kind, &str); 28] = [
 type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
 
 /// The evaluations.
-const EVALUATIONS: [Evaluation; 44] = [
+const EVALUATIONS: [Evaluation; 49] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
@@ -115,10 +117,13 @@ const EVALUATIONS: [Evaluation; 44] = [
     (Part::Absent, "small-anywhere-absent", "small-fine", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "strangers-small-own", "small-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "small-own", "small-both", None, DEFAULT, "--poses off-grid"),
-    (Part::Strangers, "look-alikes", "look-alikes-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "look-alikes", "look-alikes-both", None, INFORMED, "--poses off-grid"),
     (Part::Strangers, "look-alikes-own", "look-alikes-both", None, DEFAULT, "--poses off-grid"),
     (Part::Strangers, "strangers-alike", "look-alikes-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "strangers-alike-own", "look-alikes-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "new-outlines-own", "new-outlines-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "strangers-outlines", "new-outlines-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "strangers-outlines-own", "new-outlines-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "connectors-fine", "connectors-fine-both", None, DEFAULT, "--poses off-grid"),
     (Part::Strangers, "connectors-own", "connectors-fine-both", None, DEFAULT, "--poses off-grid"),
     (Part::Strangers, "strangers-connectors", "connectors-fine-both", None, DEFAULT, "--absent --poses off-grid"),
@@ -135,10 +140,12 @@ const EVALUATIONS: [Evaluation; 44] = [
     (Part::Robust, "robust-attachment", "robust-attachment", None, DEFAULT, ""),
     (Part::Sensors, "parts-serif-letters", "serif-letters", None, DEFAULT, "--poses off-grid"),
     (Part::Sensors, "parts-digits", "digits", None, DEFAULT, "--poses off-grid"),
+    (Part::Sensors, "parts-look-alikes", "look-alikes", None, INFORMED, "--poses off-grid"),
+    (Part::Sensors, "parts-new-outlines", "new-outlines", None, INFORMED, "--poses off-grid"),
     (Part::Sensors, "parts-outlines", "outlines", None, DEFAULT, "--poses off-grid"),
     (Part::KnownHoles, "known-small", "small-both", None, INFORMED, "--poses off-grid"),
     (Part::KnownHoles, "known-large", "large-both", None, INFORMED, "--poses off-grid"),
-    (Part::KnownHoles, "known-outlines", "outlines-both", None, INFORMED, "--poses off-grid"),
+    (Part::KnownHoles, "known-outlines", "new-outlines-both", None, INFORMED, "--poses off-grid"),
     (Part::KnownHoles, "known-connectors", "connectors-both", None, INFORMED, ""),
     (Part::KnownHoles, "known-small-absent", "small-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::KnownHoles, "known-connectors-absent", "connectors-both", None, DEFAULT, "--absent"),
