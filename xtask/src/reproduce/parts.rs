@@ -10,9 +10,6 @@ use crate::workspace::Workspace;
 /// A finer bank, for touches between the paper's poses.
 pub const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 
-/// The published figures are of rows as they were computed.
-const ROWS: &str = "--rows f32";
-
 /// Embeddings are compared by the cosine alone, as in the paper.
 pub const BY_COSINE: &str = "--learn-from nothing";
 
@@ -260,7 +257,7 @@ impl Maker<'_> {
         let (holes, bank) = (format!("{}-holes", scene.trim_end_matches(".toml")), format!("{name}-dev.bank"));
         let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
         let program = self.program("tactile-infer", "bank --model").arg(model);
-        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {ROWS} {BY_COSINE} {of_bank}"));
+        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {BY_COSINE} {of_bank}"));
         self.add(Step::new(&bank, program, &bank).needs(model).needs(scene));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
@@ -276,7 +273,7 @@ impl Maker<'_> {
         let (scene, model) = ("alphabet-small-dev", self.job.model);
         let touches = self.dataset("own-holes", scene, "--sides hole --anywhere 20 --seed 9");
         let program = self.program("tactile-infer", "bank --model").arg(model);
-        let program = program.words(format!("--scene {scene} --out own-dev.bank --views both {ROWS} {FINE}"));
+        let program = program.words(format!("--scene {scene} --out own-dev.bank --views both {FINE}"));
         self.add(Step::new("own-dev.bank", program, "own-dev.bank").needs(model));
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
         let program = program.words(format!("--bank own-dev.bank --holes own-holes --touches 10 --out {OWN}"));
@@ -295,10 +292,10 @@ impl Maker<'_> {
             Kind::Recorded => {
                 let pegs = format!("{name}-pegs");
                 touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
-                program = program.words(format!("--data {pegs} --out {bank} {ROWS}"));
+                program = program.words(format!("--data {pegs} --out {bank}"));
             }
             Kind::Simulated { views, steps, metric } => {
-                let words = format!("--out {bank} {ROWS} --views {views} {steps} {metric}");
+                let words = format!("--out {bank} --views {views} {steps} {metric}");
                 program = program.words("--scene").arg(&scene).words(words);
             }
         }
@@ -370,6 +367,13 @@ pub(super) mod tests {
         for (_, name, bank, ..) in EVALUATIONS {
             assert!(BANKS.iter().any(|(known, ..)| *known == bank), "{name}");
         }
+    }
+
+    #[test]
+    fn figures_are_of_banks_in_the_format_that_a_user_gets() {
+        let steps = steps(&job(false), Part::value_variants());
+        let banks: Vec<String> = steps.iter().filter(|s| s.name.ends_with(".bank")).map(Step::command).collect();
+        assert!(banks.len() > 30 && banks.iter().all(|command| !command.contains("--rows")), "{banks:?}");
     }
 
     #[test]
