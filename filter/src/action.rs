@@ -37,6 +37,10 @@ pub enum ActionRule {
     Information,
     /// Any action allowed, each equally likely.
     Random,
+    /// Any action allowed that would show an edge from the likeliest state, each equally likely: the paper's action set without
+    /// its rule. Where none would, any.
+    #[serde(rename = "random-edge")]
+    RandomEdge,
 }
 
 /// How actions are chosen.
@@ -146,7 +150,7 @@ pub struct Judgement {
     /// What [`choose`] chooses.
     pub action: Action,
     /// The candidates judged, in the order offered: those far enough from earlier touches. None for
-    /// [`ActionRule::Random`].
+    /// [`ActionRule::Random`] and [`ActionRule::RandomEdge`].
     pub judged: Vec<Judged>,
     /// What `action` is expected to tell; `None` for other rules than expected information, and where no candidate
     /// is expected to show contact.
@@ -175,7 +179,7 @@ pub fn judge(situation: &Situation, seed: u64) -> Option<Judgement> {
     Some(Judgement { action, judged, expected })
 }
 
-/// An action with what it was picked from and by whom; nobody for [`ActionRule::Random`].
+/// An action with what it was picked from and by whom; nobody where chance picks.
 struct Picked<'a> {
     action: Action,
     judged: Vec<Judged>,
@@ -187,8 +191,17 @@ fn pick<'a>(situation: &'a Situation<'a>, seed: u64, keep_going: &mut dyn FnMut(
     let far = far_candidates(config, belief, situation.candidates);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let chance = *far.get(rng.random_range(0..far.len().max(1)))?;
-    if config.rule == ActionRule::Random {
-        return Some(Picked { action: Action { sensor_from_next: chance }, judged: Vec::new(), judge: None });
+    let by_chance = |sensor_from_next| Picked { action: Action { sensor_from_next }, judged: Vec::new(), judge: None };
+    match config.rule {
+        ActionRule::Random => return Some(by_chance(chance)),
+        ActionRule::RandomEdge => {
+            let judge = Judge::new(situation, 1, 1, &mut rng);
+            let edged: Vec<Se2> =
+                far.iter().take_while(|_| keep_going()).filter(|to| judge.score(to).is_some()).copied().collect();
+            let picked = edged.get(rng.random_range(0..edged.len().max(1)));
+            return Some(by_chance(picked.copied().unwrap_or(chance)));
+        }
+        ActionRule::Paper | ActionRule::Information => (),
     }
     let judge = Judge::new(situation, config.n_draws.max(1), config.n_suppositions.max(1), &mut rng);
     let n_finalists = config.n_finalists.unwrap_or(far.len()).max(1);
@@ -319,6 +332,31 @@ mod tests {
     fn an_action_without_contact_is_not_chosen() {
         // The printed indicator selects what shows no contact; the prose says "exceeds".
         assert_eq!(chosen(ANY_PLACE, &bank(0.0), &[turn(60.0), turn(30.0)], 1), Some(turn(30.0)));
+    }
+
+    #[test]
+    fn chance_may_be_asked_for_an_edge() {
+        // From the likeliest state, -30 degrees, a turn of 60 leads to a blank view, one of 30 to an edge and one of 90 to none
+        // that was recorded.
+        let (blank, config) = (bank(0.0), ActionConfig { rule: ActionRule::RandomEdge, ..ANY_PLACE });
+        let offered = [turn(60.0), turn(30.0), turn(0.0), turn(90.0)];
+        let often = |rule, bank: &Bank, candidates: &[Se2]| {
+            let mut counts = vec![0; candidates.len()];
+            for seed in 0..400 {
+                let to = chosen(ActionConfig { rule, ..config }, bank, candidates, seed).unwrap();
+                counts[candidates.iter().position(|candidate| *candidate == to).unwrap()] += 1;
+            }
+            counts
+        };
+        let counts = often(ActionRule::RandomEdge, &blank, &offered);
+        assert_eq!((counts[0], counts[3]), (0, 0));
+        // 200 +- 10 each, five times that allowed.
+        assert!((150..=250).contains(&counts[1]), "{counts:?}");
+        assert!(often(ActionRule::Random, &blank, &offered).into_iter().all(|n| (57..=143).contains(&n)));
+        // None shows an edge: any.
+        let counts = often(ActionRule::RandomEdge, &blank, &[turn(60.0), turn(90.0)]);
+        assert!((150..=250).contains(&counts[0]), "{counts:?}");
+        assert_eq!(serde_json::to_value(ActionRule::RandomEdge).unwrap(), "random-edge");
     }
 
     #[test]

@@ -98,7 +98,8 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
         },
     );
     let engine = prop_oneof![Just(EngineConfig::Exact), particle.prop_map(EngineConfig::Particle)];
-    let rule = prop::sample::select(vec![ActionRule::Paper, ActionRule::Information, ActionRule::Random]);
+    let rules = vec![ActionRule::Paper, ActionRule::Information, ActionRule::Random, ActionRule::RandomEdge];
+    let rule = prop::sample::select(rules);
     let action = (rule, 1..=20_usize, 1..=6_usize, 1..=8_usize, share(), 0.0..20.0_f64).prop_map(
         |(rule, n_draws, n_suppositions, n_finalists, contact_threshold, min_separation_mm)| ActionConfig {
             rule,

@@ -245,7 +245,8 @@ impl Bank {
         Ok(Self { views: self.views, metric, origin, missing, symmetries, matches, neighbours, ..some })
     }
 
-    /// The bank without one part, by its index.
+    /// The bank without one part, by its index. A metric stays as that part, too, taught it: a
+    /// `simulated::learner::Learner` learns without it.
     ///
     /// # Errors
     /// A part that the bank does not hold, or the only one that it holds.

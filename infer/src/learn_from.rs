@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
 
 use crate::error::{Error, Result};
@@ -10,7 +11,8 @@ use crate::error::{Error, Result};
 ///
 /// The side that will be touched teaches most: of connectors touched anywhere 83 % are named by two touches by the cosine
 /// alone, 86 % having learnt from both sides and 87 % from holes, and of those sure of a part 9.2, 2.8 and 1.1 % are wrong.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum LearnFrom {
     /// Holes, as in the paper's task.
     #[default]
@@ -21,6 +23,16 @@ pub enum LearnFrom {
     Both,
     /// Of none: embeddings are compared by the cosine alone, as in the paper.
     Nothing,
+}
+
+/// How a bank of a scene learnt its metric: what it takes, with the scene, to learn it again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Learning {
+    /// Whose touches taught.
+    pub from: LearnFrom,
+    /// Seed of the bank's views and of these touches.
+    pub seed: u64,
 }
 
 impl LearnFrom {
@@ -58,6 +70,8 @@ mod tests {
             let sides = name.parse::<LearnFrom>().unwrap().sides();
             assert_eq!(sides.contains(&Side::Hole), ["hole", "both"].contains(&name), "{name}");
             assert_eq!(sides.contains(&Side::Peg), ["peg", "both"].contains(&name), "{name}");
+            let in_file = serde_json::to_value(name.parse::<LearnFrom>().unwrap()).unwrap();
+            assert_eq!(in_file, name);
         }
         let error = "holes".parse::<LearnFrom>().unwrap_err().to_string();
         assert_eq!(error, "learn from: expected hole or peg or both or nothing, got holes");

@@ -14,6 +14,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::learn_from::Learning;
 use crate::rows::Rows;
 use crate::similarity::dot;
 #[cfg(feature = "sim")]
@@ -26,6 +27,7 @@ pub struct Metric {
     /// The inverse of W's lower triangular root, `[dim, dim]`, zeros above its diagonal.
     matrix: Arc<[f32]>,
     measured: Measured,
+    learning: Option<Learning>,
 }
 
 /// What a bank's own touches have in its metric.
@@ -56,7 +58,13 @@ impl Metric {
         if ![error_scale, temperature.unwrap_or(1.0)].iter().all(|number| number.is_finite() && *number > 0.0) {
             return Err(Error::invalid("metric", "positive numbers", format!("{measured:?}")));
         }
-        Ok(Self { dim, matrix: matrix.into(), measured })
+        Ok(Self { dim, matrix: matrix.into(), measured, learning: None })
+    }
+
+    /// The same metric, which was learnt like this.
+    #[must_use]
+    pub fn with_learning(self, learning: Learning) -> Self {
+        Self { learning: Some(learning), ..self }
     }
 
     /// Length of an embedding.
@@ -78,6 +86,11 @@ impl Metric {
     /// What was measured in it.
     pub fn measured(&self) -> Measured {
         self.measured
+    }
+
+    /// How a bank of a scene learnt it from all of its parts; `None` of another metric, and of a bank's file of before.
+    pub fn learning(&self) -> Option<Learning> {
+        self.learning
     }
 
     /// Rows as the metric has them, in f32.

@@ -209,10 +209,9 @@ fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank
     if let (Some(scene), Some(seed)) = (dataset.meta().scene.clone(), dataset.meta().seed)
         && let Ok(scene) = serde_json::from_value(scene)
     {
-        use crate::learn_from::LearnFrom;
         let simulator = tactile_data::simulator::Simulator::new(scene, seed)?;
         if bank.parts().iter().all(|part| simulator.parts().contains(part)) {
-            return crate::simulated::with_geometry(model, bank, (&simulator, seed), LearnFrom::Nothing);
+            return crate::simulated::with_geometry(model, bank, (&simulator, seed));
         }
     }
     Ok(bank.with_found_symmetries())

@@ -2,6 +2,7 @@
 //! is asked for, the parts that are done.
 
 pub mod density;
+pub mod learner;
 mod matches;
 mod temperature;
 
@@ -21,14 +22,14 @@ use crate::bank::Bank;
 use crate::calibration::BLANK_SHARE;
 use crate::checkpoint::to_json;
 use crate::error::{Error, Result};
-use crate::learn_from::LearnFrom;
+use crate::learn_from::{LearnFrom, Learning};
 use crate::model::Model;
 use crate::rows::Rows;
 use crate::safefile::pieces::sha256_of;
 use crate::safefile::{NamedTensor, SafeFile};
 use crate::threads;
 use crate::views::{Views, to_middle};
-use matches::OwnTouches;
+use learner::Learner;
 
 /// Touches embedded at a time.
 const CHUNK: usize = 64;
@@ -85,6 +86,14 @@ impl SceneBank<'_> {
     /// # Errors
     /// As [`bank_of_scene`], and a folder that cannot be written.
     pub fn make(&self, kept: Option<&Path>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Bank> {
+        self.learner(kept, progress)?.whole()
+    }
+
+    /// The bank before it learns, and its touches, made as [`Self::make`] makes them.
+    ///
+    /// # Errors
+    /// As [`Self::make`].
+    pub fn learner(&self, kept: Option<&Path>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Learner> {
         let Self { model, scene, views, learn_from, seed } = *self;
         let simulator = Simulator::new(scene.clone(), seed)?;
         let reach = self.reach()?;
@@ -111,7 +120,7 @@ impl SceneBank<'_> {
         }
         let (parts, rows) = (simulator.parts().to_vec(), Rows::new(model.dim(), rows)?);
         let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?;
-        with_geometry(model, bank.with_views(views).with_origin(scene.origin()), (&simulator, seed), learn_from)
+        of_geometry(model, bank.with_views(views).with_origin(scene.origin()), &simulator, Learning { from: learn_from, seed })
     }
 
     /// The poses at which each part is touched.
@@ -214,29 +223,25 @@ fn see(background: &Background, frames: &[Frame]) -> Result<Vec<TactileImage>> {
     frames.par_iter().map(|frame| Ok(background.tactile_image(frame)?)).collect()
 }
 
-/// A bank of a scene's parts with what only their geometry tells: symmetries, and how well touches made now match the views.
+/// A bank of a scene's parts with what only their geometry tells: symmetries, and how well touches made now match the views. It
+/// learns nothing else.
 ///
 /// # Errors
 /// A touch that cannot be made or seen.
-pub(crate) fn with_geometry(
-    model: &Model,
-    bank: Bank,
-    (simulator, seed): (&Simulator, u64),
-    learn_from: LearnFrom,
-) -> Result<Bank> {
+pub(crate) fn with_geometry(model: &Model, bank: Bank, (simulator, seed): (&Simulator, u64)) -> Result<Bank> {
+    of_geometry(model, bank, simulator, Learning { from: LearnFrom::Nothing, seed })?.whole()
+}
+
+/// A bank of a scene's parts with their symmetries, and touches of them, from some of which it is to learn.
+fn of_geometry(model: &Model, bank: Bank, simulator: &Simulator, learning: Learning) -> Result<Learner> {
     let of_name = |name: &String| simulator.parts().iter().position(|part| part == name).unwrap_or(0);
     let parts: Vec<usize> = bank.parts().iter().map(of_name).collect();
     let symmetries = parts.par_iter().map(|part| simulator.symmetry(*part)).collect();
-    let learnt = OwnTouches::new(model, &bank, (simulator, &parts), seed)?.learn(learn_from.sides())?;
-    let bank = bank.with_symmetries(symmetries)?.with_matches(learnt.matches)?;
-    match learnt.metric {
-        Some(metric) => bank.with_metric(metric),
-        None => Ok(bank),
-    }
+    Learner::new(model, bank.with_symmetries(symmetries)?, (simulator, &parts), learning)
 }
 
 #[cfg(all(test, feature = "burn"))]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::architecture::NetworkConfig;
     use crate::checkpoint::{Checkpoint, Provenance};
@@ -250,7 +255,7 @@ mod tests {
     use tactile_data::store::Dataset;
 
     /// Two letters at few poses, and a small network that has learnt nothing.
-    fn scene_and_model() -> (Scene, Model) {
+    pub fn scene_and_model() -> (Scene, Model) {
         let mut scene = Scene::preset("alphabet-small").unwrap();
         scene.parts = Parts::Kit(Kit::of_letters("KL", 12.0, 16.0));
         scene.reach = Some(PoseGrid { xy_half_mm: 8.0, xy_step_mm: 4.0, theta_half_deg: 45.0, theta_step_deg: 45.0 });

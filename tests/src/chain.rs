@@ -83,7 +83,7 @@ fn an_evaluation_has_the_promised_keys_and_a_report() {
         for (key, known) in [
             ("method", &["pixel", "moco", "filter"][..]),
             ("inference", &["exact", "particle", "none"]),
-            ("action", &["paper", "information", "random", "none"]),
+            ("action", &["paper", "information", "random", "random-edge", "none"]),
             ("poses", &["on-grid", "off-grid"]),
         ] {
             assert!(row[key].as_str().is_some_and(|value| known.contains(&value)), "{key} of {row}");
@@ -101,6 +101,42 @@ fn an_evaluation_has_the_promised_keys_and_a_report() {
     let report = fs::read_to_string(sample.folder().join("evaluation/report.html")).unwrap();
     assert!(report.starts_with("<!DOCTYPE html>") && report.contains("two-letters"));
     assert!(!report.contains("src=\"http"), "the report is one file");
+}
+
+#[test]
+fn a_bank_that_learnt_learns_again_without_the_absent_part() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).display().to_string();
+    let ran = |program: &str, args: String| run(program, sample.folder(), &args.split_whitespace().collect::<Vec<_>>());
+    let bank = |more: &str, file: &str| {
+        let args = format!("bank --model model/model.safetensors --scene two.toml {more} --out {}", out(file));
+        ran("tactile-infer", args).done();
+    };
+    bank("", "learnt.bank");
+    bank("--learn-from nothing", "plain.bank");
+    let evaluate = |bank: &str, more: &str| {
+        let args = format!(
+            "evaluate --model model/model.safetensors --bank {} --scene two.toml --absent --episodes 6 --touches 2 --engines exact \
+             --actions information,random-edge --out {} {more}",
+            out(bank),
+            out("absent")
+        );
+        ran("tactile-filter", args)
+    };
+    for (bank, again) in [("learnt.bank", true), ("plain.bank", false)] {
+        let ran = evaluate(bank, "");
+        ran.done();
+        assert_eq!(ran.stderr.contains("touches of the bank"), again, "{}", ran.stderr);
+        let json = fs::read(folder.path().join("absent/evaluation.json")).unwrap();
+        let evaluation: Value = serde_json::from_slice(&json).unwrap();
+        let rows = evaluation["rows"].as_array().unwrap();
+        assert_eq!(evaluation["absent"], true);
+        assert!(rows.iter().all(|row| row["accuracy"] == 0.0), "its own part is not there to be named");
+        assert!(rows.iter().any(|row| row["action"] == "random-edge"));
+    }
+    let refused = evaluate("learnt.bank", "--bank-scene alphabet-small");
+    assert!(refused.failed().contains("the parts of scene alphabet-small"), "{refused:?}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ use clap::Args;
 
 use crate::error::{Error, Result};
 use crate::live::live;
+use crate::reproduce::{BY_COSINE, FINE};
 use crate::step::{self, Step};
 use crate::workspace::Workspace;
 
@@ -17,6 +18,12 @@ const EPISODES: usize = 500;
 
 /// The board of the paper's first table.
 const BOARD: &str = "alphabet-small";
+
+/// The folder of what is shown first: holes touched anywhere, at any angle.
+const ANYWHERE: &str = "evaluation";
+
+/// The folder of the paper's protocol: the offered motions lead exactly to recorded poses, which gives the pose away.
+const PAPER: &str = "paper-protocol";
 
 /// What `cargo xtask demo` takes.
 #[derive(Args)]
@@ -35,7 +42,8 @@ pub struct DemoArgs {
     seed: u64,
 }
 
-/// Builds the programs, runs them in order: the last prints what came out, and its report compares it with the paper.
+/// Builds the programs, runs them in order: the last prints what came out of touches anywhere, the one before it what came out
+/// of the paper's protocol, and its report compares that with the paper.
 pub fn demo(workspace: &Workspace, args: &DemoArgs) -> Result<()> {
     if args.live {
         return live(workspace, args.out.as_deref(), args.seed);
@@ -50,7 +58,9 @@ pub fn demo(workspace: &Workspace, args: &DemoArgs) -> Result<()> {
     steps.extend(evaluation(workspace, args.seed, &model));
     step::run_all("demo", &steps, workspace, &out)?;
 
-    println!("report: {}", out.join("evaluation").join("report.html").display());
+    for (folder, what) in [(PAPER, "the paper's protocol, at recorded poses"), (ANYWHERE, "touched anywhere")] {
+        println!("report, {what}: {}", out.join(folder).join("report.html").display());
+    }
     Ok(())
 }
 
@@ -72,24 +82,43 @@ fn training(workspace: &Workspace, seed: u64) -> (Vec<Step>, PathBuf) {
     (steps, PathBuf::from("model/model.safetensors"))
 }
 
-/// The steps from the pegs to the report.
+/// The steps from the pegs to the reports.
 fn evaluation(workspace: &Workspace, seed: u64, model: &Path) -> Vec<Step> {
     let [data, infer, filter] = ["tactile-data", "tactile-infer", "tactile-filter"].map(|name| workspace.program(name));
     let pegs = format!("generate --scene {BOARD} --sides peg --seed {seed} --out pegs");
     let pictures = data.clone().words("inspect pegs --sheet pegs.png");
-    let bank = infer.words("bank --model").arg(model).words("--data pegs --out pegs.bank");
-    let evaluate = filter
-        .words("evaluate --model")
-        .arg(model)
-        .words(format!("--bank pegs.bank --scene {BOARD} --pegs pegs --episodes {EPISODES} --out evaluation"));
+    let bank = infer.clone().words("bank --model").arg(model).words("--data pegs --out pegs.bank");
+    let fine = infer.words("bank --model").arg(model);
+    let fine = fine.words(format!("--scene {BOARD} --views pegs {BY_COSINE} {FINE} --seed {seed} --out fine.bank"));
+    let evaluate = |bank: &str, more: &str, out: &str| {
+        let program = filter.clone().words("evaluate --model").arg(model);
+        let program = program.words(format!("--bank {bank} --scene {BOARD} --episodes {EPISODES} {more} --out {out}"));
+        Step::new(out, program, out).with_last("evaluation.json").needs(model).needs(bank)
+    };
     vec![
         Step::new("peg touches", data.words(pegs), "pegs").with_last("meta.json"),
         Step::new("peg pictures", pictures, "pegs.png").needs("pegs/meta.json"),
         Step::new("bank", bank, "pegs.bank").needs(model).needs("pegs/meta.json"),
-        Step::new("evaluation", evaluate, "evaluation")
-            .with_last("evaluation.json")
-            .needs(model)
-            .needs("pegs/meta.json")
-            .needs("pegs.bank"),
+        Step::new("fine bank", fine, "fine.bank").needs(model),
+        evaluate("pegs.bank", "--engines exact,paper --actions information --pegs pegs", PAPER).needs("pegs/meta.json"),
+        evaluate("fine.bank", "--poses off-grid --engines exact --actions information,random", ANYWHERE),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_word_is_of_touches_anywhere_without_an_aid() {
+        let workspace = Workspace { root: "/r".into(), target: "/t".into() };
+        let steps = evaluation(&workspace, 1, Path::new("/m"));
+        let command = |name: &str| steps.iter().find(|step| step.name == name).unwrap().command();
+        let last = steps.last().unwrap();
+        assert_eq!(last.name, ANYWHERE);
+        assert!(last.command().contains("--poses off-grid") && last.command().contains("--bank fine.bank"));
+        let fine = command("fine bank");
+        assert!(fine.contains("--views pegs --learn-from nothing --xy-step-mm 2 --theta-step-deg 15"), "{fine}");
+        assert!(!command(PAPER).contains("off-grid") && command(PAPER).contains("exact,paper"));
+    }
 }

@@ -95,6 +95,11 @@ impl Step {
         Self { resume_from: Some(self.product.join(state)), ..self }
     }
 
+    /// Its command line, or the file that it writes.
+    pub fn command(&self) -> String {
+        self.work.to_string()
+    }
+
     /// Runs what is left to do in the folder `out`; `title` names the step on the screen.
     fn run(&self, title: &str, out: &Path, notes: &mut Notes) -> Result<()> {
         let need = self.need(out, notes);
@@ -157,14 +162,14 @@ impl Notes {
 
     /// Whether a run with the step's command line came to its end; `None` where there was none.
     fn finished(&self, step: &Step) -> Option<bool> {
-        let note = self.steps.get(&step.name).filter(|note| note["command"] == step.work.to_string())?;
+        let note = self.steps.get(&step.name).filter(|note| note["command"] == step.command())?;
         Some(note["finished"] == true)
     }
 
     /// Notes that a step began or finished; one that continued an earlier run adds to its time.
     fn note(&mut self, step: &Step, finished: bool, usage: Usage) -> Result<()> {
         let earlier = self.steps.get(&step.name).and_then(|note| note["seconds"].as_f64()).filter(|_| finished);
-        let (command, seconds) = (step.work.to_string(), earlier.unwrap_or(0.0) + usage.seconds);
+        let (command, seconds) = (step.command(), earlier.unwrap_or(0.0) + usage.seconds);
         let note = json!({ "command": command, "finished": finished, "seconds": seconds, "peak_mib": usage.peak_mib });
         self.steps.insert(step.name.clone(), note);
         let text = format!("{:#}\n", Value::Object(self.steps.clone()));

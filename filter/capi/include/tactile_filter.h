@@ -272,9 +272,13 @@ typedef enum tf_rule {
      */
     TF_RULE_PAPER = 1,
     /**
-     * Any motion with contact, each equally likely.
+     * Any motion, each equally likely.
      */
     TF_RULE_RANDOM = 2,
+    /**
+     * Any motion that would show an edge from the likeliest state, each equally likely.
+     */
+    TF_RULE_RANDOM_EDGE = 3,
 } tf_rule;
 
 /**

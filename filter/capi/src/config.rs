@@ -28,8 +28,10 @@ pub enum tf_rule {
     Information = 0,
     /// The paper's rule.
     Paper = 1,
-    /// Any motion with contact, each equally likely.
+    /// Any motion, each equally likely.
     Random = 2,
+    /// Any motion that would show an edge from the likeliest state, each equally likely.
+    RandomEdge = 3,
 }
 
 /// How views between recorded poses are judged.
@@ -182,6 +184,7 @@ impl From<ActionRule> for tf_rule {
             ActionRule::Information => Self::Information,
             ActionRule::Paper => Self::Paper,
             ActionRule::Random => Self::Random,
+            ActionRule::RandomEdge => Self::RandomEdge,
         }
     }
 }

@@ -56,6 +56,7 @@ fn action(config: &tf_episode_config) -> Result<ActionConfig, Failure> {
         value if value == tf_rule::Information as u32 => ActionRule::Information,
         value if value == tf_rule::Paper as u32 => ActionRule::Paper,
         value if value == tf_rule::Random as u32 => ActionRule::Random,
+        value if value == tf_rule::RandomEdge as u32 => ActionRule::RandomEdge,
         other => return Err(unknown("rule", "tf_rule", other)),
     };
     let (has_deg, deg) = (config.has_min_separation_deg, config.min_separation_deg);
@@ -165,7 +166,9 @@ mod tests {
         let cubic = LikelihoodConfig { interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
         let cubic = LikelihoodConfig { matched_views: Views::Both, ..cubic };
         let turned = EpisodeConfig { action: turned, likelihood: cubic, ..place };
-        for config in [EpisodeConfig::default(), EpisodeConfig::paper(), place, turned] {
+        let edge = ActionConfig { rule: ActionRule::RandomEdge, ..ActionConfig::default() };
+        let edge = EpisodeConfig { action: edge, ..place };
+        for config in [EpisodeConfig::default(), EpisodeConfig::paper(), place, turned, edge] {
             let there = tf_episode_config::from(&config);
             let back = unsafe { read(&there) };
             assert_eq!(back.map_err(|failure| failure.message), Ok(config));

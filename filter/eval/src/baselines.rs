@@ -1,7 +1,5 @@
 //! What one touch alone finds, by nearest neighbour: the paper's Pixel and MoCo (Sec. V-B).
 
-use std::sync::Arc;
-
 use tactile_data::frame::{Background, Frame, Preprocessing};
 use tactile_data::store::Dataset;
 use tactile_infer::Bank;
@@ -9,18 +7,18 @@ use tactile_infer::Model;
 use tactile_infer::matching::{best, images_by_row, nearest_by_pixel, recorded_cosines};
 use tactile_infer::threads;
 
-use crate::error::Result;
-use crate::evaluate::{Banks, Hole, Protocol, Scored, observe, score_row};
+use crate::banks::Banks;
+use crate::error::{Error, Result};
+use crate::evaluate::{Hole, Protocol, Scored, observe, score_row};
 use crate::holes::Holes;
 use tactile_filter::Sensor;
 
 /// The nearest recorded embedding to the first touch of each episode.
-pub fn moco(holes: Holes<'_>, sensor: &Sensor, bank: &Arc<Bank>, protocol: &Protocol) -> Result<Vec<Scored>> {
-    let banks = Banks::new(bank, protocol);
-    first_touches(holes, bank, protocol, |hole, frame| {
-        let (bank, observation) = (banks.of(hole)?, observe(sensor, &frame)?);
-        let cosines = recorded_cosines(&bank, &observation.query);
-        Ok(score_row(best(cosines.into_iter()), &bank, hole))
+pub fn moco(holes: Holes<'_>, sensor: &Sensor, banks: &Banks, protocol: &Protocol) -> Result<Vec<Scored>> {
+    banks.each(holes, protocol, |index, bank| {
+        let (hole, frame) = first_touch(holes, bank, protocol, index)?;
+        let cosines = recorded_cosines(bank, &observe(sensor, &frame)?.query);
+        Ok(score_row(best(cosines.into_iter()), bank, &hole))
     })
 }
 
@@ -38,22 +36,18 @@ pub fn pixel(
     let counts = Preprocessing::counts(model.config().input_px);
     let recorded = images_by_row(&Background::new(pegs.no_contact(), &counts)?, pegs, bank)?;
     let rest = Background::new(no_contact, &counts)?;
-    let scored = first_touches(holes, bank, protocol, |hole, frame| {
+    let one = |index| {
+        let (hole, frame) = first_touch(holes, bank, protocol, index)?;
         let image = rest.tactile_image(&frame)?;
-        Ok([1.0, -1.0].map(|sign| score_row(nearest_by_pixel(&image, &recorded, sign), bank, hole)))
-    })?;
+        Ok::<_, Error>([1.0, -1.0].map(|sign| score_row(nearest_by_pixel(&image, &recorded, sign), bank, &hole)))
+    };
+    let scored = threads::each(protocol.episodes.clone(), one)?;
     Ok([0, 1].map(|sign| scored.iter().map(|both| both[sign]).collect()))
 }
 
-fn first_touches<T: Send>(
-    holes: Holes<'_>,
-    bank: &Bank,
-    protocol: &Protocol,
-    judge: impl Fn(&Hole<'_>, Frame) -> Result<T> + Sync,
-) -> Result<Vec<T>> {
-    threads::each(protocol.episodes.clone(), |index| {
-        let mut hole = protocol.hole(holes, bank.grid(), index);
-        let frame = hole.touch()?;
-        judge(&hole, frame)
-    })
+/// The hole of an episode and its first touch.
+fn first_touch<'a>(holes: Holes<'a>, bank: &Bank, protocol: &Protocol, index: usize) -> Result<(Hole<'a>, Frame)> {
+    let mut hole = protocol.hole(holes, bank.grid(), index);
+    let frame = hole.touch()?;
+    Ok((hole, frame))
 }

@@ -8,16 +8,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::simulator::frame_rng;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, Standing};
 use tactile_infer::Bank;
-use tactile_infer::threads;
 
+use crate::banks::Banks;
 use crate::error::{Error, Result};
 pub use crate::hole::{Hole, observe};
 use crate::holes::Holes;
@@ -36,7 +34,7 @@ pub struct Protocol {
     /// to recorded poses. Off it: the first touch is anywhere in the recorded range, and the motions
     /// offered are those of the grid, seen from the first touch.
     pub poses: Poses,
-    /// Whether the hole's own part is taken out of the bank: what is felt is then none of these.
+    /// Whether the hole's own part is taken out of the bank, and of all that the bank learnt: what is felt is then none of these.
     pub absent: bool,
     /// Parts that each hole may be of: its own and others drawn with the episode; `None`: all of the bank.
     pub n_classes: Option<usize>,
@@ -97,39 +95,6 @@ impl Protocol {
     pub fn hole<'a>(&self, holes: Holes<'a>, grid: &PoseGrid, index: usize) -> Hole<'a> {
         let print = index / self.seeds.len() % self.n_prints;
         Hole::new(holes, grid, self.poses, self.seed(index), index).of_print(print)
-    }
-}
-
-/// The bank that each hole is compared with.
-#[derive(Debug)]
-pub struct Banks {
-    whole: Arc<Bank>,
-    absent: bool,
-    n_classes: Option<usize>,
-}
-
-impl Banks {
-    /// Prepares what a protocol asks for.
-    pub fn new(whole: &Arc<Bank>, protocol: &Protocol) -> Self {
-        Self { whole: whole.clone(), absent: protocol.absent, n_classes: protocol.n_classes }
-    }
-
-    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode. It shares
-    /// the rows of the whole one.
-    pub fn of(&self, hole: &Hole<'_>) -> Result<Arc<Bank>> {
-        if self.absent {
-            return Ok(Arc::new(self.whole.without(hole.part_index())?));
-        }
-        let Some(n_classes) = self.n_classes else { return Ok(self.whole.clone()) };
-        // Frames are drawn from other seeds, so that the touches are those of the whole bank.
-        let mut rng = frame_rng(hole.seed() ^ 0x636c_6173, hole.episode_stream());
-        let mut kept: Vec<usize> = (0..self.whole.parts().len()).collect();
-        let mut others: Vec<usize> = kept.iter().copied().filter(|part| *part != hole.part_index()).collect();
-        while kept.len() > n_classes {
-            let out = others.swap_remove(rng.random_range(0..others.len()));
-            kept.retain(|part| *part != out);
-        }
-        Ok(Arc::new(self.whole.with_parts(&kept)?))
     }
 }
 
@@ -217,7 +182,7 @@ pub struct Run<'a> {
     /// The sensor, as the filter knows it: it touches the same side.
     pub sensor: &'a Sensor,
     /// The pegs.
-    pub bank: &'a Arc<Bank>,
+    pub banks: &'a Banks,
     /// How the filter infers and chooses.
     pub config: &'a EpisodeConfig,
     /// The episodes.
@@ -235,25 +200,24 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
     if touched != seen {
         return Err(Error::invalid("sensor", format!("one that touches {touched}s"), format!("one of {seen}s")));
     }
-    protocol.validate(run.holes, run.bank)?;
-    let banks = Banks::new(run.bank, protocol);
+    protocol.validate(run.holes, run.banks.whole())?;
     let done = AtomicUsize::new(0);
-    let one = |index| {
-        let outcome = run_one(run, &banks, index, &mut |_, _, _, _| ());
+    let one = |index, bank: &Arc<Bank>| {
+        let outcome = run_one(run, bank, index, &mut |_, _, _, _| ());
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, protocol.episodes.len());
         outcome
     };
-    threads::each(protocol.episodes.clone(), one)
+    run.banks.each(run.holes, protocol, one)
 }
 
-/// Runs one episode of a protocol. The same index gives the same hole, poses and frames, whichever others run.
+/// Runs one episode of a protocol with the bank of its hole. The same index gives the same hole, poses and frames, whichever
+/// others run.
 ///
 /// # Errors
 /// A touch that cannot be made or seen.
-pub fn run_one(run: &Run<'_>, banks: &Banks, index: usize, watch: Watch<'_>) -> Result<Outcome> {
+pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) -> Result<Outcome> {
     let Run { holes, sensor, config, protocol, .. } = *run;
-    let mut hole = protocol.hole(holes, banks.whole.grid(), index);
-    let bank = banks.of(&hole)?;
+    let mut hole = protocol.hole(holes, bank.grid(), index);
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = EpisodeConfig {
         stop_probability: 1.0,
@@ -272,7 +236,7 @@ pub fn run_one(run: &Run<'_>, banks: &Banks, index: usize, watch: Watch<'_>) -> 
     let mut times = StageTimes { encode, update, select: 0.0 };
     loop {
         let estimate = episode.estimate();
-        outcome.scored.push(score(&estimate, &bank, &hole));
+        outcome.scored.push(score(&estimate, bank, &hole));
         watch(&hole, &frame, &episode, &estimate);
         let reach = hole.reach(bank.grid(), protocol.poses);
         let started = Instant::now();

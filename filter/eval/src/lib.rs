@@ -4,6 +4,7 @@
 //! not know devices, ROS or command lines.
 
 pub mod assembly;
+pub mod banks;
 pub mod baselines;
 pub mod episodes;
 pub mod error;

@@ -203,6 +203,9 @@ pub enum Choice {
     Information,
     /// Any, each equally likely.
     Random,
+    /// Any that would show an edge from the likeliest state, each equally likely.
+    #[serde(rename = "random-edge")]
+    RandomEdge,
     /// No further touch.
     None,
 }

@@ -11,7 +11,8 @@ use tactile_infer::Model;
 use tactile_infer::precision::Precision;
 
 use crate::error::{Error, Result};
-use crate::evaluate::{Banks, Protocol, Run, run_all, run_one};
+use crate::banks::Banks;
+use crate::evaluate::{Protocol, Run, run_all, run_one};
 use crate::holes::Holes;
 use crate::result::{Choice, Inference, Method, Poses, Row};
 use crate::statistics::quantile;
@@ -157,7 +158,8 @@ pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
     let sensor = holes.sensor(model, no_contact)?;
     let config = settings.applied_to(&EpisodeConfig::of_side(model, holes.side()));
-    let run = Run { holes: *holes, sensor: &sensor, bank: &bank, config: &config, protocol };
+    let banks = Banks::new(bank.clone(), protocol, None)?;
+    let run = Run { holes: *holes, sensor: &sensor, banks: &banks, config: &config, protocol };
     let outcomes = run_all(&run, &|_, _| ())?;
     let label =
         Label { method: Method::Filter, inference: Inference::None, action: Choice::None, poses: protocol.poses };
@@ -166,10 +168,10 @@ pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
         Poses::OffGrid => holes.reach(&bank),
     };
     let (decisions, pace_ms) = on_one_core(|| {
-        let banks = Banks::new(&bank, protocol);
         let mut decisions = Vec::new();
         for index in 0..TIMED.min(protocol.n_episodes) {
-            let outcome = run_one(&run, &banks, index, &mut |_, _, _, _| ())?;
+            let of_hole = banks.of(&protocol.hole(*holes, bank.grid(), index))?;
+            let outcome = run_one(&run, &of_hole, index, &mut |_, _, _, _| ())?;
             // After the last touch nothing is chosen.
             let whole = outcome.times.iter().filter(|times| times.select > 0.0);
             decisions.extend(whole.map(|times| times.encode + times.update + times.select));

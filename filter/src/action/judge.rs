@@ -47,7 +47,7 @@ impl<'a> Judge<'a> {
         let drawn = belief.draw(n_draws, rng);
         let mut supposed: Vec<Hypothesis> =
             (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
-        if let (ActionRule::Paper, Some(best)) = (config.rule, belief.best(None)) {
+        if let (ActionRule::Paper | ActionRule::RandomEdge, Some(best)) = (config.rule, belief.best(None)) {
             supposed[0] = best;
         }
         let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();

@@ -129,8 +129,11 @@ impl Settings {
                 ActionRule::Paper => "the paper’s rule".into(),
                 ActionRule::Information => "most informative touch".into(),
                 ActionRule::Random => "random touch".into(),
+                ActionRule::RandomEdge => "random touch of an edge".into(),
             },
-            Knob::Effort if self.rule == ActionRule::Random => "no candidate judged".into(),
+            Knob::Effort if matches!(self.rule, ActionRule::Random | ActionRule::RandomEdge) => {
+                "no candidate judged".into()
+            }
             Knob::Effort => {
                 let judged = self.n_finalists.map_or("all candidates".into(), |n| format!("{n} finalists"));
                 format!("{judged} by {} draws x {}", self.n_draws, self.n_suppositions)

@@ -33,6 +33,9 @@ const METRIC: &str = "metric";
 /// Name of the text entry with what was measured in a metric.
 const MEASURED: &str = "metric_measured";
 
+/// Name of the text entry with how a metric was learnt.
+const LEARNING: &str = "metric_learning";
+
 /// Name of the text entry with the checksum of each part.
 const OF_PARTS: &str = "part_sha256";
 
@@ -124,6 +127,9 @@ impl Bank {
         text.push(("symmetries".into(), to_json(&self.symmetries)?));
         if let Some(origin) = &self.origin {
             text.push(("origin".into(), to_json(origin)?));
+        }
+        if let Some(learning) = self.metric().and_then(Metric::learning) {
+            text.push((LEARNING.into(), to_json(&learning)?));
         }
         text.push((OF_PARTS.into(), to_json(&content.of_parts(n_cells))?));
         let sha256 = content.sha256(&text, n_cells);
@@ -271,7 +277,12 @@ impl Loaded {
         let metric = match self.metric {
             Some(matrix) => {
                 let measured = from_json(text_of(&file.text, MEASURED)?)?;
-                Some(Arc::new(Metric::new(bank.dim(), matrix, measured)?))
+                let metric = Metric::new(bank.dim(), matrix, measured)?;
+                let learning = text_of(&file.text, LEARNING).ok().map(from_json).transpose()?;
+                Some(Arc::new(match learning {
+                    Some(learning) => metric.with_learning(learning),
+                    None => metric,
+                }))
             }
             None => None,
         };

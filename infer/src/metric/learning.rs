@@ -44,6 +44,7 @@ impl Metric {
             dim,
             matrix: inverse(dim, &root).into_iter().map(|v| v as f32).collect(),
             measured: Measured::NOTHING,
+            learning: None,
         })
     }
 

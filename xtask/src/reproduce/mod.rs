@@ -3,6 +3,8 @@
 mod parts;
 mod sensors;
 
+pub use parts::{BY_COSINE, FINE};
+
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};

@@ -8,19 +8,16 @@ use crate::step::Step;
 use crate::workspace::Workspace;
 
 /// A finer bank, for touches between the paper's poses.
-pub(super) const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
-
-/// The published figures are of rows as they were computed.
-const ROWS: &str = "--rows f32";
+pub const FINE: &str = "--xy-step-mm 2 --theta-step-deg 15";
 
 /// Embeddings are compared by the cosine alone, as in the paper.
-pub(super) const BY_COSINE: &str = "--learn-from nothing";
+pub const BY_COSINE: &str = "--learn-from nothing";
 
 /// The ways that the paper's tables compare.
-const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random";
+const ALL_WAYS: &str = "--engines exact,paper --actions information,paper,random,random-edge";
 
-/// The default against chance.
-const INFORMED: &str = "--engines exact --actions information,random";
+/// The default against chance: any touch, and any that should show an edge.
+const INFORMED: &str = "--engines exact --actions information,random,random-edge";
 
 /// The default alone.
 pub(super) const DEFAULT: &str = "--engines exact --actions information";
@@ -57,7 +54,7 @@ impl Kind {
 }
 
 /// The banks: name, kind and scene, a preset or a file.
-const BANKS: [(&str, Kind, &str); 28] = [
+const BANKS: [(&str, Kind, &str); 30] = [
     ("small", Kind::Recorded, "alphabet-small"),
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
@@ -77,14 +74,16 @@ const BANKS: [(&str, Kind, &str); 28] = [
     ("serif-letters", Kind::FINE_COSINE, "serif-letters.toml"),
     ("digits", Kind::FINE_COSINE, "digits.toml"),
     ("outlines", Kind::FINE_COSINE, "outlines.toml"),
+    ("new-outlines", Kind::FINE_COSINE, "new-outlines.toml"),
     ("small-both", Kind::FINE_BOTH, "alphabet-small"),
     ("large-both", Kind::FINE_BOTH, "alphabet-large"),
-    ("outlines-both", Kind::FINE_BOTH, "outlines.toml"),
+    ("new-outlines-both", Kind::FINE_BOTH, "new-outlines.toml"),
     ("connectors-learnt", Kind::PLAIN, "connectors"),
     ("connectors-both", Kind::PLAIN_BOTH, "connectors"),
     ("small-hard-both", Kind::PLAIN_BOTH, "alphabet-small-hard"),
     ("large-hard-both", Kind::PLAIN_BOTH, "alphabet-large-hard"),
     ("connectors-fine-both", Kind::FINE_BOTH, "connectors"),
+    ("look-alikes", Kind::FINE_COSINE, "look-alikes.toml"),
     ("look-alikes-both", Kind::FINE_BOTH, "look-alikes.toml"),
 ];
 
@@ -92,7 +91,7 @@ const BANKS: [(&str, Kind, &str); 28] = [
 type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
 
 /// The evaluations.
-const EVALUATIONS: [Evaluation; 44] = [
+const EVALUATIONS: [Evaluation; 49] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
@@ -115,10 +114,13 @@ const EVALUATIONS: [Evaluation; 44] = [
     (Part::Absent, "small-anywhere-absent", "small-fine", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "strangers-small-own", "small-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "small-own", "small-both", None, DEFAULT, "--poses off-grid"),
-    (Part::Strangers, "look-alikes", "look-alikes-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "look-alikes", "look-alikes-both", None, INFORMED, "--poses off-grid"),
     (Part::Strangers, "look-alikes-own", "look-alikes-both", None, DEFAULT, "--poses off-grid"),
     (Part::Strangers, "strangers-alike", "look-alikes-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "strangers-alike-own", "look-alikes-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "new-outlines-own", "new-outlines-both", None, DEFAULT, "--poses off-grid"),
+    (Part::Strangers, "strangers-outlines", "new-outlines-both", None, DEFAULT, "--absent --poses off-grid"),
+    (Part::Strangers, "strangers-outlines-own", "new-outlines-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::Strangers, "connectors-fine", "connectors-fine-both", None, DEFAULT, "--poses off-grid"),
     (Part::Strangers, "connectors-own", "connectors-fine-both", None, DEFAULT, "--poses off-grid"),
     (Part::Strangers, "strangers-connectors", "connectors-fine-both", None, DEFAULT, "--absent --poses off-grid"),
@@ -135,10 +137,12 @@ const EVALUATIONS: [Evaluation; 44] = [
     (Part::Robust, "robust-attachment", "robust-attachment", None, DEFAULT, ""),
     (Part::Sensors, "parts-serif-letters", "serif-letters", None, DEFAULT, "--poses off-grid"),
     (Part::Sensors, "parts-digits", "digits", None, DEFAULT, "--poses off-grid"),
+    (Part::Sensors, "parts-look-alikes", "look-alikes", None, INFORMED, "--poses off-grid"),
+    (Part::Sensors, "parts-new-outlines", "new-outlines", None, INFORMED, "--poses off-grid"),
     (Part::Sensors, "parts-outlines", "outlines", None, DEFAULT, "--poses off-grid"),
     (Part::KnownHoles, "known-small", "small-both", None, INFORMED, "--poses off-grid"),
     (Part::KnownHoles, "known-large", "large-both", None, INFORMED, "--poses off-grid"),
-    (Part::KnownHoles, "known-outlines", "outlines-both", None, INFORMED, "--poses off-grid"),
+    (Part::KnownHoles, "known-outlines", "new-outlines-both", None, INFORMED, "--poses off-grid"),
     (Part::KnownHoles, "known-connectors", "connectors-both", None, INFORMED, ""),
     (Part::KnownHoles, "known-small-absent", "small-both", None, DEFAULT, "--absent --poses off-grid"),
     (Part::KnownHoles, "known-connectors-absent", "connectors-both", None, DEFAULT, "--absent"),
@@ -253,7 +257,7 @@ impl Maker<'_> {
         let (holes, bank) = (format!("{}-holes", scene.trim_end_matches(".toml")), format!("{name}-dev.bank"));
         let touches = self.dataset(&holes, scene, &format!("--sides hole --seed 9 {of_holes}"));
         let program = self.program("tactile-infer", "bank --model").arg(model);
-        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {ROWS} {BY_COSINE} {of_bank}"));
+        let program = program.words(format!("--scene {scene} --out {bank} --views pegs {BY_COSINE} {of_bank}"));
         self.add(Step::new(&bank, program, &bank).needs(model).needs(scene));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
@@ -269,7 +273,7 @@ impl Maker<'_> {
         let (scene, model) = ("alphabet-small-dev", self.job.model);
         let touches = self.dataset("own-holes", scene, "--sides hole --anywhere 20 --seed 9");
         let program = self.program("tactile-infer", "bank --model").arg(model);
-        let program = program.words(format!("--scene {scene} --out own-dev.bank --views both {ROWS} {FINE}"));
+        let program = program.words(format!("--scene {scene} --out own-dev.bank --views both {FINE}"));
         self.add(Step::new("own-dev.bank", program, "own-dev.bank").needs(model));
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
         let program = program.words(format!("--bank own-dev.bank --holes own-holes --touches 10 --out {OWN}"));
@@ -288,10 +292,10 @@ impl Maker<'_> {
             Kind::Recorded => {
                 let pegs = format!("{name}-pegs");
                 touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
-                program = program.words(format!("--data {pegs} --out {bank} {ROWS}"));
+                program = program.words(format!("--data {pegs} --out {bank}"));
             }
             Kind::Simulated { views, steps, metric } => {
-                let words = format!("--out {bank} {ROWS} --views {views} {steps} {metric}");
+                let words = format!("--out {bank} --views {views} {steps} {metric}");
                 program = program.words("--scene").arg(&scene).words(words);
             }
         }
@@ -362,6 +366,20 @@ pub(super) mod tests {
     fn every_evaluation_has_its_bank() {
         for (_, name, bank, ..) in EVALUATIONS {
             assert!(BANKS.iter().any(|(known, ..)| *known == bank), "{name}");
+        }
+    }
+
+    #[test]
+    fn figures_are_of_banks_in_the_format_that_a_user_gets() {
+        let steps = steps(&job(false), Part::value_variants());
+        let banks: Vec<String> = steps.iter().filter(|s| s.name.ends_with(".bank")).map(Step::command).collect();
+        assert!(banks.len() > 30 && banks.iter().all(|command| !command.contains("--rows")), "{banks:?}");
+    }
+
+    #[test]
+    fn chance_is_asked_for_an_edge_wherever_chance_is_asked() {
+        for (_, name, _, _, ways, _) in EVALUATIONS {
+            assert_eq!(ways.contains("random,random-edge"), ways.contains("random"), "{name}");
         }
     }
 

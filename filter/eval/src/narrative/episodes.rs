@@ -5,7 +5,7 @@ use tactile_filter::{Episode, EpisodeConfig, Estimate, StopReason};
 
 use super::{Narrative, NarrativeTouch, NextTouch, places, shown_background};
 use crate::error::Result;
-use crate::evaluate::{Banks, Hole, Outcome, Protocol, Run, run_one};
+use crate::evaluate::{Hole, Outcome, Protocol, Run, run_one};
 
 /// An episode to show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,11 +62,11 @@ pub fn play_again(run: &Run<'_>, picks: &[Pick]) -> Result<Vec<Narrative>> {
     let protocol = Protocol { choose_ms: None, ..run.protocol.clone() };
     let run = Run { protocol: &protocol, ..*run };
     let rest = shown_background(&run.holes.at_rest(&run.protocol.seeds))?;
-    let banks = Banks::new(run.bank, &protocol);
     let play = |pick: &Pick| {
+        let bank = run.banks.of(&protocol.hole(run.holes, run.banks.whole().grid(), pick.index))?;
         let mut recorder = Recorder::new(run, &rest, pick);
         let mut recorded = Ok(());
-        run_one(&run, &banks, pick.index, &mut |hole, frame, episode, estimate| {
+        run_one(&run, &bank, pick.index, &mut |hole, frame, episode, estimate| {
             if !recorder.is_over && recorded.is_ok() {
                 recorded = recorder.record(hole, frame, episode, estimate);
             }
@@ -99,7 +99,8 @@ impl<'a> Recorder<'a> {
 
     /// Takes in a touch.
     fn record(&mut self, hole: &Hole<'_>, frame: &Frame, episode: &Episode, estimate: &Estimate) -> Result<()> {
-        let Run { bank, config, protocol, .. } = self.run;
+        let Run { banks, config, protocol, .. } = self.run;
+        let bank = banks.whole();
         let stop = config.stop(&estimate.standing());
         self.narrative.truth = hole.part_index();
         self.is_over = matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese));

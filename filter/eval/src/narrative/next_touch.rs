@@ -108,6 +108,9 @@ pub fn words(next: &NextTouch, board: &Board) -> Markup {
     html! {
         @match (next.rule, &next.judgement.expected) {
             (ActionRule::Random, _) => { "Next touch: by chance, one of " (next.n_candidates) " candidates." },
+            (ActionRule::RandomEdge, _) => {
+                "Next touch: by chance among those of " (next.n_candidates) " candidates that should show an edge."
+            },
             (ActionRule::Paper, _) => {
                 "Next touch: of " (n) " candidates the one with the largest sum of 1 / f_PP, the paper’s rule."
             },

@@ -73,6 +73,7 @@ pub fn choice(action: Choice) -> &'static str {
         Choice::Paper => "the paper’s action rule",
         Choice::Information => "most informative action",
         Choice::Random => "random action",
+        Choice::RandomEdge => "random action that should show an edge",
         Choice::None => "no action",
     }
 }
@@ -83,6 +84,7 @@ pub fn choice_class_and_marker(action: Choice) -> (&'static str, Marker) {
         Choice::Paper => ("paper-rule", Marker::Square),
         Choice::Information | Choice::None => ("information", Marker::Circle),
         Choice::Random => ("random", Marker::Triangle),
+        Choice::RandomEdge => ("random", Marker::Square),
     }
 }
 

@@ -14,15 +14,17 @@ use crate::statistics::share::wilson_95;
 /// Its entry in the contents.
 const SHORT: &str = "Unknown parts";
 /// Folder, name of the board, and the folder in which the parts are all there.
-const BOARDS: [(&str, &str, &str); 10] = [
+const BOARDS: [(&str, &str, &str); 12] = [
     ("small-absent", "small board", "small"),
     ("large-absent", "large board", "large"),
     ("small-anywhere-absent", "small board, touched anywhere", "small-anywhere"),
     ("known-small-absent", "small board, touched anywhere, holes known", "known-small"),
     ("known-connectors-absent", "connectors, holes known", "known-connectors"),
     ("strangers-small-own", "small board, anywhere, holes known, after ten touches of the sensor", "small-own"),
-    ("strangers-alike", "O Q C G E F, anywhere, holes known", "look-alikes"),
-    ("strangers-alike-own", "O Q C G E F, after ten touches of the sensor", "look-alikes-own"),
+    ("strangers-alike", "twelve shapes, two and two alike, anywhere, holes known", "look-alikes"),
+    ("strangers-alike-own", "shapes two and two alike, anywhere, after ten touches of the sensor", "look-alikes-own"),
+    ("strangers-outlines", "twelve new outlines, anywhere, holes known", "known-outlines"),
+    ("strangers-outlines-own", "new outlines, anywhere, after ten touches of the sensor", "new-outlines-own"),
     ("strangers-connectors", "connectors, anywhere, holes known", "connectors-fine"),
     ("strangers-connectors-own", "connectors, anywhere, after ten touches of the sensor", "connectors-own"),
 ];
@@ -56,8 +58,9 @@ pub fn finding(found: &Reproduction) -> Finding {
     let heads = ["Board", "none of these, %", "sure of a part, %", "touches", "known called unknown, %", "episodes"];
     let table = sortable(&heads, &there.iter().map(row).collect::<Vec<_>>());
     let body = html! {
-        (figure(table, "Each hole’s own peg was taken out of the bank: the right answer is “none of these parts”, and to be sure of a \
-            part is wrong each time. What is left of 100\u{a0}% stopped undecided. Known called unknown: the same answer where the \
+        (figure(table, "Each hole’s own peg was taken out of the bank, and out of all that the bank learnt (how embeddings are \
+            compared, the temperature, how well parts match their views): the right answer is “none of these parts”, and to be sure \
+            of a part is wrong each time. What is left of 100\u{a0}% stopped undecided. Known called unknown: the same answer where the \
             parts are all there, the price of it. The paper does not treat it."))
         (missing)
     };

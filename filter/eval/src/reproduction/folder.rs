@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::result::{Evaluation, SCHEMA};
 
 /// The folders of evaluations, in the order of the page; those of robustness, sensors and other parts follow by name.
-const EVALUATIONS: [&str; 32] = [
+const EVALUATIONS: [&str; 35] = [
     "small",
     "large",
     "connectors",
@@ -45,6 +45,9 @@ const EVALUATIONS: [&str; 32] = [
     "look-alikes-own",
     "strangers-alike",
     "strangers-alike-own",
+    "new-outlines-own",
+    "strangers-outlines",
+    "strangers-outlines-own",
     "connectors-fine",
     "connectors-own",
     "strangers-connectors",

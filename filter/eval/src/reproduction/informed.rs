@@ -1,6 +1,6 @@
 //! Informed touches against random ones, on the same holes.
 
-use maud::html;
+use maud::{Markup, html};
 
 use super::folder::Reproduction;
 use super::section::{Finding, not_run};
@@ -21,16 +21,21 @@ const CURVES: [(&str, &str, &str, Marker); 4] = [
 /// Its entry in the contents.
 const SHORT: &str = "Informed or random";
 
+/// Rules of chance, with what touches by them are called.
+const CHANCE: [(Choice, &str); 2] =
+    [(Choice::Random, "random ones"), (Choice::RandomEdge, "random ones that should show an edge")];
+
+/// A board of [`CURVES`] with the leading rule minus one of chance.
+type Board<'a> = (&'a (&'static str, &'static str, &'static str, Marker), Vec<&'a Comparison>);
+
 /// The section.
 pub fn finding(found: &Reproduction) -> Finding {
     let title = "Informed against random touches";
-    let all: Vec<_> = CURVES
-        .iter()
-        .filter_map(|of| Some((of, against_random(found.evaluation(of.0)?))))
-        .filter(|(_, comparisons)| !comparisons.is_empty())
-        .collect();
+    let of_rule = |(chance, words)| Some((words, boards(found, chance))).filter(|(_, boards)| !boards.is_empty());
+    let all: Vec<(&str, Vec<Board<'_>>)> = CHANCE.into_iter().filter_map(of_rule).collect();
+    let is_there = |name: &str| all.iter().flat_map(|(_, boards)| boards).any(|(there, _)| there.0 == name);
     let missing = html! {
-        @for of in CURVES.iter().filter(|of| all.iter().all(|(there, _)| there.0 != of.0)) {
+        @for of in CURVES.iter().filter(|of| !is_there(of.0)) {
             @if found.evaluation(of.0).is_some() {
                 p.note { "Not run: " code { (of.0) "/" } " compares nothing with random." }
             } @else {
@@ -41,43 +46,61 @@ pub fn finding(found: &Reproduction) -> Finding {
     if all.is_empty() {
         return Finding::missing(SHORT, title, missing);
     }
-    let line = |((_, name, class, marker), comparisons): &(&(&str, &str, &str, Marker), Vec<&Comparison>)| Line {
+    let body = html! {
+        @for (words, boards) in &all { (against(words, boards)) }
+        (missing)
+    };
+    let in_short = |(words, boards): &(&str, Vec<Board<'_>>)| {
+        let at_three: Vec<String> = boards.iter().filter_map(|(of, comparisons)| at_three(of.1, comparisons)).collect();
+        format!("against {words} {}", at_three.join("; "))
+    };
+    let line: Vec<String> = all.iter().map(in_short).collect();
+    Finding::new(SHORT, title, body, &format!("after 3 touches {}", line.join("; ")))
+}
+
+/// Informed touches against those of one rule of chance.
+fn against(words: &str, boards: &[Board<'_>]) -> Markup {
+    let line = |((_, name, class, marker), comparisons): &Board<'_>| Line {
         label: (*name).into(),
         class: (*class).into(),
         marker: *marker,
         points: points(comparisons),
     };
-    let lines: Vec<Line> = all.iter().map(line).collect();
+    let lines: Vec<Line> = boards.iter().map(line).collect();
     let columns: Vec<(String, &[&Comparison])> =
-        all.iter().map(|(of, of_board)| (of.1.into(), &of_board[..])).collect();
-    let every: Vec<&Comparison> = all.iter().flat_map(|(_, comparisons)| comparisons.iter().copied()).collect();
+        boards.iter().map(|(of, of_board)| (of.1.into(), &of_board[..])).collect();
+    let every: Vec<&Comparison> = boards.iter().flat_map(|(_, comparisons)| comparisons.iter().copied()).collect();
+    let title = format!("Informed minus {words}");
     let content = html! {
         div.charts.two {
             div {
-                p { "Informed minus random, points" }
-                (chart("Informed minus random", &lines, Some(range(&every))))
+                p { (title) ", points" }
+                (chart(&title, &lines, Some(range(&every))))
                 (legend(&lines))
             }
             (table(&columns))
         }
     };
-    let body = html! {
-        p { "Informed touches are, against random ones:" }
-        ul { @for (of, comparisons) in &all { li { (of.1) ": " (clearly(comparisons)) "." } } }
-        (figure(content, "The same holes from the same first touch, by the most informative touch and by any; the accuracy of the one \
+    html! {
+        p { "Informed touches are, against " (words) ":" }
+        ul { @for (of, comparisons) in boards { li { (of.1) ": " (clearly(comparisons)) "." } } }
+        (figure(content, "The same holes from the same first touch, by the most informative touch and by chance; the accuracy of the one \
             minus that of the other, with the 95\u{a0}% interval of the paired difference. Above zero informed touches are better; \
             where the band contains zero, these episodes cannot decide. The paper has no number for this."))
-        (missing)
-    };
-    let at_three: Vec<String> = all.iter().filter_map(|(of, comparisons)| at_three(of.1, comparisons)).collect();
-    Finding::new(SHORT, title, body, &format!("after 3 touches {}", at_three.join("; ")))
+    }
 }
 
-/// The leading rule minus chance, by touches.
-fn against_random(evaluation: &Evaluation) -> Vec<&Comparison> {
+/// The boards that compare the leading rule with one of chance.
+fn boards(found: &Reproduction, chance: Choice) -> Vec<Board<'_>> {
+    let all = CURVES.iter().filter_map(|of| Some((of, minus(found.evaluation(of.0)?, chance))));
+    all.filter(|(_, comparisons)| !comparisons.is_empty()).collect()
+}
+
+/// The leading rule minus a rule of chance, by touches.
+fn minus(evaluation: &Evaluation, chance: Choice) -> Vec<&Comparison> {
     let lead = evaluation.rows.iter().find(|row| row.method == Method::Filter);
     let is_it = |c: &&Comparison| {
-        c.against == Choice::Random && lead.is_some_and(|lead| (lead.inference, lead.action) == (c.inference, c.action))
+        c.against == chance && lead.is_some_and(|lead| (lead.inference, lead.action) == (c.inference, c.action))
     };
     let mut found: Vec<&Comparison> = evaluation.comparisons.iter().filter(is_it).collect();
     found.sort_by_key(|c| c.n_touches);
@@ -113,9 +136,14 @@ mod tests {
             comparison(Choice::Information, Choice::Paper, 3, 0.5),
             comparison(Choice::Information, Choice::Random, 3, 0.125),
             comparison(Choice::Information, Choice::Random, 1, 0.0),
+            comparison(Choice::Information, Choice::RandomEdge, 3, 0.0625),
         ];
         let finding = finding(&of(&[("small", made.clone())]));
-        assert_eq!(finding.line, "Informed or random: after 3 touches small +12.5 points (+9.4 to +15.6)");
+        assert_eq!(
+            finding.line,
+            "Informed or random: after 3 touches against random ones small +12.5 points (+9.4 to +15.6); against random ones that \
+             should show an edge small +6.2 points (+3.1 to +9.4)"
+        );
         let html = finding.section.render().0;
         assert!(html.contains("clearly better after 3 touches") && !html.contains("50.0"));
         made.comparisons.clear();

@@ -17,7 +17,7 @@ const SHORT: &str = "Known holes";
 const SCENES: [(&str, &str, &str, Poses); 6] = [
     ("known-small", "small letters, anywhere", "small-anywhere", Poses::OffGrid),
     ("known-large", "large letters, anywhere", "large-anywhere", Poses::OffGrid),
-    ("known-outlines", "twelve outlines, anywhere", "parts-outlines", Poses::OffGrid),
+    ("known-outlines", "twelve new outlines, anywhere", "parts-new-outlines", Poses::OffGrid),
     ("known-connectors", "six connectors", "connectors", Poses::OnGrid),
     ("known-small-hard", "small letters, rough sensor", "small-hard", Poses::OnGrid),
     ("known-large-hard", "large letters, rough sensor", "large-hard", Poses::OnGrid),

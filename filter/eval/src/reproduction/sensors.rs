@@ -38,10 +38,12 @@ const SENSORS: [(&str, &str); 12] = [
 ];
 
 /// Parts of other kinds.
-const KINDS: [(&str, &str); 4] = [
+const KINDS: [(&str, &str); 6] = [
     ("serif-letters", "letters A to L of another font"),
     ("digits", "ten digits"),
-    ("outlines", "twelve outlines drawn at random"),
+    ("look-alikes", "twelve shapes, two and two alike"),
+    ("new-outlines", "twelve new outlines drawn at random"),
+    ("outlines", "twelve outlines drawn at random, for tuning"),
     ("wide", "small letters, within 16 mm and at every angle"),
 ];
 
@@ -271,8 +273,9 @@ fn kinds(found: &Reproduction) -> Markup {
     let rows: Vec<Vec<Markup>> = there.collect();
     html! {
         @if !rows.is_empty() {
-            (figure(sortable(&heads(&["Parts"]), &rows), "Parts that informed no choice, under the default sensor, touched anywhere, with \
-                the model as shipped and a bank of their own."))
+            (figure(sortable(&heads(&["Parts"]), &rows), "Parts of other kinds under the default sensor, touched anywhere, with the model \
+                as shipped and a bank of their own. Those that are not said to be for tuning informed no choice, but for the digits 1, 4 and \
+                7 (how many states between two poses)."))
         }
     }
 }

@@ -171,7 +171,7 @@ fn named<T: DeserializeOwned + Clone + Send + Sync + 'static>(
 
 /// The parser of rules: how the next touch is chosen.
 pub fn rule() -> impl TypedValueParser<Value = ActionRule> {
-    named(&["information", "paper", "random"])
+    named(&["information", "paper", "random", "random-edge"])
 }
 
 /// The parser of `--poses`.

@@ -11,6 +11,7 @@ use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::{self, Dataset};
+use tactile_eval::banks::Banks;
 use tactile_eval::episodes::{EPISODES_SCHEMA, Episodes, RunResult, Setup, Single};
 use tactile_eval::evaluate::{Protocol, Run, run_all};
 use tactile_eval::fits::check_bank;
@@ -24,6 +25,7 @@ use tactile_eval::{baselines, summary};
 use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::{EpisodeConfig, Sensor};
+use tactile_infer::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
 use super::arguments::{
@@ -81,9 +83,13 @@ pub struct Evaluate {
     /// Choose each hole's part from K parts only: its own and others drawn at random [default: all of the bank]
     #[arg(long, value_name = "K", help_heading = "Episodes")]
     classes: Option<usize>,
-    /// Take each hole's own part out of the bank: how often is it recognised as none of these?
+    /// Take each hole's own part out of the bank: how often is it recognised as none of these? A bank that learnt from its
+    /// parts learns again without it, from its scene
     #[arg(long, help_heading = "Episodes")]
     absent: bool,
+    /// With --absent: the scene that the bank was made of [default: that of --scene]
+    #[arg(long, value_name = "PRESET|FILE.toml", requires = "absent", help_heading = "Episodes")]
+    bank_scene: Option<String>,
     /// How states are inferred
     #[arg(long, value_enum, value_delimiter = ',', default_value = "exact,paper", help_heading = "Methods")]
     engines: Vec<Engine>,
@@ -91,8 +97,8 @@ pub struct Evaluate {
     #[arg(long, value_name = "ACTIONS", value_parser = rule(), value_delimiter = ',',
           default_value = "information,paper,random", help_heading = "Methods")]
     actions: Vec<ActionRule>,
-    /// Dataset of the bank's pegs: adds the nearest neighbour by pixels
-    #[arg(long, value_name = "DIR", help_heading = "Methods")]
+    /// Dataset of the bank's pegs: adds the nearest neighbour by pixels, among all parts
+    #[arg(long, value_name = "DIR", conflicts_with = "absent", help_heading = "Methods")]
     pegs: Option<PathBuf>,
     /// Episodes that the report shows touch by touch: half of them the first, half the wrong and the longest
     #[arg(long, value_name = "N", default_value_t = 6, help_heading = "Report")]
@@ -114,7 +120,7 @@ pub struct Evaluate {
 struct Subject {
     touched: OwnedHoles,
     model: Arc<Model>,
-    bank: Arc<Bank>,
+    banks: Banks,
     sensor: Sensor,
     protocol: Protocol,
     /// Each way to infer and choose, with its name.
@@ -132,15 +138,16 @@ impl Evaluate {
             return self.run_shard(shard, &subject);
         }
         let episodes = self.run_episodes(&subject, &subject.protocol)?;
-        let Subject { bank, sensor, protocol, .. } = &subject;
+        let Subject { banks, sensor, protocol, .. } = &subject;
         let holes = subject.touched.holes();
         let evaluation = Evaluation { promise: subject.promise.clone(), ..episodes.evaluation()? };
         // An episode without its part has no truth to show, and one of a few parts no map of all.
         let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
         let first = &episodes.runs[0];
         let picks = pick(&first.outcomes, &first.config, n_stories);
-        let run = Run { holes, sensor, bank, config: &first.config, protocol };
-        write(&self.output, &episodes, &evaluation, &Board::new(holes, bank)?, &play_again(&run, &picks)?)
+        let run = Run { holes, sensor, banks, config: &first.config, protocol };
+        let board = Board::new(holes, banks.whole())?;
+        write(&self.output, &episodes, &evaluation, &board, &play_again(&run, &picks)?)
     }
 
     /// Loads everything, checks that it belongs together and that the results can be written, and chooses the settings.
@@ -166,17 +173,42 @@ impl Evaluate {
         }
         let sensor = holes.sensor(&model, &no_contact)?;
         warn_of_calibration(&model, self.which.side);
-        Ok(Subject { touched, model, bank, sensor, protocol, ways, promise })
+        let learner = self.learner(&model, &bank)?;
+        let banks = Banks::new(bank, &protocol, learner)?;
+        Ok(Subject { touched, model, banks, sensor, protocol, ways, promise })
+    }
+
+    /// Touches a bank's parts again, where it learnt from them and one of them is to be absent.
+    fn learner(&self, model: &Model, bank: &Bank) -> Result<Option<Learner>> {
+        if !self.absent || bank.metric().is_none() {
+            return Ok(None);
+        }
+        let scene = match (&self.bank_scene, &self.scene) {
+            (Some(scene), _) => Scene::load(scene)?,
+            (None, Some(scene)) => self.touched_scene(scene)?,
+            (None, None) => {
+                let expected = "--bank-scene, too: the bank learnt from its parts, and learns again without the absent one";
+                return Err(Error::invalid("--absent", expected, "recorded holes alone"));
+            }
+        };
+        check_bank(bank, &scene, false)?;
+        let again = Learner::of_bank(model, bank, &scene, &reporter("touches of the bank"));
+        Ok(Some(again.map_err(|error| error.within("--bank-scene"))?))
+    }
+
+    /// A scene as it is touched.
+    fn touched_scene(&self, scene: &str) -> Result<Scene> {
+        let scene = Scene::load(scene)?;
+        Ok(match &self.calibration {
+            Some(path) => scene.under(&Calibration::load(path)?)?,
+            None => scene,
+        })
     }
 
     /// Loads what is touched, and refuses a bank that does not fit it.
     fn touched(&self, bank: &Bank) -> Result<OwnedHoles> {
         if let Some(scene) = &self.scene {
-            let scene = Scene::load(scene)?;
-            let scene = match &self.calibration {
-                Some(path) => scene.under(&Calibration::load(path)?)?,
-                None => scene,
-            };
+            let scene = self.touched_scene(scene)?;
             // A touched peg is another print than the one that a bank holds by default.
             let print = if self.which.side.is_hole() { 1 } else { 2 };
             let simulator = Simulator::new(scene, print)?;
@@ -200,6 +232,7 @@ impl Evaluate {
             .files(scene)
             .into_iter()
             .chain(of_holes.iter().chain(&self.calibration).map(PathBuf::as_path))
+            .chain(self.bank_scene.iter().map(Path::new))
             .collect();
         match self.shard {
             Some(shard) => Ok(output::prepare_file(&self.shard_file(shard), inputs)?),
@@ -263,20 +296,20 @@ impl Evaluate {
 
     /// Runs every way on the protocol's episodes.
     fn run_episodes(&self, subject: &Subject, protocol: &Protocol) -> Result<Episodes> {
-        let Subject { touched, model, bank, sensor, .. } = subject;
+        let Subject { touched, model, banks, sensor, .. } = subject;
         let holes = touched.holes();
         let mut singles = Vec::new();
         if let Some(path) = &self.pegs {
             let no_contact = holes.at_rest(&protocol.seeds);
-            let scored = baselines::pixel(holes, model, bank, &Dataset::open(path)?, &no_contact, protocol)?;
+            let scored = baselines::pixel(holes, model, banks.whole(), &Dataset::open(path)?, &no_contact, protocol)?;
             let single = |(scored, inside_out)| Single { method: Method::Pixel, inside_out, scored };
             singles.extend(scored.into_iter().zip([false, true]).map(single));
         }
-        let scored = baselines::moco(holes, sensor, bank, protocol)?;
+        let scored = baselines::moco(holes, sensor, banks, protocol)?;
         singles.push(Single { method: Method::Moco, inside_out: false, scored });
         let run_one = |(name, config): &(String, EpisodeConfig)| {
             let progress = reporter(format!("episodes, {name}"));
-            let outcomes = run_all(&Run { holes, sensor, bank, config, protocol }, &progress)?;
+            let outcomes = run_all(&Run { holes, sensor, banks, config, protocol }, &progress)?;
             Ok(RunResult { label: label(config, protocol.poses), config: *config, outcomes })
         };
         Ok(Episodes {
@@ -291,8 +324,8 @@ impl Evaluate {
     }
 
     fn setup(&self, subject: &Subject) -> Result<Setup> {
-        let Subject { touched, model, bank, protocol, .. } = subject;
-        let holes = touched.holes();
+        let Subject { touched, model, banks, protocol, .. } = subject;
+        let (holes, bank) = (touched.holes(), banks.whole());
         Ok(Setup {
             scene: holes.name().to_owned(),
             parts: holes.parts().to_vec(),
@@ -345,6 +378,7 @@ fn label(config: &EpisodeConfig, poses: Poses) -> summary::Label {
         ActionRule::Paper => Choice::Paper,
         ActionRule::Information => Choice::Information,
         ActionRule::Random => Choice::Random,
+        ActionRule::RandomEdge => Choice::RandomEdge,
     };
     summary::Label { method: Method::Filter, inference, action, poses }
 }

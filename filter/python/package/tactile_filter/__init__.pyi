@@ -39,7 +39,7 @@ class _Settings(TypedDict, total=False):
     low_similarity: float
     seed: int
     # How the next touch is chosen.
-    rule: Literal["information", "paper", "random"]
+    rule: Literal["information", "paper", "random", "random-edge"]
     n_draws: int
     n_suppositions: int
     n_finalists: int | None
