@@ -3,7 +3,26 @@
 
 use multiversion::multiversion;
 
+#[cfg(test)]
+mod bodies;
+
 const N: usize = 8;
+
+/// A function that is compiled for each of some vector units: the first that the machine has is called. For tests there is
+/// a module of the same name, by which each body is called alone ([`bodies::Unit`]).
+macro_rules! for_units {
+    ($(#[$doc:meta])* [$($unit:literal),+] $name:ident($($given:ident: $kind:ty),+) $(-> $made:ty)? $body:block) => {
+        $(#[$doc])*
+        #[multiversion(targets($($unit),+))]
+        pub fn $name($($given: $kind),+) $(-> $made)? $body
+
+        #[cfg(test)]
+        pub mod $name {
+            use super::*;
+            bodies::bodies!($($given: $kind),+ $(=> $made)?; $body);
+        }
+    };
+}
 
 /// The sum of all values.
 pub fn sum(values: &[f64]) -> f64 {
@@ -37,27 +56,31 @@ pub fn largest(values: &[f64]) -> f64 {
     rest.iter().chain(&lanes).copied().fold(f64::NEG_INFINITY, larger)
 }
 
-/// Lowers all logs by `by` and makes `exps` what they are then the logs of, `[n]`. NaN becomes -inf. No log is
-/// larger than `by`.
-#[multiversion(targets("x86_64+avx2"))]
-pub fn lower(logs: &mut [f64], by: f64, exps: &mut Vec<f64>) {
-    exps.resize(logs.len(), 0.0);
-    for (log, power) in logs.iter_mut().zip(exps.iter_mut()) {
-        let lowered = if log.is_nan() { f64::NEG_INFINITY } else { *log - by };
-        *log = lowered;
-        *power = exp(lowered);
+for_units! {
+    /// Lowers all logs by `by` and makes `exps` what they are then the logs of, `[n]`. NaN becomes -inf. No log is
+    /// larger than `by`.
+    ["x86_64+avx2"]
+    lower(logs: &mut [f64], by: f64, exps: &mut Vec<f64>) {
+        exps.resize(logs.len(), 0.0);
+        for (log, power) in logs.iter_mut().zip(exps.iter_mut()) {
+            let lowered = if log.is_nan() { f64::NEG_INFINITY } else { *log - by };
+            *log = lowered;
+            *power = exp(lowered);
+        }
     }
 }
 
-/// `e^(joint (value - largest))` of each value, `largest` being the largest.
-#[multiversion(targets("x86_64+avx2"))]
-pub fn powers(values: &[f64], largest: f64, joint: f64) -> Vec<f64> {
-    let mut powers = vec![0.0; values.len()];
-    // A loop, not an iterator that calls for each value: it vectorises.
-    for (power, value) in powers.iter_mut().zip(values) {
-        *power = exp(joint * (*value - largest));
+for_units! {
+    /// `e^(joint (value - largest))` of each value, `largest` being the largest.
+    ["x86_64+avx2"]
+    powers(values: &[f64], largest: f64, joint: f64) -> Vec<f64> {
+        let mut powers = vec![0.0; values.len()];
+        // A loop, not an iterator that calls for each value: it vectorises.
+        for (power, value) in powers.iter_mut().zip(values) {
+            *power = exp(joint * (*value - largest));
+        }
+        powers
     }
-    powers
 }
 
 /// One of [`powers`], to the same bits.
@@ -65,27 +88,29 @@ pub fn power(value: f64, largest: f64, joint: f64) -> f64 {
     exp(joint * (value - largest))
 }
 
-/// The sum of [`powers`], and the sum of each times its log, which is 0 or less. Of many states all touches say the same:
-/// where some values are those before, so are the powers.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub fn sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
-    let (chunks, rest) = values.as_chunks::<N>();
-    let (mut lanes, mut last, mut powers) = ([[0.0; N]; 2], [f64::NAN; N], [[0.0; N]; 2]);
-    for chunk in chunks {
-        if !(0..N).fold(true, |same, lane| same & (chunk[lane] == last[lane])) {
-            (0..N).for_each(|lane| [powers[0][lane], powers[1][lane]] = with_log(joint * (chunk[lane] - largest)));
-            last = *chunk;
+for_units! {
+    /// The sum of [`powers`], and the sum of each times its log, which is 0 or less. Of many states all touches say the same:
+    /// where some values are those before, so are the powers.
+    ["x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"]
+    sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
+        let (chunks, rest) = values.as_chunks::<N>();
+        let (mut lanes, mut last, mut powers) = ([[0.0; N]; 2], [f64::NAN; N], [[0.0; N]; 2]);
+        for chunk in chunks {
+            if !(0..N).fold(true, |same, lane| same & (chunk[lane] == last[lane])) {
+                (0..N).for_each(|lane| [powers[0][lane], powers[1][lane]] = with_log(joint * (chunk[lane] - largest)));
+                last = *chunk;
+            }
+            (0..N).for_each(|lane| lanes[0][lane] += powers[0][lane]);
+            (0..N).for_each(|lane| lanes[1][lane] += powers[1][lane]);
         }
-        (0..N).for_each(|lane| lanes[0][lane] += powers[0][lane]);
-        (0..N).for_each(|lane| lanes[1][lane] += powers[1][lane]);
+        let mut sums = lanes.map(|lanes| lanes.iter().sum::<f64>());
+        for value in rest {
+            let [power, with_log] = with_log(joint * (value - largest));
+            sums[0] += power;
+            sums[1] += with_log;
+        }
+        sums
     }
-    let mut sums = lanes.map(|lanes| lanes.iter().sum::<f64>());
-    for value in rest {
-        let [power, with_log] = with_log(joint * (value - largest));
-        sums[0] += power;
-        sums[1] += with_log;
-    }
-    sums
 }
 
 /// A power and what it is times its log: nothing where it is zero, though zero times a log of -inf is no number.
@@ -127,19 +152,23 @@ fn exp(x: f64) -> f64 {
 /// About the log of the smallest normal number.
 const SMALLEST: f64 = -708.0;
 
-/// Adds each value to its sum.
-#[multiversion(targets("x86_64+avx2"))]
-pub fn add(values: &[f64], sums: &mut [f64]) {
-    for (sum, value) in sums.iter_mut().zip(values) {
-        *sum += value;
+for_units! {
+    /// Adds each value to its sum.
+    ["x86_64+avx2"]
+    add(values: &[f64], sums: &mut [f64]) {
+        for (sum, value) in sums.iter_mut().zip(values) {
+            *sum += value;
+        }
     }
 }
 
-/// Adds to each sum its value as often as it counts.
-#[multiversion(targets("x86_64+avx2"))]
-pub fn add_weighted(values: &[f64], counts: &[f64], sums: &mut [f64]) {
-    for ((sum, value), count) in sums.iter_mut().zip(values).zip(counts) {
-        *sum += count * value;
+for_units! {
+    /// Adds to each sum its value as often as it counts.
+    ["x86_64+avx2"]
+    add_weighted(values: &[f64], counts: &[f64], sums: &mut [f64]) {
+        for ((sum, value), count) in sums.iter_mut().zip(values).zip(counts) {
+            *sum += count * value;
+        }
     }
 }
 
@@ -196,20 +225,22 @@ pub fn blend_six(constant: f32, weights: &[f32; 6], lines: [&[f32]; 6], out: &mu
     }
 }
 
-/// ln(1 + e^z) of each value, to 3e-7 and 1e-7 of itself: what is left of a cosine in f32 divided by a temperature.
-#[multiversion(targets("x86_64+avx2"))]
-pub fn softplus(values: &mut [f32]) {
-    /// Below, e^z is less than that. Most views are so unlike a touch.
-    const NOTHING: f32 = -17.0;
-    let (chunks, rest) = values.as_chunks_mut::<N>();
-    for chunk in chunks {
-        if chunk.iter().fold(true, |all, z| all & (*z < NOTHING)) {
-            *chunk = [0.0; N];
-        } else {
-            chunk.iter_mut().for_each(|value| *value = softplus_of(*value));
+for_units! {
+    /// ln(1 + e^z) of each value, to 3e-7 and 1e-7 of itself: what is left of a cosine in f32 divided by a temperature.
+    ["x86_64+avx2"]
+    softplus(values: &mut [f32]) {
+        /// Below, e^z is less than that. Most views are so unlike a touch.
+        const NOTHING: f32 = -17.0;
+        let (chunks, rest) = values.as_chunks_mut::<N>();
+        for chunk in chunks {
+            if chunk.iter().fold(true, |all, z| all & (*z < NOTHING)) {
+                *chunk = [0.0; N];
+            } else {
+                chunk.iter_mut().for_each(|value| *value = softplus_of(*value));
+            }
         }
+        rest.iter_mut().for_each(|value| *value = softplus_of(*value));
     }
-    rest.iter_mut().for_each(|value| *value = softplus_of(*value));
 }
 
 #[inline(always)]

@@ -118,6 +118,9 @@ impl FromStr for Precision {
 }
 
 #[cfg(test)]
+mod weights;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -415,12 +415,18 @@ where
 #[multiversion(targets("x86_64+avx2"))]
 fn times_dots_whole(query: &[i16], rows: &[i8], values: &mut [f32]) {
     for (value, row) in values.iter_mut().zip(rows.chunks_exact(query.len())) {
-        let mut sum = 0_i32;
-        for i in 0..row.len() {
-            sum += i32::from(query[i]) * i32::from(i16::from(row[i]));
-        }
-        *value *= sum as f32;
+        *value *= whole_query_dot(query, row);
     }
+}
+
+/// The inner product of a query and a row of one length.
+#[inline(always)]
+fn whole_query_dot(query: &[i16], row: &[i8]) -> f32 {
+    let mut sum = 0_i32;
+    for i in 0..row.len() {
+        sum += i32::from(query[i]) * i32::from(i16::from(row[i]));
+    }
+    sum as f32
 }
 
 /// Multiplies each value by the inner product of a row of whole numbers with one of `rows`, given by their places.
@@ -445,6 +451,9 @@ fn whole_dot(a: &[i8], b: &[i8]) -> f32 {
     }
     sum as f32
 }
+
+#[cfg(test)]
+mod bodies;
 
 #[cfg(test)]
 mod tests {

@@ -26,7 +26,7 @@ pub(crate) fn dots_at(query: &[f32], rows: &[f32], places: &[usize]) -> Vec<f32>
 }
 
 #[inline(always)]
-fn in_lanes(a: &[f32], b: &[f32]) -> f32 {
+pub(crate) fn in_lanes(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0_f32; 16];
     let (a_chunks, b_chunks) = (a.chunks_exact(16), b.chunks_exact(16));
     let rest: f32 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(x, y)| x * y).sum();

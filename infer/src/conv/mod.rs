@@ -5,6 +5,8 @@
 //! [`crate::encoder`] an encoder without burn.
 
 mod axis;
+#[cfg(test)]
+mod bodies;
 #[cfg(feature = "burn")]
 mod norm;
 #[cfg(feature = "burn")]
@@ -13,6 +15,7 @@ mod plan;
 mod tile;
 mod winograd;
 
+use pulp::Arch;
 use rayon::prelude::*;
 
 use plan::Gather;
@@ -24,6 +27,16 @@ use crate::threads;
 /// Images that share one partial sum of the weights' gradient. A constant, so that the sum does not
 /// depend on the number of threads.
 const IMAGES_A_PART: usize = 32;
+
+/// The widest vectors at hand; in a test those that it asks for on its thread.
+#[inline(always)]
+fn arch() -> Arch {
+    #[cfg(test)]
+    if let Some(arch) = bodies::asked_for() {
+        return arch;
+    }
+    Arch::new()
+}
 
 /// `weight([ky, kx], input channel, output channel)` gives each weight.
 type Weight<'a> = dyn Fn([usize; 2], usize, usize) -> f32 + Sync + 'a;
@@ -183,7 +196,7 @@ mod tests {
     use super::*;
 
     /// The definition, in f64: the window's products summed for each output.
-    fn direct(conv: &Conv, image: &[f32], weights: &[f32]) -> Vec<f64> {
+    pub(super) fn direct(conv: &Conv, image: &[f32], weights: &[f32]) -> Vec<f64> {
         let ([height, width], [rows, columns]) = (conv.size, conv.out_size());
         let pad = conv.kernel / 2;
         let mut out = vec![0.0; rows * columns * conv.n_out];
@@ -206,11 +219,11 @@ mod tests {
         out
     }
 
-    fn values(n: usize, seed: f32) -> Vec<f32> {
+    pub(super) fn values(n: usize, seed: f32) -> Vec<f32> {
         (0..n).map(|i| (seed * (i as f32 + 1.0)).sin()).collect()
     }
 
-    fn layers() -> Vec<Conv> {
+    pub(super) fn layers() -> Vec<Conv> {
         let conv = |n_in, n_out, kernel, stride, size| Conv { n_in, n_out, kernel, stride, size };
         vec![
             conv(3, 32, 5, 2, [30, 40]),
@@ -228,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn forward_agrees_with_the_definition() {
+    pub(super) fn forward_agrees_with_the_definition() {
         for conv in layers() {
             let images = values(2 * conv.in_length(), 0.37);
             let weights = values(conv.n_in * conv.n_out * conv.kernel.pow(2), 0.23);
@@ -245,7 +258,7 @@ mod tests {
     /// The convolution is linear in its input and in its weights, so `<g, conv(x + dx, w)> - <g, conv(x, w)>` is
     /// exactly the inner product of the gradient with the change.
     #[test]
-    fn gradients_are_the_adjoints_of_the_definition() {
+    pub(super) fn gradients_are_the_adjoints_of_the_definition() {
         for conv in layers() {
             let (n, n_weights) = (3, conv.n_in * conv.n_out * conv.kernel.pow(2));
             let (images, gradient) = (values(n * conv.in_length(), 0.37), values(n * conv.out_length(), 0.71));

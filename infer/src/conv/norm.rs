@@ -2,10 +2,10 @@
 
 use std::sync::Mutex;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::Conv;
+use super::{Conv, arch};
 use crate::threads;
 
 /// Values that one thread takes at a time.
@@ -51,9 +51,9 @@ pub fn forward_with_statistics(conv: &Conv, images: &[f32], weights: &[f32]) -> 
 /// Mean of each channel, and the sum of squares about it.
 fn moments(image: &[f32], n_channels: usize) -> Vec<[f32; 2]> {
     let n = (image.len() / n_channels) as f32;
-    let sums = Arch::new().dispatch(Sums { image, about: &vec![0.0; n_channels], squares: false });
+    let sums = arch().dispatch(Sums { image, about: &vec![0.0; n_channels], squares: false });
     let mean: Vec<f32> = sums.into_iter().map(|sum| sum / n).collect();
-    let squares = Arch::new().dispatch(Sums { image, about: &mean, squares: true });
+    let squares = arch().dispatch(Sums { image, about: &mean, squares: true });
     mean.into_iter().zip(squares).map(|(mean, squares)| [mean, squares]).collect()
 }
 
@@ -131,7 +131,7 @@ impl Norm {
                 let start = at * chunk;
                 let before = &before[start..start + out.len()];
                 let skip = skip.map(|skip| &skip[start..start + out.len()]);
-                Arch::new().dispatch(Apply { norm: self, before, skip, out });
+                arch().dispatch(Apply { norm: self, before, skip, out });
             },
         )
     }
@@ -143,7 +143,7 @@ impl Norm {
         let chunks = || before.par_chunks(chunk).zip(out.par_chunks(chunk)).zip(out_gradient.par_chunks(chunk));
         // Sums of the gradient, and of the gradient times the normalised value, for each channel.
         let parts: Vec<[Vec<f32>; 2]> = chunks()
-            .map(|((before, out), gradient)| Arch::new().dispatch(GradientSums { norm: self, before, out, gradient }))
+            .map(|((before, out), gradient)| arch().dispatch(GradientSums { norm: self, before, out, gradient }))
             .collect();
         let total = |which: usize, c: usize| parts.iter().map(|part| f64::from(part[which][c])).sum::<f64>();
         let beta: Vec<f32> = (0..n).map(|c| total(0, c) as f32).collect();
@@ -154,7 +154,7 @@ impl Norm {
         let offset: Vec<f32> = (0..n).map(|c| beta[c] / n_values - slope[c] * self.mean[c]).collect();
         let of_block = |(): &mut (), at: usize, back: &mut [f32]| {
             let [before, out, gradient] = [before, out, out_gradient].map(|values| &values[at * chunk..][..back.len()]);
-            Arch::new().dispatch(Back { norm: self, slope: &slope, offset: &offset, before, out, gradient, back });
+            arch().dispatch(Back { norm: self, slope: &slope, offset: &offset, before, out, gradient, back });
         };
         let back = threads::made_by_blocks(before.len(), chunk, || (), of_block);
         NormGradient { before: back, gamma, beta }
@@ -163,7 +163,7 @@ impl Norm {
     /// Adds the gradient that passes the rectifier: what the skip carries back to the input.
     pub fn add_rectified(&self, out: &[f32], out_gradient: &[f32], sum: &mut [f32]) {
         let chunks = sum.par_chunks_mut(CHUNK).zip(out.par_chunks(CHUNK)).zip(out_gradient.par_chunks(CHUNK));
-        chunks.for_each(|((sum, out), gradient)| Arch::new().dispatch(AddRectified { out, gradient, sum }));
+        chunks.for_each(|((sum, out), gradient)| arch().dispatch(AddRectified { out, gradient, sum }));
     }
 }
 

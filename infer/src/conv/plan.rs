@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
-use super::Conv;
 use super::tile::{Sums, columns, gather, lanes, outer, rows, write};
+use super::{Conv, arch};
 
 /// Pixels of the gradient that are taken together.
 const PIXELS_AT_ONCE: usize = 128;
@@ -113,7 +113,7 @@ impl Gather {
 
     /// Gradient of the weights, `[ky, kx, n_in, n_out]`, of some images.
     pub fn outer(&self, images: &[f32], gradient: &[f32], n_out: usize) -> Vec<f32> {
-        Arch::new().dispatch(Outer { plan: self, images, gradient, n_out })
+        arch().dispatch(Outer { plan: self, images, gradient, n_out })
     }
 }
 
@@ -128,7 +128,7 @@ pub struct Panels {
 impl Panels {
     /// `weight(plan, [ky, kx], input channel, output channel)` gives each weight.
     pub fn new(plans: Vec<Gather>, n_out: usize, weight: impl Fn(usize, [usize; 2], usize, usize) -> f32) -> Self {
-        let width = Arch::new().dispatch(Columns);
+        let width = arch().dispatch(Columns);
         let pack = |(at, plan): (usize, Gather)| {
             let mut panels = Vec::new();
             for first in (0..n_out).step_by(width) {
@@ -149,7 +149,7 @@ impl Panels {
     /// One image, `[height, width, channels]`, into `out`. `padded` is scratch, kept between images.
     pub fn correlate(&self, image: &[f32], padded: &mut Vec<f32>, out: &mut [f32]) {
         let plans = self.plans.iter().map(|(plan, panels)| (plan, panels.as_slice())).collect();
-        Arch::new().dispatch(Correlate { plans, n_out: self.n_out, image, padded, out });
+        arch().dispatch(Correlate { plans, n_out: self.n_out, image, padded, out });
     }
 
     /// Rows of numbers, `[n, channels]`, as the pixels of one image: what a linear layer is to a kernel of one.
@@ -157,7 +157,7 @@ impl Panels {
         let size = [1, rows.len() / n_in];
         let plan = Gather::forward(&Conv { n_in, n_out: self.n_out, kernel: 1, stride: 1, size });
         let plans = self.plans.iter().map(|(_, panels)| (&plan, panels.as_slice())).collect();
-        Arch::new().dispatch(Correlate { plans, n_out: self.n_out, image: rows, padded, out });
+        arch().dispatch(Correlate { plans, n_out: self.n_out, image: rows, padded, out });
     }
 }
 

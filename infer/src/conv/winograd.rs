@@ -4,14 +4,14 @@
 //! pixels, which meet as many matrices made of the weights; the sums become outputs. Windows of 2x2 outputs need 4 products
 //! for 9, those of 4x5 need 2.1 and round about four times as coarsely as the definition ([`super::axis`]).
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::threads;
 
 use super::axis::{Axis, Inputs, Outputs, OutputsBack, Square, Weights, WeightsBack};
 use super::plan::{Columns, with_rows};
 use super::tile::{Sums, columns, gather, lanes, outer, rows, write};
-use super::{Conv, Weight};
+use super::{Conv, Weight, arch};
 
 /// Channels are a multiple of it: the widest vectors at hand. Matrices lie this much farther apart than they are long, so
 /// that the same place in each is not in the same set of a cache.
@@ -152,7 +152,7 @@ pub struct Packed {
 impl Packed {
     /// `weight([ky, kx], input channel, output channel)` gives each weight.
     pub fn new(windows: Windows, weight: &Weight<'_>) -> Self {
-        Self { windows, panels: Arch::new().dispatch(Pack { windows, weight }) }
+        Self { windows, panels: arch().dispatch(Pack { windows, weight }) }
     }
 
     /// How its windows lie.
@@ -162,7 +162,7 @@ impl Packed {
 
     /// Some images, `[n, height, width, n_in]`, into `out`.
     pub fn correlate(&self, images: &[f32], scratch: &mut Scratch, out: &mut [f32]) {
-        Arch::new().dispatch(Correlate { packed: self, images, scratch, out });
+        arch().dispatch(Correlate { packed: self, images, scratch, out });
     }
 }
 
@@ -182,7 +182,7 @@ impl WithSimd for Pack<'_> {
         let pack = |(): &mut (), block: usize, panels: &mut [f32]| {
             let channels = block * width..windows.n_out.min((block + 1) * width);
             // Threads begin with narrow vectors.
-            Arch::new().dispatch(PackBlock { windows, weight: self.weight, channels, panels });
+            arch().dispatch(PackBlock { windows, weight: self.weight, channels, panels });
         };
         threads::for_each_block(&mut panels, length, || (), pack);
         panels
@@ -314,7 +314,7 @@ fn multiply_tile<S: Simd, const ROWS: usize>(
 /// then the products, and nothing depends on how many there are.
 pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> Vec<f32> {
     let Windows { n_in, n_out, size: [height, width], .. } = *windows;
-    let n_columns = Arch::new().dispatch(Columns);
+    let n_columns = arch().dispatch(Columns);
     let [n_blocks, n_products] = [n_out.div_ceil(n_columns), windows.n_products()];
     let at_once = windows.images_at_once();
     let [in_length, out_length] = [n_in, n_out].map(|n| at_once * height * width * n);
@@ -330,7 +330,7 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
         threads::for_each_block(blocks, length, Vec::new, |padded, at, block| {
             let images = &images[at * in_length..images.len().min((at + 1) * in_length)];
             let gradient = &gradient[at * out_length..gradient.len().min((at + 1) * out_length)];
-            Arch::new().dispatch(TransformBlock { windows, images, gradient, apart, padded, block });
+            arch().dispatch(TransformBlock { windows, images, gradient, apart, padded, block });
         });
         threads::for_each_block(
             &mut sums,
@@ -339,7 +339,7 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
             |(), k, sums| {
                 for (at, block) in blocks.chunks_exact(length).enumerate() {
                     let n_rows = (n_images - at * at_once).min(at_once) * windows.n_windows();
-                    Arch::new().dispatch(AddProducts { windows, block, apart, n_rows, k, sums });
+                    arch().dispatch(AddProducts { windows, block, apart, n_rows, k, sums });
                 }
             },
         );
@@ -349,14 +349,14 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
 
 /// The gradient of each weight, `[n_out, n_in, 3, 3]`, from that of each product, `[products, blocks, n_in, columns]`.
 fn weights_of_windows(windows: &Windows, sums: &[f32]) -> Vec<f32> {
-    let width = Arch::new().dispatch(Columns);
+    let width = arch().dispatch(Columns);
     let mut weights = vec![0.0; windows.n_out * windows.n_in * 9];
     threads::for_each_block(
         &mut weights,
         width * windows.n_in * 9,
         || (),
         |(), block, weights| {
-            Arch::new().dispatch(WeightsOfBlock { windows: *windows, sums, block, weights });
+            arch().dispatch(WeightsOfBlock { windows: *windows, sums, block, weights });
         },
     );
     weights

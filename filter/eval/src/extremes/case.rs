@@ -22,12 +22,28 @@ pub enum Group {
     Wrap,
     /// Touches, of which each may leave states out.
     LeftOut,
+    /// Nothing: all defaults, with what users meet.
+    Production,
+    /// The bits of a bank's rows.
+    Precision,
+    /// Touches before a choice.
+    Choice,
 }
 
 impl Group {
     /// All groups, in the order of the table.
-    pub const ALL: [Self; 7] =
-        [Self::Temperature, Self::Particles, Self::Classes, Self::Similarity, Self::Chain, Self::Wrap, Self::LeftOut];
+    pub const ALL: [Self; 10] = [
+        Self::Production,
+        Self::Precision,
+        Self::Choice,
+        Self::Temperature,
+        Self::Particles,
+        Self::Classes,
+        Self::Similarity,
+        Self::Chain,
+        Self::Wrap,
+        Self::LeftOut,
+    ];
 
     /// What a person calls it.
     pub fn title(self) -> &'static str {
@@ -39,6 +55,9 @@ impl Group {
             Self::Chain => "Chained actions",
             Self::Wrap => "Angles round half a turn",
             Self::LeftOut => "States left out",
+            Self::Production => "As users run it: all defaults",
+            Self::Precision => "Rows in fewer bits",
+            Self::Choice => "Expected information",
         }
     }
 
@@ -48,10 +67,10 @@ impl Group {
             Self::Temperature => "temperature",
             Self::Particles => "particles",
             Self::Classes => "parts",
-            Self::Similarity => "",
+            Self::Similarity | Self::Precision => "",
             Self::Chain => "actions",
             Self::Wrap => "degrees",
-            Self::LeftOut => "touches",
+            Self::LeftOut | Self::Production | Self::Choice => "touches",
         }
     }
 }
@@ -69,8 +88,12 @@ pub struct Case {
     pub expected: String,
     /// The largest error, relative unless `expected` names a unit; `None` where nothing can be measured.
     pub error: Option<f64>,
-    /// The largest error that rounding or chance explains; `None` where any is explained.
+    /// The largest error that rounding or chance explains; `None` where it is infinite.
     pub bound: Option<f64>,
+    /// Where the bound comes from, in a few words.
+    pub source: String,
+    /// Whether the bound is above 1, so that it explains any error: the case then shows an error and judges nothing.
+    pub says_nothing: bool,
     /// Whether the true part stayed the most probable; `None` where that is not asked.
     pub right_part: Option<bool>,
     /// What the library said where it refused.
@@ -78,6 +101,9 @@ pub struct Case {
     /// Whether all is as expected.
     pub holds: bool,
 }
+
+/// A bound above this says nothing: no probability is farther off, and a relative error of all of it is no agreement.
+const MOST_TOLD: f64 = 1.0;
 
 impl Case {
     /// A case whose error is measured; it holds where the error is within `bound`. NaN never is.
@@ -88,9 +114,20 @@ impl Case {
         error: f64,
         bound: f64,
     ) -> Self {
-        let (variant, expected, holds) = (variant.into(), expected.into(), error <= bound);
-        let bound = bound.is_finite().then_some(bound);
-        Self { group, variant, at: None, expected, error: Some(error), bound, right_part: None, refused: None, holds }
+        Self {
+            group,
+            variant: variant.into(),
+            at: None,
+            expected: expected.into(),
+            error: Some(error),
+            bound: bound.is_finite().then_some(bound),
+            source: String::new(),
+            // NaN is no bound either.
+            says_nothing: bound.is_nan() || bound > MOST_TOLD,
+            right_part: None,
+            refused: None,
+            holds: error <= bound,
+        }
     }
 
     /// A case that should be refused; it holds where an error came, and not where a value did.
@@ -103,10 +140,17 @@ impl Case {
             expected: "refused in one line".into(),
             error: None,
             bound: None,
+            source: String::new(),
+            says_nothing: false,
             right_part: None,
             holds: refused.is_some(),
             refused,
         }
+    }
+
+    /// The same with where its bound comes from.
+    pub fn by(self, source: &str) -> Self {
+        Self { source: source.into(), ..self }
     }
 
     /// The same at one place of its group's axis.
@@ -129,6 +173,14 @@ mod tests {
         let holds = |error, bound| Case::measured(Group::Chain, "", "", error, bound).holds;
         assert!(holds(1.0, 1.0) && holds(1e300, f64::INFINITY));
         assert!(!holds(1.1, 1.0) && !holds(f64::NAN, f64::INFINITY));
+    }
+
+    #[test]
+    fn a_bound_above_one_says_nothing_and_is_no_secret() {
+        let says_nothing = |bound| Case::measured(Group::Temperature, "", "", 0.5, bound).says_nothing;
+        assert_eq!([1e-9, 1.0, 1.1, f64::INFINITY, f64::NAN].map(says_nothing), [false, false, true, true, true]);
+        let case = Case::measured(Group::Temperature, "", "", 0.5, 3.0).by("rounding");
+        assert!(case.holds && case.source == "rounding");
     }
 
     #[test]

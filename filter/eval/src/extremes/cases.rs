@@ -10,6 +10,7 @@ use tactile_infer::precision::Precision;
 use tactile_infer::rows::Rows;
 
 use super::case::{Case, Group};
+use super::production::largest;
 use super::reference::{Pose, Touch, log_posterior};
 use super::sample::Sample;
 use crate::error::Result;
@@ -40,38 +41,41 @@ const COSINE_ERROR: f64 = 30.0 / (1 << 24) as f64;
 /// products are at most 1 (Cauchy and Schwarz), and 2^-25 for its smallest numbers times sqrt(128).
 const HALF_ROUNDING: f64 = 1.0 / 2048.0 + 3.4e-7;
 
+/// Where bounds come from: the rounding of cosines ...
+const OF_COSINES: &str = "30 roundings of a cosine in f32 (Higham), over the temperature, in each of the touches";
+
+/// ... and of rows.
+const OF_ROWS: &str = "rows rounded to 11 bits (Cauchy and Schwarz), over the temperature, in each of the touches";
+
 /// Rounding of logs in f64: 1e4 nats, 2e-16 each, over some additions.
 const LOG_ROUNDING: f64 = 1e-11;
 
 /// tau from 1e-4 to 1e4 in half decades, with and without a floor, in f32 and in f16.
 ///
 /// A bank in f16 is compared with the reference twice: of its rounded rows, which leaves the arithmetic of the cosines,
-/// and of the rows before rounding, where the bound on the rounding's effect is below 1; above it says nothing.
+/// and of the rows before rounding, where the bound on the rounding's effect soon says nothing.
 pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
     let n_touches = 3;
     let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, n_touches, seed);
     let (bank, half_bank) = (sample.bank()?, sample.bank()?.with_precision(Precision::F16)?);
     let rounded = Sample { rows: half_bank.rows().to_f32(), ..sample.clone() };
     let kinds = [
-        ("f32 bank", &bank, &sample, COSINE_ERROR),
-        ("f16 bank, of its rows", &half_bank, &rounded, COSINE_ERROR),
-        ("f16 bank, of the rows before rounding", &half_bank, &sample, COSINE_ERROR + HALF_ROUNDING),
+        ("f32 bank", &bank, &sample, COSINE_ERROR, OF_COSINES),
+        ("f16 bank, of its rows", &half_bank, &rounded, COSINE_ERROR, OF_COSINES),
+        ("f16 bank, of the rows before rounding", &half_bank, &sample, COSINE_ERROR + HALF_ROUNDING, OF_ROWS),
     ];
     let mut cases = Vec::new();
     for (of_outliers, outlier_share) in [("", LikelihoodConfig::default().outlier_share), (", no outliers", 0.0)] {
-        for (name, bank, of_reference, cosine_error) in kinds {
+        for (name, bank, of_reference, cosine_error, source) in kinds {
             for half_decades in -8..=8 {
                 let temperature = 10.0_f64.powf(f64::from(half_decades) / 2.0);
                 let config = LikelihoodConfig { temperature, outlier_share, ..LikelihoodConfig::default() };
                 let bound = rounding_bound(cosine_error, &config, n_touches);
-                if bound > 1.0 {
-                    continue;
-                }
                 let belief = sample.belief_with(bank, EngineConfig::Exact, seed, &config)?;
                 let error = relative_error(&belief, &of_reference.reference(&config));
                 let expected = "as in f64, to the rounding of the cosines";
                 let case = Case::measured(Group::Temperature, format!("{name}{of_outliers}"), expected, error, bound);
-                cases.push(case.at(temperature).right_part(names_truth(&belief)));
+                cases.push(case.at(temperature).by(source).right_part(names_truth(&belief)));
             }
         }
     }
@@ -130,6 +134,8 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
             (by_few, "the exact engine's probability of each part, no worse than one particle gives it")
         };
         let case = Case::measured(Group::Particles, "class posterior", expected, error, bound).at(n_particles as f64);
+        let case =
+            case.by("standard errors of importance sampling (Owen 9.8), or Jensen's and Hoeffding's inequalities");
         // Fewer may miss the part by chance.
         cases.push(if n_particles >= 1000 { case.right_part(right == n_runs) } else { case });
     }
@@ -178,7 +184,7 @@ pub fn classes(seed: u64, quick: bool) -> Result<Vec<Case>> {
         let bound = rounding_bound(COSINE_ERROR, &config, n_touches);
         let expected = "as in f64, to the rounding of the cosines";
         let case = Case::measured(Group::Classes, "exact engine", expected, error, bound);
-        cases.push(case.at(n_parts as f64).right_part(names_truth(&belief)));
+        cases.push(case.at(n_parts as f64).by(OF_COSINES).right_part(names_truth(&belief)));
     }
     Ok(cases)
 }
@@ -253,7 +259,7 @@ fn by_hand(variant: &str, expected: &str, rows: &[Vec<f32>], query: Vec<f32>, co
     let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec() };
     let error = relative_error(&belief, &log_posterior(&POINT, bank.edge_shares(), &[touch], &config));
     let bound = rounding_bound(COSINE_ERROR, &config, 1);
-    Ok(Case::measured(Group::Similarity, variant, expected, error, bound))
+    Ok(Case::measured(Group::Similarity, variant, expected, error, bound).by(OF_COSINES))
 }
 
 /// Ten thousand motions one after the other: the pose against whole degrees and a compensated sum, and the
@@ -275,7 +281,7 @@ pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let n = n_actions as f64;
     let bound_deg = n * (4.0 * f64::EPSILON).to_degrees();
     let bound_mm = n * bound_deg.to_radians() * 4.0;
-    let at = |case: Case| case.at(n);
+    let at = |case: Case| case.at(n).by("each step rounds the angle by an ulp of pi, which turns all later steps");
     let mut cases = vec![
         at(Case::measured(Group::Chain, "drift of the place, mm", "the sum of the steps", drift_mm, bound_mm)),
         at(Case::measured(Group::Chain, "drift of the angle, degrees", "the sum of the turns", drift_deg, bound_deg)),
@@ -288,7 +294,7 @@ pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let bound = rounding_bound(COSINE_ERROR, &config, n_actions);
     let expected = "as in f64, to the rounding of the cosines";
     let case = Case::measured(Group::Chain, "belief after as many touches", expected, error, bound);
-    cases.push(at(case.right_part(names_truth(&belief))));
+    cases.push(at(case.right_part(names_truth(&belief))).by(OF_COSINES));
     Ok(cases)
 }
 
@@ -321,14 +327,14 @@ pub fn wrap(seed: u64) -> Result<Vec<Case>> {
         let bound = rounding_bound(COSINE_ERROR, &config, sample.touches.len());
         let expected = "as in f64 by matrices";
         let case = Case::measured(Group::Wrap, "a turn of the sensor", expected, error, bound);
-        cases.push(case.at(degrees).right_part(names_truth(&belief)));
+        cases.push(case.at(degrees).by(OF_COSINES).right_part(names_truth(&belief)));
         let truth = motions.iter().fold(Pose::from_degrees(0.0, 0.0, 180.0), |pose, moved| pose.then(&Pose::of(moved)));
         let mean = modes(&belief, &|_| Symmetry::NONE)
             .first()
             .map_or(f64::NAN, |mode| truth.turned_deg(&Pose::of(&mode.part_from_sensor)));
         // A linear mean of angles on both sides of half a turn would be off by some 180 degrees.
         let case = Case::measured(Group::Wrap, "angle of the first mode, degrees", "the true angle", mean, 1.0);
-        cases.push(case.at(degrees));
+        cases.push(case.at(degrees).by("noise of the touches; a mean that does not go round is off by 180"));
     }
     Ok(cases)
 }
@@ -354,11 +360,6 @@ fn names_truth(belief: &Belief) -> bool {
     let posterior = belief.class_posterior();
     let truth = posterior[Sample::TRUTH];
     posterior.iter().enumerate().all(|(part, probability)| part == Sample::TRUTH || *probability < truth)
-}
-
-/// The largest value; NaN where there is one, and zero where there is none.
-fn largest(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |largest, value| if value > largest || value.is_nan() { value } else { largest })
 }
 
 #[cfg(test)]

@@ -41,7 +41,7 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
             let apart = total_variation(&belief, &first.reference(&config));
             let expected = "the total variation from all states is within what may be left out";
             let case = Case::measured(Group::LeftOut, variant, expected, apart, belief.left_out() + ROUNDING);
-            cases.push(case.at(n_touches as f64));
+            cases.push(case.at(n_touches as f64).by("what the belief says that it left out"));
         }
     }
     Ok(cases)

@@ -1,12 +1,17 @@
 //! How far the filter's arithmetic can be trusted at its extremes: each case next to an f64 reference.
 
+mod between;
 mod case;
 mod cases;
+mod choice;
 mod left_out;
 mod page;
+mod placed;
 mod plot;
+mod production;
 mod reference;
 mod sample;
+mod scene;
 mod speed;
 
 use serde::Serialize;
@@ -18,7 +23,7 @@ pub use speed::Timing;
 use crate::error::Result;
 
 /// The version of the result's layout.
-pub const SCHEMA: &str = "tactile-filter/extremes/1";
+pub const SCHEMA: &str = "tactile-filter/extremes/2";
 
 /// All cases and what was measured of each.
 #[derive(Clone, Debug, Serialize)]
@@ -40,6 +45,11 @@ impl Extremes {
     pub fn n_failed(&self) -> usize {
         self.cases.iter().filter(|case| !case.holds).count()
     }
+
+    /// How many cases have a bound that says nothing.
+    pub fn n_says_nothing(&self) -> usize {
+        self.cases.iter().filter(|case| case.says_nothing).count()
+    }
 }
 
 /// Computes every case. `progress` is called with each group that begins.
@@ -52,18 +62,25 @@ pub fn run(seed: u64, quick: bool, progress: &mut dyn FnMut(Group)) -> Result<Ex
     let mut cases = Vec::new();
     for group in Group::ALL {
         progress(group);
-        cases.extend(match group {
-            Group::Temperature => cases::temperatures(seed)?,
-            Group::Particles => cases::particles(seed, quick)?,
-            Group::Classes => cases::classes(seed, quick)?,
-            Group::Similarity => cases::similarities()?,
-            Group::Chain => cases::chain(seed, quick)?,
-            Group::Wrap => cases::wrap(seed)?,
-            Group::LeftOut => left_out::cases(seed)?,
-        });
+        cases.extend(of_group(group, seed, quick)?);
     }
     let timings = speed::timings(seed, quick)?;
     Ok(Extremes { schema: SCHEMA.into(), seed, quick, cases, timings })
+}
+
+fn of_group(group: Group, seed: u64, quick: bool) -> Result<Vec<Case>> {
+    match group {
+        Group::Production => production::cases(seed, quick),
+        Group::Precision => production::precisions(seed),
+        Group::Choice => choice::cases(seed),
+        Group::Temperature => cases::temperatures(seed),
+        Group::Particles => cases::particles(seed, quick),
+        Group::Classes => cases::classes(seed, quick),
+        Group::Similarity => cases::similarities(),
+        Group::Chain => cases::chain(seed, quick),
+        Group::Wrap => cases::wrap(seed),
+        Group::LeftOut => left_out::cases(seed),
+    }
 }
 
 #[cfg(test)]
@@ -73,17 +90,10 @@ mod tests {
     #[test]
     fn every_case_is_as_expected() {
         for group in Group::ALL {
-            let cases = match group {
-                Group::Temperature => cases::temperatures(1),
-                Group::Particles => cases::particles(1, true),
-                Group::Classes => cases::classes(1, true),
-                Group::Similarity => cases::similarities(),
-                Group::Chain => cases::chain(1, true),
-                Group::Wrap => cases::wrap(1),
-                Group::LeftOut => left_out::cases(1),
-            };
+            let cases = of_group(group, 1, true);
             for case in cases.unwrap() {
                 assert!(case.group == group && case.holds, "{case:?}");
+                assert!(case.refused.is_some() || !case.source.is_empty(), "no source of a bound: {case:?}");
             }
         }
     }

@@ -17,11 +17,13 @@ pub fn html(extremes: &Extremes) -> String {
         p {
             "Each case drives the filter to an extreme and compares what it believes with a reference: the posterior from its "
             "definition, in f64, by other code. The error is the largest relative error of any state’s probability unless a unit is "
-            "given; the bound is what rounding or chance can explain. Random banks of rows that are alike, seed " (extremes.seed) "."
+            "given; the bound is what rounding or chance can explain, and below each it says where it comes from. A bound above 1 "
+            "says nothing: such a case shows its error and judges nothing. Random banks of rows that are alike, seed " (extremes.seed) "."
             @if extremes.quick { " The largest cases were made smaller (--quick)." }
         }
         div.tiles {
             (tile(n - n_failed, html! { "of " (n) " cases as expected" }))
+            (tile(extremes.n_says_nothing(), html! { "of them with a bound above 1, which says nothing" }))
             @for timing in &extremes.timings { (timing_tile(timing)) }
         }
     };
@@ -30,8 +32,8 @@ pub fn html(extremes: &Extremes) -> String {
             @for group in [Group::Temperature, Group::Particles, Group::Classes] { (plot(&extremes.cases, group)) }
         }
     };
-    let caption = "Marks: measured errors. Dashed: bounds. A bank in f16 is compared with the f64 reference of its rounded rows, and, \
-        where the bound on the rounding’s effect is below 1, with that of the rows before rounding.";
+    let caption = "Marks: measured errors. Dashed: bounds. A bank in f16 is compared with the f64 reference of its rounded rows and with \
+        that of the rows before rounding. Bounds above 10 are not drawn.";
     let plots = Section::new("Errors", "Errors and their bounds", figure(plots, caption));
     let tables = Group::ALL.iter().map(|group| table(&extremes.cases, *group));
     let sections: Vec<_> = std::iter::once(plots).chain(tables).collect();
@@ -64,18 +66,23 @@ fn table(cases: &[Case], group: Group) -> Section {
 
 fn row(case: &Case) -> Markup {
     let small = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:.1e}"));
-    let bound = if case.error.is_some() && case.bound.is_none() { "any".into() } else { small(case.bound) };
+    let bound = if case.says_nothing { "> 1".into() } else { small(case.bound) };
     let right = case.right_part.map_or("", |right| if right { "kept" } else { "lost" });
     let (class, verdict) = match (&case.refused, case.holds) {
         (Some(_), true) => ("right", "refused"),
-        (_, true) => ("right", "holds"),
         (_, false) => ("wrong", "fails"),
+        (_, true) if case.says_nothing => ("", "bound says nothing: > 1"),
+        (_, true) => ("right", "holds"),
     };
     html! {
         tr {
             td { (case.variant) }
             td.n { (case.at.map_or(String::new(), at)) }
-            td { (case.expected) @if let Some(refused) = &case.refused { small { (refused) } } }
+            td {
+                (case.expected)
+                @if let Some(refused) = &case.refused { small { (refused) } }
+                @if !case.source.is_empty() { small { "bound: " (case.source) } }
+            }
             td.n { (small(case.error)) }
             td.n { (bound) }
             td { (right) }
@@ -102,6 +109,8 @@ mod tests {
             Case::measured(Group::Temperature, "f32", "the same", 1e-7, 1e-6).at(0.01),
             Case::measured(Group::Temperature, "f32", "the same", f64::NAN, 1e-6).at(0.1),
             Case::refused(Group::Similarity, "a row with NaN", came),
+            Case::measured(Group::Precision, "bf16", "the same", 0.2, 7.0).by("rows of 8 bits"),
+            Case::measured(Group::Temperature, "f16", "the same", 0.2, f64::INFINITY).at(0.01),
         ];
         let timing = Timing { what: "update".into(), n: 3, p50_ms: 0.25, p99_ms: 1.5, target_ms: Some([0.5, 1.0]) };
         let html = html(&Extremes { schema: SCHEMA.into(), seed: 1, quick: false, cases, timings: vec![timing] });
@@ -111,7 +120,10 @@ mod tests {
             ">refused<",
             "expected a &lt; b, got NaN",
             "<b>0.25\u{a0}ms</b>update",
-            "<b>2</b>of 3",
+            "<b>4</b>of 5",
+            ">bound says nothing: &gt; 1<",
+            "<b>2</b>of them with a bound above 1",
+            "bound: rows of 8 bits",
         ] {
             assert!(html.contains(word), "{word}");
         }

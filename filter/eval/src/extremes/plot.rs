@@ -75,7 +75,7 @@ pub fn plot(cases: &[Case], group: Group) -> Markup {
 fn places(frame: &Frame<'_>, cases: &[&Case], value: impl Fn(&Case) -> Option<f64>) -> Vec<([f64; 2], f64)> {
     let place = |case: &&Case| {
         let value = value(case)?;
-        Some(([frame.x.at(case.at?), frame.y.at(value)], value))
+        Some(([frame.x.at(case.at?), frame.y.at(value.min(LARGEST))], value))
     };
     cases.iter().filter_map(place).collect()
 }
@@ -95,6 +95,13 @@ mod tests {
             .map(|n| format!("{:.1} {:.1}", AREA.left + n * step_x, AREA.top() + (1.0 + n) * step_y))
             .collect();
         assert!(svg.contains(&format!("M{}\"", points.join("L"))), "{svg} {points:?}");
+    }
+
+    #[test]
+    fn an_error_beyond_the_chart_is_drawn_at_its_top() {
+        let case = |at: f64, error| Case::measured(Group::Temperature, "v", "", error, f64::INFINITY).at(at);
+        let svg = plot(&[case(1.0, 1e20), case(10.0, 0.1)], Group::Temperature).0;
+        assert!(svg.contains(&format!("M{:.1} {:.1}L", AREA.left, AREA.top())) && svg.contains("1.0e20"), "{svg}");
     }
 
     #[test]

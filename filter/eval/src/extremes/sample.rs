@@ -142,7 +142,7 @@ impl Sample {
 }
 
 /// Numbers of mean 0 and variance 1, close to normal: the sum of 12 uniform draws less 6.
-fn normals(n: usize, rng: &mut ChaCha8Rng) -> Vec<f32> {
+pub fn normals(n: usize, rng: &mut ChaCha8Rng) -> Vec<f32> {
     (0..n).map(|_| (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0).collect()
 }
 

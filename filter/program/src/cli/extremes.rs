@@ -44,7 +44,13 @@ fn print_summary(extremes: &Extremes) {
         let n_refused = cases.iter().filter(|case| case.refused.is_some()).count();
         let n_held = cases.iter().filter(|case| case.holds).count();
         let refused = if n_refused > 0 { format!(", {n_refused} of them refused") } else { String::new() };
-        println!("  {:30} {n_held:3} of {:3} as expected{refused}", group.title(), cases.len());
+        let n_says_nothing = cases.iter().filter(|case| case.says_nothing).count();
+        let nothing = if n_says_nothing > 0 {
+            format!(", {n_says_nothing} with a bound that says nothing: > 1")
+        } else {
+            String::new()
+        };
+        println!("  {:30} {n_held:3} of {:3} as expected{refused}{nothing}", group.title(), cases.len());
         for case in cases.iter().filter(|case| !case.holds) {
             let at = case.at.map_or(String::new(), |at| format!(" at {at:e} {}", group.axis()));
             println!(

@@ -1,0 +1,203 @@
+//! What a touch is expected to tell, against the expectation over all of the belief, in f64.
+//!
+//! The filter draws states from the belief; here each counts as often as it is believed. What is left between them is chance,
+//! whose size follows from the spread of what the supposed states tell and from how states are drawn.
+
+use std::sync::Arc;
+
+use tactile_data::se2::Se2;
+use tactile_data::touch::Side;
+use tactile_filter::action::ActionConfig;
+use tactile_filter::{Episode, EpisodeConfig};
+use tactile_infer::precision::Precision;
+
+use super::between::{Evidence, Recorded};
+use super::case::{Case, Group};
+use super::production::{cosine_errors, kept_queries};
+use super::reference::{Pose, beyond_is_blank, doubt};
+use super::scene::{DIM, GRID, Scene};
+use crate::error::Result;
+
+/// States drawn, systematically, and states supposed true, one by one.
+const N_DRAWS: usize = 100_000;
+const N_SUPPOSED: usize = 20_000;
+
+/// A few candidates after one, three and five touches, with rows in f32 and i8.
+pub fn cases(seed: u64) -> Result<Vec<Case>> {
+    let mut cases = Vec::new();
+    for (precision, side, n_touches) in [
+        (Precision::F32, Side::Hole, 3),
+        (Precision::I8, Side::Hole, 1),
+        (Precision::I8, Side::Hole, 3),
+        (Precision::I8, Side::Peg, 5),
+    ] {
+        let scene = Scene { precision, side, ..Scene::draw(6, GRID, n_touches, seed) };
+        let bank = Arc::new(scene.bank()?);
+        let action = ActionConfig {
+            n_draws: N_DRAWS,
+            n_suppositions: N_SUPPOSED,
+            n_finalists: None,
+            min_separation_mm: 0.0,
+            ..ActionConfig::default()
+        };
+        let episode = scene.episode(&bank, EpisodeConfig { action, ..scene.config() })?;
+        let rows = bank.rows().to_f32();
+        let recorded = scene.recorded(&rows);
+        let queries = scene.queries()?;
+        let touches = scene.felt(&rows, &kept_queries(&scene, queries.clone()));
+        let evidence = Evidence::new(&recorded, &touches);
+        let [of_cosine, of_pair] = cosine_errors(&scene, &queries);
+        let expectation = Expectation::new(&episode, &evidence, &rows, of_cosine.max(of_pair));
+        let side = if side == Side::Hole { "holes" } else { "pegs" };
+        // Where the hole is recorded, but for the last, which is a little beyond; all between recorded poses.
+        let targets = [(3.1, 0.4, 7.0), (-2.3, 4.2, -31.0), (0.6, -5.7, 52.0), (-8.7, -1.9, 20.0)];
+        let away = scene.part_from_sensor.inverse();
+        let candidates = targets.map(|(x, y, degrees)| away * Se2::from_degrees(x, y, degrees));
+        let judged = episode.judged(&candidates).map(|judgement| judgement.judged).unwrap_or_default();
+        for (number, candidate) in candidates.iter().enumerate() {
+            let Expected { nats, bound } = expectation.of(candidate);
+            let got =
+                judged.iter().find(|judged| judged.sensor_from_next == *candidate).and_then(|judged| judged.score);
+            let variant = format!("{side}, {precision}: candidate {}", number + 1);
+            let error = (got.unwrap_or(f64::NAN) - nats).abs();
+            let case = Case::measured(Group::Choice, variant, "nats, the mean over all of the belief", error, bound);
+            let source = "four standard errors of the supposed states, one draw in 100,000 of each state, and rounding";
+            cases.push(case.at(n_touches as f64).by(source));
+        }
+    }
+    Ok(cases)
+}
+
+/// The expected information in f64.
+struct Expectation<'a> {
+    recorded: &'a Recorded,
+    rows: &'a [f32],
+    /// Where the sensor is by each state that is believed, its part and its probability.
+    states: Vec<(Pose, usize, f64)>,
+    /// What is new of each row's view, `[n_rows]`.
+    new_shares: Vec<f64>,
+    model: Model,
+    /// How far a cosine may be off.
+    cosine_error: f64,
+}
+
+/// The likelihood of one view where another would be touched, as it counts together with the touches made.
+struct Model {
+    temperature: f64,
+    average: f64,
+    floor: f64,
+    agrees: f64,
+    disagrees: f64,
+    unknown: f64,
+}
+
+impl Model {
+    /// Together with one more touch, all of it new.
+    fn new(evidence: &Evidence) -> Self {
+        let config = &evidence.recorded.config;
+        let edged: Vec<_> = evidence.touches.iter().filter(|touch| touch.is_edged).collect();
+        let bests: Vec<f64> = edged.iter().filter_map(|touch| touch.logs.best).collect();
+        let n_counted = 1.0 + evidence.touches.iter().map(|touch| touch.weight).sum::<f64>();
+        let joint = super::reference::joint(n_counted, &bests, config);
+        let mean = edged.iter().map(|touch| touch.logs.log_mean.exp()).sum::<f64>() / edged.len() as f64;
+        let share = config.outlier_share;
+        let mut model = Self {
+            temperature: config.temperature / joint,
+            average: mean.powf(joint),
+            floor: (share / (1.0 - share) * mean).powf(joint),
+            agrees: config.blank_agreement.powf(joint),
+            disagrees: (1.0 - config.blank_agreement).powf(joint),
+            unknown: 0.0,
+        };
+        let is_edged = (1.0 - beyond_is_blank(&evidence.recorded.shows, &evidence.recorded.grid, config)).powf(joint);
+        // Four in five as an average row.
+        let alike = config.unknown_similarity.map_or(1.0, |cosine| model.likely(cosine) / model.average);
+        model.unknown = is_edged * (0.8 + 0.2 * alike);
+        model
+    }
+
+    fn likely(&self, cosine: f64) -> f64 {
+        ((cosine - 1.0) / self.temperature).exp() + self.floor
+    }
+}
+
+/// An expectation and how far chance and rounding may take the filter's from it.
+struct Expected {
+    nats: f64,
+    bound: f64,
+}
+
+impl<'a> Expectation<'a> {
+    fn new(episode: &Episode, evidence: &'a Evidence<'a>, rows: &'a [f32], cosine_error: f64) -> Self {
+        let (belief, recorded) = (episode.belief(), evidence.recorded);
+        let sensor = Pose::of(&belief.first_from_sensor());
+        let placed = |(state, mass): (tactile_filter::belief::Hypothesis, f64)| {
+            (Pose::of(&belief.grid().pose(state.cell)).then(&sensor), state.part, mass)
+        };
+        // A millionth of the belief in each is drawn once in ten.
+        let states = belief.states_from(1e-8).into_iter().map(placed).collect();
+        let edged: Vec<_> = evidence.touches.iter().filter(|touch| touch.is_edged).collect();
+        let bests: Vec<f64> = edged.iter().filter_map(|touch| touch.logs.best).collect();
+        let most_alike = |row: usize| edged.iter().map(|touch| touch.cosines[row]).fold(0.0, f64::max);
+        let new_shares = (0..recorded.shows.len()).map(|row| 1.0 - doubt(&bests) * most_alike(row)).collect();
+        Self { recorded, rows, states, new_shares, model: Model::new(evidence), cosine_error }
+    }
+
+    /// The recorded view nearest to a state's after a motion; `None` where none is within half a step on each axis.
+    fn row(&self, (pose, part, _): &(Pose, usize, f64), candidate: &Se2) -> Option<usize> {
+        let (grid, pose) = (&self.recorded.grid, pose.then(&Pose::of(candidate)));
+        let degrees = pose.turn[1].atan2(pose.turn[0]).to_degrees();
+        let nearest = |value: f64, half: f64, step: f64| {
+            let (place, n) = (((value + half) / step).round(), (2.0 * half / step).round());
+            (0.0..=n).contains(&place).then_some(place as usize)
+        };
+        let [x, y] = [pose.x, pose.y].map(|mm| nearest(mm, grid.xy_half_mm, grid.xy_step_mm));
+        let theta = nearest(degrees, grid.theta_half_deg, grid.theta_step_deg);
+        let cell = (x? * grid.n_xy() + y?) * grid.n_theta() + theta?;
+        let row = part * grid.len() + cell;
+        self.recorded.shows[row].map(|_| row)
+    }
+
+    /// What a state adds that would see a row, where an edged one is touched.
+    fn value(&self, row: Option<usize>, touched: usize) -> f64 {
+        let Some(row) = row else { return self.model.unknown };
+        let shows = |row: usize| self.recorded.shows[row] == Some(true);
+        match (shows(row), shows(touched)) {
+            (true, true) => {
+                let at = |row: usize| &self.rows[row * DIM..(row + 1) * DIM];
+                let cosine: f64 = at(row).iter().zip(at(touched)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+                self.model.agrees * self.model.likely(cosine.clamp(-1.0, 1.0)) / self.model.average
+            }
+            (false, false) => self.model.agrees,
+            _ => self.model.disagrees,
+        }
+    }
+
+    fn of(&self, candidate: &Se2) -> Expected {
+        // States that see one view are one.
+        let mut seen: Vec<(Option<usize>, f64, usize)> = Vec::new();
+        for state in &self.states {
+            let row = self.row(state, candidate);
+            match seen.iter_mut().find(|(other, _, _)| *other == row) {
+                Some((_, mass, n)) => (*mass, *n) = (*mass + state.2, *n + 1),
+                None => seen.push((row, state.2, 1)),
+            }
+        }
+        let whole: f64 = seen.iter().map(|(_, mass, _)| mass).sum();
+        let (mut mean, mut square, mut of_draws) = (0.0, 0.0, 0.0);
+        for (row, mass, _) in &seen {
+            // Contact is expected of edged views alone.
+            let Some(touched) = row.filter(|row| self.recorded.shows[*row] == Some(true)) else { continue };
+            let values: Vec<f64> = seen.iter().map(|(row, _, _)| self.value(*row, touched)).collect();
+            let all = values.iter().zip(&seen).map(|(value, (_, mass, _))| value * mass).sum::<f64>() / whole;
+            let nats = self.new_shares[touched] * (self.value(Some(touched), touched) / all).ln();
+            (mean, square) = (mean + mass / whole * nats, square + mass / whole * nats * nats);
+            // Systematically drawn, each state is drawn as often as it should be but for one.
+            let off = values.iter().zip(&seen).map(|(value, (_, _, n))| value * *n as f64);
+            of_draws += mass / whole * off.sum::<f64>() / N_DRAWS as f64 / all;
+        }
+        let deviation = (square - mean * mean).max(0.0).sqrt();
+        let of_rounding = 4.0 * self.cosine_error / self.model.temperature;
+        Expected { nats: mean, bound: 4.0 * deviation / (N_SUPPOSED as f64).sqrt() + of_draws + of_rounding + 1e-6 }
+    }
+}
