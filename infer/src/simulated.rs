@@ -120,7 +120,12 @@ impl SceneBank<'_> {
         }
         let (parts, rows) = (simulator.parts().to_vec(), Rows::new(model.dim(), rows)?);
         let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?;
-        of_geometry(model, bank.with_views(views).with_origin(scene.origin()), &simulator, Learning { from: learn_from, seed })
+        of_geometry(
+            model,
+            bank.with_views(views).with_origin(scene.origin()),
+            &simulator,
+            Learning { from: learn_from, seed },
+        )
     }
 
     /// The poses at which each part is touched.

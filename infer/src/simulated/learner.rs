@@ -110,7 +110,8 @@ impl Learner {
             let (mine, given) = (whole.row(row), bank.row(row));
             dot(&mine, &given) / (dot(&mine, &mine) * dot(&given, &given)).sqrt()
         };
-        let odd = (0..whole.n_rows()).map(|row| (row, cosine(row))).find(|(_, cosine)| cosine.is_nan() || *cosine < SAME_ROW);
+        let odd =
+            (0..whole.n_rows()).map(|row| (row, cosine(row))).find(|(_, cosine)| cosine.is_nan() || *cosine < SAME_ROW);
         match odd {
             Some((row, cosine)) => {
                 let part = &bank.parts()[row / bank.grid().len()];
@@ -184,7 +185,8 @@ mod tests {
         let loaded = Bank::load(&path, &model).unwrap();
         assert_eq!(loaded, kept);
         // The scene says other poses than the bank has.
-        let coarse = Scene { reach: made.reach.map(|reach| tactile_data::grid::PoseGrid { xy_step_mm: 8.0, ..reach }), ..made };
+        let coarse =
+            Scene { reach: made.reach.map(|reach| tactile_data::grid::PoseGrid { xy_step_mm: 8.0, ..reach }), ..made };
         let again = |scene: &Scene| Learner::of_bank(&model, &loaded, scene, &|_, _| ());
         let learnt = again(&coarse).unwrap().without(0).unwrap();
         let expected = learner(&model, &scene, "KLM").without(0).unwrap().with_declared("L", Some(2)).unwrap();

@@ -9,20 +9,19 @@ use super::reference::{Pose, poses};
 /// Values of x in mm, y in mm and theta in radians.
 type Three = [f64; 3];
 
-/// The power of the posterior of which a pose is the mean, and the share of the variance there that is a pose's error.
+/// The power of the posterior of which a pose is the mean.
 const POWER: f64 = 0.3;
-const OF_VARIANCE: f64 = 0.4;
 
-/// The variance of a pose by that of the posterior to that power.
-pub const SCALE: f64 = POWER * OF_VARIANCE;
+/// The power of the posterior that a covariance is of, by that one.
+pub const OF_COVARIANCE: f64 = 2.5 / POWER;
 
 /// The power of the posterior of all touches to which a pose is found: what an error of a log-likelihood is taken to.
 pub fn power(evidence: &Evidence) -> f64 {
     POWER * evidence.joint
 }
 
-/// The mean pose around one, and the covariance of that hill: by lattices of five points along each axis, one step either way,
-/// then 2.5 standard deviations around the mean, five times.
+/// The mean pose around one, and the covariance of the posterior to that power there: by lattices of five points along each
+/// axis, one step either way, then 2.5 standard deviations around the mean, five times.
 pub fn hill(evidence: &Evidence, part: usize, start: &Se2) -> (Three, [Three; 3]) {
     let PoseGrid { xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
     let spans = [xy_step_mm, xy_step_mm, theta_step_deg.to_radians()];
@@ -43,7 +42,7 @@ pub fn hill(evidence: &Evidence, part: usize, start: &Se2) -> (Three, [Three; 3]
         centre = [0, 1, 2].map(|axis: usize| centre[axis] + mean[axis]);
         half = [0, 1, 2].map(|i: usize| (2.5 * spread[i][i].sqrt()).max(0.3 * half[i]).min(spans[i]));
     }
-    (centre, covariance.map(|row| row.map(|value| SCALE * value)))
+    (centre, covariance)
 }
 
 /// The weighted mean of some offsets and their covariance about it.
@@ -58,28 +57,65 @@ fn moments(points: &[(Three, f64)]) -> (Three, [Three; 3]) {
     (mean, spread)
 }
 
-/// The covariance of a part's pose: of its hill around the middle, and how far the states of other hills, two steps away and
-/// more, lie from there, each as often as it is believed. `of_states`: the belief in each state of the part, `[n_states]`, of
-/// any sum.
-pub fn covariance(
-    evidence: &Evidence,
-    (middle, of_hill): (Three, [Three; 3]),
-    states: &PoseGrid,
-    of_states: &[f64],
-) -> [Three; 3] {
-    let (whole, mut covariance) = (of_states.iter().sum::<f64>(), of_hill);
-    let middle = Pose { x: middle[0], y: middle[1], turn: [middle[2].cos(), middle[2].sin()] };
-    let PoseGrid { xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
-    let heavy =
-        poses(states).into_iter().zip(of_states.iter().map(|mass| mass / whole)).filter(|(_, mass)| *mass > 1e-7);
-    for (pose, mass) in heavy {
-        let shift = [pose.x - middle.x, pose.y - middle.y];
-        let is_near = shift[0].hypot(shift[1]) <= 2.0 * xy_step_mm;
-        if !(is_near && pose.turned_deg(&middle) <= 2.0 * theta_step_deg) {
-            let [[c, s], [mc, ms]] = [pose.turn, middle.turn];
-            let offset = [shift[0], shift[1], (s * mc - c * ms).atan2(c * mc + s * ms)];
-            (0..3).for_each(|i| (0..3).for_each(|j| covariance[i][j] += mass * offset[i] * offset[j]));
-        }
+/// The covariance of a part's pose around the pose that is stated: of the posterior within a box around it, and of how far the
+/// states' cells outside the box are from there, each as often as it is believed. `of_states`: the belief in each state of the
+/// part, `[n_states]`, of any sum.
+pub fn covariance(evidence: &Evidence, part: usize, stated: &Se2, states: &PoseGrid, of_states: &[f64]) -> [Three; 3] {
+    let (half, within) = around(evidence, part, stated);
+    let steps = [states.xy_step_mm, states.xy_step_mm, states.theta_step_deg.to_radians()];
+    let (mut inside, mut whole, mut sums) = (0.0, 0.0, [[0.0; 3]; 3]);
+    let largest = of_states.iter().copied().fold(0.0, f64::max);
+    for (pose, mass) in poses(states).iter().zip(of_states) {
+        let mass = (mass / largest).powf(OF_COVARIANCE * POWER);
+        let (sin, cos) = stated.theta_rad.sin_cos();
+        let turned = (pose.turn[1] * cos - pose.turn[0] * sin).atan2(pose.turn[0] * cos + pose.turn[1] * sin);
+        let offset = [pose.x - stated.x_mm, pose.y - stated.y_mm, turned];
+        let overlap = |i: usize| ((half[i].max(steps[i]) - offset[i].abs()) / steps[i] + 0.5).clamp(0.0, 1.0);
+        let share = overlap(0) * overlap(1) * overlap(2);
+        inside += mass * share;
+        whole += mass;
+        (0..3).for_each(|i| (0..3).for_each(|j| sums[i][j] += (1.0 - share) * mass * offset[i] * offset[j]));
+        (0..3).for_each(|i| sums[i][i] += (1.0 - share) * mass * within[i][i].min(steps[i].powi(2) / 12.0));
     }
-    covariance
+    [0, 1, 2].map(|i: usize| [0, 1, 2].map(|j: usize| (sums[i][j] + inside * within[i][j]) / whole))
+}
+
+/// How far to either side of a pose the posterior goes on, and its second moments within that.
+fn around(evidence: &Evidence, part: usize, stated: &Se2) -> (Three, [Three; 3]) {
+    let PoseGrid { xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
+    let steps = [xy_step_mm, xy_step_mm, theta_step_deg.to_radians()];
+    let mut half = steps;
+    for _ in 0..7 {
+        let moments = within(evidence, part, stated, half);
+        let next = [0, 1, 2].map(|i: usize| {
+            (2.5 * moments[i][i].sqrt()).max(0.3 * half[i]).min(2.0 * half[i]).max(0.02 * steps[i]).min(steps[i])
+        });
+        if (0..3).all(|i| (next[i] - half[i]).abs() <= 0.25 * half[i]) {
+            return (half, moments);
+        }
+        half = next;
+    }
+    (half, within(evidence, part, stated, half))
+}
+
+/// Second moments of the posterior around a pose, from eight by eight by eight points within `half` of it; along x and y those
+/// of each angle are shifted against those of the angle before.
+fn within(evidence: &Evidence, part: usize, stated: &Se2, half: Three) -> [Three; 3] {
+    let mut points: Vec<(Three, f64)> = Vec::new();
+    for index in 0..512 {
+        let [theta, x, y] = [index / 64, index / 8 % 8, index % 8].map(f64::from);
+        let shifted = |by: f64, place: f64| place + (by * (theta + 1.0)).fract();
+        // The powers of the plastic number's inverse: root of t^3 = t + 1.
+        let places = [shifted(0.754_877_666_246_692_7, x), shifted(0.569_840_290_998_053_2, y), theta + 0.5];
+        let offset = [0, 1, 2].map(|axis: usize| half[axis] * (places[axis] / 4.0 - 1.0));
+        let [x, y, theta] = [stated.x_mm + offset[0], stated.y_mm + offset[1], stated.theta_rad + offset[2]];
+        let pose = Pose { x, y, turn: [theta.cos(), theta.sin()] };
+        points.push((offset, power(evidence) * OF_COVARIANCE * evidence.log_of(part, &pose, &Se2::new(x, y, theta))));
+    }
+    let largest = points.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = points.iter().map(|(_, log)| (log - largest).exp()).sum();
+    let moment = |i: usize, j: usize| {
+        points.iter().map(|(offset, log)| (log - largest).exp() * offset[i] * offset[j]).sum::<f64>() / total
+    };
+    [0, 1, 2].map(|i: usize| [0, 1, 2].map(|j: usize| moment(i, j)))
 }

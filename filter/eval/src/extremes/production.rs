@@ -181,7 +181,7 @@ fn pose_cases(variant: &str, episode: &Episode, evidence: &Evidence, bounds: &Bo
     let mut of_states = vec![0.0; states.len()];
     let held = belief.states().into_iter().filter(|(state, _)| state.part == part);
     held.for_each(|(state, mass)| of_states[state.cell] = mass);
-    let expected = placed::covariance(evidence, hill, states, &of_states);
+    let expected = placed::covariance(evidence, part, &estimate.part_from_first, states, &of_states);
     let case = |quantity: &str, expected: &str, error: f64, bound: f64| {
         Case::measured(Group::Production, format!("{variant}: {quantity}"), expected, error, bound)
     };
@@ -193,13 +193,14 @@ fn pose_cases(variant: &str, episode: &Episode, evidence: &Evidence, bounds: &Bo
     let ([x, y, _], [[xx, ..], [_, yy, _], _]) = hill;
     let pose = &estimate.part_from_first;
     let shift = (pose.x_mm - x).hypot(pose.y_mm - y);
-    let deviation = (xx.max(yy) / placed::SCALE).sqrt();
+    let deviation = xx.max(yy).sqrt();
     let in_turn = "five lattices in turn, each off by what its weights are and what the one before moved it";
     let of_pose = case("pose", "the mean of the hill, mm", shift, 20.0 * bounds.pose_nats * deviation + 1e-9);
     let of_spread = "of x, y and the angle, by the standard deviations";
     let mut cases = vec![
         of_pose.by(in_turn),
-        case("covariance", of_spread, covariance, 40.0 * bounds.pose_nats + 1e-9).by(in_turn),
+        case("covariance", of_spread, covariance, 2.0 * placed::OF_COVARIANCE * bounds.pose_nats + 1e-9)
+            .by("twice what a weight is off, by the power that it is of"),
     ];
     if let (Some(got), Some(expected)) = (estimate.fit, evidence.fit(part, pose)) {
         let config = &evidence.recorded.config;

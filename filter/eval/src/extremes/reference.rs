@@ -75,15 +75,18 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
         let n = (half / step).round() as i32;
         (-n..=n).map(|i| f64::from(i) * step).collect()
     };
-    let (places, angles) = (axis(grid.xy_half_mm, grid.xy_step_mm), axis(grid.theta_half_deg, grid.theta_step_deg));
+    let (places, mut angles) = (axis(grid.xy_half_mm, grid.xy_step_mm), axis(grid.theta_half_deg, grid.theta_step_deg));
+    if grid.theta_half_deg == 180.0 {
+        // It is -180 degrees.
+        angles.pop();
+    }
     let at = |x: &f64, y: &f64| angles.iter().map(|a| Pose::from_degrees(*x, *y, *a)).collect::<Vec<_>>();
     places.iter().flat_map(|x| places.iter().flat_map(|y| at(x, y)).collect::<Vec<_>>()).collect()
 }
 
 /// The probability of each state's log, `[n_states]`, normalised: of every part at every pose of the first touch.
 ///
-/// The view at a pose is that of the nearest recorded one. Equal parts of a full turn's grid that meet at half a turn
-/// must be recorded alike.
+/// The view at a pose is that of the nearest recorded one.
 pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], config: &LikelihoodConfig) -> Vec<f64> {
     let recorded = poses(grid);
     let shows: Vec<Option<bool>> = edge_shares.iter().map(|share| Some(*share >= config.blank_share)).collect();

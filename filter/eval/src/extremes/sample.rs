@@ -67,16 +67,7 @@ impl Sample {
         let common = normals(dim, &mut rng);
         let mut rows: Vec<f32> = Vec::with_capacity(n_rows * dim);
         let mut edge_shares: Vec<f32> = Vec::with_capacity(n_rows);
-        let whole_turn = grid.theta_half_deg == 180.0;
         for row in 0..n_rows {
-            let cell = row % grid.n_theta();
-            if whole_turn && cell + 1 == grid.n_theta() {
-                // +180 degrees is -180 degrees.
-                let same = row + 1 - grid.n_theta();
-                rows.extend_from_within(same * dim..(same + 1) * dim);
-                edge_shares.push(edge_shares[same]);
-                continue;
-            }
             let own = normals(dim, &mut rng);
             rows.extend(own.iter().zip(&common).map(|(own, common)| own + common));
             edge_shares.push(if row % grid.len() % BLANK_EVERY == 4 { 0.0 } else { 0.2 });

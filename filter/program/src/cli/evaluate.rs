@@ -187,7 +187,8 @@ impl Evaluate {
             (Some(scene), _) => Scene::load(scene)?,
             (None, Some(scene)) => self.touched_scene(scene)?,
             (None, None) => {
-                let expected = "--bank-scene, too: the bank learnt from its parts, and learns again without the absent one";
+                let expected =
+                    "--bank-scene, too: the bank learnt from its parts, and learns again without the absent one";
                 return Err(Error::invalid("--absent", expected, "recorded holes alone"));
             }
         };
