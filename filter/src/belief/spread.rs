@@ -8,10 +8,6 @@ use tactile_data::symmetry::Symmetry;
 use super::Belief;
 use crate::refine::{N_DEVIATIONS, moved, steps_of};
 
-/// Power of the belief that the covariance is of, the same near the pose and far from it: a temperature that tells parts and
-/// distant poses apart is too warm for poses side by side (`NOTES.md`, "Between recorded poses").
-const POWER: f64 = 2.5;
-
 /// Points of a box along each axis.
 const N_POINTS: usize = 8;
 
@@ -42,10 +38,7 @@ impl Belief {
         let hill = between_states.then(|| self.hill(part, pose, symmetry));
         let steps = steps_of(&self.grid);
         let (mut of_hill, mut all, mut moments) = (0.0, 0.0, [[0.0; 3]; 3]);
-        let states = self.states_of(part..part + 1, 0.0);
-        let most = states.iter().map(|(_, mass)| *mass).fold(f64::MIN_POSITIVE, f64::max);
-        for (state, mass) in states {
-            let mass = (mass / most).powf(POWER);
+        for (state, mass) in self.states_of(part..part + 1, 0.0) {
             let off = deviation(&self.grid.pose(state.cell), pose, symmetry);
             let share = hill.as_ref().map_or(0.0, |hill| hill.share_of_cell(off, steps));
             (of_hill, all) = (of_hill + share * mass, all + mass);
@@ -113,11 +106,11 @@ impl Belief {
             }
             scored.extend(sums.iter().enumerate().map(|(i, sum)| ([xs[i / N_POINTS], ys[i % N_POINTS], theta], *sum)));
         }
-        let power = POWER * self.joint_weight(0.0, None);
+        let joint = self.joint_weight(0.0, None);
         let best = scored.iter().map(|(_, sum)| *sum).fold(f64::NEG_INFINITY, f64::max);
         let (mut all, mut mean, mut moments) = (0.0, [0.0; 3], [[0.0; 3]; 3]);
         for (offset, sum) in scored {
-            let (mass, off) = ((power * (sum - best)).exp(), deviation(&moved(pose, offset), pose, symmetry));
+            let (mass, off) = ((joint * (sum - best)).exp(), deviation(&moved(pose, offset), pose, symmetry));
             all += mass;
             (0..3).for_each(|axis| mean[axis] += mass * off[axis]);
             add_square(&mut moments, off, mass);
@@ -188,8 +181,7 @@ mod tests {
     /// Mean of the belief within the bank and its second moments around a pose, by a sum over a fine lattice.
     fn by_brute_force(belief: &Belief, pose: &Se2, symmetry: &Symmetry) -> ([f64; 3], Moments) {
         let along = |half: f64, n: i32| (-n..=n).map(move |i| half * f64::from(i) / f64::from(n));
-        let log =
-            |pose: &Se2| belief.touches().iter().map(|touch| POWER * touch.log_at(&belief.views, 0, pose)).sum::<f64>();
+        let log = |pose: &Se2| belief.touches().iter().map(|touch| touch.log_at(&belief.views, 0, pose)).sum::<f64>();
         let mut weighed = Vec::new();
         for x in along(8.0, 64) {
             for y in along(4.0, 32) {

@@ -12,8 +12,8 @@ type Three = [f64; 3];
 /// The power of the posterior of which a pose is the mean.
 const POWER: f64 = 0.3;
 
-/// The power of the posterior that a covariance is of, by that one.
-pub const OF_COVARIANCE: f64 = 2.5 / POWER;
+/// A covariance is of the posterior as it is: its power by that one.
+pub const OF_COVARIANCE: f64 = 1.0 / POWER;
 
 /// The power of the posterior of all touches to which a pose is found: what an error of a log-likelihood is taken to.
 pub fn power(evidence: &Evidence) -> f64 {
@@ -64,9 +64,7 @@ pub fn covariance(evidence: &Evidence, part: usize, stated: &Se2, states: &PoseG
     let (half, within) = around(evidence, part, stated);
     let steps = [states.xy_step_mm, states.xy_step_mm, states.theta_step_deg.to_radians()];
     let (mut inside, mut whole, mut sums) = (0.0, 0.0, [[0.0; 3]; 3]);
-    let largest = of_states.iter().copied().fold(0.0, f64::max);
     for (pose, mass) in poses(states).iter().zip(of_states) {
-        let mass = (mass / largest).powf(OF_COVARIANCE * POWER);
         let (sin, cos) = stated.theta_rad.sin_cos();
         let turned = (pose.turn[1] * cos - pose.turn[0] * sin).atan2(pose.turn[0] * cos + pose.turn[1] * sin);
         let offset = [pose.x - stated.x_mm, pose.y - stated.y_mm, turned];

@@ -50,7 +50,7 @@ pub struct Assemble {
     #[arg(long, value_name = "DEG", default_value_t = 1.0, help_heading = "Trials")]
     grasp_error_deg: f64,
     /// How well the place must be known before a peg is tried, mm: the standard deviation along x and along y
-    /// [default: a sixth of the scene's clearance_mm]
+    /// [default: a quarter of the scene's clearance_mm]
     #[arg(long, value_name = "MM", value_parser = positive, help_heading = "Trials")]
     place_mm: Option<f64>,
     /// Let the robot give up a hole as none of the pegs on the table, though each has its peg there
@@ -104,7 +104,7 @@ impl Assemble {
             config.none_touches = config.max_touches + 1;
         }
         // Three standard deviations are half the play, and what the grasp leaves is as much again.
-        let by_play = simulator.scene().clearance_mm / 6.0;
+        let by_play = simulator.scene().clearance_mm / 4.0;
         let tells_places = config.likelihood.interpolation.is_cubic(bank.grid());
         config.stop_place_mm = self.place_mm.or(tells_places.then_some(by_play));
         Ok(config)
