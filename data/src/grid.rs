@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn each_angle_of_a_full_turn_comes_once() {
-        let grids = [(180.0, 30.0, 12), (180.0, 7.5, 48), (165.0, 30.0, 12), (150.0, 30.0, 11), (180.0, 180.0, 2)];
+        let grids = [(180.0, 30.0, 12), (180.0, 7.5, 48), (160.0, 40.0, 9), (150.0, 30.0, 11), (180.0, 180.0, 2)];
         for (theta_half_deg, theta_step_deg, n_theta) in grids {
             let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 1.0, theta_half_deg, theta_step_deg };
             let angles: Vec<f64> = (0..grid.len()).map(|cell| wrap_angle(grid.pose(cell).theta_rad)).collect();

@@ -200,7 +200,7 @@ mod tests {
         for (wrong, status, name) in [
             (tf_episode_config { size: 8, ..good }, tf_status::Argument, "config.size"),
             (tf_episode_config { engine: 2, ..good }, config, "engine"),
-            (tf_episode_config { rule: 3, ..good }, config, "rule"),
+            (tf_episode_config { rule: 4, ..good }, config, "rule"),
             (tf_episode_config { interpolation: 9, ..good }, config, "interpolation"),
             (tf_episode_config { matched_views: 2, ..good }, config, "matched_views"),
             (tf_episode_config { between_poses: 7, ..good }, config, "between_poses"),

@@ -210,7 +210,7 @@ mod tests {
             assert!((pose.x_mm - mean[0]).abs() < 0.15 * expected_sd[0], "{from} to {to}: {pose:?}, {mean:?}");
             for axis in 0..3 {
                 let ratio = found_sd[axis] / expected_sd[axis];
-                assert!((ratio - 1.0).abs() < 0.1, "{from} to {to}: {found_sd:?}, by brute force {expected_sd:?}");
+                assert!((ratio - 1.0).abs() < 0.15, "{from} to {to}: {found_sd:?}, by brute force {expected_sd:?}");
             }
         }
     }

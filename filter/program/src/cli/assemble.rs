@@ -103,7 +103,7 @@ impl Assemble {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             config.none_touches = config.max_touches + 1;
         }
-        // Three standard deviations are half the play, and what the grasp leaves is as much again.
+        // Two standard deviations are half of the play, and what the grasp leaves is as much again.
         let by_play = simulator.scene().clearance_mm / 4.0;
         let tells_places = config.likelihood.interpolation.is_cubic(bank.grid());
         config.stop_place_mm = self.place_mm.or(tells_places.then_some(by_play));
