@@ -24,8 +24,8 @@ pub struct Banks {
 }
 
 impl Banks {
-    /// Prepares what a protocol asks for. A bank that learnt from its parts needs a learner where one of them is absent: what
-    /// the absent part taught is left out with it.
+    /// Prepares what a protocol asks for. A bank that learnt from its parts needs a learner where one of them is
+    /// absent: what the absent part taught is left out with it.
     ///
     /// # Errors
     /// No learner where one is needed.
@@ -43,8 +43,8 @@ impl Banks {
         &self.whole
     }
 
-    /// What `work` makes of each episode's number and bank, in order of the episodes. Of the banks without a part one is held
-    /// at a time.
+    /// What `work` makes of each episode's number and bank, in order of the episodes. Of the banks without a part one
+    /// is held at a time.
     ///
     /// # Errors
     /// The first that `work` returns, and a bank that cannot be made.
@@ -73,8 +73,8 @@ impl Banks {
         Ok(made.into_iter().map(|(_, made)| made).collect())
     }
 
-    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode, which shares
-    /// the rows of the whole one.
+    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode, which
+    /// shares the rows of the whole one.
     ///
     /// # Errors
     /// A bank that cannot be made.
@@ -156,7 +156,8 @@ mod tests {
     #[test]
     fn a_bank_that_learnt_from_the_absent_part_is_refused() {
         let names = ["A", "B", "C"].map(String::from);
-        let metric = Metric::new(2, vec![1.0, 0.0, 0.3, 2.0], Measured { error_scale: 0.7, temperature: None }).unwrap();
+        let metric =
+            Metric::new(2, vec![1.0, 0.0, 0.3, 2.0], Measured { error_scale: 0.7, temperature: None }).unwrap();
         let learnt = Arc::new(bank(&names).with_metric(metric).unwrap());
         let new = |bank: &Arc<Bank>, absent| Banks::new(bank.clone(), &protocol(absent, None), None);
         let error = new(&learnt, true).unwrap_err().to_string();

@@ -10,8 +10,8 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::precision::Precision;
 
-use crate::error::{Error, Result};
 use crate::banks::Banks;
+use crate::error::{Error, Result};
 use crate::evaluate::{Protocol, Run, run_all, run_one};
 use crate::holes::Holes;
 use crate::result::{Choice, Inference, Method, Poses, Row};
