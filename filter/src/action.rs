@@ -37,8 +37,8 @@ pub enum ActionRule {
     Information,
     /// Any action allowed, each equally likely.
     Random,
-    /// Any action allowed that would show an edge from the likeliest state, each equally likely: the paper's action set without
-    /// its rule. Where none would, any.
+    /// Any action allowed that would show an edge from the likeliest state, each equally likely: the paper's action set
+    /// without its rule. Where none would, any.
     #[serde(rename = "random-edge")]
     RandomEdge,
 }
@@ -336,8 +336,8 @@ mod tests {
 
     #[test]
     fn chance_may_be_asked_for_an_edge() {
-        // From the likeliest state, -30 degrees, a turn of 60 leads to a blank view, one of 30 to an edge and one of 90 to none
-        // that was recorded.
+        // From the likeliest state, -30 degrees, a turn of 60 leads to a blank view, one of 30 to an edge and one of 90
+        // to none that was recorded.
         let (blank, config) = (bank(0.0), ActionConfig { rule: ActionRule::RandomEdge, ..ANY_PLACE });
         let offered = [turn(60.0), turn(30.0), turn(0.0), turn(90.0)];
         let often = |rule, bank: &Bank, candidates: &[Se2]| {

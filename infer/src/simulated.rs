@@ -120,12 +120,8 @@ impl SceneBank<'_> {
         }
         let (parts, rows) = (simulator.parts().to_vec(), Rows::new(model.dim(), rows)?);
         let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?;
-        of_geometry(
-            model,
-            bank.with_views(views).with_origin(scene.origin()),
-            &simulator,
-            Learning { from: learn_from, seed },
-        )
+        let bank = bank.with_views(views).with_origin(scene.origin());
+        of_geometry(model, bank, &simulator, Learning { from: learn_from, seed })
     }
 
     /// The poses at which each part is touched.
@@ -228,8 +224,8 @@ fn see(background: &Background, frames: &[Frame]) -> Result<Vec<TactileImage>> {
     frames.par_iter().map(|frame| Ok(background.tactile_image(frame)?)).collect()
 }
 
-/// A bank of a scene's parts with what only their geometry tells: symmetries, and how well touches made now match the views. It
-/// learns nothing else.
+/// A bank of a scene's parts with what only their geometry tells: symmetries, and how well touches made now match the
+/// views. It learns nothing else.
 ///
 /// # Errors
 /// A touch that cannot be made or seen.

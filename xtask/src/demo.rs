@@ -42,8 +42,8 @@ pub struct DemoArgs {
     seed: u64,
 }
 
-/// Builds the programs, runs them in order: the last prints what came out of touches anywhere, the one before it what came out
-/// of the paper's protocol, and its report compares that with the paper.
+/// Builds the programs, runs them in order: the last prints what came out of touches anywhere, the one before it what
+/// came out of the paper's protocol, and its report compares that with the paper.
 pub fn demo(workspace: &Workspace, args: &DemoArgs) -> Result<()> {
     if args.live {
         return live(workspace, args.out.as_deref(), args.seed);

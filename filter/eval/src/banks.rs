@@ -24,8 +24,8 @@ pub struct Banks {
 }
 
 impl Banks {
-    /// Prepares what a protocol asks for. A bank that learnt from its parts needs a learner where one of them is absent: what
-    /// the absent part taught is left out with it.
+    /// Prepares what a protocol asks for. A bank that learnt from its parts needs a learner where one of them is
+    /// absent: what the absent part taught is left out with it.
     ///
     /// # Errors
     /// No learner where one is needed.
@@ -43,8 +43,8 @@ impl Banks {
         &self.whole
     }
 
-    /// What `work` makes of each episode's number and bank, in order of the episodes. Of the banks without a part one is held
-    /// at a time.
+    /// What `work` makes of each episode's number and bank, in order of the episodes. Of the banks without a part one
+    /// is held at a time.
     ///
     /// # Errors
     /// The first that `work` returns, and a bank that cannot be made.
@@ -73,8 +73,8 @@ impl Banks {
         Ok(made.into_iter().map(|(_, made)| made).collect())
     }
 
-    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode, which shares
-    /// the rows of the whole one.
+    /// The bank of a hole: whole, without its own part, or of its own part and others drawn with the episode, which
+    /// shares the rows of the whole one.
     ///
     /// # Errors
     /// A bank that cannot be made.

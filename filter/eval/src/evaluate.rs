@@ -34,7 +34,8 @@ pub struct Protocol {
     /// to recorded poses. Off it: the first touch is anywhere in the recorded range, and the motions
     /// offered are those of the grid, seen from the first touch.
     pub poses: Poses,
-    /// Whether the hole's own part is taken out of the bank, and of all that the bank learnt: what is felt is then none of these.
+    /// Whether the hole's own part is taken out of the bank, and of all that the bank learnt: what is felt is then none
+    /// of these.
     pub absent: bool,
     /// Parts that each hole may be of: its own and others drawn with the episode; `None`: all of the bank.
     pub n_classes: Option<usize>,
@@ -210,8 +211,8 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
     run.banks.each(run.holes, protocol, one)
 }
 
-/// Runs one episode of a protocol with the bank of its hole. The same index gives the same hole, poses and frames, whichever
-/// others run.
+/// Runs one episode of a protocol with the bank of its hole. The same index gives the same hole, poses and frames,
+/// whichever others run.
 ///
 /// # Errors
 /// A touch that cannot be made or seen.

@@ -78,8 +78,8 @@ impl Default for LikelihoodConfig {
 }
 
 impl LikelihoodConfig {
-    /// The paper's weight (Eq. 2, Alg. 1 line 14) read as log-likelihood = cosine / temperature, at the temperature that is best
-    /// for Alg. 1: no outliers, no blank views, every view inside the recorded area trusted.
+    /// The paper's weight (Eq. 2, Alg. 1 line 14) read as log-likelihood = cosine / temperature, at the temperature
+    /// that is best for Alg. 1: no outliers, no blank views, every view inside the recorded area trusted.
     pub fn paper() -> Self {
         Self {
             temperature: PAPER_TEMPERATURE,
@@ -175,9 +175,10 @@ impl LikelihoodConfig {
     }
 }
 
-/// The temperature at which Alg. 1 as printed, with the shipped model, names most of the tuning letters M to X after 3, 5 and 10
-/// touches at recorded poses, the columns of the paper's tables: on average 93.8 % of the large ones in 2,000 episodes. Between
-/// 0.04 and 0.1 93 to 94 %, which chance explains; 92.3 at 0.03, 88.7 at 0.13. It names all of the small ones from 0.02 to 0.08.
+/// The temperature at which Alg. 1 as printed, with the shipped model, names most of the tuning letters M to X after 3,
+/// 5 and 10 touches at recorded poses, the columns of the paper's tables: on average 93.8 % of the large ones in 2,000
+/// episodes. Between 0.04 and 0.1 93 to 94 %, which chance explains; 92.3 at 0.03, 88.7 at 0.13. It names all of the
+/// small ones from 0.02 to 0.08.
 const PAPER_TEMPERATURE: f64 = 0.08;
 
 /// What was measured of a model where a side is touched; without it, what was measured where holes are.

@@ -1,8 +1,9 @@
-//! A bank of a scene before it learns to compare embeddings: it can learn from all of its parts, or without one of them.
+//! A bank of a scene before it learns to compare embeddings: it can learn from all of its parts, or without one of
+//! them.
 //!
-//! A bank that only leaves out the rows of a part still knows it: its metric, temperature and expected matches were learnt from
-//! that part's touches, too. A part that is to be a stranger is left out before anything is learnt. Every part is touched
-//! once, however often one is left out.
+//! A bank that only leaves out the rows of a part still knows it: its metric, temperature and expected matches were
+//! learnt from that part's touches, too. A part that is to be a stranger is left out before anything is learnt. Every
+//! part is touched once, however often one is left out.
 
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
@@ -17,8 +18,8 @@ use crate::similarity::dot;
 use super::SceneBank;
 use super::matches::OwnTouches;
 
-/// A bank that was made again has rows of at least this cosine with those of its file: formats of 1 byte a value round to
-/// 0.9999, and touches with another seed are nearer than this in blank views alone.
+/// A bank that was made again has rows of at least this cosine with those of its file: formats of 1 byte a value round
+/// to 0.9999, and touches with another seed are nearer than this in blank views alone.
 const SAME_ROW: f32 = 0.999;
 
 /// What a bank of a scene is before it learns, and the touches that it learns from.
@@ -45,8 +46,8 @@ impl Learner {
         Ok(Self { bank, touches, learning })
     }
 
-    /// That of a bank which learnt before, whose parts are touched again as they were: with its symmetries, its kind of views,
-    /// its poses and its seed.
+    /// That of a bank which learnt before, whose parts are touched again as they were: with its symmetries, its kind of
+    /// views, its poses and its seed.
     ///
     /// # Errors
     /// A bank that does not say how it learnt, or that this scene does not give; a touch that cannot be made or seen.

@@ -50,9 +50,9 @@ pub(super) struct Learnt {
 }
 
 impl OwnTouches {
-    /// Touches each part of a bank that compares by the cosine alone, anywhere within the bank's poses, or at them where they
-    /// are too far apart to be interpolated. `parts` says where they are in the simulator. The frames are of another session
-    /// than the bank's.
+    /// Touches each part of a bank that compares by the cosine alone, anywhere within the bank's poses, or at them
+    /// where they are too far apart to be interpolated. `parts` says where they are in the simulator. The frames are of
+    /// another session than the bank's.
     ///
     /// # Errors
     /// A touch that cannot be made or seen.
@@ -72,8 +72,8 @@ impl OwnTouches {
 }
 
 impl OfParts<'_> {
-    /// What the touches say, made at the views of a bank of just these parts that compares by the cosine alone. The metric is
-    /// learnt from the touches of some sides.
+    /// What the touches say, made at the views of a bank of just these parts that compares by the cosine alone. The
+    /// metric is learnt from the touches of some sides.
     ///
     /// What a touch matches like is measured in the metric that the other half of the touches gives: one that it taught
     /// itself would flatter it.

@@ -83,8 +83,8 @@ pub struct Evaluate {
     /// Choose each hole's part from K parts only: its own and others drawn at random [default: all of the bank]
     #[arg(long, value_name = "K", help_heading = "Episodes")]
     classes: Option<usize>,
-    /// Take each hole's own part out of the bank: how often is it recognised as none of these? A bank that learnt from its
-    /// parts learns again without it, from its scene
+    /// Take each hole's own part out of the bank: how often is it recognised as none of these? A bank that learnt from
+    /// its parts learns again without it, from its scene
     #[arg(long, help_heading = "Episodes")]
     absent: bool,
     /// With --absent: the scene that the bank was made of [default: that of --scene]
