@@ -21,8 +21,8 @@ pub fn power(evidence: &Evidence) -> f64 {
     POWER * evidence.joint
 }
 
-/// The mean pose around one, and the covariance of that hill: by lattices of five points along each axis, one step either way,
-/// then 2.5 standard deviations around the mean, five times.
+/// The mean pose around one, and the covariance of that hill: by lattices of five points along each axis, one step
+/// either way, then 2.5 standard deviations around the mean, five times.
 pub fn hill(evidence: &Evidence, part: usize, start: &Se2) -> (Three, [Three; 3]) {
     let PoseGrid { xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
     let spans = [xy_step_mm, xy_step_mm, theta_step_deg.to_radians()];
@@ -58,9 +58,9 @@ fn moments(points: &[(Three, f64)]) -> (Three, [Three; 3]) {
     (mean, spread)
 }
 
-/// The covariance of a part's pose: of its hill around the middle, and how far the states of other hills, two steps away and
-/// more, lie from there, each as often as it is believed. `of_states`: the belief in each state of the part, `[n_states]`, of
-/// any sum.
+/// The covariance of a part's pose: of its hill around the middle, and how far the states of other hills, two steps
+/// away and more, lie from there, each as often as it is believed. `of_states`: the belief in each state of the part,
+/// `[n_states]`, of any sum.
 pub fn covariance(
     evidence: &Evidence,
     (middle, of_hill): (Three, [Three; 3]),
