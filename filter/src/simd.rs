@@ -8,8 +8,8 @@ mod bodies;
 
 const N: usize = 8;
 
-/// A function that is compiled for each of some vector units: the first that the machine has is called. For tests there is
-/// a module of the same name, by which each body is called alone ([`bodies::Unit`]).
+/// A function that is compiled for each of some vector units: the first that the machine has is called. For tests there
+/// is a module of the same name, by which each body is called alone.
 macro_rules! for_units {
     ($(#[$doc:meta])* [$($unit:literal),+] $name:ident($($given:ident: $kind:ty),+) $(-> $made:ty)? $body:block) => {
         $(#[$doc])*
@@ -89,8 +89,8 @@ pub fn power(value: f64, largest: f64, joint: f64) -> f64 {
 }
 
 for_units! {
-    /// The sum of [`powers`], and the sum of each times its log, which is 0 or less. Of many states all touches say the same:
-    /// where some values are those before, so are the powers.
+    /// The sum of [`powers`], and the sum of each times its log, which is 0 or less. Of many states all touches say the
+    /// same: where some values are those before, so are the powers.
     ["x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"]
     sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
         let (chunks, rest) = values.as_chunks::<N>();

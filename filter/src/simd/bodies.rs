@@ -44,8 +44,8 @@ impl Unit {
         }
     }
 
-    /// Those of this machine. Says which they are and which are not, past the capture of a test's output: what was not run
-    /// must be seen where all passes.
+    /// Those of this machine. Says which they are and which are not, past the capture of a test's output: what was not
+    /// run must be seen where all passes.
     fn here(what: &str) -> Vec<Self> {
         let (here, missing): (Vec<Self>, Vec<Self>) = Self::ALL.into_iter().partition(|unit| unit.is_here());
         let n_missing = missing.len();
@@ -138,7 +138,8 @@ fn power_of(x: f64) -> f64 {
     if x >= -708.0 { x.exp() } else { 0.0 }
 }
 
-/// Of each unit what `of` makes of each length, without and with odd values, equal to the bit; returns the first unit's.
+/// Of each unit what `of` makes of each length, without and with odd values, equal to the bit; returns the first
+/// unit's.
 fn alike<T: PartialEq + std::fmt::Debug>(units: &[Unit], of: impl Fn(Unit, usize, bool) -> T) -> Vec<(usize, bool, T)> {
     let mut made = Vec::new();
     for (n, odd) in LENGTHS.into_iter().flat_map(|n| [(n, false), (n, true)]) {
@@ -151,8 +152,8 @@ fn alike<T: PartialEq + std::fmt::Debug>(units: &[Unit], of: impl Fn(Unit, usize
     made
 }
 
-/// Lanes are as many on each unit, and nothing is fused: there is no error between them at all. To the definition it is 2 units
-/// in the last place of each power, and of sums what n roundings make.
+/// Lanes are as many on each unit, and nothing is fused: there is no error between them at all. To the definition it is
+/// 2 units in the last place of each power, and of sums what n roundings make.
 #[test]
 fn every_body_of_the_logs_functions_makes_the_same_bits() {
     let units = Unit::here("simd, f64");
@@ -240,7 +241,8 @@ fn every_body_of_the_interpolation_makes_the_same_bits() {
             for (i, found) in found.into_iter().map(f32::from_bits).enumerate() {
                 let products = || (0..n_lines).map(|k| f64::from(weights[k]) * f64::from(lines[k][i]));
                 let (exact, sizes) = (constant + products().sum::<f64>(), products().map(f64::abs).sum::<f64>());
-                // So many roundings, each of at most the sum of the sizes; beyond the range of f32 infinite or no number.
+                // So many roundings, each of at most the sum of the sizes; beyond the range of f32 infinite or no
+                // number.
                 let is_near = (f64::from(found) - exact).abs() <= 8.0 * (sizes + 1.0) / f64::from(1 << 24);
                 assert!(is_near || (!exact.is_finite() || sizes > 3e38) && !found.is_finite(), "{i}: {found} {exact}");
             }

@@ -18,8 +18,8 @@ pub fn asked_for() -> Option<Arch> {
     ASKED_FOR.get()
 }
 
-/// The units of this machine. Says which they are and which are not, past the capture of a test's output: what was not run
-/// must be seen where all passes.
+/// The units of this machine. Says which they are and which are not, past the capture of a test's output: what was not
+/// run must be seen where all passes.
 fn here(what: &str) -> Vec<(&'static str, Arch)> {
     #[cfg(target_arch = "x86_64")]
     let all = [
@@ -69,8 +69,9 @@ fn passes(conv: &Conv, images: &[f32]) -> [Vec<f32>; 3] {
     [out, conv.input_gradient(&gradient, &weights), conv.weight_gradient(images, &gradient)]
 }
 
-/// Bodies differ by how many products are summed in a lane and whether they are fused: two sums of `n` products of order 1, each
-/// within `n` roundings of the exact one. Winograd's windows round four times as coarsely ([`super::axis`]).
+/// Bodies differ by how many products are summed in a lane and whether they are fused: two sums of `n` products of
+/// order 1, each within `n` roundings of the exact one. Winograd's windows round four times as coarsely
+/// ([`super::axis`]).
 #[test]
 fn bodies_agree_with_each_other() {
     let here = here("convolutions, with each other");
@@ -89,8 +90,8 @@ fn bodies_agree_with_each_other() {
     }
 }
 
-/// What is no number stays no number, where the definition has it, on every unit; infinity too, unless it becomes no number.
-/// Windows of Winograd spread it over their outputs and no further.
+/// What is no number stays no number, where the definition has it, on every unit; infinity too, unless it becomes no
+/// number. Windows of Winograd spread it over their outputs and no further.
 #[test]
 fn odd_pixels_spoil_the_same_outputs_on_every_body() {
     let here = here("convolutions, NaN and infinity");
@@ -151,7 +152,8 @@ fn normalisation_agrees_with_f64() {
         let normed = |at: usize| (wide[at] - mean[at % n]) / (variance[at % n] + epsilon).sqrt();
         let summed = |at: usize| f64::from(gamma[at % n]) * normed(at) + f64::from(beta[at % n]) + f64::from(skip[at]);
         close("out", &out, &|at| summed(at).max(0.0));
-        // The gradient by its definition: what passes the rectifier, less its mean and its share along the normalised values.
+        // The gradient by its definition: what passes the rectifier, less its mean and its share along the normalised
+        // values.
         let back = norm.gradient(&before, &out, &gradient);
         let passed = |at: usize| if out[at] > 0.0 { f64::from(gradient[at]) } else { 0.0 };
         let of_beta: Vec<f64> = (0..n).map(|c| mean_of(&passed, c) * n_pixels).collect();

@@ -96,8 +96,8 @@ fn cosines(queries: &[Vec<f64>], keys: &[Vec<f64>]) -> Vec<f64> {
     queries.iter().flat_map(|query| keys.iter().map(|key| cosine(query, key))).collect()
 }
 
-/// The shipped network. In f32 sums of up to 2,560 products in ten layers, each rounded to 6e-8; rounded weights by the promise
-/// of [`Checkpoint::with_weights`]: a tenth of the temperature, which both references are held to.
+/// The shipped network. In f32 sums of up to 2,560 products in ten layers, each rounded to 6e-8; rounded weights by the
+/// promise of [`Checkpoint::with_weights`]: a tenth of the temperature, which both references are held to.
 #[test]
 fn cosines_of_rounded_weights_are_within_a_tenth_of_the_temperature() {
     const N_IMAGES: usize = 7;
@@ -122,7 +122,7 @@ fn cosines_of_rounded_weights_are_within_a_tenth_of_the_temperature() {
         let largest = |expected: &[f64]| found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let [of_arithmetic, in_all] = [largest(&wide(&rounded)), largest(&expected)];
         let line = format!(
-            "weights in {precision}: cosines off by {of_arithmetic:.1e} in f32, by {in_all:.1e} in all, of {promised:.1e}\n"
+            "weights in {precision}: cosines off by {of_arithmetic:.1e} in f32, {in_all:.1e} in all, of {promised:.1e}\n"
         );
         std::io::stderr().write_all(line.as_bytes()).unwrap();
         assert!(of_arithmetic < 1e-5 && in_all < promised, "{precision}: {of_arithmetic} {in_all}");

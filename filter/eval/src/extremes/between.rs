@@ -1,9 +1,9 @@
-//! Views between recorded ones from their definition, in f64 throughout: what users run, since banks are fine enough to be
-//! interpolated.
+//! Views between recorded ones from their definition, in f64 throughout: what users run, since banks are fine enough to
+//! be interpolated.
 //!
-//! The cosine is that with the embedding that splines make of the recorded ones, whose length is the product of its lengths
-//! along each axis through the nearest recorded pose. All four are found from cosines with the recorded views and between
-//! them, which are f64: of a sum of embeddings, sums of inner products.
+//! The cosine is that with the embedding that splines make of the recorded ones, whose length is the product of its
+//! lengths along each axis through the nearest recorded pose. All four are found from cosines with the recorded views
+//! and between them, which are f64: of a sum of embeddings, sums of inner products.
 
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
@@ -87,8 +87,8 @@ impl Recorded {
         along(0) * along(1) * along(2)
     }
 
-    /// What a view may count with where all states are judged at once: 0.1 above the best of the recorded ones of its part with
-    /// an x that counts, and of those with such a y, at the angles that count.
+    /// What a view may count with where all states are judged at once: 0.1 above the best of the recorded ones of its
+    /// part with an x that counts, and of those with such a y, at the angles that count.
     fn most(&self, cosines: &[f64], part: usize, at: &[Place; 3]) -> f64 {
         let (first, of, n) = (part * self.grid.len(), strides(&self.grid), self.grid.n_xy());
         let on_lines = |axis: usize, other: usize| {
@@ -122,12 +122,13 @@ pub struct Place {
 }
 
 impl Place {
-    /// Catmull and Rom's spline from its definition: Hermite's cubic between two points, whose slopes are half the difference
-    /// of their neighbours; beyond a border the parabola through the last three points goes on, through two a line. At the
-    /// border of a full turn too: where such a grid is to go round, `before` and `after` are its other end's.
+    /// Catmull and Rom's spline from its definition: Hermite's cubic between two points, whose slopes are half the
+    /// difference of their neighbours; beyond a border the parabola through the last three points goes on, through two
+    /// a line. At the border of a full turn too: where such a grid is to go round, `before` and `after` are its other
+    /// end's.
     ///
-    /// `library`: the value as the library computes it. Where two recorded values are equally near, which is the nearest is a
-    /// matter of rounding, and either is right: its choice counts.
+    /// `library`: the value as the library computes it. Where two recorded values are equally near, which is the
+    /// nearest is a matter of rounding, and either is right: its choice counts.
     fn new([value, library]: [f64; 2], half: f64, step: f64) -> Self {
         let n = (2.0 * half / step).round() as usize + 1;
         let place = (value + half) / step;
@@ -232,8 +233,8 @@ impl<'a> Evidence<'a> {
         Place::of_pose(&self.recorded.grid, &first.then(&touch.now), &(*library * touch.moved))
     }
 
-    /// The log-likelihood of a touch there. `is_capped`: where all states are judged at once a view counts no more than its
-    /// neighbours allow.
+    /// The log-likelihood of a touch there. `is_capped`: where all states are judged at once a view counts no more than
+    /// its neighbours allow.
     fn log_at(&self, touch: &Judged, part: usize, at: &[Place; 3], is_capped: bool) -> f64 {
         let Recorded { shows, config, .. } = self.recorded;
         let (row, trust, unknown) = (self.recorded.row(part, at), trust(at), touch.logs.unknown);
@@ -275,8 +276,8 @@ impl<'a> Evidence<'a> {
         Posterior { log_evidence: first - logs[0] - n.ln(), logs, n_cells: states.len() }
     }
 
-    /// How well a part at a pose of the first touch explains the edged ones: the mean of how many standard deviations the
-    /// cosine is above that of a true view, in standard deviations of such a mean.
+    /// How well a part at a pose of the first touch explains the edged ones: the mean of how many standard deviations
+    /// the cosine is above that of a true view, in standard deviations of such a mean.
     pub fn fit(&self, part: usize, first: &Se2) -> Option<f64> {
         let LikelihoodConfig { matched_mean, matched_sd, matched_shared, .. } = self.recorded.config;
         let score = |touch: &Judged| {

@@ -1,7 +1,7 @@
 //! What a touch is expected to tell, against the expectation over all of the belief, in f64.
 //!
-//! The filter draws states from the belief; here each counts as often as it is believed. What is left between them is chance,
-//! whose size follows from the spread of what the supposed states tell and from how states are drawn.
+//! The filter draws states from the belief; here each counts as often as it is believed. What is left between them is
+//! chance, whose size follows from the spread of what the supposed states tell and from how states are drawn.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ use crate::error::Result;
 
 /// States drawn, systematically, and states supposed true, one by one.
 const N_DRAWS: usize = 100_000;
-const N_SUPPOSED: usize = 20_000;
+const N_SUPPOSED: usize = 5_000;
 
 /// A few candidates after one, three and five touches, with rows in f32 and i8.
 pub fn cases(seed: u64) -> Result<Vec<Case>> {
@@ -49,8 +49,8 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
         let [of_cosine, of_pair] = cosine_errors(&scene, &queries);
         let expectation = Expectation::new(&episode, &evidence, &rows, of_cosine.max(of_pair));
         let side = if side == Side::Hole { "holes" } else { "pegs" };
-        // Where the hole is recorded, but for the last, which is a little beyond; all between recorded poses.
-        let targets = [(3.1, 0.4, 7.0), (-2.3, 4.2, -31.0), (0.6, -5.7, 52.0), (-8.7, -1.9, 20.0)];
+        // Where the hole is recorded, between its poses: from some states the last two lead beyond the recorded area.
+        let targets = [(3.1, 0.4, 7.0), (-2.3, 4.2, -31.0), (0.6, -5.7, 52.0), (-6.8, -1.9, 84.0)];
         let away = scene.part_from_sensor.inverse();
         let candidates = targets.map(|(x, y, degrees)| away * Se2::from_degrees(x, y, degrees));
         let judged = episode.judged(&candidates).map(|judgement| judgement.judged).unwrap_or_default();

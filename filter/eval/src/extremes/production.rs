@@ -16,10 +16,12 @@ use crate::error::Result;
 /// Half a unit in the last place of f32, of 1.
 const U: f64 = 1.0 / (1 << 24) as f64;
 
-/// A cosine of unit vectors of [`DIM`] f32s: 8 roundings in a lane, 16 over the lanes, 6 for length, scale and difference.
+/// A cosine of unit vectors of [`DIM`] f32s: 8 roundings in a lane, 16 over the lanes, 6 for length, scale and
+/// difference.
 const OF_COSINE: f64 = 30.0 * U;
 
-/// A match that is no more than so many nats likelier than an outlier is taken for one, where all states are judged at once.
+/// A match that is no more than so many nats likelier than an outlier is taken for one, where all states are judged at
+/// once.
 const OF_OUTLIERS: f64 = 2e-3;
 
 /// Logs of many states are found in f32: a few units of 16 nats.
@@ -39,10 +41,10 @@ pub struct Bounds {
 impl Bounds {
     /// By the errors of a cosine with a recorded view and of one between two of them.
     ///
-    /// The spline's weights sum to at most 1.25 an axis by their sizes. The length is a product of three, each the root of a
-    /// sum of cosines between views with weights of 1.25 squared. Matches are divided by a temperature and measured from the
-    /// best and by their mean; how much error touches share follows from the best, too: 20 shares for a cosine of 1, on all
-    /// that touches can tell.
+    /// The spline's weights sum to at most 1.25 an axis by their sizes. The length is a product of three, each the root
+    /// of a sum of cosines between views with weights of 1.25 squared. Matches are divided by a temperature and
+    /// measured from the best and by their mean; how much error touches share follows from the best, too: 20 shares for
+    /// a cosine of 1, on all that touches can tell.
     pub fn of(evidence: &Evidence, [cosine, neighbours]: [f64; 2]) -> Self {
         let config = &evidence.recorded.config;
         let shortest = shortest(evidence);
@@ -61,16 +63,16 @@ impl Bounds {
         Self { between, nats, pose_nats }
     }
 
-    /// Of probabilities, where some of the belief is left out: each state's odds are off by `e^(2 nats)` at most, so that no
-    /// sum of probabilities is off by more than `tanh(nats / 2)`.
+    /// Of probabilities, where some of the belief is left out: each state's odds are off by `e^(2 nats)` at most, so
+    /// that no sum of probabilities is off by more than `tanh(nats / 2)`.
     pub fn share(&self, left_out: f64) -> f64 {
         0.5 * self.nats + left_out
     }
 }
 
 /// Where the bounds of this module come from.
-const SOURCE: &str = "rounding of cosines, weights and lengths over the temperature, 2e-3 nats a touch where a match is taken for \
-    an outlier, and what the belief says it left out";
+const SOURCE: &str = "rounding of cosines, weights and lengths over the temperature, 2e-3 nats a touch where a match is \
+    taken for an outlier, and what the belief says it left out";
 
 /// All default settings, with each of the things that users meet.
 pub fn cases(seed: u64, quick: bool) -> Result<Vec<Case>> {
@@ -224,11 +226,12 @@ pub fn kept_queries(scene: &Scene, queries: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     queries.into_iter().map(kept).collect()
 }
 
-/// The largest errors of a cosine with a row as it is kept, and of one between two rows, by queries before they are rounded.
+/// The largest errors of a cosine with a row as it is kept, and of one between two rows, by queries before they are
+/// rounded.
 pub fn cosine_errors(scene: &Scene, queries: &[Vec<f64>]) -> [f64; 2] {
     let length = |query: &[f64]| query.iter().map(|value| value * value).sum::<f64>().sqrt();
-    // A query is turned in f32: sums of up to 128 products, by a matrix whose lines have squares of 2.6 on average and which
-    // leaves any query at least 0.7 of its length.
+    // A query is turned in f32: sums of up to 128 products, by a matrix whose lines have squares of 2.6 on average and
+    // which leaves any query at least 0.7 of its length.
     let of_metric = if scene.has_metric { OF_COSINE * (DIM as f64 * 2.6).sqrt() / 0.7 } else { 0.0 };
     // A value of a query so near to half a whole number may be rounded the other way in f32: by one step.
     let near = if scene.has_metric { 1e-2 } else { 1e-3 };
@@ -245,8 +248,8 @@ pub fn cosine_errors(scene: &Scene, queries: &[Vec<f64>]) -> [f64; 2] {
     [OF_COSINE + of_metric + of_ties, 2.0 * OF_COSINE]
 }
 
-/// Rows of each format, after three touches: against the reference of the rows as kept, which is the arithmetic alone, and of
-/// the rows before rounding, which is what the format costs.
+/// Rows of each format, after three touches: against the reference of the rows as kept, which is the arithmetic alone,
+/// and of the rows before rounding, which is what the format costs.
 pub fn precisions(seed: u64) -> Result<Vec<Case>> {
     let mut cases = Vec::new();
     for precision in [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8] {
@@ -295,4 +298,47 @@ fn largest_distance(a: &[f32], b: &[f32], dim: usize) -> f64 {
 /// The largest value; NaN where there is one, and zero where there is none.
 pub fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |largest, value| if value > largest || value.is_nan() { value } else { largest })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tactile_filter::EpisodeConfig;
+    use tactile_filter::interpolation::Interpolation;
+
+    /// The bounds are no wider than what they are to find: another likelihood, even by a twentieth of the temperature, is
+    /// outside them.
+    #[test]
+    fn a_filter_that_does_otherwise_is_outside_the_bounds() {
+        let scene = Scene { precision: Precision::F32, ..Scene::draw(6, GRID, 3, 1) };
+        let bank = Arc::new(scene.bank().unwrap());
+        let rows = bank.rows().to_f32();
+        let recorded = scene.recorded(&rows);
+        let queries = scene.queries().unwrap();
+        let evidence = Evidence::new(&recorded, &scene.felt(&rows, &queries));
+        let bounds = Bounds::of(&evidence, cosine_errors(&scene, &queries));
+        let held = |change: &dyn Fn(&mut EpisodeConfig)| {
+            let mut config = scene.config();
+            change(&mut config);
+            let episode = scene.episode(&bank, config).unwrap();
+            let posterior = evidence.posterior(episode.belief().grid());
+            let cases = belief_cases(Group::Production, "", &episode, &posterior, &bounds);
+            cases.into_iter().find(|case| case.variant.ends_with("states")).unwrap().holds
+        };
+        assert!(held(&|_| ()));
+        assert!(!held(&|config| config.likelihood.temperature *= 1.05));
+        assert!(!held(&|config| config.likelihood.interpolation = Interpolation::Nearest));
+        assert!(!held(&|config| config.likelihood.shared_error = 0.1));
+    }
+
+    #[test]
+    fn a_query_in_whole_numbers_is_off_by_half_a_step_at_most() {
+        let scene = Scene::draw(1, SMALL_GRID, 2, 3);
+        let queries = scene.queries().unwrap();
+        for (query, kept) in queries.iter().zip(kept_queries(&scene, queries.clone())) {
+            let most = largest(query.iter().map(|value| value.abs()));
+            assert!(query.iter().zip(&kept).all(|(a, b)| (a - b).abs() <= 0.500_001 * most / 4_095.0));
+            assert!(*query != kept);
+        }
+    }
 }

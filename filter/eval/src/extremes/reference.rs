@@ -125,8 +125,8 @@ pub fn is_far(first_from_sensor: &Pose, config: &LikelihoodConfig, grid: &PoseGr
     first_from_sensor.x.hypot(first_from_sensor.y) > 8.0_f64.sqrt() * grid.xy_half_mm + rim_mm
 }
 
-/// The power to which the likelihood of each touch is taken: touches that share an error count as fewer, the more so the less
-/// the best views of the edged ones are like them. `n_touches`: the sum of what is new in each.
+/// The power to which the likelihood of each touch is taken: touches that share an error count as fewer, the more so
+/// the less the best views of the edged ones are like them. `n_touches`: the sum of what is new in each.
 pub fn joint(n_touches: f64, bests: &[f64], config: &LikelihoodConfig) -> f64 {
     (1.0 + (config.shared_error * (1.0 + 5.0 * doubt(bests))).min(1.0) * (n_touches - 1.0).max(0.0)).recip()
 }
@@ -156,8 +156,8 @@ pub fn normalise(logs: &mut [f64]) {
 
 /// The log-likelihoods of a touch.
 pub struct Logs {
-    /// At each row: agreement about blankness, and among edged views the match relative to its mean; unknown where the row was
-    /// not recorded.
+    /// At each row: agreement about blankness, and among edged views the match relative to its mean; unknown where the
+    /// row was not recorded.
     pub of_row: Vec<f64>,
     /// Where the view is unknown: blank or not, and if not as an average row or as one of a given cosine.
     pub unknown: f64,

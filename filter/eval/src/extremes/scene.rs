@@ -1,5 +1,5 @@
-//! What users have: a bank whose views change smoothly from pose to pose, with parts that are alike, and the touches of a hole
-//! at any pose.
+//! What users have: a bank whose views change smoothly from pose to pose, with parts that are alike, and the touches of
+//! a hole at any pose.
 
 use std::sync::Arc;
 
@@ -197,8 +197,8 @@ impl Scene {
         Ok(episode)
     }
 
-    /// The likelihood in the bank's metric: numbers calibrated by the cosine are scaled by the root of how much less touches
-    /// are off, and the temperature is half way, by its logarithm, to the bank's own.
+    /// The likelihood in the bank's metric: numbers calibrated by the cosine are scaled by the root of how much less
+    /// touches are off, and the temperature is half way, by its logarithm, to the bank's own.
     fn likelihood(&self) -> LikelihoodConfig {
         let shipped = shipped(self.side);
         if !self.has_metric {
@@ -257,7 +257,8 @@ impl Scene {
     }
 }
 
-/// The shortest interpolated embedding on the way between recorded views of a part: what a cosine's error is divided by.
+/// The shortest interpolated embedding on the way between recorded views of a part: what a cosine's error is divided
+/// by.
 pub fn shortest(evidence: &Evidence) -> f64 {
     let grid = evidence.recorded.grid;
     let half = [0.5 * grid.xy_step_mm, 0.5 * grid.theta_step_deg];
