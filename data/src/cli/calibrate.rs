@@ -64,7 +64,7 @@ pub struct Calibrate {
 impl Calibrate {
     /// Fits, prints the errors and writes the file.
     pub fn run(self) -> Result<()> {
-        output::check_file(&self.out, self.inputs())?;
+        let _lock = output::check_file(&self.out, self.inputs())?;
         let mm_per_px = self.mm_per_px.unwrap_or_else(|| [1.0 / self.px_per_mm.unwrap_or(f64::NAN); 2]);
         let (calibration, text, json) = match (&self.taxim, &self.folder) {
             (Some(table), _) => self.fit_table(table, mm_per_px)?,

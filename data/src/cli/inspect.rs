@@ -37,9 +37,8 @@ pub struct Inspect {
 impl Inspect {
     /// Prints the summary and draws the sheet.
     pub fn run(self) -> Result<()> {
-        if let Some(sheet) = &self.sheet {
-            output::check_file(sheet, store::FILES.map(|file| self.dir.join(file)))?;
-        }
+        let files = store::FILES.map(|file| self.dir.join(file));
+        let _lock = self.sheet.as_ref().map(|sheet| output::check_file(sheet, files)).transpose()?;
         let dataset = Dataset::open(&self.dir)?;
         let summary = Summary::of(&dataset, self.frames)?;
         if let Some(sheet) = &self.sheet {

@@ -12,6 +12,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::bounded_file::{self, Kind};
 use crate::calibrate::Calibration;
 use crate::error::{Error, Result};
 use crate::grid::PoseGrid;
@@ -79,7 +80,7 @@ impl Scene {
             let expected = format!("a scene file or one of {}", Self::PRESETS.join(", "));
             return Err(Error::invalid("--scene", expected, with_closest(preset_or_file, Self::PRESETS)));
         }
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = bounded_file::read_to_string(path, Kind::SCENE)?;
         let mut scene: Self = toml::from_str(&text).map_err(|e| {
             let line = 1 + e.span().map_or(0, |span| text.bytes().take(span.start).filter(|b| *b == b'\n').count());
             Error::invalid(format!("{preset_or_file}, line {line}"), "a scene", e.message().to_owned())

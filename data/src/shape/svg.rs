@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use usvg::tiny_skia_path::PathSegment;
-use usvg::{FillRule, Group, Node, Options, Tree};
+use usvg::{FillRule, Group, ImageHrefResolver, Node, Options, Tree};
 
 use super::crossing::{area_mm2, first_crossing, is_inside, signed_area};
 use super::curve::Flatten;
 use super::{Contour, Shape};
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 
 /// Straight pieces a curve is cut into: a quarter of a circle of 50 mm radius is 0.02 mm off at most.
@@ -31,8 +32,11 @@ const MAX_SIDE_MM: f64 = 500.0;
 /// wider than 500 mm.
 pub fn outline(path: &Path) -> Result<Shape> {
     let file = path.display();
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
-    let tree = Tree::from_data(&bytes, &Options::default())
+    let bytes = bounded_file::read(path, Kind::DRAWING)?;
+    // Pictures in a drawing have no outline: what they name is not opened.
+    let images =
+        ImageHrefResolver { resolve_data: Box::new(|_, _, _| None), resolve_string: Box::new(|_, _| None) };
+    let tree = Tree::from_data(&bytes, &Options { image_href_resolver: images, ..Options::default() })
         .map_err(|e| Error::invalid(file.to_string(), "an SVG drawing", e.to_string()))?;
     let mut elements = Vec::new();
     collect(tree.root(), &mut elements);

@@ -7,6 +7,7 @@ use clap::Args;
 use tactile_data::calibrate::Calibration;
 use tactile_data::grid::PoseGrid;
 use tactile_data::output;
+use tactile_data::output_lock::with_ending;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
@@ -96,7 +97,7 @@ impl BankArgs {
         let data_files = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
         let scene_file = self.scene.as_ref().map(PathBuf::from);
         let read = scene_file.into_iter().chain(self.calibration.clone()).chain([self.model.path.clone()]);
-        output::prepare_file(&self.out, data_files.chain(read))?;
+        let _lock = output::prepare_file(&self.out, data_files.chain(read))?;
         let model = self.model.load()?;
         let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
         let finish = |bank: Bank| -> Result<()> {
@@ -169,13 +170,6 @@ fn note_lost(scene: &Scene, grid: &PoseGrid, lost: &[Option<Lost>]) {
         grid.theta_step_deg,
         scene.part_names()[part],
     );
-}
-
-/// A path with a few more letters.
-fn with_ending(path: &Path, ending: &str) -> PathBuf {
-    let mut path = path.as_os_str().to_owned();
-    path.push(ending);
-    path.into()
 }
 
 /// Says what a bank holds.

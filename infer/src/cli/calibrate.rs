@@ -85,7 +85,7 @@ impl CalibrateArgs {
         let datasets = self.holes.iter().chain(&self.judge);
         let files = datasets.flat_map(|data| FILES.map(|file| data.join(file)));
         // A calibration may be written into the model that it is of.
-        output::prepare_file(out, files.chain([self.bank.clone()]))?;
+        let _lock = output::prepare_file(out, files.chain([self.bank.clone()]))?;
         let model = self.model.load()?;
         let bank = Bank::load(&self.bank, &model)?;
         let prior = self.prior(model.calibration(self.side))?;

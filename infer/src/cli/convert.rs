@@ -24,7 +24,7 @@ impl ConvertArgs {
     /// Converts, writes and prints the size of the result.
     pub fn run(&self) -> Result<()> {
         let weights = self.weights;
-        output::prepare_file(&self.out, [&self.model])?;
+        let _lock = output::prepare_file(&self.out, [&self.model])?;
         let (checkpoint, _) = Checkpoint::load(&self.model)?;
         let path = |error: Error| error.within(self.model.display());
         let sha256 = checkpoint.with_weights(weights).map_err(path)?.save(&self.out)?;

@@ -59,9 +59,8 @@ struct Row<'a> {
 impl EmbedArgs {
     /// Embeds and prints.
     pub fn run(&self) -> Result<()> {
-        if let Some(path) = &self.dump_input {
-            output::check_file(path, self.images.iter().chain([&self.no_contact, &self.model.path]))?;
-        }
+        let inputs = self.images.iter().chain([&self.no_contact, &self.model.path]);
+        let _lock = self.dump_input.as_ref().map(|path| output::check_file(path, inputs)).transpose()?;
         let model = self.model.load()?;
         let images = self.tactile_images(&model)?;
         if let Some(path) = &self.dump_input {

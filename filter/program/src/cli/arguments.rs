@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tactile_data::lamps::Lamps;
 use tactile_data::output;
+use tactile_data::output_lock::OutputLock;
 use tactile_data::touch::Side;
 use tactile_eval::fits;
 use tactile_eval::holes::Holes;
@@ -70,10 +71,12 @@ pub struct Output {
 }
 
 impl Output {
-    /// Makes the folder and checks that the page and the figures can be written and are none of the inputs.
-    pub fn prepare(&self, page: &str, figures: &str, inputs: &[&Path]) -> Result<()> {
-        output::prepare_folder(&self.out, page, figures, inputs)?;
-        check_page(&self.out.join(page))
+    /// Makes the folder, checks that the page and the figures can be written and are none of the inputs, and locks them
+    /// against another run until what is returned is dropped.
+    pub fn prepare(&self, page: &str, figures: &str, inputs: &[&Path]) -> Result<[OutputLock; 2]> {
+        let locks = output::prepare_folder(&self.out, page, figures, inputs)?;
+        check_page(&self.out.join(page))?;
+        Ok(locks)
     }
 
     /// Writes a file of the folder, whole or not at all; returns its path.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use tactile_data::bounded_file::{self, Kind};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_eval::report::knobs::in_words;
@@ -80,7 +81,7 @@ impl BudgetArgs {
             let expected = "a frontier of this model, as tactile-filter tradeoff measures it";
             return Err(Error::invalid(path.display().to_string(), expected, "no such file"));
         }
-        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let text = bounded_file::read_to_string(&path, Kind::FIGURES)?;
         let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
         let paces = self.paces(&tradeoff, task, base)?;
         let budget = Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 use tactile_data::calibrate::Calibration;
 use tactile_data::output;
+use tactile_data::output_lock::OutputLock;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
@@ -120,6 +121,8 @@ struct Subject {
     /// Each way to infer and choose, with its name.
     ways: Vec<(String, EpisodeConfig)>,
     promise: Option<Promise>,
+    /// Of what will be written.
+    _locks: Vec<OutputLock>,
 }
 
 impl Evaluate {
@@ -152,7 +155,7 @@ impl Evaluate {
         warn_of_poses(holes, &bank, protocol.poses);
         protocol.validate(holes, &bank)?;
         let mut ways = self.ways(&model)?;
-        self.prepare_output()?;
+        let locks = self.prepare_output()?;
         let no_contact = holes.at_rest(&self.seeds.seeds);
         let mut promise = None;
         if self.budget.is_given() {
@@ -166,7 +169,7 @@ impl Evaluate {
         }
         let sensor = holes.sensor(&model, &no_contact)?;
         warn_of_calibration(&model, self.which.side);
-        Ok(Subject { touched, model, bank, sensor, protocol, ways, promise })
+        Ok(Subject { touched, model, bank, sensor, protocol, ways, promise, _locks: locks })
     }
 
     /// Loads what is touched, and refuses a bank that does not fit it.
@@ -190,8 +193,8 @@ impl Evaluate {
         Ok(OwnedHoles::Recorded(Box::new(recorded)))
     }
 
-    /// Checks that the results can be written and are none of the inputs.
-    fn prepare_output(&self) -> Result<()> {
+    /// Checks that the results can be written and are none of the inputs, and locks them.
+    fn prepare_output(&self) -> Result<Vec<OutputLock>> {
         let of_holes = self.holes.iter().flat_map(|holes| store::FILES.map(|file| holes.join(file)));
         let of_holes: Vec<PathBuf> = of_holes.collect();
         let scene = self.scene.as_deref().unwrap_or_default();
@@ -202,8 +205,8 @@ impl Evaluate {
             .chain(of_holes.iter().chain(&self.calibration).map(PathBuf::as_path))
             .collect();
         match self.shard {
-            Some(shard) => Ok(output::prepare_file(&self.shard_file(shard), inputs)?),
-            None => prepare(&self.output, &inputs),
+            Some(shard) => Ok(vec![output::prepare_file(&self.shard_file(shard), inputs)?]),
+            None => Ok(prepare(&self.output, &inputs)?.into()),
         }
     }
 
@@ -331,8 +334,8 @@ pub fn write(
     Ok(())
 }
 
-/// Checks that an evaluation can be written and that it is none of the inputs.
-pub fn prepare(output: &Output, inputs: &[&Path]) -> Result<()> {
+/// Checks that an evaluation can be written and that it is none of the inputs, and locks it.
+pub fn prepare(output: &Output, inputs: &[&Path]) -> Result<[OutputLock; 2]> {
     output.prepare(FILES[0], FILES[1], inputs)
 }
 

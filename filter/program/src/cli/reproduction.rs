@@ -28,7 +28,7 @@ pub struct Reproduction {
 impl Reproduction {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        output::prepare_file(&self.out, [] as [&Path; 0])?;
+        let _lock = output::prepare_file(&self.out, [] as [&Path; 0])?;
         check_page(&self.out)?;
         let found = reproduction::Reproduction::load(&self.folder, &self.out)?;
         write_page(&self.out, &reproduction::html(&found))?;
