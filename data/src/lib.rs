@@ -52,6 +52,8 @@ pub mod lamps;
 #[cfg(feature = "datasets")]
 pub mod moved_view;
 #[cfg(feature = "sim")]
+pub mod needs;
+#[cfg(feature = "sim")]
 pub mod npy;
 pub mod origin;
 #[cfg(feature = "datasets")]

@@ -94,7 +94,7 @@ pub fn check_room(out: &Path, n_frames: usize, frame_px: [usize; 2]) -> Result<(
 const INDEX_LINE_BYTES: f64 = 130.0;
 
 /// A number of bytes for people.
-fn size(bytes: f64) -> String {
+pub(crate) fn size(bytes: f64) -> String {
     let units = [(1e18, "EB"), (1e15, "PB"), (1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB")];
     let unit = units.into_iter().find(|(unit, _)| bytes >= *unit);
     unit.map_or_else(|| format!("{bytes} B"), |(unit, name)| format!("{:.1} {name}", bytes / unit))

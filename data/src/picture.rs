@@ -185,6 +185,17 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_that_asks_for_more_than_any_memory_is_refused() {
+        // A GIF of 65,535 pixels each way, of which 17 GB would be made, and its first frame.
+        let mut gif = b"GIF89a\xff\xff\xff\xff\x80\x00\x00\x00\x00\x00\xff\xff\xff".to_vec();
+        gif.extend(b"\x2c\x00\x00\x00\x00\x01\x00\x01\x00\x00\x02\x02\x44\x01\x00\x3b");
+        for refused in [frames(gif.clone(), "bomb.gif").map(drop), decode(&gif, "bomb.gif").map(drop)] {
+            let error = refused.unwrap_err().to_string();
+            assert!(error.starts_with("bomb.gif: ") && !error.contains('\n'), "{error}");
+        }
+    }
+
+    #[test]
     fn a_broken_picture_is_one_line_with_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("broken.png");

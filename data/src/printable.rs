@@ -15,6 +15,13 @@ pub fn printable_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |letter| letter != '\n' && is_obeyed(letter))
 }
 
+/// [`printable`] of JSON, which says the same with the escapes of JSON. Line ends between values stay.
+pub fn printable_json(json: &str) -> Cow<'_, str> {
+    let is_escaped = |letter: char| letter != '\n' && is_obeyed(letter);
+    // None of them is beyond four digits.
+    escaped_as(json, is_escaped, |letter| format!("\\u{:04x}", u32::from(letter)))
+}
+
 /// Whether a text is fit for a name: no character of it would be obeyed by a terminal.
 pub fn is_printable(text: &str) -> bool {
     !text.contains(is_obeyed)
@@ -27,10 +34,14 @@ fn is_obeyed(letter: char) -> bool {
 }
 
 fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
+    escaped_as(text, is_escaped, |letter| letter.escape_default().to_string())
+}
+
+fn escaped_as(text: &str, is_escaped: impl Fn(char) -> bool, escape: fn(char) -> String) -> Cow<'_, str> {
     if !text.contains(&is_escaped) {
         return Cow::Borrowed(text);
     }
-    let letter = |letter: char| if is_escaped(letter) { letter.escape_default().to_string() } else { letter.into() };
+    let letter = |letter: char| if is_escaped(letter) { escape(letter) } else { letter.into() };
     Cow::Owned(text.chars().map(letter).collect())
 }
 
@@ -52,5 +63,15 @@ mod tests {
         }
         assert!(matches!(printable("as it is"), Cow::Borrowed("as it is")));
         assert_eq!(printable_lines("one\ntwo\u{1b}c"), "one\ntwo\\u{1b}c");
+    }
+
+    #[test]
+    #[cfg(feature = "datasets")]
+    fn json_says_the_same_in_escapes() {
+        let names = ["csi\u{9b}2J", "\u{202e}", "A"];
+        let json = serde_json::to_string_pretty(&names).unwrap();
+        let shown = printable_json(&json);
+        assert!(is_printable(&shown.replace('\n', "")) && shown.lines().count() == 5, "{shown}");
+        assert_eq!(serde_json::from_str::<[String; 3]>(&shown).unwrap(), names);
     }
 }

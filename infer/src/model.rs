@@ -65,6 +65,9 @@ impl Model {
     }
 
     /// A model from a checkpoint in memory; `sha256` is what [`Checkpoint::save`] returned.
+    ///
+    /// # Errors
+    /// Weights that make no network or embed nothing, and a device that this build or machine does not have.
     pub fn new(checkpoint: Checkpoint, sha256: String, device: DeviceKind) -> Result<Self> {
         // Before any is allocated: a config may ask for terabytes that the file does not hold.
         let n_parameters: usize = checkpoint.tensors.iter().map(|tensor| tensor.values.len()).sum();
@@ -85,7 +88,7 @@ impl Model {
                 return Err(Error::invalid("device", "flex in a build without the feature burn", other.to_string()));
             }
         };
-        Ok(Self {
+        let model = Self {
             towers,
             n_parameters,
             config: checkpoint.config,
@@ -93,7 +96,32 @@ impl Model {
             provenance: checkpoint.provenance,
             calibrations: [checkpoint.calibration, checkpoint.peg_calibration],
             sha256: sha256.into(),
-        })
+        };
+        model.check_embeds().map_err(|error| error.within("network"))?;
+        Ok(model)
+    }
+
+    /// Refuses weights that embed nothing: of two pictures as different as pictures are (stripes across and along) each
+    /// embedding must be finite, of some length, and another than the other's.
+    fn check_embeds(&self) -> Result<()> {
+        let [width, height] = self.config.input_px;
+        let stripe = |place: usize| if (place / 2).is_multiple_of(2) { 1.0 } else { -1.0 };
+        let stripes = |place: &dyn Fn(usize) -> usize| TactileImage {
+            size_px: [width, height],
+            planes: (0..3 * width * height).map(|at| stripe(place(at))).collect(),
+            edge_share: 1.0,
+        };
+        let pictures = [stripes(&|at| at % width), stripes(&|at| at / width)];
+        for side in [Side::Hole, Side::Peg] {
+            let rows = self.embed_side(&pictures, side)?;
+            let (first, second) = rows.split_at(self.dim());
+            let is_nothing = |row: &[f32]| row.iter().all(|value| *value == 0.0);
+            if is_nothing(first) || is_nothing(second) || first == second {
+                let got = if first == second { "the same for all" } else { "one of no length" };
+                return Err(Error::invalid(format!("weights of {side}s"), "an embedding for each picture", got));
+            }
+        }
+        Ok(())
     }
 
     /// SHA-256 of the checkpoint but for its calibrations: banks are bound to it.

@@ -10,7 +10,7 @@ use tactile_data::calibrate::presses::{Presses, Source};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::compare::Figures;
 use tactile_data::sensor::light::LightRig;
-use tactile_data::{Error, Result, output, picture};
+use tactile_data::{Error, Result, output, picture, program};
 
 /// Fit a sensor's lamps to presses of a ball, or to Taxim's table.
 ///
@@ -73,7 +73,7 @@ impl Calibrate {
         };
         calibration.save(&self.out)?;
         let text = if self.json { super::pretty(&json)? } else { format!("{text}{} written", self.out.display()) };
-        println!("{text}");
+        program::say(text);
         Ok(())
     }
 

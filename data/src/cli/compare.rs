@@ -8,7 +8,7 @@ use tactile_data::compare::region::Region;
 use tactile_data::compare::{Press, compare};
 use tactile_data::frame::Frame;
 use tactile_data::recording::geometry::FIELD_OF_VIEW_MM;
-use tactile_data::{Error, Result, output, picture};
+use tactile_data::{Error, Result, output, picture, program};
 
 /// A picture of contact is white where a part touches, counts.
 const WHITE: u8 = 128;
@@ -101,7 +101,7 @@ impl Compare {
                 figures.psnr_db,
             )
         };
-        println!("{text}");
+        program::say(text);
         Ok(())
     }
 }

@@ -11,7 +11,8 @@ use tactile_data::inspection::{self, Finding};
 use tactile_data::shard::Fragment;
 use tactile_data::store::{self, Channels, Dataset, Meta, Mirror, Recording};
 use tactile_data::touch::Side;
-use tactile_data::{Result, contact_sheet, output, picture};
+use tactile_data::printable::printable;
+use tactile_data::{Result, contact_sheet, output, picture, program};
 
 /// Parts named in the text before it says only how many there are.
 const MAX_NAMES: usize = 12;
@@ -45,7 +46,7 @@ impl Inspect {
             picture::write_png(sheet, &contact_sheet::draw(&dataset)?)?;
         }
         let text = if self.json { super::pretty(&summary)? } else { summary.text() };
-        println!("{}", text.trim_end());
+        program::say(text.trim_end());
         Ok(())
     }
 }
@@ -155,9 +156,9 @@ impl Summary {
              poses        {} known, {grid}\n\
              difference   {:.2} counts rms from rest, on average\n\
              contact      in {} of {} frames{}\n",
-            self.name,
+            printable(&self.name),
             self.n_frames,
-            self.source,
+            printable(&self.source),
             listed(&self.parts),
             listed(&self.held_out),
             self.n_hole,

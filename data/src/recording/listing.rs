@@ -38,7 +38,8 @@ pub fn list(
     at_rest: Option<&Path>,
     warnings: &mut Vec<String>,
 ) -> Result<Listing> {
-    let is_file = fs::metadata(source).map_err(Error::io(source))?.is_file();
+    // What is neither is refused when it is read.
+    let is_file = !fs::metadata(source).map_err(Error::io(source))?.is_dir();
     let found = ["index.csv", "index.jsonl"].map(|file| source.join(file)).into_iter().find(|path| path.exists());
     let mut hash = Sha256::new();
     let files = match asked_index.map(Path::to_path_buf).or(found) {

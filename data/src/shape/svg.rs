@@ -155,6 +155,18 @@ mod tests {
         assert!((area(&circle.unwrap()) / (64.0 * std::f64::consts::PI) - 1.0).abs() < 1e-3);
     }
 
+    /// A pipe that nobody writes to: whoever opens it waits for ever.
+    #[test]
+    #[cfg(unix)]
+    fn a_picture_that_a_drawing_names_is_not_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe.png");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let image = format!("<image href='{}' width='4' height='4'/>", pipe.display());
+        let shape = drawn(&format!("{image}<rect width='12' height='6'/>")).unwrap();
+        assert!((area(&shape) - 72.0).abs() < 1e-3);
+    }
+
     #[test]
     fn each_filling_rule_is_its_own() {
         let squares = |rule: &str, inner: &str| {

@@ -143,8 +143,11 @@ fn read_index(path: &Path, file: File) -> Result<Vec<Touch>> {
         .enumerate()
         .map(|(row, line)| {
             let line = line.map_err(Error::io(path))?;
-            serde_json::from_str(&line)
-                .map_err(|e| Error::invalid(format!("{} line {}", path.display(), row + 1), "a touch", e.to_string()))
+            let place = || format!("{} line {}", path.display(), row + 1);
+            let touch: Touch =
+                serde_json::from_str(&line).map_err(|e| Error::invalid(place(), "a touch", e.to_string()))?;
+            touch.check_names().map_err(|error| error.within(place()))?;
+            Ok(touch)
         })
         .collect()
 }

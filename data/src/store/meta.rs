@@ -8,6 +8,7 @@ use super::files::{META, SCHEMA, json_error};
 use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 use crate::grid::PoseGrid;
+use crate::printable::is_printable;
 use crate::lamps::Lamps;
 use crate::recording::provenance::Recording;
 use crate::se2::Se2;
@@ -120,6 +121,10 @@ pub(crate) fn check_meta(meta: &Meta, path: &Path) -> Result<()> {
     if !meta.mm_per_px.iter().all(|mm| mm.is_finite() && *mm > 0.0) {
         let got = format!("{:?}", meta.mm_per_px);
         return Err(Error::invalid(format!("{}: mm_per_px", path.display()), "positive sizes", got));
+    }
+    if let Some(name) = meta.held_out.iter().chain([&meta.name]).find(|name| !is_printable(name)) {
+        let expected = "names without control characters";
+        return Err(Error::invalid(format!("{}: name, held_out", path.display()), expected, format!("{name:?}")));
     }
     // Bounds the arithmetic on sizes; no camera comes near.
     if !meta.frame_px.iter().all(|px| (1..=1 << 14).contains(px)) {

@@ -77,6 +77,7 @@ impl DatasetWriter {
     /// Appends a frame, of the size that the meta data states, and what is known of it.
     pub fn push(&mut self, frame: &Frame, touch: &Touch) -> Result<()> {
         check_size(frame, &self.meta, &format!("frame {}", self.n_frames))?;
+        touch.check_names().map_err(|error| error.within(format!("frame {}", self.n_frames)))?;
         self.frames.write_all(frame.rgb()).map_err(Error::io(self.partial.join(FRAMES)))?;
         if let Some((_, hash)) = &mut self.hash {
             hash.update(frame.rgb());

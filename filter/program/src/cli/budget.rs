@@ -8,6 +8,8 @@ use clap::Args;
 use tactile_data::bounded_file::{self, Kind};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
+use tactile_data::printable::printable;
+use tactile_data::program;
 use tactile_eval::report::knobs::in_words;
 use tactile_eval::result::{Promise, PromisedShare};
 use tactile_eval::{Error, Result};
@@ -122,18 +124,18 @@ fn with_rows(bank: &Bank, settings: &Settings) -> Result<Arc<Bank>> {
 
 fn print(promise: &Promise, tradeoff: &Tradeoff, frontier: &Path) {
     if !tradeoff.has_halves() {
-        eprintln!(
-            "note: {} does not say how many episodes were decided: the most accurate setting is chosen, and its accuracy is of the \
-             episodes that chose it. tactile-filter tradeoff measures both",
+        program::note(format_args!(
+            "{} does not say how many episodes were decided: the most accurate setting is chosen, and its accuracy is \
+             of the episodes that chose it. tactile-filter tradeoff measures both",
             frontier.display()
-        );
+        ));
     }
     let Promise { settings, decision_ms, memory_mb, n_touches, .. } = promise;
     eprintln!(
         "budget: {decision_ms:.2} ms a decision and {memory_mb:.1} MB here, at most {n_touches} touches; {} on {}, {}: {settings}",
         promised(promise),
-        tradeoff.scene,
-        tradeoff.poses,
+        printable(&tradeoff.scene),
+        printable(&tradeoff.poses),
     );
 }
 

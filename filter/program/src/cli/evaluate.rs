@@ -7,6 +7,7 @@ use clap::Args;
 use tactile_data::calibrate::Calibration;
 use tactile_data::output;
 use tactile_data::output_lock::OutputLock;
+use tactile_data::program;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
@@ -189,7 +190,7 @@ impl Evaluate {
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
         let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
         warn_of_light(bank, recorded.lamps());
-        recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
+        recorded.notes().iter().for_each(program::note);
         Ok(OwnedHoles::Recorded(Box::new(recorded)))
     }
 
@@ -218,14 +219,14 @@ impl Evaluate {
             let there = Episodes::load(&path)?;
             let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
             if there.episodes == protocol.episodes && there.is_of(&self.run_episodes(subject, &nothing)?) {
-                println!("{} is there already", path.display());
+                program::say(format_args!("{} is there already", path.display()));
                 return Ok(());
             }
             let expected = "no file, or this shard of this evaluation";
             return Err(Error::invalid(path.display().to_string(), expected, "one of another evaluation"));
         }
         self.run_episodes(subject, protocol)?.save(&path)?;
-        println!("episodes {:?} in {}", protocol.episodes, path.display());
+        program::say(format_args!("episodes {:?} in {}", protocol.episodes, path.display()));
         Ok(())
     }
 

@@ -11,6 +11,8 @@ use serde_json::{Map, Value};
 use tactile_data::bounded_file::{self, Kind};
 use tactile_data::calibrate::Calibration;
 use tactile_data::output::check_file;
+use tactile_data::printable::{printable, printable_json};
+use tactile_data::program;
 use tactile_data::scene::Scene;
 use tactile_infer::{Bank, Model};
 use tactile_live::log::Setup;
@@ -234,13 +236,13 @@ fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()
 /// Prints what the node says.
 pub fn tell(spoken: &Spoken, json: bool) {
     match spoken {
-        Spoken::Line(line) => eprintln!("{line}"),
+        Spoken::Line(line) => eprintln!("{}", printable(line)),
         Spoken::Decision(report) if json => {
             if let Ok(json) = serde_json::to_string(report) {
-                println!("{json}");
+                println!("{}", printable_json(&json));
             }
         }
-        Spoken::Decision(report) => println!("{}", report.line()),
+        Spoken::Decision(report) => program::say(report.line()),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use tactile_data::output;
+use tactile_data::{output, program};
 use tactile_eval::Result;
 use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::reproduction;
@@ -36,8 +36,8 @@ impl Reproduction {
             let json = to_json("sensors", &table)?;
             write_whole(&self.out.with_file_name("sensors.json"), json.as_bytes())?;
         }
-        reproduction::summary(&found).iter().for_each(|line| println!("{line}"));
-        println!("  {}", self.out.display());
+        reproduction::summary(&found).iter().for_each(program::say);
+        program::say(format_args!("  {}", self.out.display()));
         Ok(())
     }
 }

@@ -9,6 +9,7 @@ use clap::Args;
 use serde::{Deserialize, Serialize};
 use tactile_data::bounded_file::{self, Kind};
 use tactile_data::output_lock::OutputLock;
+use tactile_data::program;
 use tactile_data::progress::Progress;
 use tactile_data::shard::Shard;
 use tactile_eval::evaluate::Protocol;
@@ -100,7 +101,7 @@ impl TradeoffArgs {
         }
         self.measure(&sweep, todo)?;
         if self.shard.is_some() {
-            println!("settings {mine:?} of {n_settings} in {}", sweep.folder.display());
+            program::say(format_args!("settings {mine:?} of {n_settings} in {}", sweep.folder.display()));
             return Ok(());
         }
         let tradeoff = self.gather(&sweep)?;
@@ -128,7 +129,7 @@ impl TradeoffArgs {
             let inputs: Vec<&Path> = self.models.iter().chain(&of_source).map(PathBuf::as_path).collect();
             self.output.prepare(FILES[0], FILES[1], &inputs)?.into()
         };
-        note.iter().for_each(|note| eprintln!("note: {note}"));
+        note.iter().for_each(program::note);
         Ok(Sweep { models, source, planned, folder, _locks: locks })
     }
 
@@ -242,7 +243,7 @@ impl TradeoffArgs {
         self.output.write(FILES[1], &json)?;
         self.output.print(&json, &html, || {
             print_findings(tradeoff);
-            println!("  for --frontier: {}", frontier.display());
+            program::say(format_args!("  for --frontier: {}", frontier.display()));
         });
         Ok(())
     }
