@@ -54,7 +54,10 @@ mod tests {
             Err(io::Error::other("the disk is full"))
         });
         assert!(failed.unwrap_err().to_string().ends_with("out: the disk is full"));
-        assert_eq!((fs::read(&path).unwrap(), fs::read_dir(path.parent().unwrap()).unwrap().count()), (b"second".to_vec(), 1));
+        assert_eq!(
+            (fs::read(&path).unwrap(), fs::read_dir(path.parent().unwrap()).unwrap().count()),
+            (b"second".to_vec(), 1)
+        );
     }
 
     #[test]

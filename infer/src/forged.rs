@@ -108,9 +108,8 @@ fn put(file: &mut SafeFile, entry: &str, at: &str, value: Value) {
 #[test]
 fn a_model_whose_weights_embed_nothing_is_refused() {
     let whole = Whole::new();
-    let all = |value: f32| {
-        move |file: &mut SafeFile| file.tensors.iter_mut().for_each(|tensor| tensor.values.fill(value))
-    };
+    let all =
+        |value: f32| move |file: &mut SafeFile| file.tensors.iter_mut().for_each(|tensor| tensor.values.fill(value));
     for value in [0.0, 1e30, -1e30] {
         let error = whole.refused_model(all(value));
         assert!(error.contains("network: "), "{value}: {error}");

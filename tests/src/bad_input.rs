@@ -416,7 +416,11 @@ fn what_is_no_file_of_its_kind_is_named_and_not_read() {
                 _ => kind,
             };
             names(&ran, &[Path::new(name).file_name().unwrap().to_str().unwrap(), words]);
-            if way == "folder" { fs::remove_dir(&place).unwrap() } else { fs::remove_file(&place).unwrap() }
+            if way == "folder" {
+                fs::remove_dir(&place).unwrap()
+            } else {
+                fs::remove_file(&place).unwrap()
+            }
             if kept.exists() {
                 fs::rename(&kept, &place).unwrap();
             }

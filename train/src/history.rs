@@ -48,7 +48,8 @@ impl History {
     /// Opens the curve for a run that continues after `first_step`: later rows, and one cut short by a crash, are
     /// dropped, because those steps will be made again.
     pub fn open(path: &Path, first_step: usize) -> Result<Self> {
-        let old = if first_step > 0 && path.exists() { bounded_file::read_to_string(path, CURVE)? } else { String::new() };
+        let old =
+            if first_step > 0 && path.exists() { bounded_file::read_to_string(path, CURVE)? } else { String::new() };
         let rows: Vec<Row> = old.lines().skip(1).filter_map(parse).filter(|row| row.step <= first_step).collect();
         let mut kept = format!("{STEP_COLUMNS},{}\n", columns().join(","));
         rows.iter().for_each(|row| kept.push_str(&line(row)));

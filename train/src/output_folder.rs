@@ -74,7 +74,8 @@ mod tests {
         let path = scratch.path().join("a/b");
         let claimed = OutputFolder::claim(&path, &[]).unwrap();
         let error = OutputFolder::claim(&path, &[]).unwrap_err().to_string();
-        let expected = "a/b/model.safetensors: expected an output that no other run is writing, got another run at work";
+        let expected =
+            "a/b/model.safetensors: expected an output that no other run is writing, got another run at work";
         assert!(error.ends_with(expected), "{error}");
         drop(claimed);
         assert_eq!(fs::read_dir(scratch.path()).unwrap().count(), 0);

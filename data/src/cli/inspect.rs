@@ -8,10 +8,10 @@ use serde::Serialize;
 use tactile_data::contact::{self, FrameContact};
 use tactile_data::grid::PoseGrid;
 use tactile_data::inspection::{self, Finding};
+use tactile_data::printable::printable;
 use tactile_data::shard::Fragment;
 use tactile_data::store::{self, Channels, Dataset, Meta, Mirror, Recording};
 use tactile_data::touch::Side;
-use tactile_data::printable::printable;
 use tactile_data::{Result, contact_sheet, output, picture, program};
 
 /// Parts named in the text before it says only how many there are.

@@ -136,7 +136,10 @@ mod tests {
         drop(partial);
         fs::rename(at("kept"), at("out.partial")).unwrap();
         let error = Partial::folder(&at("out"), is_ours).unwrap_err().to_string();
-        assert!(error.contains("out.partial: expected nothing but the files of an unfinished export, got mine"), "{error}");
+        assert!(
+            error.contains("out.partial: expected nothing but the files of an unfinished export, got mine"),
+            "{error}"
+        );
         assert_eq!(fs::read(at("out.partial/mine")).unwrap(), b"kept");
     }
 }

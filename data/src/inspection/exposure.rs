@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::{Finding, Kind};
 use super::pictures::{LEAST_SAMPLE, light_px, median};
+use super::{Finding, Kind};
 use crate::contact::FrameContact;
 use crate::error::Result;
 use crate::frame::{EDGE_COUNTS, area_average};

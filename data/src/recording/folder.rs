@@ -105,13 +105,13 @@ pub(super) fn frames_of(bytes: Result<Vec<u8>>, place: String) -> impl Iterator<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
     use crate::recording::geometry::Crop;
     use crate::se2::Se2;
     use crate::store::Dataset;
     use crate::touch::Side;
     use image::codecs::gif::GifEncoder;
     use image::{Delay, Rgb, RgbImage};
+    use std::fs;
 
     /// Lit everywhere: a black side would pass for a bar.
     fn picture_of(value: u8) -> RgbImage {

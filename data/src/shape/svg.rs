@@ -34,8 +34,7 @@ pub fn outline(path: &Path) -> Result<Shape> {
     let file = path.display();
     let bytes = bounded_file::read(path, Kind::DRAWING)?;
     // Pictures in a drawing have no outline: what they name is not opened.
-    let images =
-        ImageHrefResolver { resolve_data: Box::new(|_, _, _| None), resolve_string: Box::new(|_, _| None) };
+    let images = ImageHrefResolver { resolve_data: Box::new(|_, _, _| None), resolve_string: Box::new(|_, _| None) };
     let tree = Tree::from_data(&bytes, &Options { image_href_resolver: images, ..Options::default() })
         .map_err(|e| Error::invalid(file.to_string(), "an SVG drawing", e.to_string()))?;
     let mut elements = Vec::new();

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use tactile_data::bounded_file::{self, Kind};
 use tactile_data::touch::Side;
 use tactile_infer::Views;
-use tactile_data::bounded_file::{self, Kind};
 use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use tactile_data::{output, program};
 use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::Side;
+use tactile_data::{output, program};
 use tactile_infer::bank::Bank;
 use tactile_infer::calibrate::{Calibrated, Choice, Gain, Judgement, PRIOR_TOUCHES, Touches, calibrate};
 use tactile_infer::calibration::{Calibration, Prior, Spread};
