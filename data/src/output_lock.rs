@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 pub struct OutputLock {
     path: PathBuf,
     /// Holds the lock until it is closed.
-    _file: File,
+    file: File,
 }
 
 impl OutputLock {
@@ -29,15 +29,18 @@ impl OutputLock {
     pub fn take(out: &Path) -> Result<Self> {
         let path = with_ending(out, ".lock");
         let file = lock_file(&path, out)?;
-        Ok(Self { path, _file: file })
+        Ok(Self { path, file })
     }
 }
 
 impl Drop for OutputLock {
     fn drop(&mut self) {
-        // Before the lock itself: whoever opened the file meanwhile finds that it has no name any more. One that stays
-        // does no harm.
-        drop(fs::remove_file(&self.path));
+        // A file with content is somebody's own, such as a Cargo.lock.
+        if self.file.metadata().is_ok_and(|about| about.len() == 0) {
+            // Before the lock itself: whoever opened the file meanwhile finds that it has no name any more. One that
+            // stays does no harm.
+            drop(fs::remove_file(&self.path));
+        }
     }
 }
 
@@ -107,6 +110,10 @@ mod tests {
         fs::write(folder.path().join("pegs.bank.lock"), "").unwrap();
         drop(OutputLock::take(&out).unwrap());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        // A file of that name with content is not one that a lock has made.
+        fs::write(folder.path().join("Cargo.lock"), "version = 4").unwrap();
+        drop(OutputLock::take(&folder.path().join("Cargo")).unwrap());
+        assert_eq!(fs::read(folder.path().join("Cargo.lock")).unwrap(), b"version = 4");
         assert!(OutputLock::take(&folder.path().join("nowhere/out")).unwrap_err().to_string().contains("nowhere"));
     }
 

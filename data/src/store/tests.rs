@@ -1,7 +1,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::files::{FRAMES, INDEX, META, NO_CONTACT};
+use sha2::Digest;
+
+use super::files::{FRAMES, INDEX, META, NO_CONTACT, sha256};
 use super::frames::{HEADER_LEN, npy_header};
 use super::writer::partial_path;
 use super::*;
