@@ -123,7 +123,7 @@ fn a_model_whose_weights_embed_nothing_is_refused() {
         let is_conv = |name: &str| name.contains(".conv.");
         file.tensors.iter_mut().filter(|tensor| is_conv(&tensor.name)).for_each(|tensor| tensor.values.fill(0.0));
     });
-    assert!(blind.contains("an embedding for each picture"), "{blind}");
+    assert!(blind.contains("an embedding of each picture"), "{blind}");
     Model::load(&whole.model).unwrap();
 }
 
