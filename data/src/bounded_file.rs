@@ -1,4 +1,4 @@
-//! Files that a user names, opened and read with a bound: whatever a path leads to, reading it ends, and takes no more
+//! Files that a user names, opened and read with a bound: reading ends for any file that a path leads to, and takes no more
 //! memory than a file of its kind may have.
 
 use std::fs::{self, File, Metadata};

@@ -1,5 +1,5 @@
-//! Outputs of which only one run at a time writes each: datasets, banks, models, evaluations and whatever else has a name
-//! that two runs may be given.
+//! Outputs of which only one run at a time writes each: datasets, banks, models, evaluations and all else with a name that
+//! two runs may be given.
 //!
 //! The system holds a lock and lets it go when a process ends, however it ends: a file that a killed run has left locks
 //! nothing. On a file system without locks nothing is checked.
@@ -37,8 +37,8 @@ impl Drop for OutputLock {
     fn drop(&mut self) {
         // A file with content is somebody's own, such as a Cargo.lock.
         if self.file.metadata().is_ok_and(|about| about.len() == 0) {
-            // Before the lock itself: whoever opened the file meanwhile finds that it has no name any more. One that
-            // stays does no harm.
+            // Before the lock itself: another run that opened the file meanwhile finds that it has no name any more. One
+            // that stays does no harm.
             drop(fs::remove_file(&self.path));
         }
     }

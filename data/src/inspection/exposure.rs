@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::frame::{EDGE_COUNTS, area_average};
 use crate::store::Dataset;
 
-/// A group whose exposure differs from that at rest by this much is told, natural logarithm. Cameras drift by -8..+19 %
+/// A group whose exposure differs from that at rest by this much is a finding, natural logarithm. Cameras drift by -8..+19 %
 /// from frame to frame, of which simulated recordings of every preset keep 0 to 2.5 % in the median of many frames.
 const LEAST_LOG: f64 = 0.045;
 

@@ -154,7 +154,7 @@ mod tests {
         assert!((area(&circle.unwrap()) / (64.0 * std::f64::consts::PI) - 1.0).abs() < 1e-3);
     }
 
-    /// A pipe that nobody writes to: whoever opens it waits for ever.
+    /// A pipe that nobody writes to: a reader that opens it waits for ever.
     #[test]
     #[cfg(unix)]
     fn a_picture_that_a_drawing_names_is_not_opened() {
