@@ -86,7 +86,8 @@ fn too_long(path: &Path, Kind { name, most_bytes }: Kind, got: &str) -> Error {
     Error::invalid(path.display().to_string(), format!("{name} of at most {most_bytes} bytes"), got)
 }
 
-fn check_is_file(path: &Path, about: &Metadata) -> Result<()> {
+/// Refuses a folder, a device, a pipe and a socket.
+pub(crate) fn check_is_file(path: &Path, about: &Metadata) -> Result<()> {
     if about.is_file() {
         return Ok(());
     }

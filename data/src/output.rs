@@ -5,6 +5,7 @@ use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
 use std::path::Path;
 
+use crate::bounded_file::check_is_file;
 use crate::error::{Error, Result};
 use crate::output_lock::OutputLock;
 
@@ -25,6 +26,10 @@ pub fn check_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P
 }
 
 fn check_writable(out: &Path) -> Result<()> {
+    if let Ok(there) = fs::metadata(out) {
+        // Opening a pipe would wait for its reader, and a rename would replace a device.
+        check_is_file(out, &there)?;
+    }
     match OpenOptions::new().write(true).create_new(true).open(out) {
         Ok(_) => fs::remove_file(out),
         Err(error) if error.kind() == ErrorKind::AlreadyExists => OpenOptions::new().append(true).open(out).map(drop),
@@ -120,6 +125,13 @@ mod tests {
             assert!(check(out).unwrap_err().to_string().contains(reason), "{out}");
         }
         assert_eq!(fs::read(at("rest.png")).unwrap(), b"a picture");
+        #[cfg(unix)]
+        {
+            let pipe = folder.path().join("pipe");
+            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+            assert!(check("pipe").unwrap_err().to_string().contains("pipe: expected a file, got a device, a pipe"));
+            fs::remove_file(&pipe).unwrap();
+        }
         let lock = check("new.png").unwrap();
         assert!(check("new.png").unwrap_err().to_string().contains("new.png: expected an output that no other run"));
         drop(lock);
