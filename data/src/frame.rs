@@ -71,6 +71,29 @@ impl Preprocessing {
     pub fn counts(input_px: [usize; 2]) -> Self {
         Self { input_px, field_of_view_mm: [18.6, 14.3], mean: [0.0; 3], std: [1.0; 3] }
     }
+
+    /// Refuses numbers that no training set has.
+    ///
+    /// # Errors
+    /// The field: a size that is not positive, a mean that is not finite, a deviation that is not positive.
+    pub fn validate(&self) -> Result<()> {
+        let is_positive = |value: f64| value.is_finite() && value > 0.0;
+        let Self { input_px, field_of_view_mm, mean, std } = self;
+        if input_px.contains(&0) {
+            return Err(Error::invalid("preprocessing.input_px", "positive sizes", format!("{input_px:?}")));
+        }
+        if !field_of_view_mm.iter().all(|mm| is_positive(*mm)) {
+            let got = format!("{field_of_view_mm:?}");
+            return Err(Error::invalid("preprocessing.field_of_view_mm", "positive lengths", got));
+        }
+        if !mean.iter().all(|counts| counts.is_finite()) {
+            return Err(Error::invalid("preprocessing.mean", "finite numbers", format!("{mean:?}")));
+        }
+        if !std.iter().all(|counts| is_positive(f64::from(*counts))) {
+            return Err(Error::invalid("preprocessing.std", "positive", format!("{std:?}")));
+        }
+        Ok(())
+    }
 }
 
 /// The difference of a frame from the sensor at rest: what a touch did to the picture.
@@ -120,16 +143,14 @@ impl Background {
     /// Prepares the no-contact frame. Fails with [`Error::Frame`] where it is dark, saturated or uniform.
     pub fn new(no_contact: &Frame, preprocessing: &Preprocessing) -> Result<Self> {
         let mean_counts = check_lit(no_contact, "no-contact frame", DARK_COUNTS)?;
+        preprocessing.validate()?;
         let [width, height] = preprocessing.input_px;
-        if width == 0 || height == 0 || width > no_contact.width_px || height > no_contact.height_px {
+        if width > no_contact.width_px || height > no_contact.height_px {
             return Err(Error::invalid(
                 "no-contact frame",
                 format!("at least {width}x{height} pixels"),
                 format!("{}x{}", no_contact.width_px, no_contact.height_px),
             ));
-        }
-        if preprocessing.std.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
-            return Err(Error::invalid("preprocessing.std", "positive", format!("{:?}", preprocessing.std)));
         }
         Ok(Self {
             frame_px: [no_contact.width_px, no_contact.height_px],

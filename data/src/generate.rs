@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::grid::PoseGrid;
 use crate::lab::Lab;
+use crate::needs::Needs;
 use crate::output;
 use crate::random::{around_zero, frame_rng};
 use crate::scene::{MazeBoards, Parts, Scene};
@@ -104,13 +105,36 @@ fn anywhere(reach: &PoseGrid, rng: &mut ChaCha8Rng) -> Se2 {
     Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg))
 }
 
+/// What rendering a scene's dataset, or one shard of it, takes; nothing is rendered yet.
+///
+/// # Errors
+/// A scene without touches, and a disk or a memory that does not have the room.
+pub fn needs(scene: &Scene, sampling: &Sampling, shard: Option<Shard>, out: &Path) -> Result<Needs> {
+    let n_planned = n_touches(scene, sampling.sides, sampling.places)?;
+    let n_touches = shard.map_or(n_planned, |shard| shard.range(n_planned).len());
+    // What is there already is either whole or refused.
+    if std::fs::symlink_metadata(out).is_err() {
+        output::check_room(out, n_touches, scene.sensor.frame_px)?;
+    }
+    let (n_all, n_sides) = match &scene.parts {
+        Parts::Maze(boards) => (boards.n_boards, 2),
+        Parts::Kit(_) => (scene.part_names().len(), sampling.sides.len()),
+    };
+    // Touches are planned part by part: those of a share of them are of as large a share of the parts.
+    let n_parts = (n_all as f64 * n_touches as f64 / n_planned as f64).ceil() as usize;
+    let mut needs = Needs::of(scene, n_parts, n_sides, n_touches);
+    needs.memory_bytes += n_planned as f64 * size_of::<Planned>() as f64;
+    needs.check()?;
+    Ok(needs)
+}
+
 /// Renders a scene into a dataset folder and returns the number of frames. The same seed writes the same bytes,
 /// for any number of threads.
 ///
 /// # Errors
-/// A scene without touches, a disk without the room, or a name in use.
+/// A scene without touches, a disk or a memory without the room, or a name in use.
 pub fn generate(scene: &Scene, sampling: &Sampling, out: &Path, progress: &dyn Fn(usize, usize)) -> Result<usize> {
-    output::check_room(out, n_touches(scene, sampling.sides, sampling.places)?, scene.sensor.frame_px)?;
+    needs(scene, sampling, None, out)?;
     let job = Job::new(scene, sampling)?;
     job.write(0..job.planned.len(), None, out, progress)
 }
@@ -143,9 +167,7 @@ pub fn generate_shard(
         return Err(Error::invalid("shard", "touches without a simulated lab's errors", "a lab"));
     }
     let is_there = std::fs::symlink_metadata(out).is_ok();
-    if !is_there {
-        output::check_room(out, shard.range(n_planned).len(), scene.sensor.frame_px)?;
-    }
+    needs(scene, sampling, Some(shard), out)?;
     let job = Job::new(scene, sampling)?;
     let fragment = Fragment { shard, n_planned, plan_sha256: fingerprint(&job.planned) };
     if is_there {

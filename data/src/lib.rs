@@ -23,6 +23,7 @@
 //! # }
 //! ```
 
+pub mod bounded_file;
 #[cfg(feature = "sim")]
 pub mod calibrate;
 #[cfg(feature = "cli")]
@@ -51,12 +52,16 @@ pub mod lamps;
 #[cfg(feature = "datasets")]
 pub mod moved_view;
 #[cfg(feature = "sim")]
+pub mod needs;
+#[cfg(feature = "sim")]
 pub mod npy;
 pub mod origin;
 #[cfg(feature = "datasets")]
 pub mod output;
+pub mod output_lock;
 #[cfg(feature = "datasets")]
 pub mod picture;
+pub mod printable;
 #[cfg(feature = "cli")]
 pub mod program;
 #[cfg(feature = "cli")]
@@ -86,5 +91,6 @@ pub mod store;
 pub mod suggest;
 pub mod symmetry;
 pub mod touch;
+pub mod whole_file;
 
 pub use error::{Error, FrameFault, Result};

@@ -4,16 +4,20 @@
 //! 1, 4 later), the header (a Python dict with `descr`, `fortran_order` and `shape`), then the values.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::io::Read;
 use std::path::Path;
 
 use zip::ZipArchive;
 
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 
 /// The most values of one array: a gigabyte as f32.
 const MAX_VALUES: usize = 1 << 28;
+
+/// A header and the largest array of f8.
+const ARRAY: Kind = Kind { name: "a NumPy array", most_bytes: 8 * MAX_VALUES as u64 + 65_536 };
 
 /// An array of any shape in C order, the last axis running fastest.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +30,7 @@ pub struct Array {
 
 /// Reads an `.npy` file of u1, i2, i4, i8, f4 or f8 values, little endian, C order.
 pub fn read(path: impl AsRef<Path>) -> Result<Array> {
-    let bytes = fs::read(path.as_ref()).map_err(Error::io(path.as_ref()))?;
+    let bytes = bounded_file::read(path.as_ref(), ARRAY)?;
     parse(&bytes, &path.as_ref().display().to_string())
 }
 
@@ -36,17 +40,18 @@ pub fn read_npz(path: impl AsRef<Path>) -> Result<BTreeMap<String, Array>> {
     let invalid = |what: String, error: &dyn std::fmt::Display| {
         Error::invalid(what, "a readable .npz archive", error.to_string())
     };
-    let file = File::open(path).map_err(Error::io(path))?;
+    let file = bounded_file::open_kind(path, ARRAY)?;
     let mut archive = ZipArchive::new(file).map_err(|e| invalid(path.display().to_string(), &e))?;
-    let mut arrays = BTreeMap::new();
+    let (mut arrays, mut n_bytes_left) = (BTreeMap::new(), ARRAY.most_bytes);
     for index in 0..archive.len() {
         let entry = archive.by_index(index).map_err(|e| invalid(format!("{}, entry {index}", path.display()), &e))?;
         let name = entry.name().map_err(|e| invalid(format!("{}, entry {index}", path.display()), &e))?;
         let name = name.trim_end_matches(".npy").to_owned();
         let what = format!("{}, {name}", path.display());
         let mut bytes = Vec::new();
-        // A header and the largest array of f8.
-        entry.take(8 * MAX_VALUES as u64 + 65_536).read_to_end(&mut bytes).map_err(|e| invalid(what.clone(), &e))?;
+        // All of them together are no larger than one may be: a small file may hold any number of large ones, packed.
+        entry.take(n_bytes_left).read_to_end(&mut bytes).map_err(|e| invalid(what.clone(), &e))?;
+        n_bytes_left -= bytes.len() as u64;
         arrays.insert(name, parse(&bytes, &what)?);
     }
     Ok(arrays)
@@ -128,6 +133,7 @@ fn shape(header: &str) -> Option<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::File;
     use std::io::Write;
     use zip::ZipWriter;
     use zip::write::SimpleFileOptions;

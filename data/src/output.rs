@@ -1,22 +1,34 @@
-//! Outputs, checked before the work that fills them.
+//! Outputs, checked and locked before the work that fills them.
 
 use std::fmt::Display;
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
 use std::path::Path;
 
+use crate::bounded_file::check_is_file;
 use crate::error::{Error, Result};
+use crate::output_lock::OutputLock;
 
-/// Checks that a file can be written at `out` and that it is none of `inputs`. A file that is there stays as it is.
+/// Checks that a file can be written at `out` and that it is none of `inputs`, and locks it against another run until
+/// what is returned is dropped. A file that is there stays as it is.
 ///
 /// # Errors
-/// An input, a folder, or a place where nothing can be written.
-pub fn check_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P>) -> Result<()> {
+/// An input, a folder, a place where nothing can be written, or an output that another run is writing.
+pub fn check_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P>) -> Result<OutputLock> {
     let path = out.canonicalize().ok();
     let is_out = |input: &Path| input == out || (path.is_some() && input.canonicalize().ok() == path);
     if inputs.into_iter().any(|input| is_out(input.as_ref())) {
         let got = "one that this command reads or writes already";
         return Err(Error::invalid(out.display().to_string(), "a file of its own", got));
+    }
+    check_writable(out)?;
+    OutputLock::take(out)
+}
+
+fn check_writable(out: &Path) -> Result<()> {
+    if let Ok(there) = fs::metadata(out) {
+        // Opening a pipe would wait for its reader, and a rename would replace a device.
+        check_is_file(out, &there)?;
     }
     match OpenOptions::new().write(true).create_new(true).open(out) {
         Ok(_) => fs::remove_file(out),
@@ -26,28 +38,29 @@ pub fn check_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P
     .map_err(Error::io(out))
 }
 
-/// Makes the folder in which the file `out` will lie, and checks the file as [`check_file`] does.
+/// Makes the folder in which the file `out` will lie, and checks and locks the file as [`check_file`] does.
 ///
 /// # Errors
 /// As [`check_file`].
-pub fn prepare_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P>) -> Result<()> {
+pub fn prepare_file<P: AsRef<Path>>(out: &Path, inputs: impl IntoIterator<Item = P>) -> Result<OutputLock> {
     if let Some(folder) = out.parent() {
         fs::create_dir_all(folder).map_err(Error::io(folder))?;
     }
     check_file(out, inputs)
 }
 
-/// Makes the folder `out` and checks, as [`check_file`] does, the page and then the figures that will be written there.
+/// Makes the folder `out`, and checks and locks, as [`check_file`] does, the page and then the figures that will be written
+/// there.
 ///
 /// # Errors
 /// As [`check_file`]; a page without figures: another program made it, for ours is never without.
-pub fn prepare_folder<P: AsRef<Path>>(out: &Path, page: &str, figures: &str, inputs: &[P]) -> Result<()> {
+pub fn prepare_folder<P: AsRef<Path>>(out: &Path, page: &str, figures: &str, inputs: &[P]) -> Result<[OutputLock; 2]> {
     let (page, figures) = (out.join(page), out.join(figures));
     if page.exists() && !figures.exists() {
         let expected = format!("no file, or one of an earlier run with its {}", figures.display());
         return Err(Error::invalid(page.display().to_string(), expected, "a page of something else"));
     }
-    [page, figures].iter().try_for_each(|file| prepare_file(file, inputs))
+    Ok([prepare_file(&page, inputs)?, prepare_file(&figures, inputs)?])
 }
 
 /// Refuses work that this machine's memory cannot hold.
@@ -86,7 +99,7 @@ pub fn check_room(out: &Path, n_frames: usize, frame_px: [usize; 2]) -> Result<(
 const INDEX_LINE_BYTES: f64 = 130.0;
 
 /// A number of bytes for people.
-fn size(bytes: f64) -> String {
+pub(crate) fn size(bytes: f64) -> String {
     let units = [(1e18, "EB"), (1e15, "PB"), (1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB")];
     let unit = units.into_iter().find(|(unit, _)| bytes >= *unit);
     unit.map_or_else(|| format!("{bytes} B"), |(unit, name)| format!("{:.1} {name}", bytes / unit))
@@ -103,8 +116,8 @@ mod tests {
         fs::write(at("rest.png"), "a picture").unwrap();
         fs::write(at("old.png"), "old").unwrap();
         let check = |out: &str| check_file(&at(out), [at("missing.png"), at("rest.png")]);
-        check("new.png").unwrap();
-        check("old.png").unwrap();
+        drop(check("new.png").unwrap());
+        drop(check("old.png").unwrap());
         assert!(!at("new.png").exists() && fs::read(at("old.png")).unwrap() == b"old");
         fs::create_dir(at("sub")).unwrap();
         for (out, reason) in [("sub/../rest.png", "a file of its own"), ("nowhere/new.png", "nowhere"), ("sub", "sub")]
@@ -112,6 +125,17 @@ mod tests {
             assert!(check(out).unwrap_err().to_string().contains(reason), "{out}");
         }
         assert_eq!(fs::read(at("rest.png")).unwrap(), b"a picture");
+        #[cfg(unix)]
+        {
+            let pipe = folder.path().join("pipe");
+            assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+            assert!(check("pipe").unwrap_err().to_string().contains("pipe: expected a file, got a device, a pipe"));
+            fs::remove_file(&pipe).unwrap();
+        }
+        let lock = check("new.png").unwrap();
+        assert!(check("new.png").unwrap_err().to_string().contains("new.png: expected an output that no other run"));
+        drop(lock);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "no lock file stays");
     }
 
     #[test]
@@ -119,12 +143,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("new/evaluation");
         let prepare = |inputs: &[&Path]| prepare_folder(&out, "report.html", "evaluation.json", inputs);
-        prepare(&[]).unwrap();
+        let locks = prepare(&[]).unwrap();
         assert!(out.is_dir());
+        assert!(prepare(&[]).unwrap_err().to_string().contains("report.html: expected an output that no other run"));
+        drop(locks);
+        assert_eq!(fs::read_dir(&out).unwrap().count(), 0);
         fs::write(out.join("report.html"), "mine").unwrap();
         assert!(prepare(&[]).unwrap_err().to_string().contains("a page of something else"));
         fs::write(out.join("evaluation.json"), "{}").unwrap();
-        prepare(&[]).unwrap();
+        drop(prepare(&[]).unwrap());
         assert!(prepare(&[&out.join("evaluation.json")]).unwrap_err().to_string().contains("a file of its own"));
     }
 

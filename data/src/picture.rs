@@ -4,8 +4,9 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use image::codecs::gif::GifDecoder;
-use image::{AnimationDecoder, DynamicImage, ImageFormat, ImageReader, RgbImage};
+use image::{AnimationDecoder, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, RgbImage};
 
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 use crate::frame::{Frame, area_average};
 
@@ -39,7 +40,8 @@ pub fn frames(bytes: Vec<u8>, place: &str) -> Result<Frames> {
         return Ok(Box::new(std::iter::once(Ok(decode(&bytes, place)?))));
     }
     let path = PathBuf::from(place);
-    let animation = GifDecoder::new(Cursor::new(bytes)).map_err(Error::picture(&path))?;
+    let mut animation = GifDecoder::new(Cursor::new(bytes)).map_err(Error::picture(&path))?;
+    animation.set_limits(limits()).map_err(Error::picture(&path))?;
     let frame = move |frame: image::ImageResult<image::Frame>| {
         frame_from(DynamicImage::from(frame.map_err(Error::picture(&path))?.into_buffer()))
     };
@@ -52,18 +54,32 @@ pub fn frames(bytes: Vec<u8>, place: &str) -> Result<Frames> {
 
 /// Every frame of a picture file, in order, as [`frames`].
 pub fn read_all(path: &Path) -> Result<Vec<Frame>> {
-    frames(std::fs::read(path).map_err(Error::io(path))?, &path.display().to_string())?.collect()
+    frames(bounded_file::read(path, Kind::PICTURE)?, &path.display().to_string())?.collect()
 }
 
 /// The only frame of a picture file, or the first of an animation.
 pub fn read(path: &Path) -> Result<Frame> {
-    decode(&std::fs::read(path).map_err(Error::io(path))?, &path.display().to_string())
+    decode(&bounded_file::read(path, Kind::PICTURE)?, &path.display().to_string())
 }
 
 /// The only frame that the bytes of a PNG or JPEG hold, or the first of an animation; `place` names them in an error.
 pub fn decode(bytes: &[u8], place: &str) -> Result<Frame> {
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(place))?;
-    frame_from(reader.decode().map_err(Error::picture(Path::new(place)))?)
+    frame_from(decode_any(bytes, Path::new(place))?)
+}
+
+/// The picture that the bytes of a PNG, JPEG or GIF hold, of any colours; `path` names it in an error.
+pub(crate) fn decode_any(bytes: &[u8], path: &Path) -> Result<DynamicImage> {
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::io(path))?;
+    reader.limits(limits());
+    reader.decode().map_err(Error::picture(path))
+}
+
+/// What a decoded picture may take: its header may ask for more than any memory has.
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX as u32), Some(MAX_SIDE_PX as u32));
+    limits.max_alloc = Some(Kind::PICTURE.most_bytes);
+    limits
 }
 
 /// Writes a frame as an 8-bit RGB PNG.
@@ -165,6 +181,17 @@ mod tests {
                 let expected = sum / (step[0] * step[1]);
                 assert!((f64::from(*got) - expected).abs() <= 0.5 + 1e-3, "{size:?} {at}: {got}, {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn a_picture_that_asks_for_more_than_any_memory_is_refused() {
+        // A GIF of 65,535 pixels each way, of which 17 GB would be made, and its first frame.
+        let mut gif = b"GIF89a\xff\xff\xff\xff\x80\x00\x00\x00\x00\x00\xff\xff\xff".to_vec();
+        gif.extend(b"\x2c\x00\x00\x00\x00\x01\x00\x01\x00\x00\x02\x02\x44\x01\x00\x3b");
+        for refused in [frames(gif.clone(), "bomb.gif").map(drop), decode(&gif, "bomb.gif").map(drop)] {
+            let error = refused.unwrap_err().to_string();
+            assert!(error.starts_with("bomb.gif: ") && !error.contains('\n'), "{error}");
         }
     }
 

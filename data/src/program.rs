@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::process::{ExitCode, Termination};
 
 use crate::closed_output;
+use crate::printable::{printable, printable_lines};
 
 /// Stack of a thread, bytes: as large as that of a main thread.
 const STACK_BYTES: usize = 8 << 20;
@@ -25,6 +26,21 @@ pub fn run<T: Termination + Send, E: Display + Send>(work: impl FnOnce() -> Resu
 }
 
 fn failed(error: impl Display) -> ExitCode {
-    eprintln!("error: {error}");
+    eprintln!("error: {}", printable(&error.to_string()));
     ExitCode::FAILURE
+}
+
+/// Prints a result, of one line or several, with what a terminal would obey of it escaped.
+pub fn say(text: impl Display) {
+    println!("{}", printable_lines(&text.to_string()));
+}
+
+/// Prints a line of warning on standard error: the result may not be what was meant.
+pub fn warning(text: impl Display) {
+    eprintln!("warning: {}", printable(&text.to_string()));
+}
+
+/// Prints a line on standard error that is good to know.
+pub fn note(text: impl Display) {
+    eprintln!("note: {}", printable(&text.to_string()));
 }

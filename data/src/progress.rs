@@ -5,6 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::printable::printable;
+
 /// Progress of one piece of work, on standard error. On a terminal its bar is removed when this is dropped.
 #[derive(Debug)]
 pub struct Progress {
@@ -43,12 +45,13 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.set_length(total as u64);
             bar.set_position(done as u64);
-            bar.set_message(words.to_owned());
+            bar.set_message(printable(words).into_owned());
         }
     }
 
     /// Writes a line, above the bar where there is one.
     pub fn line(&self, line: &str) {
+        let line = printable(line);
         match &self.bar {
             Some(bar) => bar.println(line),
             None => eprintln!("{line}"),

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
+use crate::printable::is_printable;
 use crate::se2::Se2;
 
 /// Which half of a mating pair was touched.
@@ -70,6 +71,18 @@ pub struct Touch {
     /// When the frame was taken, seconds on the recording's clock.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
+}
+
+impl Touch {
+    /// Refuses names that would not be printed as they are: those of part, pair and episode.
+    pub(crate) fn check_names(&self) -> Result<(), Error> {
+        for (field, name) in [("part", &self.part), ("pair", &self.pair), ("episode", &self.episode)] {
+            if let Some(name) = name.as_ref().filter(|name| !is_printable(name)) {
+                return Err(Error::invalid(field, "a name without control characters", format!("{name:?}")));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// One touch to be simulated.

@@ -3,11 +3,13 @@
 mod file;
 
 use std::borrow::Cow;
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use tactile_data::grid::PoseGrid;
 use tactile_data::lamps::Lamps;
 use tactile_data::origin::Origin;
+use tactile_data::printable::is_printable;
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 
@@ -52,7 +54,8 @@ impl Bank {
     /// A bank from its rows, `[parts * grid.len(), dim]` in f32, and the share of each view that shows an edge.
     ///
     /// # Errors
-    /// Numbers of rows or shares that do not fit parts and grid, rows that are not finite, shares outside 0..=1.
+    /// Numbers of rows or shares that do not fit parts and grid, rows that are not finite, shares outside 0..=1, and
+    /// parts without a name of their own.
     pub fn from_rows(
         parts: Vec<String>,
         grid: PoseGrid,
@@ -71,6 +74,7 @@ impl Bank {
         edge_shares: Vec<f32>,
         model_sha256: Arc<str>,
     ) -> Result<Self> {
+        check_names(&parts)?;
         let bank = Self::checked(parts, grid, rows, edge_shares, model_sha256)?;
         let symmetries = vec![Symmetry::NONE; bank.parts.len()];
         let neighbours = neighbours(&bank.grid, &bank.rows).into();
@@ -408,6 +412,21 @@ impl Bank {
     }
 }
 
+/// Refuses names that two parts have, empty ones, and those that a terminal would obey instead of show.
+fn check_names(parts: &[String]) -> Result<()> {
+    let mut known = HashSet::with_capacity(parts.len());
+    for name in parts {
+        if name.trim().is_empty() || !is_printable(name) {
+            let expected = "a name for each part, without control characters";
+            return Err(Error::invalid("parts", expected, format!("{name:?}")));
+        }
+        if !known.insert(name) {
+            return Err(Error::invalid("parts", "each part's name once", format!("'{name}' twice")));
+        }
+    }
+    Ok(())
+}
+
 #[cfg(all(test, feature = "burn"))]
 mod tests {
     use super::*;
@@ -419,13 +438,15 @@ mod tests {
     use crate::metric::Measured;
     use crate::model::Model;
     use crate::safefile::SafeFile;
+    use crate::similarity::normalize_rows;
     use tactile_data::frame::Preprocessing;
     use tactile_data::touch::Side;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 
     fn bank(edge_shares: Vec<f32>, model_sha256: &str) -> Result<Bank> {
-        let rows = (0..54).map(|i| (i as f32 * 0.7).sin() / 3.0).collect();
+        let mut rows: Vec<f32> = (0..54).map(|i| (i as f32 * 0.7).sin()).collect();
+        normalize_rows(&mut rows, 6);
         Bank::from_rows(["A", "B", "C"].map(String::from).into(), GRID, Rows::new(6, rows)?, edge_shares, model_sha256)
     }
 

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::{Error, Result};
 use crate::views::Views;
 
 /// A view with a smaller share of edge pixels is blank.
@@ -46,6 +47,34 @@ pub struct Calibration {
 }
 
 impl Calibration {
+    /// Refuses numbers that no touches give, naming the field.
+    ///
+    /// # Errors
+    /// A temperature that is not positive, shares outside 0..=1, a cosine outside -1..=1, numbers that are not finite.
+    pub fn validate(&self) -> Result<()> {
+        let Self { temperature, outlier_share, blank_agreement, low_similarity, .. } = *self;
+        let Self { gap, matched, between_sensors, nll_nats, chance_nats, .. } = *self;
+        check("temperature", "a positive number", temperature, temperature.is_finite() && temperature > 0.0)?;
+        check("outlier_share", "0 to below 1", outlier_share, (0.0..1.0).contains(&outlier_share))?;
+        check("blank_agreement", "0..=1", blank_agreement, (0.0..=1.0).contains(&blank_agreement))?;
+        let low = f64::from(low_similarity);
+        check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
+        for (field, nats) in [("nll_nats", nll_nats), ("chance_nats", chance_nats)] {
+            check(field, "a finite number", nats, nats.is_finite())?;
+        }
+        for (field, spread) in [("gap", gap), ("matched", matched)] {
+            let Some(Spread { mean, sd }) = spread else { continue };
+            check(field, "a finite mean", mean, mean.is_finite())?;
+            check(field, "a finite deviation, not negative", sd, sd.is_finite() && sd >= 0.0)?;
+        }
+        let between = between_sensors.unwrap_or(0.0);
+        check("between_sensors", "a finite number, not negative", between, between.is_finite() && between >= 0.0)?;
+        let Some(prior) = self.prior else { return Ok(()) };
+        let n = prior.n_touches;
+        check("prior.n_touches", "a finite number, not negative", n, n.is_finite() && n >= 0.0)?;
+        prior.as_calibration(self).validate().map_err(|error| error.within("prior"))
+    }
+
     /// What a calibration with other touches starts from, worth `n_touches`: what was known before this one's own, where it
     /// counted, so that the same touches never count twice.
     pub fn as_prior(&self, n_touches: f64) -> Prior {
@@ -89,6 +118,30 @@ pub struct Prior {
     /// What the bank's views were of.
     #[serde(default, skip_serializing_if = "Views::is_pegs")]
     pub views: Views,
+}
+
+impl Prior {
+    /// What was known, in the place of what a calibration says.
+    fn as_calibration(&self, of: &Calibration) -> Calibration {
+        let Self { n_touches: _, temperature, outlier_share, blank_agreement, low_similarity, .. } = *self;
+        let Self { gap, matched, between_sensors, views, .. } = *self;
+        Calibration {
+            temperature,
+            outlier_share,
+            blank_agreement,
+            low_similarity,
+            gap,
+            matched,
+            between_sensors,
+            views,
+            prior: None,
+            ..*of
+        }
+    }
+}
+
+fn check(field: &str, expected: &str, got: f64, is_fine: bool) -> Result<()> {
+    if is_fine { Ok(()) } else { Err(Error::invalid(field, expected, got.to_string())) }
 }
 
 /// Mean and spread of many values.

@@ -120,7 +120,8 @@ impl Checkpoint {
         }
     }
 
-    /// Reads and checks a checkpoint: schema, checksum, sizes. Returns it with the model's identity.
+    /// Reads and checks a checkpoint: schema, checksum, sizes, and that its numbers are some that training gives.
+    /// Returns it with the model's identity.
     pub fn load(path: &Path) -> Result<(Self, String)> {
         let (file, weights) = SafeFile::load_as(path, SCHEMA)?;
         Self::of_file(file, weights).map_err(|error| error.within(path.display()))
@@ -131,13 +132,24 @@ impl Checkpoint {
             let entry = file.text.iter().position(|(key, _)| key == name).map(|at| file.text.swap_remove(at).1);
             entry.map(|text| from_json(&text)).transpose()
         };
-        let (calibration, peg_calibration) = (take(CALIBRATIONS[0])?, take(CALIBRATIONS[1])?);
+        let [calibration, peg_calibration]: [Option<Calibration>; 2] = [take(CALIBRATIONS[0])?, take(CALIBRATIONS[1])?];
+        for (name, calibration) in CALIBRATIONS.iter().zip([&calibration, &peg_calibration]) {
+            calibration.iter().try_for_each(Calibration::validate).map_err(|error| error.within(name))?;
+        }
         let config: NetworkConfig = from_json(file.text("config")?)?;
         config.validate()?;
-        let preprocessing = from_json(file.text("preprocessing")?)?;
+        let preprocessing: Preprocessing = from_json(file.text("preprocessing")?)?;
+        preprocessing.validate()?;
+        if preprocessing.input_px != config.input_px {
+            let expected = format!("the network's {:?}", config.input_px);
+            return Err(Error::invalid("preprocessing.input_px", expected, format!("{:?}", preprocessing.input_px)));
+        }
         let provenance = from_json(file.text("provenance")?)?;
         let sha256 = file.sha256();
         let tensors = file.tensors;
+        if let Some(odd) = tensors.iter().find(|tensor| !tensor.values.iter().all(|value| value.is_finite())) {
+            return Err(Error::invalid(&odd.name, "finite weights", "NaN or infinity"));
+        }
         Ok((Self { config, preprocessing, provenance, calibration, peg_calibration, tensors, weights }, sha256))
     }
 }

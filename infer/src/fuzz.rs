@@ -9,6 +9,7 @@ use std::sync::LazyLock;
 use proptest::prelude::*;
 use tactile_data::frame::{Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
+use tactile_data::touch::Side;
 
 use crate::architecture::NetworkConfig;
 use crate::bank::{self, Bank};
@@ -35,7 +36,8 @@ static WHOLE: LazyLock<Whole> = LazyLock::new(|| {
     let [of_model, of_bank] = ["model", "bank"].map(|name| folder.path().join(name));
     let sha256 = checkpoint.save(&of_model).unwrap();
     let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
-    let rows = (0..18).map(|i| i as f32 / 18.0).collect();
+    let mut rows: Vec<f32> = (0..18).map(|i| i as f32 / 18.0).collect();
+    crate::similarity::normalize_rows(&mut rows, 3);
     let held =
         Bank::from_rows(vec!["A".into(), "B".into()], grid, Rows::new(3, rows).unwrap(), vec![0.2; 6], sha256.clone())
             .unwrap();
@@ -109,14 +111,21 @@ fn check_model(model: &Model) -> std::result::Result<(), TestCaseError> {
     let image = TactileImage { size_px: [width, height], planes, edge_share: 0.5 };
     if let Ok(rows) = model.embed_holes(&[image]) {
         prop_assert!(rows.len() == model.dim() && rows.iter().all(|value| value.is_finite()));
+        let square: f32 = rows.iter().map(|value| value * value).sum();
+        prop_assert!(square == 0.0 || (square - 1.0).abs() < 1e-4);
     }
+    let temperatures = [Side::Hole, Side::Peg].map(|side| model.calibration(side).map(|of| of.temperature));
+    prop_assert!(temperatures.iter().flatten().all(|temperature| *temperature > 0.0 && temperature.is_finite()));
     Ok(())
 }
 
 fn check_bank(bank: &Bank) -> std::result::Result<(), TestCaseError> {
     prop_assert_eq!(bank.n_rows(), bank.parts().len() * bank.grid().len());
     prop_assert_eq!(bank.rows().len(), bank.n_rows());
-    prop_assert!(bank.rows().to_f32().iter().all(|value| value.is_finite()));
+    let lengths = (0..bank.n_rows()).map(|row| bank.row(row).iter().map(|value| value * value).sum::<f32>());
+    prop_assert!(lengths.enumerate().all(|(row, square)| !bank.is_recorded(row) || (0.95..1.05).contains(&square)));
+    let names: std::collections::BTreeSet<&String> = bank.parts().iter().collect();
+    prop_assert!(names.len() == bank.parts().len() && names.iter().all(|name| !name.is_empty()));
     prop_assert!(bank.edge_shares().iter().all(|share| (0.0..=1.0).contains(share)));
     Ok(())
 }
@@ -151,6 +160,8 @@ fn replace_leaf(value: &mut serde_json::Value, number: usize, by: &serde_json::V
 enum Forgery {
     Leaf(usize, usize, serde_json::Value),
     Value(usize, usize, f32),
+    /// A whole tensor times a number.
+    Scale(usize, f32),
     Shape(usize, Vec<usize>),
     DropTensor(usize),
     DropText(usize),
@@ -160,9 +171,11 @@ enum Forgery {
 
 fn forgery() -> impl Strategy<Value = Forgery> {
     let value = prop::sample::select(vec![0.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1.0, 1e-45]);
+    let factor = prop::sample::select(vec![0.0, -1.0, 1e-30, 1e30]);
     prop_oneof![
         6 => (any::<usize>(), any::<usize>(), odd()).prop_map(|(entry, leaf, by)| Forgery::Leaf(entry, leaf, by)),
         3 => (any::<usize>(), any::<usize>(), value).prop_map(|(tensor, at, by)| Forgery::Value(tensor, at, by)),
+        2 => (any::<usize>(), factor).prop_map(|(tensor, by)| Forgery::Scale(tensor, by)),
         2 => (any::<usize>(), prop::collection::vec(0..8_usize, 0..4)).prop_map(|(tensor, to)| Forgery::Shape(tensor, to)),
         1 => any::<usize>().prop_map(Forgery::DropTensor),
         1 => any::<usize>().prop_map(Forgery::DropText),
@@ -191,6 +204,9 @@ fn forged(whole: &[u8], schema: &str, all: &[Forgery]) -> Option<Vec<u8>> {
                 let values = &mut file.tensors[tensor % n_tensors].values;
                 let n = values.len().max(1);
                 values.iter_mut().skip(at % n).take(1).for_each(|value| *value = *by);
+            }
+            Forgery::Scale(tensor, by) if n_tensors > 0 => {
+                file.tensors[tensor % n_tensors].values.iter_mut().for_each(|value| *value *= by);
             }
             Forgery::Shape(tensor, to) if n_tensors > 0 => {
                 let tensor = &mut file.tensors[tensor % n_tensors];

@@ -48,6 +48,8 @@ pub mod device;
 pub mod encoder;
 pub mod error;
 #[cfg(all(test, feature = "burn"))]
+mod forged;
+#[cfg(all(test, feature = "burn"))]
 mod fuzz;
 pub mod learn_from;
 pub mod matches;

@@ -18,7 +18,7 @@ use crate::encoder::Encoder;
 use crate::error::{Error, Result};
 #[cfg(feature = "burn")]
 use crate::network::{Network, with_tensors};
-use crate::similarity::normalize_rows;
+use crate::similarity::{dot, normalize_rows};
 
 /// Images embedded in one pass of the network; larger batches gain nothing on a CPU.
 const BATCH: usize = 64;
@@ -65,6 +65,9 @@ impl Model {
     }
 
     /// A model from a checkpoint in memory; `sha256` is what [`Checkpoint::save`] returned.
+    ///
+    /// # Errors
+    /// Weights that make no network or embed nothing, and a device that this build or machine does not have.
     pub fn new(checkpoint: Checkpoint, sha256: String, device: DeviceKind) -> Result<Self> {
         // Before any is allocated: a config may ask for terabytes that the file does not hold.
         let n_parameters: usize = checkpoint.tensors.iter().map(|tensor| tensor.values.len()).sum();
@@ -85,7 +88,7 @@ impl Model {
                 return Err(Error::invalid("device", "flex in a build without the feature burn", other.to_string()));
             }
         };
-        Ok(Self {
+        let model = Self {
             towers,
             n_parameters,
             config: checkpoint.config,
@@ -93,6 +96,43 @@ impl Model {
             provenance: checkpoint.provenance,
             calibrations: [checkpoint.calibration, checkpoint.peg_calibration],
             sha256: sha256.into(),
+        };
+        model.check_embeds().map_err(|error| error.within("network"))?;
+        Ok(model)
+    }
+
+    /// Refuses weights that embed nothing: of a few pairs of pictures as different as pictures are, stripes across and
+    /// along, one pair must have two embeddings of unit length. None may be other than finite.
+    fn check_embeds(&self) -> Result<()> {
+        /// Widths of the stripes, pixels. The first pair is enough but for a network of a handful of units.
+        const WIDTHS: [usize; 4] = [2, 1, 4, 8];
+        for side in [Side::Hole, Side::Peg] {
+            let mut tells = false;
+            for width in WIDTHS {
+                let rows = self.embed_side(&self.stripes(width), side)?;
+                let (first, second) = rows.split_at(self.dim());
+                // What cannot be brought to unit length is zero, or beyond what f32 can square.
+                let is_unit = |row: &[f32]| (dot(row, row) - 1.0).abs() < 1e-3;
+                tells = first != second && is_unit(first) && is_unit(second);
+                if tells {
+                    break;
+                }
+            }
+            if !tells {
+                let expected = "an embedding of each picture";
+                return Err(Error::invalid(format!("weights of {side}s"), expected, "none, or one of all pictures"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Stripes of a width in pixels, across and along.
+    fn stripes(&self, width_px: usize) -> [TactileImage; 2] {
+        let size_px @ [columns, rows] = self.config.input_px;
+        [1, columns].map(|step| {
+            let value = |at: usize| if (at / step / width_px).is_multiple_of(2) { 1.0 } else { -1.0 };
+            let in_plane = (0..3 * rows * columns).map(|at| if step == 1 { at % columns } else { at });
+            TactileImage { size_px, planes: in_plane.map(value).collect(), edge_share: 1.0 }
         })
     }
 

@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use sha2::{Digest, Sha256};
+use tactile_data::bounded_file::{self, Kind};
+use tactile_data::whole_file;
 
 pub(crate) mod pieces;
 
@@ -15,6 +17,9 @@ use crate::precision::Precision;
 
 const CHECKSUM: &str = "sha256";
 const SCHEMA: &str = "schema";
+
+/// A training state holds a network four times; 4 GB are those of 250 million weights, a hundred times a `large` preset's.
+const ALL_AT_ONCE: Kind = Kind { name: "a checkpoint or a training state", most_bytes: 4 << 30 };
 
 /// One named tensor of a module: its path, its shape and its values.
 #[derive(Clone, Debug, PartialEq)]
@@ -115,7 +120,9 @@ impl SafeFile {
     /// Such tensors of several formats, besides what reading brings.
     pub fn load_as(path: &Path, schema: &str) -> Result<(Self, Precision)> {
         let name = path.display().to_string();
-        let content = std::fs::read(path).map_err(Error::io(path))?;
+        // What is no such file is refused by its header, before all of it is read.
+        pieces::Opened::new(path, schema)?;
+        let content = bounded_file::read(path, ALL_AT_ONCE)?;
         let broken = |e| Error::invalid(&name, "a whole safetensors file", format!("{e}"));
         let (_, header) = SafeTensors::read_metadata(&content).map_err(broken)?;
         let mut metadata: BTreeMap<String, String> =
@@ -218,29 +225,16 @@ fn with_ordered_header(content: &[u8]) -> Option<Vec<u8>> {
 }
 
 /// Writes a temporary file and renames it: the file appears whole or not at all.
+///
+/// # Errors
+/// As [`whole_file::write`].
 pub fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
-    write_in_pieces(path, &|file| file.write_all(content))
+    Ok(whole_file::write(path, content)?)
 }
 
 /// [`write_whole`] of what `write` writes.
 pub(crate) fn write_in_pieces(path: &Path, write: &dyn Fn(&mut BufWriter<File>) -> std::io::Result<()>) -> Result<()> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    let partial = Path::new(&partial);
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-    }
-    let written = File::create(partial).and_then(|file| {
-        let mut file = BufWriter::new(file);
-        write(&mut file)?;
-        file.into_inner()?.sync_all()
-    });
-    if let Err(error) = written {
-        // The half-written file is of no use; the error that matters is the first one.
-        drop(std::fs::remove_file(partial));
-        return Err(Error::io(path)(error));
-    }
-    std::fs::rename(partial, path).map_err(Error::io(path))
+    Ok(whole_file::write_in_pieces(path, write)?)
 }
 
 #[cfg(test)]

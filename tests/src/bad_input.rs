@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
+use tactile_data::output_lock::OutputLock;
 use tactile_infer::bank::SCHEMA;
 use tactile_infer::safefile::SafeFile;
 use tactile_tests::programs::{Ran, path, run};
@@ -365,6 +366,143 @@ fn a_forged_bank_is_named() {
     names(&spoilt(&|file| file.tensors[0].values[0] = f32::NAN), &["forged.bank"]);
 }
 
+/// A link to an endless device, a pipe that nobody writes to, a folder and a hole of 6 GB in the place of each file
+/// that a program reads: one line that names it, at once.
+#[test]
+#[cfg(unix)]
+fn what_is_no_file_of_its_kind_is_named_and_not_read() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let maze = text(sample.copy("maze", at));
+    fs::copy(sample.at("pegs/no_contact.png"), at.join("rest.png")).unwrap();
+    let drawing = "name = \"drawn\"\n[[parts.files]]\nname = \"p\"\npeg = \"odd.svg\"\n[reach]\nxy_half_mm = 4.0\n\
+                   xy_step_mm = 4.0\ntheta_half_deg = 0.0\ntheta_step_deg = 30.0\n";
+    fs::write(at.join("drawn.toml"), drawing).unwrap();
+    for (way, kind) in [("zero", "a device"), ("pipe", "a pipe"), ("folder", "a folder"), ("hole", "6442450944")] {
+        for (name, line) in [
+            ("odd.png", "tactile-data import odd.png --no-contact rest.png --out never".to_owned()),
+            ("odd.png", "tactile-data import rest.png --no-contact odd.png --out never".into()),
+            ("odd.csv", "tactile-data import rest.png --index odd.csv --no-contact rest.png --out never".into()),
+            ("odd.toml", "tactile-data generate --scene odd.toml --out never".into()),
+            ("odd.svg", "tactile-data generate --scene drawn.toml --out never".into()),
+            ("odd.stl", "tactile-data render odd.stl --out never.png".into()),
+            ("odd.npy", "tactile-data render odd.npy --map-mm-per-px 0.1,0.1 --out never.png".into()),
+            ("odd.cal", "tactile-data render letter:A:12 --calibration odd.cal --out never.png".into()),
+            ("maze/meta.json", format!("tactile-data inspect {maze}")),
+            ("maze/index.jsonl", format!("tactile-data inspect {maze}")),
+            ("maze/no_contact.png", format!("tactile-data inspect {maze}")),
+            ("odd.model", format!("tactile-infer bank --model odd.model --data {maze} --out never")),
+            ("odd.json", "tactile-filter merge odd.json --out never".into()),
+            ("odd.train", format!("tactile-train --data {maze} --config odd.train --out never")),
+        ] {
+            let (place, kept) = (at.join(name), at.join("kept"));
+            if place.exists() {
+                fs::rename(&place, &kept).unwrap();
+            }
+            match way {
+                "zero" => std::os::unix::fs::symlink("/dev/zero", &place).unwrap(),
+                "pipe" => assert!(std::process::Command::new("mkfifo").arg(&place).status().unwrap().success()),
+                "folder" => fs::create_dir(&place).unwrap(),
+                _ => fs::File::create(&place).unwrap().set_len(6 << 30).unwrap(),
+            }
+            let args: Vec<_> = line.split_whitespace().collect();
+            let ran = run(args[0], at, &args[1..]);
+            // A folder of pictures may well be imported; this one has none. A hole is no header of a model.
+            let words = match (way, name) {
+                ("folder", "odd.png") if line.contains("import odd.png") => "at least one",
+                ("folder", "odd.json") => "shard-I-of-N.json",
+                ("hole", "odd.model") => "a whole safetensors file",
+                _ => kind,
+            };
+            names(&ran, &[Path::new(name).file_name().unwrap().to_str().unwrap(), words]);
+            if way == "folder" {
+                fs::remove_dir(&place).unwrap()
+            } else {
+                fs::remove_file(&place).unwrap()
+            }
+            if kept.exists() {
+                fs::rename(&kept, &place).unwrap();
+            }
+        }
+    }
+    assert!(!at.join("never").exists() && !at.join("never.png").exists());
+}
+
+/// Two runs are given one name: the second says so at once, and neither leaves a lock.
+#[test]
+fn an_output_has_one_writer_at_a_time() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path().join("out"));
+    let with = "--model model/model.safetensors --bank pegs.bank";
+    let locked = [
+        ("out", format!("tactile-infer bank --model model/model.safetensors --data pegs --out {out}")),
+        ("out", format!("tactile-infer convert --model model/model.safetensors --weights f16 --out {out}")),
+        ("out", format!("tactile-infer calibrate {with} --holes holes --out {out}")),
+        ("out/report.html", format!("tactile-filter evaluate {with} --scene two.toml --out {out}")),
+        ("out/shard-1-of-2.json", format!("tactile-filter evaluate {with} --scene two.toml --shard 1/2 --out {out}")),
+        ("out/report.html", format!("tactile-filter assemble {with} --scene two.toml --out {out}")),
+        (
+            "out/tradeoff.html",
+            format!("tactile-filter tradeoff --model model/model.safetensors --scene two.toml --out {out}"),
+        ),
+        ("out/extremes.html", format!("tactile-filter extremes --quick --out {out}")),
+        ("out", format!("tactile-data inspect maze --sheet {out}")),
+        ("out", format!("tactile-data render letter:A:12 --out {out}")),
+        ("out.npy", format!("tactile-data render letter:A:12 --out {out} --heights-out {out}.npy")),
+        ("out", format!("tactile-data export maze --to folder --out {out}")),
+        ("out/model.safetensors", format!("tactile-train --data maze --out {out}")),
+    ];
+    for (file, line) in locked {
+        let file = folder.path().join(file);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        let first = OutputLock::take(&file).unwrap();
+        names(&shell(&sample, &line), &[&*text(file.clone()), "another run at work"]);
+        drop(first);
+        if file.parent().unwrap() != folder.path() {
+            fs::remove_dir_all(file.parent().unwrap()).unwrap();
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{line}");
+    }
+    // A lock file of a run that was killed locks nothing, and goes.
+    fs::write(folder.path().join("out.lock"), "").unwrap();
+    shell(&sample, &format!("tactile-infer convert --model model/model.safetensors --weights f16 --out {out}")).done();
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+/// What files say of themselves reaches the terminal with its control characters escaped.
+#[test]
+fn control_characters_of_files_and_names_are_never_printed() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let odd = "a\u{1b}[2J\u{9b}\u{202e}b";
+    let raw = |ran: &Ran| [&ran.stdout, &ran.stderr].iter().any(|text| text.contains(['\u{1b}', '\u{9b}', '\u{202e}']));
+    // A path, an error that quotes a file, a field of a dataset.
+    fs::copy(sample.at("pegs/no_contact.png"), at.join(format!("{odd}.png"))).unwrap();
+    fs::copy(sample.at("pegs/no_contact.png"), at.join("rest.png")).unwrap();
+    let import = run("tactile-data", at, &["import", &format!("{odd}.png"), "--no-contact", "rest.png", "--out", odd]);
+    assert!(!raw(&import) && import.stderr.contains("\\u{1b}"), "{import:?}");
+    fs::write(at.join("raw.csv"), format!("file,{odd}\nrest.png,1\n")).unwrap();
+    for line in [
+        "import rest.png --index raw.csv --no-contact rest.png --out never",
+        "generate --scene none\u{1b}.toml --out never",
+    ] {
+        let ran = run("tactile-data", at, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(!raw(&ran) && ran.failed().contains("\\u{1b}"), "{ran:?}");
+    }
+    let maze = sample.copy("maze", at);
+    let about = maze.join("meta.json");
+    let mut json: serde_json::Value = serde_json::from_slice(&fs::read(&about).unwrap()).unwrap();
+    json["source"] = odd.into();
+    fs::write(&about, json.to_string()).unwrap();
+    for args in [&["inspect", "maze"][..], &["inspect", "maze", "--json"]] {
+        let ran = run("tactile-data", at, args);
+        assert!(!raw(&ran) && ran.done().contains("202e"), "{ran:?}");
+    }
+}
+
 #[test]
 fn a_misspelt_name_is_answered_with_the_nearest() {
     let sample = Sample::shared();
@@ -422,6 +560,12 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
     ] {
         names(&shell(&sample, &format!("tactile-filter {line}")), &words);
     }
+    let solids: Vec<String> = (0..30_000).map(|i| format!("\"cylinder:{}\"", 4.0 + f64::from(i) * 1e-3)).collect();
+    let reach = "[reach]\nxy_half_mm = 4.0\nxy_step_mm = 4.0\ntheta_half_deg = 0.0\ntheta_step_deg = 30.0\n";
+    let many = format!("name = \"many\"\n[parts.solids]\nnames = [{}]\n{reach}", solids.join(", "));
+    let folder = tempfile::tempdir().unwrap();
+    let scene = text(folder.path().join("many.toml"));
+    fs::write(&scene, many).unwrap();
     let bank = "tactile-infer bank --model model/model.safetensors --scene two.toml --out never --xy-step-mm 0.0001";
     names(&shell(&sample, bank), &["reach", "at most 1e7 poses"]);
     for (line, words) in [
@@ -429,6 +573,7 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
         ("--scene alphabet-small --anywhere 9999999999999999999", ["frames of 57.6 kB", "free"]),
         ("--scene maze --boards 1000000000", ["parts.maze.n_boards", "at most 100000"]),
         ("--scene maez", ["maez", "did you mean maze?"]),
+        (&*format!("--scene {scene}"), ["at most 10000 parts, got 30000 parts and 540000 touches", "GB of memory"]),
     ] {
         names(&shell(&sample, &format!("tactile-data generate {line} --out never")), &words);
     }

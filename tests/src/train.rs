@@ -234,7 +234,10 @@ fn a_folder_is_written_by_one_run_at_a_time() {
     let out = text(path.clone());
     let args = ["--data", "maze", "--out", &out, "--steps", "1", "--batch", "8"];
     let second = run("tactile-train", sample.folder(), &args);
-    assert!(second.failed().contains("no other run that writes to this folder, got one that is"), "{second:?}");
+    assert!(
+        second.failed().contains("model.safetensors: expected an output that no other run is writing"),
+        "{second:?}"
+    );
     drop(claimed);
     run("tactile-train", sample.folder(), &args).done();
     // Without its state it is the only copy of a model.

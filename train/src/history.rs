@@ -5,10 +5,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
+use tactile_data::bounded_file::{self, Kind};
 use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};
 use crate::validation::Validation;
+
+/// The curve of a run: three million steps of 150 bytes.
+const CURVE: Kind = Kind { name: "a curve of a run", most_bytes: 512 << 20 };
 
 /// The columns before those of a validation.
 const STEP_COLUMNS: &str = "step,loss,learning_rate,momentum,gradient_norm,pairs_per_second";
@@ -44,7 +48,8 @@ impl History {
     /// Opens the curve for a run that continues after `first_step`: later rows, and one cut short by a crash, are
     /// dropped, because those steps will be made again.
     pub fn open(path: &Path, first_step: usize) -> Result<Self> {
-        let old = if first_step > 0 { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
+        let old =
+            if first_step > 0 && path.exists() { bounded_file::read_to_string(path, CURVE)? } else { String::new() };
         let rows: Vec<Row> = old.lines().skip(1).filter_map(parse).filter(|row| row.step <= first_step).collect();
         let mut kept = format!("{STEP_COLUMNS},{}\n", columns().join(","));
         rows.iter().for_each(|row| kept.push_str(&line(row)));

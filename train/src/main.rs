@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use clap::Parser;
+use tactile_data::printable::printable_json;
 use tactile_data::program;
 use tactile_data::progress::Progress;
 use tactile_data::store::Dataset;
@@ -201,9 +202,9 @@ fn print(outcome: &Outcome, json: bool) {
         let json = serde_json::json!({
             "model": model, "sha256": sha256, "step": step, "finished": finished, "validation": validation,
         });
-        println!("{json}");
+        println!("{}", printable_json(&json.to_string()));
     } else {
-        println!("{}: {step} steps, {}", model.display(), measures(validation));
+        program::say(format_args!("{}: {step} steps, {}", model.display(), measures(validation)));
     }
 }
 

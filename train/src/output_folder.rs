@@ -1,7 +1,9 @@
 //! The folder of a run: writable, of one run at a time, and never the folder of an input.
 
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::path::{Path, PathBuf};
+
+use tactile_data::output_lock::OutputLock;
 
 use crate::error::{Error, Result};
 
@@ -9,9 +11,8 @@ use crate::error::{Error, Result};
 #[derive(Debug)]
 pub struct OutputFolder {
     path: PathBuf,
-    lock: PathBuf,
-    /// Holds the lock. The system releases it when the process ends, however it ends.
-    _file: File,
+    /// Of the model; there until this is dropped.
+    lock: Option<OutputLock>,
     /// Folders that were made for this one, the deepest first.
     made: Vec<PathBuf>,
 }
@@ -32,22 +33,9 @@ impl OutputFolder {
         let made: Vec<PathBuf> =
             path.ancestors().take_while(|at| !at.as_os_str().is_empty() && !at.exists()).map(PathBuf::from).collect();
         fs::create_dir_all(path).map_err(Error::io(path))?;
-        let lock = path.join("train.lock");
-        loop {
-            let file = File::create(&lock).map_err(Error::io(&lock))?;
-            match file.try_lock() {
-                // Otherwise the run that held it removed the file in this moment.
-                Ok(()) if lock.exists() => {
-                    return Ok(Self { path: path.to_path_buf(), lock, _file: file, made });
-                }
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) => {
-                    let expected = "no other run that writes to this folder";
-                    return Err(Error::invalid(path.display().to_string(), expected, "one that is still running"));
-                }
-                Err(TryLockError::Error(error)) => return Err(Error::io(&lock)(error)),
-            }
-        }
+        // A model is written by a calibration of it as well.
+        let lock = OutputLock::take(&path.join(MODEL))?;
+        Ok(Self { path: path.to_path_buf(), lock: Some(lock), made })
     }
 
     /// A file of the run.
@@ -66,8 +54,7 @@ pub(crate) const PAGE: &str = "curve.html";
 
 impl Drop for OutputFolder {
     fn drop(&mut self) {
-        // A lock file that stays does no harm, and neither does an empty folder.
-        drop(fs::remove_file(&self.lock));
+        drop(self.lock.take());
         // A folder that the run has written to is not empty and stays.
         self.made.iter().take_while(|folder| fs::remove_dir(folder).is_ok()).for_each(drop);
     }
@@ -87,14 +74,14 @@ mod tests {
         let path = scratch.path().join("a/b");
         let claimed = OutputFolder::claim(&path, &[]).unwrap();
         let error = OutputFolder::claim(&path, &[]).unwrap_err().to_string();
-        assert!(
-            error.ends_with("a/b: expected no other run that writes to this folder, got one that is still running")
-        );
+        let expected =
+            "a/b/model.safetensors: expected an output that no other run is writing, got another run at work";
+        assert!(error.ends_with(expected), "{error}");
         drop(claimed);
         assert_eq!(fs::read_dir(scratch.path()).unwrap().count(), 0);
         // A killed process leaves its lock file, unlocked.
         fs::create_dir_all(&path).unwrap();
-        fs::write(path.join("train.lock"), "").unwrap();
+        fs::write(path.join("model.safetensors.lock"), "").unwrap();
         fs::write(path.join("kept"), "").unwrap();
         drop(OutputFolder::claim(&path, &[]).unwrap());
         assert_eq!(fs::read_dir(&path).unwrap().count(), 1);

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tactile_data::bounded_file::{self, Kind};
 use toml::Table;
 
 use crate::config::{Flips, Optimizer, Preset, TrainConfig, steps_of};
@@ -105,7 +106,7 @@ impl Settings {
     /// # Errors
     /// An unknown or mistyped entry, with its line, and with the name that was probably meant.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = bounded_file::read_to_string(path, Kind::SETTINGS)?;
         let settings: Self = toml::from_str(&text).map_err(|e| {
             let line = e.span().map_or(0, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
             let name = format!("{} line {line}", path.display());

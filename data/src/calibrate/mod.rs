@@ -13,17 +13,18 @@ pub mod presses;
 mod synthetic;
 pub mod taxim;
 
-use std::fs;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::bounded_file::{self, Kind};
 use crate::compare::Figures;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::lamps::CalibratedLamps;
 use crate::sensor::SensorSpec;
 use crate::sensor::light::{LightRig, Quadratic};
+use crate::whole_file;
 use least_squares::Sums;
 use light_factors::{factors, place};
 
@@ -64,7 +65,7 @@ impl Calibration {
     /// Reads a calibration file; refuses another version and numbers that no sensor has.
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = bounded_file::read_to_string(path, Kind::SETTINGS)?;
         let invalid = |expected: &str, got: String| Error::invalid(path.display().to_string(), expected, got);
         let table: toml::Table =
             text.parse().map_err(|e: toml::de::Error| invalid("a TOML file", e.message().to_owned()))?;
@@ -83,9 +84,7 @@ impl Calibration {
         let path = path.as_ref();
         let text = toml::to_string(self)
             .map_err(|e| Error::invalid(path.display().to_string(), "numbers that TOML can hold", e.to_string()))?;
-        let beside = path.with_extension("partial");
-        fs::write(&beside, text).map_err(Error::io(&beside))?;
-        fs::rename(&beside, path).map_err(Error::io(path))
+        whole_file::write(path, text.as_bytes())
     }
 
     /// The lamps as they answer gentle slopes: what is needed to bring pictures under those that the network knows.
@@ -146,6 +145,7 @@ pub fn at_rest(no_contact: &Frame) -> Result<[Quadratic; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
     use crate::sensor::light::value;
 
     fn calibration() -> Calibration {

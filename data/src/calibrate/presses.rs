@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::circle::{Circle, PressGeometry};
 use super::circle_search;
+use crate::bounded_file::{self, Kind};
 use crate::compare::{self, FAR_MM, far_pixels};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
@@ -190,7 +191,7 @@ fn file_name(path: &str) -> String {
 /// Reads a CSV of circles; folders in the file's name are dropped. Columns by name: `image`, `img_names` or
 /// `file`; `center_x`, `center_y` and `radius`, each with or without `_px`.
 fn labels(path: &Path) -> Result<BTreeMap<String, Circle>> {
-    let text = fs::read_to_string(path).map_err(Error::io(path))?;
+    let text = bounded_file::read_to_string(path, Kind::INDEX)?;
     let refuse = |place: String, expected: &str, got: String| {
         Error::invalid(format!("{}{place}", path.display()), expected, got)
     };

@@ -10,7 +10,7 @@ use tactile_data::calibrate::presses::{Presses, Source};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::compare::Figures;
 use tactile_data::sensor::light::LightRig;
-use tactile_data::{Error, Result, output, picture};
+use tactile_data::{Error, Result, output, picture, program};
 
 /// Fit a sensor's lamps to presses of a ball, or to Taxim's table.
 ///
@@ -64,7 +64,7 @@ pub struct Calibrate {
 impl Calibrate {
     /// Fits, prints the errors and writes the file.
     pub fn run(self) -> Result<()> {
-        output::check_file(&self.out, self.inputs())?;
+        let _lock = output::check_file(&self.out, self.inputs())?;
         let mm_per_px = self.mm_per_px.unwrap_or_else(|| [1.0 / self.px_per_mm.unwrap_or(f64::NAN); 2]);
         let (calibration, text, json) = match (&self.taxim, &self.folder) {
             (Some(table), _) => self.fit_table(table, mm_per_px)?,
@@ -73,7 +73,7 @@ impl Calibrate {
         };
         calibration.save(&self.out)?;
         let text = if self.json { super::pretty(&json)? } else { format!("{text}{} written", self.out.display()) };
-        println!("{text}");
+        program::say(text);
         Ok(())
     }
 

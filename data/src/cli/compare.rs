@@ -8,7 +8,7 @@ use tactile_data::compare::region::Region;
 use tactile_data::compare::{Press, compare};
 use tactile_data::frame::Frame;
 use tactile_data::recording::geometry::FIELD_OF_VIEW_MM;
-use tactile_data::{Error, Result, output, picture};
+use tactile_data::{Error, Result, output, picture, program};
 
 /// A picture of contact is white where a part touches, counts.
 const WHITE: u8 = 128;
@@ -55,10 +55,9 @@ pub struct Compare {
 impl Compare {
     /// Compares, prints the figures and draws the pictures.
     pub fn run(self) -> Result<()> {
-        if let Some(out) = &self.out {
-            let backgrounds = [&self.real_background, &self.simulated_background];
-            output::check_file(out, [&self.real, &self.simulated].into_iter().chain(backgrounds).chain(&self.contact))?;
-        }
+        let backgrounds = [&self.real_background, &self.simulated_background];
+        let inputs = [&self.real, &self.simulated].into_iter().chain(backgrounds).chain(&self.contact);
+        let _lock = self.out.as_ref().map(|out| output::check_file(out, inputs)).transpose()?;
         let [real, simulated, real_rest, simulated_rest] =
             [&self.real, &self.simulated, &self.real_background, &self.simulated_background].map(|p| picture::read(p));
         let (real, simulated, real_rest, simulated_rest) = (real?, simulated?, real_rest?, simulated_rest?);
@@ -102,7 +101,7 @@ impl Compare {
                 figures.psnr_db,
             )
         };
-        println!("{text}");
+        program::say(text);
         Ok(())
     }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use tactile_data::store::Dataset;
-use tactile_data::{Error, Result, export, output, progress};
+use tactile_data::{Error, Result, export, output, program, progress};
 
 /// Export a dataset as a folder of pictures, as NumPy arrays, or as a ROS 2 bag in MCAP.
 ///
@@ -48,7 +48,7 @@ impl Export {
             To::Npy => export::arrays::export(&dataset, out, &progress)?,
             To::Mcap => export::bag::export(&dataset, out, self.jpeg, &progress)?,
         }
-        println!("{} frames in {}", dataset.len(), out.display());
+        program::say(format_args!("{} frames in {}", dataset.len(), out.display()));
         let meta = dataset.meta();
         let [x_mm, y_mm] = meta.field_of_view_mm();
         let rest = match self.to {
@@ -60,7 +60,7 @@ impl Export {
             To::Npy => return Ok(()),
         };
         let import = format!("tactile-data import {} {rest} --field-of-view-mm {x_mm} {y_mm} --out NEW", out.display());
-        println!("back again: {import}");
+        program::say(format_args!("back again: {import}"));
         Ok(())
     }
 }

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use tactile_data::calibrate::Calibration;
-use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard};
+use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard, needs};
 use tactile_data::lab::Lab;
+use tactile_data::program;
 use tactile_data::progress;
 use tactile_data::scene::{Parts, Scene, SensorRange};
 use tactile_data::se2::Se2;
@@ -122,15 +123,21 @@ impl Generate {
         };
         let places = self.anywhere.map_or(Places::EachPose, Places::Anywhere);
         let sampling = Sampling { sides, places, seed: self.seed, lab: self.lab.lab() };
+        let needs = needs(&scene, &sampling, self.shard, &self.out)?;
+        if needs.is_much() {
+            program::note(needs);
+        }
         let (out, progress) = (self.out.display(), progress::reporter("frames"));
         let Some(shard) = self.shard else {
             let n_frames = generate(&scene, &sampling, &self.out, &progress)?;
-            println!("{n_frames} frames in {out}");
+            program::say(format_args!("{n_frames} frames in {out}"));
             return Ok(());
         };
         match generate_shard(&scene, &sampling, shard, &self.out, &progress)? {
-            Made::Written(n_frames) => println!("shard {shard}: {n_frames} frames in {out}"),
-            Made::Found(n_frames) => println!("shard {shard}: {n_frames} frames are in {out} already"),
+            Made::Written(n_frames) => program::say(format_args!("shard {shard}: {n_frames} frames in {out}")),
+            Made::Found(n_frames) => {
+                program::say(format_args!("shard {shard}: {n_frames} frames are in {out} already"));
+            }
         }
         Ok(())
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::Result;
+use tactile_data::program;
 use tactile_data::progress;
 use tactile_data::recording::folder::{self, NoContact};
 use tactile_data::recording::parquet;
@@ -63,9 +64,9 @@ impl Import {
             false => folder::import(&self.source, &how, &self.out, &progress::reporter("files"))?,
         };
         for warning in imported.warnings {
-            eprintln!("warning: {warning}");
+            program::warning(warning);
         }
-        println!("{} frames in {}", imported.n_frames, self.out.display());
+        program::say(format_args!("{} frames in {}", imported.n_frames, self.out.display()));
         Ok(())
     }
 }

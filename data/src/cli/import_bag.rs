@@ -11,7 +11,7 @@ use tactile_data::recording::ros::import::{self, PoseSource};
 use tactile_data::recording::ros::touches::Touches;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
-use tactile_data::{Result, progress};
+use tactile_data::{Result, program, progress};
 
 /// What an import of a bag asks for.
 #[derive(Args)]
@@ -81,12 +81,12 @@ impl BagArgs {
         };
         let imported = import::import(source, &how, out, &progress::reporter("touches"))?;
         for warning in &imported.warnings {
-            eprintln!("warning: {warning}");
+            program::warning(warning);
         }
         for note in &imported.notes {
-            println!("{note}");
+            program::say(note);
         }
-        println!("{} frames in {}", imported.n_frames, out.display());
+        program::say(format_args!("{} frames in {}", imported.n_frames, out.display()));
         Ok(())
     }
 }

@@ -8,10 +8,11 @@ use serde::Serialize;
 use tactile_data::contact::{self, FrameContact};
 use tactile_data::grid::PoseGrid;
 use tactile_data::inspection::{self, Finding};
+use tactile_data::printable::printable;
 use tactile_data::shard::Fragment;
 use tactile_data::store::{self, Channels, Dataset, Meta, Mirror, Recording};
 use tactile_data::touch::Side;
-use tactile_data::{Result, contact_sheet, output, picture};
+use tactile_data::{Result, contact_sheet, output, picture, program};
 
 /// Parts named in the text before it says only how many there are.
 const MAX_NAMES: usize = 12;
@@ -37,16 +38,15 @@ pub struct Inspect {
 impl Inspect {
     /// Prints the summary and draws the sheet.
     pub fn run(self) -> Result<()> {
-        if let Some(sheet) = &self.sheet {
-            output::check_file(sheet, store::FILES.map(|file| self.dir.join(file)))?;
-        }
+        let files = store::FILES.map(|file| self.dir.join(file));
+        let _lock = self.sheet.as_ref().map(|sheet| output::check_file(sheet, files)).transpose()?;
         let dataset = Dataset::open(&self.dir)?;
         let summary = Summary::of(&dataset, self.frames)?;
         if let Some(sheet) = &self.sheet {
             picture::write_png(sheet, &contact_sheet::draw(&dataset)?)?;
         }
         let text = if self.json { super::pretty(&summary)? } else { summary.text() };
-        println!("{}", text.trim_end());
+        program::say(text.trim_end());
         Ok(())
     }
 }
@@ -156,9 +156,9 @@ impl Summary {
              poses        {} known, {grid}\n\
              difference   {:.2} counts rms from rest, on average\n\
              contact      in {} of {} frames{}\n",
-            self.name,
+            printable(&self.name),
             self.n_frames,
-            self.source,
+            printable(&self.source),
             listed(&self.parts),
             listed(&self.held_out),
             self.n_hole,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use tactile_data::Result;
 use tactile_data::dataset_merge::merge;
-use tactile_data::progress;
+use tactile_data::{program, progress};
 
 /// Join the shards of a dataset, given in any order, into the dataset that a single run would write.
 #[derive(Args)]
@@ -23,7 +23,7 @@ impl Merge {
     /// Checks that all shards are there, and copies them one after the other.
     pub fn run(self) -> Result<()> {
         let n_frames = merge(&self.shards, &self.out, &progress::reporter("frames"))?;
-        println!("{n_frames} frames of {} shards in {}", self.shards.len(), self.out.display());
+        program::say(format_args!("{n_frames} frames of {} shards in {}", self.shards.len(), self.out.display()));
         Ok(())
     }
 }

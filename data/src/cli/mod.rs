@@ -15,6 +15,7 @@ mod speed;
 mod validate;
 
 use clap::{Parser, Subcommand};
+use tactile_data::printable::printable_json;
 use tactile_data::{Error, Result};
 
 /// Make, import and inspect datasets of tactile frames, and compare simulated frames with real ones.
@@ -94,8 +95,9 @@ fn mm_per_px(view_mm: &[f64], size_px: [usize; 2]) -> Result<[f64; 2]> {
 
 /// JSON for programs.
 fn pretty(json: &impl serde::Serialize) -> Result<String> {
-    serde_json::to_string_pretty(json)
-        .map_err(|e| Error::invalid("--json", "numbers that JSON can hold", e.to_string()))
+    let json = serde_json::to_string_pretty(json)
+        .map_err(|e| Error::invalid("--json", "numbers that JSON can hold", e.to_string()))?;
+    Ok(printable_json(&json).into_owned())
 }
 
 #[cfg(test)]

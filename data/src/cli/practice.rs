@@ -7,7 +7,7 @@ use clap::Args;
 use tactile_data::calibrate::Calibration;
 use tactile_data::calibrate::practice::ball_presses;
 use tactile_data::sensor::SensorSpec;
-use tactile_data::{Error, Result, picture};
+use tactile_data::{Error, Result, picture, program};
 
 /// Simulate presses of a ball and the sensor at rest, to try `calibrate` without a sensor.
 #[derive(Args)]
@@ -49,7 +49,7 @@ impl BallPresses {
             picture::write_png(&self.out.join(format!("press-{:02}.png", i + 1)), frame)?;
         }
         picture::write_png(&self.out.join("rest.png"), &made.at_rest)?;
-        println!("{} presses in {out}", made.frames.len());
+        program::say(format_args!("{} presses in {out}", made.frames.len()));
         Ok(())
     }
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tactile_data::calibrate::Calibration;
+use tactile_data::output_lock::OutputLock;
 use tactile_data::render::{Press, Rendered, relief, render};
 use tactile_data::se2::Se2;
 use tactile_data::sensor::{Fidelity, SensorSpec};
@@ -91,7 +92,7 @@ pub struct Render {
 impl Render {
     /// Renders the press and writes what is asked for.
     pub fn run(self) -> Result<()> {
-        self.check_outputs()?;
+        let _locks = self.check_outputs()?;
         let no_contact = self.no_contact.as_deref().map(picture::read).transpose()?;
         let rest_px = no_contact.as_ref().map(|frame| [frame.width_px(), frame.height_px()]);
         let spec = self.sensor(rest_px)?;
@@ -116,15 +117,16 @@ impl Render {
     }
 
     /// Refuses outputs that are inputs or each other.
-    fn check_outputs(&self) -> Result<()> {
+    fn check_outputs(&self) -> Result<Vec<OutputLock>> {
         let mut taken = vec![Path::new(&self.shape)];
         taken.extend(self.calibration.as_deref());
         taken.extend(self.no_contact.as_deref());
+        let mut locks = Vec::new();
         for out in [Some(&self.out), self.at_rest_out.as_ref(), self.heights_out.as_ref()].into_iter().flatten() {
-            output::check_file(out, &taken)?;
+            locks.push(output::check_file(out, &taken)?);
             taken.push(out);
         }
-        Ok(())
+        Ok(locks)
     }
 
     /// The sensor that the options describe.

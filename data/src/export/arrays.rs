@@ -10,6 +10,9 @@ use crate::error::{Error, Result};
 use crate::export::partial::Partial;
 use crate::store::Dataset;
 
+/// The files of the folder.
+const FILES: [&str; 4] = ["frames.npy", "no_contact.npy", "poses.npy", "touches.json"];
+
 /// Writes a new folder: `frames.npy` (u8, `[n, height, width, 3]`), `no_contact.npy` (u8, `[height, width, 3]`),
 /// `poses.npy` (f64, `[n, 3]`: x and y in mm, the angle in radians; NaN where a pose is not known) and `touches.json`
 /// (parts, sides and times, one each frame, and the size of a pixel in mm). `progress` gets the frames done and all.
@@ -17,7 +20,7 @@ use crate::store::Dataset;
 /// # Errors
 /// A name in use; a disk that cannot be written.
 pub fn export(dataset: &Dataset, out: &Path, progress: &dyn Fn(usize, usize)) -> Result<()> {
-    let partial = Partial::folder(out)?;
+    let partial = Partial::folder(out, |name| FILES.contains(&name))?;
     let [width, height] = dataset.meta().frame_px;
     let n = dataset.len();
     let mut frames = Npy::create(partial.path().join("frames.npy"), "|u1", &[n, height, width, 3])?;

@@ -36,7 +36,7 @@ const COLUMNS: [&str; 12] = [
 /// # Errors
 /// A name in use; a disk that cannot be written.
 pub fn export(dataset: &Dataset, out: &Path, jpeg_quality: Option<u8>, progress: &dyn Fn(usize, usize)) -> Result<()> {
-    let partial = Partial::folder(out)?;
+    let partial = Partial::folder(out, is_ours)?;
     let index = partial.path().join("index.csv");
     let mut rows = csv::Writer::from_path(&index).map_err(|e| csv_error(&index, e))?;
     rows.write_record(COLUMNS).map_err(|e| csv_error(&index, e))?;
@@ -59,6 +59,13 @@ pub fn export(dataset: &Dataset, out: &Path, jpeg_quality: Option<u8>, progress:
     rows.flush().map_err(Error::io(&index))?;
     picture::write_png(&partial.path().join(NO_CONTACT), dataset.no_contact())?;
     partial.finish()
+}
+
+/// Whether an export writes a file of this name.
+fn is_ours(name: &str) -> bool {
+    let picture = name.strip_suffix(".png").or_else(|| name.strip_suffix(".jpg"));
+    ["index.csv", NO_CONTACT].contains(&name)
+        || picture.is_some_and(|number| number.len() >= 6 && number.bytes().all(|digit| digit.is_ascii_digit()))
 }
 
 fn csv_error(index: &Path, error: csv::Error) -> Error {

@@ -8,6 +8,7 @@ use crate::se2::Se2;
 use crate::store::Dataset;
 use crate::touch::Touch;
 
+mod exposure;
 mod pictures;
 mod poses;
 mod touches;
@@ -47,6 +48,8 @@ pub enum Kind {
     FrozenCamera,
     /// A frame at rest that is brighter or darker than the touches.
     RestExposure,
+    /// Frames in a row of another exposure than the frame at rest and than other frames.
+    ChangedExposure,
     /// A sensor that moved or was changed.
     ChangedSensor,
     /// Touches with a pose that show no contact.
@@ -68,7 +71,10 @@ pub fn findings(dataset: &Dataset, frames: &[Result<FrameContact>]) -> Result<Ve
     found.extend(poses::repeated(touches, &digests));
     found.extend(poses::lonely(touches));
     found.extend(pictures::frozen(dataset, &digests));
-    found.extend(pictures::rest_exposure(dataset, frames));
+    let changed = exposure::changed_exposure(dataset, frames);
+    let others: Vec<usize> = changed.iter().flat_map(|finding| finding.frames.iter().copied()).collect();
+    found.extend(pictures::rest_exposure(dataset, frames, &others));
+    found.extend(changed);
     found.extend(pictures::changed_sensor(dataset, frames)?);
     found.extend(pictures::without_contact(touches, frames));
     Ok(found)

@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hasher};
-use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -20,7 +19,7 @@ const LIGHT_PX: [usize; 2] = [40, 30];
 const MAX_SAMPLE: usize = 200;
 
 /// Of fewer frames no median is taken.
-const LEAST_SAMPLE: usize = 10;
+pub(super) const LEAST_SAMPLE: usize = 10;
 
 /// The frame at rest may be brighter or darker than the touches by this much, counts. In simulated recordings of every
 /// preset, whose exposure drifts by -8..+19 %, it is at most 1.2; an exposure set anew by a tenth makes 8 to 11.
@@ -66,8 +65,9 @@ pub(super) fn frozen(dataset: &Dataset, digests: &[u64]) -> Option<Finding> {
 }
 
 /// A frame at rest of another exposure than the touches: the median over touches of the light where nothing touches.
-pub(super) fn rest_exposure(dataset: &Dataset, frames: &[Result<FrameContact>]) -> Option<Finding> {
-    let sample = sample(frames, 0..frames.len());
+/// Those whose exposure was found to be another (`others`, in order) do not count.
+pub(super) fn rest_exposure(dataset: &Dataset, frames: &[Result<FrameContact>], others: &[usize]) -> Option<Finding> {
+    let sample = sample(frames, (0..frames.len()).filter(|frame| others.binary_search(frame).is_err()));
     if sample.len() < LEAST_SAMPLE {
         return None;
     }
@@ -145,20 +145,20 @@ pub(super) fn without_contact(touches: &[Touch], frames: &[Result<FrameContact>]
     is_much.then_some(Finding { kind: Kind::NoContact, message, frames: without })
 }
 
-/// Usable frames of a range, evenly spread, at most [`MAX_SAMPLE`].
-fn sample(frames: &[Result<FrameContact>], range: Range<usize>) -> Vec<usize> {
-    let usable: Vec<usize> = range.filter(|frame| frames[*frame].is_ok()).collect();
+/// Usable ones of some frames, evenly spread, at most [`MAX_SAMPLE`].
+fn sample(frames: &[Result<FrameContact>], some: impl Iterator<Item = usize>) -> Vec<usize> {
+    let usable: Vec<usize> = some.filter(|frame| frames[*frame].is_ok()).collect();
     let n = usable.len().min(MAX_SAMPLE);
     (0..n).map(|i| usable[i * usable.len() / n]).collect()
 }
 
-fn light_px(dataset: &Dataset) -> [usize; 2] {
+pub(super) fn light_px(dataset: &Dataset) -> [usize; 2] {
     let [width, height] = dataset.meta().frame_px;
     [width.min(LIGHT_PX[0]), height.min(LIGHT_PX[1])]
 }
 
 /// The middle one of at least one value.
-fn median(mut values: Vec<f32>) -> f32 {
+pub(super) fn median(mut values: Vec<f32>) -> f32 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }

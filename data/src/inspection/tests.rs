@@ -169,6 +169,44 @@ fn a_frame_at_rest_of_another_exposure_is_found() {
     assert_eq!(kinds(&with_rest(1.02)), []);
 }
 
+/// The clean recording, with the frames of a range taken with another exposure.
+fn exposed(range: std::ops::Range<usize>, gain: f32) -> Vec<Finding> {
+    found_after(move |i, frame, touch| {
+        let brighter = map(&frame, |x, y, channel| (gain * value(&frame, x, y, channel)).min(255.0));
+        Some((if range.contains(&i) { brighter } else { frame }, touch))
+    })
+}
+
+#[test]
+fn frames_of_another_exposure_are_named() {
+    let n = clean().len();
+    for gain in [1.06, 1.1, 1.17, 0.94, 0.9, 0.83] {
+        for range in [n / 2..n, 0..n / 2, n / 3..2 * n / 3] {
+            // A third of 240 frames, each of which drifts by 6 % by itself.
+            if range.len() < n / 2 && (gain - 1.0).abs() < 0.09 {
+                continue;
+            }
+            let some = exposed(range.clone(), gain);
+            assert_eq!(kinds(&some), [Kind::ChangedExposure], "{range:?} {gain}");
+            // Frames drift by more than that, each by itself: the group's ends are known to a few frames.
+            let (named, as_made) = (&some[0].frames, range.len());
+            let n_right = named.iter().filter(|frame| range.contains(frame)).count();
+            assert!(10 * n_right >= 8 * as_made && 10 * n_right >= 8 * named.len(), "{range:?} {gain}: {some:?}");
+            let word = if gain > 1.0 { "brighter" } else { "darker" };
+            let ends = format!("frames {} to {} are", named[0], named[named.len() - 1]);
+            assert!(some[0].message.contains(word) && some[0].message.starts_with(&ends), "{some:?}");
+        }
+    }
+}
+
+#[test]
+fn a_change_of_exposure_below_the_noise_or_of_few_frames_is_none() {
+    let n = clean().len();
+    for (range, gain) in [(n / 2..n, 1.02), (n / 2..n, 0.98), (0..n, 1.02), (7..12, 1.17)] {
+        assert_eq!(kinds(&exposed(range.clone(), gain)), [], "{range:?} {gain}");
+    }
+}
+
 #[test]
 fn a_sensor_that_moved_or_was_changed_is_found() {
     let n = clean().len();

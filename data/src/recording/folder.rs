@@ -1,11 +1,11 @@
 //! A recording as a folder of pictures, with an optional index and frame at rest.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use sha2::Digest;
 
-use crate::error::{Error, Result};
+use crate::bounded_file::{self, Kind};
+use crate::error::Result;
 use crate::frame::Frame;
 use crate::output;
 use crate::picture;
@@ -56,7 +56,7 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
     let n_files = files.len();
     let (view, mut writer) = begin(source, how, (&mut frames(&files), n_files), out, &mut warnings)?;
     let mut items = files.into_iter().map(|(file, touch)| {
-        let bytes = fs::read(&file).map_err(Error::io(&file))?;
+        let bytes = bounded_file::read(&file, Kind::PICTURE)?;
         hash.update(&bytes);
         Ok(Item { picture: Picture::Encoded(bytes), touch, place: file.display().to_string() })
     });
@@ -88,7 +88,7 @@ pub(super) fn begin(
 fn frames(files: &[(PathBuf, Touch)]) -> impl Iterator<Item = Result<(Frame, String)>> {
     files.iter().flat_map(|(file, _)| {
         let place = file.display().to_string();
-        frames_of(fs::read(file).map_err(Error::io(file)), place)
+        frames_of(bounded_file::read(file, Kind::PICTURE), place)
     })
 }
 
@@ -111,6 +111,7 @@ mod tests {
     use crate::touch::Side;
     use image::codecs::gif::GifEncoder;
     use image::{Delay, Rgb, RgbImage};
+    use std::fs;
 
     /// Lit everywhere: a black side would pass for a bar.
     fn picture_of(value: u8) -> RgbImage {

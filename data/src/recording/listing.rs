@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 use crate::picture;
 use crate::recording::{contradiction, index};
@@ -37,12 +38,13 @@ pub fn list(
     at_rest: Option<&Path>,
     warnings: &mut Vec<String>,
 ) -> Result<Listing> {
-    let is_file = fs::metadata(source).map_err(Error::io(source))?.is_file();
+    // What is neither is refused when it is read.
+    let is_file = !fs::metadata(source).map_err(Error::io(source))?.is_dir();
     let found = ["index.csv", "index.jsonl"].map(|file| source.join(file)).into_iter().find(|path| path.exists());
     let mut hash = Sha256::new();
     let files = match asked_index.map(Path::to_path_buf).or(found) {
         Some(index) => {
-            let bytes = fs::read(&index).map_err(Error::io(&index))?;
+            let bytes = bounded_file::read(&index, Kind::INDEX)?;
             hash.update(&bytes);
             let rows = index::read(&index, &bytes, if is_file { Path::new("") } else { source })?;
             contradiction::check(&index, &rows, warnings)?;

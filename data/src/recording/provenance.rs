@@ -1,12 +1,12 @@
 //! How a recording became a dataset: what its meta data keep of the source.
 
-use std::fs::File;
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::bounded_file;
 use crate::error::{Error, Result};
 
 /// How a recording became a dataset.
@@ -35,7 +35,7 @@ pub struct Recording {
 pub fn sha256(files: &[PathBuf]) -> Result<String> {
     let mut hash = Sha256::new();
     for path in files {
-        let mut file = File::open(path).map_err(Error::io(path))?;
+        let (mut file, _) = bounded_file::open(path)?;
         std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
     }
     Ok(format!("{:x}", hash.finalize()))

@@ -12,9 +12,12 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::bounded_file::{self, Kind};
 use crate::calibrate::Calibration;
 use crate::error::{Error, Result};
 use crate::grid::PoseGrid;
+use crate::needs::Needs;
+use crate::printable::is_printable;
 use crate::sensor::{Fidelity, SensorSpec};
 use crate::shape::maze::maze;
 use crate::shape::{Relief, Shape};
@@ -25,6 +28,8 @@ pub use board::Board;
 pub use maze_boards::MazeBoards;
 pub use parts::{Connectors, Kit, Letters, Outlines, PartFile, Parts, Solids};
 pub use sensor_range::SensorRange;
+
+use parts::MOST_PARTS;
 
 /// A scene, as a TOML file declares it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -79,7 +84,7 @@ impl Scene {
             let expected = format!("a scene file or one of {}", Self::PRESETS.join(", "));
             return Err(Error::invalid("--scene", expected, with_closest(preset_or_file, Self::PRESETS)));
         }
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = bounded_file::read_to_string(path, Kind::SCENE)?;
         let mut scene: Self = toml::from_str(&text).map_err(|e| {
             let line = 1 + e.span().map_or(0, |span| text.bytes().take(span.start).filter(|b| *b == b'\n').count());
             Error::invalid(format!("{preset_or_file}, line {line}"), "a scene", e.message().to_owned())
@@ -120,6 +125,9 @@ impl Scene {
     /// Refuses a scene that cannot be touched, naming the field. Reads the files of its parts.
     pub fn validate(&self) -> Result<()> {
         self.sensor.validate()?;
+        if !is_printable(&self.name) {
+            return Err(Error::invalid("name", "a name without control characters", format!("{:?}", self.name)));
+        }
         if !(0.0..=5.0).contains(&self.clearance_mm) {
             return Err(Error::invalid("clearance_mm", "0 to 5 mm", self.clearance_mm.to_string()));
         }
@@ -135,10 +143,15 @@ impl Scene {
                 let reach =
                     self.reach.ok_or_else(|| Error::invalid("reach", "a grid of poses for each part", "none"))?;
                 reach.validate()?;
+                let n_parts = kit.n_parts();
+                if n_parts > MOST_PARTS {
+                    // Holes and pegs, each at each pose.
+                    let n_touches = n_parts.saturating_mul(2).saturating_mul(reach.len());
+                    let needs = Needs::of(self, n_parts, 2, n_touches).to_string();
+                    return Err(Error::invalid("parts", format!("at most {MOST_PARTS} parts"), needs));
+                }
                 kit.validate()?;
-                let names = kit.names();
-                let parts =
-                    (0..names.len()).map(|part| kit.part(part, self.clearance_mm)).collect::<Result<Vec<_>>>()?;
+                let (names, parts) = (kit.names(), kit.parts(self.clearance_mm)?);
                 board.as_ref().map_or(Ok(()), |board| board.validate(&names, &parts))
             }
             (Parts::Maze(boards), None) => boards.validate(&self.sensor),

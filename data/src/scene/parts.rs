@@ -1,11 +1,13 @@
 //! The parts of a scene: letters, connectors, simple bodies, random outlines, the user's own files, or MAZE boards.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use super::MazeBoards;
 use crate::error::{Error, Result};
+use crate::printable::is_printable;
 use crate::shape::connector::Connector;
 use crate::shape::file::{self, FileScale, ending};
 use crate::shape::glyph::{Font, glyph_of};
@@ -85,8 +87,9 @@ pub struct Outlines {
     pub size_mm: [f64; 2],
 }
 
-/// The most outlines of a scene: what is known of a part before it is touched takes memory.
-const MOST_OUTLINES: usize = 10_000;
+/// The most parts of a scene: what is known of a part before it is touched takes memory, and once it was touched about
+/// a megabyte for each of its sides.
+pub(super) const MOST_PARTS: usize = 10_000;
 
 /// A part from the user's own files: an outline (`svg`), heights (`png`, `npy`) or a mesh (`stl`), each centred
 /// on its own box.
@@ -182,6 +185,34 @@ enum Origin<'a> {
     File(usize, &'a PartFile),
 }
 
+impl Origin<'_> {
+    /// The part that comes from it.
+    fn part(self, clearance_mm: f64) -> Result<Part> {
+        match self {
+            Origin::Letter(letter, Letters { font, height_mm, max_width_mm, .. }) => {
+                let outline = glyph_of(*font, letter, *height_mm, *max_width_mm)?;
+                Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
+            }
+            Origin::Connector(connector) => Ok(Part {
+                outline: Shape { regions: vec![vec![connector.outline()]] },
+                taken: Shape { regions: vec![vec![connector.body()]] },
+                clearance_mm: 0.0,
+                stands: true,
+                peg: connector.plug()?,
+                hole: connector.receptacle(),
+            }),
+            Origin::Solid(solid) => {
+                Ok(Part::extruded(solid.outline(), solid.relief(Side::Peg, clearance_mm)?, clearance_mm))
+            }
+            Origin::Outline(index, Outlines { seed, size_mm, .. }) => {
+                let outline = outline::outline(seed, index, size_mm);
+                Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
+            }
+            Origin::File(i, file) => file.part(&format!("parts.files[{i}]"), clearance_mm),
+        }
+    }
+}
+
 impl Kit {
     /// A kit of letters alone.
     pub fn of_letters(letters: &str, height_mm: f64, max_width_mm: f64) -> Self {
@@ -210,33 +241,22 @@ impl Kit {
         self.origins().map(name).collect()
     }
 
+    /// Number of parts.
+    pub(super) fn n_parts(&self) -> usize {
+        self.origins().count()
+    }
+
     /// One part; reads its files. `clearance_mm` is by how much a hole is wider than its peg on every side.
     pub(super) fn part(&self, part: usize, clearance_mm: f64) -> Result<Part> {
-        let Some(origin) = self.origins().nth(part) else {
-            return Err(Error::invalid("part", "a part of the scene", part.to_string()));
-        };
-        match origin {
-            Origin::Letter(letter, Letters { font, height_mm, max_width_mm, .. }) => {
-                let outline = glyph_of(*font, letter, *height_mm, *max_width_mm)?;
-                Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
-            }
-            Origin::Connector(connector) => Ok(Part {
-                outline: Shape { regions: vec![vec![connector.outline()]] },
-                taken: Shape { regions: vec![vec![connector.body()]] },
-                clearance_mm: 0.0,
-                stands: true,
-                peg: connector.plug()?,
-                hole: connector.receptacle(),
-            }),
-            Origin::Solid(solid) => {
-                Ok(Part::extruded(solid.outline(), solid.relief(Side::Peg, clearance_mm)?, clearance_mm))
-            }
-            Origin::Outline(index, Outlines { seed, size_mm, .. }) => {
-                let outline = outline::outline(seed, index, size_mm);
-                Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
-            }
-            Origin::File(i, file) => file.part(&format!("parts.files[{i}]"), clearance_mm),
+        match self.origins().nth(part) {
+            Some(origin) => origin.part(clearance_mm),
+            None => Err(Error::invalid("part", "a part of the scene", part.to_string())),
         }
+    }
+
+    /// All parts, in order; reads their files.
+    pub(super) fn parts(&self, clearance_mm: f64) -> Result<Vec<Part>> {
+        self.origins().map(|origin| origin.part(clearance_mm)).collect()
     }
 
     /// Refuses a kit whose parts cannot be made, naming the field.
@@ -247,15 +267,15 @@ impl Kit {
         if let Some(outlines) = &self.outlines {
             outlines.validate()?;
         }
-        let names = self.names();
+        let (names, mut known) = (self.names(), HashSet::new());
         if names.is_empty() {
             return Err(Error::invalid("parts", "at least one letter, connector, solid, outline or file", "none"));
         }
-        for (i, name) in names.iter().enumerate() {
-            if name.trim().is_empty() || name.contains(char::is_control) {
+        for name in &names {
+            if name.trim().is_empty() || !is_printable(name) {
                 return Err(Error::invalid("parts", "a name for each part", format!("{name:?}")));
             }
-            if names[..i].contains(name) {
+            if !known.insert(name) {
                 return Err(Error::invalid("parts", "each part's name once", format!("'{name}' twice")));
             }
         }
@@ -321,8 +341,8 @@ impl Letters {
 
 impl Outlines {
     fn validate(&self) -> Result<()> {
-        if !(1..=MOST_OUTLINES).contains(&self.n) {
-            return Err(Error::invalid("parts.outlines.n", format!("1 to {MOST_OUTLINES}"), self.n.to_string()));
+        if !(1..=MOST_PARTS).contains(&self.n) {
+            return Err(Error::invalid("parts.outlines.n", format!("1 to {MOST_PARTS}"), self.n.to_string()));
         }
         let [least, most] = self.size_mm;
         if !(least >= 1.0 && most >= least && most <= 200.0) {

@@ -482,3 +482,26 @@ fn a_gauge_is_wider_than_its_peg_and_its_hole_stays() {
     assert_eq!(width_mm(scene(0.5), Side::Hole), width_mm(scene(0.0), Side::Hole));
     assert!(scene(1.5).validate().unwrap_err().to_string().starts_with("gauge_mm: expected 0 to clearance_mm"));
 }
+
+#[test]
+fn far_too_many_parts_are_refused_with_what_they_would_take() {
+    let written = Written::new();
+    let solids = |n: usize| {
+        let names: Vec<String> = (0..n).map(|i| format!("\"cylinder:{}\"", 4.0 + i as f64 * 1e-3)).collect();
+        format!("[parts.solids]\nnames = [{}]", names.join(", "))
+    };
+    assert_eq!(written.load(&solids(1_000)).unwrap().part_names().len(), 1_000);
+    let words = ["parts: expected at most 10000 parts, got 30000 parts and 540000 touches, which take", "GB of memory"];
+    written.refused(&solids(30_000), &words);
+}
+
+#[test]
+fn names_that_a_terminal_would_obey_are_refused() {
+    let written = Written::new();
+    let file = |name: &str| format!("[[parts.files]]\nname = \"{name}\"\npeg = \"a.svg\"");
+    for name in ["a\\u001b[2J", "a\\u009b", "a\\u202eb", "a\\nb"] {
+        written.refused(&file(name), &["a name for each part"]);
+    }
+    let scene = Scene { name: "a\u{7}".into(), ..Scene::preset("alphabet-small").unwrap() };
+    assert!(scene.validate().unwrap_err().to_string().starts_with("name: expected a name without control characters"));
+}

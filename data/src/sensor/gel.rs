@@ -147,6 +147,12 @@ impl Surface {
     }
 }
 
+/// The memory that one side of a part takes at least, solved within `half_mm` of its centre, bytes.
+pub fn least_bytes(half_mm: f64) -> f64 {
+    let cell_mm = CELL_MM[0].max(2.0 * half_mm / MOST_CELLS);
+    size_of::<f32>() as f64 * (2.0 * half_mm / cell_mm).powi(2)
+}
+
 /// The side of a cell, mm: a share of the decay length, and no larger than a pixel of a height map.
 fn cell_mm(reliefs: &[Relief], half_mm: f64, gel_length_mm: Option<f64>) -> f64 {
     let maps = reliefs.iter().flat_map(|relief| &relief.layers).filter_map(|layer| match layer {
@@ -303,6 +309,16 @@ mod tests {
         let dome = HeightMap::new([50, 50], [0.1, 0.1], &heights).unwrap();
         let dome = Relief { layers: vec![Layer::Heights(dome)] }.shifted([5.0, 1.0]);
         vec![Relief { layers: vec![face(1.5, 0.0), face(3.0, 0.3)] }, dome]
+    }
+
+    #[test]
+    fn a_side_takes_the_memory_that_is_said_before() {
+        for half_mm in [5.0, 12.3] {
+            let surface = peg(box_of([-2.0, 2.0], [-2.0, 2.0]), half_mm, L);
+            let kept: usize = surface.solved.iter().map(|(_, raster)| size_of_val(&*raster.values)).sum();
+            let ratio = kept as f64 / least_bytes(half_mm);
+            assert!((1.0..1.03).contains(&ratio), "{half_mm}: {ratio}");
+        }
     }
 
     #[test]

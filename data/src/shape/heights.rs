@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
-use image::{DynamicImage, ImageReader};
+use image::DynamicImage;
 
 use super::HeightMap;
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 use crate::npy;
+use crate::picture;
 
 /// What a grey level of a picture is worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,8 +39,8 @@ pub fn from_png(path: &Path, mm_per_px: [f64; 2], scale: GreyScale) -> Result<He
     if !(mm.is_finite() && mm > 0.0) {
         return Err(Error::invalid(format!("{}: {field}", path.display()), "a positive height", mm.to_string()));
     }
-    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).map_err(Error::io(path))?;
-    let (levels, white, size): (Vec<f64>, f64, _) = match reader.decode().map_err(Error::picture(path))? {
+    let picture = picture::decode_any(&bounded_file::read(path, Kind::PICTURE)?, path)?;
+    let (levels, white, size): (Vec<f64>, f64, _) = match picture {
         DynamicImage::ImageLuma8(image) => {
             (image.as_raw().iter().map(|v| f64::from(*v)).collect(), f64::from(u8::MAX), image.dimensions())
         }

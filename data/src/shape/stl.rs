@@ -1,11 +1,11 @@
 //! Meshes: the surface of an STL as seen from above.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
 use super::HeightMap;
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 
 /// How far below the top the map is where there is no mesh, mm: deeper than any press.
@@ -24,7 +24,7 @@ const MAX_PIXELS: usize = 1 << 24;
 /// than 500 mm.
 pub fn height_map(path: &Path, cell_mm: f64) -> Result<HeightMap> {
     let refuse = |expected: &str, got: String| Error::invalid(path.display().to_string(), expected, got);
-    let mut reader = BufReader::new(File::open(path).map_err(Error::io(path))?);
+    let mut reader = BufReader::new(bounded_file::open_kind(path, Kind::MESH)?);
     let mesh = stl_io::read_stl(&mut reader).map_err(|e| refuse("an STL mesh", e.to_string()))?;
     // -0 and 0 are one place, though not the same bits.
     let vertices: Vec<[f32; 3]> = mesh.vertices.iter().map(|vertex| vertex.0.map(|v| v + 0.0)).collect();

@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use usvg::tiny_skia_path::PathSegment;
-use usvg::{FillRule, Group, Node, Options, Tree};
+use usvg::{FillRule, Group, ImageHrefResolver, Node, Options, Tree};
 
 use super::crossing::{area_mm2, first_crossing, is_inside, signed_area};
 use super::curve::Flatten;
 use super::{Contour, Shape};
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 
 /// Straight pieces a curve is cut into: a quarter of a circle of 50 mm radius is 0.02 mm off at most.
@@ -31,8 +32,10 @@ const MAX_SIDE_MM: f64 = 500.0;
 /// wider than 500 mm.
 pub fn outline(path: &Path) -> Result<Shape> {
     let file = path.display();
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
-    let tree = Tree::from_data(&bytes, &Options::default())
+    let bytes = bounded_file::read(path, Kind::DRAWING)?;
+    // Pictures in a drawing have no outline: what they name is not opened.
+    let images = ImageHrefResolver { resolve_data: Box::new(|_, _, _| None), resolve_string: Box::new(|_, _| None) };
+    let tree = Tree::from_data(&bytes, &Options { image_href_resolver: images, ..Options::default() })
         .map_err(|e| Error::invalid(file.to_string(), "an SVG drawing", e.to_string()))?;
     let mut elements = Vec::new();
     collect(tree.root(), &mut elements);
@@ -149,6 +152,18 @@ mod tests {
         let circle = drawn("<g transform='translate(3 4) scale(2)'><circle r='4' fill='none' stroke='black'/></g>");
         // Eight quadratic or four cubic arcs are off by 3e-4, their chords by less.
         assert!((area(&circle.unwrap()) / (64.0 * std::f64::consts::PI) - 1.0).abs() < 1e-3);
+    }
+
+    /// A pipe that nobody writes to: a reader that opens it waits for ever.
+    #[test]
+    #[cfg(unix)]
+    fn a_picture_that_a_drawing_names_is_not_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe.png");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let image = format!("<image href='{}' width='4' height='4'/>", pipe.display());
+        let shape = drawn(&format!("{image}<rect width='12' height='6'/>")).unwrap();
+        assert!((area(&shape) - 72.0).abs() < 1e-3);
     }
 
     #[test]

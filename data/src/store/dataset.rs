@@ -10,11 +10,15 @@ use sha2::{Digest, Sha256};
 use super::files::{FRAMES, INDEX, META, NO_CONTACT, check_sha256, json_error, name};
 use super::frames::{HEADER_LEN, check_size, frame_len, map_frames};
 use super::meta::{Meta, MetaFile, read_meta};
+use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 use crate::frame::{Background, Frame, Preprocessing};
 use crate::picture;
 use crate::shard::Fragment;
 use crate::touch::{Side, Touch};
+
+/// The most bytes of a touch in the index, on average: ten times those of one with every field.
+const MOST_LINE_BYTES: u64 = 4_096;
 
 /// A dataset opened for reading; its frames stay on disk until they are looked at.
 #[derive(Debug)]
@@ -33,8 +37,10 @@ impl Dataset {
     pub fn open(path: &Path) -> Result<Self> {
         let content = read_meta(path)?;
         let frames = map_frames(&path.join(FRAMES), &content)?;
+        let touches_bytes = (content.n_frames as u64 + 1).saturating_mul(MOST_LINE_BYTES);
+        let index = bounded_file::open_kind(&path.join(INDEX), Kind { name: "an index", most_bytes: touches_bytes })?;
         check_sha256(&path.join(INDEX), &content.index_sha256)?;
-        let mut touches = read_index(&path.join(INDEX))?;
+        let mut touches = read_index(&path.join(INDEX), index)?;
         if let Some(peg_from_hole) = content.meta.peg_from_hole {
             let hole_from_peg = peg_from_hole.inverse();
             let pegs = touches.iter_mut().filter(|touch| touch.side == Some(Side::Peg));
@@ -131,14 +137,17 @@ pub(crate) fn read_no_contact(dataset: &Path, meta: &Meta) -> Result<Frame> {
     check_size(&frame, meta, &name(&path)).map(|()| frame)
 }
 
-fn read_index(path: &Path) -> Result<Vec<Touch>> {
-    let lines = BufReader::new(File::open(path).map_err(Error::io(path))?).lines();
+fn read_index(path: &Path, file: File) -> Result<Vec<Touch>> {
+    let lines = BufReader::new(file).lines();
     lines
         .enumerate()
         .map(|(row, line)| {
             let line = line.map_err(Error::io(path))?;
-            serde_json::from_str(&line)
-                .map_err(|e| Error::invalid(format!("{} line {}", path.display(), row + 1), "a touch", e.to_string()))
+            let place = || format!("{} line {}", path.display(), row + 1);
+            let touch: Touch =
+                serde_json::from_str(&line).map_err(|e| Error::invalid(place(), "a touch", e.to_string()))?;
+            touch.check_names().map_err(|error| error.within(place()))?;
+            Ok(touch)
         })
         .collect()
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
+use crate::bounded_file;
 use crate::error::{Error, Result};
 
 /// Name and version of the layout on disk.
@@ -30,7 +31,7 @@ pub(super) fn check_sha256(path: &Path, expected: &str) -> Result<()> {
 /// SHA-256 of a file in hexadecimal, read in pieces: hashing the map would count the whole file as
 /// this program's memory.
 pub(super) fn sha256(path: &Path) -> Result<String> {
-    let mut file = BufReader::with_capacity(1 << 20, File::open(path).map_err(Error::io(path))?);
+    let mut file = BufReader::with_capacity(1 << 20, bounded_file::open(path)?.0);
     let mut hash = Sha256::new();
     std::io::copy(&mut file, &mut hash).map_err(Error::io(path))?;
     Ok(format!("{:x}", hash.finalize()))

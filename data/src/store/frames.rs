@@ -1,12 +1,12 @@
 //! The frames of a dataset: `frames.npy`.
 
-use std::fs::File;
 use std::path::Path;
 
 use memmap2::Mmap;
 
 use super::files::{check_sha256, name};
 use super::meta::{Meta, MetaFile};
+use crate::bounded_file;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 
@@ -33,8 +33,7 @@ pub(super) fn npy_header(n_frames: usize, meta: &Meta) -> Vec<u8> {
 }
 
 pub(super) fn map_frames(path: &Path, content: &MetaFile) -> Result<Mmap> {
-    let file = File::open(path).map_err(Error::io(path))?;
-    let got = file.metadata().map_err(Error::io(path))?.len();
+    let (file, got) = bounded_file::open(path)?;
     let mut header = vec![0; HEADER_LEN.min(usize::try_from(got).unwrap_or(HEADER_LEN))];
     std::io::Read::read_exact(&mut &file, &mut header).map_err(Error::io(path))?;
     let expected_header = npy_header(content.n_frames, &content.meta);

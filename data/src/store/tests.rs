@@ -1,7 +1,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::files::{FRAMES, INDEX, META, NO_CONTACT};
+use sha2::Digest;
+
+use super::files::{FRAMES, INDEX, META, NO_CONTACT, sha256};
 use super::frames::{HEADER_LEN, npy_header};
 use super::writer::partial_path;
 use super::*;
@@ -221,4 +223,39 @@ fn a_missing_or_odd_no_contact_frame_is_refused() {
     let other = Frame::new(2, 4, vec![7; 24]).unwrap();
     let message = refusal(|out| picture::write_png(&out.join(NO_CONTACT), &other).unwrap());
     assert!(message.contains("expected 4x2 pixels, got 2x4 pixels"), "{message}");
+}
+
+#[test]
+fn names_that_a_terminal_would_obey_are_refused_where_they_are_written_and_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let mut writer = DatasetWriter::create(&out, meta(), &frame(9)).unwrap();
+    let odd = Touch { part: Some("a\u{1b}[2J".into()), ..touch(0) };
+    let error = writer.push(&frame(1), &odd).unwrap_err().to_string();
+    assert_eq!(error, r#"frame 0: part: expected a name without control characters, got "a\u{1b}[2J""#);
+    drop(writer);
+    let named = Meta { name: "a\nb".into(), ..meta() };
+    assert!(DatasetWriter::create(&out, named, &frame(9)).unwrap_err().to_string().contains("name, held_out"));
+    // A forged index, its checksum right.
+    write(&out);
+    let (index, about) = (out.join(INDEX), out.join(META));
+    let text = fs::read_to_string(&index).unwrap();
+    let forged = text.replacen("{", r#"{"episode":"e\u009b","#, 1);
+    fs::write(&index, &forged).unwrap();
+    let json = fs::read_to_string(&about).unwrap();
+    fs::write(&about, json.replace(&format!("{:x}", sha2::Sha256::digest(&text)), &sha256(&index).unwrap())).unwrap();
+    let error = Dataset::open(&out).unwrap_err().to_string();
+    assert!(error.contains("index.jsonl line 1: episode: expected a name without control characters"), "{error}");
+}
+
+#[test]
+fn an_index_longer_than_any_is_refused_before_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    write(&out);
+    let index = fs::OpenOptions::new().write(true).open(out.join(INDEX)).unwrap();
+    index.set_len(6 << 30).unwrap();
+    let error = Dataset::open(&out).unwrap_err().to_string();
+    assert!(error.contains("index.jsonl: expected an index of at most"), "{error}");
+    assert!(error.ends_with("got 6442450944 bytes"), "{error}");
 }

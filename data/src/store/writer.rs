@@ -1,7 +1,7 @@
 //! Writes a dataset.
 
-use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
+use std::fs::{self, File};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -11,6 +11,7 @@ use super::frames::{check_size, npy_header};
 use super::meta::{Meta, MetaFile, check_meta};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
+use crate::output_lock::{lock_file, with_ending};
 use crate::picture;
 use crate::recording::provenance::Recording;
 use crate::shard::Fragment;
@@ -45,7 +46,7 @@ impl DatasetWriter {
         let partial = partial_path(out)?;
         fs::create_dir_all(&partial).map_err(Error::io(&partial))?;
         check_is_ours(&partial)?;
-        let mut frames = lock(&partial.join(FRAMES))?;
+        let mut frames = BufWriter::with_capacity(1 << 20, lock_file(&partial.join(FRAMES), out)?);
         // The run that held the lock until now may have finished: its frames must stay.
         check_is_new(out)?;
         frames.get_ref().set_len(0).map_err(Error::io(partial.join(FRAMES)))?;
@@ -76,6 +77,7 @@ impl DatasetWriter {
     /// Appends a frame, of the size that the meta data states, and what is known of it.
     pub fn push(&mut self, frame: &Frame, touch: &Touch) -> Result<()> {
         check_size(frame, &self.meta, &format!("frame {}", self.n_frames))?;
+        touch.check_names().map_err(|error| error.within(format!("frame {}", self.n_frames)))?;
         self.frames.write_all(frame.rgb()).map_err(Error::io(self.partial.join(FRAMES)))?;
         if let Some((_, hash)) = &mut self.hash {
             hash.update(frame.rgb());
@@ -123,9 +125,7 @@ pub(super) fn partial_path(out: &Path) -> Result<PathBuf> {
     let Some(file_name) = out.file_name() else {
         return Err(Error::invalid(out.display().to_string(), "the name of a new folder", "none"));
     };
-    let mut file_name = file_name.to_owned();
-    file_name.push(".partial");
-    Ok(out.with_file_name(file_name))
+    Ok(out.with_file_name(with_ending(Path::new(file_name), ".partial")))
 }
 
 /// The folder must not be there: nothing is ever written over.
@@ -146,19 +146,4 @@ fn check_is_ours(partial: &Path) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// Opens a file for writing, its content kept, and holds its lock until it is closed: two runs never write one
-/// dataset. On a file system without locks this is not checked.
-fn lock(path: &Path) -> Result<BufWriter<File>> {
-    let file = OpenOptions::new().create(true).truncate(false).write(true).open(path).map_err(Error::io(path))?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => {
-            Err(Error::invalid(name(path), "a dataset that no other run is writing", "another run at work"))
-        }
-        Err(TryLockError::Error(error)) if error.kind() != ErrorKind::Unsupported => {
-            Err(Error::Io { path: path.to_path_buf(), source: error })
-        }
-        _ => Ok(BufWriter::with_capacity(1 << 20, file)),
-    }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use tactile_data::bounded_file::{self, Kind};
 use tactile_data::touch::Side;
 use tactile_infer::Views;
 use tactile_infer::safefile::write_whole;
@@ -106,7 +107,7 @@ pub struct RunResult {
 impl Episodes {
     /// Reads a shard.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = bounded_file::read_to_string(path, Kind::EPISODES)?;
         let shard: Self = serde_json::from_str(&text)
             .map_err(|e| Error::invalid(path.display().to_string(), "a shard of an evaluation", e.to_string()))?;
         let n = shard.episodes.len();

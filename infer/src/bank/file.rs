@@ -5,7 +5,7 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -22,6 +22,7 @@ use crate::precision::Precision;
 use crate::rows::{MAX_DIM, Rows};
 use crate::safefile::pieces::{Entry, Opened, header, read_values, sha256_of};
 use crate::safefile::{ContentHash, text_of, write_in_pieces};
+use crate::similarity::dot;
 use crate::views::Views;
 
 /// Names of the tensors.
@@ -190,6 +191,21 @@ impl Bank {
     }
 }
 
+/// Refuses recorded rows that are no embeddings: all have unit length, to what rounding to i8 leaves of it.
+fn check_lengths(bank: &Bank) -> Result<()> {
+    /// A value is rounded by up to a 254th of the row's largest: like ones, all to one side, change the length as much.
+    const LENGTHS: RangeInclusive<f32> = 0.98..=1.02;
+    let length = |row: usize| {
+        let values = bank.row(row);
+        dot(&values, &values).sqrt()
+    };
+    let odd = (0..bank.n_rows()).find(|row| bank.is_recorded(*row) && !LENGTHS.contains(&length(*row)));
+    match odd {
+        Some(row) => Err(Error::invalid(format!("row {row}"), "an embedding of unit length", length(row).to_string())),
+        None => Ok(()),
+    }
+}
+
 /// The tensors of a bank's file as they were read.
 struct Loaded {
     rows: Rows,
@@ -287,6 +303,7 @@ impl Loaded {
             None => None,
         };
         let bank = Bank { origin, views, metric, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
+        check_lengths(&bank)?;
         match matches {
             Some(matches) => bank.with_matches(matches),
             None => Ok(bank),

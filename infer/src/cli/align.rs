@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tactile_data::program;
 use tactile_data::progress::reporter;
 use tactile_data::se2::Se2;
 use tactile_data::store::{self, Dataset};
@@ -43,7 +44,8 @@ impl AlignArgs {
     pub fn run(&self) -> Result<()> {
         if let Some(given) = self.given {
             store::set_peg_from_hole(&self.data, given)?;
-            println!("{}: the hole board is noted at {} of the peg board", self.data.display(), text(&given));
+            let data = self.data.display();
+            program::say(format_args!("{data}: the hole board is noted at {} of the peg board", text(&given)));
             return Ok(());
         }
         let (model, pegs) = (self.model.load()?, Dataset::open(&self.data)?);
@@ -67,7 +69,7 @@ impl AlignArgs {
         match (keeps, self.dry_run) {
             (true, true) => println!("  noted nothing"),
             (true, false) => println!("  no more than chance: noted nothing"),
-            _ => println!("  noted in {}: {} in all", self.data.display(), text(&peg_from_hole)),
+            _ => program::say(format_args!("  noted in {}: {} in all", self.data.display(), text(&peg_from_hole))),
         }
         Ok(())
     }

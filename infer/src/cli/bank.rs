@@ -6,7 +6,10 @@ use std::str::FromStr;
 use clap::Args;
 use tactile_data::calibrate::Calibration;
 use tactile_data::grid::PoseGrid;
+use tactile_data::needs::Needs;
 use tactile_data::output;
+use tactile_data::output_lock::with_ending;
+use tactile_data::program;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::store::{Dataset, FILES};
@@ -96,7 +99,7 @@ impl BankArgs {
         let data_files = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
         let scene_file = self.scene.as_ref().map(PathBuf::from);
         let read = scene_file.into_iter().chain(self.calibration.clone()).chain([self.model.path.clone()]);
-        output::prepare_file(&self.out, data_files.chain(read))?;
+        let _lock = output::prepare_file(&self.out, data_files.chain(read))?;
         let model = self.model.load()?;
         let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
         let finish = |bank: Bank| -> Result<()> {
@@ -124,8 +127,6 @@ impl BankArgs {
 
     /// The scene whose parts are touched, at the poses that were asked for; what is lost between them is said.
     fn touched_scene(&self, model: &Model) -> Result<Scene> {
-        /// A planned touch, without its row.
-        const TOUCH_BYTES: usize = 64;
         let mut scene = Scene::load(self.scene.as_deref().unwrap_or_default())?;
         if let Some(path) = &self.calibration {
             scene = scene.under(&Calibration::load(path)?)?;
@@ -135,6 +136,10 @@ impl BankArgs {
             reach.theta_step_deg = self.poses.theta_step_deg.unwrap_or(reach.theta_step_deg);
         }
         scene.validate()?;
+        let needs = self.check_needs(model, &scene)?;
+        if needs.is_much() {
+            program::note(needs);
+        }
         check_declared(&self.symmetries, &scene.part_names())?;
         if self.auto_steps {
             let (grid, lost) = self.job(model, &scene).asked_for()?;
@@ -144,10 +149,23 @@ impl BankArgs {
         } else if let Some(grid) = scene.reach.filter(is_fine) {
             note_lost(&scene, &grid, &self.job(model, &scene).lost()?);
         }
-        let n_rows = scene.part_names().len() * scene.reach.map_or(0, |reach| reach.len());
-        let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
-        output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
+        self.check_needs(model, &scene)?;
         Ok(scene)
+    }
+
+    /// What touching a scene and embedding its touches takes; refuses what this machine does not have.
+    fn check_needs(&self, model: &Model, scene: &Scene) -> Result<Needs> {
+        /// A planned touch, without its row.
+        const TOUCH_BYTES: usize = 64;
+        let n_parts = scene.part_names().len();
+        let n_rows = n_parts * scene.reach.map_or(0, |reach| reach.len());
+        // Holes are touched as well: for views of both, and to learn how touches differ from views.
+        let mut needs = Needs::of(scene, n_parts, 2, n_rows * if self.views == Some(Views::Pegs) { 1 } else { 2 });
+        let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
+        needs.memory_bytes += n_bytes;
+        output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
+        needs.check()?;
+        Ok(needs)
     }
 }
 
@@ -160,28 +178,21 @@ fn note_lost(scene: &Scene, grid: &PoseGrid, lost: &[Option<Lost>]) {
         |(part, lost): (usize, &Option<Lost>)| lost.filter(|lost| !lost.is_little()).map(|lost| (part, lost.most()));
     let fast: Vec<(usize, f64)> = lost.iter().enumerate().filter_map(fast).collect();
     let Some((part, most)) = fast.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) else { return };
-    eprintln!(
-        "note: views of {} of {} parts change fast between poses {} mm and {} degrees apart, {} the most: a cosine of {most:.3} \
-         is lost half way ({ALLOWED} is little, and what --auto-steps looks for)",
+    program::note(format_args!(
+        "views of {} of {} parts change fast between poses {} mm and {} degrees apart, {} the most: a cosine of \
+         {most:.3} is lost half way ({ALLOWED} is little, and what --auto-steps looks for)",
         fast.len(),
         lost.len(),
         grid.xy_step_mm,
         grid.theta_step_deg,
         scene.part_names()[part],
-    );
-}
-
-/// A path with a few more letters.
-fn with_ending(path: &Path, ending: &str) -> PathBuf {
-    let mut path = path.as_os_str().to_owned();
-    path.push(ending);
-    path.into()
+    ));
 }
 
 /// Says what a bank holds.
 fn print_bank(path: &Path, bank: &Bank) {
     let (n_parts, n_poses) = (bank.parts().len(), bank.grid().len());
-    println!(
+    program::say(format_args!(
         "{}: {n_parts} parts x {n_poses} poses = {} rows of {} {}, {:.1} MB in memory; views of {}",
         path.display(),
         bank.n_rows(),
@@ -189,7 +200,7 @@ fn print_bank(path: &Path, bank: &Bank) {
         bank.rows().precision(),
         bank.rows().n_bytes() as f64 / 1e6,
         if bank.views().is_pegs() { "pegs" } else { "pegs and their holes" }
-    );
+    ));
     if let Some(metric) = bank.metric() {
         let share = metric.measured().error_scale;
         println!("learnt from its own touches: they are {share:.2} as far from their views as by the cosine alone");
@@ -204,7 +215,7 @@ fn print_bank(path: &Path, bank: &Bank) {
     };
     let symmetric: Vec<_> = (0..n_parts).filter_map(symmetric).collect();
     if !symmetric.is_empty() {
-        println!("feels the same turned: {}", symmetric.join(", "));
+        program::say(format_args!("feels the same turned: {}", symmetric.join(", ")));
     }
     for (part, name) in bank.parts().iter().enumerate() {
         if let Some(PartMatch { matched, .. }) = bank
@@ -213,9 +224,9 @@ fn print_bank(path: &Path, bank: &Bank) {
             .filter(|of| by_cosine(bank.metric(), of.matched.mean as f32) < LOW_MATCH)
         {
             let mean = matched.mean;
-            eprintln!(
-                "note: part {name}: touches of its hole hardly match its views (cosine {mean:.2} on average); often mistaken"
-            );
+            program::note(format_args!(
+                "part {name}: touches of its hole hardly match its views (cosine {mean:.2} on average); often mistaken"
+            ));
         }
     }
 }

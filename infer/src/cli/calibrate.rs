@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use tactile_data::output;
 use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::Side;
+use tactile_data::{output, program};
 use tactile_infer::bank::Bank;
 use tactile_infer::calibrate::{Calibrated, Choice, Gain, Judgement, PRIOR_TOUCHES, Touches, calibrate};
 use tactile_infer::calibration::{Calibration, Prior, Spread};
@@ -85,7 +85,7 @@ impl CalibrateArgs {
         let datasets = self.holes.iter().chain(&self.judge);
         let files = datasets.flat_map(|data| FILES.map(|file| data.join(file)));
         // A calibration may be written into the model that it is of.
-        output::prepare_file(out, files.chain([self.bank.clone()]))?;
+        let _lock = output::prepare_file(out, files.chain([self.bank.clone()]))?;
         let model = self.model.load()?;
         let bank = Bank::load(&self.bank, &model)?;
         let prior = self.prior(model.calibration(self.side))?;
@@ -102,7 +102,7 @@ impl CalibrateArgs {
             let Calibrated { calibration, temperature_interval, gap_interval, gain } = found;
             return print_json(&Report { calibration, temperature_interval, gap_interval, gain, judged });
         }
-        println!("{}: {}", out.display(), text(&found));
+        program::say(format_args!("{}: {}", out.display(), text(&found)));
         if let Some(Judged { n_holes, before, after }) = judged {
             let before = before.map_or(String::new(), |before| format!("{:.3} nats before, ", before.nll_nats));
             println!(
@@ -128,7 +128,7 @@ impl CalibrateArgs {
             }
             known.push(sha256);
             if let Some(why) = bank.other_light(holes.meta().lamps.as_ref()) {
-                eprintln!("warning: {}: {why}", path.display());
+                program::warning(format_args!("{}: {why}", path.display()));
             }
             let touches = Touches::new(model, bank, &holes, choice)?;
             if touches.is_empty() {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::output;
+use tactile_data::{output, program};
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::{Error, Precision, Result};
 
@@ -24,12 +24,13 @@ impl ConvertArgs {
     /// Converts, writes and prints the size of the result.
     pub fn run(&self) -> Result<()> {
         let weights = self.weights;
-        output::prepare_file(&self.out, [&self.model])?;
+        let _lock = output::prepare_file(&self.out, [&self.model])?;
         let (checkpoint, _) = Checkpoint::load(&self.model)?;
         let path = |error: Error| error.within(self.model.display());
         let sha256 = checkpoint.with_weights(weights).map_err(path)?.save(&self.out)?;
         let size = std::fs::metadata(&self.out).map_err(Error::io(&self.out))?.len();
-        println!("{}: weights {weights}, {:.2} MB, model {sha256:.12}", self.out.display(), size as f64 / 1e6);
+        let (out, megabytes) = (self.out.display(), size as f64 / 1e6);
+        program::say(format_args!("{out}: weights {weights}, {megabytes:.2} MB, model {sha256:.12}"));
         println!("  it needs banks of its own: make them again with `tactile-infer bank`");
         Ok(())
     }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use tactile_data::calibrate::Calibration;
 use tactile_data::frame::TactileImage;
 use tactile_data::touch::Side;
-use tactile_data::{npy, output, picture};
+use tactile_data::{npy, output, picture, program};
 use tactile_infer::similarity::dot;
 use tactile_infer::{Model, Result};
 
@@ -59,9 +59,8 @@ struct Row<'a> {
 impl EmbedArgs {
     /// Embeds and prints.
     pub fn run(&self) -> Result<()> {
-        if let Some(path) = &self.dump_input {
-            output::check_file(path, self.images.iter().chain([&self.no_contact, &self.model.path]))?;
-        }
+        let inputs = self.images.iter().chain([&self.no_contact, &self.model.path]);
+        let _lock = self.dump_input.as_ref().map(|path| output::check_file(path, inputs)).transpose()?;
         let model = self.model.load()?;
         let images = self.tactile_images(&model)?;
         if let Some(path) = &self.dump_input {
@@ -103,7 +102,7 @@ fn print_rows(rows: &[Row<'_>]) {
     let width = rows.iter().map(|row| row.file.chars().count()).max().unwrap_or(0);
     for Row { file, embedding, .. } in rows {
         let values: Vec<String> = embedding.iter().map(|value| format!("{value:8.5}")).collect();
-        println!("{file:width$} {}", values.join(" "));
+        program::say(format_args!("{file:width$} {}", values.join(" ")));
     }
     if rows.len() < 2 {
         return;
@@ -112,6 +111,6 @@ fn print_rows(rows: &[Row<'_>]) {
     for Row { file, embedding, .. } in rows {
         let cosines: Vec<String> =
             rows.iter().map(|other| format!("{:6.3}", dot(embedding, other.embedding))).collect();
-        println!("{file:width$} {}", cosines.join(" "));
+        program::say(format_args!("{file:width$} {}", cosines.join(" ")));
     }
 }

@@ -14,6 +14,8 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use serde::Serialize;
 use tactile_data::grid_fit::Tolerance;
+use tactile_data::printable::printable_json;
+use tactile_data::program;
 use tactile_data::progress::reporter;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
@@ -161,14 +163,15 @@ impl Cli {
 /// A bank of recorded pegs; what it lacks is said.
 fn embed_pegs(model: &Model, pegs: &Dataset, poses: &PosesArgs) -> Result<Bank> {
     let recorded = bank_of_dataset(model, pegs, poses.poses()?, &reporter("pegs"))?;
-    recorded.notes.iter().for_each(|note| eprintln!("note: {note}"));
+    recorded.notes.iter().for_each(program::note);
     Ok(recorded.bank)
 }
 
 /// Prints a result for programs.
 fn print_json(result: &impl Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(result);
-    println!("{}", text.map_err(|e| Error::invalid("result", "values JSON can hold", e.to_string()))?);
+    let text = text.map_err(|e| Error::invalid("result", "values JSON can hold", e.to_string()))?;
+    println!("{}", printable_json(&text));
     Ok(())
 }
 

@@ -14,6 +14,7 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::schema::types::ColumnDescriptor;
 use serde_json::{Map, Number, Value};
 
+use crate::bounded_file;
 use crate::error::{Error, Result};
 use crate::recording::index::{COLUMNS, Place, Row, TEXT, touch_of};
 
@@ -57,8 +58,7 @@ impl Table {
     /// Another format, no pictures, or the column that is not as it should be.
     pub fn open(path: &Path) -> Result<Self> {
         let place = || path.display().to_string();
-        let file = File::open(path).map_err(Error::io(path))?;
-        let len = file.metadata().map_err(Error::io(path))?.len();
+        let (file, len) = bounded_file::open(path)?;
         let reader =
             guarded(|| SerializedFileReader::new(file)).map_err(|e| Error::invalid(place(), "a Parquet file", e))?;
         let about = reader.metadata().file_metadata();

@@ -76,6 +76,18 @@ fn a_message_that_is_whole_before_the_cut_is_kept() {
     }
 }
 
+/// Nothing but zeros follows what a crash cut off: they are not read, one record of no length after the other.
+#[test]
+fn a_hole_at_the_end_of_a_file_is_a_cut() {
+    let bytes = test_bag::bag(Packing::NoChunks, &sent());
+    let written = Written::new(&bytes[..bytes.len() - 50]);
+    let file = fs::OpenOptions::new().write(true).open(written.path()).unwrap();
+    file.set_len(6 << 30).unwrap();
+    let (read, said) = written.read();
+    assert_eq!(read, expected(&sent()));
+    assert!(said.contains("cut off at byte 6442450944"), "{said}");
+}
+
 #[test]
 fn forged_lengths_and_damage_are_errors_of_one_line() {
     let short: Vec<Sent> = (1..=4).map(|i| pose("/pose", i, "hole/A", [1.0, 2.0, 3.0])).collect();

@@ -8,6 +8,7 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::bounded_file;
 use crate::error::{Error, Result};
 
 /// The largest record, and the largest message once it is unpacked, bytes: a picture of 9000 x 9000 pixels.
@@ -42,8 +43,9 @@ impl RecordFile {
     /// # Errors
     /// A file that cannot be read.
     pub fn open(path: &Path, magic: &[u8]) -> Result<(Self, Option<Vec<u8>>)> {
-        let bytes = BufReader::with_capacity(BUFFER_BYTES, File::open(path).map_err(Error::io(path))?);
-        let len = bytes.get_ref().metadata().map_err(Error::io(path))?.len();
+        // Of any length: its records are read one by one, each of a bounded length.
+        let (file, len) = bounded_file::open(path)?;
+        let bytes = BufReader::with_capacity(BUFFER_BYTES, file);
         let mut file = Self { path: path.to_path_buf(), bytes, len, at: magic.len() as u64 };
         let mut there = Vec::new();
         file.bytes.by_ref().take(file.at).read_to_end(&mut there).map_err(Error::io(path))?;
@@ -73,7 +75,7 @@ impl RecordFile {
 
     /// The `len` bytes from `start`, read by themselves.
     pub fn piece(&self, start: u64, len: u64) -> Result<impl BufRead + Send + use<>> {
-        let mut piece = File::open(&self.path).map_err(Error::io(&self.path))?;
+        let (mut piece, _) = bounded_file::open(&self.path)?;
         piece.seek(SeekFrom::Start(start)).map_err(Error::io(&self.path))?;
         Ok(BufReader::with_capacity(BUFFER_BYTES, piece).take(len))
     }

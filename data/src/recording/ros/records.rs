@@ -90,6 +90,8 @@ impl Records {
                 return Err(Error::invalid(&*place, "a length that a file can have", format!("{len} bytes")));
             };
             match opcode {
+                // No record has it: a hole in the file, as a crash leaves at its end.
+                0 => return Ok(Step::Cut),
                 op::DATA_END | op::FOOTER => return Ok(Step::End),
                 op::CHUNK => {
                     let Some(chunk) = self.open_chunk(end, &place)? else { return Ok(Step::Cut) };
@@ -136,6 +138,9 @@ impl CheckedChunk {
         while chunk.left != Some(0) {
             let Some(prefix) = chunk.read(PREFIX_BYTES)? else { return chunk.ended_early() };
             let (opcode, len) = (prefix[0], number(&prefix[1..]));
+            if opcode == 0 {
+                return chunk.ended_early();
+            }
             chunk.count(PREFIX_BYTES.saturating_add(len))?;
             check_len(len, &chunk.place)?;
             let Some(body) = chunk.read(len)? else { return chunk.ended_early() };

@@ -1,9 +1,9 @@
 //! A whole page: its head, its contents, its sections. Every page of this crate is made and written here.
 
-use std::fs;
 use std::path::Path;
 
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
+use tactile_data::bounded_file::{self, Kind};
 use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};
@@ -93,7 +93,7 @@ pub fn check_page(path: &Path) -> Result<()> {
     if !path.exists() {
         return Ok(());
     }
-    let there = String::from_utf8_lossy(&fs::read(path).map_err(Error::io(path))?).into_owned();
+    let there = String::from_utf8_lossy(&bounded_file::read(path, Kind::PAGE)?).into_owned();
     if OURS.iter().any(|ours| there.contains(ours)) {
         return Ok(());
     }
@@ -113,6 +113,7 @@ pub fn write_page(path: &Path, page: &str) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn each_entry_of_the_contents_leads_to_its_section() {

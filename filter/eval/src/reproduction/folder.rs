@@ -9,6 +9,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use maud::{Markup, html};
+use tactile_data::bounded_file::{self, Kind};
 use tactile_filter::budget::Tradeoff;
 
 use crate::assembly::Assembly;
@@ -171,10 +172,10 @@ fn folders_by_name(folder: &Path) -> Result<Vec<String>> {
 
 /// The text of a file; `None` where there is no such file.
 fn text(path: &Path) -> Result<Option<String>> {
-    match fs::read_to_string(path) {
+    match bounded_file::read_to_string(path, Kind::FIGURES) {
         Ok(text) => Ok(Some(text)),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(Error::io(path)(error)),
+        Err(tactile_data::Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error.into()),
     }
 }
 

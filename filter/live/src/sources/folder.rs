@@ -10,8 +10,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use tactile_data::bounded_file::{self, Kind};
 use tactile_data::picture::is_picture;
 use tactile_data::se2::Se2;
+use tactile_data::whole_file;
 
 use crate::error::{Error, Result};
 use crate::event::{Input, Request};
@@ -78,7 +80,7 @@ impl Folder {
                 continue;
             }
             self.seen.insert(path.clone());
-            let shown = picture(fs::read(&path).map_err(Error::io(&path))?);
+            let shown = picture(bounded_file::read(&path, Kind::PICTURE)?);
             let called = |request| Input::Called { request, id };
             let events = if is_rest {
                 vec![called(Request::Calibrate), shown]
@@ -99,13 +101,12 @@ impl Folder {
     /// A disk that cannot be written.
     pub fn answer(&self, picture: &Path, json: &str) -> Result<()> {
         let out = picture.with_extension("decision.json");
-        let partial = picture.with_extension("decision.json.partial");
-        fs::write(&partial, json).and_then(|()| fs::rename(&partial, &out)).map_err(Error::io(&out))
+        Ok(whole_file::write(&out, json.as_bytes())?)
     }
 }
 
 fn read_place(path: &Path) -> Result<TouchPlace> {
-    let text = fs::read_to_string(path).map_err(Error::io(path))?;
+    let text = bounded_file::read_to_string(path, Kind::SETTINGS)?;
     serde_json::from_str(&text).map_err(|error| {
         let expected = r#"{"x_mm": 0, "y_mm": 0, "theta_deg": 0}"#;
         Error::invalid(path.display().to_string(), expected, error.to_string())

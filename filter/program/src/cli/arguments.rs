@@ -9,6 +9,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tactile_data::lamps::Lamps;
 use tactile_data::output;
+use tactile_data::output_lock::OutputLock;
+use tactile_data::printable::printable_json;
+use tactile_data::program;
 use tactile_data::touch::Side;
 use tactile_eval::fits;
 use tactile_eval::holes::Holes;
@@ -70,10 +73,12 @@ pub struct Output {
 }
 
 impl Output {
-    /// Makes the folder and checks that the page and the figures can be written and are none of the inputs.
-    pub fn prepare(&self, page: &str, figures: &str, inputs: &[&Path]) -> Result<()> {
-        output::prepare_folder(&self.out, page, figures, inputs)?;
-        check_page(&self.out.join(page))
+    /// Makes the folder, checks that the page and the figures can be written and are none of the inputs, and locks them
+    /// against another run until what is returned is dropped.
+    pub fn prepare(&self, page: &str, figures: &str, inputs: &[&Path]) -> Result<[OutputLock; 2]> {
+        let locks = output::prepare_folder(&self.out, page, figures, inputs)?;
+        check_page(&self.out.join(page))?;
+        Ok(locks)
     }
 
     /// Writes a file of the folder, whole or not at all; returns its path.
@@ -86,10 +91,10 @@ impl Output {
     /// Prints the figures: as JSON where it was asked for, else by `table`, with the page's path behind it.
     pub fn print(&self, json: &str, page: &Path, table: impl FnOnce()) {
         if self.json {
-            println!("{json}");
+            println!("{}", printable_json(json));
         } else {
             table();
-            println!("  {}", page.display());
+            program::say(format_args!("  {}", page.display()));
         }
     }
 }
@@ -118,23 +123,23 @@ pub struct SideArgs {
 /// Says where the light of some touches and that of a bank's views do not go together.
 pub fn warn_of_light(bank: &Bank, lamps: Option<&Lamps>) {
     if let Some(why) = bank.other_light(lamps) {
-        eprintln!("warning: {why}");
+        program::warning(why);
     }
 }
 
 /// Says where touches and the poses of a bank's views do not go together.
 pub fn warn_of_poses(holes: Holes<'_>, bank: &Bank, poses: Poses) {
     if let Some(why) = fits::warn_of_poses(holes, bank, poses) {
-        eprintln!("warning: {why}");
+        program::warning(why);
     }
 }
 
 /// Says where pegs are touched and nothing was measured of how far the model can be believed there.
 pub fn warn_of_calibration(model: &Model, side: Side) {
     if side == Side::Peg && model.calibration(side).is_none() {
-        eprintln!(
-            "warning: the model has no calibration for touched pegs and is believed as for holes; tactile-infer \
-             calibrate --side peg makes one"
+        program::warning(
+            "the model has no calibration for touched pegs and is believed as for holes; tactile-infer calibrate \
+             --side peg makes one",
         );
     }
 }

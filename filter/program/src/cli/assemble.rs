@@ -70,7 +70,7 @@ impl Assemble {
         let config = self.config(&simulator, &model, &bank)?;
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
-        self.output.prepare(FILES[0], FILES[1], &self.inputs.files(&self.scene))?;
+        let _locks = self.output.prepare(FILES[0], FILES[1], &self.inputs.files(&self.scene))?;
         check_bank(&bank, simulator.scene(), self.inputs.other_sensor)?;
         warn_of_poses(holes, &bank, Poses::OffGrid);
 

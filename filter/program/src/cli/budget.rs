@@ -5,8 +5,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use tactile_data::bounded_file::{self, Kind};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
+use tactile_data::printable::printable;
+use tactile_data::program;
 use tactile_eval::report::knobs::in_words;
 use tactile_eval::result::{Promise, PromisedShare};
 use tactile_eval::{Error, Result};
@@ -80,7 +83,7 @@ impl BudgetArgs {
             let expected = "a frontier of this model, as tactile-filter tradeoff measures it";
             return Err(Error::invalid(path.display().to_string(), expected, "no such file"));
         }
-        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let text = bounded_file::read_to_string(&path, Kind::FIGURES)?;
         let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
         let paces = self.paces(&tradeoff, task, base)?;
         let budget = Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
@@ -121,18 +124,18 @@ fn with_rows(bank: &Bank, settings: &Settings) -> Result<Arc<Bank>> {
 
 fn print(promise: &Promise, tradeoff: &Tradeoff, frontier: &Path) {
     if !tradeoff.has_halves() {
-        eprintln!(
-            "note: {} does not say how many episodes were decided: the most accurate setting is chosen, and its accuracy is of the \
-             episodes that chose it. tactile-filter tradeoff measures both",
+        program::note(format_args!(
+            "{} does not say how many episodes were decided: the most accurate setting is chosen, and its accuracy is \
+             of the episodes that chose it. tactile-filter tradeoff measures both",
             frontier.display()
-        );
+        ));
     }
     let Promise { settings, decision_ms, memory_mb, n_touches, .. } = promise;
     eprintln!(
         "budget: {decision_ms:.2} ms a decision and {memory_mb:.1} MB here, at most {n_touches} touches; {} on {}, {}: {settings}",
         promised(promise),
-        tradeoff.scene,
-        tradeoff.poses,
+        printable(&tradeoff.scene),
+        printable(&tradeoff.poses),
     );
 }
 

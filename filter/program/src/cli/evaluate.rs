@@ -6,6 +6,8 @@ use std::sync::Arc;
 use clap::Args;
 use tactile_data::calibrate::Calibration;
 use tactile_data::output;
+use tactile_data::output_lock::OutputLock;
+use tactile_data::program;
 use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::shard::Shard;
@@ -126,6 +128,8 @@ struct Subject {
     /// Each way to infer and choose, with its name.
     ways: Vec<(String, EpisodeConfig)>,
     promise: Option<Promise>,
+    /// Of what will be written.
+    _locks: Vec<OutputLock>,
 }
 
 impl Evaluate {
@@ -159,7 +163,7 @@ impl Evaluate {
         warn_of_poses(holes, &bank, protocol.poses);
         protocol.validate(holes, &bank)?;
         let mut ways = self.ways(&model)?;
-        self.prepare_output()?;
+        let locks = self.prepare_output()?;
         let no_contact = holes.at_rest(&self.seeds.seeds);
         let mut promise = None;
         if self.budget.is_given() {
@@ -175,7 +179,7 @@ impl Evaluate {
         warn_of_calibration(&model, self.which.side);
         let learner = self.learner(&model, &bank)?;
         let banks = Banks::new(bank, &protocol, learner)?;
-        Ok(Subject { touched, model, banks, sensor, protocol, ways, promise })
+        Ok(Subject { touched, model, banks, sensor, protocol, ways, promise, _locks: locks })
     }
 
     /// Touches a bank's parts again, where it learnt from them and one of them is to be absent.
@@ -219,12 +223,12 @@ impl Evaluate {
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
         let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
         warn_of_light(bank, recorded.lamps());
-        recorded.notes().iter().for_each(|note| eprintln!("note: {note}"));
+        recorded.notes().iter().for_each(program::note);
         Ok(OwnedHoles::Recorded(Box::new(recorded)))
     }
 
-    /// Checks that the results can be written and are none of the inputs.
-    fn prepare_output(&self) -> Result<()> {
+    /// Checks that the results can be written and are none of the inputs, and locks them.
+    fn prepare_output(&self) -> Result<Vec<OutputLock>> {
         let of_holes = self.holes.iter().flat_map(|holes| store::FILES.map(|file| holes.join(file)));
         let of_holes: Vec<PathBuf> = of_holes.collect();
         let scene = self.scene.as_deref().unwrap_or_default();
@@ -236,8 +240,8 @@ impl Evaluate {
             .chain(self.bank_scene.iter().map(Path::new))
             .collect();
         match self.shard {
-            Some(shard) => Ok(output::prepare_file(&self.shard_file(shard), inputs)?),
-            None => prepare(&self.output, &inputs),
+            Some(shard) => Ok(vec![output::prepare_file(&self.shard_file(shard), inputs)?]),
+            None => Ok(prepare(&self.output, &inputs)?.into()),
         }
     }
 
@@ -249,14 +253,14 @@ impl Evaluate {
             let there = Episodes::load(&path)?;
             let nothing = Protocol { episodes: 0..0, ..protocol.clone() };
             if there.episodes == protocol.episodes && there.is_of(&self.run_episodes(subject, &nothing)?) {
-                println!("{} is there already", path.display());
+                program::say(format_args!("{} is there already", path.display()));
                 return Ok(());
             }
             let expected = "no file, or this shard of this evaluation";
             return Err(Error::invalid(path.display().to_string(), expected, "one of another evaluation"));
         }
         self.run_episodes(subject, protocol)?.save(&path)?;
-        println!("episodes {:?} in {}", protocol.episodes, path.display());
+        program::say(format_args!("episodes {:?} in {}", protocol.episodes, path.display()));
         Ok(())
     }
 
@@ -365,8 +369,8 @@ pub fn write(
     Ok(())
 }
 
-/// Checks that an evaluation can be written and that it is none of the inputs.
-pub fn prepare(output: &Output, inputs: &[&Path]) -> Result<()> {
+/// Checks that an evaluation can be written and that it is none of the inputs, and locks it.
+pub fn prepare(output: &Output, inputs: &[&Path]) -> Result<[OutputLock; 2]> {
     output.prepare(FILES[0], FILES[1], inputs)
 }
 

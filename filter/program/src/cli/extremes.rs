@@ -25,7 +25,7 @@ pub struct ExtremesArgs {
 impl ExtremesArgs {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        self.output.prepare("extremes.html", "extremes.json", &[])?;
+        let _locks = self.output.prepare("extremes.html", "extremes.json", &[])?;
         let extremes = run(self.seed, self.quick, &mut |group| eprintln!("extremes: {}", group.title()))?;
         let page = self.output.write("extremes.html", &html(&extremes))?;
         let json = to_json("extremes", &extremes)?;

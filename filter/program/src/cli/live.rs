@@ -8,8 +8,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use serde_json::{Map, Value};
+use tactile_data::bounded_file::{self, Kind};
 use tactile_data::calibrate::Calibration;
 use tactile_data::output::check_file;
+use tactile_data::printable::{printable, printable_json};
+use tactile_data::program;
 use tactile_data::scene::Scene;
 use tactile_infer::{Bank, Model};
 use tactile_live::log::Setup;
@@ -99,7 +102,8 @@ impl Live {
     /// Runs the command.
     pub fn run(mut self) -> Result<()> {
         if let Some(log) = &self.log {
-            check_file(log, [&self.model, &self.bank])?;
+            // Not for as long as the log is written: a log is made new, which only one run can do.
+            drop(check_file(log, [&self.model, &self.bank])?);
             if log.exists() {
                 let expected = "a new file: a log is never written over";
                 return Err(Error::invalid(log.display().to_string(), expected, "one that exists").into());
@@ -222,7 +226,7 @@ impl Live {
 
 /// Adds the parameters of a file.
 fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()> {
-    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+    let text = bounded_file::read_to_string(path, Kind::SETTINGS)?;
     for (name, value) in Parameters::from_yaml(&text, node, &path.display().to_string())? {
         Parameters::set(read, &name, &value.to_string())?;
     }
@@ -232,13 +236,13 @@ fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()
 /// Prints what the node says.
 pub fn tell(spoken: &Spoken, json: bool) {
     match spoken {
-        Spoken::Line(line) => eprintln!("{line}"),
+        Spoken::Line(line) => eprintln!("{}", printable(line)),
         Spoken::Decision(report) if json => {
             if let Ok(json) = serde_json::to_string(report) {
-                println!("{json}");
+                println!("{}", printable_json(&json));
             }
         }
-        Spoken::Decision(report) => println!("{}", report.line()),
+        Spoken::Decision(report) => program::say(report.line()),
     }
 }
 

@@ -29,7 +29,7 @@ impl Merge {
         let files = self.files()?;
         let shards = files.iter().map(|path| Ok((path.clone(), Episodes::load(path)?))).collect::<Result<_>>()?;
         let episodes = Episodes::merge(shards)?;
-        evaluate::prepare(&self.output, &files.iter().map(PathBuf::as_path).collect::<Vec<&Path>>())?;
+        let _locks = evaluate::prepare(&self.output, &files.iter().map(PathBuf::as_path).collect::<Vec<&Path>>())?;
         // Single episodes are shown where the frames are, by a run that is not cut into shards.
         evaluate::write(&self.output, &episodes, &episodes.evaluation()?, &Board::empty(), &[])
     }

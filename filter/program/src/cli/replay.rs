@@ -4,6 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use tactile_data::printable::printable_json;
+use tactile_data::program;
 use tactile_data::store::Dataset;
 use tactile_eval::Error;
 use tactile_eval::replay::{Replayed, episodes, play};
@@ -84,7 +86,7 @@ impl Replay {
             self.print(number, &replayed)?;
         }
         if recorded.is_empty() {
-            println!("no touch: no frame of {} shows contact", data.display());
+            program::say(format_args!("no touch: no frame of {} shows contact", data.display()));
         } else if n_right[1] > 0 && !self.json {
             println!("{} of {} episodes named right", n_right[0], n_right[1]);
         }
@@ -98,7 +100,7 @@ impl Replay {
             tell(&Spoken::Decision(Box::new(decision.clone())), self.json);
         }
         if let Some(cut) = &replayed.cut {
-            eprintln!("warning: {cut}");
+            program::warning(cut);
         }
         eprintln!("{} events give the same {} decisions again", replayed.n_events, replayed.decisions.len());
         Ok(())
@@ -109,21 +111,21 @@ impl Replay {
         let view = meta.field_of_view_mm();
         let trained = model.preprocessing().field_of_view_mm;
         if (0..2).any(|axis| (view[axis] / trained[axis] - 1.0).abs() > SCALE_TOLERANCE) {
-            eprintln!(
-                "warning: {} shows {:.1} x {:.1} mm, the model was trained on {:.1} x {:.1} mm",
+            program::warning(format_args!(
+                "{} shows {:.1} x {:.1} mm, the model was trained on {:.1} x {:.1} mm",
                 dataset.meta().name,
                 view[0],
                 view[1],
                 trained[0],
                 trained[1]
-            );
+            ));
         }
     }
 
     fn print(&self, number: usize, replayed: &Replayed) -> Result<()> {
         if self.json {
             let line = serde_json::to_string(replayed).map_err(|e| Error::invalid("result", "JSON", e.to_string()))?;
-            println!("{line}");
+            println!("{}", printable_json(&line));
             return Ok(());
         }
         let [x, y, theta] = replayed.part_from_sensor;
@@ -137,14 +139,14 @@ impl Replay {
             Some((part, probability)) => format!(" or {part} with {:.1} %", 100.0 * probability),
             None => String::new(),
         };
-        println!(
+        program::say(format_args!(
             "episode {number}: {} touches, {} with {:.1} %{or}, x {x:.1} mm, y {y:.1} mm, theta {theta:.0} deg{twins}{truth}",
             replayed.frames.len(),
             replayed.part,
             100.0 * replayed.probability
-        );
+        ));
         for warning in &replayed.warnings {
-            println!("  warning: {warning}");
+            program::say(format_args!("  warning: {warning}"));
         }
         Ok(())
     }

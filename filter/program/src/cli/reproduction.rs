@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use tactile_data::output;
+use tactile_data::{output, program};
 use tactile_eval::Result;
 use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::reproduction;
@@ -28,7 +28,7 @@ pub struct Reproduction {
 impl Reproduction {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        output::prepare_file(&self.out, [] as [&Path; 0])?;
+        let _lock = output::prepare_file(&self.out, [] as [&Path; 0])?;
         check_page(&self.out)?;
         let found = reproduction::Reproduction::load(&self.folder, &self.out)?;
         write_page(&self.out, &reproduction::html(&found))?;
@@ -39,8 +39,8 @@ impl Reproduction {
         if let Some(picture) = reproduction::picture(&found) {
             write_whole(&self.out.with_file_name("touches.svg"), picture.as_bytes())?;
         }
-        reproduction::summary(&found).iter().for_each(|line| println!("{line}"));
-        println!("  {}", self.out.display());
+        reproduction::summary(&found).iter().for_each(program::say);
+        program::say(format_args!("  {}", self.out.display()));
         Ok(())
     }
 }

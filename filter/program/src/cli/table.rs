@@ -1,11 +1,14 @@
 //! An evaluation as a table on the terminal.
 
+use tactile_data::printable::printable;
+use tactile_data::program;
 use tactile_eval::result::{Evaluation, Method, PromisedShare, Row};
 
 /// Prints it; `inside_out` is the Pixel baseline with its pictures turned inside out.
 #[expect(clippy::too_many_lines, reason = "one table, line by line")]
 pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
-    println!("{}: {} episodes, {} parts", evaluation.scene, evaluation.n_episodes, evaluation.n_classes);
+    let scene = printable(&evaluation.scene);
+    println!("{scene}: {} episodes, {} parts", evaluation.n_episodes, evaluation.n_classes);
     if let Some(n) = evaluation.distinct_first_views.filter(|n| *n < evaluation.n_episodes) {
         println!("  they begin with {n} different views: intervals after one touch are of {n}");
     }
@@ -70,7 +73,7 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
         let mistaken = of.mistaken_for.as_ref().map_or_else(String::new, |(part, n)| format!(", {n} taken for {part}"));
         let (n, right, part) = (of.n, of.n_right, &of.part);
         let (xy, theta) = (of.xy_mm_mean, of.theta_deg_mean);
-        println!("  {part:28} {right} of {n} right{mistaken}; {xy:.2} mm, {theta:.2} degrees");
+        program::say(format_args!("  {part:28} {right} of {n} right{mistaken}; {xy:.2} mm, {theta:.2} degrees"));
     }
     let ms = &evaluation.latency_ms;
     println!(
@@ -78,7 +81,7 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
         ms.encode.p50, ms.encode.p99, ms.update.p50, ms.update.p99, ms.select.p50, ms.select.p99
     );
     if let Some(checksum) = &evaluation.checksum {
-        println!("  checksum {checksum}");
+        program::say(format_args!("  checksum {checksum}"));
     }
 }
 

@@ -7,6 +7,9 @@ use std::sync::Arc;
 
 use clap::Args;
 use serde::{Deserialize, Serialize};
+use tactile_data::bounded_file::{self, Kind};
+use tactile_data::output_lock::OutputLock;
+use tactile_data::program;
 use tactile_data::progress::Progress;
 use tactile_data::shard::Shard;
 use tactile_eval::evaluate::Protocol;
@@ -79,6 +82,8 @@ struct Sweep {
     planned: Vec<Planned>,
     /// Where each setting has its file.
     folder: PathBuf,
+    /// Of what will be written.
+    _locks: Vec<OutputLock>,
 }
 
 impl TradeoffArgs {
@@ -96,7 +101,7 @@ impl TradeoffArgs {
         }
         self.measure(&sweep, todo)?;
         if self.shard.is_some() {
-            println!("settings {mine:?} of {n_settings} in {}", sweep.folder.display());
+            program::say(format_args!("settings {mine:?} of {n_settings} in {}", sweep.folder.display()));
             return Ok(());
         }
         let tradeoff = self.gather(&sweep)?;
@@ -117,13 +122,15 @@ impl TradeoffArgs {
         }
         let folder = self.output.out.join("settings");
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        if self.shard.is_none() {
+        let locks = if let Some(shard) = self.shard {
+            vec![OutputLock::take(&folder.join(format!("shard-{}-of-{}", shard.index() + 1, shard.count())))?]
+        } else {
             let of_source = self.source.files();
             let inputs: Vec<&Path> = self.models.iter().chain(&of_source).map(PathBuf::as_path).collect();
-            self.output.prepare(FILES[0], FILES[1], &inputs)?;
-        }
-        note.iter().for_each(|note| eprintln!("note: {note}"));
-        Ok(Sweep { models, source, planned, folder })
+            self.output.prepare(FILES[0], FILES[1], &inputs)?.into()
+        };
+        note.iter().for_each(program::note);
+        Ok(Sweep { models, source, planned, folder, _locks: locks })
     }
 
     /// What is saved of a setting; `None` where nothing is, or something of another sweep.
@@ -132,7 +139,7 @@ impl TradeoffArgs {
         if !path.exists() {
             return Ok(None);
         }
-        let text = fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let text = bounded_file::read_to_string(&path, Kind::FIGURES)?;
         let found: Measured = serde_json::from_str(&text)
             .map_err(|e| Error::invalid(path.display().to_string(), "a measured setting", e.to_string()))?;
         let expected = self.measured(sweep, index, found.points.clone())?;
@@ -236,7 +243,7 @@ impl TradeoffArgs {
         self.output.write(FILES[1], &json)?;
         self.output.print(&json, &html, || {
             print_findings(tradeoff);
-            println!("  for --frontier: {}", frontier.display());
+            program::say(format_args!("  for --frontier: {}", frontier.display()));
         });
         Ok(())
     }
