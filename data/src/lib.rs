@@ -52,6 +52,7 @@ pub mod lamps;
 pub mod moved_view;
 #[cfg(feature = "sim")]
 pub mod npy;
+pub mod number;
 pub mod origin;
 #[cfg(feature = "datasets")]
 pub mod output;
