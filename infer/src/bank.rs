@@ -10,6 +10,7 @@ use tactile_data::lamps::Lamps;
 use tactile_data::origin::Origin;
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
+use tactile_data::touch::Side;
 
 use crate::calibration::BLANK_SHARE;
 use crate::error::{Error, Result};
@@ -45,6 +46,8 @@ pub struct Bank {
     origin: Option<Origin>,
     symmetries: Vec<Symmetry>,
     matches: Arc<Matches>,
+    /// The sides whose touches taught the metric; none where there is none, or where that was not noted.
+    learnt_from: Vec<Side>,
     neighbours: Arc<[Neighbours]>,
 }
 
@@ -117,6 +120,7 @@ impl Bank {
             origin,
             symmetries,
             matches,
+            learnt_from: Vec::new(),
             neighbours,
         })
     }
@@ -194,6 +198,12 @@ impl Bank {
         Ok(Self { metric: Some(Arc::new(metric)), ..self.with_rows(rows) })
     }
 
+    /// The same bank, whose metric was learnt from touches of these sides.
+    #[must_use]
+    pub fn learnt_from(self, sides: &[Side]) -> Self {
+        Self { learnt_from: sides.to_vec(), ..self }
+    }
+
     /// The same bank, each row in the place of the one that it was made from.
     fn with_rows(self, rows: Rows) -> Self {
         let neighbours = neighbours(&self.grid, &rows).into();
@@ -242,7 +252,8 @@ impl Bank {
         }
         let matches = Arc::new(self.matches.of_parts(parts));
         let metric = self.metric.clone();
-        Ok(Self { views: self.views, metric, origin, missing, symmetries, matches, neighbours, ..some })
+        let learnt_from = self.learnt_from.clone();
+        Ok(Self { views: self.views, metric, origin, missing, symmetries, matches, learnt_from, neighbours, ..some })
     }
 
     /// The bank without one part, by its index.
@@ -364,6 +375,21 @@ impl Bank {
     /// How alike each part's neighbouring views are, `[n_parts]`.
     pub fn neighbours(&self) -> &Arc<[Neighbours]> {
         &self.neighbours
+    }
+
+    /// Why touches of a side do not suit this bank, and how to make one that they do, for people; `None` where they do, as far
+    /// as is known.
+    pub fn other_side(&self, touched: Side) -> Option<&'static str> {
+        let is_learnt_from_others = !self.learnt_from.is_empty() && !self.learnt_from.contains(&touched);
+        match touched {
+            Side::Hole if is_learnt_from_others => Some(
+                "holes are touched, and the bank learnt to compare touches of pegs: make one with --learn-from hole",
+            ),
+            Side::Peg if !self.views.is_pegs() || is_learnt_from_others => {
+                Some("pegs are touched, and the bank is made for holes: make one with --views pegs --learn-from peg")
+            }
+            _ => None,
+        }
     }
 
     /// Why touches under `lamps` do not suit this bank, for people; `None` where they do, as far as is known.

@@ -230,7 +230,7 @@ pub(crate) fn with_geometry(
     let learnt = OwnTouches::new(model, &bank, (simulator, &parts), seed)?.learn(learn_from.sides())?;
     let bank = bank.with_symmetries(symmetries)?.with_matches(learnt.matches)?;
     match learnt.metric {
-        Some(metric) => bank.with_metric(metric),
+        Some(metric) => Ok(bank.with_metric(metric)?.learnt_from(learn_from.sides())),
         None => Ok(bank),
     }
 }

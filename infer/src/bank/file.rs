@@ -125,6 +125,9 @@ impl Bank {
         if let Some(origin) = &self.origin {
             text.push(("origin".into(), to_json(origin)?));
         }
+        if !self.learnt_from.is_empty() {
+            text.push(("learnt_from".into(), to_json(&self.learnt_from)?));
+        }
         text.push((OF_PARTS.into(), to_json(&content.of_parts(n_cells))?));
         let sha256 = content.sha256(&text, n_cells);
         let header = header(&content.entries(), text, SCHEMA, sha256)?;
@@ -266,6 +269,7 @@ impl Loaded {
         let origin = text_of(&file.text, "origin").ok().map(from_json).transpose()?;
         let missing: Vec<usize> = text_of(&file.text, "missing").ok().map(from_json).transpose()?.unwrap_or_default();
         let views: Views = text_of(&file.text, "views").ok().map(str::parse).transpose()?.unwrap_or_default();
+        let learnt_from = text_of(&file.text, "learnt_from").ok().map(from_json).transpose()?.unwrap_or_default();
         let matches: Option<Matches> = text_of(&file.text, "matches").ok().map(from_json).transpose()?;
         let bank = Bank::of_rows(parts, grid, self.rows.checked()?, self.edge_shares, model_sha256)?;
         let metric = match self.metric {
@@ -275,7 +279,7 @@ impl Loaded {
             }
             None => None,
         };
-        let bank = Bank { origin, views, metric, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
+        let bank = Bank { origin, views, metric, learnt_from, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
         match matches {
             Some(matches) => bank.with_matches(matches),
             None => Ok(bank),
