@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::number::short_numbers;
+
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -81,9 +83,13 @@ pub enum FrameFault {
 }
 
 impl Error {
-    /// A value of `what` that does not make sense.
+    /// A value of `what` that does not make sense. Long numbers in it are written short ([`short_numbers`]).
     pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
+        Self::Invalid {
+            what: what.into(),
+            expected: short_numbers(&expected.into()),
+            got: short_numbers(&got.into()),
+        }
     }
 
     /// The same error, with the file or field where it happened in front.

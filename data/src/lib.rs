@@ -55,6 +55,7 @@ pub mod moved_view;
 pub mod needs;
 #[cfg(feature = "sim")]
 pub mod npy;
+pub mod number;
 pub mod origin;
 #[cfg(feature = "datasets")]
 pub mod output;

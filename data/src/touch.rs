@@ -45,6 +45,22 @@ impl FromStr for Side {
     }
 }
 
+/// What there is where touches of a side are looked for and none is found, for an error: those of the other side alone, with
+/// what takes them (`other`), or none that can be used.
+pub fn instead_of(side: Side, touches: &[Touch], other: &str) -> String {
+    if touches.iter().any(|touch| touch.side == Some(side)) {
+        return "none".into();
+    }
+    let n_other = touches.iter().filter(|touch| touch.side.is_some_and(|of| of != side)).count();
+    let n_unknown = touches.iter().filter(|touch| touch.side.is_none()).count();
+    let opposite = if side.is_hole() { Side::Peg } else { Side::Hole };
+    match (n_other, n_unknown) {
+        (0, 0) => "none".into(),
+        (0, n) => format!("{n} touches of which the side is not known"),
+        (n, _) => format!("{n} touches of {opposite}s ({other})"),
+    }
+}
+
 /// What is known of one frame of a dataset: a line of its index.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -96,4 +112,23 @@ pub struct Planned {
     pub part_from_sensor: Se2,
     /// Where the recording says that it is: the same, but in a simulated lab.
     pub stated: Se2,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_there_instead_of_a_side_is_named() {
+        let touch = |side| Touch { side, ..Touch::default() };
+        let pegs = [touch(Some(Side::Peg)), touch(Some(Side::Peg)), touch(None)];
+        assert_eq!(
+            instead_of(Side::Hole, &pegs, "take them with --side peg"),
+            "2 touches of pegs (take them with --side peg)"
+        );
+        assert_eq!(instead_of(Side::Peg, &pegs[2..], ""), "1 touches of which the side is not known");
+        assert_eq!(instead_of(Side::Hole, &[], ""), "none");
+        // There are some, which cannot be used for another reason.
+        assert_eq!(instead_of(Side::Peg, &pegs, ""), "none");
+    }
 }

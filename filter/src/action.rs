@@ -49,12 +49,13 @@ pub enum ActionRule {
 pub struct ActionConfig {
     /// The rule.
     pub rule: ActionRule,
-    /// States drawn from the belief, against which an action is judged; at least 1.
+    /// States drawn from the belief, against which an action is judged; 1 to 100,000.
     pub n_draws: usize,
-    /// States supposed true in turn, s* of the paper; at least 1. For the paper's rule the first is the
+    /// States supposed true in turn, s* of the paper; 1 to 10,000. For the paper's rule the first is the
     /// likeliest state and the others are drawn; for expected information all are drawn.
     pub n_suppositions: usize,
-    /// Candidates judged by all draws, the best of a first pass with a sixth of them; at least 1. `None`: all of them.
+    /// Candidates judged by all draws, the best of a first pass with a sixth of them; at least 1. `None`: all of them. Draws times
+    /// suppositions times the candidates that they judge are at most 1e8, of 1,000 candidates.
     pub n_finalists: Option<usize>,
     /// delta_act: an action counts only from those supposed states where it would show a larger share of
     /// edge pixels than this, 0..=1.

@@ -8,6 +8,7 @@ use crate::action::ActionConfig;
 use crate::belief::EngineConfig;
 use crate::error::{Error, Result};
 use crate::likelihood::{LikelihoodConfig, calibration_of};
+use crate::limits;
 use crate::particle::ParticleConfig;
 use crate::stop::{Standing, StopReason};
 
@@ -27,11 +28,11 @@ pub struct EpisodeConfig {
     /// mm, positive, with as much of the belief in the part as `stop_probability` says within three of them. Only with a
     /// bank fine enough to be interpolated, and `between_poses`. `None`: sure of the part is sure enough.
     pub stop_place_mm: Option<f64>,
-    /// N_max: stop after this many touches, the first included; at least 1.
+    /// N_max: stop after this many touches, the first included; 1 to 1,000.
     pub max_touches: usize,
     /// Whether the pose may lie between recorded ones; else it is one of them, as in the paper's protocol.
     pub between_poses: bool,
-    /// States between two recorded poses of a bank of 2 mm and 15 degrees, on each axis; at least 1. A state stands for all
+    /// States between two recorded poses of a bank of 2 mm and 15 degrees, on each axis; 1 to 4. A state stands for all
     /// poses around it, and ten touches see farther than a bank's step. Of a finer bank states are no nearer, but for
     /// those at its own poses; of one too coarse to be interpolated there are no others.
     pub subdivisions: usize,
@@ -138,7 +139,7 @@ impl EpisodeConfig {
         }
     }
 
-    /// Refuses numbers outside their ranges.
+    /// Refuses numbers outside their ranges, and those that take more than a second for a decision or all memory.
     pub fn validate(&self) -> Result<()> {
         let check = |name: &str, expected: &str, got: f64, fine: bool| {
             if fine { Ok(()) } else { Err(Error::config(format!("episode.{name}"), expected, got.to_string())) }
@@ -154,26 +155,20 @@ impl EpisodeConfig {
         }
         let margin = self.fit_margin;
         check("fit_margin", "a number, not negative", margin, margin.is_finite() && margin >= 0.0)?;
-        check("subdivisions", "1 to 8", self.subdivisions as f64, (1..=8).contains(&self.subdivisions))?;
         check("none_touches", "at least 1", self.none_touches as f64, self.none_touches >= 1)?;
-        check("max_touches", "at least 1", self.max_touches as f64, self.max_touches >= 1)?;
         let mm = self.action.min_separation_mm;
         check("action.min_separation_mm", "a number, not negative", mm, mm.is_finite() && mm >= 0.0)?;
         if let Some(deg) = self.action.min_separation_deg {
             check("action.min_separation_deg", "a number, not negative", deg, deg.is_finite() && deg >= 0.0)?;
         }
-        let (draws, supposed) = (self.action.n_draws, self.action.n_suppositions);
-        check("action.n_draws", "at least 1", draws as f64, draws >= 1)?;
+        let contact = f64::from(self.action.contact_threshold);
+        check("action.contact_threshold", "0..=1", contact, (0.0..=1.0).contains(&contact))?;
         let travel = self.action.travel_nats_per_mm;
         check("action.travel_nats_per_mm", "a number, not negative", travel, travel.is_finite() && travel >= 0.0)?;
-        if let Some(n) = self.action.n_finalists {
-            check("action.n_finalists", "at least 1", n as f64, n >= 1)?;
-        }
-        check("action.n_suppositions", "at least 1", supposed as f64, supposed >= 1)?;
-        if let EngineConfig::Particle(ParticleConfig { n_particles, resample_share, .. }) = self.engine {
-            check("engine.n_particles", "at least 1", n_particles as f64, n_particles >= 1)?;
+        if let EngineConfig::Particle(ParticleConfig { resample_share, .. }) = self.engine {
             check("engine.resample_share", "0..=1", resample_share, (0.0..=1.0).contains(&resample_share))?;
         }
+        limits::check(self)?;
         self.likelihood.validate()
     }
 }

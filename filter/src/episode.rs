@@ -280,11 +280,13 @@ impl Episode {
         let edged = self.belief.touches().iter().map(|touched| &touched.likelihood).filter(|touch| !touch.blank);
         let best = edged.map(|touch| touch.best_cosine).reduce(f32::max);
         let floor = self.config.low_similarity;
-        match best {
-            None => vec![Warning::NothingSeen],
-            Some(best) if best < floor => vec![Warning::LowSimilarity { best, floor }],
-            Some(_) => Vec::new(),
-        }
+        let of_touches = match best {
+            None => Some(Warning::NothingSeen),
+            Some(best) if best < floor => Some(Warning::LowSimilarity { best, floor }),
+            Some(_) => None,
+        };
+        let of_bank = self.bank.other_side(self.side()).map(|why| Warning::OtherSide { why });
+        of_touches.into_iter().chain(of_bank).collect()
     }
 }
 
@@ -328,8 +330,11 @@ mod tests {
     use tactile_data::grid::PoseGrid;
     use tactile_infer::architecture::NetworkConfig;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
+    use tactile_infer::learn_from::{LearnFrom, Learning};
+    use tactile_infer::metric::{Measured, Metric};
     use tactile_infer::rows::Rows;
     use tactile_infer::similarity::normalize_rows;
+    use tactile_infer::views::Views;
     use tactile_infer::{DeviceKind, Model};
 
     use crate::sensor::Sensor;
@@ -635,6 +640,43 @@ mod tests {
     }
 
     #[test]
+    fn a_bank_for_the_other_side_is_warned_of() {
+        let world = World::new(4, GRID, 0.2, 0.02, 2);
+        let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
+        let warned = |bank: &Bank, side| {
+            let touch = Observation { side, ..touch.clone() };
+            let episode = Episode::begin(EpisodeConfig::default(), Arc::new(bank.clone()), &touch).unwrap();
+            let warnings = episode.estimate().warnings;
+            assert!(warnings.iter().all(|warning| !warning.is_of_touches()), "{warnings:?}");
+            warnings.first().map(ToString::to_string)
+        };
+        let bank = &*world.bank;
+        let both = bank.clone().with_views(Views::Both);
+        let [holes, pegs] = [LearnFrom::Hole, LearnFrom::Peg].map(|from| {
+            let dim = bank.dim();
+            let unit = (0..dim * dim).map(|at| f32::from(u8::from(at % (dim + 1) == 0))).collect();
+            let measured = Measured { error_scale: 1.0, temperature: None };
+            let metric = Metric::new(dim, unit, measured).unwrap().with_learning(Learning { from, seed: 1 });
+            bank.clone().with_metric(metric).unwrap()
+        });
+        // What is not known is not warned of; views of pegs suit holes, as in the paper.
+        for (bank, side) in
+            [(bank, Side::Hole), (bank, Side::Peg), (&both, Side::Hole), (&holes, Side::Hole), (&pegs, Side::Peg)]
+        {
+            assert_eq!(warned(bank, side), None);
+        }
+        for (bank, side, how) in [
+            (&both, Side::Peg, "--views pegs --learn-from peg"),
+            (&holes, Side::Peg, "--views pegs --learn-from peg"),
+            (&pegs, Side::Hole, "--learn-from hole"),
+            (&pegs.with_parts(&[0, 1]).unwrap(), Side::Hole, "--learn-from hole"),
+        ] {
+            let said = warned(bank, side).unwrap();
+            assert!(said.starts_with(&format!("{side}s are touched")) && said.contains(how), "{said}");
+        }
+    }
+
+    #[test]
     fn bad_input_is_refused_and_leaves_the_belief() {
         let world = World::new(2, GRID, 0.2, 0.02, 2);
         let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
@@ -650,7 +692,7 @@ mod tests {
         assert_eq!(episode.estimate(), before);
         let never = EpisodeConfig { max_touches: 0, ..EpisodeConfig::default() };
         let error = Episode::begin(never, world.bank.clone(), &touch).unwrap_err();
-        assert_eq!(error.to_string(), "episode.max_touches: expected at least 1, got 0");
+        assert_eq!(error.to_string(), "episode.max_touches: expected 1 to 1000, got 0");
     }
 
     /// A sensor with a network that has learnt nothing, and a lit frame of it.

@@ -1,6 +1,7 @@
 //! What can go wrong between a touch and a belief: cases that a controller can match on.
 
 use tactile_data::FrameFault;
+use tactile_data::number::{short, short_numbers};
 use tactile_data::touch::Side;
 
 /// The result of this crate's functions.
@@ -27,7 +28,10 @@ pub enum Error {
         deg: f64,
     },
     /// The motion is not finite, or no robot's.
-    #[error("motion: expected at most 1 km and 1,000 rad, got x {x_mm} mm, y {y_mm} mm, theta {theta_rad} rad")]
+    #[error(
+        "motion: expected at most 1 km and 1,000 rad, got x {} mm, y {} mm, theta {} rad",
+        short(*x_mm), short(*y_mm), short(*theta_rad)
+    )]
     Motion {
         /// Along x, mm.
         x_mm: f64,
@@ -94,12 +98,12 @@ pub enum Error {
 impl Error {
     /// A setting outside its range.
     pub(crate) fn config(setting: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Config { setting: setting.into(), expected: expected.into(), got: got.into() }
+        Self::Config { setting: setting.into(), expected: expected.into(), got: short_numbers(&got.into()) }
     }
 
     /// An observation that no sensor makes.
     pub(crate) fn observation(expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Observation { expected: expected.into(), got: got.into() }
+        Self::Observation { expected: expected.into(), got: short_numbers(&got.into()) }
     }
 }
 

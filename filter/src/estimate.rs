@@ -2,6 +2,8 @@
 
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
+#[cfg(doc)]
+use tactile_infer::Bank;
 
 use crate::modes::Mode;
 use crate::stop::{Standing, StopReason};
@@ -18,6 +20,18 @@ pub enum Warning {
     },
     /// Every touch was blank: no edge was ever seen.
     NothingSeen,
+    /// The bank is made for the other side than the one that is touched.
+    OtherSide {
+        /// What is touched, what the bank is made for, and how to make one that suits ([`Bank::other_side`]).
+        why: &'static str,
+    },
+}
+
+impl Warning {
+    /// Whether it is about these touches; else about the bank, whatever was touched.
+    pub fn is_of_touches(&self) -> bool {
+        !matches!(self, Self::OtherSide { .. })
+    }
 }
 
 impl std::fmt::Display for Warning {
@@ -27,6 +41,7 @@ impl std::fmt::Display for Warning {
                 write!(f, "no touch looks like any recorded view (best cosine {best:.2}, expected {floor:.2} or more)")
             }
             Self::NothingSeen => write!(f, "no touch showed an edge"),
+            Self::OtherSide { why } => f.write_str(why),
         }
     }
 }

@@ -51,6 +51,7 @@ pub mod interpolation;
 mod invariants;
 mod lattice;
 pub mod likelihood;
+mod limits;
 mod match_model;
 pub mod modes;
 mod nearest;

@@ -10,7 +10,7 @@ use crate::resample::{effective_sample_size, log_normalize, systematic};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ParticleConfig {
-    /// K, or where it is adaptive its largest, at least 1.
+    /// K, or where it is adaptive its largest, 1 to 1,000,000; times one more than `n_moves` at most as many.
     pub n_particles: usize,
     /// Resample when the effective sample size is at most this share of K, 0..=1. One: at each touch.
     pub resample_share: f64,

@@ -12,6 +12,7 @@ use tactile_data::origin::Origin;
 use tactile_data::printable::is_printable;
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
+use tactile_data::touch::Side;
 
 use crate::calibration::BLANK_SHARE;
 use crate::error::{Error, Result};
@@ -383,6 +384,22 @@ impl Bank {
     /// How alike each part's neighbouring views are, `[n_parts]`.
     pub fn neighbours(&self) -> &Arc<[Neighbours]> {
         &self.neighbours
+    }
+
+    /// Why touches of a side do not suit this bank, and how to make one that they do, for people; `None` where they do, as far
+    /// as is known.
+    pub fn other_side(&self, touched: Side) -> Option<&'static str> {
+        let learning = self.metric().and_then(Metric::learning);
+        let is_learnt_from_others = learning.is_some_and(|learning| !learning.from.sides().contains(&touched));
+        match touched {
+            Side::Hole if is_learnt_from_others => Some(
+                "holes are touched, and the bank learnt to compare touches of pegs: make one with --learn-from hole",
+            ),
+            Side::Peg if !self.views.is_pegs() || is_learnt_from_others => {
+                Some("pegs are touched, and the bank is made for holes: make one with --views pegs --learn-from peg")
+            }
+            _ => None,
+        }
     }
 
     /// Why touches under `lamps` do not suit this bank, for people; `None` where they do, as far as is known.

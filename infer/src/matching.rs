@@ -5,7 +5,7 @@ use serde::Serialize;
 use tactile_data::frame::{Background, Preprocessing, TactileImage};
 use tactile_data::se2::wrap_angle;
 use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::touch::{Side, instead_of};
 
 use crate::bank::Bank;
 use crate::error::{Error, Result};
@@ -73,7 +73,9 @@ pub fn match_single_touches(model: &Model, bank: &Bank, pegs: &Dataset, touched:
     };
     let candidates: Vec<usize> = (0..holes.len()).filter(known).collect();
     if candidates.is_empty() || limit == 0 {
-        return Err(Error::invalid(&holes.meta().name, format!("{side} touches with part and pose"), "none"));
+        let other = if side.is_hole() { "--side peg matches them" } else { "--side hole matches them" };
+        let got = instead_of(side, holes.touches(), other);
+        return Err(Error::invalid(&holes.meta().name, format!("{side} touches with part and pose"), got));
     }
     let n_holes = limit.min(candidates.len());
     let chosen: Vec<usize> = (0..n_holes).map(|i| candidates[i * candidates.len() / n_holes]).collect();

@@ -8,7 +8,7 @@ use tactile_data::moved_view::moved_view;
 use tactile_data::origin::{Origin, PartOrigin, SensorOrigin};
 use tactile_data::se2::Se2;
 use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::touch::{Side, instead_of};
 
 use crate::bank::Bank;
 use crate::error::{Error, Result};
@@ -153,7 +153,10 @@ fn pegs(dataset: &Dataset) -> Result<Vec<Peg<'_>>> {
     };
     let pegs = (0..dataset.len()).filter(is_peg).map(known).collect::<Result<Vec<_>>>()?;
     if pegs.is_empty() {
-        return Err(Error::invalid(dataset.meta().name.clone(), "touches of pegs", "none"));
+        let as_pegs =
+            "if they are pegs, import them again as such: --side peg of a bag, side in an index, folders PART/peg";
+        let got = instead_of(Side::Peg, dataset.touches(), as_pegs);
+        return Err(Error::invalid(dataset.meta().name.clone(), "touches of pegs", got));
     }
     Ok(pegs)
 }

@@ -545,10 +545,12 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
         (format!("{evaluate} --episodes 1000000000000"), ["--episodes", "1000000000000", "PB of memory"]),
         (
             format!("{evaluate} --engines particle --particles 1000000000000"),
-            ["--particles", "1000000000000", "32.0 TB"],
+            ["engine.n_particles", "1000000000000", "1 to 1000000"],
         ),
-        (format!("{evaluate} --draws 1000000000000"), ["--draws", "1000000000000", "64.0 TB"]),
-        (format!("replay {with} --data holes --suppositions 1000000000000"), ["--suppositions", "1000000000000", "TB"]),
+        (format!("{evaluate} --draws 1000000000000"), ["action.n_draws", "1000000000000", "1 to 100000"]),
+        (format!("{evaluate} --suppositions 1000000"), ["action.n_suppositions", "1000000", "1 to 10000"]),
+        (format!("{evaluate} --temperature -1e300"), ["likelihood.temperature", "a positive number", "got -1e300"]),
+        (format!("replay {with} --data holes --max-touches 1000000"), ["max_touches", "1000000", "1 to 1000"]),
         (
             format!("assemble {with} --scene two.toml --out never --trials 1000000000000"),
             ["--trials", "1000000000000", "512.0 TB"],
@@ -576,6 +578,28 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
         (&*format!("--scene {scene}"), ["at most 10000 parts, got 30000 parts and 540000 touches", "GB of memory"]),
     ] {
         names(&shell(&sample, &format!("tactile-data generate {line} --out never")), &words);
+    }
+    assert!(!sample.folder().join("never").exists());
+}
+
+#[test]
+fn a_flag_that_would_do_nothing_is_refused() {
+    let sample = Sample::shared();
+    let with = "--model model/model.safetensors --bank pegs.bank";
+    for flag in ["--draws 8", "--min-separation-mm 3", "--other-sensor", "--frontier f.json"] {
+        let ran = shell(&sample, &format!("tactile-filter replay {with} --data holes {flag}"));
+        assert!(ran.misused().contains(flag.split(' ').next().unwrap()), "{ran:?}");
+    }
+    for (line, words) in [
+        (
+            format!("tactile-filter evaluate {with} --scene two.toml --out never --engines exact --particles 9"),
+            "--particles",
+        ),
+        ("tactile-data generate --scene maze --sides peg --out never".into(), "--sides"),
+        ("tactile-data import pegs --side peg --out never".into(), "--side: expected a bag"),
+        (format!("tactile-filter evaluate {with} --scene two.toml --out never --absent --stories 2"), "--stories"),
+    ] {
+        names(&shell(&sample, &line), &[words]);
     }
     assert!(!sample.folder().join("never").exists());
 }

@@ -140,17 +140,18 @@ fn a_bank_that_learnt_learns_again_without_the_absent_part() {
 }
 
 #[test]
-fn pegs_are_named_among_pegs_and_passed_over_where_holes_are_asked_for() {
+fn pegs_are_named_among_pegs_and_refused_where_holes_are_asked_for() {
     let sample = Sample::shared();
     let inputs = ["--model", "model/model.safetensors", "--bank", "pegs.bank", "--data", "pegs", "--max-touches", "1"];
     let play = |side: &[&str]| {
         let args = [&["replay", "--json"], &inputs[..], side].concat();
-        let replayed = run("tactile-filter", sample.folder(), &args);
-        let lines = replayed.done().lines().filter(|line| line.starts_with('{'));
-        lines.map(|line| serde_json::from_str(line).unwrap()).collect::<Vec<Value>>()
+        run("tactile-filter", sample.folder(), &args)
     };
-    assert!(play(&[]).is_empty(), "these are no holes");
-    let played = play(&["--side", "peg"]);
+    let refused = play(&[]);
+    assert!(refused.failed().contains("touches of pegs (--side peg plays them)"), "{refused:?}");
+    let replayed = play(&["--side", "peg"]);
+    let lines = replayed.done().lines().filter(|line| line.starts_with('{'));
+    let played: Vec<Value> = lines.map(|line| serde_json::from_str(line).unwrap()).collect();
     // The bank was made of these very pictures: a key finds itself, and one touch may match well enough to be sure.
     assert_eq!(played.len(), 2);
     for line in played {

@@ -59,11 +59,11 @@ struct Cli {
     #[arg(long)]
     json: bool,
     /// Only make this many batches and print the speed: shows whether the processor or the disk limits it.
-    #[arg(long, value_name = "BATCHES")]
+    #[arg(long, value_name = "BATCHES", conflicts_with_all = ["json", "tune_pegs", "tune_holes", "device"])]
     time_batches: Option<usize>,
     /// Train nothing: write the batches of all steps to standard output, for another trainer. Each is its number n of pairs
     /// (u32), then n images of holes and n of pegs (f32, [3, height, width]), little-endian.
-    #[arg(long, conflicts_with_all = ["time_batches", "json", "resume"])]
+    #[arg(long, conflicts_with_all = ["time_batches", "json", "resume", "tune_pegs", "tune_holes", "device"])]
     write_batches: bool,
     #[command(flatten, next_help_heading = "Length and size of the run, each instead of the preset's")]
     settings: Settings,
@@ -256,5 +256,26 @@ fn duration(seconds: f64) -> String {
         ..90.0 => format!("{seconds:.0} s"),
         ..5_400.0 => format!("{:.0} min", seconds / 60.0),
         _ => format!("{:.1} h", seconds / 3_600.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flag_that_would_do_nothing_is_refused() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+        let takes = |line: &str| {
+            let line = format!("tactile-train --data d --out o {line}");
+            Cli::try_parse_from(line.split_whitespace()).is_ok()
+        };
+        assert!(takes("--json --tune-pegs p --tune-holes h --device flex") && takes("--time-batches 4 --batch 8"));
+        for other in ["--time-batches 4", "--write-batches"] {
+            for flag in ["--json", "--tune-pegs p --tune-holes h", "--device flex"] {
+                assert!(!takes(&format!("{other} {flag}")), "{other} {flag}");
+            }
+        }
     }
 }

@@ -26,7 +26,7 @@ pub struct Calibrate {
     #[arg(required_unless_present = "taxim", requires = "ball_mm", requires = "no_contact")]
     folder: Option<PathBuf>,
     /// Diameter of the ball, mm
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", conflicts_with = "taxim")]
     ball_mm: Option<f64>,
     /// Size of a pixel in x and y, mm
     #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, required_unless_present = "px_per_mm")]

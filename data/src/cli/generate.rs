@@ -35,9 +35,9 @@ pub struct Generate {
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Which halves of the parts to touch; MAZE boards are always touched in pairs
-    #[arg(long, value_enum, default_value_t = Sides::Both)]
-    sides: Sides,
+    /// Which halves of the parts to touch [default: both]; MAZE boards are always touched in pairs
+    #[arg(long, value_enum)]
+    sides: Option<Sides>,
     /// Draws boards, poses, jitter and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -117,9 +117,9 @@ impl Generate {
     pub fn run(self) -> Result<()> {
         let scene = self.scene()?;
         let sides: &[Side] = match self.sides {
-            Sides::Peg => &[Side::Peg],
-            Sides::Hole => &[Side::Hole],
-            Sides::Both => &[Side::Hole, Side::Peg],
+            Some(Sides::Peg) => &[Side::Peg],
+            Some(Sides::Hole) => &[Side::Hole],
+            Some(Sides::Both) | None => &[Side::Hole, Side::Peg],
         };
         let places = self.anywhere.map_or(Places::EachPose, Places::Anywhere);
         let sampling = Sampling { sides, places, seed: self.seed, lab: self.lab.lab() };
@@ -142,6 +142,17 @@ impl Generate {
         Ok(())
     }
 
+    /// A flag that is given and that MAZE boards do not look at.
+    fn of_kits(&self) -> Option<&'static str> {
+        let flags = [
+            ("--sides", matches!(self.sides, Some(Sides::Peg | Sides::Hole))),
+            ("--xy-step-mm", self.xy_step_mm.is_some()),
+            ("--theta-step-deg", self.theta_step_deg.is_some()),
+            ("--anywhere", self.anywhere.is_some()),
+        ];
+        flags.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
+    }
+
     fn scene(&self) -> Result<Scene> {
         let mut scene = Scene::load(&self.scene)?;
         if let Some(path) = &self.calibration {
@@ -154,6 +165,11 @@ impl Generate {
             Parts::Maze(_) if self.drawn_sensor.is_some() => {
                 let expected = "a scene of letters, solids, files or connectors: MAZE boards have sensors of their own";
                 return Err(Error::invalid("--drawn-sensor", expected, scene.name));
+            }
+            Parts::Maze(_) if self.of_kits().is_some() => {
+                let expected =
+                    "a scene of letters, solids, files or connectors: MAZE boards are touched in pairs, all over";
+                return Err(Error::invalid(self.of_kits().unwrap_or_default(), expected, scene.name));
             }
             Parts::Maze(boards) => {
                 boards.n_pairs = self.pairs.unwrap_or(boards.n_pairs);

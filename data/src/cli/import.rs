@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::Result;
 use tactile_data::program;
 use tactile_data::progress;
 use tactile_data::recording::folder::{self, NoContact};
 use tactile_data::recording::parquet;
+use tactile_data::{Error, Result};
 
 use super::geometry::GeometryArgs;
 use super::import_bag::{BagArgs, Frames};
@@ -56,8 +56,13 @@ impl Import {
         };
         let geometry = self.geometry.geometry()?;
         if BagArgs::is_bag(&self.source) {
+            if let Some(index) = &self.index {
+                let expected = "pictures or Parquet, of which an index says what they show";
+                return Err(Error::invalid("--index", expected, format!("{} for a bag", index.display())));
+            }
             return self.bag.run(&self.source, &self.out, Frames { no_contact, geometry });
         }
+        self.bag.refuse_for_pictures()?;
         let how = folder::Import { index: self.index, no_contact, geometry };
         let imported = match parquet::is_parquet(&self.source) {
             true => parquet::import(&self.source, &how, &self.out, &progress::reporter("rows"))?,

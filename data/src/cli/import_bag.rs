@@ -11,7 +11,7 @@ use tactile_data::recording::ros::import::{self, PoseSource};
 use tactile_data::recording::ros::touches::Touches;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
-use tactile_data::{Result, program, progress};
+use tactile_data::{Error, Result, program, progress};
 
 /// What an import of a bag asks for.
 #[derive(Args)]
@@ -29,9 +29,9 @@ pub struct BagArgs {
     /// Which frames are touches: each, contact (one a press), poses (one a pose) [default: by what is in the bag]
     #[arg(long, value_name = "WHICH", value_parser = parse_touches)]
     touches: Option<Touches>,
-    /// Farthest in time that a pose may be from its frame, ms
-    #[arg(long, value_name = "MS", default_value_t = 100.0)]
-    max_gap_ms: f64,
+    /// Farthest in time that a pose may be from its frame, ms [default: 100]
+    #[arg(long, value_name = "MS")]
+    max_gap_ms: Option<f64>,
     /// The part that was touched [default: from the poses' frame, hole/NAME or peg/NAME]
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
@@ -45,6 +45,9 @@ pub struct BagArgs {
     #[arg(long, value_name = "X,Y,DEG", value_parser = parse_pose, allow_hyphen_values = true)]
     board: Option<Se2>,
 }
+
+/// Farthest in time that a pose may be from its frame where nothing is said, ms.
+const MAX_GAP_MS: f64 = 100.0;
 
 /// What holds for every source.
 pub struct Frames {
@@ -60,6 +63,28 @@ impl BagArgs {
         bag::is_bag(source)
     }
 
+    /// Refuses the flags of bags where pictures or Parquet are imported, which would do nothing.
+    pub fn refuse_for_pictures(&self) -> Result<()> {
+        let flags = [
+            ("--image-topic", self.image_topic.is_some()),
+            ("--pose-topic", self.pose_topic.is_some()),
+            ("--frames", self.frames.is_some()),
+            ("--touches", self.touches.is_some()),
+            ("--max-gap-ms", self.max_gap_ms.is_some()),
+            ("--part", self.part.is_some()),
+            ("--side", self.side.is_some()),
+            ("--tool-from-sensor", self.tool_from_sensor.is_some()),
+            ("--board", self.board.is_some()),
+        ];
+        match flags.iter().find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => {
+                let got = "pictures or Parquet, whose index or folders PART/hole and PART/peg say what was touched";
+                Err(Error::invalid(*flag, "a bag", got))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Imports a bag and says what came of it.
     pub fn run(self, source: &Path, out: &Path, frames: Frames) -> Result<()> {
         let poses = match (self.pose_topic, self.frames) {
@@ -71,7 +96,7 @@ impl BagArgs {
             image_topic: self.image_topic,
             poses,
             touches: self.touches,
-            max_gap_ms: self.max_gap_ms,
+            max_gap_ms: self.max_gap_ms.unwrap_or(MAX_GAP_MS),
             part: self.part,
             side: self.side,
             tool_from_sensor: self.tool_from_sensor,

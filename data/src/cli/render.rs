@@ -8,10 +8,10 @@ use tactile_data::output_lock::OutputLock;
 use tactile_data::render::{Press, Rendered, relief, render};
 use tactile_data::se2::Se2;
 use tactile_data::sensor::{Fidelity, SensorSpec};
-use tactile_data::shape::file::FileScale;
+use tactile_data::shape::file::{FileScale, ending};
 use tactile_data::shape::heights::GreyScale;
 use tactile_data::touch::Side;
-use tactile_data::{Result, npy, output, picture};
+use tactile_data::{Error, Result, npy, output, picture};
 
 /// The frame of a Mini that is not reduced, pixels.
 const FRAME_PX: [usize; 2] = [320, 240];
@@ -38,9 +38,9 @@ pub struct Render {
     /// The part is a plate: an outline is its opening, heights are its surface with grooves and pockets
     #[arg(long)]
     as_hole: bool,
-    /// By how much an outline's opening is wider on every side, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.0, requires = "as_hole", help_heading = "Part")]
-    clearance_mm: f64,
+    /// By how much an outline's opening is wider on every side, mm [default: 0]
+    #[arg(long, value_name = "MM", requires = "as_hole", help_heading = "Part")]
+    clearance_mm: Option<f64>,
     /// Where the middle of the sensor is on the part, mm, and by how much it is turned, degrees from x to y
     #[arg(long, value_name = "X,Y,DEG", default_value = "0,0,0", allow_hyphen_values = true,
           value_parser = super::parse_numbers::<3>)]
@@ -93,6 +93,7 @@ impl Render {
     /// Renders the press and writes what is asked for.
     pub fn run(self) -> Result<()> {
         let _locks = self.check_outputs()?;
+        self.check_part()?;
         let no_contact = self.no_contact.as_deref().map(picture::read).transpose()?;
         let rest_px = no_contact.as_ref().map(|frame| [frame.width_px(), frame.height_px()]);
         let spec = self.sensor(rest_px)?;
@@ -100,7 +101,7 @@ impl Render {
         let full_scale = self.full_scale_mm.map(GreyScale::FullScaleMm);
         let grey = self.mm_per_level.map(GreyScale::MmPerLevel).or(full_scale);
         let scale = FileScale { mm_per_px: self.map_mm_per_px, grey };
-        let relief = relief(&self.shape, side, &scale, self.clearance_mm)?;
+        let relief = relief(&self.shape, side, &scale, self.clearance_mm.unwrap_or(0.0))?;
         let [x_mm, y_mm, theta_deg] = self.pose;
         let part_from_sensor = Se2::from_degrees(x_mm, y_mm, theta_deg);
         let press = Press { relief: &relief, side, part_from_sensor, depth_mm: self.depth_mm };
@@ -114,6 +115,23 @@ impl Render {
             npy::write(path, &[spec.frame_px[1], spec.frame_px[0]], &depths_mm)?;
         }
         Ok(())
+    }
+
+    /// Refuses flags that a part of this kind does not look at.
+    fn check_part(&self) -> Result<()> {
+        let ending = ending(Path::new(&self.shape));
+        let is_map = matches!(ending.as_str(), "png" | "npy");
+        let has_outline = !is_map && ending != "stl" && !self.shape.starts_with("connector:");
+        let flags = [
+            ("--clearance-mm", self.clearance_mm.is_some() && !has_outline, "an outline: a letter, a solid or an SVG"),
+            ("--map-mm-per-px", self.map_mm_per_px.is_some() && !is_map, "heights in npy or PNG"),
+            ("--mm-per-level", self.mm_per_level.is_some() && ending != "png", "heights in PNG"),
+            ("--full-scale-mm", self.full_scale_mm.is_some() && ending != "png", "heights in PNG"),
+        ];
+        match flags.into_iter().find(|(_, does_nothing, _)| *does_nothing) {
+            Some((flag, _, expected)) => Err(Error::invalid(flag, expected, &self.shape)),
+            None => Ok(()),
+        }
     }
 
     /// Refuses outputs that are inputs or each other.
@@ -149,5 +167,41 @@ impl Render {
         spec.gel_length_mm = self.gel_length_mm.unwrap_or(spec.gel_length_mm);
         spec.validate()?;
         Ok(spec)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Command, FromArgMatches};
+
+    fn refusal(line: &str) -> Option<String> {
+        let line = format!("render {line} --out o.png");
+        let matches = Render::augment_args(Command::new("render")).get_matches_from(line.split_whitespace());
+        Render::from_arg_matches(&matches).unwrap().check_part().err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_flag_that_the_part_does_not_look_at_is_refused() {
+        for line in [
+            "letter:A:12 --as-hole --clearance-mm 0.2",
+            "ball:4.7 --as-hole --clearance-mm 0.2",
+            "a.svg --as-hole --clearance-mm 0.2",
+            "a.npy --map-mm-per-px 1,1",
+            "a.png --map-mm-per-px 1,1 --full-scale-mm 2",
+            "connector:usb-a --as-hole",
+        ] {
+            assert_eq!(refusal(line), None, "{line}");
+        }
+        for (line, refused) in [
+            ("connector:usb-a --as-hole --clearance-mm 0.2", "--clearance-mm: expected an outline"),
+            ("a.npy --as-hole --map-mm-per-px 1,1 --clearance-mm 0.2", "--clearance-mm"),
+            ("letter:A:12 --map-mm-per-px 1,1", "--map-mm-per-px: expected heights in npy or PNG, got letter:A:12"),
+            ("a.npy --map-mm-per-px 1,1 --mm-per-level 0.1", "--mm-per-level"),
+            ("a.svg --full-scale-mm 2", "--full-scale-mm: expected heights in PNG, got a.svg"),
+        ] {
+            let error = refusal(line).unwrap();
+            assert!(error.starts_with(refused), "{line}: {error}");
+        }
     }
 }

@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::export::jpeg;
 use crate::export::partial::Partial;
 use crate::picture;
+use crate::recording::spreadsheet::cell_of;
 use crate::se2::Se2;
 use crate::store::Dataset;
 
@@ -31,7 +32,8 @@ const COLUMNS: [&str; 12] = [
 
 /// Writes the frames as `000000.png` and so on (`.jpg` with a `jpeg` quality of 1 to 100), `index.csv` and the frame
 /// at rest to a new folder. Positions come back to the last bit; angles do where some number of degrees gives their
-/// radians, else to one part in 10^16. `progress` gets the frames done and all frames.
+/// radians, else to one part in 10^16. Names that a spreadsheet would run as formulas begin with an apostrophe, which
+/// [`crate::recording::index`] takes away again. `progress` gets the frames done and all frames.
 ///
 /// # Errors
 /// A name in use; a disk that cannot be written.
@@ -48,10 +50,11 @@ pub fn export(dataset: &Dataset, out: &Path, jpeg_quality: Option<u8>, progress:
             None => picture::write_png(&path, &dataset.frame(i))?,
         }
         let side = touch.side.map(|side| side.to_string()).unwrap_or_default();
-        let mut row = vec![file, touch.part.clone().unwrap_or_default(), side];
+        let name = |name: &Option<String>| cell_of(name.clone().unwrap_or_default());
+        let mut row = vec![file, name(&touch.part), side];
         row.extend(cells(touch.part_from_sensor));
         row.extend(cells(touch.moved));
-        row.extend([&touch.pair, &touch.episode].map(|name| name.clone().unwrap_or_default()));
+        row.extend([&touch.pair, &touch.episode].map(name));
         row.push(touch.time_s.map_or(String::new(), |time| time.to_string()));
         rows.write_record(&row).map_err(|e| csv_error(&index, e))?;
         progress(i + 1, dataset.len());

@@ -66,6 +66,30 @@ fn a_folder_of_pictures_comes_back_to_the_last_bit() {
 }
 
 #[test]
+fn names_that_a_spreadsheet_would_run_are_text_in_the_index_and_come_back() {
+    let scratch = tempfile::tempdir().unwrap();
+    let names = ["=HYPERLINK(\"x\",\"y\")", "+1", "-2", "@SUM(A1)", "'=1", "''", "5-pin"];
+    let pose = Some(Se2::from_degrees(-1.5, -2.5, -30.0));
+    let touch = |name: &&str| {
+        let name = Some((*name).to_owned());
+        Touch { part: name.clone(), pair: name.clone(), episode: name, part_from_sensor: pose, ..Touch::default() }
+    };
+    let dataset = dataset(scratch.path(), &names.iter().map(touch).collect::<Vec<_>>());
+    let pictures = scratch.path().join("pictures");
+    folder::export(&dataset, &pictures, None, &quiet).unwrap();
+    let mut rows = csv::Reader::from_path(pictures.join("index.csv")).unwrap();
+    let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
+    for row in &rows {
+        let is_run = |cell: &str| cell.starts_with(['=', '+', '-', '@']) && cell.parse::<f64>().is_err();
+        assert!(row.iter().all(|cell| !is_run(cell)), "{row:?}");
+        // Poses stay numbers; a name that looks like one is text.
+        assert_eq!((&row[3], &row[4]), ("-1.5", "-2.5"));
+        assert!(!row[1].starts_with(['+', '-']), "{row:?}");
+    }
+    assert_eq!(import_folder(&pictures, scratch.path().join("back")).touches(), dataset.touches());
+}
+
+#[test]
 fn jpeg_frames_come_back_nearly() {
     let scratch = tempfile::tempdir().unwrap();
     let dataset = dataset(scratch.path(), &touches());

@@ -8,6 +8,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Number, Value};
 
 use crate::error::{Error, Result};
+use crate::recording::spreadsheet::text_of;
 use crate::se2::Se2;
 use crate::suggest::with_closest;
 use crate::touch::{Side, Touch};
@@ -116,7 +117,8 @@ fn text<'a, D: Deserializer<'a>>(json: D) -> std::result::Result<Option<String>,
 /// The rows of the index that `bytes` hold; `index` names it in errors, its files are relative to `folder`.
 ///
 /// JSON lines where the first letter is `{`, else CSV with a header. CSV is parted by the comma, semicolon or tab of
-/// which its header holds most; with semicolons a number may have a decimal comma.
+/// which its header holds most; with semicolons a number may have a decimal comma. The apostrophe in front of a name that a
+/// spreadsheet would run ([`crate::recording::spreadsheet`]) is no part of it.
 ///
 /// # Errors
 /// The row, its line and the cell: an unknown column, a value that is no pose, side or time, a file that is not there.
@@ -340,7 +342,8 @@ fn check_header(header: &csv::StringRecord, place: &str) -> Result<()> {
 /// What a cell that is not empty says.
 fn value(column: &str, cell: &str, has_decimal_comma: bool, place: &str) -> Result<Value> {
     if TEXT.contains(&column) {
-        return Ok(Value::String(cell.to_owned()));
+        // A file is named as it is.
+        return Ok(Value::String(if column == "file" { cell } else { text_of(cell) }.to_owned()));
     }
     let is_comma = has_decimal_comma && cell.matches(',').count() == 1 && !cell.contains('.');
     let number = if is_comma { cell.replace(',', ".").parse() } else { cell.parse::<f64>() };

@@ -10,3 +10,4 @@ pub mod pipeline;
 pub mod provenance;
 pub mod rest;
 pub mod ros;
+pub mod spreadsheet;

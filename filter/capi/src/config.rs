@@ -64,7 +64,7 @@ pub struct tf_episode_config {
     pub size: usize,
     /// Seed of every random draw: same seed and touches, same numbers.
     pub seed: u64,
-    /// Stop after this many touches, the first included; at least 1.
+    /// Stop after this many touches, the first included; 1 to 1,000.
     pub max_touches: usize,
     /// Stop when a part is more probable than this, 0 to 1, and an edge was felt. 1: never for this reason.
     pub stop_probability: f64,
@@ -85,14 +85,15 @@ pub struct tf_episode_config {
     pub between_poses: u32,
     /// An estimate warns where no edged touch reached this cosine with any recorded view, -1 to 1.
     pub low_similarity: f32,
-    /// States between two recorded poses on each axis, 1 to 8.
+    /// States between two recorded poses on each axis, 1 to 4.
     pub subdivisions: usize,
 
     /// A value of tf_engine.
     pub engine: u32,
     /// A value of tf_rule.
     pub rule: u32,
-    /// Particles, 1 to 1,000,000; of the particle filter only, as the next three.
+    /// Particles, 1 to 1,000,000, and times one more than n_moves at most as many; of the particle filter only, as the next
+    /// three.
     pub n_particles: usize,
     /// Resample when the effective sample size is at most this share of them, 0 to 1.
     pub resample_share: f64,
@@ -100,12 +101,13 @@ pub struct tf_episode_config {
     pub adaptive_particles: u32,
     /// A value of tf_interpolation.
     pub interpolation: u32,
-    /// Moves of each particle after each touch, up to 1,000.
+    /// Moves of each particle after each touch.
     pub n_moves: usize,
 
-    /// States drawn from the belief, against which a motion is judged; 1 to 1,000,000.
+    /// States drawn from the belief, against which a motion is judged; 1 to 100,000. A decision among 1,000 motions weighs at
+    /// most 1e8 pairs of drawn and supposed states, over all motions that are judged.
     pub n_draws: usize,
-    /// States supposed true in turn; 1 to 1,000,000.
+    /// States supposed true in turn; 1 to 10,000.
     pub n_suppositions: usize,
     /// 1: only the best of a first pass are judged by all draws.
     pub has_n_finalists: u32,

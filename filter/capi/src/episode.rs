@@ -10,7 +10,7 @@ use crate::config::tf_episode_config;
 use crate::model::{Parts, tf_bank};
 use crate::pointer::{fill, free, get, give, out, slice};
 use crate::sensor::tf_observation;
-use crate::settings::{check_memory, read};
+use crate::settings::read;
 use crate::status::{Failure, call, tf_status};
 use crate::value::{tf_decision, tf_estimate, tf_mode, tf_pose, tf_runner_up, tf_state, tf_stop};
 
@@ -254,7 +254,6 @@ pub unsafe extern "C" fn tf_episode_restore(
         let (bank, json) = unsafe { (get(bank, "bank")?, slice(json, length, "json")?) };
         let record: EpisodeRecord =
             serde_json::from_slice(json).map_err(|error| Failure::argument("json", "a saved episode", error))?;
-        check_memory(&record.config)?;
         let parts = bank.parts.clone();
         let episode = RwLock::new(Episode::restore(&record, parts.bank.clone())?);
         Ok(tf_episode { parts, episode })

@@ -12,9 +12,6 @@ use crate::config::{check_size, tf_engine, tf_episode_config, tf_interpolation, 
 use crate::pointer::get;
 use crate::status::{Failure, tf_status};
 
-/// The most particles, draws or suppositions: more is a mistake, and could take all memory.
-const MAX_DRAWS: usize = 1_000_000;
-
 /// The settings as the filter takes them, all checked.
 fn checked(config: &tf_episode_config) -> Result<EpisodeConfig, Failure> {
     let config = EpisodeConfig {
@@ -33,7 +30,6 @@ fn checked(config: &tf_episode_config) -> Result<EpisodeConfig, Failure> {
         seed: config.seed,
     };
     config.validate()?;
-    check_memory(&config)?;
     Ok(config)
 }
 
@@ -126,20 +122,6 @@ fn optional<T>(name: &str, has: u32, value: T) -> Result<Option<T>, Failure> {
     Ok(flag(name, has)?.then_some(value))
 }
 
-/// Refuses numbers for which there is no memory: a failed allocation ends the process.
-pub(crate) fn check_memory(config: &EpisodeConfig) -> Result<(), Failure> {
-    let check = |name: &str, got: usize, most: usize| {
-        if got <= most { Ok(()) } else { Err(setting(name, format!("at most {most}"), got)) }
-    };
-    check("n_draws", config.action.n_draws, MAX_DRAWS)?;
-    check("n_suppositions", config.action.n_suppositions, MAX_DRAWS)?;
-    if let EngineConfig::Particle(particle) = config.engine {
-        check("n_particles", particle.n_particles, MAX_DRAWS)?;
-        check("n_moves", particle.n_moves, 1_000)?;
-    }
-    Ok(())
-}
-
 /// Reads the settings of a program that may be older than this library.
 ///
 /// # Safety
@@ -205,8 +187,12 @@ mod tests {
             (tf_episode_config { matched_views: 2, ..good }, config, "matched_views"),
             (tf_episode_config { between_poses: 7, ..good }, config, "between_poses"),
             (tf_episode_config { stop_probability: f64::NAN, ..good }, config, "episode.stop_probability"),
-            (tf_episode_config { n_particles: usize::MAX, ..good }, config, "n_particles"),
-            (tf_episode_config { n_draws: usize::MAX, ..good }, config, "n_draws"),
+            (tf_episode_config { n_particles: usize::MAX, ..good }, config, "episode.engine.n_particles"),
+            (tf_episode_config { n_draws: usize::MAX, ..good }, config, "episode.action.n_draws"),
+            (tf_episode_config { contact_threshold: f32::NAN, ..good }, config, "episode.action.contact_threshold"),
+            (tf_episode_config { contact_threshold: 1.5, ..good }, config, "episode.action.contact_threshold"),
+            (tf_episode_config { max_touches: usize::MAX, ..good }, config, "episode.max_touches"),
+            (tf_episode_config { subdivisions: 5, ..good }, config, "episode.subdivisions"),
         ] {
             assert_eq!(refused(wrong), (status, name.to_owned()));
         }

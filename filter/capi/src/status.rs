@@ -6,6 +6,7 @@ use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use tactile_data::FrameFault;
+use tactile_data::number::short_numbers;
 use tactile_filter::Error;
 use tactile_filter::runner::{Fault, SubmitError};
 
@@ -76,7 +77,7 @@ pub(crate) struct Failure {
 
 impl Failure {
     pub fn new(status: tf_status, message: impl Into<String>) -> Self {
-        Self { status, message: message.into() }
+        Self { status, message: short_numbers(&message.into()) }
     }
 
     /// A size, length, index or text that makes no sense.

@@ -83,6 +83,8 @@ pub const TF_ROUND: usize = 360;
 pub const TF_WARNING_LOW_SIMILARITY: u32 = 1;
 /// Bit of tf_estimate.warnings: every touch was blank, no edge was ever seen.
 pub const TF_WARNING_NOTHING_SEEN: u32 = 2;
+/// Bit of tf_estimate.warnings: the bank is made for the other side than the one that is touched.
+pub const TF_WARNING_OTHER_SIDE: u32 = 4;
 
 /// What is known after the touches so far.
 #[repr(C)]
@@ -155,6 +157,7 @@ impl tf_estimate {
         let warnings = estimate.warnings.iter().map(|warning| match warning {
             Warning::LowSimilarity { .. } => TF_WARNING_LOW_SIMILARITY,
             Warning::NothingSeen => TF_WARNING_NOTHING_SEEN,
+            Warning::OtherSide { .. } => TF_WARNING_OTHER_SIDE,
         });
         Ok(Self {
             part,

@@ -558,6 +558,39 @@ fn a_saved_episode_that_asks_for_all_memory_is_refused() {
     assert_eq!(restore(b""), tf_status::Argument);
 }
 
+#[test]
+fn settings_that_take_all_time_or_memory_are_refused_with_their_limits() {
+    let world = world();
+    let last = || unsafe { std::ffi::CStr::from_ptr(tf_last_error()) }.to_str().unwrap().to_owned();
+    let good = world.config;
+    let particle = tf_episode_config { engine: tf_engine::Particle as u32, ..good };
+    for (config, expected) in [
+        (tf_episode_config { contact_threshold: 1.5, ..good }, "episode.action.contact_threshold: expected 0..=1"),
+        (tf_episode_config { contact_threshold: -0.1, ..good }, "episode.action.contact_threshold: expected 0..=1"),
+        (tf_episode_config { contact_threshold: f32::NAN, ..good }, "episode.action.contact_threshold: expected 0..=1"),
+        (tf_episode_config { max_touches: 1_001, ..good }, "episode.max_touches: expected 1 to 1000, got 1001"),
+        (tf_episode_config { subdivisions: 5, ..good }, "episode.subdivisions: expected 1 to 4, got 5"),
+        (tf_episode_config { n_draws: 1_000_000, ..good }, "episode.action.n_draws: expected 1 to 100000"),
+        (tf_episode_config { n_suppositions: 1_000_000, ..good }, "episode.action.n_suppositions: expected 1 to 10000"),
+        (tf_episode_config { n_draws: 100_000, n_suppositions: 1_000, ..good }, "episode.action.n_draws, n_supp"),
+        (tf_episode_config { n_moves: 1_000, ..particle }, "episode.engine.n_particles, n_moves: expected at most 1e6"),
+        (
+            tf_episode_config { temperature: -1e300, ..good },
+            "likelihood.temperature: expected a positive number, got -1e300",
+        ),
+    ] {
+        let mut episode = null_mut();
+        let status = unsafe { tf_episode_begin(&config, world.bank, world.touches[0], &mut episode) };
+        assert_eq!((status, episode.is_null()), (tf_status::Config, true), "{expected}");
+        assert!(last().starts_with(expected), "{}", last());
+    }
+    let episode = world.episode();
+    let far = tf_pose { x_mm: 1e300, y_mm: -1e-300, theta_rad: 0.0 };
+    assert_eq!(unsafe { tf_episode_observe(episode, far, world.touches[0]) }, tf_status::Motion);
+    assert!(last().ends_with("got x 1e300 mm, y -1e-300 mm, theta 0 rad"), "{}", last());
+    unsafe { tf_episode_free(episode) };
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 

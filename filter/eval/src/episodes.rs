@@ -66,6 +66,9 @@ pub struct Setup {
     /// Whether the holes were recorded; else they were simulated.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub recorded: bool,
+    /// The parts that were recorded, where these are some of the bank's only.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub recorded_parts: Vec<String>,
     /// Which side was touched.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
     pub side: Side,
@@ -220,6 +223,7 @@ impl Episodes {
             distinct_first_views: self.origins().distinct_first_views(),
             absent: setup.absent,
             recorded: setup.recorded,
+            recorded_parts: setup.recorded_parts.clone(),
             side: setup.side,
             views: setup.views,
             model: setup.model.clone(),
@@ -265,6 +269,7 @@ mod tests {
                 poses: Poses::OnGrid,
                 absent: false,
                 recorded: false,
+                recorded_parts: Vec::new(),
                 side: Side::Hole,
                 views: Views::Pegs,
                 choose_ms: None,

@@ -1,6 +1,8 @@
 //! Whether a bank fits what it is used for.
 
 use tactile_data::scene::Scene;
+use tactile_data::store::Dataset;
+use tactile_data::touch::{Side, Touch};
 use tactile_filter::interpolation::Interpolation;
 use tactile_infer::Bank;
 
@@ -34,16 +36,35 @@ pub fn check_bank(bank: &Bank, scene: &Scene, other_sensor: bool) -> Result<()> 
 /// A warning where touches are not where a bank can be compared with them: recorded ones that are said to lie at its
 /// poses and do not, or any between poses that are too far from each other to be interpolated.
 pub fn warn_of_poses(holes: Holes<'_>, bank: &Bank, poses: Poses) -> Option<String> {
-    let grid = bank.grid();
     match (poses, holes) {
         (Poses::OnGrid, Holes::Recorded(recorded)) => recorded.between_poses_of(bank),
-        (Poses::OffGrid, _) if !Interpolation::Auto.is_cubic(grid) => Some(format!(
+        (Poses::OffGrid, _) => too_coarse(bank),
+        _ => None,
+    }
+}
+
+/// A warning where touches are played back that are not known to lie at a bank's poses, which are too far from each other to
+/// be interpolated. Most of such touches match no view well: nothing is then sure, and most are taken for none of the parts.
+pub fn warn_of_played(dataset: &Dataset, side: Side, bank: &Bank) -> Option<String> {
+    let is_at_a_view = |touch: &Touch| match (&touch.part, &touch.part_from_sensor) {
+        // A part that the bank lacks matches no view anyway.
+        (Some(part), Some(pose)) => !bank.parts().contains(part) || bank.row_at(part, pose).is_some(),
+        _ => false,
+    };
+    let mut played = dataset.touches().iter().filter(|touch| touch.side.is_none_or(|of| of == side));
+    too_coarse(bank).filter(|_| !played.all(is_at_a_view))
+}
+
+/// Why touches anywhere do not suit a bank; `None` where they do.
+pub fn too_coarse(bank: &Bank) -> Option<String> {
+    let grid = bank.grid();
+    (!Interpolation::Auto.is_cubic(grid)).then(|| {
+        format!(
             "touches lie anywhere, but the bank's poses are {} mm and {} degrees apart, too far to interpolate: expect \
              errors; record it every 2 mm and 15 degrees",
             grid.xy_step_mm, grid.theta_step_deg
-        )),
-        _ => None,
-    }
+        )
+    })
 }
 
 #[cfg(test)]
@@ -51,7 +72,6 @@ mod tests {
     use super::*;
     use tactile_data::grid::PoseGrid;
     use tactile_data::simulator::Simulator;
-    use tactile_data::touch::Side;
     use tactile_infer::rows::Rows;
 
     fn bank(scene: &Scene, grid: PoseGrid) -> Bank {
@@ -91,5 +111,39 @@ mod tests {
         assert!(warning(PoseGrid::SMALL, Poses::OnGrid).is_none());
         let fine = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 15.0, theta_step_deg: 15.0 };
         assert!(warning(fine, Poses::OffGrid).is_none());
+    }
+
+    #[test]
+    fn played_touches_between_coarse_poses_are_warned_of() {
+        use tactile_data::frame::Frame;
+        use tactile_data::se2::Se2;
+        use tactile_data::store::{DatasetWriter, Meta};
+
+        let small = Scene::preset("alphabet-small").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let dataset = |name: &str, pose: Option<Se2>| {
+            let frame = Frame::new(4, 2, (0..24).collect()).unwrap();
+            let path = folder.path().join(name);
+            let mut writer =
+                DatasetWriter::create(&path, Meta::new(name, "a test", [4, 2], [4.65, 7.15]), &frame).unwrap();
+            let touch = |side, pose| Touch {
+                part: Some("A".into()),
+                side: Some(side),
+                part_from_sensor: pose,
+                ..Touch::default()
+            };
+            writer.push(&frame, &touch(Side::Peg, pose)).unwrap();
+            // The other side does not count.
+            writer.push(&frame, &touch(Side::Hole, Some(Se2::new(1.0, 1.0, 0.0)))).unwrap();
+            writer.finish().unwrap();
+            Dataset::open(&path).unwrap()
+        };
+        let coarse = bank(&small, PoseGrid { xy_half_mm: 4.0, theta_half_deg: 30.0, ..PoseGrid::SMALL });
+        let warned = |name, pose| warn_of_played(&dataset(name, pose), Side::Peg, &coarse).is_some();
+        assert!(!warned("at", Some(Se2::IDENTITY)));
+        assert!(warned("between", Some(Se2::new(2.0, 2.0, 0.0))) && warned("unknown", None));
+        let fine = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 15.0, theta_step_deg: 15.0 };
+        let unknown = Dataset::open(folder.path().join("unknown")).unwrap();
+        assert!(warn_of_played(&unknown, Side::Peg, &bank(&small, fine)).is_none());
     }
 }

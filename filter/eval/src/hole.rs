@@ -34,7 +34,8 @@ impl<'a> Hole<'a> {
         // A dataset's frames are drawn from small streams of its seed; an episode's from these.
         let (seed, stream) = (seed ^ 0x686f_6c65, (episode as u64 + 1) << 20);
         let mut rng = frame_rng(seed, stream);
-        let part = rng.random_range(0..holes.parts().len());
+        let touched = holes.touched();
+        let part = touched[rng.random_range(0..touched.len())];
         let (first_view, first) = match (holes, poses) {
             (Holes::Recorded(recorded), _) => {
                 let frames = recorded.frames(part);

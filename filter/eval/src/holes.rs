@@ -9,7 +9,7 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_data::symmetry::Symmetry;
-use tactile_data::touch::Side;
+use tactile_data::touch::{Side, instead_of};
 use tactile_filter::Sensor;
 use tactile_infer::{Bank, Model};
 
@@ -50,20 +50,21 @@ pub struct RecordedHoles {
     side: Side,
     /// The bank's parts.
     parts: Vec<String>,
-    /// The frames of each part's hole.
+    /// The frames of each part's hole; none of a part that was not recorded.
     frames: Vec<Vec<usize>>,
+    /// The parts of which there are some.
+    touched: Vec<usize>,
     /// The turns after which each part looks the same, as the bank has it.
     symmetries: Vec<Symmetry>,
     notes: Vec<String>,
 }
 
 impl RecordedHoles {
-    /// The touches of one side of a dataset whose poses are known, for the parts of a bank. An `Arc` lets several banks
-    /// share the dataset.
+    /// The touches of one side of a dataset whose poses are known, for all or some of the parts of a bank. An `Arc` lets several
+    /// banks share the dataset.
     ///
     /// # Errors
-    /// A dataset of another scale than the bank's, no such touch, a part of the bank without any, or touches of other
-    /// parts.
+    /// A dataset of another scale than the bank's, no such touch, or touches of other parts.
     pub fn new(dataset: impl Into<Arc<Dataset>>, side: Side, bank: &Bank, other_sensor: bool) -> Result<Self> {
         let dataset = dataset.into();
         let name = dataset.meta().name.clone();
@@ -82,16 +83,29 @@ impl RecordedHoles {
             };
             frames[part].push(frame);
         }
-        if let Some(part) = frames.iter().position(Vec::is_empty) {
-            let expected = format!("touches of the {side} of {}, with their poses", parts[part]);
-            return Err(Error::invalid(name, expected, "none"));
+        let touched: Vec<usize> = (0..parts.len()).filter(|part| !frames[*part].is_empty()).collect();
+        if touched.is_empty() {
+            let got = match n_unknown {
+                0 if side.is_hole() => instead_of(side, dataset.touches(), "--side peg names them"),
+                0 => instead_of(side, dataset.touches(), "--side hole names them"),
+                n => format!("{n} of which part or pose is not known"),
+            };
+            return Err(Error::invalid(name, format!("touches of {side}s with their parts and poses"), got));
         }
         let mut notes = Vec::new();
+        if touched.len() < parts.len() {
+            let recorded: Vec<&str> = touched.iter().map(|part| parts[*part].as_str()).collect();
+            let (n, of) = (touched.len(), parts.len());
+            notes.push(format!(
+                "{n} of the bank's {of} parts were recorded, and only they are touched: {}",
+                recorded.join(" ")
+            ));
+        }
         if n_unknown > 0 {
             notes.push(format!("{n_unknown} touches of {side}s are not used: part or pose is not known"));
         }
         let symmetries = (0..parts.len()).map(|part| bank.symmetry(part)).collect();
-        Ok(Self { dataset, side, parts, frames, symmetries, notes })
+        Ok(Self { dataset, side, parts, frames, touched, symmetries, notes })
     }
 
     /// The recording.
@@ -104,7 +118,12 @@ impl RecordedHoles {
         self.dataset.meta().lamps.as_ref()
     }
 
-    /// What of it is not used, a line each.
+    /// The parts of the bank that were recorded, by their names.
+    fn recorded_parts(&self) -> Vec<String> {
+        self.touched.iter().map(|part| self.parts[*part].clone()).collect()
+    }
+
+    /// What of it is not used and which parts were not recorded, a line each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -156,11 +175,27 @@ impl<'a> Holes<'a> {
         }
     }
 
-    /// The parts whose holes they are.
+    /// The parts whose holes they are; of a recording those of the bank.
     pub fn parts(&self) -> &'a [String] {
         match self {
             Self::Simulated(simulator, _) => simulator.parts(),
             Self::Recorded(recorded) => &recorded.parts,
+        }
+    }
+
+    /// The parts whose holes can be touched, by their numbers: all, or of a recording those that it has.
+    pub fn touched(&self) -> Vec<usize> {
+        match self {
+            Self::Simulated(simulator, _) => (0..simulator.parts().len()).collect(),
+            Self::Recorded(recorded) => recorded.touched.clone(),
+        }
+    }
+
+    /// The names of those, where there are others in the bank; else none.
+    pub fn some_parts(&self) -> Vec<String> {
+        match self {
+            Self::Recorded(recorded) if recorded.touched.len() < recorded.parts.len() => recorded.recorded_parts(),
+            _ => Vec::new(),
         }
     }
 
@@ -221,5 +256,67 @@ impl<'a> Holes<'a> {
             }
             Self::Recorded(_) => Ok(Vec::new()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hole::Hole;
+    use crate::result::Poses;
+    use std::path::Path;
+    use tactile_data::store::{DatasetWriter, Meta};
+    use tactile_data::touch::Touch;
+    use tactile_infer::rows::Rows;
+
+    const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
+
+    /// Touches of one side of some parts at each pose.
+    fn dataset(at: &Path, side: Side, parts: &[&str]) -> Dataset {
+        let frame = Frame::new(4, 2, (0..24).collect()).unwrap();
+        let meta = Meta::new("some", "a test", [4, 2], [4.65, 7.15]);
+        let mut writer = DatasetWriter::create(at, meta, &frame).unwrap();
+        for part in parts {
+            for cell in 0..GRID.len() {
+                let (part, pose) = (Some((*part).to_owned()), Some(GRID.pose(cell)));
+                let touch = Touch { part, side: Some(side), part_from_sensor: pose, ..Touch::default() };
+                writer.push(&frame, &touch).unwrap();
+            }
+        }
+        writer.finish().unwrap();
+        Dataset::open(at).unwrap()
+    }
+
+    fn bank(parts: &[&str]) -> Bank {
+        let n_rows = parts.len() * GRID.len();
+        let rows = Rows::new(2, [1.0, 0.0].repeat(n_rows)).unwrap();
+        let parts = parts.iter().map(|part| (*part).to_owned()).collect();
+        Bank::from_rows(parts, GRID, rows, vec![0.5; n_rows], "").unwrap()
+    }
+
+    #[test]
+    fn a_recording_of_some_of_the_parts_is_touched_there_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let bank = bank(&["A", "B", "C", "D"]);
+        let some = dataset(&folder.path().join("some"), Side::Hole, &["D", "B"]);
+        let some = RecordedHoles::new(some, Side::Hole, &bank, false).unwrap();
+        assert_eq!(some.notes(), ["2 of the bank's 4 parts were recorded, and only they are touched: B D"]);
+        let holes = Holes::Recorded(&some);
+        assert_eq!((holes.parts(), holes.some_parts()), (bank.parts(), vec!["B".to_owned(), "D".to_owned()]));
+        let parts: Vec<usize> =
+            (0..40).map(|episode| Hole::new(holes, &GRID, Poses::OnGrid, 3, episode).part_index()).collect();
+        assert!(parts.iter().all(|part| [1, 3].contains(part)) && parts.contains(&1) && parts.contains(&3));
+        let all = dataset(&folder.path().join("all"), Side::Hole, &["A", "B", "C", "D"]);
+        let all = RecordedHoles::new(all, Side::Hole, &bank, false).unwrap();
+        assert!(all.notes().is_empty() && Holes::Recorded(&all).some_parts().is_empty());
+    }
+
+    #[test]
+    fn touches_of_the_other_side_are_refused_with_the_flag_that_takes_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let pegs = dataset(&folder.path().join("pegs"), Side::Peg, &["A"]);
+        let refused = RecordedHoles::new(pegs, Side::Hole, &bank(&["A", "B"]), false).unwrap_err().to_string();
+        let expected = "some: expected touches of holes with their parts and poses, got 9 touches of pegs (--side peg";
+        assert!(refused.starts_with(expected), "{refused}");
     }
 }

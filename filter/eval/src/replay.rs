@@ -6,11 +6,11 @@ use serde::Serialize;
 use tactile_data::contact;
 use tactile_data::se2::Se2;
 use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, Touch};
+use tactile_data::touch::{Side, Touch, instead_of};
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
-use tactile_filter::{Episode, EpisodeConfig, RunnerUp, Sensor, StopReason};
+use tactile_filter::{Episode, EpisodeConfig, RunnerUp, Sensor, StopReason, Warning};
 
 /// One touch of a recording: the frame to look at, and the motion since the touch before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,7 @@ pub struct Replayed {
     /// The part that was touched, where the recording says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<String>,
-    /// Whether the filter would act on this: confident, and nothing to doubt it.
+    /// Whether the filter would act on this: confident, and nothing in the touches to doubt it.
     pub confident: bool,
     /// Why the filter stopped; left out where the recording ended first.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -55,6 +55,9 @@ pub struct Replayed {
 /// A frame with `moved` continues the episode. Frames of one part and one named episode, whose poses are known, follow
 /// each other by the motion between them. Frames of which neither is known are a film: each run of frames with
 /// contact is one touch, its most edged frame, and an episode of its own. Touches of the other side are passed over.
+///
+/// # Errors
+/// Touches of the other side alone, and frames of a film that cannot be used.
 pub fn episodes(dataset: &Dataset, side: Side) -> Result<Vec<Vec<Played>>> {
     let is_film = |touch: &Touch| touch.moved.is_none() && touch.part_from_sensor.is_none();
     let contacts = if dataset.touches().iter().any(is_film) { contact::measure(dataset)? } else { Vec::new() };
@@ -83,6 +86,11 @@ pub fn episodes(dataset: &Dataset, side: Side) -> Result<Vec<Vec<Played>>> {
         }
     }
     episodes.extend(film.take().map(|(frame, _)| vec![Played { frame, moved: None }]));
+    if dataset.touches().iter().all(|touch| touch.side.is_some_and(|of| of != side)) {
+        let other = if side.is_hole() { "--side peg plays them" } else { "--side hole plays them" };
+        let got = instead_of(side, dataset.touches(), other);
+        return Err(Error::invalid(dataset.meta().name.clone(), format!("touches of {side}s"), got));
+    }
     Ok(episodes)
 }
 
@@ -125,7 +133,7 @@ pub fn play(
     let is_named = |other: &RunnerUp| RunnerUp::is_named(known, other.probability);
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
-        confident: known == Some(StopReason::Confident) && estimate.warnings.is_empty(),
+        confident: known == Some(StopReason::Confident) && !estimate.warnings.iter().any(Warning::is_of_touches),
         or: estimate.runner_up.filter(is_named).map(|other| (other.part, other.probability)),
         stop: episode.stop_reason(),
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),

@@ -37,6 +37,9 @@ pub struct Evaluation {
     /// Whether the holes were recorded; else they were simulated.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub recorded: bool,
+    /// The parts that were recorded, where these are some of the bank's only.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub recorded_parts: Vec<String>,
     /// Which side was touched: with `peg` the pegs were named, in all that is said of holes.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
     pub side: Side,

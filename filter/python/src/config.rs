@@ -3,6 +3,7 @@
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
+use tactile_data::number::short_numbers;
 use tactile_filter::EpisodeConfig;
 
 use crate::error::{ConfigError, InternalError};
@@ -81,7 +82,7 @@ fn changed(config: &EpisodeConfig, settings: Option<&Bound<'_, PyDict>>) -> PyRe
 }
 
 fn refused_error(Refused { setting, expected, got }: &Refused) -> PyErr {
-    ConfigError::new_err(format!("{setting}: expected {expected}, got {got}"))
+    ConfigError::new_err(format!("{setting}: expected {expected}, got {}", short_numbers(got)))
 }
 
 /// A value of Python as JSON has it.

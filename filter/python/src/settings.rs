@@ -168,7 +168,7 @@ mod tests {
         let refused = |setting: &str, value: Value| set(&[(setting, value)]).unwrap_err();
         let not_negative = refused("max_touches", json!(-1));
         assert_eq!((not_negative.expected.as_str(), not_negative.got.as_str()), ("a whole number, not negative", "-1"));
-        assert_eq!(refused("max_touches", json!(0)).expected, "at least 1");
+        assert_eq!(refused("max_touches", json!(0)).expected, "1 to 1000");
         assert_eq!(refused("temperature", json!("hot")).expected, "a number");
         assert_eq!(refused("between_poses", json!(3)).expected, "True or False");
         assert!(refused("rule", json!("luck")).expected.contains("information"));

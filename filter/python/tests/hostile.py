@@ -137,7 +137,7 @@ def motions(episode, observation, other):
 
 def settings(model):
     for name, value, words in [
-        ("max_touches", -1, "whole number, not negative -1"), ("max_touches", 0, "at least 1 0"),
+        ("max_touches", -1, "whole number, not negative -1"), ("max_touches", 0, "1 to 1000 0"),
         ("max_touches", 2.5, "whole number 2.5"), ("max_touches", 2**64, "whole number"), ("seed", "one", "whole number one"),
         ("stop_probability", 1.5, "0..=1 1.5"), ("stop_probability", np.nan, "finite nan"), ("seed", None, "whole number"),
         ("fit_margin", np.inf, "finite inf"), ("rule", "luck", "information luck"), ("rule", 3, ""), ("engine", "magic", "particle magic"),

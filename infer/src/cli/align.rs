@@ -29,7 +29,8 @@ pub struct AlignArgs {
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
     /// Note this offset instead: pose of the hole board in the peg board's frame, mm and degrees
-    #[arg(long, value_name = "X,Y,DEG", allow_hyphen_values = true, value_parser = pose)]
+    #[arg(long, value_name = "X,Y,DEG", allow_hyphen_values = true, value_parser = pose,
+          conflicts_with_all = ["holes", "json", "device"])]
     given: Option<Se2>,
     /// Find the offset and print it, but note nothing
     #[arg(long, conflicts_with = "given")]

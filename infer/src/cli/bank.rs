@@ -35,7 +35,7 @@ pub struct BankArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "scene", conflicts_with = "scene")]
     data: Option<PathBuf>,
     /// Simulate the touches of a scene instead, and keep no dataset of them
-    #[arg(long, value_name = "PRESET|FILE.toml")]
+    #[arg(long, value_name = "PRESET|FILE.toml", conflicts_with_all = ["tolerance_mm", "tolerance_deg"])]
     scene: Option<String>,
     /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
     #[arg(long, value_name = "FILE.toml", requires = "scene", conflicts_with = "data")]
@@ -66,7 +66,7 @@ pub struct BankArgs {
     )]
     auto_steps: bool,
     /// With --scene: draws jitter and noise
-    #[arg(long, default_value_t = 1, help_heading = "Poses")]
+    #[arg(long, default_value_t = 1, requires = "scene", conflicts_with = "data", help_heading = "Poses")]
     seed: u64,
 }
 
@@ -252,11 +252,17 @@ mod tests {
             let line = ["bank", "--model", "m", "--out", "b"].iter().chain(more);
             BankArgs::augment_args(clap::Command::new("bank")).try_get_matches_from(line).is_ok()
         };
-        for option in [["--learn-from", "both"], ["--views", "pegs"], ["--calibration", "sensor.toml"]] {
+        for option in [["--learn-from", "both"], ["--views", "pegs"], ["--calibration", "sensor.toml"], ["--seed", "2"]]
+        {
             assert!(parse(&[&["--scene", "maze"][..], &option].concat()), "{option:?}");
             assert!(!parse(&[&["--data", "pegs"][..], &option].concat()), "{option:?}");
         }
         assert!(parse(&["--data", "pegs"]));
+        // A scene's touches lie on its grid.
+        for option in [["--tolerance-mm", "0.2"], ["--tolerance-deg", "1"]] {
+            assert!(parse(&[&["--data", "pegs"][..], &option].concat()), "{option:?}");
+            assert!(!parse(&[&["--scene", "maze"][..], &option].concat()), "{option:?}");
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 use tactile_data::store::{Dataset, FILES};
-use tactile_data::touch::Side;
+use tactile_data::touch::{Side, instead_of};
 use tactile_data::{output, program};
 use tactile_infer::bank::Bank;
 use tactile_infer::calibrate::{Calibrated, Choice, Gain, Judgement, PRIOR_TOUCHES, Touches, calibrate};
@@ -133,7 +133,9 @@ impl CalibrateArgs {
             let touches = Touches::new(model, bank, &holes, choice)?;
             if touches.is_empty() {
                 let expected = format!("{}s that show an edge within the bank's poses", self.side);
-                return Err(Error::invalid(path.display().to_string(), expected, "none"));
+                let other = if self.side.is_hole() { "--side peg calibrates with them" } else { "--side hole does" };
+                let got = instead_of(self.side, holes.touches(), other);
+                return Err(Error::invalid(path.display().to_string(), expected, got));
             }
             found = Some(match found {
                 Some(others) => others.and(touches)?,

@@ -40,7 +40,8 @@ pub fn decision(workspace: &Workspace, args: &DecisionArgs) -> Result<()> {
     println!("{:28} {:>14} {:>14} {:>14} {:>14}", "ms, half / 99 of 100", "encode", "update", "choose", "decision");
     for (name, scene, states) in BOARDS {
         let anywhere = states.map_or(String::new(), |states| format!("--poses off-grid --subdivisions {states}"));
-        let found = bench.evaluate(scene, &bench.bank(scene, states.is_some())?, &anywhere)?;
+        let way = format!("--engines exact --actions information {anywhere}");
+        let found = bench.evaluate(scene, &bench.bank(scene, states.is_some())?, &way)?;
         let cell = |stage| {
             let [half, most] = quantiles(&found, stage)?;
             Ok(format!("{:>14}", format!("{half:6.2} / {most:5.2}")))
@@ -76,8 +77,7 @@ impl Decisions<'_> {
     fn evaluate(&self, scene: &str, bank: &str, more: &str) -> Result<Value> {
         let filter = self.workspace.program("tactile-filter").words("evaluate --model");
         let filter = filter.arg(self.workspace.shipped_model()).words(format!(
-            "--scene {scene} --bank {bank} --episodes {} --engines exact --actions information --stories 0 \
-             --out evaluation {more}",
+            "--scene {scene} --bank {bank} --episodes {} --stories 0 --out evaluation {more}",
             self.episodes
         ));
         filter.variable("RAYON_NUM_THREADS", "1").output(&self.out)?;

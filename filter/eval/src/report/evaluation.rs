@@ -78,7 +78,12 @@ fn top(evaluation: &Evaluation, paper: &PaperNumbers) -> Markup {
             p.caution {
                 b { "The touches are recorded:" } " the filter chooses the next among those that the recording holds, each at most once, "
                 "and is told the motion between their stated poses. How good these poses are, and what was recorded by which sensor, "
-                "is not known here. " (cover(evaluation))
+                "is not known here. "
+                @if !evaluation.recorded_parts.is_empty() {
+                    "Recorded, and touched, are " (evaluation.recorded_parts.len()) " parts of the bank: "
+                    (evaluation.recorded_parts.join(", ")) ". "
+                }
+                (cover(evaluation))
             }
         } @else { p.caution {
             b { "All of it is simulated:" } " the boards, the robot, each touch. What was compared with reality is the sensor’s "

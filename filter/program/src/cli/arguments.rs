@@ -37,6 +37,11 @@ pub struct Inputs {
     /// Where the network is computed: the CPU, an older CPU backend that is much slower, or a graphics card
     #[arg(long, value_name = "DEVICE", default_value_t, value_parser = device(), help_heading = "Machine")]
     pub device: DeviceKind,
+}
+
+/// Whether another sensor than the bank's may touch.
+#[derive(Args)]
+pub struct SensorArgs {
     /// Allow a scene whose sensor has other lamps or another scale than the one the bank was made with
     #[arg(long, help_heading = "Machine")]
     pub other_sensor: bool,
@@ -124,6 +129,13 @@ pub struct SideArgs {
 pub fn warn_of_light(bank: &Bank, lamps: Option<&Lamps>) {
     if let Some(why) = bank.other_light(lamps) {
         program::warning(why);
+    }
+}
+
+/// Says where a bank is made for the other side than the one that is touched.
+pub fn warn_of_side(bank: &Bank, side: Side) {
+    if let Some(why) = bank.other_side(side) {
+        eprintln!("warning: {why}");
     }
 }
 

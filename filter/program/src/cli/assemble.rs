@@ -18,8 +18,8 @@ use tactile_filter::EpisodeConfig;
 use tactile_filter::action::ActionRule;
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{Engine, Inputs, Output, Seeds, command_line, positive, to_json, warn_of_poses};
-use super::tuning::Tuning;
+use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, command_line, positive, to_json, warn_of_poses};
+use super::tuning::{ChoiceTuning, Tuning};
 
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["report.html", "assembly.json"];
@@ -33,6 +33,8 @@ const FILES: [&str; 2] = ["report.html", "assembly.json"];
 pub struct Assemble {
     #[command(flatten)]
     inputs: Inputs,
+    #[command(flatten)]
+    sensor: SensorArgs,
     /// Scene whose holes are filled: the name of a preset, or a TOML file; its clearance_mm is the play of a peg
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
@@ -58,6 +60,8 @@ pub struct Assemble {
     strangers: bool,
     #[command(flatten)]
     tuning: Tuning,
+    #[command(flatten)]
+    choice: ChoiceTuning,
 }
 
 impl Assemble {
@@ -71,7 +75,7 @@ impl Assemble {
         let task = self.task(&simulator)?;
         let workcell = Workcell::new(&simulator, &sensor, &bank, &config, &task)?;
         let _locks = self.output.prepare(FILES[0], FILES[1], &self.inputs.files(&self.scene))?;
-        check_bank(&bank, simulator.scene(), self.inputs.other_sensor)?;
+        check_bank(&bank, simulator.scene(), self.sensor.other_sensor)?;
         warn_of_poses(holes, &bank, Poses::OffGrid);
 
         let trials = workcell.run(&reporter("trials"))?;
@@ -98,7 +102,8 @@ impl Assemble {
     }
 
     fn config(&self, simulator: &Simulator, model: &Arc<Model>, bank: &Bank) -> Result<EpisodeConfig> {
-        let mut config = self.tuning.config(Engine::Exact, ActionRule::Information, model, Side::Hole)?;
+        let of_touches = self.tuning.config(Engine::Exact, model, Side::Hole)?;
+        let mut config = self.choice.applied_to(of_touches, ActionRule::Information)?;
         if !self.strangers {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             config.none_touches = config.max_touches + 1;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use tactile_data::bounded_file::{self, Kind};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
@@ -19,30 +19,31 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 
 use super::arguments::positive;
+use super::tuning::refuse_given;
 
 /// Seconds to find how fast this machine is.
 const CALIBRATION_S: f64 = 10.0;
 
 /// What there is to spend.
 #[derive(Args)]
-#[command(next_help_heading = "Budget")]
+#[command(next_help_heading = "Budget", group = ArgGroup::new("spent").multiple(true))]
 pub struct BudgetArgs {
     /// Choose the settings with which most episodes end sure and right within --max-touches and whose decisions take at
     /// most this (median, one core), ms. Ten seconds go into finding how fast this machine is
-    #[arg(long, value_name = "MS", value_parser = positive)]
+    #[arg(long, value_name = "MS", value_parser = positive, group = "spent")]
     budget_ms: Option<f64>,
     /// Choose the settings with which most episodes end sure and right and that take at most this much memory, 10^6 bytes
-    #[arg(long, value_name = "MB", value_parser = positive)]
+    #[arg(long, value_name = "MB", value_parser = positive, group = "spent")]
     budget_mb: Option<f64>,
     /// Stop after this many touches [default: 10]
     #[arg(long, value_name = "N")]
     max_touches: Option<usize>,
-    /// What tactile-filter tradeoff measured [default: the model's file with the ending .frontier.json]
-    #[arg(long, value_name = "FILE")]
+    /// With a budget: what tactile-filter tradeoff measured [default: the model's file with the ending .frontier.json]
+    #[arg(long, value_name = "FILE", requires = "spent")]
     frontier: Option<PathBuf>,
-    /// The sensor is rough or pressed unevenly, so that a touch says little: choose by what was measured with such a one
+    /// With a budget: the sensor is rough or pressed unevenly, so that a touch says little: choose by what was measured with such a one
     /// (the model's file with the ending .rough.frontier.json)
-    #[arg(long, conflicts_with = "frontier")]
+    #[arg(long, conflicts_with = "frontier", requires = "spent")]
     rough_sensor: bool,
 }
 
@@ -66,6 +67,11 @@ impl BudgetArgs {
     /// Whether settings are to be chosen.
     pub fn is_given(&self) -> bool {
         self.budget_ms.is_some() || self.budget_mb.is_some()
+    }
+
+    /// Refuses flags that a budget chooses itself.
+    pub fn check_chosen(&self, flags: &[(&str, bool)]) -> Result<()> {
+        if self.is_given() { refuse_given(flags, "no budget, which chooses it", "one") } else { Ok(()) }
     }
 
     /// A config with this budget's limit on touches.

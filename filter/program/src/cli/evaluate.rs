@@ -31,12 +31,17 @@ use tactile_infer::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
 use super::arguments::{
-    Engine, Inputs, Output, Seeds, SideArgs, check_episodes, command_line, poses, positive, rule, to_json,
-    warn_of_calibration, warn_of_light, warn_of_poses,
+    Engine, Inputs, Output, Seeds, SensorArgs, SideArgs, check_episodes, command_line, poses, positive, rule, to_json,
+    warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side,
 };
 use super::budget::{BudgetArgs, Task};
 use super::table;
-use super::tuning::Tuning;
+use super::tuning::{ChoiceTuning, ParticleTuning, Tuning};
+
+/// Episodes that a report shows where nothing is said.
+const N_STORIES: usize = 6;
+
+mod flags;
 
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["report.html", "evaluation.json"];
@@ -54,6 +59,8 @@ const FILES: [&str; 2] = ["report.html", "evaluation.json"];
 pub struct Evaluate {
     #[command(flatten)]
     inputs: Inputs,
+    #[command(flatten)]
+    other: SensorArgs,
     /// Scene whose holes are simulated: the name of a preset, or a TOML file
     #[arg(long, value_name = "PRESET|FILE.toml", required_unless_present = "holes", conflicts_with = "holes")]
     scene: Option<String>,
@@ -92,19 +99,20 @@ pub struct Evaluate {
     /// With --absent: the scene that the bank was made of [default: that of --scene]
     #[arg(long, value_name = "PRESET|FILE.toml", requires = "absent", help_heading = "Episodes")]
     bank_scene: Option<String>,
-    /// How states are inferred
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "exact,paper", help_heading = "Methods")]
+    /// How states are inferred [default: exact,paper]
+    #[arg(long, value_enum, value_delimiter = ',', help_heading = "Methods")]
     engines: Vec<Engine>,
-    /// How the next touch is chosen; stopping and times are reported for the first
-    #[arg(long, value_name = "ACTIONS", value_parser = rule(), value_delimiter = ',',
-          default_value = "information,paper,random", help_heading = "Methods")]
+    /// How the next touch is chosen; stopping and times are reported for the first. The engine paper brings its own
+    /// [default: information,paper,random]
+    #[arg(long, value_name = "ACTIONS", value_parser = rule(), value_delimiter = ',', help_heading = "Methods")]
     actions: Vec<ActionRule>,
     /// Dataset of the bank's pegs: adds the nearest neighbour by pixels, among all parts
     #[arg(long, value_name = "DIR", conflicts_with = "absent", help_heading = "Methods")]
     pegs: Option<PathBuf>,
-    /// Episodes that the report shows touch by touch: half of them the first, half the wrong and the longest
-    #[arg(long, value_name = "N", default_value_t = 6, help_heading = "Report")]
-    stories: usize,
+    /// Episodes that the report shows touch by touch: half of them the first, half the wrong and the longest [default: 6;
+    /// none with --shard, --absent or --classes]
+    #[arg(long, value_name = "N", help_heading = "Report")]
+    stories: Option<usize>,
     #[command(flatten)]
     budget: BudgetArgs,
     /// Time for each choice of a touch, ms: the best found by then is taken [default: no limit]
@@ -112,10 +120,14 @@ pub struct Evaluate {
     choose_ms: Option<f64>,
     /// Run one part of the episodes into a file of its own: I/N with I from 1, or env, which reads the array
     /// index of Slurm or Kubernetes; tactile-filter merge makes one evaluation of all N
-    #[arg(long, value_name = "I/N|env", help_heading = "Machine")]
+    #[arg(long, value_name = "I/N|env", help_heading = "Machine", conflicts_with = "json")]
     shard: Option<Shard>,
     #[command(flatten)]
     tuning: Tuning,
+    #[command(flatten)]
+    choice: ChoiceTuning,
+    #[command(flatten)]
+    particles: ParticleTuning,
 }
 
 /// All that the episodes depend on.
@@ -135,7 +147,8 @@ struct Subject {
 impl Evaluate {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let n_ways = self.engines.len() * self.actions.len() + 2;
+        self.check_flags()?;
+        let n_ways = self.engines().len() * self.actions().len() + 2;
         check_episodes(self.episodes, self.touches, n_ways)?;
         let subject = self.subject()?;
         if let Some(shard) = self.shard {
@@ -145,8 +158,7 @@ impl Evaluate {
         let Subject { banks, sensor, protocol, .. } = &subject;
         let holes = subject.touched.holes();
         let evaluation = Evaluation { promise: subject.promise.clone(), ..episodes.evaluation()? };
-        // An episode without its part has no truth to show, and one of a few parts no map of all.
-        let n_stories = if self.absent || self.classes.is_some() { 0 } else { self.stories };
+        let n_stories = if self.has_stories() { self.stories.unwrap_or(N_STORIES) } else { 0 };
         let first = &episodes.runs[0];
         let picks = pick(&first.outcomes, &first.config, n_stories);
         let run = Run { holes, sensor, banks, config: &first.config, protocol };
@@ -161,6 +173,7 @@ impl Evaluate {
         let touched = self.touched(&bank)?;
         let holes = touched.holes();
         warn_of_poses(holes, &bank, protocol.poses);
+        warn_of_side(&bank, self.which.side);
         protocol.validate(holes, &bank)?;
         let mut ways = self.ways(&model)?;
         let locks = self.prepare_output()?;
@@ -171,7 +184,7 @@ impl Evaluate {
             let reach = if between_poses { holes.reach(&bank) } else { *bank.grid() };
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, &no_contact);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
-            let base = self.tuning.config(Engine::Exact, ActionRule::Information, model, self.which.side)?;
+            let base = self.config(Engine::Exact, ActionRule::Information, model)?;
             let (kept, config, promised) = self.budget.choose(&task, &base)?;
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
@@ -217,11 +230,11 @@ impl Evaluate {
             // A touched peg is another print than the one that a bank holds by default.
             let print = if self.which.side.is_hole() { 1 } else { 2 };
             let simulator = Simulator::new(scene, print)?;
-            check_bank(bank, simulator.scene(), self.inputs.other_sensor)?;
+            check_bank(bank, simulator.scene(), self.other.other_sensor)?;
             return Ok(OwnedHoles::Simulated(Arc::new(simulator), self.which.side));
         }
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
-        let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.inputs.other_sensor)?;
+        let recorded = RecordedHoles::new(Dataset::open(path)?, self.which.side, bank, self.other.other_sensor)?;
         warn_of_light(bank, recorded.lamps());
         recorded.notes().iter().for_each(program::note);
         Ok(OwnedHoles::Recorded(Box::new(recorded)))
@@ -282,16 +295,22 @@ impl Evaluate {
         }
     }
 
+    /// The settings of an engine and a rule.
+    fn config(&self, engine: Engine, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
+        let of_touches = self.tuning.config(engine, model, self.which.side)?;
+        self.particles.applied_to(self.choice.applied_to(of_touches, rule)?)
+    }
+
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
     fn ways(&self, model: &Model) -> Result<Vec<(String, EpisodeConfig)>> {
-        let config = |engine, rule| self.budget.limited(self.tuning.config(engine, rule, model, self.which.side)?);
+        let config = |engine, rule| self.budget.limited(self.config(engine, rule, model)?);
         let mut ways = Vec::new();
-        for engine in &self.engines {
+        for engine in self.engines() {
             if *engine == Engine::Paper {
                 ways.push(("Alg. 1 as printed".into(), config(*engine, ActionRule::Paper)?));
                 continue;
             }
-            for rule in &self.actions {
+            for rule in self.actions() {
                 let name = format!("{engine:?}, {rule:?}").to_lowercase();
                 ways.push((name, config(*engine, *rule)?));
             }
@@ -342,6 +361,7 @@ impl Evaluate {
             poses: protocol.poses,
             absent: protocol.absent,
             recorded: holes.is_recorded(),
+            recorded_parts: holes.some_parts(),
             side: holes.side(),
             views: bank.views(),
             choose_ms: protocol.choose_ms,

@@ -79,4 +79,50 @@ mod tests {
         use clap::CommandFactory;
         Cli::command().debug_assert();
     }
+
+    /// What clap says of a command line; nothing where it takes it.
+    fn refusal(line: &str) -> Option<String> {
+        Cli::try_parse_from(line.split_whitespace()).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_flag_that_a_command_would_not_look_at_is_refused() {
+        let evaluate = "tactile-filter evaluate --model m --bank b --out o";
+        let replay = "tactile-filter replay --model m --bank b";
+        let assemble = "tactile-filter assemble --model m --bank b --scene s --out o";
+        let live = "tactile-filter live --model m --bank b";
+        for line in [
+            format!("{evaluate} --scene s --draws 8 --particles 9 --engines particle"),
+            format!("{replay} --data d --temperature 0.1 --subdivisions 1 --engine particle --particles 9 --side peg"),
+            format!("{replay} --log l --json --device flex"),
+            format!("{assemble} --draws 8 --temperature 0.1 --other-sensor"),
+            format!("{live} --simulate s --episodes 2 --seed 3 --rate-hz 9 --jpeg 90 --faults dropped=0.1"),
+            "tactile-filter robot --scene s --episodes 2 --jpeg 90".into(),
+            "tactile-filter watch --ros --node /n".into(),
+        ] {
+            assert_eq!(refusal(&line), None, "{line}");
+        }
+        let of_choice = ["--draws 8", "--suppositions 2", "--finalists 2", "--min-separation-mm 1"];
+        let of_choice = of_choice.into_iter().chain(["--min-separation-deg 1", "--travel-nats-per-mm 1"]);
+        let of_replay =
+            of_choice.chain(["--other-sensor", "--frontier f", "--rough-sensor", "--engine exact --budget-ms 1"]);
+        let of_log = ["--side peg", "--limit 3", "--engine exact", "--budget-ms 4", "--max-touches 3", "--data d"];
+        let of_log = of_log.into_iter().chain(["--temperature 0.1", "--subdivisions 2", "--particles 8"]);
+        let of_robot = ["--episodes 2", "--seed 3", "--rate-hz 9", "--jpeg 90", "--faults dropped=0.1"];
+        let lines = of_replay.map(|flag| format!("{replay} --data d {flag}"));
+        let lines = lines.chain(of_log.map(|flag| format!("{replay} --log l {flag}")));
+        let lines = lines.chain(of_robot.map(|flag| format!("{live} --watch w {flag}")));
+        let more = [
+            format!("{assemble} --particles 9"),
+            format!("{evaluate} --scene s --frontier f"),
+            format!("{evaluate} --scene s --rough-sensor"),
+            format!("{evaluate} --scene s --json --shard 1/2"),
+            "tactile-filter tradeoff --model m --out o --shard 1/2 --json".into(),
+            "tactile-filter watch --log l --node /n".into(),
+            "tactile-filter watch --log l --ros-args -r a:=b".into(),
+        ];
+        for line in lines.chain(more) {
+            assert!(refusal(&line).is_some(), "{line}");
+        }
+    }
 }

@@ -8,9 +8,9 @@ use tactile_data::printable::printable_json;
 use tactile_data::program;
 use tactile_data::store::Dataset;
 use tactile_eval::Error;
+use tactile_eval::fits::warn_of_played;
 use tactile_eval::replay::{Replayed, episodes, play};
 use tactile_filter::Sensor;
-use tactile_filter::action::ActionRule;
 use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
@@ -19,7 +19,7 @@ use super::arguments::{Engine, Inputs, SideArgs, warn_of_calibration, warn_of_li
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
 use super::live::tell;
-use super::tuning::Tuning;
+use super::tuning::{ParticleTuning, Tuning};
 
 /// Play a recorded dataset of touches, or the log of a live node, back through the filter.
 #[derive(Args)]
@@ -33,7 +33,9 @@ pub struct Replay {
     #[arg(long, value_name = "DIR", required_unless_present = "log")]
     data: Option<PathBuf>,
     /// Log of `live --log` instead: its events are given to a new node, and all that it says is compared byte for byte
-    #[arg(long, value_name = "FILE", conflicts_with = "data")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = [
+        "data", "side", "limit", "engine", "BudgetArgs", "Tuning", "ParticleTuning",
+    ])]
     log: Option<PathBuf>,
     #[command(flatten)]
     which: SideArgs,
@@ -41,7 +43,7 @@ pub struct Replay {
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
     /// How states are inferred
-    #[arg(long, value_enum, default_value_t = Engine::Exact)]
+    #[arg(long, value_enum, conflicts_with = "spent", default_value_t = Engine::Exact)]
     engine: Engine,
     /// Print a line of JSON for each episode
     #[arg(long)]
@@ -50,6 +52,8 @@ pub struct Replay {
     budget: BudgetArgs,
     #[command(flatten)]
     tuning: Tuning,
+    #[command(flatten)]
+    particles: ParticleTuning,
 }
 
 /// Scales that differ by more than this share are reported: an edge's shape then means another thing.
@@ -58,6 +62,8 @@ const SCALE_TOLERANCE: f64 = 0.05;
 impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
+        self.budget.check_chosen(&[("--subdivisions", self.tuning.has_states()), self.particles.flag()])?;
+        self.particles.check_engines(&[self.engine])?;
         let (model, mut bank) = self.inputs.load()?;
         let Some(data) = &self.data else { return self.replay_log(model, bank) };
         let dataset = Dataset::open(data)?;
@@ -66,8 +72,12 @@ impl Replay {
         warn_of_calibration(&model, side);
         let lamps = dataset.meta().lamps.as_ref();
         warn_of_light(&bank, lamps);
+        if let Some(why) = warn_of_played(&dataset, side, &bank) {
+            eprintln!("warning: {why}");
+        }
         let sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side).lit_by(lamps)?;
-        let mut config = self.budget.limited(self.tuning.config(self.engine, ActionRule::Paper, &model, side)?)?;
+        let mut config = self.tuning.config(self.engine, &model, side)?;
+        config = self.budget.limited(self.particles.applied_to(config)?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
             let (reach, between_poses) = (*bank.grid(), config.between_poses);

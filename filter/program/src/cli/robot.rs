@@ -12,7 +12,7 @@ use super::simulated::SimulatedArgs;
 #[command(after_help = "Example:\n  tactile-filter robot --scene alphabet-small --episodes 3 --jpeg 90")]
 pub struct RobotArgs {
     /// The scene whose holes are under the sensor
-    #[arg(long, value_name = "SCENE")]
+    #[arg(id = "simulate", long = "scene", value_name = "SCENE")]
     scene: String,
     /// Full name of the node that it talks to
     #[arg(long, value_name = "NAME", default_value = "/tactile_filter")]

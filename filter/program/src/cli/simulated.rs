@@ -9,24 +9,24 @@ use tactile_data::touch::Side;
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings};
 use tactile_live::{Error, Result};
 
-/// How the simulated robot behaves.
+/// How the simulated robot behaves; of a command that has one where its argument `simulate` is given.
 #[derive(Args)]
 pub struct SimulatedArgs {
     /// Holes to identify, one after the other
-    #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Simulated robot")]
+    #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Simulated robot", requires = "simulate")]
     episodes: usize,
     /// Seed of holes, poses and pictures: those of `evaluate --poses off-grid` with this seed
-    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Simulated robot")]
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Simulated robot", requires = "simulate")]
     seed: u64,
     /// Pictures a second
-    #[arg(long, value_name = "HZ", default_value_t = 25.0, help_heading = "Simulated robot")]
+    #[arg(long, value_name = "HZ", default_value_t = 25.0, help_heading = "Simulated robot", requires = "simulate")]
     rate_hz: f64,
     /// Send pictures as JPEG of this quality, 1 to 100, instead of pixels
-    #[arg(long, value_name = "QUALITY", help_heading = "Simulated robot")]
+    #[arg(long, value_name = "QUALITY", help_heading = "Simulated robot", requires = "simulate")]
     jpeg: Option<u8>,
     /// What goes wrong, each a share of the pictures: dropped=0.02,frozen=0.01,torn=0.1,dark=0.1,malformed=0.1; gone=5 is
     /// a camera that is gone for five seconds
-    #[arg(long, value_name = "FAULTS", default_value = "", value_parser = Faulty::from_str, help_heading = "Simulated robot")]
+    #[arg(long, value_name = "FAULTS", default_value = "", value_parser = Faulty::from_str, help_heading = "Simulated robot", requires = "simulate")]
     faults: Faulty,
 }
 

@@ -9,6 +9,10 @@ use tactile_eval::result::{Evaluation, Method, PromisedShare, Row};
 pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
     let scene = printable(&evaluation.scene);
     println!("{scene}: {} episodes, {} parts", evaluation.n_episodes, evaluation.n_classes);
+    if !evaluation.recorded_parts.is_empty() {
+        let (n, parts) = (evaluation.recorded_parts.len(), evaluation.recorded_parts.join(" "));
+        println!("  {n} parts of the bank were recorded, and only they are touched: {}", printable(&parts));
+    }
     if let Some(n) = evaluation.distinct_first_views.filter(|n| *n < evaluation.n_episodes) {
         println!("  they begin with {n} different views: intervals after one touch are of {n}");
     }

@@ -59,7 +59,7 @@ pub struct TradeoffArgs {
     settings: Option<NonZeroUsize>,
     /// Measure one part of the settings: I/N with I from 1, or env, which reads the array index of Slurm or
     /// Kubernetes; the command without it puts all together
-    #[arg(long, value_name = "I/N|env", help_heading = "Machine")]
+    #[arg(long, value_name = "I/N|env", help_heading = "Machine", conflicts_with = "json")]
     shard: Option<Shard>,
 }
 

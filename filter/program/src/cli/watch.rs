@@ -26,11 +26,11 @@ pub struct Watch {
     #[arg(long)]
     ros: bool,
     /// Full name of the node
-    #[arg(long, value_name = "NAME", default_value = "/tactile_filter")]
+    #[arg(long, value_name = "NAME", default_value = "/tactile_filter", requires = "ros")]
     #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and --ros says what is missing"))]
     node: String,
     /// Words of ROS 2
-    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS")]
+    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS", requires = "ros")]
     #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and --ros says what is missing"))]
     ros_args: Vec<String>,
 }
