@@ -85,11 +85,7 @@ pub enum FrameFault {
 impl Error {
     /// A value of `what` that does not make sense. Long numbers in it are written short ([`short_numbers`]).
     pub fn invalid(what: impl Into<String>, expected: impl Into<String>, got: impl Into<String>) -> Self {
-        Self::Invalid {
-            what: what.into(),
-            expected: short_numbers(&expected.into()),
-            got: short_numbers(&got.into()),
-        }
+        Self::Invalid { what: what.into(), expected: short_numbers(&expected.into()), got: short_numbers(&got.into()) }
     }
 
     /// The same error, with the file or field where it happened in front.
