@@ -145,8 +145,8 @@ pub fn at_rest(no_contact: &Frame) -> Result<[Quadratic; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
     use crate::sensor::light::value;
+    use std::fs;
 
     fn calibration() -> Calibration {
         Calibration {
