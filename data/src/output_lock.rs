@@ -71,8 +71,8 @@ pub fn lock_file(path: &Path, out: &Path) -> Result<File> {
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
-    let place = |about: fs::Metadata| (about.dev(), about.ino());
-    matches!((file.metadata(), fs::metadata(path)), (Ok(file), Ok(named)) if place(file) == place(named))
+    let place = |about: &fs::Metadata| (about.dev(), about.ino());
+    matches!((file.metadata(), fs::metadata(path)), (Ok(file), Ok(named)) if place(&file) == place(&named))
 }
 
 #[cfg(not(unix))]
