@@ -37,7 +37,7 @@ impl Dataset {
     pub fn open(path: &Path) -> Result<Self> {
         let content = read_meta(path)?;
         let frames = map_frames(&path.join(FRAMES), &content)?;
-        let touches_bytes = (content.n_frames as u64 + 1).saturating_mul(MOST_LINE_BYTES);
+        let touches_bytes = (content.n_frames as u64).saturating_add(1).saturating_mul(MOST_LINE_BYTES);
         let index = bounded_file::open_kind(&path.join(INDEX), Kind { name: "an index", most_bytes: touches_bytes })?;
         check_sha256(&path.join(INDEX), &content.index_sha256)?;
         let mut touches = read_index(&path.join(INDEX), index)?;
