@@ -218,7 +218,7 @@ fn recordings_that_do_not_fit_are_refused_with_what_differs() {
     let scale = failed("tactile-filter", &format!("{evaluate} wide"));
     assert!(scale.contains("field of view: expected 22 x 17 mm as in pictures"), "{scale}");
     let pegs = failed("tactile-filter", &format!("{evaluate} pegs"));
-    assert!(pegs.contains("touches of the hole of T, with their poses"), "{pegs}");
+    assert!(pegs.contains("expected touches of holes") && pegs.contains("touches of pegs (--side peg"), "{pegs}");
     let words = "tradeoff --model model/model.safetensors --pegs pegs --holes wide --settings 1 --episodes 2 --out out";
     let tradeoff = run("tactile-filter", at, &words.split_whitespace().collect::<Vec<_>>());
     assert!(tradeoff.code == Some(1) && tradeoff.stderr.contains("expected 22 x 17 mm as in pictures"), "{tradeoff:?}");
@@ -236,6 +236,7 @@ fn recordings_that_do_not_fit_are_refused_with_what_differs() {
     // A recording of one side trains nothing, and says why.
     let alone = failed("tactile-train", "--data pegs --out never");
     assert!(alone.contains("0 pairs; 54 touches mate with none: their part was touched on one side only"), "{alone}");
+    assert!(alone.contains("none is of a hole (tactile-data generate --sides both"), "{alone}");
     let align = failed("tactile-infer", "align --model model/model.safetensors --data pegs");
     assert!(align.contains("20 or more holes with a peg of their part"), "{align}");
 }

@@ -86,16 +86,11 @@ impl<'a> Pairs<'a> {
         let Mating { training, held_out, notes } = find(dataset, config.mating());
         let name = &dataset.meta().name;
         if training.is_empty() {
-            let n_of = |side| dataset.touches().iter().filter(|touch| touch.side == Some(side)).count();
-            let why = match [n_of(Side::Hole), n_of(Side::Peg)] {
-                [0, n_pegs] => {
-                    format!("; {n_pegs} touches of pegs and none of holes (tactile-data generate --sides both)")
-                }
-                [n_holes, 0] => {
-                    format!("; {n_holes} touches of holes and none of pegs (tactile-data generate --sides both)")
-                }
-                _ => notes.iter().map(|note| format!("; {note}")).collect::<String>(),
-            };
+            let mut why = notes.iter().map(|note| format!("; {note}")).collect::<String>();
+            let is_there = |side| dataset.touches().iter().any(|touch| touch.side == Some(side));
+            for side in [Side::Hole, Side::Peg].into_iter().filter(|side| !is_there(*side)) {
+                why += &format!("; none is of a {side} (tactile-data generate --sides both touches both)");
+            }
             return Err(Error::invalid(
                 name,
                 "mating pairs of hole and peg frames to train on",

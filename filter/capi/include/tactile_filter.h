@@ -42,6 +42,11 @@
 #define TF_WARNING_NOTHING_SEEN 2
 
 /**
+ * Bit of tf_estimate.warnings: the bank is made for the other side than the one that is touched.
+ */
+#define TF_WARNING_OTHER_SIDE 4
+
+/**
  * What every function answers. After any of them but TF_STATUS_OK nothing was changed, unless it says so.
  */
 typedef enum tf_status {
@@ -484,7 +489,7 @@ typedef struct tf_episode_config {
      */
     uint64_t seed;
     /**
-     * Stop after this many touches, the first included; at least 1.
+     * Stop after this many touches, the first included; 1 to 1,000.
      */
     size_t max_touches;
     /**
@@ -525,7 +530,7 @@ typedef struct tf_episode_config {
      */
     float low_similarity;
     /**
-     * States between two recorded poses on each axis, 1 to 8.
+     * States between two recorded poses on each axis, 1 to 4.
      */
     size_t subdivisions;
     /**
@@ -537,7 +542,8 @@ typedef struct tf_episode_config {
      */
     uint32_t rule;
     /**
-     * Particles, 1 to 1,000,000; of the particle filter only, as the next three.
+     * Particles, 1 to 1,000,000, and times one more than n_moves at most as many; of the particle filter only, as the next
+     * three.
      */
     size_t n_particles;
     /**
@@ -553,15 +559,16 @@ typedef struct tf_episode_config {
      */
     uint32_t interpolation;
     /**
-     * Moves of each particle after each touch, up to 1,000.
+     * Moves of each particle after each touch.
      */
     size_t n_moves;
     /**
-     * States drawn from the belief, against which a motion is judged; 1 to 1,000,000.
+     * States drawn from the belief, against which a motion is judged; 1 to 100,000. A decision among 1,000 motions weighs at
+     * most 1e8 pairs of drawn and supposed states, over all motions that are judged.
      */
     size_t n_draws;
     /**
-     * States supposed true in turn; 1 to 1,000,000.
+     * States supposed true in turn; 1 to 10,000.
      */
     size_t n_suppositions;
     /**

@@ -136,8 +136,8 @@ impl ChoiceTuning {
 
     /// Refuses flags that none of some rules looks at.
     pub fn check_rules(&self, rules: &[ActionRule]) -> Result<()> {
-        if rules.iter().all(|rule| *rule == ActionRule::Random) {
-            refuse_given(&self.effort(), "a rule that judges motions, information or paper", "random alone")?;
+        if !rules.iter().any(|rule| matches!(rule, ActionRule::Information | ActionRule::Paper)) {
+            refuse_given(&self.effort(), "a rule that judges motions, information or paper", "others alone")?;
         }
         if rules.contains(&ActionRule::Information) {
             return Ok(());
@@ -203,7 +203,7 @@ mod tests {
         let draws = ChoiceTuning { draws: Some(8), ..none() };
         assert_eq!(
             draws.check_rules(&[random]).unwrap_err().to_string(),
-            "--draws: expected a rule that judges motions, information or paper, got random alone"
+            "--draws: expected a rule that judges motions, information or paper, got others alone"
         );
         draws.check_rules(&[random, paper]).unwrap();
         let travel = ChoiceTuning { travel_nats_per_mm: Some(0.1), ..none() };
