@@ -143,7 +143,7 @@ mod tests {
         assert!(!warned("at", Some(Se2::IDENTITY)));
         assert!(warned("between", Some(Se2::new(2.0, 2.0, 0.0))) && warned("unknown", None));
         let fine = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 15.0, theta_step_deg: 15.0 };
-        let unknown = Dataset::open(folder.path().join("unknown")).unwrap();
+        let unknown = Dataset::open(&folder.path().join("unknown")).unwrap();
         assert!(warn_of_played(&unknown, Side::Peg, &bank(&small, fine)).is_none());
     }
 }
