@@ -78,7 +78,7 @@ fn names_that_a_spreadsheet_would_run_are_text_in_the_index_and_come_back() {
     let pictures = scratch.path().join("pictures");
     folder::export(&dataset, &pictures, None, &quiet).unwrap();
     let mut rows = csv::Reader::from_path(pictures.join("index.csv")).unwrap();
-    let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
+    let rows: Vec<csv::StringRecord> = rows.records().map(|row| row.unwrap()).collect();
     for row in &rows {
         let is_run = |cell: &str| cell.starts_with(['=', '+', '-', '@']) && cell.parse::<f64>().is_err();
         assert!(row.iter().all(|cell| !is_run(cell)), "{row:?}");

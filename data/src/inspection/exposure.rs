@@ -35,7 +35,7 @@ pub(super) fn changed_exposure(dataset: &Dataset, frames: &[Result<FrameContact>
         return Vec::new();
     }
     let level = |group: &Range<usize>| middle(&log_gains[group.clone()]);
-    let odd = joined(groups.iter().filter(|group| level(group).abs() > LEAST_LOG).cloned(), &level);
+    let odd = joined(groups.iter().filter(|group| level(group).abs() > LEAST_LOG).cloned(), level);
     odd.into_iter().map(|group| finding(&usable[group.clone()], level(&group))).collect()
 }
 

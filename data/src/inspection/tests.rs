@@ -180,7 +180,7 @@ fn exposed(range: std::ops::Range<usize>, gain: f32) -> Vec<Finding> {
 #[test]
 fn frames_of_another_exposure_are_named() {
     let n = clean().len();
-    for gain in [1.06, 1.1, 1.17, 0.94, 0.9, 0.83] {
+    for gain in [1.06_f32, 1.1, 1.17, 0.94, 0.9, 0.83] {
         for range in [n / 2..n, 0..n / 2, n / 3..2 * n / 3] {
             // A third of 240 frames, each of which drifts by 6 % by itself.
             if range.len() < n / 2 && (gain - 1.0).abs() < 0.09 {

@@ -256,7 +256,7 @@ fn by_hand(variant: &str, expected: &str, rows: &[Vec<f32>], query: Vec<f32>, co
     let config = LikelihoodConfig::default();
     let first = TouchLikelihood::new(&Observation::new(query, 0.2), &bank, &config)?;
     let belief = Belief::of_all_states(&bank, 1, first);
-    let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec() };
+    let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec(), plain: None };
     let error = relative_error(&belief, &log_posterior(&POINT, bank.edge_shares(), &[touch], &config));
     let bound = rounding_bound(COSINE_ERROR, &config, 1);
     Ok(Case::measured(Group::Similarity, variant, expected, error, bound).by(OF_COSINES))

@@ -16,6 +16,8 @@ pub struct Touch {
     pub edge_share: f32,
     /// The cosine with each row of the bank, `[n_rows]`.
     pub cosines: Vec<f64>,
+    /// The same without the bank's metric; `None` where it has none.
+    pub plain: Option<Vec<f64>>,
 }
 
 /// A pose as a matrix: position in mm, and cosine and sine of its angle.
@@ -134,7 +136,7 @@ pub fn joint(n_touches: f64, bests: &[f64], config: &LikelihoodConfig) -> f64 {
 /// How far the best cosines of the edged touches say that the network does not know what it is shown, 0..=1.
 pub fn doubt(bests: &[f64]) -> f64 {
     let mean = bests.iter().sum::<f64>() / bests.len() as f64;
-    if bests.is_empty() { 0.0 } else { (0.95 - mean).clamp(0.0, 0.25) / 0.25 }
+    if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.37).clamp(0.0, 1.0) }
 }
 
 /// The probability that a view beyond the grid is blank: as its recorded border, at least a half.
@@ -161,7 +163,7 @@ pub struct Logs {
     pub of_row: Vec<f64>,
     /// Where the view is unknown: blank or not, and if not as an average row or as one of a given cosine.
     pub unknown: f64,
-    /// The largest cosine with an edged row, of a touch that shows an edge.
+    /// The plain cosine with the edged row that is most like it, of a touch that shows an edge.
     pub best: Option<f64>,
     /// The cosine from which matches are measured.
     pub reference: f64,
@@ -190,7 +192,10 @@ impl Logs {
         let powers: Vec<f64> = alike.map(|cosine| ((cosine - reference) / config.temperature).exp()).collect();
         let log_mean = (powers.iter().sum::<f64>() / powers.len() as f64).ln();
         let beyond_is_blank = beyond_is_blank(shows, grid, config);
-        let mut logs = Self { of_row: Vec::new(), unknown: 0.0, best: is_edged.then_some(best), reference, log_mean };
+        let plain = touch.plain.as_ref().unwrap_or(&touch.cosines);
+        let is_best = |row: &usize| shows[*row] == Some(true) && touch.cosines[*row] == best;
+        let best = is_edged.then(|| (0..shows.len()).find(is_best).map_or(-1.0, |row| plain[row]));
+        let mut logs = Self { of_row: Vec::new(), unknown: 0.0, best, reference, log_mean };
         logs.unknown = match is_edged {
             false => beyond_is_blank.ln(),
             // Four in five as an average row.
@@ -257,7 +262,7 @@ mod tests {
     #[test]
     fn two_parts_and_one_touch_by_hand() {
         let config = LikelihoodConfig { temperature: 0.1, outlier_share: 0.01, ..LikelihoodConfig::default() };
-        let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: vec![1.0, 0.8] };
+        let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: vec![1.0, 0.8], plain: None };
         let logs = log_posterior(&ONE_POSE, &[0.2, 0.2], &[touch], &config);
         let (best, other) = (1.0, (-2.0_f64).exp());
         let look = |alike: f64| 0.99 * alike / ((best + other) / 2.0) + 0.01;

@@ -126,6 +126,7 @@ impl Sample {
             moved: *moved,
             edge_share: seen.edge_share,
             cosines: cosines(&self.rows, &seen.query),
+            plain: None,
         };
         let touches: Vec<Touch> = self.touches.iter().map(touch).collect();
         log_posterior(&self.grid, &self.edge_shares, &touches, config)

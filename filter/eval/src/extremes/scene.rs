@@ -251,10 +251,30 @@ impl Scene {
             let length = query.iter().map(|value| value * value).sum::<f64>().sqrt();
             let inner = |row: &[f32]| row.iter().zip(query).map(|(a, b)| f64::from(*a) * b).sum::<f64>();
             let cosines = rows.chunks_exact(DIM).map(|row| (inner(row) / length).clamp(-1.0, 1.0)).collect();
-            Touch { moved: *moved, edge_share: observation.edge_share, cosines }
+            let plain = self.has_metric.then(|| plain_cosines(rows, &observation.query));
+            Touch { moved: *moved, edge_share: observation.edge_share, cosines, plain }
         };
         self.touches.iter().zip(queries).map(touch).collect()
     }
+}
+
+/// The cosines of a query with rows that are in the metric, as they were before: the metric's lower triangle solved for them.
+fn plain_cosines(rows: &[f32], query: &[f32]) -> Vec<f64> {
+    let metric = Scene::metric().map(|metric| metric.matrix().iter().map(|v| f64::from(*v)).collect::<Vec<f64>>());
+    let metric = metric.unwrap_or_default();
+    let before = |row: &[f32]| {
+        let mut found = Vec::with_capacity(DIM);
+        for (line, value) in metric.chunks_exact(DIM).zip(row) {
+            let known: f64 = line.iter().zip(&found).map(|(a, b)| a * b).sum();
+            let next = (f64::from(*value) - known) / line[found.len()];
+            found.push(next);
+        }
+        found
+    };
+    let query: Vec<f64> = query.iter().map(|value| f64::from(*value)).collect();
+    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let cosine = |row: Vec<f64>| inner(&row, &query) / (inner(&row, &row) * inner(&query, &query)).sqrt();
+    rows.chunks_exact(DIM).map(|row| cosine(before(row)).clamp(-1.0, 1.0)).collect()
 }
 
 /// The shortest interpolated embedding on the way between recorded views of a part: what a cosine's error is divided
