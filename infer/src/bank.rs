@@ -480,7 +480,7 @@ mod tests {
     const FORMATS: [Precision; 4] = [Precision::F32, Precision::F16, Precision::Bf16, Precision::I8];
 
     fn model() -> Model {
-        let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 6 };
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
         let network = config.init(3, &DeviceKind::Flex.tensor_device());
         let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
         Model::new(checkpoint, "mine".into(), DeviceKind::Flex).unwrap()

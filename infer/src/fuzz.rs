@@ -29,7 +29,7 @@ struct Whole {
 }
 
 static WHOLE: LazyLock<Whole> = LazyLock::new(|| {
-    let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 3 };
+    let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 3 };
     let network = config.init(3, &DeviceKind::Flex.tensor_device());
     let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
     let folder = tempfile::tempdir().unwrap();

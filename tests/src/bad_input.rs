@@ -549,7 +549,7 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
         ),
         (format!("{evaluate} --draws 1000000000000"), ["action.n_draws", "1000000000000", "1 to 100000"]),
         (format!("{evaluate} --suppositions 1000000"), ["action.n_suppositions", "1000000", "1 to 10000"]),
-        (format!("{evaluate} --temperature -1e300"), ["likelihood.temperature", "a positive number", "got -1e300"]),
+        (format!("{evaluate} --temperature=-1e300"), ["likelihood.temperature", "a positive number", "got -1e300"]),
         (format!("replay {with} --data holes --max-touches 1000000"), ["max_touches", "1000000", "1 to 1000"]),
         (
             format!("assemble {with} --scene two.toml --out never --trials 1000000000000"),

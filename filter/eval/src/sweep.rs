@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn a_sweep_has_forty_settings_none_twice_and_turns_every_knob() {
-        let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 6 };
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
         let model = |sha256: &str| {
             let network = config.init(3, &DeviceKind::Flex.tensor_device());
             let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());

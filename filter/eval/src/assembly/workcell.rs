@@ -248,7 +248,7 @@ mod tests {
 
     /// A network that was not trained.
     fn model() -> Arc<Model> {
-        let config = NetworkConfig { input_px: [16, 12], width: 1, hidden: 2, dim: 6 };
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
         let network = config.init(3, &DeviceKind::Flex.tensor_device());
         let preprocessing = tactile_data::frame::Preprocessing::counts([16, 12]);
         let checkpoint = Checkpoint::of(&network, config, preprocessing, Provenance::default());

@@ -45,6 +45,42 @@ pub fn hill(evidence: &Evidence, part: usize, start: &Se2) -> (Three, [Three; 3]
     (centre, covariance)
 }
 
+/// The pose that is stated for a part: the mean of [`hill`], or where the posterior goes on beyond a step, as along a straight
+/// edge, the middle of it along the axes on which it does.
+pub fn stated(evidence: &Evidence, part: usize, start: &Se2) -> Three {
+    let PoseGrid { xy_half_mm, xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
+    let steps = [xy_step_mm, xy_step_mm, theta_step_deg.to_radians()];
+    let reach = [2.0 * xy_half_mm, 2.0 * xy_half_mm, std::f64::consts::PI];
+    let (mut middle, _) = hill(evidence, part, start);
+    if !is_wide(evidence, part, start, steps) {
+        return middle;
+    }
+    let mut half = steps;
+    for _ in 0..8 {
+        let (mean, moments) = within(evidence, part, &Se2::new(middle[0], middle[1], middle[2]), half);
+        half = next_half(half, &moments, steps, reach);
+        middle = [0, 1, 2].map(|i: usize| middle[i] + if half[i] > steps[i] { mean[i] } else { 0.0 });
+    }
+    middle
+}
+
+/// Whether 2.5 standard deviations of the posterior on a lattice of five points an axis, one step either way, are more.
+fn is_wide(evidence: &Evidence, part: usize, start: &Se2, steps: Three) -> bool {
+    let mut points: Vec<(Three, f64)> = Vec::new();
+    for index in 0..125 {
+        let place = [index / 25, index / 5 % 5, index % 5].map(|at| f64::from(at) / 2.0 - 1.0);
+        let offsets = [0, 1, 2].map(|axis: usize| steps[axis] * place[axis]);
+        let theta = start.theta_rad + offsets[2];
+        let [x, y] = [start.x_mm + offsets[0], start.y_mm + offsets[1]];
+        let log = evidence.log_of(part, &Pose { x, y, turn: [theta.cos(), theta.sin()] }, &Se2::new(x, y, theta));
+        points.push((offsets, evidence.joint * log));
+    }
+    let largest = points.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
+    points.iter_mut().for_each(|(_, log)| *log = (*log - largest).exp());
+    let (_, spread) = moments(&points);
+    (0..3).any(|i| 2.5 * spread[i][i].sqrt() > steps[i])
+}
+
 /// The weighted mean of some offsets and their covariance about it.
 fn moments(points: &[(Three, f64)]) -> (Three, [Three; 3]) {
     let total: f64 = points.iter().map(|(_, weight)| weight).sum();
@@ -78,27 +114,33 @@ pub fn covariance(evidence: &Evidence, part: usize, stated: &Se2, states: &PoseG
     [0, 1, 2].map(|i: usize| [0, 1, 2].map(|j: usize| (sums[i][j] + inside * within[i][j]) / whole))
 }
 
-/// How far to either side of a pose the posterior goes on, and its second moments within that.
+/// How far to either side of a pose the posterior goes on, at most a step, and its second moments within that.
 fn around(evidence: &Evidence, part: usize, stated: &Se2) -> (Three, [Three; 3]) {
     let PoseGrid { xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
     let steps = [xy_step_mm, xy_step_mm, theta_step_deg.to_radians()];
     let mut half = steps;
     for _ in 0..7 {
-        let moments = within(evidence, part, stated, half);
-        let next = [0, 1, 2].map(|i: usize| {
-            (2.5 * moments[i][i].sqrt()).max(0.3 * half[i]).min(2.0 * half[i]).max(0.02 * steps[i]).min(steps[i])
-        });
+        let (_, moments) = within(evidence, part, stated, half);
+        let next = next_half(half, &moments, steps, steps);
         if (0..3).all(|i| (next[i] - half[i]).abs() <= 0.25 * half[i]) {
             return (half, moments);
         }
         half = next;
     }
-    (half, within(evidence, part, stated, half))
+    (half, within(evidence, part, stated, half).1)
 }
 
-/// Second moments of the posterior around a pose, from eight by eight by eight points within `half` of it; along x and y those
+/// 2.5 standard deviations, by degrees and within what is asked for.
+fn next_half(half: Three, moments: &[Three; 3], steps: Three, reach: Three) -> Three {
+    [0, 1, 2].map(|i: usize| {
+        let wanted = (2.5 * moments[i][i].sqrt()).max(0.3 * half[i]).min(2.0 * half[i]);
+        wanted.max(0.02 * steps[i]).min(reach[i])
+    })
+}
+
+/// Mean offset and second moments of the posterior from a pose, by eight by eight by eight points within `half` of it; along x and y those
 /// of each angle are shifted against those of the angle before.
-fn within(evidence: &Evidence, part: usize, stated: &Se2, half: Three) -> [Three; 3] {
+fn within(evidence: &Evidence, part: usize, stated: &Se2, half: Three) -> (Three, [Three; 3]) {
     let mut points: Vec<(Three, f64)> = Vec::new();
     for index in 0..512 {
         let [theta, x, y] = [index / 64, index / 8 % 8, index % 8].map(f64::from);
@@ -112,8 +154,10 @@ fn within(evidence: &Evidence, part: usize, stated: &Se2, half: Three) -> [Three
     }
     let largest = points.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
     let total: f64 = points.iter().map(|(_, log)| (log - largest).exp()).sum();
-    let moment = |i: usize, j: usize| {
-        points.iter().map(|(offset, log)| (log - largest).exp() * offset[i] * offset[j]).sum::<f64>() / total
+    let mean_of = |value: &dyn Fn(&Three) -> f64| {
+        points.iter().map(|(offset, log)| (log - largest).exp() * value(offset)).sum::<f64>() / total
     };
-    [0, 1, 2].map(|i: usize| [0, 1, 2].map(|j: usize| moment(i, j)))
+    let moment = |i: usize, j: usize| mean_of(&|offset| offset[i] * offset[j]);
+    let mean = [0, 1, 2].map(|i: usize| mean_of(&|offset| offset[i]));
+    (mean, [0, 1, 2].map(|i: usize| [0, 1, 2].map(|j: usize| moment(i, j))))
 }

@@ -192,7 +192,8 @@ fn pose_cases(variant: &str, episode: &Episode, evidence: &Evidence, bounds: &Bo
         (estimate.covariance[i][j] - expected[i][j]).abs() / (expected[i][i] * expected[j][j]).sqrt()
     };
     let covariance = largest(entries.map(relative));
-    let ([x, y, _], [[xx, ..], [_, yy, _], _]) = hill;
+    let [x, y, _] = placed::stated(evidence, part, &states.pose(best.cell));
+    let (_, [[xx, ..], [_, yy, _], _]) = hill;
     let pose = &estimate.part_from_first;
     let shift = (pose.x_mm - x).hypot(pose.y_mm - y);
     let deviation = xx.max(yy).sqrt();

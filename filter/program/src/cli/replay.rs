@@ -72,9 +72,6 @@ impl Replay {
         warn_of_calibration(&model, side);
         let lamps = dataset.meta().lamps.as_ref();
         warn_of_light(&bank, lamps);
-        if let Some(why) = warn_of_played(&dataset, side, &bank) {
-            eprintln!("warning: {why}");
-        }
         let sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side).lit_by(lamps)?;
         let mut config = self.tuning.config(self.engine, &model, side)?;
         config = self.budget.limited(self.particles.applied_to(config)?)?;
@@ -94,6 +91,10 @@ impl Replay {
                 n_right[1] += 1;
             }
             self.print(number, &replayed)?;
+        }
+        // Said last: what goes wrong is one line.
+        if let Some(why) = warn_of_played(&dataset, side, &bank) {
+            program::warning(why);
         }
         if recorded.is_empty() {
             program::say(format_args!("no touch: no frame of {} shows contact", data.display()));
