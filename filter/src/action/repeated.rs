@@ -75,6 +75,6 @@ mod tests {
         let doubt = 0.02 / 0.37;
         close(new_shares(&[[0.8, 0.6, 0.0], Y, UP]), [1.0 - doubt * 0.8, 1.0 - doubt, 1.0]);
         // Below 0.55 everything, and no row less than nothing.
-        close(new_shares(&[[0.5, -0.6, -0.624_499_8]]), [1.0 - 0.5, 1.0, 1.0]);
+        close(new_shares(&[[0.5, -0.7, -0.509_901_95]]), [1.0 - 0.5, 1.0, 1.0]);
     }
 }

@@ -19,8 +19,8 @@ use super::scene::{DIM, GRID, Scene};
 use crate::error::Result;
 
 /// States drawn, systematically, and states supposed true, one by one.
-const N_DRAWS: usize = 100_000;
-const N_SUPPOSED: usize = 5_000;
+const N_DRAWS: usize = 6_000;
+const N_SUPPOSED: usize = 500;
 
 /// A few candidates after one, three and five touches, with rows in f32 and i8.
 pub fn cases(seed: u64) -> Result<Vec<Case>> {
@@ -36,7 +36,7 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
         let action = ActionConfig {
             n_draws: N_DRAWS,
             n_suppositions: N_SUPPOSED,
-            n_finalists: None,
+            n_finalists: Some(4),
             min_separation_mm: 0.0,
             ..ActionConfig::default()
         };
@@ -61,7 +61,7 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
             let variant = format!("{side}, {precision}: candidate {}", number + 1);
             let error = (got.unwrap_or(f64::NAN) - nats).abs();
             let case = Case::measured(Group::Choice, variant, "nats, the mean over all of the belief", error, bound);
-            let source = "four standard errors of the supposed states, one draw in 100,000 of each state, and rounding";
+            let source = "four standard errors of the supposed states, one draw in 6,000 of each state, and rounding";
             cases.push(case.at(n_touches as f64).by(source));
         }
     }
