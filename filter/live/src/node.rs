@@ -241,8 +241,9 @@ impl Node {
                 self.answer(id, true, line);
             }
             Err(error) => {
-                self.say(format!("no frame at rest: {error}"));
-                self.answer(id, false, error.to_string());
+                let line = format!("no frame at rest: {error}");
+                self.say(line.clone());
+                self.answer(id, false, line);
             }
         }
     }
@@ -290,6 +291,7 @@ impl Node {
             Request::Reset => {
                 let n_touches = self.n_touches();
                 (self.running, self.latest) = (None, None);
+                self.tool.reset();
                 if let Some(pending) = self.pending.take() {
                     self.answer(pending.id, false, "reset");
                 }
@@ -441,6 +443,7 @@ impl Node {
         let outputs = scene.outputs()?;
         self.latest = Some([report.estimate.entropy_nats, report.estimate.probability]);
         self.outputs.extend(outputs);
+        self.tool.touched(&placed.frame_id, report.next.is_some());
         Ok(report)
     }
 }

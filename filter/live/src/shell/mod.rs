@@ -1,6 +1,5 @@
 //! The thin programs around a session: each feeds it events from one source and passes on what the node says.
 
-#[cfg(feature = "ros2")]
 mod failures;
 pub mod film;
 pub mod folder;
@@ -10,10 +9,12 @@ pub mod ros;
 pub mod ros_robot;
 #[cfg(feature = "robot")]
 pub mod simulated;
+pub mod speaker;
 pub mod views;
 #[cfg(feature = "watch")]
 pub mod watch;
 
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -47,7 +48,28 @@ pub fn spoken(outputs: &[Output]) -> Vec<Spoken> {
     outputs.iter().filter_map(one).collect()
 }
 
+/// A text as one line for a terminal: each control character is written as `\u{1b}`, `\n` and so on. Names of parts and
+/// what other programs send may hold any, and a terminal obeys them.
+pub fn escaped(text: &str) -> Cow<'_, str> {
+    if !text.contains(char::is_control) {
+        return text.into();
+    }
+    let one = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    text.chars().map(one).collect::<String>().into()
+}
+
 /// Whether a stop was asked for.
 pub(crate) fn is_asked(stop: &AtomicBool) -> bool {
     stop.load(Ordering::Relaxed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_control_character_is_left_and_the_rest_stays() {
+        assert_eq!(escaped("\u{1b}[2J\r\nA\u{9b}31m\u{7f}"), "\\u{1b}[2J\\r\\nA\\u{9b}31m\\u{7f}");
+        assert!(matches!(escaped("Ä ½ 漢 \\ \"q\""), Cow::Borrowed("Ä ½ 漢 \\ \"q\"")));
+    }
 }

@@ -84,16 +84,14 @@ impl SimulatedArgs {
     }
 }
 
-/// Prints how many holes were named right.
-pub fn print_outcomes(outcomes: &[Outcome]) {
+/// How many holes were named right, in a line.
+pub fn summary(outcomes: &[Outcome]) -> String {
     let is_right = |outcome: &&Outcome| outcome.named.last() == Some(&outcome.part);
     let n_right = outcomes.iter().filter(is_right).count();
     let n_touches: usize = outcomes.iter().map(|outcome| outcome.named.len()).sum();
     let n_refused: usize = outcomes.iter().map(|outcome| outcome.n_refused).sum();
-    println!(
-        "{n_right} of {} holes named right with {n_touches} touches; {n_refused} calls were refused",
-        outcomes.len()
-    );
+    let n = outcomes.len();
+    format!("{n_right} of {n} holes named right with {n_touches} touches; {n_refused} calls were refused")
 }
 
 #[cfg(test)]
