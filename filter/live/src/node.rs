@@ -257,17 +257,24 @@ impl Node {
         let frames = self.two_frames(&calibrated, i64::MIN);
         let settles = frames.and_then(|[before, newest]| calibrated.settles([&before, &newest]));
         // What is wrong with a picture is said where a touch needs it.
-        let settles = settles.unwrap_or(false) && self.tool.placed(self.now_ns).is_ok();
-        if settles {
-            calibrated.watch.observed();
-            self.pending = Some(Pending { id: 0, since_ns: self.now_ns, reason: String::new() });
+        if settles.unwrap_or(false) {
+            match self.tool.placed(self.now_ns) {
+                Ok(_) => {
+                    calibrated.watch.observed();
+                    self.pending = Some(Pending { id: 0, since_ns: self.now_ns, reason: String::new() });
+                }
+                Err(error) => {
+                    let text = format!("a contact has settled that is no touch yet: {error}");
+                    self.raise(Trouble::NoPose, Level::Warn, text);
+                }
+            }
         }
         self.calibrated = Some(calibrated);
     }
 
     fn on_pose(&mut self, cdr: &[u8]) {
         match self.tool.moved(self.now_ns, cdr) {
-            Ok(()) => self.clear(Trouble::MalformedPose),
+            Ok(()) => [Trouble::MalformedPose, Trouble::NoPose].into_iter().for_each(|trouble| self.clear(trouble)),
             Err(error) => self.raise(Trouble::MalformedPose, Level::Error, error.to_string()),
         }
     }

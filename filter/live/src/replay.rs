@@ -48,7 +48,8 @@ fn read_setup(log: &Path, message: &Message) -> Result<Setup> {
     // The version first: what else a setup of another one holds is not known.
     if setup["version"] != VERSION {
         let expected = format!("a log of version {VERSION}");
-        let got = format!("version {}; replay it with the program that wrote it, {}", setup["version"], setup["program"]);
+        let got =
+            format!("version {}; replay it with the program that wrote it, {}", setup["version"], setup["program"]);
         return Err(Error::invalid(log.display().to_string(), expected, got));
     }
     serde_json::from_value(setup).map_err(|error| no_setup(log, &error.to_string()))

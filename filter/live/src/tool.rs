@@ -108,7 +108,11 @@ impl Tool {
         let base_from_tool = Rigid::from_pose(&message.pose, "tool pose")?;
         let got = &message.header.frame_id;
         if let Some(base) = self.base.as_ref().filter(|base| *base != got) {
-            return Err(Error::invalid("tool pose", format!("frame {base:?} of the touches before"), format!("{got:?}")));
+            return Err(Error::invalid(
+                "tool pose",
+                format!("frame {base:?} of the touches before"),
+                format!("{got:?}"),
+            ));
         }
         let before = self.latest.take();
         let interval_ns = before.as_ref().map(|before| {
@@ -203,10 +207,7 @@ mod tests {
             let pose = Pose { position: [x_m, 0.0, 0.0], orientation: [0.0, 0.0, 0.0, 1.0] };
             to_cdr(&PoseStamped { header, pose })
         };
-        let flat = PoseStamped {
-            header: header(),
-            pose: Pose { position: [0.0; 3], orientation: [0.0; 4] },
-        };
+        let flat = PoseStamped { header: header(), pose: Pose { position: [0.0; 3], orientation: [0.0; 4] } };
         let other = Header { frame_id: "tool0".into(), ..Header::default() };
         let refused = [
             (at(f64::NAN, header()), "a position within 10 m"),
@@ -221,7 +222,11 @@ mod tests {
             tool.touched("base", false);
             assert!(tool.placed(1).is_ok());
             assert!(tool.moved(1, &pose).is_err());
-            assert!(said(&tool).contains("after one that was refused") && said(&tool).contains(reason), "{}", said(&tool));
+            assert!(
+                said(&tool).contains("after one that was refused") && said(&tool).contains(reason),
+                "{}",
+                said(&tool)
+            );
             tool.moved(2, &at(0.1, header())).unwrap();
             assert!(tool.placed(2).is_ok());
             // Another hole may be in another frame.

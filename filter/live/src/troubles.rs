@@ -24,6 +24,8 @@ pub enum Trouble {
     Clock,
     /// Messages that hold no pose.
     MalformedPose,
+    /// A contact without a pose.
+    NoPose,
 }
 
 /// What is wrong now, and since when it was last reported.

@@ -119,7 +119,10 @@ mod tests {
         speaker.out.is_closed = true;
         (0..3).for_each(|_| speaker.tell(&decision("A")));
         let said = text(&speaker.lines);
-        assert!(said.starts_with("standard output: decisions cannot be written") && said.lines().count() == 1, "{said}");
+        assert!(
+            said.starts_with("standard output: decisions cannot be written") && said.lines().count() == 1,
+            "{said}"
+        );
         speaker.out.is_closed = false;
         speaker.tell(&decision("B"));
         assert_eq!(text(&speaker.out.read), "touch 1: perhaps B, 50.0 %\n");
@@ -127,7 +130,8 @@ mod tests {
         speaker.tell(&decision("A"));
         assert_eq!(text(&speaker.lines).lines().count(), 2);
         // A closed terminal has nobody to tell.
-        let mut alone = Speaker::of(Pipe { is_closed: true, ..Pipe::default() }, Pipe { is_closed: true, ..Pipe::default() }, true);
+        let mut alone =
+            Speaker::of(Pipe { is_closed: true, ..Pipe::default() }, Pipe { is_closed: true, ..Pipe::default() }, true);
         alone.tell(&decision("A"));
         alone.tell(&Spoken::Line("hello".into()));
     }

@@ -62,8 +62,10 @@ fn draw_head(view: &View, area: Rect, frame: &mut Frame) {
     let camera_style = if is_bad { Style::new().fg(Color::White).bg(Color::Red).bold() } else { bar };
     let width = (camera.chars().count() as u16).min(area.width);
     let [left, right] = Layout::horizontal([Constraint::Min(0), Constraint::Length(width)]).areas(area);
-    let text =
-        vec![Span::from(" tactile-filter ").bold(), Span::from(format!(" {:.1} s  {} ", view.time_s, escaped(&view.status)))];
+    let text = vec![
+        Span::from(" tactile-filter ").bold(),
+        Span::from(format!(" {:.1} s  {} ", view.time_s, escaped(&view.status))),
+    ];
     frame.render_widget(Paragraph::new(Line::from(text)).style(bar), left);
     frame.render_widget(Paragraph::new(camera).style(camera_style).alignment(Alignment::Right), right);
 }

@@ -208,10 +208,11 @@ impl Live {
 
     #[cfg(feature = "ros2")]
     fn run_ros(self, onlookers: Vec<Onlooker>, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+        use tactile_live::parameters::DISTRIBUTION;
         use tactile_live::ros2::Bus;
         use tactile_live::shell::ros::Network;
 
-        let (words, settings) = super::ros::settings("tactile_filter", &self.ros_args)?;
+        let (words, mut settings) = super::ros::settings("tactile_filter", &self.ros_args)?;
         let node = settings.node.full();
         let mut read = Map::new();
         for path in self.params_file.iter().chain(&words.parameter_files) {
@@ -221,6 +222,10 @@ impl Live {
             if parameter.node.as_ref().is_none_or(|name| node.ends_with(name.as_str())) {
                 Parameters::set(&mut read, &parameter.name, &parameter.value)?;
             }
+        }
+        if let Some(value) = read.get(DISTRIBUTION) {
+            let distribution = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            settings = settings.in_distribution(&distribution).map_err(Error::from)?;
         }
         let parameters = Parameters::of(read)?;
         let (bus, inbox) = Bus::open(settings).map_err(Error::from)?;
