@@ -234,10 +234,12 @@ impl Node {
             Ok(calibrated) => {
                 let [width, height] = calibrated.frame_px();
                 self.calibrated = Some(Box::new(calibrated.of_side(self.parameters.side)));
-                self.rest_needed = None;
-                warnings.into_iter().for_each(|warning| self.say(warning));
                 let line = format!("at rest: {width}x{height} pixels, the median of {n_rest} pictures");
-                self.say(line.clone());
+                warnings.into_iter().for_each(|warning| self.say(warning));
+                // Who asks again is answered again; a person is told once.
+                if self.rest_needed.take().is_some() {
+                    self.say(line.clone());
+                }
                 self.answer(id, true, line);
             }
             Err(error) => {

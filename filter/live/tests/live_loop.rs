@@ -330,6 +330,27 @@ fn a_touch_is_repeated_where_it_was_and_no_motion_was_asked_for() {
     }
 }
 
+#[test]
+fn a_frame_at_rest_is_said_once_and_answered_each_time() {
+    let mut hand = ByHand::new(Parameters::default());
+    let mut outputs = Vec::new();
+    for seed in 2..5 {
+        hand.give(Input::Called { request: Request::Calibrate, id: seed });
+        let rest = hand.simulator.no_contact(seed);
+        outputs.extend(hand.give(shown(&rest)));
+    }
+    let n_answers = outputs.iter().filter(|output| matches!(output, Output::Answer { success: true, .. })).count();
+    assert_eq!((n_answers, lines(&outputs)), (3, Vec::<String>::new()));
+    // After a loss it is news.
+    hand.give(Input::Cameras(1));
+    let lost = hand.give(Input::Cameras(0));
+    assert!(lines(&lost)[0].contains("a new frame at rest is needed"), "{lost:?}");
+    hand.give(Input::Called { request: Request::Calibrate, id: 9 });
+    let rest = hand.simulator.no_contact(9);
+    let said = hand.give(shown(&rest));
+    assert!(lines(&said)[0].starts_with("at rest: "), "{said:?}");
+}
+
 /// The lines for a person among some outputs.
 fn lines(outputs: &[Output]) -> Vec<String> {
     let line = |spoken| match spoken {

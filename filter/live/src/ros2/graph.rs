@@ -150,7 +150,7 @@ mod tests {
         // The same with eight zeros behind each identifier.
         let long = participant(&node, guids[0], &guids[1..2], &guids[1..], Identifiers::Long);
         let n = expected.len();
-        let mut by_hand = Vec::new();
+        let mut by_hand: Vec<u8> = Vec::new();
         for (from, to, is_identifier) in [
             (0, 20, true),
             (20, n - 52, false),

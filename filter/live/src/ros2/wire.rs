@@ -316,7 +316,7 @@ impl Writer {
 
     /// Whether everybody has all messages.
     pub(super) fn is_acked(&self) -> bool {
-        self.dds.wait_for_acknowledgments(Duration::ZERO).unwrap_or(false)
+        self.dds.wait_for_acknowledgments(std::time::Duration::ZERO).unwrap_or(false)
     }
 
     pub(super) fn news(&mut self) -> Option<News> {
