@@ -432,7 +432,7 @@ mod tests {
         (place.part, place.other) = (rude.clone(), Some(rude));
         let buffer = drawn(&odd, None, 200, 50);
         let n: usize = lines(&buffer).iter().map(|line| line.matches("\\u{1b}]0;").count()).sum();
-        assert_eq!(n, 7, "status, stop, place twice, map, touch, message:\n{}", lines(&buffer).join("\n"));
+        assert_eq!(n, 8, "status, stop, place twice, part, map, touch, message:\n{}", lines(&buffer).join("\n"));
         assert!(has(&buffer, &["▸ \\u{1b}]0;"]));
     }
 
