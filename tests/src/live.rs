@@ -67,6 +67,8 @@ fn what_is_wrong_is_one_line() {
         (&["--simulate", "three.toml", "-p", "camera.crop"], "-p: expected NAME:=VALUE"),
         (&["--simulate", "three.toml", "--params-file", "no.yaml"], "no.yaml"),
         (&["--ros"], "a program built with it"),
+        (&["--stdin-mjpeg", "--commands", "."], "expected a file, a FIFO or a terminal, got a folder"),
+        (&["--stdin-mjpeg", "--commands", "nowhere"], "nowhere"),
     ] {
         let ran = live(more);
         assert!(ran.failed().contains(said), "{ran:#?}");
@@ -122,13 +124,14 @@ fn a_film_on_standard_input_and_lines_of_commands() {
     assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
     command.args(["--commands", "fifo", "--json"]).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().unwrap();
-    let mut commands = fs::OpenOptions::new().write(true).open(&fifo).unwrap();
     let mut film = child.stdin.take().unwrap();
     for (name, line) in [("rest.png", "rest\n"), ("touch.png", "touch 1 0 10\n")] {
         let picture = tactile_data::picture::read(&folder.join(name)).unwrap();
         for i in 0..60_usize {
             if i == 5 {
-                commands.write_all(line.as_bytes()).unwrap();
+                // A writer of its own for each, and one that writes no text.
+                fs::write(&fifo, b"\xff\xfe\n").unwrap();
+                fs::write(&fifo, line).unwrap();
             }
             let mut rgb = picture.rgb().to_vec();
             rgb.iter_mut().skip(i).step_by(61).for_each(|value| *value ^= 1);
@@ -137,10 +140,80 @@ fn a_film_on_standard_input_and_lines_of_commands() {
             std::thread::sleep(std::time::Duration::from_millis(20));
         }
     }
-    drop((film, commands));
+    drop(film);
     let output = child.wait_with_output().unwrap();
     let (stdout, stderr) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
-    assert!(output.status.success() && stderr.contains("at rest: 160x120 pixels"), "{stderr}");
+    assert!(output.status.success(), "{stderr}");
+    assert_eq!(stderr.matches("at rest: 160x120 pixels").count(), 1, "{stderr}");
+    assert_eq!(stderr.matches("bytes that are no text").count(), 2, "{stderr}");
     let decision: Value = serde_json::from_str(stdout.lines().next().unwrap_or_else(|| panic!("{stderr}"))).unwrap();
     assert_eq!((&decision["touch"], &decision["estimate"]["part"]), (&1.into(), &"B".into()), "{stdout}");
+}
+
+/// Starts a node that watches an empty folder and waits until its log is there.
+fn watching(folder: &Path, model: &str, log: &str, stdout: Stdio) -> std::process::Child {
+    fs::create_dir_all(folder.join("touches")).unwrap();
+    let mut command = Command::new(programs::path("tactile-filter"));
+    command.current_dir(folder).args(["live", "--model", model, "--bank", "three.bank", "--watch", "touches"]);
+    let child = command.args(["--json", "--log", log]).stdout(stdout).stderr(Stdio::piped()).spawn().unwrap();
+    wait_for(&folder.join(log));
+    child
+}
+
+fn wait_for(path: &Path) {
+    for _ in 0..600 {
+        if path.exists() {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(100));
+    }
+    panic!("no {}", path.display());
+}
+
+fn signal(child: &std::process::Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+#[test]
+fn a_node_that_is_asked_to_end_by_any_signal_ends_its_log() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let model = prepare(folder);
+    for name in ["-INT", "-TERM", "-HUP"] {
+        let log = format!("log{name}.mcap");
+        let child = watching(folder, &model, &log, Stdio::null());
+        signal(&child, name);
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{name}: {output:?}");
+        let replay =
+            run("tactile-filter", folder, &["replay", "--model", &model, "--bank", "three.bank", "--log", &log]);
+        replay.done();
+        assert!(!replay.stderr.contains("cut off"), "{name}: {replay:#?}");
+    }
+}
+
+#[test]
+fn a_node_goes_on_where_nobody_reads_its_decisions() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let model = prepare(folder);
+    let mut child = watching(folder, &model, "pipe.mcap", Stdio::piped());
+    drop(child.stdout.take());
+    let render = ["render", "letter:B:12", "--pose=1,0,10", "--as-hole", "--frame-px", "160x120"];
+    let touches = folder.join("touches");
+    run("tactile-data", folder, &[&render[..], &["--out", "t.png", "--at-rest-out", "rest.png"]].concat()).done();
+    // Each file is moved to its place whole, its picture last.
+    fs::rename(folder.join("rest.png"), touches.join("rest.png")).unwrap();
+    for (name, x_mm) in [("t1", 1), ("t2", 2)] {
+        let place = serde_json::json!({"x_mm": x_mm, "y_mm": 0, "theta_deg": 10}).to_string();
+        fs::write(touches.join(format!("{name}.json")), place).unwrap();
+        fs::copy(folder.join("t.png"), folder.join("moving")).unwrap();
+        fs::rename(folder.join("moving"), touches.join(format!("{name}.png"))).unwrap();
+        wait_for(&touches.join(format!("{name}.decision.json")));
+    }
+    signal(&child, "-TERM");
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    assert_eq!(said.matches("standard output: decisions cannot be written").count(), 1, "{said}");
 }

@@ -20,7 +20,7 @@ use crate::parameters::Parameters;
 const FLUSH_NS: i64 = 500_000_000;
 
 /// The value of [`Setup::version`] that this program writes and reads.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// What the events of a log were given to: the first message of a log, on `~/setup`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

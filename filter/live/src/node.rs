@@ -234,15 +234,18 @@ impl Node {
             Ok(calibrated) => {
                 let [width, height] = calibrated.frame_px();
                 self.calibrated = Some(Box::new(calibrated.of_side(self.parameters.side)));
-                self.rest_needed = None;
-                warnings.into_iter().for_each(|warning| self.say(warning));
                 let line = format!("at rest: {width}x{height} pixels, the median of {n_rest} pictures");
-                self.say(line.clone());
+                warnings.into_iter().for_each(|warning| self.say(warning));
+                // Who asks again is answered again; a person is told once.
+                if self.rest_needed.take().is_some() {
+                    self.say(line.clone());
+                }
                 self.answer(id, true, line);
             }
             Err(error) => {
-                self.say(format!("no frame at rest: {error}"));
-                self.answer(id, false, error.to_string());
+                let line = format!("no frame at rest: {error}");
+                self.say(line.clone());
+                self.answer(id, false, line);
             }
         }
     }
@@ -256,17 +259,24 @@ impl Node {
         let frames = self.two_frames(&calibrated, i64::MIN);
         let settles = frames.and_then(|[before, newest]| calibrated.settles([&before, &newest]));
         // What is wrong with a picture is said where a touch needs it.
-        let settles = settles.unwrap_or(false) && self.tool.placed(self.now_ns).is_ok();
-        if settles {
-            calibrated.watch.observed();
-            self.pending = Some(Pending { id: 0, since_ns: self.now_ns, reason: String::new() });
+        if settles.unwrap_or(false) {
+            match self.tool.placed(self.now_ns) {
+                Ok(_) => {
+                    calibrated.watch.observed();
+                    self.pending = Some(Pending { id: 0, since_ns: self.now_ns, reason: String::new() });
+                }
+                Err(error) => {
+                    let text = format!("a contact has settled that is no touch yet: {error}");
+                    self.raise(Trouble::NoPose, Level::Warn, text);
+                }
+            }
         }
         self.calibrated = Some(calibrated);
     }
 
     fn on_pose(&mut self, cdr: &[u8]) {
         match self.tool.moved(self.now_ns, cdr) {
-            Ok(()) => self.clear(Trouble::MalformedPose),
+            Ok(()) => [Trouble::MalformedPose, Trouble::NoPose].into_iter().for_each(|trouble| self.clear(trouble)),
             Err(error) => self.raise(Trouble::MalformedPose, Level::Error, error.to_string()),
         }
     }
@@ -290,6 +300,7 @@ impl Node {
             Request::Reset => {
                 let n_touches = self.n_touches();
                 (self.running, self.latest) = (None, None);
+                self.tool.reset();
                 if let Some(pending) = self.pending.take() {
                     self.answer(pending.id, false, "reset");
                 }
@@ -441,6 +452,7 @@ impl Node {
         let outputs = scene.outputs()?;
         self.latest = Some([report.estimate.entropy_nats, report.estimate.probability]);
         self.outputs.extend(outputs);
+        self.tool.touched(&placed.frame_id, report.next.is_some());
         Ok(report)
     }
 }

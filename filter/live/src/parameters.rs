@@ -13,6 +13,9 @@ use tactile_infer::Model;
 
 use crate::error::{Error, Result};
 
+/// A parameter that is the network's and not the node's: of which distribution of ROS 2 the other nodes are.
+pub const DISTRIBUTION: &str = "ros_distro";
+
 /// What the node can be set to. Names in ROS have a dot: `camera.crop`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -231,12 +234,14 @@ impl Parameters {
         Ok(())
     }
 
-    /// The parameters of what was read; ROS' own `use_sim_time` is left aside.
+    /// The parameters of what was read; ROS' own `use_sim_time` and [`DISTRIBUTION`] are left aside.
     ///
     /// # Errors
     /// A name that no parameter has, a value of another type or out of range.
     pub fn of(mut parameters: Map<String, Value>) -> Result<Self> {
-        parameters.remove("use_sim_time");
+        for name in ["use_sim_time", DISTRIBUTION] {
+            parameters.remove(name);
+        }
         let parameters: Self = serde_json::from_value(Value::Object(parameters))
             .map_err(|error| Error::invalid("parameters", "names and values of this node", error.to_string()))?;
         parameters.validate()?;
@@ -382,6 +387,7 @@ mod tests {
 /**:
   ros__parameters:
     use_sim_time: false
+    ros_distro: humble
     camera:
       crop: border:1/7
       max_age_s: 0.5

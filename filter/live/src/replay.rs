@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 
+use serde_json::Value;
 use tactile_data::recording::ros::bag::{Bag, Message};
 use tactile_data::recording::ros::messages::{Text, from_cdr};
 use tactile_infer::{Bank, Model};
@@ -43,11 +44,15 @@ fn read_setup(log: &Path, message: &Message) -> Result<Setup> {
     let topic = &message.channel.topic;
     let text: Option<Text> = from_cdr(message.bytes(), "setup").ok().filter(|_| topic.ends_with("/setup"));
     let Some(text) = text else { return Err(no_setup(log, &format!("a message on {topic}"))) };
-    let setup: Setup = serde_json::from_str(&text.data).map_err(|error| no_setup(log, &error.to_string()))?;
-    if setup.version != VERSION {
-        return Err(Error::invalid("log", format!("version {VERSION}"), format!("version {}", setup.version)));
+    let setup: Value = serde_json::from_str(&text.data).map_err(|error| no_setup(log, &error.to_string()))?;
+    // The version first: what else a setup of another one holds is not known.
+    if setup["version"] != VERSION {
+        let expected = format!("a log of version {VERSION}");
+        let got =
+            format!("version {}; replay it with the program that wrote it, {}", setup["version"], setup["program"]);
+        return Err(Error::invalid(log.display().to_string(), expected, got));
     }
-    Ok(setup)
+    serde_json::from_value(setup).map_err(|error| no_setup(log, &error.to_string()))
 }
 
 /// Gives the events of a log to a new node with the log's own parameters, and compares all that it says, byte for byte.

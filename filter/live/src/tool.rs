@@ -21,6 +21,12 @@ pub struct Tool {
     parameters: ToolParameters,
     tool_from_sensor: Rigid,
     latest: Option<Latest>,
+    /// Why the latest message was no pose, where it was none.
+    refused: Option<String>,
+    /// The base frame of the touches so far, which other poses must be in.
+    base: Option<String>,
+    /// A motion was asked for, and no pose came since.
+    is_asked: bool,
     n_poses: u64,
     n_malformed: u64,
 }
@@ -54,23 +60,60 @@ impl Tool {
     /// A pose of the sensor in the tool's frame that is none.
     pub fn new(parameters: &ToolParameters) -> Result<Self> {
         let tool_from_sensor = parameters.tool_from_sensor()?;
-        Ok(Self { parameters: parameters.clone(), tool_from_sensor, latest: None, n_poses: 0, n_malformed: 0 })
+        Ok(Self {
+            parameters: parameters.clone(),
+            tool_from_sensor,
+            latest: None,
+            refused: None,
+            base: None,
+            is_asked: false,
+            n_poses: 0,
+            n_malformed: 0,
+        })
     }
 
     /// Takes in a pose.
     ///
     /// # Errors
-    /// Bytes that are no pose; what was known stays.
+    /// Bytes that are no pose, or one in another frame than the touches so far. Where the tool is now is not known then:
+    /// the pose before is forgotten.
     pub fn moved(&mut self, time_ns: i64, cdr: &[u8]) -> Result<()> {
         let taken = self.take(time_ns, cdr);
-        self.n_poses += u64::from(taken.is_ok());
-        self.n_malformed += u64::from(taken.is_err());
+        match &taken {
+            Ok(()) => {
+                self.n_poses += 1;
+                (self.refused, self.is_asked) = (None, false);
+            }
+            Err(error) => {
+                self.n_malformed += 1;
+                (self.latest, self.refused) = (None, Some(error.to_string()));
+            }
+        }
         taken
+    }
+
+    /// A touch was taken in with poses in this frame; `is_asked`: another motion was asked for. Until a pose comes the tool
+    /// is nowhere then.
+    pub fn touched(&mut self, frame_id: &str, is_asked: bool) {
+        (self.base, self.is_asked) = (Some(frame_id.to_owned()), is_asked);
+    }
+
+    /// The next touch is the first of another hole, whose poses may be in another frame.
+    pub fn reset(&mut self) {
+        self.base = None;
     }
 
     fn take(&mut self, time_ns: i64, cdr: &[u8]) -> Result<()> {
         let message: PoseStamped = from_cdr(cdr, "tool pose")?;
         let base_from_tool = Rigid::from_pose(&message.pose, "tool pose")?;
+        let got = &message.header.frame_id;
+        if let Some(base) = self.base.as_ref().filter(|base| *base != got) {
+            return Err(Error::invalid(
+                "tool pose",
+                format!("frame {base:?} of the touches before"),
+                format!("{got:?}"),
+            ));
+        }
         let before = self.latest.take();
         let interval_ns = before.as_ref().map(|before| {
             let interval = (time_ns - before.time_ns) as f64;
@@ -92,11 +135,18 @@ impl Tool {
     /// The sensor where it stands still.
     ///
     /// # Errors
-    /// No pose, or a stale one.
+    /// No pose, one that was refused, none since a motion was asked for, or a stale one.
     pub fn placed(&self, now_ns: i64) -> Result<Placed> {
         let Some(latest) = &self.latest else {
-            return Err(Error::invalid("tool pose", "at least one message", "none"));
+            let Some(reason) = &self.refused else {
+                return Err(Error::invalid("tool pose", "at least one message", "none"));
+            };
+            let expected = "a new one after one that was refused";
+            return Err(Error::invalid("tool pose", expected, format!("none ({reason})")));
         };
+        if self.is_asked {
+            return Err(Error::invalid("tool pose", "a new one after the motion that was asked for", "none"));
+        }
         let age_ns = (now_ns - latest.time_ns) as f64;
         let most_ns = latest.interval_ns.map_or(f64::INFINITY, |ns| (STALE_INTERVALS * ns).max(LEAST_STALE_NS));
         let most_ns = self.parameters.max_age_s.map_or(most_ns, |s| s * 1e9);
@@ -147,6 +197,55 @@ mod tests {
             assert_eq!(tool.placed(time).unwrap().still_since_ns, since, "{time}");
         }
         assert_eq!(tool.counts(), [6, 0]);
+    }
+
+    #[test]
+    fn after_a_pose_that_was_refused_the_tool_is_nowhere() {
+        let said = |tool: &Tool| tool.placed(2).unwrap_err().to_string();
+        let header = || Header { frame_id: "base".into(), ..Header::default() };
+        let at = |x_m: f64, header: Header| {
+            let pose = Pose { position: [x_m, 0.0, 0.0], orientation: [0.0, 0.0, 0.0, 1.0] };
+            to_cdr(&PoseStamped { header, pose })
+        };
+        let flat = PoseStamped { header: header(), pose: Pose { position: [0.0; 3], orientation: [0.0; 4] } };
+        let other = Header { frame_id: "tool0".into(), ..Header::default() };
+        let refused = [
+            (at(f64::NAN, header()), "a position within 10 m"),
+            (at(4.0e3, header()), "a position within 10 m"),
+            (to_cdr(&flat), "a quaternion of length 1"),
+            (at(0.0, header())[..30].to_vec(), "bytes of"),
+            (at(0.0, other.clone()), "frame \"base\" of the touches before, got \"tool0\""),
+        ];
+        for (pose, reason) in refused {
+            let mut tool = Tool::new(&ToolParameters::default()).unwrap();
+            tool.moved(0, &at(0.1, header())).unwrap();
+            tool.touched("base", false);
+            assert!(tool.placed(1).is_ok());
+            assert!(tool.moved(1, &pose).is_err());
+            assert!(
+                said(&tool).contains("after one that was refused") && said(&tool).contains(reason),
+                "{}",
+                said(&tool)
+            );
+            tool.moved(2, &at(0.1, header())).unwrap();
+            assert!(tool.placed(2).is_ok());
+            // Another hole may be in another frame.
+            tool.reset();
+            assert!(tool.moved(2, &at(0.0, other.clone())).is_ok());
+        }
+    }
+
+    #[test]
+    fn a_motion_that_was_asked_for_needs_a_pose_and_a_touch_without_one_does_not() {
+        let mut tool = Tool::new(&ToolParameters::default()).unwrap();
+        tool.moved(0, &pose(0.0)).unwrap();
+        tool.touched("", false);
+        assert!(tool.placed(1).is_ok());
+        tool.touched("", true);
+        let said = tool.placed(1).unwrap_err().to_string();
+        assert_eq!(said, "tool pose: expected a new one after the motion that was asked for, got none");
+        tool.moved(2, &pose(0.0)).unwrap();
+        assert!(tool.placed(2).is_ok());
     }
 
     #[test]

@@ -24,6 +24,8 @@ pub enum Trouble {
     Clock,
     /// Messages that hold no pose.
     MalformedPose,
+    /// A contact without a pose.
+    NoPose,
 }
 
 /// What is wrong now, and since when it was last reported.
@@ -35,6 +37,8 @@ pub struct Troubles {
 #[derive(Clone, Debug)]
 struct Known {
     is_active: bool,
+    /// Whether it was reported since it began.
+    is_said: bool,
     reported_ns: i64,
     level: Level,
     text: String,
@@ -44,17 +48,19 @@ impl Troubles {
     /// Something is wrong; the line to report, where it was not reported yet.
     pub fn raise(&mut self, now_ns: i64, trouble: Trouble, level: Level, text: String) -> Option<String> {
         let known = self.known.get(&trouble);
-        let is_new = known.is_none_or(|known| !known.is_active && now_ns - known.reported_ns >= AGAIN_NS);
+        let is_new = known.is_none_or(|known| !known.is_said && now_ns - known.reported_ns >= AGAIN_NS);
         let reported_ns = if is_new { now_ns } else { known.map_or(now_ns, |known| known.reported_ns) };
+        let is_said = is_new || known.is_some_and(|known| known.is_said);
         let said = is_new.then(|| text.clone());
-        self.known.insert(trouble, Known { is_active: true, reported_ns, level, text });
+        self.known.insert(trouble, Known { is_active: true, is_said, reported_ns, level, text });
         said
     }
 
     /// It is over; whether it had been wrong.
     pub fn clear(&mut self, trouble: Trouble) -> bool {
-        let known = self.known.get_mut(&trouble);
-        known.is_some_and(|known| std::mem::replace(&mut known.is_active, false))
+        let Some(known) = self.known.get_mut(&trouble) else { return false };
+        known.is_said = false;
+        std::mem::replace(&mut known.is_active, false)
     }
 
     /// What is wrong now.
@@ -82,5 +88,9 @@ mod tests {
         assert_eq!(troubles.active().collect::<Vec<_>>(), [(Level::Error, "at 5")]);
         troubles.clear(Trouble::Frozen);
         assert_eq!(raise(&mut troubles, 11).as_deref(), Some("at 11"));
+        // It comes back at once and stays: that is said when it may be said again.
+        troubles.clear(Trouble::Frozen);
+        let said: Vec<_> = (12..60).filter_map(|s| raise(&mut troubles, s)).collect();
+        assert_eq!(said, ["at 21"]);
     }
 }

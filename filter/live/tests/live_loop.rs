@@ -3,21 +3,30 @@
 #![allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic")]
 
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
+use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
+use tactile_data::picture::write_png;
 use tactile_data::recording::ros::bag::Bag;
 use tactile_data::recording::ros::bag_writer::BagWriter;
+use tactile_data::recording::ros::messages::{Header, Image, Message, Pose, PoseStamped, Text, to_cdr};
 use tactile_data::scene::{Kit, Parts, Scene};
-use tactile_data::simulator::Simulator;
+use tactile_data::se2::Se2;
+use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
 use tactile_filter::StopReason;
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings, pair};
 use tactile_live::session::{Names, Session};
-use tactile_live::shell::Spoken;
-use tactile_live::{DecisionReport, Node, Parameters, replay};
+use tactile_live::shell::{Spoken, folder, spoken};
+use tactile_live::sources::commands::{Command, Place};
+use tactile_live::sources::folder::Folder;
+use tactile_live::sources::placed;
+use tactile_live::{DecisionReport, Event, Input, Node, Output, Parameters, Request, replay};
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maze-small.safetensors");
 
@@ -212,4 +221,225 @@ fn a_contact_that_settles_is_a_trigger() {
     let settings = RobotSettings { settle_s: 0.6, ..RobotSettings::default() };
     let (outcomes, _) = run(settings, &mut session);
     assert_eq!(outcomes.len(), 1);
+}
+
+/// A node whose touches are made by hand, of letter B, a picture each.
+struct ByHand {
+    session: Session,
+    simulator: Simulator,
+    n_pictures: u64,
+    time_ns: i64,
+}
+
+impl ByHand {
+    /// After its frame at rest.
+    fn new(mut parameters: Parameters) -> Self {
+        (parameters.camera.stills, parameters.camera.n_rest) = (true, 1);
+        let (model, bank) = model_and_bank();
+        let session = Session::new(Node::new(parameters, model, bank).unwrap());
+        let simulator = Simulator::new(scene(), 1).unwrap();
+        let mut hand = Self { session, simulator, n_pictures: 0, time_ns: 1_700_000_000_000_000_000 };
+        hand.give(Input::Called { request: Request::Calibrate, id: 1 });
+        let rest = hand.simulator.no_contact(1);
+        hand.give(shown(&rest));
+        hand
+    }
+
+    fn give(&mut self, input: Input) -> Vec<Output> {
+        self.time_ns += 10_000_000;
+        self.session.handle(&Event { time_ns: self.time_ns, input })
+    }
+
+    fn frame(&mut self) -> Frame {
+        self.n_pictures += 1;
+        let mut rng = frame_rng(7, self.n_pictures);
+        self.simulator.touch(1, Side::Hole, &Se2::new(1.0, 0.0, 0.1), &mut rng).unwrap()
+    }
+
+    /// Gives what comes with a touch, its picture and the call, in the order of each source; the answer.
+    fn touch(&mut self, inputs: impl IntoIterator<Item = Input>) -> Result<String, String> {
+        let frame = self.frame();
+        let mut outputs: Vec<Output> = inputs.into_iter().flat_map(|input| self.give(input)).collect();
+        outputs.extend(self.give(shown(&frame)));
+        outputs.extend(self.give(Input::Called { request: Request::Observe, id: 9 }));
+        for _ in 0..200 {
+            let answer = outputs.drain(..).find_map(|output| match output {
+                Output::Answer { success, message, .. } => Some(if success { Ok(message) } else { Err(message) }),
+                Output::Publish { .. } => None,
+            });
+            if let Some(answer) = answer {
+                return answer;
+            }
+            outputs = self.give(Input::Tick);
+        }
+        panic!("no answer")
+    }
+
+    fn n_touches(&self) -> usize {
+        self.session.node().episode().unwrap().belief().touches().len()
+    }
+}
+
+fn shown(frame: &Frame) -> Input {
+    Input::Image(to_cdr(&Image::of_frame(Header::default(), frame)))
+}
+
+#[test]
+fn a_touch_is_refused_where_its_pose_was_refused_or_never_came() {
+    let mut hand = ByHand::new(Parameters::default());
+    assert!(hand.touch([]).unwrap_err().contains("got none"));
+    hand.touch([placed(&Se2::IDENTITY)]).unwrap();
+    // The node has asked for a motion.
+    let said = hand.touch([]).unwrap_err();
+    assert!(said.contains("a new one after the motion that was asked for"), "{said}");
+    let pose = |x_m: f64, frame_id: &str| {
+        let header = Header { frame_id: frame_id.into(), ..Header::default() };
+        let pose = Pose { position: [x_m, 0.0, 0.0], orientation: [0.0, 0.0, 0.0, 1.0] };
+        Input::ToolPose(to_cdr(&PoseStamped { header, pose }))
+    };
+    for bad in [pose(f64::NAN, "plane"), pose(4e3, "plane"), pose(0.004, "tool0"), Input::ToolPose(vec![0, 1, 0, 0])] {
+        // The motion was made and its pose was good, until a bad one came.
+        for inputs in [vec![placed(&Se2::IDENTITY), bad], vec![]] {
+            let said = hand.touch(inputs).unwrap_err();
+            assert!(said.contains("a new one after one that was refused"), "{said}");
+        }
+        assert_eq!(hand.n_touches(), 1);
+    }
+    hand.touch([placed(&Se2::new(0.5, 0.0, 0.0))]).unwrap();
+    assert_eq!(hand.n_touches(), 2);
+    // Lines of commands, of which the first names no place that there is.
+    let mut place = Place::default();
+    for (line, is_good) in [("touch 1e300 0 0", false), ("touch", false), ("touch 1 0 0", true)] {
+        let inputs = place.events(line.parse::<Command>().unwrap(), 5);
+        let pose = inputs.into_iter().filter(|input| matches!(input, Input::ToolPose(_)));
+        assert_eq!(hand.touch(pose).is_ok(), is_good, "{line}");
+    }
+    assert_eq!(hand.n_touches(), 3);
+}
+
+#[test]
+fn a_touch_is_repeated_where_it_was_and_no_motion_was_asked_for() {
+    let mut parameters = Parameters::default();
+    parameters.episode.max_touches = Some(1);
+    let mut hand = ByHand::new(parameters);
+    hand.touch([placed(&Se2::IDENTITY)]).unwrap();
+    for n in 2..4 {
+        hand.touch([]).unwrap();
+        assert_eq!(hand.n_touches(), n);
+    }
+}
+
+#[test]
+fn a_frame_at_rest_is_said_once_and_answered_each_time() {
+    let mut hand = ByHand::new(Parameters::default());
+    let mut outputs = Vec::new();
+    for seed in 2..5 {
+        hand.give(Input::Called { request: Request::Calibrate, id: seed });
+        let rest = hand.simulator.no_contact(seed);
+        outputs.extend(hand.give(shown(&rest)));
+    }
+    let n_answers = outputs.iter().filter(|output| matches!(output, Output::Answer { success: true, .. })).count();
+    assert_eq!((n_answers, lines(&outputs)), (3, Vec::<String>::new()));
+    // After a loss it is news.
+    hand.give(Input::Cameras(1));
+    let lost = hand.give(Input::Cameras(0));
+    assert!(lines(&lost)[0].contains("a new frame at rest is needed"), "{lost:?}");
+    hand.give(Input::Called { request: Request::Calibrate, id: 9 });
+    let rest = hand.simulator.no_contact(9);
+    let said = hand.give(shown(&rest));
+    assert!(lines(&said)[0].starts_with("at rest: "), "{said:?}");
+}
+
+/// The lines for a person among some outputs.
+fn lines(outputs: &[Output]) -> Vec<String> {
+    let line = |spoken| match spoken {
+        Spoken::Line(line) => Some(line),
+        Spoken::Decision(_) => None,
+    };
+    spoken(outputs).into_iter().filter_map(line).collect()
+}
+
+#[test]
+fn a_contact_without_a_pose_is_said_once_and_taken_in_when_its_pose_comes() {
+    let parameters = Parameters { trigger: tactile_live::parameters::Trigger::Contact, ..Parameters::default() };
+    let mut hand = ByHand::new(parameters);
+    let press = |hand: &mut ByHand, n: usize| {
+        let shown: Vec<_> = (0..n).flat_map(|_| [shown(&hand.frame()), Input::Tick]).collect();
+        let outputs: Vec<_> = shown.into_iter().flat_map(|input| hand.give(input)).collect();
+        lines(&outputs)
+    };
+    let said = press(&mut hand, 8);
+    assert_eq!(said.iter().filter(|line| line.contains("no touch yet: tool pose")).count(), 1, "{said:?}");
+    hand.give(placed(&Se2::IDENTITY));
+    press(&mut hand, 2);
+    assert_eq!(hand.n_touches(), 1);
+}
+
+#[test]
+fn a_folder_that_is_gone_is_said_once() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = Folder::open(scratch.path()).unwrap();
+    drop(scratch);
+    let stop = AtomicBool::new(false);
+    let mut said = Vec::new();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(std::time::Duration::from_millis(700));
+            stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        });
+        folder::run(Session::new(node()), folder, false, &stop, &mut |spoken| said.push(spoken)).unwrap();
+    });
+    assert_eq!(said.len(), 1, "{said:?}");
+}
+
+#[test]
+fn a_refused_touch_of_a_folder_gets_its_answer_and_what_cannot_be_written_costs_no_other() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = |name: &str| scratch.path().join(name);
+    let parameters = Parameters { observe_timeout_s: Some(0.2), ..Parameters::default() };
+    let mut hand = ByHand::new(parameters);
+    write_png(&path("rest.png"), &hand.simulator.no_contact(1)).unwrap();
+    let places = [
+        ("ta", r#"{"x_mm": 0, "y_mm": 0, "theta_deg": 0}"#),
+        ("tb", r#"{"x_mm": 4e8, "y_mm": 0, "theta_deg": 0}"#),
+        ("tc", r#"{"x_mm": 0}"#),
+        ("td", r#"{"x_mm": 0.5, "y_mm": 0, "theta_deg": 0}"#),
+        ("te", r#"{"x_mm": 1.0, "y_mm": 0, "theta_deg": 0}"#),
+    ];
+    for (name, place) in places {
+        write_png(&path(&format!("{name}.png")), &hand.frame()).unwrap();
+        std::fs::write(path(&format!("{name}.json")), place).unwrap();
+    }
+    // In the place of the fourth answer something else is.
+    std::fs::create_dir_all(path("td.decision.json.partial/in/the/way")).unwrap();
+    let mut said = Vec::new();
+    let folder = Folder::open(scratch.path()).unwrap();
+    folder::run(hand.session, folder, true, &AtomicBool::new(false), &mut |spoken| said.push(spoken)).unwrap();
+    let lines: Vec<_> = said.iter().map(|spoken| format!("{spoken:?}")).collect();
+    let answer = |name: &str| -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(path(&format!("{name}.decision.json"))).unwrap()).unwrap()
+    };
+    assert_eq!((&answer("ta")["touch"], &answer("te")["touch"]), (&1.into(), &3.into()), "{lines:?}");
+    for (name, reason) in [("tb", "a position within 10 m"), ("tc", "tc.json")] {
+        let answer = answer(name);
+        assert!(answer["error"].as_str().unwrap().contains(reason), "{answer}");
+    }
+    assert!(!path("td.decision.json").exists());
+    for name in ["td.decision.json", "tc.json"] {
+        assert_eq!(lines.iter().filter(|line| line.contains(name)).count(), 1, "{lines:?}");
+    }
+}
+
+#[test]
+fn a_log_of_another_version_is_refused_whatever_else_it_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("old.mcap");
+    let mut writer = BagWriter::new(&log, std::fs::File::create_new(&log).unwrap(), "test").unwrap();
+    let channel = writer.channel_of("/tactile_filter/setup", Text::TYPE, "").unwrap();
+    let data = r#"{"version": 1, "program": "tactile-live 0.0.9", "parameters": {"of_old": 1}}"#.to_owned();
+    writer.write_numbered(channel, 1, 0, &to_cdr(&Text { data })).unwrap();
+    writer.finish().unwrap();
+    let said = replay::setup(&log).unwrap_err().to_string();
+    assert!(said.contains("old.mcap: expected a log of version 2, got version 1"), "{said}");
+    assert!(said.contains("tactile-live 0.0.9"), "{said}");
 }

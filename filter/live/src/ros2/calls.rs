@@ -2,13 +2,13 @@
 
 use std::time::Instant;
 
+use rustdds::GUID;
 use rustdds::rpc::SampleIdentity;
-use rustdds::{GUID, Timestamp, WriteOptionsBuilder};
 
 use super::error::{Error, Result};
 use super::inbox::Incoming;
 use super::trigger::{self, Form};
-use super::wire::{Sample, Writer, send};
+use super::wire::{Sample, Writer, options, send};
 use super::{Call, Client, RequestId, Service};
 
 /// Calls without an answer that are remembered.
@@ -44,8 +44,7 @@ impl ClientSlot {
         header[..8].copy_from_slice(&writer.guid()[8..]);
         header[8..].copy_from_slice(&self.n_calls.to_le_bytes());
         let form = if server.starts_with(&CYCLONE) { Form::Cyclone(header) } else { Form::Plain };
-        let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build();
-        let identity = send(&writer.dds, name, &trigger::write_request(form), options)?;
+        let identity = send(&writer.dds, name, &trigger::write_request(form), options(None))?;
         if self.waiting.len() >= MAX_CALLS {
             self.waiting.remove(0);
         }

@@ -1,6 +1,6 @@
 //! How a node is seen by `ros2 node list` and `ros2 node info`, and its lines in `/rosout`.
 
-use tactile_data::recording::ros::cdr::Writer;
+use tactile_data::recording::ros::cdr::{Reader, Writer};
 
 use super::names::NodeName;
 
@@ -27,13 +27,77 @@ pub enum Level {
     Error = 40,
 }
 
-/// `rmw_dds_common/msg/ParticipantEntitiesInfo` of a participant with one node; identifiers have 24 bytes if `long`
-/// (ROS 2 up to Humble), 16 otherwise.
-pub(super) fn participant(node: &NodeName, guid: Guid, readers: &[Guid], writers: &[Guid], long: bool) -> Vec<u8> {
+/// How long the identifiers in the graph's messages are. A program that expects 24 bytes and gets 16 takes names for
+/// lengths, and asks for gigabytes of memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Identifiers {
+    /// 16 bytes: ROS 2 from Iron on.
+    Short,
+    /// 24 bytes: ROS 2 up to Humble.
+    Long,
+}
+
+/// The least bytes of a node in a message.
+const LEAST_NODE_BYTES: usize = 16;
+
+impl Identifiers {
+    /// Those of a distribution of ROS 2; `None` of one that is not known.
+    pub(super) fn of_distribution(name: &str) -> Option<Self> {
+        match name {
+            "dashing" | "eloquent" | "foxy" | "galactic" | "humble" => Some(Self::Long),
+            "iron" | "jazzy" | "kilted" | "lyrical" | "rolling" => Some(Self::Short),
+            _ => None,
+        }
+    }
+
+    /// Those of a graph's message; `None` where it fits neither, or both.
+    pub(super) fn of_message(cdr: &[u8]) -> Option<Self> {
+        let fits = |identifiers: Self| identifiers.fit(cdr).unwrap_or(false);
+        match (fits(Self::Short), fits(Self::Long)) {
+            (true, false) => Some(Self::Short),
+            (false, true) => Some(Self::Long),
+            _ => None,
+        }
+    }
+
+    fn n_bytes(self) -> usize {
+        match self {
+            Self::Short => 16,
+            Self::Long => 24,
+        }
+    }
+
+    /// Whether a message is a whole one with such identifiers.
+    fn fit(self, cdr: &[u8]) -> tactile_data::error::Result<bool> {
+        let mut reader = Reader::new(cdr, TOPIC)?;
+        let identifier = |reader: &mut Reader| (0..self.n_bytes()).try_for_each(|_| reader.u8("gid").map(|_| ()));
+        identifier(&mut reader)?;
+        for _ in 0..reader.count(LEAST_NODE_BYTES, "nodes")? {
+            if !reader.string("namespace")?.starts_with('/') || reader.string("name")?.is_empty() {
+                return Ok(false);
+            }
+            for field in ["readers", "writers"] {
+                for _ in 0..reader.count(self.n_bytes(), field)? {
+                    identifier(&mut reader)?;
+                }
+            }
+        }
+        // Up to three bytes may fill the end.
+        Ok((0..4).take_while(|_| reader.u8("end").is_ok()).count() < 4)
+    }
+}
+
+/// `rmw_dds_common/msg/ParticipantEntitiesInfo` of a participant with one node.
+pub(super) fn participant(
+    node: &NodeName,
+    guid: Guid,
+    readers: &[Guid],
+    writers: &[Guid],
+    identifiers: Identifiers,
+) -> Vec<u8> {
     let mut message = Writer::default();
     let identifier = |message: &mut Writer, guid: &Guid| {
-        let filling = if long { 8 } else { 0 };
-        guid.iter().chain(&[0; 8][..filling]).for_each(|byte| message.u8(*byte));
+        guid.iter().chain(&[0; 8]).take(identifiers.n_bytes()).for_each(|byte| message.u8(*byte));
     };
     identifier(&mut message, &guid);
     message.u32(1);
@@ -70,7 +134,7 @@ mod tests {
     fn a_node_and_its_endpoints_have_the_bytes_computed_by_hand() {
         let node = NodeName::new("/a", "n").unwrap();
         let guids: [Guid; 3] = [[1; 16], [2; 16], [3; 16]];
-        let got = participant(&node, guids[0], &guids[1..2], &guids[1..], false);
+        let got = participant(&node, guids[0], &guids[1..2], &guids[1..], Identifiers::Short);
         let mut expected = vec![0, 1, 0, 0];
         expected.extend([1; 16]);
         expected.extend([1, 0, 0, 0]);
@@ -83,9 +147,68 @@ mod tests {
         expected.extend([2; 16]);
         expected.extend([3; 16]);
         assert_eq!(got, expected);
-        let long = participant(&node, guids[0], &guids[1..2], &guids[1..], true);
-        assert_eq!(long.len(), expected.len() + 4 * 8);
-        assert_eq!(&long[..28], &[&expected[..20], &[0; 8]].concat()[..]);
+        // The same with eight zeros behind each identifier.
+        let long = participant(&node, guids[0], &guids[1..2], &guids[1..], Identifiers::Long);
+        let n = expected.len();
+        let mut by_hand: Vec<u8> = Vec::new();
+        for (from, to, is_identifier) in [
+            (0, 20, true),
+            (20, n - 52, false),
+            (n - 52, n - 36, true),
+            (n - 36, n - 32, false),
+            (n - 32, n - 16, true),
+        ]
+        .into_iter()
+        .chain([(n - 16, n, true)])
+        {
+            by_hand.extend(&expected[from..to]);
+            by_hand.extend(&[0; 8][..if is_identifier { 8 } else { 0 }]);
+        }
+        assert_eq!(long, by_hand);
+    }
+
+    /// What a program that expects identifiers of `n_bytes` makes of a message: the lengths that it finds.
+    fn lengths(cdr: &[u8], n_bytes: usize) -> Vec<u32> {
+        let body = &cdr[4..];
+        let number = |at: usize| body.get(at..at + 4).map(|bytes| u32::from_le_bytes(bytes.try_into().unwrap()));
+        let (mut at, mut found) = (n_bytes, Vec::new());
+        let mut next = |at: &mut usize| {
+            *at = at.next_multiple_of(4);
+            let length = number(*at).unwrap_or(0);
+            *at += 4;
+            found.push(length);
+            length as usize
+        };
+        for _ in 0..next(&mut at).min(3) {
+            for item_bytes in [1, 1, n_bytes, n_bytes] {
+                let length = next(&mut at);
+                at += item_bytes * length;
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn the_layout_of_a_message_is_found_and_the_wrong_one_would_cost_gigabytes() {
+        let node = NodeName::new("/", "tactile_filter").unwrap();
+        let guids: Vec<Guid> = (0..30).map(|i| [i; 16]).collect();
+        for (identifiers, n_bytes) in [(Identifiers::Short, 16), (Identifiers::Long, 24)] {
+            for n in [0, 1, 30] {
+                let cdr = participant(&node, [9; 16], &guids[..n], &guids, identifiers);
+                assert_eq!(Identifiers::of_message(&cdr), Some(identifiers), "{n}");
+                assert_eq!(lengths(&cdr, n_bytes), [1, 2, 15, n as u32, 30]);
+                for cut in [1, 5, 17] {
+                    assert_eq!(Identifiers::of_message(&cdr[..cdr.len() - cut]), None, "{n}, {cut}");
+                }
+            }
+        }
+        let short = participant(&node, [9; 16], &guids, &guids, Identifiers::Short);
+        assert!(lengths(&short, 24).iter().any(|length| *length > 1 << 20), "{:?}", lengths(&short, 24));
+        // A participant without nodes, as rmw sends it first, in both layouts.
+        let none = |n_bytes: usize| [&[0, 1, 0, 0][..], &[7; 16], &vec![0; n_bytes - 16], &[0; 4]].concat();
+        assert_eq!(Identifiers::of_message(&none(16)), Some(Identifiers::Short));
+        assert_eq!(Identifiers::of_message(&none(24)), Some(Identifiers::Long));
+        assert_eq!(Identifiers::of_message(&[]), None);
     }
 
     #[test]

@@ -45,6 +45,7 @@ mod calls;
 mod error;
 mod graph;
 mod inbox;
+mod latch;
 mod names;
 mod raw;
 mod readers;
@@ -53,10 +54,11 @@ mod state;
 mod trigger;
 mod trouble;
 mod wire;
+mod writers;
 
 pub use bus::Bus;
 pub use error::{Error, Result};
-pub use graph::Level;
+pub use graph::{Identifiers, Level};
 pub use inbox::{Inbox, Incoming};
 pub use names::{NodeName, Remap};
 pub use settings::{Arguments, Parameter, Settings, arguments};
@@ -70,8 +72,8 @@ pub enum Delivery {
     Newest,
     /// Reliable: a lost message is sent again.
     Reliable,
-    /// Reliable, and who comes later gets the last message (transient local). A subscriber gets nothing of a publisher
-    /// that is not latched.
+    /// Reliable, and who comes later gets the newest message and no other (transient local). A subscriber gets nothing of
+    /// a publisher that is not latched.
     Latched,
 }
 

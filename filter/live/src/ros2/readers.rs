@@ -10,8 +10,8 @@ use super::wire::{News, Reader, Sample, Wire, Wish};
 /// How long a subscription waits for a publisher before that is reported.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// How often messages that were left out are reported.
-const REPORT: Duration = Duration::from_secs(1);
+/// How often messages that were left out are reported, the first of them at once.
+const REPORT: Duration = Duration::from_secs(10);
 
 /// What a reader is for.
 pub(super) struct Reads {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::error::{Error, Result};
+use super::graph::Identifiers;
 use super::names::{NodeName, Remap};
 
 /// The words that ROS 2 passes to a node, apart from the program's own.
@@ -112,12 +113,10 @@ pub struct Settings {
     pub domain_id: u16,
     /// Only programs on this machine, over 127.0.0.1.
     pub localhost_only: bool,
-    /// Identifiers of 24 bytes, as ROS 2 up to Humble has them in its graph, instead of 16.
-    pub long_identifiers: bool,
+    /// How the graph's messages are laid out; `None`: as those of the first other node that is heard, and none is sent
+    /// before.
+    pub identifiers: Option<Identifiers>,
 }
-
-/// Distributions with identifiers of 24 bytes.
-const LONG_IDENTIFIERS: [&str; 5] = ["dashing", "eloquent", "foxy", "galactic", "humble"];
 
 /// The last domain whose ports are below 65,536 (RTPS 2.5, 9.6.2.3).
 const MAX_DOMAIN: u16 = 232;
@@ -134,7 +133,7 @@ impl Settings {
             remaps: Vec::new(),
             domain_id: 0,
             localhost_only: false,
-            long_identifiers: false,
+            identifiers: None,
         })
     }
 
@@ -163,9 +162,20 @@ impl Settings {
             }
         };
         let localhost_only = local_range || set("ROS_LOCALHOST_ONLY").is_some_and(|value| value == "1");
-        let long_identifiers = set("ROS_DISTRO").is_some_and(|distro| LONG_IDENTIFIERS.contains(&distro.as_str()));
+        let identifiers = set("ROS_DISTRO").and_then(|distro| Identifiers::of_distribution(&distro));
         let remaps = arguments.remaps.clone();
-        Ok(Self { node, own_name: name.to_owned(), remaps, domain_id, localhost_only, long_identifiers })
+        Ok(Self { node, own_name: name.to_owned(), remaps, domain_id, localhost_only, identifiers })
+    }
+
+    /// The same in a network of this distribution of ROS 2, whatever the environment says.
+    ///
+    /// # Errors
+    /// A name that is not known.
+    pub fn in_distribution(self, name: &str) -> Result<Self> {
+        let expected = "a distribution of ROS 2, such as humble or jazzy";
+        let identifiers =
+            Identifiers::of_distribution(name).ok_or_else(|| Error::invalid("ros_distro", expected, name))?;
+        Ok(Self { identifiers: Some(identifiers), ..self })
     }
 }
 
@@ -215,7 +225,13 @@ mod tests {
         assert!(!with("ROS_LOCALHOST_ONLY", "0").unwrap().localhost_only);
         assert!(with("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST").unwrap().localhost_only);
         assert!(with("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF").is_err());
-        assert!(with("ROS_DISTRO", "humble").unwrap().long_identifiers);
-        assert!(!with("ROS_DISTRO", "jazzy").unwrap().long_identifiers);
+        let identifiers = |distro| with("ROS_DISTRO", distro).unwrap().identifiers;
+        assert_eq!(identifiers("humble"), Some(Identifiers::Long));
+        assert_eq!(identifiers("jazzy"), Some(Identifiers::Short));
+        // What is not known is learned from others.
+        assert_eq!((identifiers(""), identifiers("noetic")), (None, None));
+        let settings = with("ROS_DISTRO", "jazzy").unwrap();
+        assert_eq!(settings.clone().in_distribution("humble").unwrap().identifiers, Some(Identifiers::Long));
+        assert!(settings.in_distribution("noetic").unwrap_err().to_string().contains("ros_distro"));
     }
 }

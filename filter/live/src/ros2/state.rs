@@ -8,13 +8,15 @@ use rustdds::{Timestamp, WriteOptionsBuilder, mio1, no_key};
 
 use super::calls::{ClientSlot, request, response};
 use super::error::{Error, Result};
-use super::graph;
+use super::graph::{self, Identifiers};
 use super::inbox::{Incoming, Queue};
+use super::latch::Latch;
 use super::raw::Raw;
-use super::readers::{ReaderSlot, Reads, count_lost, report};
+use super::readers::{ReaderSlot, Reads, count_lost};
 use super::settings::Settings;
 use super::trouble::Trouble;
-use super::wire::{Reader, Sample, Wire, Wish, Writer, send, wishes_of_the_node};
+use super::wire::{Reader, Sample, Wire, Wish, Writer, options, send, wishes_of_the_node};
+use super::writers::{WriterSlot, Writes};
 use super::{Call, Client, Delivery, Endpoint, RequestId, Service};
 
 /// How long an answer waits for its caller's endpoint.
@@ -25,21 +27,6 @@ const SETTLING: Duration = Duration::from_millis(300);
 
 /// Answers that wait for their callers' endpoints.
 const MAX_ANSWERS: usize = 64;
-
-/// What a writer is for.
-pub(super) struct Writes {
-    pub(super) name: String,
-    /// Whose peers its readers are; `None`: nobody asks.
-    pub(super) endpoint: Option<Endpoint>,
-    /// The last message of a latched topic, sent again when the network is made anew.
-    pub(super) last: Option<Vec<u8>>,
-}
-
-struct WriterSlot {
-    wish: Wish,
-    writes: Writes,
-    writer: Option<Writer>,
-}
 
 /// An answer whose caller is not yet found.
 struct Answering {
@@ -56,7 +43,12 @@ pub(super) type Outlet = (Arc<no_key::DataWriter<Bytes, Raw>>, String);
 pub(super) struct State {
     settings: Settings,
     registry: mio1::Registry,
+    bell: Arc<mio1::Waker>,
     wire: Option<Wire>,
+    /// Of the graph's messages of others.
+    graph: Option<Reader>,
+    /// The layout that they have.
+    heard: Option<Identifiers>,
     readers: Vec<ReaderSlot>,
     /// The first two are the graph's and the log's.
     writers: Vec<WriterSlot>,
@@ -71,13 +63,19 @@ pub(super) struct State {
 const GRAPH: usize = 0;
 const LOG: usize = 1;
 
+/// The graph's reader among those that wake the thread.
+const GRAPH_TOKEN: usize = usize::MAX - 1;
+
 impl State {
-    pub(super) fn open(settings: Settings, registry: mio1::Registry) -> Result<Self> {
+    pub(super) fn open(settings: Settings, registry: mio1::Registry, bell: Arc<mio1::Waker>) -> Result<Self> {
         let wire = Some(Wire::open(&settings)?);
         let mut state = Self {
             settings,
             registry,
+            bell,
             wire,
+            graph: None,
+            heard: None,
             readers: Vec::new(),
             writers: Vec::new(),
             subscriptions: Vec::new(),
@@ -90,6 +88,7 @@ impl State {
             let name = wish.topic.clone();
             state.add_writer(wish, Writes { name, endpoint: None, last: None })?;
         }
+        state.graph = Some(state.graph_reader()?);
         state.announce()?;
         Ok(state)
     }
@@ -105,10 +104,20 @@ impl State {
         Ok(at)
     }
 
+    fn graph_reader(&self) -> Result<Reader> {
+        let [graph, _] = wishes_of_the_node();
+        self.wire()?.reader(&graph, &self.registry, GRAPH_TOKEN)
+    }
+
     pub(super) fn add_writer(&mut self, wish: Wish, writes: Writes) -> Result<usize> {
-        let writer = Some(self.wire()?.writer(&wish)?);
-        self.writers.push(WriterSlot { wish, writes, writer });
-        Ok(self.writers.len() - 1)
+        let at = self.writers.len();
+        // The log's latecomers get its latest lines.
+        let is_latched = wish.delivery == Delivery::Latched && at != LOG;
+        let latch = is_latched.then(|| Latch::new(Arc::clone(&self.bell)));
+        let mut slot = WriterSlot { wish, writes, writer: None, latch };
+        slot.open(self.wire()?)?;
+        self.writers.push(slot);
+        Ok(at)
     }
 
     pub(super) fn add_client(&mut self, name: String, request: Wish, answer: Wish) -> Result<Client> {
@@ -122,14 +131,56 @@ impl State {
         Ok(client)
     }
 
-    /// Tells the others which endpoints are this node's.
+    /// Tells the others which endpoints are this node's, once it is known how.
     pub(super) fn announce(&mut self) -> Result<()> {
+        let Some(identifiers) = self.settings.identifiers.or(self.heard) else { return Ok(()) };
         let readers: Vec<_> = self.readers.iter().filter_map(|slot| slot.reader.as_ref().map(Reader::guid)).collect();
         let writers: Vec<_> = self.writers.iter().filter_map(|slot| slot.writer.as_ref().map(Writer::guid)).collect();
-        let Settings { node, long_identifiers, .. } = &self.settings;
-        let cdr = graph::participant(node, self.wire()?.guid(), &readers, &writers, *long_identifiers);
+        let cdr = graph::participant(&self.settings.node, self.wire()?.guid(), &readers, &writers, identifiers);
         let (dds, name) = self.outlet(GRAPH, &cdr)?;
-        send(&dds, &name, &cdr, WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build()).map(|_| ())
+        send(&dds, &name, &cdr, options(None)).map(|_| ())
+    }
+
+    /// Takes in what others say in the graph: how their messages are laid out.
+    pub(super) fn listen(&mut self, queue: &Queue) {
+        let (Some(reader), Some(wire)) = (&mut self.graph, &self.wire) else { return };
+        let own = wire.guid();
+        while reader.news(wire).is_some() {}
+        reader.drain();
+        let taken = std::iter::from_fn(|| reader.take()).flatten();
+        let of_others = taken.filter(|sample| sample.writer[..12] != own[..12]);
+        let found: Vec<_> = of_others.filter_map(|sample| Identifiers::of_message(&sample.cdr)).collect();
+        for identifiers in found {
+            if let Err(error) = self.hear(identifiers) {
+                queue.push(Incoming::Trouble(Trouble::NoNetwork { reason: error.to_string() }));
+            }
+        }
+    }
+
+    /// The layout of the graph's messages of others.
+    #[cfg(test)]
+    pub(super) fn heard(&self) -> Option<Identifiers> {
+        self.heard
+    }
+
+    /// Another node's messages have such identifiers. Where some have long ones and others short ones, long ones are sent:
+    /// a reader of short ones takes them for a participant without nodes, one of long ones would break.
+    fn hear(&mut self, identifiers: Identifiers) -> Result<()> {
+        let is_settled = self.heard.is_some_and(|heard| heard == identifiers || heard == Identifiers::Long);
+        if is_settled || self.settings.identifiers.is_some() {
+            return Ok(());
+        }
+        if self.heard.replace(identifiers).is_some() {
+            // Nobody who comes late may be offered what was sent in the other layout.
+            self.replace(GRAPH)?;
+        }
+        self.announce()
+    }
+
+    /// Makes a writer anew that has written nothing.
+    fn replace(&mut self, at: usize) -> Result<()> {
+        let Some(wire) = &self.wire else { return Ok(()) };
+        self.writers[at].replace(wire)
     }
 
     /// Where a message goes out; a latched one is remembered.
@@ -141,6 +192,7 @@ impl State {
         if slot.wish.delivery == Delivery::Latched {
             slot.writes.last = Some(cdr.to_vec());
         }
+        slot.latch.iter_mut().for_each(Latch::wrote);
         Ok((Arc::clone(&writer.dds), slot.writes.name.clone()))
     }
 
@@ -214,12 +266,7 @@ impl State {
                 slot.look(queue, now, wire);
             }
         }
-        for WriterSlot { writes, writer, .. } in &mut self.writers {
-            let Some(writer) = writer else { continue };
-            while let Some(news) = writer.news() {
-                report(queue, writes.endpoint, &writes.name, news, ("", writer.peers.guids.len()));
-            }
-        }
+        self.look_at_writers(queue, now);
         for at in 0..self.clients.len() {
             self.look_for_servers(at, queue, now);
         }
@@ -231,6 +278,24 @@ impl State {
                 let name = self.writers[answering.writer].writes.name.clone();
                 queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: 1, reason: error.to_string() }));
             }
+        }
+    }
+
+    /// Reports readers, and lets those of latched topics have the newest message.
+    fn look_at_writers(&mut self, queue: &Queue, now: Instant) {
+        let mut is_replaced = false;
+        for at in 0..self.writers.len() {
+            let must_be_replaced = self.writers[at].look(queue);
+            let replaced = if must_be_replaced { self.replace(at) } else { Ok(()) };
+            is_replaced |= must_be_replaced && replaced.is_ok();
+            let done = replaced.and_then(|()| self.writers[at].serve(now));
+            if let Err(error) = done {
+                let name = self.writers[at].writes.name.clone();
+                queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: 1, reason: error.to_string() }));
+            }
+        }
+        if is_replaced && let Err(error) = self.announce() {
+            queue.push(Incoming::Trouble(Trouble::NoNetwork { reason: error.to_string() }));
         }
     }
 
@@ -258,6 +323,7 @@ impl State {
     pub(super) fn close(&mut self) {
         self.readers.iter_mut().for_each(|slot| slot.reader = None);
         self.writers.iter_mut().for_each(|slot| slot.writer = None);
+        self.graph = None;
         self.clients.iter_mut().for_each(|slot| slot.waiting.clear());
         self.answering.clear();
         self.wire = None;
@@ -267,6 +333,7 @@ impl State {
     pub(super) fn abandon(&mut self) {
         self.readers.iter_mut().for_each(|slot| std::mem::forget(slot.reader.take()));
         self.writers.iter_mut().for_each(|slot| std::mem::forget(slot.writer.take()));
+        std::mem::forget(self.graph.take());
         std::mem::forget(self.wire.take());
         self.close();
     }
@@ -282,18 +349,58 @@ impl State {
                 queue.push(Incoming::Matched { endpoint: slot.reads.endpoint, n_peers: 0 });
             }
         }
-        for slot in &mut self.writers {
-            let writer = wire.writer(&slot.wish)?;
-            if let Some(last) = &slot.writes.last {
-                let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build();
-                send(&writer.dds, &slot.writes.name, last, options)?;
+        for (at, slot) in self.writers.iter_mut().enumerate() {
+            slot.latch = slot.latch.take().map(|_| Latch::new(Arc::clone(&self.bell)));
+            slot.open(&wire)?;
+            // The graph's last message names endpoints that are gone.
+            if at != GRAPH {
+                slot.send_last()?;
             }
-            slot.writer = Some(writer);
             if let Some(endpoint) = slot.writes.endpoint {
                 queue.push(Incoming::Matched { endpoint, n_peers: 0 });
             }
         }
         self.wire = Some(wire);
+        self.graph = Some(self.graph_reader()?);
         self.announce()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(identifiers: Option<Identifiers>) -> State {
+        let poll = mio1::Poll::new().unwrap();
+        let registry = poll.registry().try_clone().unwrap();
+        let bell = Arc::new(mio1::Waker::new(&registry, mio1::Token(0)).unwrap());
+        let settings = Settings::new("n").unwrap();
+        let domain_id = 100 + (std::process::id() % 100) as u16;
+        let settings = Settings { domain_id, localhost_only: true, identifiers, ..settings };
+        State::open(settings, registry, bell).unwrap()
+    }
+
+    /// The layout of what was last said in the graph; `None` where nothing was.
+    fn said(state: &State) -> Option<Identifiers> {
+        state.writers[GRAPH].writes.last.as_ref().map(|cdr| Identifiers::of_message(cdr).unwrap())
+    }
+
+    #[test]
+    fn nothing_is_said_in_the_graph_until_a_layout_is_stated_or_heard() {
+        let mut learning = state(None);
+        assert_eq!(said(&learning), None);
+        learning.hear(Identifiers::Short).unwrap();
+        assert_eq!(said(&learning), Some(Identifiers::Short));
+        let writer = |state: &State| state.writers[GRAPH].writer.as_ref().unwrap().guid();
+        let before = writer(&learning);
+        learning.hear(Identifiers::Long).unwrap();
+        assert_eq!(said(&learning), Some(Identifiers::Long));
+        assert_ne!(writer(&learning), before, "a latecomer would get the short one as well");
+        learning.hear(Identifiers::Short).unwrap();
+        assert_eq!(said(&learning), Some(Identifiers::Long));
+        let mut stated = state(Some(Identifiers::Short));
+        assert_eq!(said(&stated), Some(Identifiers::Short));
+        stated.hear(Identifiers::Long).unwrap();
+        assert_eq!(said(&stated), Some(Identifiers::Short));
     }
 }

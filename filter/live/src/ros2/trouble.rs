@@ -1,6 +1,6 @@
 //! What goes wrong on the network, as cases.
 
-/// Something to report; each is said once, or once a second with a count.
+/// Something to report; each is said once, or once in ten seconds with a count.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Trouble {

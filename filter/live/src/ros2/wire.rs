@@ -11,13 +11,15 @@ use rustdds::policy::{Durability, History, ResourceLimits};
 use rustdds::rpc::SampleIdentity;
 use rustdds::{
     DataReaderStatus, DataWriterStatus, DomainParticipant, DomainParticipantBuilder, Duration, GUID, QosPolicies,
-    QosPolicyBuilder, RTPSEntity, StatusEvented, TopicKind, WriteOptions, mio1, no_key, policy,
+    QosPolicyBuilder, RTPSEntity, StatusEvented, Timestamp, TopicKind, WriteOptions, WriteOptionsBuilder, mio1, no_key,
+    policy,
 };
 
 use super::Delivery;
 use super::error::{Error, Result};
 use super::graph::{self, Guid};
 use super::inbox::DEPTH;
+use super::latch::Gate;
 use super::raw::Raw;
 use super::settings::Settings;
 
@@ -115,13 +117,23 @@ impl Wire {
         let qos = wish.qos(false);
         let topic = self.topic(wish, &qos)?;
         let dds = self.publisher.create_datawriter_no_key::<Bytes, Raw>(&topic, Some(qos));
-        Ok(Writer { dds: Arc::new(dds.map_err(Error::network(&wish.topic))?), peers: Peers::default() })
+        let dds = Arc::new(dds.map_err(Error::network(&wish.topic))?);
+        Ok(Writer { dds, peers: Peers::default(), arrivals: Vec::new(), gate: None })
     }
 
     fn topic(&self, wish: &Wish, qos: &QosPolicies) -> Result<rustdds::Topic> {
         let (name, type_name) = (wish.topic.clone(), wish.type_name.clone());
         let topic = self.participant.create_topic(name, type_name, qos, TopicKind::NoKey);
         topic.map_err(Error::network(&wish.topic))
+    }
+}
+
+/// For one reader alone, where one is named.
+pub(super) fn options(to: Option<Guid>) -> WriteOptions {
+    let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now());
+    match to {
+        Some(reader) => options.to_single_reader(GUID::from_bytes(reader)).build(),
+        None => options.build(),
     }
 }
 
@@ -287,6 +299,10 @@ fn since_1970(time: rustdds::Timestamp) -> Option<i64> {
 pub(super) struct Writer {
     pub(super) dds: Arc<no_key::DataWriter<Bytes, Raw>>,
     pub(super) peers: Peers,
+    /// Readers that were found since somebody looked.
+    pub(super) arrivals: Vec<Guid>,
+    /// What a reader of a latched topic has to pass.
+    pub(super) gate: Option<Arc<Gate>>,
 }
 
 impl Writer {
@@ -294,10 +310,22 @@ impl Writer {
         self.dds.guid().to_bytes()
     }
 
+    fn status(&self) -> Option<DataWriterStatus> {
+        self.dds.try_recv_status().or_else(|| self.gate.as_ref()?.arm(&self.dds))
+    }
+
+    /// Whether everybody has all messages.
+    pub(super) fn is_acked(&self) -> bool {
+        self.dds.wait_for_acknowledgments(std::time::Duration::ZERO).unwrap_or(false)
+    }
+
     pub(super) fn news(&mut self) -> Option<News> {
-        while let Some(status) = self.dds.try_recv_status() {
+        while let Some(status) = self.status() {
             let news = match status {
                 DataWriterStatus::PublicationMatched { current, reader, .. } => {
+                    if current.count_change() > 0 {
+                        self.arrivals.push(reader.to_bytes());
+                    }
                     Some(self.peers.update(reader, current.count_change()))
                 }
                 DataWriterStatus::OfferedIncompatibleQos { reader, requested_qos, offered_qos, .. } => {
@@ -342,7 +370,6 @@ pub(super) fn guarded<T>(run: impl FnOnce() -> T) -> std::result::Result<T, Stri
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustdds::Timestamp;
 
     #[test]
     fn a_panic_below_becomes_its_reason() {

@@ -1,11 +1,15 @@
 //! A folder that pictures are put into.
 
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use crate::error::Result;
+use serde_json::json;
+
+use crate::decision::DecisionReport;
+use crate::error::{Error, Result};
 use crate::event::{Event, Input, Output};
 use crate::session::Session;
+use crate::shell::failures::Failures;
 use crate::shell::{Spoken, TICK, is_asked, spoken};
 use crate::sources::NodeClock;
 use crate::sources::folder::{Folder, Ready};
@@ -16,10 +20,11 @@ const LOOK: Duration = Duration::from_millis(100);
 /// How long a picture's answer is waited for; the node gives one up sooner.
 const PATIENCE: Duration = Duration::from_secs(15);
 
-/// Looks at the folder until a stop is asked for, or, with `once`, until nothing more is ready.
+/// Looks at the folder until a stop is asked for, or, with `once`, until nothing more is ready. A folder that cannot be
+/// read and an answer that cannot be written are said, and it goes on.
 ///
 /// # Errors
-/// A folder that cannot be read, an answer that cannot be written.
+/// A log that cannot be ended.
 pub fn run(
     mut session: Session,
     mut folder: Folder,
@@ -28,49 +33,79 @@ pub fn run(
     tell: &mut dyn FnMut(Spoken),
 ) -> Result<()> {
     let clock = NodeClock::start();
+    let mut failures = Failures::default();
     let mut id = 0;
     while !is_asked(stop) {
         id += 1;
-        match folder.next(id) {
-            Ok(Some(ready)) => touch(&mut session, &folder, &clock, &ready, tell)?,
+        let failed = match folder.next(id) {
+            Ok(Some(ready)) => {
+                let said = take(&mut session, &clock, &ready, stop);
+                let answered = answer(&folder, &ready, &said);
+                said.spoken.into_iter().for_each(&mut *tell);
+                answered.err()
+            }
             Ok(None) if once => break,
-            Ok(None) => {
+            looked => {
                 session.handle(&Event { time_ns: clock.now_ns(), input: Input::Tick });
                 std::thread::sleep(LOOK);
+                looked.err()
             }
-            Err(error) => tell(Spoken::Line(error.to_string())),
+        };
+        if let Some(line) = failed.and_then(|error| failures.line(&error.to_string(), Instant::now())) {
+            tell(Spoken::Line(line));
         }
     }
     session.finish()
 }
 
-/// Gives the session a picture; what follows from a touch is written to its answer.
-fn touch(
-    session: &mut Session,
-    folder: &Folder,
-    clock: &NodeClock,
-    ready: &Ready,
-    tell: &mut dyn FnMut(Spoken),
-) -> Result<()> {
+/// What came of a picture.
+struct Said {
+    spoken: Vec<Spoken>,
+    /// Why it was refused.
+    refused: Option<String>,
+}
+
+impl Said {
+    fn decision(&self) -> Option<&DecisionReport> {
+        self.spoken.iter().find_map(|spoken| match spoken {
+            Spoken::Decision(report) => Some(&**report),
+            Spoken::Line(_) => None,
+        })
+    }
+}
+
+/// Gives the session a picture and waits for its answer.
+fn take(session: &mut Session, clock: &NodeClock, ready: &Ready, stop: &AtomicBool) -> Said {
+    let events = match &ready.events {
+        Ok(events) => events,
+        Err(reason) => return Said { spoken: vec![Spoken::Line(reason.clone())], refused: Some(reason.clone()) },
+    };
     let time_ns = clock.now_ns();
     let mut outputs: Vec<Output> = Vec::new();
-    for input in &ready.events {
+    for input in events {
         outputs.extend(session.handle(&Event { time_ns, input: input.clone() }));
     }
     let is_answered = |output: &Output| matches!(output, Output::Answer { .. });
-    let started = std::time::Instant::now();
+    let started = Instant::now();
     // What a picture lacks is said once its time is over.
-    while !outputs.iter().any(is_answered) && started.elapsed() < PATIENCE {
+    while !outputs.iter().any(is_answered) && started.elapsed() < PATIENCE && !is_asked(stop) {
         std::thread::sleep(TICK);
         outputs.extend(session.handle(&Event { time_ns: clock.now_ns(), input: Input::Tick }));
     }
-    for spoken in spoken(&outputs) {
-        if let Spoken::Decision(report) = &spoken {
-            let json = serde_json::to_string_pretty(report)
-                .map_err(|error| crate::Error::invalid("decision", "numbers that JSON has", error.to_string()))?;
-            folder.answer(&ready.path, &json)?;
-        }
-        tell(spoken);
-    }
-    Ok(())
+    let refused = outputs.iter().find_map(|output| match output {
+        Output::Answer { success: false, message, .. } => Some(message.clone()),
+        _ => None,
+    });
+    Said { spoken: spoken(&outputs), refused }
+}
+
+/// Writes the answer to a touch: what was decided, or why it was refused.
+fn answer(folder: &Folder, ready: &Ready, said: &Said) -> Result<()> {
+    let json = match (said.decision(), &said.refused) {
+        (Some(report), _) => serde_json::to_string_pretty(report),
+        (None, Some(reason)) if ready.is_touch => serde_json::to_string_pretty(&json!({ "error": reason })),
+        (None, _) => return Ok(()),
+    };
+    let json = json.map_err(|error| Error::invalid("decision", "numbers that JSON has", error.to_string()))?;
+    folder.answer(&ready.path, &json)
 }

@@ -1,6 +1,5 @@
 //! The thin programs around a session: each feeds it events from one source and passes on what the node says.
 
-#[cfg(feature = "ros2")]
 mod failures;
 pub mod film;
 pub mod folder;
@@ -10,6 +9,7 @@ pub mod ros;
 pub mod ros_robot;
 #[cfg(feature = "robot")]
 pub mod simulated;
+pub mod speaker;
 pub mod views;
 #[cfg(feature = "watch")]
 pub mod watch;

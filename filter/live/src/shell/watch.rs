@@ -1,6 +1,7 @@
 //! The terminal view of a node: in this process, on a network, or by its log while it grows.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -10,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::event::Topic;
 use crate::log::{Line, Setup};
 use crate::replay;
+use crate::shell::is_asked;
 use crate::shell::views::{Shown, is_shown};
 use crate::watch::{Feed, Follower, run};
 
@@ -24,28 +26,33 @@ pub fn channel() -> (SyncSender<Shown>, Receiver<Shown>) {
     sync_channel(MAX_WAITING)
 }
 
-/// Shows what arrives until the user leaves.
+/// Shows what arrives until the user leaves or a stop is asked for.
 ///
 /// # Errors
 /// The standard output is no terminal.
-pub fn show(receiver: &Receiver<Shown>) -> Result<()> {
+pub fn show(receiver: &Receiver<Shown>, stop: &AtomicBool) -> Result<()> {
     let mut follower = Follower::default();
-    let shown = run(|wait| {
-        let deadline = Instant::now() + wait;
-        let mut is_new = false;
-        loop {
-            match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
-                Ok((time_ns, topic, cdr)) => {
-                    follower.take(time_ns, topic, &cdr);
-                    is_new = true;
-                }
-                Err(RecvTimeoutError::Disconnected) if !is_new => return Feed::Ended,
-                Err(_) => break,
+    run(|wait| feed(receiver, &mut follower, wait, stop)).map_err(Error::io("terminal"))
+}
+
+/// What came within a time.
+fn feed(receiver: &Receiver<Shown>, follower: &mut Follower, wait: Duration, stop: &AtomicBool) -> Feed {
+    if is_asked(stop) {
+        return Feed::Stopped;
+    }
+    let deadline = Instant::now() + wait;
+    let mut is_new = false;
+    loop {
+        match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+            Ok((time_ns, topic, cdr)) => {
+                follower.take(time_ns, topic, &cdr);
+                is_new = true;
             }
+            Err(RecvTimeoutError::Disconnected) if !is_new => return Feed::Ended,
+            Err(_) => break,
         }
-        if is_new { Feed::View(Box::new(follower.view().clone())) } else { Feed::Same }
-    });
-    shown.map_err(Error::io("terminal"))
+    }
+    if is_new { Feed::View(Box::new(follower.view().clone())) } else { Feed::Same }
 }
 
 /// Sends the messages of a log, and of what is added to it, until it ends or nobody looks any more. `pace` is how many
@@ -127,4 +134,26 @@ pub fn follow_network(
         }
     });
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::Ordering;
+
+    #[test]
+    fn a_stop_ends_the_view_whether_messages_come_or_not() {
+        let (sender, receiver) = channel();
+        let (mut follower, stop) = (Follower::default(), AtomicBool::new(false));
+        let mut next = || feed(&receiver, &mut follower, Duration::ZERO, &stop);
+        sender.send((1, Topic::Events, Vec::new())).unwrap();
+        assert!(matches!(next(), Feed::View(_)) && matches!(next(), Feed::Same));
+        stop.store(true, Ordering::Relaxed);
+        sender.send((2, Topic::Events, Vec::new())).unwrap();
+        assert!(matches!(next(), Feed::Stopped));
+        drop(sender);
+        assert!(matches!(next(), Feed::Stopped));
+        stop.store(false, Ordering::Relaxed);
+        assert!(matches!(next(), Feed::View(_)) && matches!(next(), Feed::Ended));
+    }
 }

@@ -24,11 +24,27 @@ pub enum Command {
     Quit,
 }
 
+/// What is shown of a line that holds no command.
+const MAX_SHOWN: usize = 60;
+
+impl Command {
+    /// The command in a line of bytes.
+    ///
+    /// # Errors
+    /// A line that holds none, or bytes that are no text.
+    pub fn read(line: &[u8]) -> Result<Self> {
+        let shown = || line.get(..MAX_SHOWN).unwrap_or(line).escape_ascii();
+        let wrong = |_| Error::invalid("command", HELP, format!("bytes that are no text: {}", shown()));
+        std::str::from_utf8(line).map_err(wrong)?.parse()
+    }
+}
+
 impl FromStr for Command {
     type Err = Error;
 
     fn from_str(line: &str) -> Result<Self> {
-        let wrong = || Error::invalid("command", HELP, format!("{:?}", line.trim()));
+        let shown = || line.trim().chars().take(MAX_SHOWN).collect::<String>();
+        let wrong = || Error::invalid("command", HELP, format!("{:?}", shown()));
         let words: Vec<&str> = line.split([' ', ',', '\t']).map(str::trim).filter(|word| !word.is_empty()).collect();
         match words[..] {
             ["rest"] => Ok(Self::Rest),
@@ -97,6 +113,15 @@ mod tests {
             let error = line.parse::<Command>().unwrap_err().to_string();
             assert!(error.starts_with("command: expected rest | touch") && !error.contains('\n'), "{error}");
         }
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_are_one_short_line() {
+        let said = Command::read(b"to\xffuch\n").unwrap_err().to_string();
+        assert!(said.ends_with(r"got bytes that are no text: to\xffuch\n") && !said.contains('\n'), "{said}");
+        assert!(Command::read(&[0xff; 4000]).unwrap_err().to_string().len() < 400);
+        assert!(Command::read(&[b'x'; 4000]).unwrap_err().to_string().len() < 200);
+        assert_eq!(Command::read(b"touch 1 2 3").unwrap(), "touch 1 2 3".parse().unwrap());
     }
 
     #[test]

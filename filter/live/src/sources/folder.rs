@@ -2,8 +2,9 @@
 //!
 //! `rest*.png` (or `.jpg`) is the sensor at rest. Any other picture is a touch once a file of its name ending in `.json`
 //! holds its place, `{"x_mm": 0, "y_mm": 0, "theta_deg": 0}`, in a plane that stands still. A picture with
-//! `"reset": true` is the first of another hole. The answer is written to `NAME.decision.json`. Files are looked at in
-//! the order of their names; write them under another name and rename them.
+//! `"reset": true` is the first of another hole. The answer is written to `NAME.decision.json`: what was decided, or
+//! `{"error": "..."}` where the touch was refused. Files are looked at in the order of their names; write them under
+//! another name and rename them.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -46,8 +47,10 @@ pub struct Folder {
 pub struct Ready {
     /// The picture's file.
     pub path: PathBuf,
-    /// Its events, in order; the last one is answered under `id`.
-    pub events: Vec<Input>,
+    /// Whether it is a touch, whose answer is written.
+    pub is_touch: bool,
+    /// Its events, in order, of which one is answered under `id`; or why it has none.
+    pub events: std::result::Result<Vec<Input>, String>,
 }
 
 impl Folder {
@@ -62,10 +65,11 @@ impl Folder {
         Ok(Self { path: path.to_path_buf(), seen: BTreeSet::new() })
     }
 
-    /// The next picture that is ready, in the order of names; `id` is the number of its answer.
+    /// The next picture that is ready, in the order of names; `id` is the number of its answer. One that cannot be read,
+    /// or whose place cannot, has no events but the reason, and is not looked at again.
     ///
     /// # Errors
-    /// A place that cannot be read, by its file; the picture is not looked at again.
+    /// A folder that cannot be read.
     pub fn next(&mut self, id: u64) -> Result<Option<Ready>> {
         let entries = fs::read_dir(&self.path).map_err(Error::io(&self.path))?;
         let paths = entries.map(|entry| entry.map(|entry| entry.path())).collect::<std::io::Result<BTreeSet<_>>>();
@@ -80,17 +84,9 @@ impl Folder {
                 continue;
             }
             self.seen.insert(path.clone());
-            let shown = picture(bounded_file::read(&path, Kind::PICTURE)?);
-            let called = |request| Input::Called { request, id };
-            let events = if is_rest {
-                vec![called(Request::Calibrate), shown]
-            } else {
-                let TouchPlace { x_mm, y_mm, theta_deg, reset } = read_place(&place)?;
-                let first = reset.then_some(Input::Called { request: Request::Reset, id: 0 });
-                let at = placed(&Se2::from_degrees(x_mm, y_mm, theta_deg));
-                first.into_iter().chain([at, shown, called(Request::Observe)]).collect()
-            };
-            return Ok(Some(Ready { path, events }));
+            let events = if is_rest { rest(&path, id) } else { touch(&path, &place, id) };
+            let events = events.map_err(|error| error.to_string());
+            return Ok(Some(Ready { path, is_touch: !is_rest, events }));
         }
         Ok(None)
     }
@@ -103,6 +99,21 @@ impl Folder {
         let out = picture.with_extension("decision.json");
         Ok(whole_file::write(&out, json.as_bytes())?)
     }
+}
+
+/// The events of a picture at rest.
+fn rest(path: &Path, id: u64) -> Result<Vec<Input>> {
+    let shown = picture(bounded_file::read(path, Kind::PICTURE)?);
+    Ok(vec![Input::Called { request: Request::Calibrate, id }, shown])
+}
+
+/// The events of a touch and its place.
+fn touch(path: &Path, place: &Path, id: u64) -> Result<Vec<Input>> {
+    let TouchPlace { x_mm, y_mm, theta_deg, reset } = read_place(place)?;
+    let shown = picture(bounded_file::read(path, Kind::PICTURE)?);
+    let first = reset.then_some(Input::Called { request: Request::Reset, id: 0 });
+    let at = placed(&Se2::from_degrees(x_mm, y_mm, theta_deg));
+    Ok(first.into_iter().chain([at, shown, Input::Called { request: Request::Observe, id }]).collect())
 }
 
 fn read_place(path: &Path) -> Result<TouchPlace> {
@@ -128,15 +139,18 @@ mod tests {
         put("notes.txt", "");
         put("rest.png", "0");
         let rest = folder.next(1).unwrap().unwrap();
-        assert!(rest.path.ends_with("rest.png") && rest.events.len() == 2);
+        assert!(rest.path.ends_with("rest.png") && !rest.is_touch && rest.events.unwrap().len() == 2);
         assert_eq!(folder.next(2).unwrap(), None);
         put("touch-2.json", r#"{"x_mm": 1, "y_mm": 2, "theta_deg": 30, "reset": true}"#);
         put("touch-1.json", r#"{"x_mm": 0, "y_mm": 0}"#);
-        let error = folder.next(2).unwrap_err().to_string();
+        let refused = folder.next(2).unwrap().unwrap();
+        assert!(refused.path.ends_with("touch-1.jpg") && refused.is_touch);
+        let error = refused.events.unwrap_err();
         assert!(error.contains("touch-1.json") && error.contains("theta_deg"), "{error}");
         let touch = folder.next(3).unwrap().unwrap();
-        assert_eq!(touch.events.len(), 4);
-        assert_eq!(touch.events[1], placed(&Se2::from_degrees(1.0, 2.0, 30.0)));
+        let events = touch.events.unwrap();
+        assert_eq!(events.len(), 4);
+        assert_eq!(events[1], placed(&Se2::from_degrees(1.0, 2.0, 30.0)));
         assert_eq!(folder.next(4).unwrap(), None);
         folder.answer(&touch.path, "{}").unwrap();
         assert!(scratch.path().join("touch-2.decision.json").exists());

@@ -2,6 +2,7 @@
 
 pub mod commands;
 pub mod folder;
+pub mod lines;
 pub mod mjpeg;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};

@@ -5,6 +5,7 @@ use ratatui::layout::{Alignment, Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
+use tactile_data::printable::printable;
 use tactile_data::se2::Se2;
 
 use super::heat::{self, Mark, arrow};
@@ -61,8 +62,10 @@ fn draw_head(view: &View, area: Rect, frame: &mut Frame) {
     let camera_style = if is_bad { Style::new().fg(Color::White).bg(Color::Red).bold() } else { bar };
     let width = (camera.chars().count() as u16).min(area.width);
     let [left, right] = Layout::horizontal([Constraint::Min(0), Constraint::Length(width)]).areas(area);
-    let text =
-        vec![Span::from(" tactile-filter ").bold(), Span::from(format!(" {:.1} s  {} ", view.time_s, view.status))];
+    let text = vec![
+        Span::from(" tactile-filter ").bold(),
+        Span::from(format!(" {:.1} s  {} ", view.time_s, printable(&view.status))),
+    ];
     frame.render_widget(Paragraph::new(Line::from(text)).style(bar), left);
     frame.render_widget(Paragraph::new(camera).style(camera_style).alignment(Alignment::Right), right);
 }
@@ -87,12 +90,14 @@ fn verdict_line(view: &View) -> Line<'static> {
     let is_over = view.stop.is_some();
     let mut spans = vec![Span::from(" ")];
     if let Some(reason) = &view.stop {
-        spans.push(Span::from(format!(" {reason} ")).fg(Color::Black).bg(Color::Green).bold());
+        spans.push(Span::from(format!(" {} ", printable(reason))).fg(Color::Black).bg(Color::Green).bold());
         spans.push(Span::from(" "));
     }
     let colour = if is_over { Color::Green } else { Color::Yellow };
-    let other = place.other.as_ref().map_or_else(String::new, |other| format!(" or {other}"));
-    spans.push(Span::from(format!("{} {}{other}", place.part, percent(place.probability))).fg(colour).bold());
+    let other = place.other.as_ref().map_or_else(String::new, |other| format!(" or {}", printable(other)));
+    spans.push(
+        Span::from(format!("{} {}{other}", printable(&place.part), percent(place.probability))).fg(colour).bold(),
+    );
     spans.push(Span::from(format!(
         "  x {x_mm:.2} ±{sd_x:.2}  y {y_mm:.2} ±{sd_y:.2} mm  {turn:.1} ±{:.1}°",
         place.sd_deg
@@ -124,7 +129,7 @@ fn part_line(part: &Part, is_shown: bool, width: usize) -> Line<'static> {
     const NAME: usize = 10;
     let room = width.saturating_sub(NAME + 11);
     let share = if part.probability.is_finite() { part.probability.clamp(0.0, 1.0) } else { 0.0 };
-    let name: String = part.name.chars().take(NAME).collect();
+    let name: String = printable(&part.name).chars().take(NAME).collect();
     let style = if is_shown { Style::new().add_modifier(Modifier::BOLD) } else { Style::new() };
     let colour = if is_shown { Color::Yellow } else { Color::Cyan };
     Line::from(vec![
@@ -147,8 +152,9 @@ fn draw_map(view: &View, shown: usize, area: Rect, frame: &mut Frame) {
     let marks = marks(view, &part.name);
     let reach = part.map.as_ref().map_or_else(String::new, |map| format!(", ±{} mm", map.half_mm));
     let brightest = part.map.as_ref().map_or_else(String::new, |map| format!(" max {} ", percent(map.largest())));
-    let mut frame_of_map = block(format!(" Sensor on {}, {}{reach} ", part.name, percent(part.probability)))
-        .title_bottom(Line::from(brightest).dim().right_aligned());
+    let mut frame_of_map =
+        block(format!(" Sensor on {}, {}{reach} ", printable(&part.name), percent(part.probability)))
+            .title_bottom(Line::from(brightest).dim().right_aligned());
     if !marks.is_empty() {
         let legend = [Span::from(" "), "↗".fg(Color::White).bold(), " now  ".into(), "×".fg(Color::Green).bold()];
         let legend = [legend.as_slice(), &[" next  ".into(), "1".fg(Color::Cyan).bold(), " touched ".into()]].concat();
@@ -208,7 +214,7 @@ fn draw_touches(view: &View, area: Rect, frame: &mut Frame) {
 
 fn touch_line(touch: &Pressed, number: Option<char>, pose: &Se2) -> Line<'static> {
     if let Some(reason) = &touch.refused {
-        return Line::from(format!("  - refused: {reason}")).fg(Color::Red);
+        return Line::from(format!("  - refused: {}", printable(reason))).fg(Color::Red);
     }
     let edge = touch.edge_share.map_or_else(|| "-".into(), |share| format!("{:.0} %", 100.0 * share));
     let place = format!(" {:>7.2} {:>7.2} {:>6.1}°  {edge:>5}", pose.x_mm, pose.y_mm, pose.theta_deg());
@@ -224,7 +230,7 @@ fn draw_messages(messages: &[Message], area: Rect, frame: &mut Frame) {
             Level::Error => ("error  ", Style::new().fg(Color::Red).bold()),
         };
         let time = Span::from(format!(" {:>7.1} s ", message.time_s)).dim();
-        Line::from(vec![time, Span::styled(label, style), Span::from(format!(" {}", message.text))])
+        Line::from(vec![time, Span::styled(label, style), Span::from(format!(" {}", printable(&message.text)))])
     };
     let n_bad = messages.iter().filter(|message| message.level > Level::Info).count();
     let title = if n_bad > 0 { format!(" Messages: {n_bad} to look at ") } else { " Messages ".into() };
@@ -416,6 +422,21 @@ mod tests {
         let buffer = drawn(&many, Some("part47"), 80, 24);
         assert!(has(&buffer, &["▸ part47"]) && has(&buffer, &["of 60"]), "{}", lines(&buffer).join("\n"));
         assert!(has(&buffer, &["39 %"]) && !has(&buffer, &[" 12 %"]));
+    }
+
+    #[test]
+    fn control_characters_are_written_out() {
+        let rude = "\u{1b}]0;\u{9b}1m".to_owned();
+        let mut odd = view();
+        (odd.status, odd.stop) = (rude.clone(), Some(rude.clone()));
+        (odd.parts[0].name, odd.messages[0].text) = (rude.clone(), rude.clone());
+        odd.touches[1].refused = Some(rude.clone());
+        let place = odd.place.as_mut().unwrap();
+        (place.part, place.other) = (rude.clone(), Some(rude));
+        let buffer = drawn(&odd, None, 200, 50);
+        let n: usize = lines(&buffer).iter().map(|line| line.matches("\\u{1b}]0;").count()).sum();
+        assert_eq!(n, 8, "status, stop, place twice, part, map, touch, message:\n{}", lines(&buffer).join("\n"));
+        assert!(has(&buffer, &["▸ \\u{1b}]0;"]));
     }
 
     #[test]

@@ -19,9 +19,11 @@ pub enum Feed {
     Same,
     /// Nothing will come any more; the last view stays until the user leaves.
     Ended,
+    /// The program is to end: so does the view.
+    Stopped,
 }
 
-/// Shows views until the user leaves (q, Esc or ctrl-C). `next` waits for a view at most as long as it is asked to.
+/// Shows views until the user leaves (q, Esc or ctrl-C) or `next` says that the program is to end. `next` waits for a view at most as long as it is asked to.
 ///
 /// The terminal is given back as it was when this returns, when it panics, and when `next` does.
 ///
@@ -37,14 +39,17 @@ pub fn run(mut next: impl FnMut(Duration) -> Feed) -> Result<()> {
     let mut has_ended = false;
     loop {
         terminal.draw(|frame| draw(&state.view, state.chosen.as_deref(), frame))?;
+        match next(if has_ended { Duration::ZERO } else { WAIT }) {
+            Feed::View(view) => state.view = *view,
+            Feed::Same => {}
+            Feed::Ended => has_ended = true,
+            Feed::Stopped => {
+                drop(restore);
+                return Ok(());
+            }
+        }
         if has_ended {
             event::poll(WAIT)?;
-        } else {
-            match next(WAIT) {
-                Feed::View(view) => state.view = *view,
-                Feed::Same => {}
-                Feed::Ended => has_ended = true,
-            }
         }
         while event::poll(Duration::ZERO)? {
             if let Event::Key(key) = event::read()?

@@ -1,7 +1,6 @@
 //! `tactile-filter live`.
 
-use std::fs::File;
-use std::io::{BufReader, stdin};
+use std::io::stdin;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,23 +10,23 @@ use serde_json::{Map, Value};
 use tactile_data::bounded_file::{self, Kind};
 use tactile_data::calibrate::Calibration;
 use tactile_data::output::check_file;
-use tactile_data::printable::{printable, printable_json};
-use tactile_data::program;
 use tactile_data::scene::Scene;
 use tactile_infer::{Bank, Model};
 use tactile_live::log::Setup;
 use tactile_live::session::{Names, Session};
+use tactile_live::shell::speaker::Speaker;
 use tactile_live::shell::views::{Onlooker, terminal};
 use tactile_live::shell::watch::{channel, show};
 use tactile_live::shell::{Spoken, film, folder, simulated};
 use tactile_live::sources::NodeClock;
 use tactile_live::sources::commands::HELP;
 use tactile_live::sources::folder::Folder;
+use tactile_live::sources::lines::Lines;
 use tactile_live::{Error, Node, Parameters};
 
 use super::arguments::warn_of_calibration;
 use super::failure::Result;
-use super::simulated::{SimulatedArgs, print_outcomes};
+use super::simulated::{SimulatedArgs, summary};
 
 /// Identify holes by touches as they are made: frames in, decisions out.
 #[derive(Args)]
@@ -64,19 +63,21 @@ pub struct Live {
     #[arg(short = 'p', long = "param", value_name = "NAME:=VALUE")]
     param: Vec<String>,
     /// With --watch: stop when nothing more is ready
-    #[arg(long, requires = "watch")]
+    #[arg(long, conflicts_with_all = ["simulate", "stdin_mjpeg", "ros"])]
     once: bool,
-    /// With --stdin-mjpeg: where commands come from, a line each [default: the terminal]
-    #[arg(long, value_name = "FILE", requires = "stdin_mjpeg")]
+    /// With --stdin-mjpeg: where commands come from, a line each: a file, or a FIFO, which may be opened and closed by one
+    /// writer after the other [default: the terminal]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["simulate", "watch", "ros"])]
     commands: Option<PathBuf>,
     /// With --simulate: as fast as it goes, instead of the pace of a clock
-    #[arg(long, requires = "simulate")]
+    #[arg(long, conflicts_with_all = ["stdin_mjpeg", "watch", "ros"])]
     fast: bool,
     #[command(flatten)]
     simulated: SimulatedArgs,
     /// Words of ROS 2: -r FROM:=TO, -r __ns:=/NAME, -p NAME:=VALUE, --params-file FILE
     #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and says what is missing"))]
-    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS")]
+    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS",
+          conflicts_with_all = ["simulate", "stdin_mjpeg", "watch"])]
     ros_args: Vec<String>,
 }
 
@@ -114,47 +115,57 @@ impl Live {
             let stills = ["camera.stills:=true", "camera.n_rest:=1", "camera.reconnect_s:=1e8"].map(str::to_owned);
             self.param.splice(0..0, stills);
         }
+        let stop = stop_on_signals()?;
         if !self.view {
-            let json = self.json;
-            return self.run_source(Vec::new(), stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, json));
+            let mut speaker = Speaker::new(self.json);
+            let outcome = self.run_source(Vec::new(), stop, &mut |spoken| speaker.tell(&spoken))?;
+            outcome.into_iter().for_each(|line| speaker.print(&line));
+            return Ok(());
         }
         let (sender, receiver) = channel();
-        let stop: &'static AtomicBool = &STOP;
         let node = std::thread::spawn(move || self.run_source(vec![terminal(sender)], stop, &mut |_| ()));
-        let shown = show(&receiver);
+        let shown = show(&receiver, stop);
         stop.store(true, Ordering::Relaxed);
         let ended = node.join().map_err(|_| Error::invalid("node", "an end", "a panic"))?;
-        ended.and(shown.map_err(Into::into))
+        ended?;
+        Ok(shown?)
     }
 
-    /// Feeds a node from the source that was asked for.
-    fn run_source(self, onlookers: Vec<Onlooker>, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+    /// Feeds a node from the source that was asked for; what a simulated robot's holes came to, in a line.
+    fn run_source(
+        self,
+        onlookers: Vec<Onlooker>,
+        stop: &AtomicBool,
+        tell: &mut dyn FnMut(Spoken),
+    ) -> Result<Option<String>> {
         if self.source.ros {
-            return self.run_ros(onlookers, stop, tell);
+            return self.run_ros(onlookers, stop, tell).map(|()| None);
         }
+        let commands = self.source.stdin_mjpeg.then(|| self.lines()).transpose()?;
         let names = Names::default();
         let parameters = self.parameters(&names.node)?;
         let side = parameters.side;
         let session = self.session(&names, parameters, onlookers)?;
         if let Some(path) = &self.source.watch {
             let folder = Folder::open(path)?;
-            return Ok(folder::run(session, folder, self.once, stop, tell)?);
-        }
-        if let Some(scene) = &self.source.simulate {
+            folder::run(session, folder, self.once, stop, tell)?;
+        } else if let Some(commands) = commands {
+            tell(Spoken::Line(HELP.to_owned()));
+            film::run(session, stdin(), commands, stop, tell)?;
+        } else if let Some(scene) = &self.source.simulate {
             let robot = self.simulated.robot(Scene::load(scene)?, side)?;
-            let outcomes = simulated::run(session, robot, !self.fast, stop, tell)?;
-            if !self.view {
-                print_outcomes(&outcomes);
-            }
-            return Ok(());
+            return Ok(Some(summary(&simulated::run(session, robot, !self.fast, stop, tell)?)));
         }
-        let commands = self.commands.clone().unwrap_or_else(|| "/dev/tty".into());
-        let commands = File::open(&commands).map_err(|error| {
+        Ok(None)
+    }
+
+    /// Where commands come from.
+    fn lines(&self) -> Result<Lines> {
+        let path = self.commands.clone().unwrap_or_else(|| "/dev/tty".into());
+        Lines::of(&path).map_err(|error| {
             let got = format!("{error}; --commands FILE names another place, such as a FIFO");
-            Error::invalid(commands.display().to_string(), format!("commands ({HELP})"), got)
-        })?;
-        eprintln!("{HELP}");
-        Ok(film::run(session, stdin(), BufReader::new(commands), stop, tell)?)
+            Error::invalid("--commands", format!("commands ({HELP})"), got).into()
+        })
     }
 
     /// The node's parameters: files first, then single ones.
@@ -200,10 +211,11 @@ impl Live {
 
     #[cfg(feature = "ros2")]
     fn run_ros(self, onlookers: Vec<Onlooker>, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+        use tactile_live::parameters::DISTRIBUTION;
         use tactile_live::ros2::Bus;
         use tactile_live::shell::ros::Network;
 
-        let (words, settings) = super::ros::settings("tactile_filter", &self.ros_args)?;
+        let (words, mut settings) = super::ros::settings("tactile_filter", &self.ros_args)?;
         let node = settings.node.full();
         let mut read = Map::new();
         for path in self.params_file.iter().chain(&words.parameter_files) {
@@ -213,6 +225,10 @@ impl Live {
             if parameter.node.as_ref().is_none_or(|name| node.ends_with(name.as_str())) {
                 Parameters::set(&mut read, &parameter.name, &parameter.value)?;
             }
+        }
+        if let Some(value) = read.get(DISTRIBUTION) {
+            let distribution = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            settings = settings.in_distribution(&distribution).map_err(Error::from)?;
         }
         let parameters = Parameters::of(read)?;
         let (bus, inbox) = Bus::open(settings).map_err(Error::from)?;
@@ -233,19 +249,6 @@ fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()
     Ok(())
 }
 
-/// Prints what the node says.
-pub fn tell(spoken: &Spoken, json: bool) {
-    match spoken {
-        Spoken::Line(line) => eprintln!("{}", printable(line)),
-        Spoken::Decision(report) if json => {
-            if let Ok(json) = serde_json::to_string(report) {
-                println!("{}", printable_json(&json));
-            }
-        }
-        Spoken::Decision(report) => program::say(report.line()),
-    }
-}
-
 #[cfg(feature = "foxglove")]
 fn foxglove(address: &str, setup: &Setup) -> Result<Onlooker> {
     Ok(tactile_live::shell::views::foxglove(address, setup.clone())?)
@@ -261,9 +264,10 @@ fn foxglove(_: &str, _: &Setup) -> Result<Onlooker> {
 /// Whether the node should end.
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// Set at ctrl-C, so that a log gets its end.
-pub fn stop_on_ctrl_c() -> Result<&'static AtomicBool> {
+/// Set at ctrl-C, and where the program is asked to end or its terminal is closed (SIGTERM, SIGHUP), so that a log gets
+/// its end and a terminal is given back.
+pub fn stop_on_signals() -> Result<&'static AtomicBool> {
     ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed))
-        .map_err(|error| Error::invalid("ctrl-C", "a handler", error.to_string()))?;
+        .map_err(|error| Error::invalid("signals", "a handler", error.to_string()))?;
     Ok(&STOP)
 }

@@ -120,6 +120,10 @@ mod tests {
             "tactile-filter tradeoff --model m --out o --shard 1/2 --json".into(),
             "tactile-filter watch --log l --node /n".into(),
             "tactile-filter watch --log l --ros-args -r a:=b".into(),
+            format!("{live} --simulate s --once"),
+            format!("{live} --watch w --commands c"),
+            format!("{live} --ros --fast"),
+            format!("{live} --simulate s --ros-args -r a:=b"),
         ];
         for line in lines.chain(more) {
             assert!(refusal(&line).is_some(), "{line}");

@@ -14,11 +14,11 @@ use tactile_filter::Sensor;
 use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
+use tactile_live::shell::speaker::Speaker;
 
 use super::arguments::{Engine, Inputs, SideArgs, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
-use super::live::tell;
 use super::tuning::{ParticleTuning, Tuning};
 
 /// Play a recorded dataset of touches, or the log of a live node, back through the filter.
@@ -107,8 +107,9 @@ impl Replay {
     fn replay_log(&self, model: Arc<Model>, bank: Arc<Bank>) -> Result<()> {
         let Some(log) = &self.log else { return Ok(()) };
         let replayed = replay::replay(log, model, bank)?;
+        let mut speaker = Speaker::new(self.json);
         for decision in &replayed.decisions {
-            tell(&Spoken::Decision(Box::new(decision.clone())), self.json);
+            speaker.tell(&Spoken::Decision(Box::new(decision.clone())));
         }
         if let Some(cut) = &replayed.cut {
             program::warning(cut);

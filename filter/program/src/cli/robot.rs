@@ -12,7 +12,7 @@ use super::simulated::SimulatedArgs;
 #[command(after_help = "Example:\n  tactile-filter robot --scene alphabet-small --episodes 3 --jpeg 90")]
 pub struct RobotArgs {
     /// The scene whose holes are under the sensor
-    #[arg(id = "simulate", long = "scene", value_name = "SCENE")]
+    #[arg(long, value_name = "SCENE")]
     scene: String,
     /// Full name of the node that it talks to
     #[arg(long, value_name = "NAME", default_value = "/tactile_filter")]
@@ -38,14 +38,17 @@ impl RobotArgs {
         use tactile_data::touch::Side;
         use tactile_live::shell::ros_robot::RobotNetwork;
 
-        use super::live::{stop_on_ctrl_c, tell};
-        use super::simulated::print_outcomes;
+        use tactile_live::shell::speaker::Speaker;
+
+        use super::live::stop_on_signals;
+        use super::simulated::summary;
 
         let robot = self.simulated.robot(Scene::load(&self.scene)?, Side::Hole)?;
         let (bus, inbox) = super::ros::open("tactile_robot", &self.ros_args)?;
         let network = RobotNetwork::join(bus, inbox, &self.node)?;
-        let outcomes = network.run(robot, stop_on_ctrl_c()?, &mut |spoken| tell(&spoken, false))?;
-        print_outcomes(&outcomes);
+        let mut speaker = Speaker::new(false);
+        let outcomes = network.run(robot, stop_on_signals()?, &mut |spoken| speaker.tell(&spoken))?;
+        speaker.print(&summary(&outcomes));
         Ok(())
     }
 }

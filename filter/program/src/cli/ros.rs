@@ -5,6 +5,8 @@ use tactile_live::Error;
 #[cfg(feature = "ros2")]
 use tactile_live::Result;
 #[cfg(feature = "ros2")]
+use tactile_live::parameters::DISTRIBUTION;
+#[cfg(feature = "ros2")]
 use tactile_live::ros2::{Arguments, Bus, Inbox, Settings, arguments};
 
 /// What is said where the program knows no ROS 2.
@@ -19,7 +21,11 @@ pub fn no_ros() -> Error {
 pub fn settings(node: &str, ros_args: &[String]) -> Result<(Arguments, Settings)> {
     let words = arguments(std::iter::once("--ros-args".to_owned()).chain(ros_args.iter().cloned()))?;
     let settings = Settings::from_words(node, &words, |name| std::env::var(name).ok())?;
-    Ok((words, settings))
+    let stated = words.parameters.iter().rfind(|parameter| parameter.name == DISTRIBUTION);
+    match stated.map(|parameter| parameter.value.clone()) {
+        Some(distribution) => Ok((words, settings.in_distribution(&distribution)?)),
+        None => Ok((words, settings)),
+    }
 }
 
 /// Joins the network as a node of this name.

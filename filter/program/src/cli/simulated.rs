@@ -9,24 +9,27 @@ use tactile_data::touch::Side;
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings};
 use tactile_live::{Error, Result};
 
-/// How the simulated robot behaves; of a command that has one where its argument `simulate` is given.
+/// Sources of `live` that are no simulated robot: a `requires` would be waived, since they exclude each other.
+const OTHERS: [&str; 3] = ["stdin_mjpeg", "watch", "ros"];
+
+/// How the simulated robot behaves.
 #[derive(Args)]
 pub struct SimulatedArgs {
     /// Holes to identify, one after the other
-    #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Simulated robot", requires = "simulate")]
+    #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Simulated robot", conflicts_with_all = OTHERS)]
     episodes: usize,
     /// Seed of holes, poses and pictures: those of `evaluate --poses off-grid` with this seed
-    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Simulated robot", requires = "simulate")]
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Simulated robot", conflicts_with_all = OTHERS)]
     seed: u64,
     /// Pictures a second
-    #[arg(long, value_name = "HZ", default_value_t = 25.0, help_heading = "Simulated robot", requires = "simulate")]
+    #[arg(long, value_name = "HZ", default_value_t = 25.0, help_heading = "Simulated robot", conflicts_with_all = OTHERS)]
     rate_hz: f64,
     /// Send pictures as JPEG of this quality, 1 to 100, instead of pixels
-    #[arg(long, value_name = "QUALITY", help_heading = "Simulated robot", requires = "simulate")]
+    #[arg(long, value_name = "QUALITY", help_heading = "Simulated robot", conflicts_with_all = OTHERS)]
     jpeg: Option<u8>,
     /// What goes wrong, each a share of the pictures: dropped=0.02,frozen=0.01,torn=0.1,dark=0.1,malformed=0.1; gone=5 is
     /// a camera that is gone for five seconds
-    #[arg(long, value_name = "FAULTS", default_value = "", value_parser = Faulty::from_str, help_heading = "Simulated robot", requires = "simulate")]
+    #[arg(long, value_name = "FAULTS", default_value = "", value_parser = Faulty::from_str, help_heading = "Simulated robot", conflicts_with_all = OTHERS)]
     faults: Faulty,
 }
 
@@ -84,16 +87,14 @@ impl SimulatedArgs {
     }
 }
 
-/// Prints how many holes were named right.
-pub fn print_outcomes(outcomes: &[Outcome]) {
+/// How many holes were named right, in a line.
+pub fn summary(outcomes: &[Outcome]) -> String {
     let is_right = |outcome: &&Outcome| outcome.named.last() == Some(&outcome.part);
     let n_right = outcomes.iter().filter(is_right).count();
     let n_touches: usize = outcomes.iter().map(|outcome| outcome.named.len()).sum();
     let n_refused: usize = outcomes.iter().map(|outcome| outcome.n_refused).sum();
-    println!(
-        "{n_right} of {} holes named right with {n_touches} touches; {n_refused} calls were refused",
-        outcomes.len()
-    );
+    let n = outcomes.len();
+    format!("{n_right} of {n} holes named right with {n_touches} touches; {n_refused} calls were refused")
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use tactile_live::Error;
 use tactile_live::shell::watch::{channel, follow_log, show};
 
 use super::failure::Result;
+use super::live::stop_on_signals;
 
 /// Look at a running node, or at a log, in the terminal.
 #[derive(Args)]
@@ -46,7 +47,7 @@ impl Watch {
             Some(log) => follow_log(log.clone(), self.pace, sender)?,
             None => self.follow_network(sender)?,
         }
-        Ok(show(&receiver)?)
+        Ok(show(&receiver, stop_on_signals()?)?)
     }
 
     #[cfg(not(feature = "ros2"))]
