@@ -10,7 +10,6 @@ use super::calls::{ClientSlot, request, response};
 use super::error::{Error, Result};
 use super::graph::{self, Identifiers};
 use super::inbox::{Incoming, Queue};
-use super::latch::Latch;
 use super::raw::Raw;
 use super::readers::{ReaderSlot, Reads, count_lost};
 use super::settings::Settings;
@@ -43,7 +42,6 @@ pub(super) type Outlet = (Arc<no_key::DataWriter<Bytes, Raw>>, String);
 pub(super) struct State {
     settings: Settings,
     registry: mio1::Registry,
-    bell: Arc<mio1::Waker>,
     wire: Option<Wire>,
     /// Of the graph's messages of others.
     graph: Option<Reader>,
@@ -67,12 +65,11 @@ const LOG: usize = 1;
 const GRAPH_TOKEN: usize = usize::MAX - 1;
 
 impl State {
-    pub(super) fn open(settings: Settings, registry: mio1::Registry, bell: Arc<mio1::Waker>) -> Result<Self> {
+    pub(super) fn open(settings: Settings, registry: mio1::Registry) -> Result<Self> {
         let wire = Some(Wire::open(&settings)?);
         let mut state = Self {
             settings,
             registry,
-            bell,
             wire,
             graph: None,
             heard: None,
@@ -111,10 +108,7 @@ impl State {
 
     pub(super) fn add_writer(&mut self, wish: Wish, writes: Writes) -> Result<usize> {
         let at = self.writers.len();
-        // The log's latecomers get its latest lines.
-        let is_latched = wish.delivery == Delivery::Latched && at != LOG;
-        let latch = is_latched.then(|| Latch::new(Arc::clone(&self.bell)));
-        let mut slot = WriterSlot { wish, writes, writer: None, latch };
+        let mut slot = WriterSlot { wish, writes, writer: None };
         slot.open(self.wire()?)?;
         self.writers.push(slot);
         Ok(at)
@@ -138,7 +132,7 @@ impl State {
         let writers: Vec<_> = self.writers.iter().filter_map(|slot| slot.writer.as_ref().map(Writer::guid)).collect();
         let cdr = graph::participant(&self.settings.node, self.wire()?.guid(), &readers, &writers, identifiers);
         let (dds, name) = self.outlet(GRAPH, &cdr)?;
-        send(&dds, &name, &cdr, options(None)).map(|_| ())
+        send(&dds, &name, &cdr, options()).map(|_| ())
     }
 
     /// Takes in what others say in the graph: how their messages are laid out.
@@ -172,15 +166,11 @@ impl State {
         }
         if self.heard.replace(identifiers).is_some() {
             // Nobody who comes late may be offered what was sent in the other layout.
-            self.replace(GRAPH)?;
+            if let Some(wire) = &self.wire {
+                self.writers[GRAPH].open(wire)?;
+            }
         }
         self.announce()
-    }
-
-    /// Makes a writer anew that has written nothing.
-    fn replace(&mut self, at: usize) -> Result<()> {
-        let Some(wire) = &self.wire else { return Ok(()) };
-        self.writers[at].replace(wire)
     }
 
     /// Where a message goes out; a latched one is remembered.
@@ -192,7 +182,6 @@ impl State {
         if slot.wish.delivery == Delivery::Latched {
             slot.writes.last = Some(cdr.to_vec());
         }
-        slot.latch.iter_mut().for_each(Latch::wrote);
         Ok((Arc::clone(&writer.dds), slot.writes.name.clone()))
     }
 
@@ -266,7 +255,7 @@ impl State {
                 slot.look(queue, now, wire);
             }
         }
-        self.look_at_writers(queue, now);
+        self.writers.iter_mut().for_each(|slot| slot.look(queue));
         for at in 0..self.clients.len() {
             self.look_for_servers(at, queue, now);
         }
@@ -278,24 +267,6 @@ impl State {
                 let name = self.writers[answering.writer].writes.name.clone();
                 queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: 1, reason: error.to_string() }));
             }
-        }
-    }
-
-    /// Reports readers, and lets those of latched topics have the newest message.
-    fn look_at_writers(&mut self, queue: &Queue, now: Instant) {
-        let mut is_replaced = false;
-        for at in 0..self.writers.len() {
-            let must_be_replaced = self.writers[at].look(queue);
-            let replaced = if must_be_replaced { self.replace(at) } else { Ok(()) };
-            is_replaced |= must_be_replaced && replaced.is_ok();
-            let done = replaced.and_then(|()| self.writers[at].serve(now));
-            if let Err(error) = done {
-                let name = self.writers[at].writes.name.clone();
-                queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: 1, reason: error.to_string() }));
-            }
-        }
-        if is_replaced && let Err(error) = self.announce() {
-            queue.push(Incoming::Trouble(Trouble::NoNetwork { reason: error.to_string() }));
         }
     }
 
@@ -350,7 +321,6 @@ impl State {
             }
         }
         for (at, slot) in self.writers.iter_mut().enumerate() {
-            slot.latch = slot.latch.take().map(|_| Latch::new(Arc::clone(&self.bell)));
             slot.open(&wire)?;
             // The graph's last message names endpoints that are gone.
             if at != GRAPH {
@@ -373,11 +343,10 @@ mod tests {
     fn state(identifiers: Option<Identifiers>) -> State {
         let poll = mio1::Poll::new().unwrap();
         let registry = poll.registry().try_clone().unwrap();
-        let bell = Arc::new(mio1::Waker::new(&registry, mio1::Token(0)).unwrap());
         let settings = Settings::new("n").unwrap();
         let domain_id = 100 + (std::process::id() % 100) as u16;
         let settings = Settings { domain_id, localhost_only: true, identifiers, ..settings };
-        State::open(settings, registry, bell).unwrap()
+        State::open(settings, registry).unwrap()
     }
 
     /// The layout of what was last said in the graph; `None` where nothing was.

@@ -19,7 +19,6 @@ use super::Delivery;
 use super::error::{Error, Result};
 use super::graph::{self, Guid};
 use super::inbox::DEPTH;
-use super::latch::Gate;
 use super::raw::Raw;
 use super::settings::Settings;
 
@@ -117,8 +116,7 @@ impl Wire {
         let qos = wish.qos(false);
         let topic = self.topic(wish, &qos)?;
         let dds = self.publisher.create_datawriter_no_key::<Bytes, Raw>(&topic, Some(qos));
-        let dds = Arc::new(dds.map_err(Error::network(&wish.topic))?);
-        Ok(Writer { dds, peers: Peers::default(), arrivals: Vec::new(), gate: None })
+        Ok(Writer { dds: Arc::new(dds.map_err(Error::network(&wish.topic))?), peers: Peers::default() })
     }
 
     fn topic(&self, wish: &Wish, qos: &QosPolicies) -> Result<rustdds::Topic> {
@@ -128,13 +126,9 @@ impl Wire {
     }
 }
 
-/// For one reader alone, where one is named.
-pub(super) fn options(to: Option<Guid>) -> WriteOptions {
-    let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now());
-    match to {
-        Some(reader) => options.to_single_reader(GUID::from_bytes(reader)).build(),
-        None => options.build(),
-    }
+/// Of a message that is sent now.
+pub(super) fn options() -> WriteOptions {
+    WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build()
 }
 
 /// The graph's and the log's topics.
@@ -299,10 +293,6 @@ fn since_1970(time: rustdds::Timestamp) -> Option<i64> {
 pub(super) struct Writer {
     pub(super) dds: Arc<no_key::DataWriter<Bytes, Raw>>,
     pub(super) peers: Peers,
-    /// Readers that were found since somebody looked.
-    pub(super) arrivals: Vec<Guid>,
-    /// What a reader of a latched topic has to pass.
-    pub(super) gate: Option<Arc<Gate>>,
 }
 
 impl Writer {
@@ -310,22 +300,10 @@ impl Writer {
         self.dds.guid().to_bytes()
     }
 
-    fn status(&self) -> Option<DataWriterStatus> {
-        self.dds.try_recv_status().or_else(|| self.gate.as_ref()?.arm(&self.dds))
-    }
-
-    /// Whether everybody has all messages.
-    pub(super) fn is_acked(&self) -> bool {
-        self.dds.wait_for_acknowledgments(std::time::Duration::ZERO).unwrap_or(false)
-    }
-
     pub(super) fn news(&mut self) -> Option<News> {
-        while let Some(status) = self.status() {
+        while let Some(status) = self.dds.try_recv_status() {
             let news = match status {
                 DataWriterStatus::PublicationMatched { current, reader, .. } => {
-                    if current.count_change() > 0 {
-                        self.arrivals.push(reader.to_bytes());
-                    }
                     Some(self.peers.update(reader, current.count_change()))
                 }
                 DataWriterStatus::OfferedIncompatibleQos { reader, requested_qos, offered_qos, .. } => {

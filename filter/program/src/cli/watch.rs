@@ -21,17 +21,17 @@ pub struct Watch {
     #[arg(long, value_name = "FILE", required_unless_present = "ros", conflicts_with = "ros")]
     log: Option<PathBuf>,
     /// Play the log so many times as fast as it was recorded, instead of showing what is there at once
-    #[arg(long, value_name = "FACTOR", requires = "log")]
+    #[arg(long, value_name = "FACTOR", conflicts_with = "ros")]
     pace: Option<f64>,
     /// The node on a ROS 2 network (a program built with `--features ros2`)
     #[arg(long)]
     ros: bool,
     /// Full name of the node
-    #[arg(long, value_name = "NAME", default_value = "/tactile_filter", requires = "ros")]
+    #[arg(long, value_name = "NAME", default_value = "/tactile_filter", conflicts_with = "log")]
     #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and --ros says what is missing"))]
     node: String,
     /// Words of ROS 2
-    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS", requires = "ros")]
+    #[arg(long, num_args = 0.., allow_hyphen_values = true, value_terminator = "--", value_name = "WORDS", conflicts_with = "log")]
     #[cfg_attr(not(feature = "ros2"), allow(dead_code, reason = "the flag exists, and --ros says what is missing"))]
     ros_args: Vec<String>,
 }
