@@ -91,6 +91,7 @@ pub struct Touch {
 
 impl Touch {
     /// Refuses names that would not be printed as they are: those of part, pair and episode.
+    #[cfg(feature = "datasets")]
     pub(crate) fn check_names(&self) -> Result<(), Error> {
         for (field, name) in [("part", &self.part), ("pair", &self.pair), ("episode", &self.episode)] {
             if let Some(name) = name.as_ref().filter(|name| !is_printable(name)) {
