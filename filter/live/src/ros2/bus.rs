@@ -23,6 +23,9 @@ use super::{Call, Client, Delivery, Endpoint, Publication, RequestId, Service, S
 /// How often the thread looks at what rings no bell: peers, the clock, answers that wait.
 const TICK: Duration = Duration::from_millis(100);
 
+/// The same while it is open whether readers have what was written.
+const QUICK_TICK: Duration = Duration::from_millis(5);
+
 /// A step of the clock that means new connections: RustDDS reads no best-effort message that is older by the clock than
 /// the last one, and takes leases for expired.
 const CLOCK_STEP: Duration = Duration::from_millis(500);
@@ -66,7 +69,7 @@ impl Bus {
         let bell =
             mio1::Waker::new(poll.registry(), mio1::Token(BELL)).map(Arc::new).map_err(Error::network(what()))?;
         let (inbox, queue) = Inbox::new();
-        let state = Mutex::new(State::open(settings.clone(), registry)?);
+        let state = Mutex::new(State::open(settings.clone(), registry, Arc::clone(&bell))?);
         let shared = Arc::new(Shared { state, queue, bell, is_over: AtomicBool::new(false) });
         let reading = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
@@ -130,7 +133,7 @@ impl Bus {
             state.outlet(writer, cdr)?
         };
         // Outside of the lock: sending may wait, and reading must not wait with it.
-        send(&dds, &name, cdr, options()).map(|_| ())
+        send(&dds, &name, cdr, options(None)).map(|_| ())
     }
 
     /// A line for people, in `/rosout`. What cannot be sent is left out: a log must not stop a node.
@@ -140,7 +143,7 @@ impl Bus {
         let cdr = graph::log(time_ns, level, &self.settings.node, text);
         let outlet = self.shared.state().log_outlet(&cdr);
         if let Ok((dds, name)) = outlet {
-            drop(send(&dds, &name, &cdr, options()));
+            drop(send(&dds, &name, &cdr, options(None)));
         }
     }
 
@@ -229,10 +232,10 @@ fn trigger_wishes(name: &str) -> Result<(Wish, Wish)> {
 fn read(mut poll: mio1::Poll, shared: &Shared) {
     let mut events = mio1::Events::with_capacity(64);
     let mut clock = Clock::new();
-    let mut next_try = Instant::now();
+    let (mut next_try, mut wait) = (Instant::now(), TICK);
     while !shared.is_over.load(Ordering::Acquire) {
         // An interrupted wait is a short one.
-        if poll.poll(&mut events, Some(TICK)).is_err() {
+        if poll.poll(&mut events, Some(wait)).is_err() {
             events.clear();
         }
         let now = Instant::now();
@@ -243,6 +246,7 @@ fn read(mut poll: mio1::Poll, shared: &Shared) {
             state.take(&shared.queue);
             state.listen(&shared.queue);
         });
+        wait = if state.is_settling(now) { QUICK_TICK } else { TICK };
         if let Err(reason) = taken {
             shared.queue.push(Incoming::Trouble(Trouble::NoNetwork { reason }));
             state.abandon();
@@ -286,9 +290,108 @@ impl Clock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeMap;
+    use tactile_data::recording::ros::messages::{Text, from_cdr, to_cdr};
 
     /// Time enough for what comes at once on a machine that is busy with other things.
     const PATIENCE: Duration = Duration::from_secs(60);
+
+    /// Time in which a second message would come.
+    const MORE: Duration = Duration::from_millis(1500);
+
+    const TYPE: &str = "std_msgs/msg/String";
+
+    fn open(name: &str, domain: u16) -> (Bus, Inbox) {
+        // Test programs that run at the same time do not hear each other.
+        let domain_id = domain + (std::process::id() % 50) as u16;
+        Bus::open(Settings { domain_id, localhost_only: true, ..Settings::new(name).unwrap() }).unwrap()
+    }
+
+    /// The beginnings of the texts that come until there are `n`, and in some time more.
+    fn texts(inbox: &Inbox, n: usize) -> BTreeMap<Subscription, Vec<String>> {
+        let (start, mut found, mut n_found) = (Instant::now(), BTreeMap::<_, Vec<String>>::new(), 0);
+        let mut last = start;
+        while n_found < n && start.elapsed() < PATIENCE || last.elapsed() < MORE {
+            if let Ok(Incoming::Message { subscription, cdr, .. }) = inbox.recv_timeout(Duration::from_millis(20)) {
+                let text: Text = from_cdr(&cdr, "text").unwrap();
+                found.entry(subscription).or_default().push(text.data.trim_end_matches('.').to_owned());
+                (n_found, last) = (n_found + 1, Instant::now());
+            }
+        }
+        found
+    }
+
+    /// Without repetitions: on a busy machine the newest message may come again.
+    fn once(texts: Option<Vec<String>>) -> Vec<String> {
+        let mut texts = texts.unwrap_or_default();
+        texts.dedup();
+        texts
+    }
+
+    /// The next text.
+    fn one(inbox: &Inbox) -> Option<String> {
+        let start = Instant::now();
+        while start.elapsed() < PATIENCE {
+            if let Ok(Incoming::Message { cdr, .. }) = inbox.recv_timeout(Duration::from_millis(20)) {
+                return from_cdr(&cdr, "text").ok().map(|text: Text| text.data.trim_end_matches('.').to_owned());
+            }
+        }
+        None
+    }
+
+    fn connected(inbox: &Inbox, n: usize) {
+        let start = Instant::now();
+        loop {
+            match inbox.recv_timeout(Duration::from_millis(20)) {
+                Ok(Incoming::Matched { endpoint: Endpoint::Subscription(_), n_peers }) if n_peers == n => return,
+                _ => assert!(start.elapsed() < PATIENCE, "not connected"),
+            }
+        }
+    }
+
+    #[test]
+    fn who_comes_late_gets_no_message_but_the_newest_and_who_was_there_each_one() {
+        let (node, _inbox) = open("node", 120);
+        let label = node.advertise("/label", TYPE, Delivery::Latched).unwrap();
+        let publish = |text: &str, n_bytes: usize| {
+            node.publish(label, &to_cdr(&Text { data: text.to_owned() + &".".repeat(n_bytes) })).unwrap();
+        };
+        let (first, first_inbox) = open("first", 120);
+        let early = first.subscribe("/label", TYPE, Delivery::Latched).unwrap();
+        connected(&first_inbox, 1);
+        // One message in one packet, then in several.
+        for (round, n_bytes) in [(0, 1), (1, 200_000)] {
+            let (waiting, waiting_inbox) = open("waiting", 120);
+            let numbers: Vec<String> = (20 * round..20 * round + 12).map(|number| number.to_string()).collect();
+            let mut heard = Vec::new();
+            for number in &numbers {
+                publish(number, n_bytes);
+                heard.extend(one(&first_inbox));
+            }
+            heard.extend(texts(&first_inbox, 0).into_values().flatten());
+            assert_eq!(once(Some(heard)), numbers, "the first of all, round {round}");
+            let newest = numbers.last().unwrap().clone();
+            let late: Vec<_> = ["a", "b", "c"]
+                .map(|name| {
+                    let (bus, inbox) = open(name, 120);
+                    let of = bus.subscribe("/label", TYPE, Delivery::Latched).unwrap();
+                    (bus, inbox, of)
+                })
+                .into();
+            for (_, inbox, of) in &late {
+                assert_eq!(once(texts(inbox, 1).remove(of)), [newest.clone()], "late, round {round}");
+            }
+            // A program that was there all the time asks only now.
+            let of = waiting.subscribe("/label", TYPE, Delivery::Latched).unwrap();
+            assert_eq!(once(texts(&waiting_inbox, 1).remove(&of)), [newest], "waiting, round {round}");
+            let next = (20 * round + 15).to_string();
+            publish(&next, n_bytes);
+            for (_, inbox, of) in &late {
+                assert_eq!(once(texts(inbox, 1).remove(of)).last(), Some(&next), "live, round {round}");
+            }
+            assert_eq!(once(texts(&first_inbox, 1).remove(&early)).last(), Some(&next), "the first of all, round {round}");
+        }
+    }
 
     #[test]
     fn the_layout_of_the_graph_is_learned_from_another_node() {

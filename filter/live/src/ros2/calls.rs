@@ -44,7 +44,7 @@ impl ClientSlot {
         header[..8].copy_from_slice(&writer.guid()[8..]);
         header[8..].copy_from_slice(&self.n_calls.to_le_bytes());
         let form = if server.starts_with(&CYCLONE) { Form::Cyclone(header) } else { Form::Plain };
-        let identity = send(&writer.dds, name, &trigger::write_request(form), options())?;
+        let identity = send(&writer.dds, name, &trigger::write_request(form), options(None))?;
         if self.waiting.len() >= MAX_CALLS {
             self.waiting.remove(0);
         }

@@ -45,6 +45,7 @@ mod calls;
 mod error;
 mod graph;
 mod inbox;
+mod latch;
 mod names;
 mod raw;
 mod readers;
@@ -71,8 +72,7 @@ pub enum Delivery {
     Newest,
     /// Reliable: a lost message is sent again.
     Reliable,
-    /// Reliable, and who comes later gets the newest message (transient local); of the latest six seconds older ones, too,
-    /// in order. A subscriber gets nothing of
+    /// Reliable, and who comes later gets the newest message and no other (transient local). A subscriber gets nothing of
     /// a publisher that is not latched.
     Latched,
 }

@@ -10,6 +10,7 @@ use super::calls::{ClientSlot, request, response};
 use super::error::{Error, Result};
 use super::graph::{self, Identifiers};
 use super::inbox::{Incoming, Queue};
+use super::latch::Latch;
 use super::raw::Raw;
 use super::readers::{ReaderSlot, Reads, count_lost};
 use super::settings::Settings;
@@ -42,6 +43,7 @@ pub(super) type Outlet = (Arc<no_key::DataWriter<Bytes, Raw>>, String);
 pub(super) struct State {
     settings: Settings,
     registry: mio1::Registry,
+    bell: Arc<mio1::Waker>,
     wire: Option<Wire>,
     /// Of the graph's messages of others.
     graph: Option<Reader>,
@@ -65,11 +67,12 @@ const LOG: usize = 1;
 const GRAPH_TOKEN: usize = usize::MAX - 1;
 
 impl State {
-    pub(super) fn open(settings: Settings, registry: mio1::Registry) -> Result<Self> {
+    pub(super) fn open(settings: Settings, registry: mio1::Registry, bell: Arc<mio1::Waker>) -> Result<Self> {
         let wire = Some(Wire::open(&settings)?);
         let mut state = Self {
             settings,
             registry,
+            bell,
             wire,
             graph: None,
             heard: None,
@@ -108,7 +111,10 @@ impl State {
 
     pub(super) fn add_writer(&mut self, wish: Wish, writes: Writes) -> Result<usize> {
         let at = self.writers.len();
-        let mut slot = WriterSlot { wish, writes, writer: None };
+        // The log's latecomers get its latest lines.
+        let is_latched = wish.delivery == Delivery::Latched && at != LOG;
+        let latch = is_latched.then(|| Latch::new(Arc::clone(&self.bell)));
+        let mut slot = WriterSlot { wish, writes, writer: None, latch };
         slot.open(self.wire()?)?;
         self.writers.push(slot);
         Ok(at)
@@ -132,7 +138,7 @@ impl State {
         let writers: Vec<_> = self.writers.iter().filter_map(|slot| slot.writer.as_ref().map(Writer::guid)).collect();
         let cdr = graph::participant(&self.settings.node, self.wire()?.guid(), &readers, &writers, identifiers);
         let (dds, name) = self.outlet(GRAPH, &cdr)?;
-        send(&dds, &name, &cdr, options()).map(|_| ())
+        send(&dds, &name, &cdr, options(None)).map(|_| ())
     }
 
     /// Takes in what others say in the graph: how their messages are laid out.
@@ -166,11 +172,15 @@ impl State {
         }
         if self.heard.replace(identifiers).is_some() {
             // Nobody who comes late may be offered what was sent in the other layout.
-            if let Some(wire) = &self.wire {
-                self.writers[GRAPH].open(wire)?;
-            }
+            self.replace(GRAPH)?;
         }
         self.announce()
+    }
+
+    /// Makes a writer anew that has written nothing.
+    fn replace(&mut self, at: usize) -> Result<()> {
+        let Some(wire) = &self.wire else { return Ok(()) };
+        self.writers[at].replace(wire)
     }
 
     /// Where a message goes out; a latched one is remembered.
@@ -182,6 +192,7 @@ impl State {
         if slot.wish.delivery == Delivery::Latched {
             slot.writes.last = Some(cdr.to_vec());
         }
+        slot.latch.iter_mut().for_each(Latch::wrote);
         Ok((Arc::clone(&writer.dds), slot.writes.name.clone()))
     }
 
@@ -255,7 +266,7 @@ impl State {
                 slot.look(queue, now, wire);
             }
         }
-        self.writers.iter_mut().for_each(|slot| slot.look(queue));
+        self.look_at_writers(queue, now);
         for at in 0..self.clients.len() {
             self.look_for_servers(at, queue, now);
         }
@@ -267,6 +278,29 @@ impl State {
                 let name = self.writers[answering.writer].writes.name.clone();
                 queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: 1, reason: error.to_string() }));
             }
+        }
+    }
+
+    /// Reports readers, and lets those of latched topics have the newest message.
+    fn look_at_writers(&mut self, queue: &Queue, now: Instant) {
+        for change in self.wire.as_ref().map_or_else(Vec::new, Wire::changes) {
+            self.writers.iter_mut().for_each(|slot| slot.take(&change, queue));
+        }
+        let mut is_replaced = false;
+        // First what RustDDS waits for: nothing else can be replaced meanwhile.
+        let (held, others): (Vec<_>, Vec<_>) = (0..self.writers.len()).partition(|at| self.writers[*at].is_held());
+        for at in held.into_iter().chain(others) {
+            let must_be_replaced = self.writers[at].look(queue);
+            let replaced = if must_be_replaced { self.replace(at) } else { Ok(()) };
+            is_replaced |= must_be_replaced && replaced.is_ok();
+            let done = replaced.and_then(|()| self.writers[at].serve(now));
+            if let Err(error) = done {
+                let name = self.writers[at].writes.name.clone();
+                queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: 1, reason: error.to_string() }));
+            }
+        }
+        if is_replaced && let Err(error) = self.announce() {
+            queue.push(Incoming::Trouble(Trouble::NoNetwork { reason: error.to_string() }));
         }
     }
 
@@ -284,6 +318,11 @@ impl State {
             slot.changed = None;
             queue.push(Incoming::Matched { endpoint: Endpoint::Client(Client(at)), n_peers: n_servers });
         }
+    }
+
+    /// Whether something is soon to be looked at again.
+    pub(super) fn is_settling(&self, now: Instant) -> bool {
+        self.writers.iter().any(|slot| slot.is_settling(now))
     }
 
     pub(super) fn is_closed(&self) -> bool {
@@ -321,6 +360,7 @@ impl State {
             }
         }
         for (at, slot) in self.writers.iter_mut().enumerate() {
+            slot.latch = slot.latch.take().map(|_| Latch::new(Arc::clone(&self.bell)));
             slot.open(&wire)?;
             // The graph's last message names endpoints that are gone.
             if at != GRAPH {
@@ -343,10 +383,11 @@ mod tests {
     fn state(identifiers: Option<Identifiers>) -> State {
         let poll = mio1::Poll::new().unwrap();
         let registry = poll.registry().try_clone().unwrap();
+        let bell = Arc::new(mio1::Waker::new(&registry, mio1::Token(0)).unwrap());
         let settings = Settings::new("n").unwrap();
         let domain_id = 100 + (std::process::id() % 100) as u16;
         let settings = Settings { domain_id, localhost_only: true, identifiers, ..settings };
-        State::open(settings, registry).unwrap()
+        State::open(settings, registry, bell).unwrap()
     }
 
     /// The layout of what was last said in the graph; `None` where nothing was.

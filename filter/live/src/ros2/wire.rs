@@ -10,15 +10,16 @@ use rustdds::bytes::Bytes;
 use rustdds::policy::{Durability, History, ResourceLimits};
 use rustdds::rpc::SampleIdentity;
 use rustdds::{
-    DataReaderStatus, DataWriterStatus, DomainParticipant, DomainParticipantBuilder, Duration, GUID, QosPolicies,
-    QosPolicyBuilder, RTPSEntity, StatusEvented, Timestamp, TopicKind, WriteOptions, WriteOptionsBuilder, mio1, no_key,
-    policy,
+    DataReaderStatus, DataWriterStatus, DomainParticipant, DomainParticipantBuilder, DomainParticipantStatusEvent,
+    DomainParticipantStatusListener, Duration, GUID, QosPolicies, QosPolicyBuilder, RTPSEntity, StatusEvented,
+    Timestamp, TopicKind, WriteOptions, WriteOptionsBuilder, mio1, no_key, policy,
 };
 
 use super::Delivery;
 use super::error::{Error, Result};
 use super::graph::{self, Guid};
 use super::inbox::DEPTH;
+use super::latch::Gate;
 use super::raw::Raw;
 use super::settings::Settings;
 
@@ -71,6 +72,7 @@ impl Wish {
 /// A participant.
 pub(super) struct Wire {
     participant: DomainParticipant,
+    statuses: DomainParticipantStatusListener,
     publisher: rustdds::Publisher,
     subscriber: rustdds::Subscriber,
 }
@@ -86,11 +88,29 @@ impl Wire {
         let qos = QosPolicyBuilder::new().build();
         let publisher = participant.create_publisher(&qos).map_err(Error::network(what()))?;
         let subscriber = participant.create_subscriber(&qos).map_err(Error::network(what()))?;
-        Ok(Self { participant, publisher, subscriber })
+        Ok(Self { statuses: participant.status_listener(), participant, publisher, subscriber })
     }
 
     pub(super) fn guid(&self) -> Guid {
         self.participant.guid().to_bytes()
+    }
+
+    /// What has changed with the readers of others since the last call. A writer's own statuses tell it sooner, but no more
+    /// than four at once.
+    pub(super) fn changes(&self) -> Vec<Change> {
+        let change = |event| match event {
+            DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, remote_reader } => {
+                Some(Change::Found { writer: local_writer.to_bytes(), reader: remote_reader.to_bytes() })
+            }
+            DomainParticipantStatusEvent::ReaderLost { guid, .. } => Some(Change::Lost(guid.to_bytes())),
+            DomainParticipantStatusEvent::ParticipantLost { id, .. } => {
+                let of_program = GUID { prefix: id, ..GUID::from_bytes([0; 16]) };
+                let [program @ .., _, _, _, _] = of_program.to_bytes();
+                Some(Change::Left(program))
+            }
+            _ => None,
+        };
+        std::iter::from_fn(|| self.statuses.try_recv_status()).filter_map(change).collect()
     }
 
     /// The type that a publisher says its messages have.
@@ -116,7 +136,8 @@ impl Wire {
         let qos = wish.qos(false);
         let topic = self.topic(wish, &qos)?;
         let dds = self.publisher.create_datawriter_no_key::<Bytes, Raw>(&topic, Some(qos));
-        Ok(Writer { dds: Arc::new(dds.map_err(Error::network(&wish.topic))?), peers: Peers::default() })
+        let dds = Arc::new(dds.map_err(Error::network(&wish.topic))?);
+        Ok(Writer { dds, peers: Peers::default(), arrivals: Vec::new(), gate: None })
     }
 
     fn topic(&self, wish: &Wish, qos: &QosPolicies) -> Result<rustdds::Topic> {
@@ -126,9 +147,13 @@ impl Wire {
     }
 }
 
-/// Of a message that is sent now.
-pub(super) fn options() -> WriteOptions {
-    WriteOptionsBuilder::new().source_timestamp(Timestamp::now()).build()
+/// For one reader alone, where one is named.
+pub(super) fn options(to: Option<Guid>) -> WriteOptions {
+    let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now());
+    match to {
+        Some(reader) => options.to_single_reader(GUID::from_bytes(reader)).build(),
+        None => options.build(),
+    }
 }
 
 /// The graph's and the log's topics.
@@ -146,6 +171,17 @@ pub(super) struct Peers {
     pub(super) guids: BTreeSet<Guid>,
     /// Those that were reported as not fitting.
     reported: BTreeSet<Guid>,
+}
+
+/// A change of the readers of others.
+#[derive(Debug)]
+pub(super) enum Change {
+    /// One was connected with one of our writers.
+    Found { writer: Guid, reader: Guid },
+    /// One is gone.
+    Lost(Guid),
+    /// A program is gone with all of its readers.
+    Left([u8; 12]),
 }
 
 /// What is new of an endpoint's peers.
@@ -293,6 +329,10 @@ fn since_1970(time: rustdds::Timestamp) -> Option<i64> {
 pub(super) struct Writer {
     pub(super) dds: Arc<no_key::DataWriter<Bytes, Raw>>,
     pub(super) peers: Peers,
+    /// Readers that were found since somebody looked.
+    pub(super) arrivals: Vec<Guid>,
+    /// What a reader of a latched topic has to pass.
+    pub(super) gate: Option<Arc<Gate>>,
 }
 
 impl Writer {
@@ -300,11 +340,35 @@ impl Writer {
         self.dds.guid().to_bytes()
     }
 
+    /// A reader is connected with; whether that is news.
+    pub(super) fn found(&mut self, reader: Guid) -> bool {
+        let is_news = self.peers.guids.insert(reader);
+        self.arrivals.extend(is_news.then_some(reader));
+        is_news
+    }
+
+    /// A reader is gone; whether it was connected with.
+    pub(super) fn lost(&mut self, reader: &Guid) -> bool {
+        self.arrivals.retain(|arrival| arrival != reader);
+        self.peers.guids.remove(reader)
+    }
+
+    fn status(&self) -> Option<DataWriterStatus> {
+        self.dds.try_recv_status().or_else(|| self.gate.as_ref()?.arm(&self.dds))
+    }
+
+    /// Whether everybody has all messages.
+    pub(super) fn is_acked(&self) -> bool {
+        self.dds.wait_for_acknowledgments(std::time::Duration::ZERO).unwrap_or(false)
+    }
+
     pub(super) fn news(&mut self) -> Option<News> {
-        while let Some(status) = self.dds.try_recv_status() {
+        while let Some(status) = self.status() {
             let news = match status {
                 DataWriterStatus::PublicationMatched { current, reader, .. } => {
-                    Some(self.peers.update(reader, current.count_change()))
+                    let guid = reader.to_bytes();
+                    let is_news = if current.count_change() > 0 { self.found(guid) } else { self.lost(&guid) };
+                    is_news.then_some(News::Changed)
                 }
                 DataWriterStatus::OfferedIncompatibleQos { reader, requested_qos, offered_qos, .. } => {
                     self.peers.incompatible(reader, &requested_qos, &offered_qos)
