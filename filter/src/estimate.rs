@@ -28,7 +28,7 @@ pub enum Warning {
 }
 
 impl Warning {
-    /// Whether it is about these touches; else about the bank, whatever was touched.
+    /// Whether it is about these touches; else it is about the bank alone.
     pub fn is_of_touches(&self) -> bool {
         !matches!(self, Self::OtherSide { .. })
     }

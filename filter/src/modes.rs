@@ -65,7 +65,7 @@ pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode>
 }
 
 /// Whether two poses are so near that their hills are one.
-pub(crate) fn is_one_hill(grid: &PoseGrid, a: &Se2, b: &Se2) -> bool {
+fn is_one_hill(grid: &PoseGrid, a: &Se2, b: &Se2) -> bool {
     let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
     a.distance_mm(b) <= 2.0 * grid.xy_step_mm && turned <= 2.0 * grid.theta_step_deg
 }

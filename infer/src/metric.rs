@@ -110,9 +110,7 @@ impl Metric {
         turned.iter_mut().for_each(|value| *value *= scale);
         turned
     }
-}
 
-impl Metric {
     /// The embedding that the metric has like this, up to its length: [`Self::apply`] undone. `row`: `[dim]`.
     pub fn undo(&self, row: &[f32]) -> Vec<f32> {
         let mut embedding: Vec<f64> = Vec::with_capacity(self.dim);

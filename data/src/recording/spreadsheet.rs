@@ -1,6 +1,6 @@
 //! Texts in the cells of a CSV file, which spreadsheets run as formulas where they begin like one.
 
-/// What a cell begins with that a spreadsheet runs, and the apostrophe by which it is told not to.
+/// What a cell begins with that a spreadsheet runs, and the apostrophe that stops it.
 const RUN: [char; 7] = ['=', '+', '-', '@', '\t', '\r', '\''];
 
 /// A text as a cell: behind an apostrophe where a spreadsheet would run it. [`text_of`] gives the text back. Numbers need none.

@@ -236,7 +236,7 @@ impl Node {
                 self.calibrated = Some(Box::new(calibrated.of_side(self.parameters.side)));
                 let line = format!("at rest: {width}x{height} pixels, the median of {n_rest} pictures");
                 warnings.into_iter().for_each(|warning| self.say(warning));
-                // Who asks again is answered again; a person is told once.
+                // Who asks again is answered again; a person reads it once.
                 if self.rest_needed.take().is_some() {
                     self.say(line.clone());
                 }

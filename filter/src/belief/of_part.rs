@@ -20,9 +20,9 @@ impl Belief {
         }
     }
 
-    /// How well a part at a pose explains what was felt: the mean over the edged touches of [`standard_score`](crate::evidence::Evidence::standard_score), in
-    /// standard deviations of such a mean, and of how many touches it is; `None` where no edge was felt within the recorded
-    /// area.
+    /// How well a part at a pose explains what was felt: the mean over the edged touches of
+    /// [`standard_score`](crate::evidence::Evidence::standard_score), in standard deviations of such a mean, and of how many
+    /// touches it is; `None` where no edge was felt within the recorded area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<(f64, usize)> {
         let scores = self.touches.iter().filter_map(|touch| touch.standard_score(&self.views, part, part_from_first));
         let (sum, n_fitted) = scores.fold((0.0, 0), |(sum, n), score| (sum + score, n + 1));

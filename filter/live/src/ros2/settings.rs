@@ -167,7 +167,7 @@ impl Settings {
         Ok(Self { node, own_name: name.to_owned(), remaps, domain_id, localhost_only, identifiers })
     }
 
-    /// The same in a network of this distribution of ROS 2, whatever the environment says.
+    /// The same in a network of this distribution of ROS 2; the environment is not asked.
     ///
     /// # Errors
     /// A name that is not known.

@@ -135,13 +135,20 @@ pub fn warn_of_light(bank: &Bank, lamps: Option<&Lamps>) {
 /// Says where a bank is made for the other side than the one that is touched.
 pub fn warn_of_side(bank: &Bank, side: Side) {
     if let Some(why) = bank.other_side(side) {
-        eprintln!("warning: {why}");
+        program::warning(why);
     }
 }
 
 /// Says where touches and the poses of a bank's views do not go together.
 pub fn warn_of_poses(holes: Holes<'_>, bank: &Bank, poses: Poses) {
     if let Some(why) = fits::warn_of_poses(holes, bank, poses) {
+        program::warning(why);
+    }
+}
+
+/// Says where a bank's poses are too far from each other for touches anywhere.
+pub fn warn_of_steps(bank: &Bank) {
+    if let Some(why) = fits::too_coarse(bank) {
         program::warning(why);
     }
 }

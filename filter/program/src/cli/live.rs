@@ -24,7 +24,7 @@ use tactile_live::sources::folder::Folder;
 use tactile_live::sources::lines::Lines;
 use tactile_live::{Error, Node, Parameters};
 
-use super::arguments::warn_of_calibration;
+use super::arguments::{warn_of_calibration, warn_of_steps};
 use super::failure::Result;
 use super::simulated::{SimulatedArgs, summary};
 
@@ -56,11 +56,11 @@ pub struct Live {
     /// built with `--features foxglove`); filter/live/foxglove-layout.json is a layout for them
     #[arg(long, value_name = "HOST:PORT")]
     foxglove: Option<String>,
-    /// Parameters in YAML, as ROS 2 has them; several files are read in order
-    #[arg(long, value_name = "FILE")]
+    /// Parameters in YAML, as ROS 2 has them; several files are read in order; with --ros they are among --ros-args
+    #[arg(long, value_name = "FILE", conflicts_with = "ros")]
     params_file: Vec<PathBuf>,
-    /// A parameter, such as camera.crop:=border:1/7
-    #[arg(short = 'p', long = "param", value_name = "NAME:=VALUE")]
+    /// A parameter, such as camera.crop:=border:1/7; with --ros it is among --ros-args
+    #[arg(short = 'p', long = "param", value_name = "NAME:=VALUE", conflicts_with = "ros")]
     param: Vec<String>,
     /// With --watch: stop when nothing more is ready
     #[arg(long, conflicts_with_all = ["simulate", "stdin_mjpeg", "ros"])]
@@ -191,6 +191,7 @@ impl Live {
         let model = Arc::new(Model::load(&self.model)?);
         let bank = Arc::new(Bank::load(&self.bank, &model)?);
         warn_of_calibration(&model, parameters.side);
+        warn_of_steps(&bank);
         let setup = names.setup(&parameters, &model, &bank)?;
         let mut session = Session::new(Node::new(parameters, model, bank)?);
         if let Some(address) = &self.foxglove {
