@@ -4,7 +4,7 @@ use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 
 /// Nothing is doubted where the best matches of the edged touches have this cosine on average, as those of a sensor that the
 /// network knows, and all where they have that. Neither has to be exact (`NOTES.md`).
-const NOTHING_AND_ALL: [f64; 2] = [0.92, 0.55];
+const NOTHING_AND_ALL: [f64; 2] = [0.92, 0.7];
 
 /// How many times more of their error the touches of one hole share where all is doubted than where nothing is, less one: what
 /// a rough sensor or a part unlike those trained on does to one touch it does to the next.
@@ -53,7 +53,7 @@ mod tests {
             doubt(std::iter::once(&touch))
         });
         // It resembles the view along y, by the cosine of 0.9 over the length: a little.
-        let by_hand = (0.92 - 0.9 / (0.04_f64 + 0.81 + 0.1225).sqrt()) / 0.37;
+        let by_hand = (0.92 - 0.9 / (0.04_f64 + 0.81 + 0.1225).sqrt()) / 0.22;
         assert!(doubts.iter().all(|doubt| (doubt - by_hand).abs() < 1e-5), "{doubts:?}, by hand {by_hand}");
     }
 }

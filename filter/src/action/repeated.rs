@@ -68,13 +68,13 @@ mod tests {
         close(new_shares(&[]), [1.0; 3]);
         close(new_shares(&[X, Y]), [1.0; 3]);
         close(new_shares(&[UP]), [1.0; 3]);
-        // Its best match has a cosine of 0.8, 0.12 of 0.37 below 0.92; the row at its side 0.6.
-        let doubt = 0.12 / 0.37;
+        // Its best match has a cosine of 0.8, 0.12 of 0.22 below 0.92; the row at its side 0.6.
+        let doubt = 0.12 / 0.22;
         close(new_shares(&[[0.8, 0.6, 0.0]]), [1.0 - doubt * 0.8, 1.0 - doubt * 0.6, 1.0]);
         // 0.9 on average; each row by the touch most like it.
-        let doubt = 0.02 / 0.37;
+        let doubt = 0.02 / 0.22;
         close(new_shares(&[[0.8, 0.6, 0.0], Y, UP]), [1.0 - doubt * 0.8, 1.0 - doubt, 1.0]);
-        // Below 0.55 everything, and no row less than nothing.
+        // Below 0.7 everything, and no row less than nothing.
         close(new_shares(&[[0.5, -0.7, -0.509_901_95]]), [1.0 - 0.5, 1.0, 1.0]);
     }
 }

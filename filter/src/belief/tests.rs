@@ -104,7 +104,7 @@ fn blank_row(row: usize) -> bool {
 }
 
 /// The power of each touch's likelihood: one of `n` by how much error they share, six times as much where the best rows
-/// have a cosine of 0.55 with the edged ones as where that is 0.92.
+/// have a cosine of 0.7 with the edged ones as where that is 0.92.
 fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &LikelihoodConfig) -> f64 {
     let cosine = |row: usize, touch: &Observation| {
         rows[row].iter().zip(&touch.query).map(|(a, b)| f64::from(a * b)).sum::<f64>()
@@ -115,7 +115,7 @@ fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &LikelihoodConfig
     let edged = touches.iter().map(|(_, touch)| touch).filter(|touch| touch.edge_share > 0.0);
     let bests: Vec<f64> = edged.map(best).collect();
     let mean = bests.iter().sum::<f64>() / bests.len().max(1) as f64;
-    let doubt = if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.37).clamp(0.0, 1.0) };
+    let doubt = if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.22).clamp(0.0, 1.0) };
     1.0 / (1.0 + c.shared_error * (1.0 + 5.0 * doubt) * (touches.len() - 1) as f64)
 }
 

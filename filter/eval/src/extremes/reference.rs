@@ -136,7 +136,7 @@ pub fn joint(n_touches: f64, bests: &[f64], config: &LikelihoodConfig) -> f64 {
 /// How far the best cosines of the edged touches say that the network does not know what it is shown, 0..=1.
 pub fn doubt(bests: &[f64]) -> f64 {
     let mean = bests.iter().sum::<f64>() / bests.len() as f64;
-    if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.37).clamp(0.0, 1.0) }
+    if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.22).clamp(0.0, 1.0) }
 }
 
 /// The probability that a view beyond the grid is blank: as its recorded border, at least a half.

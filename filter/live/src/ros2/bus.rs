@@ -389,7 +389,11 @@ mod tests {
             for (_, inbox, of) in &late {
                 assert_eq!(once(texts(inbox, 1).remove(of)).last(), Some(&next), "live, round {round}");
             }
-            assert_eq!(once(texts(&first_inbox, 1).remove(&early)).last(), Some(&next), "the first of all, round {round}");
+            assert_eq!(
+                once(texts(&first_inbox, 1).remove(&early)).last(),
+                Some(&next),
+                "the first of all, round {round}"
+            );
         }
     }
 
