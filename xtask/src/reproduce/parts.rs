@@ -54,13 +54,15 @@ impl Kind {
 }
 
 /// The banks: name, kind and scene, a preset or a file.
-const BANKS: [(&str, Kind, &str); 30] = [
+const BANKS: [(&str, Kind, &str); 32] = [
     ("small", Kind::Recorded, "alphabet-small"),
     ("large", Kind::Recorded, "alphabet-large"),
     ("connectors", Kind::Recorded, "connectors"),
     ("connectors-centred", Kind::Recorded, "connectors-centred.toml"),
     ("small-fine", Kind::FINE, "alphabet-small"),
     ("large-fine", Kind::FINE, "alphabet-large"),
+    ("small-cosine", Kind::FINE_COSINE, "alphabet-small"),
+    ("large-cosine", Kind::FINE_COSINE, "alphabet-large"),
     ("wide", Kind::FINE, "wide-letters.toml"),
     ("four-letters", Kind::FINE, "four-letters.toml"),
     ("small-hard", Kind::PLAIN, "alphabet-small-hard"),
@@ -91,7 +93,7 @@ const BANKS: [(&str, Kind, &str); 30] = [
 type Evaluation = (Part, &'static str, &'static str, Option<&'static str>, &'static str, &'static str);
 
 /// The evaluations.
-const EVALUATIONS: [Evaluation; 49] = [
+const EVALUATIONS: [Evaluation; 52] = [
     (Part::Tables, "small", "small", None, ALL_WAYS, "--pegs small-pegs"),
     (Part::Tables, "large", "large", None, ALL_WAYS, "--pegs large-pegs"),
     (Part::Connectors, "connectors", "connectors", None, DEFAULT, "--pegs connectors-pegs --touches 10"),
@@ -104,6 +106,9 @@ const EVALUATIONS: [Evaluation; 49] = [
         DEFAULT,
         "--pegs connectors-centred-pegs --touches 1",
     ),
+    (Part::Anywhere, "small-cosine", "small-cosine", None, DEFAULT, "--poses off-grid"),
+    (Part::Anywhere, "large-cosine", "large-cosine", None, DEFAULT, "--poses off-grid"),
+    (Part::Anywhere, "outlines-cosine", "new-outlines", None, INFORMED, "--poses off-grid"),
     (Part::Anywhere, "small-anywhere", "small-fine", None, INFORMED, "--poses off-grid"),
     (Part::Anywhere, "large-anywhere", "large-fine", None, INFORMED, "--poses off-grid"),
     (Part::Wide, "parts-wide", "wide", None, INFORMED, "--poses off-grid"),

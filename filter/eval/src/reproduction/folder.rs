@@ -17,12 +17,15 @@ use crate::error::{Error, Result};
 use crate::result::{Evaluation, SCHEMA};
 
 /// The folders of evaluations, in the order of the page; those of robustness, sensors and other parts follow by name.
-const EVALUATIONS: [&str; 35] = [
+const EVALUATIONS: [&str; 38] = [
     "small",
     "large",
     "connectors",
     "connectors-learnt",
     "connectors-centred",
+    "small-cosine",
+    "large-cosine",
+    "outlines-cosine",
     "small-anywhere",
     "large-anywhere",
     "large-4",
