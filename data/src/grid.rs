@@ -6,8 +6,8 @@ use crate::error::{Error, Result};
 use crate::se2::{Se2, wrap_angle};
 
 /// A regular grid of `part_from_sensor` poses round a part's centre, with `x`, `y` in
-/// `-xy_half_mm ..= xy_half_mm` and `theta` in `-theta_half_deg ..= theta_half_deg`. On a grid of a full turn, 180 degrees to
-/// either side, each angle comes once: the last is one step before +180 degrees, which is -180 degrees.
+/// `-xy_half_mm ..= xy_half_mm` and `theta` in `-theta_half_deg ..= theta_half_deg`. On a grid of a full turn, 180
+/// degrees to either side, each angle comes once: the last is one step before +180 degrees, which is -180 degrees.
 ///
 /// The paper's grids: small objects 8 mm by 4, large objects 20 mm by 4, both 90 degrees by 30.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -140,7 +140,7 @@ struct Axis {
 }
 
 impl NearestCell {
-    /// Of a grid.
+    /// The axes of a grid.
     pub fn on(grid: &PoseGrid) -> Self {
         Self {
             xy: Axis { half: grid.xy_half_mm, per_step: grid.xy_step_mm.recip(), n: grid.n_xy() },

@@ -19,7 +19,7 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// Of touching so many of a scene's parts, each on so many sides.
+    /// What touching so many of a scene's parts needs, each on so many sides.
     pub fn of(scene: &Scene, n_parts: usize, n_sides: usize, n_touches: usize) -> Self {
         let side_bytes = gel::least_bytes(scene.half_extent_mm());
         Self { n_parts, n_touches, memory_bytes: n_parts as f64 * n_sides as f64 * side_bytes }

@@ -217,7 +217,7 @@ mod tests {
         assert!(of(&[(&id, "2"), (&count, "5")]).unwrap_err().contains("SLURM_ARRAY_TASK_MIN: expected a whole"));
     }
 
-    /// Of `--array=1,3` task 1 must not take itself for the first of two neighbours.
+    /// Task 1 of `--array=1,3` must not take itself for the first of two neighbours.
     #[test]
     fn a_slurm_array_with_gaps_is_refused_by_each_task() {
         for id in ["1", "3"] {

@@ -9,8 +9,8 @@ use crate::se2::{Se2, wrap_angle};
 /// The turns about a centre after which a part feels the same.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Symmetry {
-    /// How many turns, by equal angles, the turn by 0 degrees among them: 1 for a part without symmetry. `None`: any turn,
-    /// of a round part.
+    /// How many turns, by equal angles, the turn by 0 degrees among them: 1 for a part without symmetry. `None`: any
+    /// turn, of a round part.
     pub order: Option<usize>,
     /// The point that stays where it is, in the part's frame, mm.
     pub centre_mm: [f64; 2],
@@ -40,8 +40,8 @@ impl Symmetry {
         (0..order).map(|k| self.turn(TAU * k as f64 / order as f64) * *part_from_sensor).collect()
     }
 
-    /// Of the poses that feel the same as `pose` the one nearest to another: by millimetres and degrees together; of a round
-    /// part the one at the same angle.
+    /// The pose nearest to another among those that feel the same as `pose`, by millimetres and degrees together; of a
+    /// round part the one at the same angle.
     pub fn nearest_twin(&self, pose: &Se2, to: &Se2) -> Se2 {
         if self.order.is_none() {
             return self.turn(to.theta_rad - pose.theta_rad) * *pose;

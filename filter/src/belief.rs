@@ -67,9 +67,9 @@ pub struct Belief {
 impl Belief {
     /// The belief after the first touch; every state was equally likely before it (paper, Eq. 3).
     ///
-    /// `subdivisions`: parts of a step of 2 mm and 15 degrees between two states, at least 1; a finer bank has at least the states
-    /// of its views. More than 1 only where views are interpolated between the bank's poses: a state may then lie between
-    /// them.
+    /// `subdivisions`: parts of a step of 2 mm and 15 degrees between two states, at least 1; a finer bank has at least
+    /// the states of its views. More than 1 only where views are interpolated between the bank's poses: a state may
+    /// then lie between them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
         let EngineConfig::Particle(config) = engine else {
             return Self::within(ALLOWED_ERROR, bank, subdivisions, first);
@@ -172,8 +172,8 @@ impl Belief {
         first_from_sensor.x_mm.hypot(first_from_sensor.y_mm) > diagonal_mm + rim_mm
     }
 
-    /// The power to which the likelihood of each touch is taken, 0..=1, with another one, as far as it is known, of which
-    /// `new_share` is new: [`LikelihoodConfig::shared_error`](crate::LikelihoodConfig::shared_error).
+    /// The power to which the likelihood of each touch is taken, 0..=1, with another one, as far as it is known, of
+    /// which `new_share` is new: [`LikelihoodConfig::shared_error`](crate::LikelihoodConfig::shared_error).
     pub(crate) fn joint_weight(&self, new_share: f64, next: Option<&TouchLikelihood>) -> f64 {
         let n_touches = self.touches.iter().map(|touch| touch.weight).sum::<f64>() + new_share;
         let touches = self.touches.iter().map(|touch| &touch.likelihood).chain(next);
@@ -206,7 +206,7 @@ impl Belief {
         self.states_from(0.0)
     }
 
-    /// Those of [`Self::states`] that have at least a probability.
+    /// The states among [`Self::states`] that have at least a probability.
     pub fn states_from(&self, least: f64) -> Vec<(Hypothesis, f64)> {
         self.states_of(0..self.n_parts, least)
     }
@@ -229,7 +229,7 @@ impl Belief {
         states
     }
 
-    /// Those of some parts.
+    /// The states of some parts.
     fn states_of(&self, parts: Range<usize>, least: f64) -> Vec<(Hypothesis, f64)> {
         let n_cells = self.grid.len();
         let is_held = |(_, mass): &(Hypothesis, f64)| *mass > 0.0 && *mass >= least;
@@ -355,8 +355,8 @@ fn log_score(log_likelihoods: &[Vec<f64>], state: usize) -> f64 {
     log_likelihoods.iter().map(|log_states| log_states[state]).sum()
 }
 
-/// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5), round the circle where the angles go round; `None`
-/// off the grid.
+/// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5), round the circle where the angles go round;
+/// `None` off the grid.
 fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
     let (n_xy, axis) = (grid.n_xy(), direction / 2);
     let (stride, length) = (grid.strides()[axis], [n_xy, n_xy, grid.n_theta()][axis]);

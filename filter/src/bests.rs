@@ -32,7 +32,7 @@ impl Bests {
         Self { n_angles, n_of_part, cosines }
     }
 
-    /// Of one part.
+    /// The bests of one part.
     pub fn of_part(&self, part: usize) -> PartBests<'_> {
         let (of_angles, lines) = self.cosines[part * self.n_of_part..][..self.n_of_part].split_at(self.n_angles);
         PartBests { of_angles, lines }

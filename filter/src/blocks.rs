@@ -18,7 +18,7 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    /// Of the states of a grid.
+    /// The layout of a grid's states.
     pub fn of(states: &PoseGrid) -> Self {
         Self { n_angles: states.n_theta(), n_places: states.len() / states.n_theta() }
     }
@@ -35,9 +35,9 @@ pub(crate) struct Blocks<'a> {
     /// The bank's grid and that of the states.
     grids: [&'a PoseGrid; 2],
     touches: &'a [Evidence],
-    /// Of each touch, how each angle sees it, as far as was asked.
+    /// How each angle sees each touch, as far as was asked.
     views: Vec<Vec<Option<AngleViews>>>,
-    /// Of each touch, what [`Evidence::planes`] is for each part, as far as was asked.
+    /// What [`Evidence::planes`] is for each touch and each part, as far as was asked.
     planes: Vec<Vec<Option<Option<Vec<f32>>>>>,
 }
 
@@ -80,9 +80,9 @@ impl<'a> Blocks<'a> {
 }
 
 impl Evidence {
-    /// Judges a touch, with the share of its evidence that counts, from every state: each part at each pose of `states`,
-    /// with the views of a bank whose grid is `grid`. `take` is given log p(touch | state) of one part after the other,
-    /// `[n_cells]`.
+    /// Judges a touch, with the share of its evidence that counts, from every state: each part at each pose of
+    /// `states`, with the views of a bank whose grid is `grid`. `take` is given log p(touch | state) of one part after
+    /// the other, `[n_cells]`.
     pub fn new(
         [grid, states]: [&PoseGrid; 2],
         first_from_sensor: Se2,

@@ -1,8 +1,8 @@
 //! Exact Bayes, where it matters: the default engine.
 //!
-//! States come in blocks. A touch is judged first in the blocks that may hold most of the belief, then in the next, until
-//! all that are left can hold no more of it together than is allowed. They are left out: their states have no probability
-//! until, after some later touch, they may matter; the touches that they missed are then judged there, too.
+//! States come in blocks. A touch is judged first in the blocks that may hold most of the belief, then in the next,
+//! until all that are left can hold no more of it together than is allowed. They are left out: their states have no
+//! probability until, after some later touch, they may matter; the touches that they missed are then judged there, too.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use crate::simd;
 struct Block {
     /// Touches judged there, from the first on.
     n_touches: usize,
-    /// Of its states' sums over those touches.
+    /// The largest of its states' sums over those touches.
     largest: f64,
     /// The log of the sum over its states of the likelihood of all touches as they count together: this at most.
     most: f64,
@@ -44,8 +44,8 @@ pub struct Exact {
 }
 
 impl Exact {
-    /// Before any touch: what is asked of it counts from the first [`Self::update`] on. `allowed`: the share of the belief
-    /// that may be left out at each touch, 0..=1; zero: none.
+    /// Before any touch: what is asked of it counts from the first [`Self::update`] on. `allowed`: the share of the
+    /// belief that may be left out at each touch, 0..=1; zero: none.
     pub fn uniform(n_blocks: usize, length: usize, allowed: f64) -> Self {
         let (n_states, most) = (n_blocks * length, (length as f64).ln());
         let block = Block { n_touches: 0, largest: 0.0, most, share: 0.0, scale: 0.0, log_sum: 0.0 };
@@ -65,8 +65,8 @@ impl Exact {
     /// each as they count together.
     ///
     /// `joint`: the power to which the likelihood of each touch is taken now, above 0.
-    /// `highest`: the touch's log-likelihood in each block is at most this, `[n_blocks]`. `add` adds the log-likelihood,
-    /// finite, of one touch to that of each state of a block.
+    /// `highest`: the touch's log-likelihood in each block is at most this, `[n_blocks]`. `add` adds the
+    /// log-likelihood, finite, of one touch to that of each state of a block.
     pub fn update(&mut self, joint: f64, highest: &[f64], add: &mut dyn FnMut(usize, usize, &mut [f64])) -> f64 {
         let of_earlier = joint / self.joint;
         (self.joint, self.n_touches) = (joint, self.n_touches + 1);
@@ -156,7 +156,7 @@ impl Exact {
         })
     }
 
-    /// Of the states of some blocks that are not left out those that are as likely as any of them, ascending.
+    /// The likeliest states, all that are equally likely, of some blocks that are not left out; ascending.
     pub fn likeliest(&self, blocks: Range<usize>) -> Vec<usize> {
         let held = || blocks.clone().filter(|at| self.blocks[*at].scale > 0.0);
         let largest = held().map(|at| self.blocks[at].largest).fold(f64::NEG_INFINITY, f64::max);
@@ -171,8 +171,8 @@ impl Exact {
         self.blocks.iter().filter(|block| block.scale > 0.0).map(of_block).sum::<f64>().max(0.0)
     }
 
-    /// The likeliest states, `most` at most, that have a probability of at least `least`, with it, in no order. Blocks whose
-    /// likeliest state is not among them are passed over.
+    /// The likeliest states, `most` at most, that have a probability of at least `least`, with it, in no order. Blocks
+    /// whose likeliest state is not among them are passed over.
     pub fn heaviest(&self, least: f64, most: usize) -> Vec<(usize, f64)> {
         let mut order: Vec<usize> = (0..self.blocks.len()).filter(|at| self.blocks[*at].scale > 0.0).collect();
         order.sort_by(|a, b| self.blocks[*b].scale.total_cmp(&self.blocks[*a].scale));
@@ -325,8 +325,8 @@ mod tests {
             }
         }
 
-        /// Touches that contradict each other bring back what was left out. The powers are free: what touches share falls where a
-        /// later one matches better, and its power rises again.
+        /// Touches that contradict each other bring back what was left out. The powers are free: what touches share
+        /// falls where a later one matches better, and its power rises again.
         #[test]
         fn what_is_left_out_is_within_what_is_allowed(
             logs in tables(-9.0),

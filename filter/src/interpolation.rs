@@ -49,7 +49,7 @@ const FADE: f64 = 0.5;
 /// How far outside along some axes a view is, and what its trust is for that.
 #[derive(Clone, Copy)]
 pub(crate) struct Fading {
-    /// Of the distance, steps.
+    /// The square of the distance, steps.
     square: f64,
     trust: f64,
 }

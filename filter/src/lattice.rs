@@ -44,13 +44,13 @@ fn squares_of<'a>(at: &Around, line: impl Fn((usize, usize)) -> &'a [f32], out: 
     simd::blend_six(constant, &weights, [line(a), line(b), line(c), line(d), line(e), line(f)], out);
 }
 
-/// A state's view between recorded ones counts as at most so much more like a touch than the best of its part's views on the
-/// lines of places around it, at the angles around it: no state need be looked at to know that it matches no better. With 0.1
-/// as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
+/// A state's view between recorded ones counts as at most so much more like a touch than the best of its part's views
+/// on the lines of places around it, at the angles around it: no state need be looked at to know that it matches no
+/// better. With 0.1 as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
 const ABOVE_BEST: f32 = 0.1;
 
-/// The recorded places around a place whose weight is more than rounding leaves at a recorded place. The nearest is one, and
-/// stands for those that are not.
+/// The recorded places around a place whose weight is more than rounding leaves at a recorded place. The nearest is
+/// one, and stands for those that are not.
 #[derive(Clone, Copy, Debug)]
 struct Counting([usize; 4]);
 
@@ -77,7 +77,7 @@ pub struct LatticeWeights {
     theta: Around,
     ys: Vec<Around>,
     xs: Vec<Around>,
-    /// Of theta, and of each of the xs and ys.
+    /// What counts for theta, and for each of the xs and ys.
     counting: (Counting, [Vec<Counting>; 2]),
     faded: OnceCell<Vec<Faded>>,
 }
@@ -85,7 +85,7 @@ pub struct LatticeWeights {
 /// A state whose view is known though outside the recorded area.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Faded {
-    /// Of the lattice, x slowest.
+    /// The place in the lattice, x slowest.
     pub place: usize,
     /// The nearest cell to it and how far its view is trusted.
     pub nearest: Nearest,
@@ -200,14 +200,14 @@ impl LatticeWeights {
         self.xs[x].nearest * of_x + self.ys[y].nearest * of_y + self.theta.nearest
     }
 
-    /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views at
-    /// each angle, `[n_theta]`.
+    /// The largest cosine that a view at a state may count with, from the largest with any of the part's recorded views
+    /// at each angle, `[n_theta]`.
     pub fn most(&self, best_of_angles: &[f32]) -> f32 {
         (self.counting.0.best(|theta| best_of_angles[theta]) + ABOVE_BEST).min(1.0)
     }
 
-    /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above the
-    /// best recorded view on the lines around it, at the angles around.
+    /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above
+    /// the best recorded view on the lines around it, at the angles around.
     pub(crate) fn most_on_lines(&self, bests: PartBests<'_>) -> [Vec<f32>; 2] {
         let (theta, states) = &self.counting;
         let most = |lines: &[f32], states: &[Counting]| -> Vec<f32> {
@@ -306,8 +306,8 @@ fn seen(places: &[Around]) -> Range<usize> {
     first.unwrap_or(0)..places.iter().map(|at| at.indices[3] + 1).max().unwrap_or(0)
 }
 
-/// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what is stored together is
-/// interpolated at once.
+/// One part's cells, `[n_xy, n_xy, n_theta]`, as `[n_theta, n_xy, n_xy]`, in each plane y slowest: what is stored
+/// together is interpolated at once.
 pub fn in_planes(cells: &[f32], grid: &PoseGrid) -> Vec<f32> {
     let (n, n_theta) = (grid.n_xy(), grid.n_theta());
     let mut planes = vec![0.0; cells.len()];

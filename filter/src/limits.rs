@@ -8,29 +8,31 @@ use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
 use crate::particle::ParticleConfig;
 
-/// The most touches of an episode. Each keeps 5.4 bytes for each view of the bank: its cosine (4), what it shows (1) and
-/// the best of each line of places (0.4). In a bank of twelve large letters every 2 mm and 15 degrees, 68,796 views, that is
-/// 0.37 MB a touch, so that these are 0.4 GB; the hundred touches that a patient robot makes are a tenth of it.
+/// The most touches of an episode. Each keeps 5.4 bytes for each view of the bank: its cosine (4), what it shows (1)
+/// and the best of each line of places (0.4). In a bank of twelve large letters every 2 mm and 15 degrees, 68,796
+/// views, that is 0.37 MB a touch, so that these are 0.4 GB; the hundred touches that a patient robot makes are a tenth
+/// of it.
 const MAX_TOUCHES: usize = 1_000;
 
 /// The most states between two recorded poses on each axis. States grow with its third power: in the bank of
-/// [`MAX_TOUCHES`] taking in one touch took up to 1.3 s with 8, on a busy machine 5.3 s, and 0.2 s with 4 (one core of a cloud
-/// machine). More than 2 brought no accuracy (`NOTES.md`).
+/// [`MAX_TOUCHES`] taking in one touch took up to 1.3 s with 8, on a busy machine 5.3 s, and 0.2 s with 4 (one core of
+/// a cloud machine). More than 2 brought no accuracy (`NOTES.md`).
 const MAX_SUBDIVISIONS: usize = 4;
 
-/// The most pairs of a drawn and a supposed state that a decision weighs, over all motions that are judged by all draws and
-/// those of the first pass. A pair took 5 to 6 ns (1,000 draws, 1,000 suppositions and 24 finalists: 130 ms), so that a
-/// decision among [`MOTIONS`] takes at most 0.6 s. By default there are 2e5 of them.
+/// The most pairs of a drawn and a supposed state that a decision weighs, over all motions that are judged by all draws
+/// and those of the first pass. A pair took 5 to 6 ns (1,000 draws, 1,000 suppositions and 24 finalists: 130 ms), so
+/// that a decision among [`MOTIONS`] takes at most 0.6 s. By default there are 2e5 of them.
 const MAX_PAIRS: f64 = 1e8;
 
 /// Motions that a robot is taken to offer; how many it really does is not known before.
 const MOTIONS: usize = 1_000;
 
-/// Of the pairs of draws and suppositions the first pass weighs a 36th: a sixth of either.
+/// The first pass weighs a 36th of the pairs of draws and suppositions: a sixth of either.
 const FIRST_PASS: f64 = 36.0;
 
-/// The most particles times moves and one. Within ten touches of twelve small letters 200,000 particles of four moves took up to
-/// 0.6 s a touch, a million of them up to 10.5 s (one core of a busy cloud machine): each move weighs all touches again.
+/// The most particles times moves and one. Within ten touches of twelve small letters 200,000 particles of four moves
+/// took up to 0.6 s a touch, a million of them up to 10.5 s (one core of a busy cloud machine): each move weighs all
+/// touches again.
 const MAX_MOVES: f64 = 1e6;
 
 /// Refuses what takes more than a second for a decision, or more memory than a small computer has.

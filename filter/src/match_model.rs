@@ -3,9 +3,9 @@
 use crate::simd;
 use crate::softplus::softplus;
 
-/// `log((1 - eps) exp(d / tau) / M + eps)` for a cosine `d` above the one that it is measured from, mostly below it: a touch
-/// is of the view that matches, `M` being the mean of `exp(d / tau)` over all views, but for a share eps of all touches,
-/// which may look like any.
+/// `log((1 - eps) exp(d / tau) / M + eps)` for a cosine `d` above the one that it is measured from, mostly below it: a
+/// touch is of the view that matches, `M` being the mean of `exp(d / tau)` over all views, but for a share eps of all
+/// touches, which may look like any.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MatchModel {
     temperature: f64,
@@ -18,7 +18,8 @@ pub(crate) struct MatchModel {
 }
 
 impl MatchModel {
-    /// By a temperature tau, a share of outliers eps and the cosines of all views, none of which is above the reference.
+    /// By a temperature tau, a share of outliers eps and the cosines of all views, none of which is above the
+    /// reference.
     pub fn new(temperature: f64, outlier_share: f64, mut above_best: Vec<f64>) -> Self {
         let n = above_best.len() as f64;
         // Divided: the smallest temperatures have no reciprocal.
@@ -29,13 +30,13 @@ impl MatchModel {
         Self { temperature, mean, log_floor: (outlier_share * scale).ln(), log_scale: scale.ln() }
     }
 
-    /// Of a touch that may look like any view; -inf where no touch is an outlier.
+    /// The log-likelihood of a touch that may look like any view; -inf where no touch is an outlier.
     pub fn log_outlier(self) -> f64 {
         self.log_floor - self.log_scale
     }
 
-    /// A cosine below this, above the one that it is measured from, makes a touch less than so many nats likelier than an
-    /// outlier.
+    /// A cosine below this, above the one that it is measured from, makes a touch less than so many nats likelier than
+    /// an outlier.
     pub fn above_outliers(self, nats: f64) -> f64 {
         self.temperature * (self.log_floor + nats.exp_m1().ln())
     }
@@ -69,6 +70,6 @@ impl MatchModel {
 /// Between recorded views a cosine may rise above the best of them, but by no more than this says anything, nats.
 const HIGHEST: f64 = 30.0;
 
-/// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite views
-/// are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
+/// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite
+/// views are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
 const LOWEST: f64 = -1e12;

@@ -32,8 +32,8 @@ pub struct Calibration {
     /// ([`Bank::cosine_at`](crate::Bank::cosine_at)); `None` in models calibrated before it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
-    /// How far the mean of that differs from sensor to sensor, a standard deviation that is part of the one in `matched`:
-    /// touches of one sensor have it in common. `None` where touches of one sensor were compared.
+    /// How far the mean of that differs from sensor to sensor, a standard deviation that is part of the one in
+    /// `matched`: touches of one sensor have it in common. `None` where touches of one sensor were compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub between_sensors: Option<f64>,
     /// What the views of the bank were of that the touches were compared with.
@@ -75,8 +75,8 @@ impl Calibration {
         prior.as_calibration(self).validate().map_err(|error| error.within("prior"))
     }
 
-    /// What a calibration with other touches starts from, worth `n_touches`: what was known before this one's own, where it
-    /// counted, so that the same touches never count twice.
+    /// What a calibration with other touches starts from, worth `n_touches`: what was known before this one's own,
+    /// where it counted, so that the same touches never count twice.
     pub fn as_prior(&self, n_touches: f64) -> Prior {
         let own = Prior {
             n_touches,
@@ -154,7 +154,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// That of values, of which there is at least one.
+    /// The spread of values, of which there is at least one.
     pub fn of(values: &[f64]) -> Self {
         let mean_of = |value: &dyn Fn(f64) -> f64| values.iter().map(|v| value(*v)).sum::<f64>() / values.len() as f64;
         let mean = mean_of(&|v| v);

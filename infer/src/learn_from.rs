@@ -9,8 +9,9 @@ use crate::error::{Error, Result};
 
 /// From whose simulated touches a bank of a scene learns its [`Metric`](crate::metric::Metric).
 ///
-/// The side that will be touched teaches most: of connectors touched anywhere 83 % are named by two touches by the cosine
-/// alone, 86 % having learnt from both sides and 87 % from holes, and of those sure of a part 9.2, 2.8 and 1.1 % are wrong.
+/// The side that will be touched teaches most: of connectors touched anywhere 83 % are named by two touches by the
+/// cosine alone, 86 % having learnt from both sides and 87 % from holes, and of those sure of a part 9.2, 2.8 and 1.1 %
+/// are wrong.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LearnFrom {
@@ -21,7 +22,7 @@ pub enum LearnFrom {
     Peg,
     /// Holes and pegs.
     Both,
-    /// Of none: embeddings are compared by the cosine alone, as in the paper.
+    /// No touches: embeddings are compared by the cosine alone, as in the paper.
     Nothing,
 }
 

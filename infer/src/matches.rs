@@ -20,7 +20,7 @@ impl PartMatch {
     }
 }
 
-/// That of every part of a bank, as far as it is known: measured in simulation where a bank is made of a scene.
+/// The match of every part of a bank, as far as it is known: measured in simulation where a bank is made of a scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Matches {
     /// Where holes are touched, `[n_parts]`.
@@ -30,13 +30,13 @@ pub struct Matches {
 }
 
 impl Matches {
-    /// That of a part where one side is touched.
+    /// The match of a part where one side is touched.
     pub fn of(&self, part: usize, side: Side) -> Option<PartMatch> {
         let of_side = if side == Side::Peg { &self.pegs } else { &self.holes };
         of_side.get(part).copied().flatten()
     }
 
-    /// Those of some of the parts, in their order.
+    /// The matches of some of the parts, in their order.
     pub(crate) fn of_parts(&self, parts: &[usize]) -> Self {
         let some = |of: &[Option<PartMatch>]| {
             let of_part = |part: &usize| of.get(*part).copied();

@@ -31,7 +31,7 @@ pub struct Model {
     config: NetworkConfig,
     preprocessing: Preprocessing,
     provenance: Provenance,
-    /// Of touched holes and of touched pegs.
+    /// The calibrations for touched holes and for touched pegs.
     calibrations: [Option<Calibration>; 2],
     sha256: Arc<str>,
 }
@@ -151,7 +151,8 @@ impl Model {
         &self.provenance
     }
 
-    /// How far its cosines can be believed where this side is touched, where that was measured (`tactile-infer calibrate
+    /// How far its cosines can be believed where this side is touched, where that was measured (`tactile-infer
+    /// calibrate
     /// --side`).
     pub fn calibration(&self, side: Side) -> Option<&Calibration> {
         self.calibrations[usize::from(side == Side::Peg)].as_ref()

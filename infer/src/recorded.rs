@@ -205,7 +205,8 @@ fn origin(dataset: &Dataset, parts: &[String]) -> Origin {
     Origin { name: meta.name.clone(), parts: parts.iter().map(part).collect(), sensor }
 }
 
-/// A bank with what its parts' geometry tells where the dataset was simulated, else with the symmetries that its views show.
+/// A bank with what its parts' geometry tells where the dataset was simulated, else with the symmetries that its views
+/// show.
 #[cfg_attr(not(feature = "sim"), expect(unused_variables, reason = "geometry is known to the simulator alone"))]
 fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank> {
     #[cfg(feature = "sim")]
@@ -234,7 +235,7 @@ pub struct PegPoses {
 }
 
 impl PegPoses {
-    /// Of a dataset.
+    /// The poses of a dataset's pegs.
     ///
     /// # Errors
     /// No pegs, or one whose part or pose is not known.
@@ -250,9 +251,9 @@ impl PegPoses {
         })
     }
 
-    /// Of some steps, mm and degrees, those whose grid over these poses is the finest with two touches of each part for each
-    /// place; `None` where each grid has more places. At two, 84 of 100 places of scattered touches have one within
-    /// 0.6 steps, as a resampled view needs.
+    /// The steps among some, mm and degrees, whose grid over these poses is the finest with two touches of each part
+    /// for each place; `None` where each grid has more places. At two, 84 of 100 places of scattered touches have one
+    /// within 0.6 steps, as a resampled view needs.
     pub fn densest(&self, offered: &[[f64; 2]]) -> Option<[f64; 2]> {
         let n_places = |[mm, deg]: [f64; 2]| Some(grid_fit::covering(&self.poses, mm, deg).ok()?.len());
         let is_met = |n: &usize| 2 * n <= self.n_touches;

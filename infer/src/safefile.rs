@@ -18,7 +18,8 @@ use crate::precision::Precision;
 const CHECKSUM: &str = "sha256";
 const SCHEMA: &str = "schema";
 
-/// A training state holds a network four times; 4 GB are those of 250 million weights, a hundred times a `large` preset's.
+/// A training state holds a network four times; 4 GB are those of 250 million weights, a hundred times a `large`
+/// preset's.
 const ALL_AT_ONCE: Kind = Kind { name: "a checkpoint or a training state", most_bytes: 4 << 30 };
 
 /// One named tensor of a module: its path, its shape and its values.
@@ -176,7 +177,7 @@ pub(crate) fn text_of<'t>(text: &'t [(String, String)], name: &str) -> Result<&'
 pub(crate) struct ContentHash(Sha256);
 
 impl ContentHash {
-    /// Of text entries, in any order.
+    /// The checksum of text entries, in any order.
     pub(crate) fn of_text(text: &[(String, String)]) -> Self {
         let mut text: Vec<_> = text.iter().collect();
         text.sort();
@@ -213,8 +214,8 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The same file with its header's entries in alphabetical order: the library writes its metadata in the order of a hash
-/// map, another at each run. `None` for what is no such file.
+/// The same file with its header's entries in alphabetical order: the library writes its metadata in the order of a
+/// hash map, another at each run. `None` for what is no such file.
 fn with_ordered_header(content: &[u8]) -> Option<Vec<u8>> {
     let (length, rest) = content.split_first_chunk::<8>()?;
     let (header, data) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;

@@ -1,5 +1,5 @@
-//! What the views of a bank are of: pegs alone, as a robot can record them, or pegs and their holes, where a scene says what
-//! a hole looks like.
+//! What the views of a bank are of: pegs alone, as a robot can record them, or pegs and their holes, where a scene says
+//! what a hole looks like.
 
 use std::str::FromStr;
 
@@ -10,16 +10,16 @@ use crate::error::{Error, Result};
 /// What each view of a bank is of.
 ///
 /// How far a hole's embedding lies from its peg's is an error of the network that belongs to the view: the same hole,
-/// touched there again under the same sensor, errs by the same. Where the hole can be simulated, the middle of both keys is
-/// nearer to either side than one of them is to the other, as a prototype is the mean of what is known of its class (Snell et
-/// al. 2017). The holes then are as the scene has them: its clearance, and no wear.
+/// touched there again under the same sensor, errs by the same. Where the hole can be simulated, the middle of both
+/// keys is nearer to either side than one of them is to the other, as a prototype is the mean of what is known of its
+/// class (Snell et al. 2017). The holes then are as the scene has them: its clearance, and no wear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Views {
-    /// Of the peg, as in the paper.
+    /// Views of the peg, as in the paper.
     #[default]
     Pegs,
-    /// Of the peg and of its hole: the middle of their keys.
+    /// Views of the peg and of its hole: the middle of their keys.
     Both,
 }
 

@@ -127,7 +127,7 @@ fn a_trade_off_over_recordings_is_continued_but_not_with_another_recording() {
     assert_eq!(measured("holes", "").0, 2);
 }
 
-/// Of five episodes three choose and two promise.
+/// Three of five episodes choose and two promise.
 #[test]
 fn a_budget_promises_what_episodes_that_did_not_choose_came_to() {
     let sample = Sample::make();

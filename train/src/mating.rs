@@ -36,7 +36,7 @@ const HELD_OUT: usize = 12;
 /// Boards of which whole ones are held out; of fewer, a region of each is.
 const MANY_BOARDS: usize = 12;
 
-/// Of fewer pairs none is held out: three or four would say nothing.
+/// None of fewer pairs is held out: three or four would say nothing.
 const MIN_PAIRS: usize = 48;
 
 /// The pairs of a dataset: those to train on, and those that say how good the model is.
@@ -53,10 +53,10 @@ pub struct Mating {
 
 /// Finds the pairs of a dataset.
 ///
-/// A hole and a peg mate that share the name of their pair; that lie next to each other at one pose; or else those of one
-/// part whose poses are nearest to each other, both ways, within a tolerance. Where the dataset names no boards to hold
-/// out, one in twelve is, or of fewer than twelve boards a region: the twelfth of the pairs that lies furthest along x. Pairs
-/// nearer to it than half a view are not trained on.
+/// A hole and a peg mate that share the name of their pair; that lie next to each other at one pose; or else those of
+/// one part whose poses are nearest to each other, both ways, within a tolerance. Where the dataset names no boards to
+/// hold out, one in twelve is, or of fewer than twelve boards a region: the twelfth of the pairs that lies furthest
+/// along x. Pairs nearer to it than half a view are not trained on.
 pub fn find(dataset: &Dataset, within: Within) -> Mating {
     let mut finder = Finder { dataset, within, pairs: Vec::new(), mated: HashSet::new(), notes: Vec::new() };
     finder.by_name();
@@ -273,7 +273,8 @@ fn split(dataset: &Dataset, pairs: Vec<Pair>, notes: &mut Vec<String>) -> (Vec<P
     (training, held_out)
 }
 
-/// The held-out pairs of a board and the others: the twelfth furthest along x, or every twelfth where poses are not known.
+/// The held-out pairs of a board and the others: the twelfth furthest along x, or every twelfth where poses are not
+/// known.
 fn region(dataset: &Dataset, pairs: Vec<Pair>) -> (Vec<Pair>, Vec<Pair>) {
     let x_of = |pair: &Pair| dataset.touch(pair.peg).part_from_sensor.map(|pose| pose.x_mm);
     let mut xs: Vec<f64> = pairs.iter().filter_map(x_of).collect();

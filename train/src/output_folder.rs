@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 #[derive(Debug)]
 pub struct OutputFolder {
     path: PathBuf,
-    /// Of the model; there until this is dropped.
+    /// The model's lock; there until this is dropped.
     lock: Option<OutputLock>,
     /// Folders that were made for this one, the deepest first.
     made: Vec<PathBuf>,

@@ -18,8 +18,8 @@ pub struct DdsArgs {
     #[arg(long)]
     node: bool,
     /// One check alone: in, out, services, plain, late, quality, namespaces, malformed, packets, large, restart, clock,
-    /// long; with --node restart, encodings, trouble, late, two, large, damaged, fuzz, camera, stopped, log, fresh, run,
-    /// bare.
+    /// long; with --node restart, encodings, trouble, late, two, large, damaged, fuzz, camera, stopped, log, fresh,
+    /// run, bare.
     #[arg(long)]
     only: Option<String>,
 }
@@ -88,7 +88,7 @@ struct Peer {
     /// What it imports.
     requirements: &'static str,
     example: &'static str,
-    /// Of `tactile-live`.
+    /// The feature of `tactile-live` that it needs.
     feature: &'static str,
 }
 

@@ -18,7 +18,7 @@ const LIGHT_PX: [usize; 2] = [40, 30];
 /// At most this many frames are looked at for one figure; the median of so many is known to a tenth of its spread.
 const MAX_SAMPLE: usize = 200;
 
-/// Of fewer frames no median is taken.
+/// No median is taken of fewer frames.
 pub(super) const LEAST_SAMPLE: usize = 10;
 
 /// The frame at rest may be brighter or darker than the touches by this much, counts. In simulated recordings of every
@@ -65,7 +65,7 @@ pub(super) fn frozen(dataset: &Dataset, digests: &[u64]) -> Option<Finding> {
 }
 
 /// A frame at rest of another exposure than the touches: the median over touches of the light where nothing touches.
-/// Those whose exposure was found to be another (`others`, in order) do not count.
+/// Frames whose exposure was found to be another (`others`, in order) do not count.
 pub(super) fn rest_exposure(dataset: &Dataset, frames: &[Result<FrameContact>], others: &[usize]) -> Option<Finding> {
     let sample = sample(frames, (0..frames.len()).filter(|frame| others.binary_search(frame).is_err()));
     if sample.len() < LEAST_SAMPLE {

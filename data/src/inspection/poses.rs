@@ -17,7 +17,7 @@ const SAME_DEG: f64 = 0.1;
 /// or 2^-(r^2) where only places vary. A decimal point in the wrong place is far beyond.
 const LONELY_TIMES: f64 = 5.0;
 
-/// Of fewer different poses it cannot be said what is usual.
+/// Fewer different poses do not show what is usual.
 const LEAST_POSES: usize = 10;
 
 /// How far a turn by one degree moves what is 6 mm from the middle, as the mean pixel of a GelSight Mini is, mm.

@@ -197,27 +197,27 @@ typedef enum tf_stop {
  */
 typedef enum tf_outcome_kind {
     /**
-     * Of nothing: no job is done that was not polled yet.
+     * Nothing: no job is done that was not polled yet.
      */
     TF_OUTCOME_KIND_NONE = 0,
     /**
-     * Of tf_runner_submit_touch(): `decision` says what to do next.
+     * A touch, by tf_runner_submit_touch(): `decision` says what to do next.
      */
     TF_OUTCOME_KIND_DECISION = 1,
     /**
-     * Of tf_runner_submit_estimate(): `decision.estimate` holds it.
+     * An estimate, by tf_runner_submit_estimate(): `decision.estimate` holds it.
      */
     TF_OUTCOME_KIND_ESTIMATE = 2,
     /**
-     * Of tf_runner_submit_new_episode().
+     * A new episode, by tf_runner_submit_new_episode().
      */
     TF_OUTCOME_KIND_NEW_EPISODE = 3,
     /**
-     * Of tf_runner_submit_rest().
+     * A frame at rest, by tf_runner_submit_rest().
      */
     TF_OUTCOME_KIND_REST = 4,
     /**
-     * Of a job that was not done: `status` says why, and tf_last_error() in words.
+     * A job that was not done: `status` says why, and tf_last_error() in words.
      */
     TF_OUTCOME_KIND_ERROR = 5,
 } tf_outcome_kind;
@@ -309,11 +309,11 @@ typedef enum tf_interpolation {
  */
 typedef enum tf_views {
     /**
-     * Of pegs, as a robot records them.
+     * Views of pegs, as a robot records them.
      */
     TF_VIEWS_PEGS = 0,
     /**
-     * Of pegs and their holes, as a scene has them.
+     * Views of pegs and their holes, as a scene has them.
      */
     TF_VIEWS_BOTH = 1,
 } tf_views;

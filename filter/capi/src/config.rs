@@ -48,9 +48,9 @@ pub enum tf_interpolation {
 /// What the views of a bank are of.
 #[repr(C)]
 pub enum tf_views {
-    /// Of pegs, as a robot records them.
+    /// Views of pegs, as a robot records them.
     Pegs = 0,
-    /// Of pegs and their holes, as a scene has them.
+    /// Views of pegs and their holes, as a scene has them.
     Both = 1,
 }
 

@@ -37,18 +37,18 @@ impl tf_runner {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum tf_outcome_kind {
-    /// Of nothing: no job is done that was not polled yet.
+    /// Nothing: no job is done that was not polled yet.
     #[default]
     None = 0,
-    /// Of tf_runner_submit_touch(): `decision` says what to do next.
+    /// A touch, by tf_runner_submit_touch(): `decision` says what to do next.
     Decision = 1,
-    /// Of tf_runner_submit_estimate(): `decision.estimate` holds it.
+    /// An estimate, by tf_runner_submit_estimate(): `decision.estimate` holds it.
     Estimate = 2,
-    /// Of tf_runner_submit_new_episode().
+    /// A new episode, by tf_runner_submit_new_episode().
     NewEpisode = 3,
-    /// Of tf_runner_submit_rest().
+    /// A frame at rest, by tf_runner_submit_rest().
     Rest = 4,
-    /// Of a job that was not done: `status` says why, and tf_last_error() in words.
+    /// A job that was not done: `status` says why, and tf_last_error() in words.
     Error = 5,
 }
 

@@ -19,7 +19,7 @@ pub struct Banks {
     whole: Arc<Bank>,
     absent: bool,
     n_classes: Option<usize>,
-    /// Of a bank that learnt from its parts, where one of them is to be absent.
+    /// Makes a bank that learnt from its parts again without the one that is to be absent.
     learner: Option<Learner>,
 }
 

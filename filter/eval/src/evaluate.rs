@@ -161,7 +161,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Of a hole that was not touched yet.
+    /// The outcome of a hole that was not touched yet.
     fn of(hole: &Hole<'_>) -> Self {
         let (part, print, first_view) = (hole.part_index(), hole.print(), hole.first_view());
         Self { part, print, first_view, ..Self::default() }
@@ -190,8 +190,8 @@ pub struct Run<'a> {
     pub protocol: &'a Protocol,
 }
 
-/// Runs all episodes of one configuration, as many at a time as the pool has threads; outcomes in order of the episodes.
-/// `progress` is called with the episodes done and all of them.
+/// Runs all episodes of one configuration, as many at a time as the pool has threads; outcomes in order of the
+/// episodes. `progress` is called with the episodes done and all of them.
 ///
 /// # Errors
 /// A protocol that does not fit scene and bank, a sensor of the other side, a touch that cannot be made or seen.
@@ -280,8 +280,8 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
     }
 }
 
-/// How far the true pose of the first touch, or the nearest that feels the same, is from a pose: x and y in mm, angle in
-/// radians.
+/// How far the true pose of the first touch, or the nearest that feels the same, is from a pose: x and y in mm, angle
+/// in radians.
 fn pose_error(found: &Se2, hole: &Hole<'_>) -> [f64; 3] {
     let truth = hole.symmetry().nearest_twin(&hole.part_from_first(), found);
     [truth.x_mm - found.x_mm, truth.y_mm - found.y_mm, wrap_angle(truth.theta_rad - found.theta_rad)]

@@ -23,7 +23,7 @@ pub struct Hole<'a> {
     stream: u64,
     print: usize,
     first_view: Option<usize>,
-    /// Of a recording: the frame under the sensor, and all that were looked at.
+    /// In a recording, the frame under the sensor, and all frames that were looked at.
     frame: usize,
     touched: Vec<usize>,
 }

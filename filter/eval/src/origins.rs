@@ -12,7 +12,7 @@ pub struct Origins {
 }
 
 impl Origins {
-    /// Those of some outcomes.
+    /// The origins of some outcomes.
     pub fn of(outcomes: &[Outcome]) -> Self {
         let views: Option<BTreeSet<_>> = outcomes.iter().map(|o| Some((o.part, o.first_view?))).collect();
         Self {

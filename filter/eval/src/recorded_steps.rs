@@ -16,7 +16,8 @@ pub struct RecordedSteps {
 }
 
 impl RecordedSteps {
-    /// Of pegs on a grid its steps; of scattered ones those of the sweep that they are dense enough for, else the coarsest.
+    /// The steps of the grid that pegs lie on; for scattered pegs the steps of the sweep that they are dense enough
+    /// for, else the coarsest.
     pub fn of(pegs: &PegPoses) -> Self {
         let steps = match &pegs.grid {
             Some(grid) => [grid.xy_step_mm, grid.theta_step_deg],
@@ -25,8 +26,8 @@ impl RecordedSteps {
         Self { grid: pegs.grid, steps }
     }
 
-    /// The settings with their finer steps brought to the recorded ones, none twice: what lies between recorded views would
-    /// only be interpolated.
+    /// The settings with their finer steps brought to the recorded ones, none twice: what lies between recorded views
+    /// would only be interpolated.
     pub fn plan(&self, planned: Vec<Planned>) -> Vec<Planned> {
         let mut kept = Vec::new();
         for mut new in planned {

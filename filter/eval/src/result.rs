@@ -27,8 +27,8 @@ pub struct Evaluation {
     /// Prints of each part that holes were touched on.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub n_prints: usize,
-    /// Pairs of part and pose, or recorded frames, that the episodes began with; of one touch no more can be known. `None`
-    /// where they began anywhere.
+    /// Pairs of part and pose, or recorded frames, that the episodes began with; of one touch no more can be known.
+    /// `None` where they began anywhere.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distinct_first_views: Option<usize>,
     /// Whether each hole's own part was taken out of the bank: no answer is then right but "none of these".
@@ -107,8 +107,8 @@ pub struct Promise {
     /// Share of episodes that end sure and right within these touches: of episodes that did not choose the settings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decided_and_right: Option<PromisedShare>,
-    /// Share that names the right part after these touches, sure or not: of the same episodes, or where decisions were not
-    /// counted, of those that chose.
+    /// Share that names the right part after these touches, sure or not: of the same episodes, or where decisions were
+    /// not counted, of those that chose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<PromisedShare>,
 }
@@ -238,12 +238,12 @@ pub struct Row {
     pub n_touches: usize,
     /// Share of episodes that name the right part, 0..=1.
     pub accuracy: f64,
-    /// Bounds of the 95 % interval of `accuracy`: Wilson's, of episodes that are independent; after one touch at recorded
-    /// poses of as many as there are different first views.
+    /// Bounds of the 95 % interval of `accuracy`: Wilson's, of episodes that are independent; after one touch at
+    /// recorded poses of as many as there are different first views.
     pub accuracy_ci95: [f64; 2],
-    /// Bounds of the 95 % interval of `accuracy` that covers other parts of the kind and other prints of them, of the same
-    /// model: whole parts are drawn anew ([`clustered_95`](crate::statistics::bootstrap::clustered_95)). No narrower than
-    /// `accuracy_ci95`: where all parts are named rightly, they do not say how much parts differ.
+    /// Bounds of the 95 % interval of `accuracy` that covers other parts of the kind and other prints of them, of the
+    /// same model: whole parts are drawn anew ([`clustered_95`](crate::statistics::bootstrap::clustered_95)). No
+    /// narrower than `accuracy_ci95`: where all parts are named rightly, they do not say how much parts differ.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accuracy_ci95_clustered: Option<[f64; 2]>,
     /// After this number of touches against one touch less: `better` episodes are right now and were not, `worse` were
@@ -342,8 +342,8 @@ pub struct ReliabilityBin {
     pub mean_probability: f64,
     /// Share that was right.
     pub right: f64,
-    /// Bounds of the 95 % interval of that share. Touches of one episode resemble each other: it is of as many touches as
-    /// episodes that differ so much allow ([`grouped_95`](crate::statistics::share::grouped_95)).
+    /// Bounds of the 95 % interval of that share. Touches of one episode resemble each other: it is of as many touches
+    /// as episodes that differ so much allow ([`grouped_95`](crate::statistics::share::grouped_95)).
     pub right_ci95: [f64; 2],
     /// Touches counted, over all episodes.
     pub n: usize,
@@ -359,7 +359,7 @@ pub struct PartFigures {
     pub part: String,
     /// Holes of it.
     pub n: usize,
-    /// Those named rightly.
+    /// How many were named rightly.
     pub n_right: usize,
     /// The part most often named instead, and how often; `None` where none was.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -33,7 +33,7 @@ impl Running {
     /// What to do next within a reach around the first touch.
     ///
     /// # Errors
-    /// Those of the filter.
+    /// The decision of the filter.
     pub fn decide(&self, reach: &PoseGrid) -> Result<Decision> {
         let sensor_from_first = self.episode.belief().first_from_sensor().inverse();
         let reach: Vec<Se2> = (0..reach.len()).map(|cell| sensor_from_first * reach.pose(cell)).collect();

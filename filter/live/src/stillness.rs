@@ -30,7 +30,7 @@ pub struct Stillness {
 }
 
 impl Stillness {
-    /// Of the frame at rest and the pictures that it is the median of, at least two.
+    /// The noise between the pictures at rest, at least two, whose median the frame at rest is.
     ///
     /// # Errors
     /// Pictures that are dark, saturated, uniform or of two sizes.
@@ -93,8 +93,8 @@ pub struct ContactWatch {
 }
 
 impl ContactWatch {
-    /// Takes in whether the next picture shows contact, and whether it agrees with the one before; whether a contact has
-    /// settled now.
+    /// Takes in whether the next picture shows contact, and whether it agrees with the one before; whether a contact
+    /// has settled now.
     pub fn settles(&mut self, is_contact: bool, agrees: bool) -> bool {
         self.n_free = if is_contact { 0 } else { self.n_free.saturating_add(1) };
         self.n_contact = if is_contact && agrees { self.n_contact.saturating_add(1) } else { 0 };

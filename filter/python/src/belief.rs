@@ -22,7 +22,7 @@ pub struct PyBelief {
 }
 
 impl PyBelief {
-    /// Of an episode with these parts.
+    /// The belief of an episode with these parts.
     pub fn of(episode: &Episode, parts: &[String]) -> Self {
         let belief = episode.belief();
         let grid = *belief.grid();

@@ -5,17 +5,17 @@ use crate::doubt::doubt;
 use crate::evidence::Evidence;
 use crate::likelihood::TouchLikelihood;
 
-/// What a view that resembles a touch repeats of its error. A part or a sensor unlike those trained on is mistaken in the same
-/// way where it looks the same, so the worse the touches so far match, the less is new in views like theirs.
+/// What a view that resembles a touch repeats of its error. A part or a sensor unlike those trained on is mistaken in
+/// the same way where it looks the same, so the worse the touches so far match, the less is new in views like theirs.
 pub(super) struct Repeated<'a> {
-    /// Those that showed an edge.
+    /// The touches that showed an edge.
     touches: Vec<&'a TouchLikelihood>,
-    /// Of a view that looks just like one of them, 0..=1.
+    /// What a view that looks just like one of them repeats, 0..=1.
     share: f64,
 }
 
 impl<'a> Repeated<'a> {
-    /// Of the touches made, as a rule asks for it: only expected information looks at what they repeat.
+    /// What repeats the touches made, as a rule asks for it: only expected information looks at that.
     pub fn of(rule: ActionRule, touches: &'a [Evidence]) -> Self {
         let edged = touches.iter().map(|touch| &touch.likelihood).filter(|likelihood| !likelihood.blank);
         let touches: Vec<&TouchLikelihood> = edged.collect();

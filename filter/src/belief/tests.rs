@@ -200,7 +200,7 @@ proptest! {
         }
     }
 
-    /// Of touches at random, which contradict each other, after each of them.
+    /// The touches are drawn at random and contradict each other; asked after each of them.
     #[test]
     fn what_is_left_out_moves_the_posterior_no_more_than_it_says(seed in 0..1000_u64, cubic in any::<bool>()) {
         let rows = unit_rows(3 * N_CELLS, seed);

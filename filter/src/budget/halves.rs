@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Halves {
     /// The episodes of even number, from 0: by these a setting is chosen.
     pub choosing: Half,
-    /// Those of odd number: what they came to is promised.
+    /// The episodes of odd number: what they came to is promised.
     pub promising: Half,
 }
 
@@ -17,16 +17,16 @@ pub struct Halves {
 pub struct Half {
     /// Episodes.
     pub n_episodes: usize,
-    /// Those that name the right part after these touches, sure or not.
+    /// How many name the right part after these touches, sure or not.
     pub n_right: usize,
-    /// Those that the stopping rule ended as confident by then.
+    /// How many the stopping rule ended as confident by then.
     pub n_decided: usize,
-    /// Those of them that named the right part when they ended.
+    /// How many of them named the right part when they ended.
     pub n_decided_and_right: usize,
 }
 
 impl Halves {
-    /// Of all episodes together, the share that ended sure and right, 0..=1.
+    /// The share of all episodes together that ended sure and right, 0..=1.
     pub fn decided_and_right(&self) -> f64 {
         let [a, b] = [self.choosing, self.promising];
         share(a.n_decided_and_right + b.n_decided_and_right, a.n_episodes + b.n_episodes)

@@ -44,8 +44,8 @@ impl Unit {
         }
     }
 
-    /// Those of this machine. Says which they are and which are not, past the capture of a test's output: what was not
-    /// run must be seen where all passes.
+    /// The units of this machine. Says which they are and which are not, past the capture of a test's output: what was
+    /// not run must be seen where all passes.
     fn here(what: &str) -> Vec<Self> {
         let (here, missing): (Vec<Self>, Vec<Self>) = Self::ALL.into_iter().partition(|unit| unit.is_here());
         let n_missing = missing.len();
@@ -138,7 +138,7 @@ fn power_of(x: f64) -> f64 {
     if x >= -708.0 { x.exp() } else { 0.0 }
 }
 
-/// Of each unit what `of` makes of each length, without and with odd values, equal to the bit; returns the first
+/// What `of` makes of each length, without and with odd values, is equal to the bit for each unit; returns the first
 /// unit's.
 fn alike<T: PartialEq + std::fmt::Debug>(units: &[Unit], of: impl Fn(Unit, usize, bool) -> T) -> Vec<(usize, bool, T)> {
     let mut made = Vec::new();

@@ -1,7 +1,7 @@
 //! A bank as one file, and the checksum of what an episode's numbers depend on.
 //!
-//! The file is written and read part by part, so that saving and loading take little more memory than the bank. It states a
-//! checksum of the whole, and one of each part, which tells what is spoilt where the whole does not fit.
+//! The file is written and read part by part, so that saving and loading take little more memory than the bank. It
+//! states a checksum of the whole, and one of each part, which tells what is spoilt where the whole does not fit.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -44,7 +44,7 @@ const OF_PARTS: &str = "part_sha256";
 struct Content<'b> {
     rows: &'b Rows,
     edge_shares: &'b [f32],
-    /// Of rows of i8.
+    /// The scales of rows of i8.
     scales: Option<Vec<f32>>,
     /// A metric's matrix, `[dim, dim]`.
     metric: Option<&'b [f32]>,
@@ -175,8 +175,8 @@ impl Bank {
     /// Loads a bank, its rows in the format that the file holds.
     ///
     /// # Errors
-    /// [`Error::WrongModel`] for one made by another model; a file that cannot be read, is damaged, in a part that is named
-    /// where that is known, or holds no bank.
+    /// [`Error::WrongModel`] for one made by another model; a file that cannot be read, is damaged, in a part that is
+    /// named where that is known, or holds no bank.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
         let within = |error: Error| error.within(path.display());
         let mut file = Opened::new(path, SCHEMA)?;

@@ -5,7 +5,7 @@
 pub(super) struct Compared {
     /// Edged rows of the bank in each range of [`GAP`], the best first.
     rows_by_gap: Vec<u32>,
-    /// Those around the true pose, on the right part.
+    /// The cosines around the true pose, on the right part.
     near: Vec<f32>,
     /// The best cosine.
     pub best: f32,
@@ -45,8 +45,8 @@ impl Compared {
     }
 }
 
-/// What a row weighs by how far it is below the best, `exp(-gap / temperature)`, but for a share of touches that may be of
-/// any row.
+/// What a row weighs by how far it is below the best, `exp(-gap / temperature)`, but for a share of touches that may be
+/// of any row.
 #[derive(Clone, Debug)]
 pub(super) struct Weights {
     temperature: f64,

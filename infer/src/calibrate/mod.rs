@@ -29,8 +29,8 @@ const MIN_HOLES: usize = 50;
 /// More than this many holes are thinned out evenly.
 const MAX_HOLES: usize = 1_500;
 
-/// What a model's own calibration counts as, in touches, when a sensor's touches are few. Chosen on tuning letters under
-/// three sensors (`NOTES.md`); of the gap and the best cosines a tenth of it counts.
+/// What a model's own calibration counts as, in touches, when a sensor's touches are few. Chosen on tuning letters
+/// under three sensors (`NOTES.md`); of the gap and the best cosines a tenth of it counts.
 pub const PRIOR_TOUCHES: f64 = 20.0;
 
 /// Groups that touches are left out in, to judge a calibration by what it has not seen.
@@ -39,7 +39,7 @@ const N_GROUPS: usize = 10;
 /// Which touches of a dataset are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
-    /// Those of this side. Touches of pegs should not be the ones that the bank was made of.
+    /// The side of the touches. Touches of pegs should not be the ones that the bank was made of.
     pub side: Side,
     /// So many of them, evenly spread; `None`: all, at most 1,500.
     pub n: Option<usize>,
@@ -63,7 +63,7 @@ pub struct Touches {
     compared: Vec<Compared>,
     /// The cosine with the view that was touched, of those for which the bank has one, sensor by sensor.
     matched: Vec<Vec<f64>>,
-    /// Those at a recorded pose, and of them those that are blank or edged as the recorded view.
+    /// How many lie at a recorded pose, and how many of them are blank or edged as the recorded view.
     n_placed: usize,
     n_agree: usize,
     /// What the bank's views are of.
@@ -201,8 +201,8 @@ pub struct Gain {
 /// the true one, on the right part, are to be found among all rows of the bank, each weighing
 /// `exp((s - s_max) / tau) + eps`. The holes should lie between the recorded poses, as a robot's do.
 ///
-/// With a prior it is the largest posterior, and all else that a calibration holds is that of the touches and of the prior's
-/// together: as few as ten move it as far as they can tell, and none would leave it.
+/// With a prior it is the largest posterior, and all else that a calibration holds is that of the touches and of the
+/// prior's together: as few as ten move it as far as they can tell, and none would leave it.
 ///
 /// # Errors
 /// Too few touches: none with a prior, fewer than fifty without.
@@ -243,8 +243,8 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
     })
 }
 
-/// How often blank and edged agree, the prior's touches counted. Alone by Laplace's rule: no finite sample makes disagreement
-/// impossible.
+/// How often blank and edged agree, the prior's touches counted. Alone by Laplace's rule: no finite sample makes
+/// disagreement impossible.
 fn blank_agreement(touches: &Touches, prior: Option<&Prior>) -> f64 {
     let (agree, placed) = (f64::from(touches.n_agree as u32), f64::from(touches.n_placed as u32));
     match prior {

@@ -13,10 +13,12 @@ pub(super) struct Matched {
 }
 
 impl Matched {
-    /// That of the cosines of touches, `[n_sensors][n_touches]`, with what was known before; `None` where nothing is.
+    /// The match of the cosines of touches, `[n_sensors][n_touches]`, with what was known before; `None` where nothing
+    /// is.
     ///
-    /// Of several sensors they alone count. Those of one are taken together with a few of what is known of others: what is
-    /// still unknown of its mean is the standard error of theirs, where that is less than what sensors differ by.
+    /// Where there are several sensors, they alone count. The touches of one are taken together with a few of what is
+    /// known of others: what is still unknown of its mean is the standard error of theirs, where that is less than what
+    /// sensors differ by.
     pub(super) fn of(sensors: &[Vec<f64>], prior: Option<&Prior>) -> Option<Self> {
         let seen: Vec<&Vec<f64>> = sensors.iter().filter(|values| !values.is_empty()).collect();
         if seen.len() > 1 {
@@ -32,7 +34,8 @@ impl Matched {
         Some(Self { all, between: between.map(left) })
     }
 
-    /// One-way analysis of variance: what the means of sensors differ by, less what so many touches make of it by chance.
+    /// One-way analysis of variance: what the means of sensors differ by, less what so many touches make of it by
+    /// chance.
     fn over(sensors: &[&Vec<f64>]) -> Self {
         let spreads: Vec<Spread> = sensors.iter().map(|values| Spread::of(values)).collect();
         let n_sensors = spreads.len() as f64;

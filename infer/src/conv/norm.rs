@@ -100,11 +100,11 @@ pub struct Norm {
 /// Gradients of a layer but for its convolution.
 #[derive(Clone, Debug)]
 pub struct NormGradient {
-    /// Of the convolution's output, NHWC.
+    /// The gradient of the convolution's output, NHWC.
     pub before: Vec<f32>,
-    /// Of the scale, `[channels]`.
+    /// The gradient of the scale, `[channels]`.
     pub gamma: Vec<f32>,
-    /// Of the shift, `[channels]`.
+    /// The gradient of the shift, `[channels]`.
     pub beta: Vec<f32>,
 }
 

@@ -36,7 +36,7 @@ bodies!(of_query, i16, i8, whole_query_dot);
 
 type Body<A, B> = fn(&[A], &[B]) -> f32;
 
-/// Those of three bodies that this machine runs. Says which they are and which are not, past the capture of a test's
+/// The bodies among three that this machine runs. Says which they are and which are not, past the capture of a test's
 /// output: what was not run must be seen where all passes.
 fn here<A, B>(what: &str, bodies: [Body<A, B>; 3]) -> Vec<Body<A, B>> {
     #[cfg(target_arch = "x86_64")]

@@ -46,8 +46,8 @@ impl Learner {
         Ok(Self { bank, touches, learning })
     }
 
-    /// That of a bank which learnt before, whose parts are touched again as they were: with its symmetries, its kind of
-    /// views, its poses and its seed.
+    /// The learner of a bank that learnt before, whose parts are touched again as they were: with its symmetries, its
+    /// kind of views, its poses and its seed.
     ///
     /// # Errors
     /// A bank that does not say how it learnt, or that this scene does not give; a touch that cannot be made or seen.

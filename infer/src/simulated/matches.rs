@@ -23,7 +23,7 @@ const N_TOUCHES: u64 = 64;
 /// Fewer edged ones say too little.
 const ENOUGH: usize = 16;
 
-/// Of these touches of all parts the temperature is found.
+/// The temperature is found from so many touches of all parts.
 const N_JUDGED: usize = 512;
 
 /// Touches that a bank made of its own parts: of their holes and of their pegs.

@@ -1,4 +1,5 @@
-//! `cargo xtask bench twin`: seconds of training until one touch names most letters, ours against the same run in PyTorch.
+//! `cargo xtask bench twin`: seconds of training until one touch names most letters, ours against the same run in
+//! PyTorch.
 
 use std::fs;
 use std::path::PathBuf;
@@ -33,7 +34,8 @@ pub struct TwinArgs {
     /// The share that is asked for, %.
     #[arg(long, default_value_t = 90.0)]
     percent: f64,
-    /// A Python from 3.11 on with torch and safetensors [default: a virtual environment in the build folder, made once from PyPI].
+    /// A Python from 3.11 on with torch and safetensors [default: a virtual environment in the build folder, made once
+    /// from PyPI].
     #[arg(long)]
     python: Option<PathBuf>,
 }
@@ -70,7 +72,7 @@ pub fn twin(workspace: &Workspace, args: &TwinArgs) -> Result<()> {
 #[derive(Clone, Copy, Debug)]
 struct Saved {
     step: usize,
-    /// Of training until then, without what saving and validating took.
+    /// The time of training until then, without what saving and validating took.
     seconds: f64,
     /// Holes whose nearest peg is of the right part, 0..=100.
     percent: f64,

@@ -39,9 +39,9 @@ enum Kind {
 }
 
 impl Kind {
-    /// Of pegs at its scene's poses.
+    /// A bank of pegs at its scene's poses.
     const PLAIN: Self = Self::Simulated { views: "pegs", steps: "", metric: "" };
-    /// Of pegs on a finer grid.
+    /// A bank of pegs on a finer grid.
     const FINE: Self = Self::Simulated { views: "pegs", steps: FINE, metric: "" };
     /// As [`Self::PLAIN`], of both sides.
     const PLAIN_BOTH: Self = Self::Simulated { views: "both", steps: "", metric: "" };
@@ -271,8 +271,8 @@ impl Maker<'_> {
         calibrated.into()
     }
 
-    /// Adds the steps of a calibration by ten touches of the letters for tuning, as a user makes one of the own sensor, with a
-    /// bank of both sides; returns the calibrated model's file.
+    /// Adds the steps of a calibration by ten touches of the letters for tuning, as a user makes one of the own sensor,
+    /// with a bank of both sides; returns the calibrated model's file.
     fn calibrate_by_ten(&mut self) -> PathBuf {
         const OWN: &str = "own.safetensors";
         let (scene, model) = ("alphabet-small-dev", self.job.model);

@@ -67,6 +67,7 @@ fn file(workspace: &Workspace, path: &str) -> Result<Vec<Finding>> {
     findings.extend(sources::machine_paths(path, &text));
     if path.ends_with(".rs") {
         findings.extend(sources::words(path, &text));
+        findings.extend(sources::nounless(path, &text));
     }
     if path.ends_with(".md") {
         findings.extend(documents::broken_links(path, &text, &|to| workspace.root.join(to).exists()));

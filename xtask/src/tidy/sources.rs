@@ -39,6 +39,25 @@ pub fn machine_paths(path: &str, text: &str) -> Vec<Finding> {
         .collect()
 }
 
+/// How no doc comment begins: with a genitive or a pronoun in place of the noun that it is about.
+const NOUNLESS: [&str; 3] = ["Of ", "That of ", "Those "];
+
+/// Doc comments that begin without their noun.
+pub fn nounless(path: &str, text: &str) -> Vec<Finding> {
+    let doc = |line: &str| {
+        let line = line.trim_start();
+        line.strip_prefix("/// ").or_else(|| line.strip_prefix("//! ")).map(str::to_owned)
+    };
+    let begins = |line: &str| doc(line).and_then(|words| NOUNLESS.into_iter().find(|word| words.starts_with(word)));
+    // A later line may begin with any word.
+    let is_first = |before: Option<&str>| before.and_then(doc).is_none();
+    let lines: Vec<&str> = text.lines().collect();
+    let found = lines.iter().enumerate().filter(|(n, _)| is_first(n.checked_sub(1).map(|before| lines[before])));
+    let found = found.filter_map(|(n, line)| Some((n, begins(line)?)));
+    let what = |word: &str| format!("a doc comment begins with {:?}: name what it is about", word.trim_end());
+    found.map(|(n, word)| Finding::new(path, n + 1, what(word))).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -61,5 +80,13 @@ mod tests {
                 assert!(machine_paths("a.md", &format!("{before}{path}me")).is_empty(), "{before}{path}");
             }
         }
+    }
+
+    #[test]
+    fn a_doc_comment_names_what_it_is_about() {
+        let text = "/// Of a row.\nfn a() {}\n    /// Those that count,\n    /// of which: x.\n\n    //! That of it.\n// Of code.\n\
+                    /// The touches, and among them\n/// Those beyond.\n/// Office.\n";
+        let found: Vec<_> = nounless("a.rs", text).iter().map(|finding| finding.line).collect();
+        assert_eq!(found, [1, 3, 6]);
     }
 }

@@ -68,7 +68,7 @@ pub struct Run {
 pub struct Share {
     /// How many.
     pub n: usize,
-    /// Of how many.
+    /// How many there are in all.
     pub of: usize,
     /// `n / of`, 0..=1; zero of none.
     pub share: f64,
@@ -100,7 +100,7 @@ pub struct Group {
     pub wrong_pose: usize,
     /// Holes for which another part was named.
     pub wrong_part: usize,
-    /// Those of them whose wrong peg went in all the same.
+    /// How many of them a wrong peg went into all the same.
     pub wrong_part_went_in: usize,
 }
 

@@ -28,7 +28,7 @@ pub struct Recorded {
     pub shows: Vec<Option<bool>>,
     /// As they are in the bank's metric.
     pub config: LikelihoodConfig,
-    /// Of each axis and distance, 1 to 3 steps, the cosine of each row with the one so much further, `[n_rows]`.
+    /// The cosine of each row with the one that is 1 to 3 steps further along each axis, `[axis][steps - 1][n_rows]`.
     further: [[Vec<f64>; STEPS]; 3],
 }
 
@@ -113,7 +113,7 @@ fn strides(grid: &PoseGrid) -> [usize; 3] {
 /// Where a value is among the recorded ones of an axis.
 #[derive(Clone, Debug)]
 pub struct Place {
-    /// Those that count, and how much.
+    /// The rows that count, and how much each does.
     pub weights: Vec<(usize, f64)>,
     /// The nearest.
     pub nearest: usize,
@@ -305,7 +305,7 @@ pub struct Posterior {
 }
 
 impl Posterior {
-    /// Of each part, `[n_parts]`.
+    /// The probability of each part, `[n_parts]`.
     pub fn of_parts(&self) -> Vec<f64> {
         self.logs.chunks_exact(self.n_cells).map(|logs| logs.iter().map(|log| log.exp()).sum()).collect()
     }

@@ -30,9 +30,9 @@ const OF_LOGS: f64 = 16.0 * 8.0 * U;
 /// What an error of cosines does, in nats. Errors are bounds.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// Of a cosine with a view between recorded ones.
+    /// The error of a cosine with a view between recorded ones.
     between: f64,
-    /// Of the log of all touches' likelihood, as they count together, of a state.
+    /// The error of a state's log-likelihood of all touches, as they count together.
     pub nats: f64,
     /// The same where a pose is found, to the power that it is found to.
     pose_nats: f64,
@@ -63,8 +63,8 @@ impl Bounds {
         Self { between, nats, pose_nats }
     }
 
-    /// Of probabilities, where some of the belief is left out: each state's odds are off by `e^(2 nats)` at most, so
-    /// that no sum of probabilities is off by more than `tanh(nats / 2)`.
+    /// The error of probabilities, where some of the belief is left out: each state's odds are off by `e^(2 nats)` at
+    /// most, so that no sum of probabilities is off by more than `tanh(nats / 2)`.
     pub fn share(&self, left_out: f64) -> f64 {
         0.5 * self.nats + left_out
     }
@@ -307,8 +307,8 @@ mod tests {
     use tactile_filter::EpisodeConfig;
     use tactile_filter::interpolation::Interpolation;
 
-    /// The bounds are no wider than what they are to find: another likelihood, even by a twentieth of the temperature, is
-    /// outside them.
+    /// The bounds are no wider than what they are to find: another likelihood, even by a twentieth of the temperature,
+    /// is outside them.
     #[test]
     fn a_filter_that_does_otherwise_is_outside_the_bounds() {
         let scene = Scene { precision: Precision::F32, ..Scene::draw(6, GRID, 3, 1) };

@@ -215,7 +215,7 @@ impl Logs {
         logs
     }
 
-    /// Of an edged touch at an edged view of this cosine, but for their agreement.
+    /// The log-likelihood of an edged touch at an edged view of this cosine, but for their agreement.
     pub fn of_match(&self, cosine: f64, config: &LikelihoodConfig) -> f64 {
         let share = config.outlier_share;
         log_sum((1.0 - share).ln() + (cosine - self.reference) / config.temperature - self.log_mean, share.ln())

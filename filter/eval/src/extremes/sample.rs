@@ -32,7 +32,7 @@ pub struct Sample {
     pub dim: usize,
     /// `[n_parts * grid.len(), dim]`.
     pub rows: Vec<f32>,
-    /// Of each row.
+    /// The edge share of each row.
     pub edge_shares: Vec<f32>,
     /// Each with the motion since the one before.
     pub touches: Vec<(Se2, Observation)>,

@@ -59,11 +59,11 @@ pub fn shipped(side: Side) -> LikelihoodConfig {
 /// A bank and the touches of a hole or of a peg of part [`Scene::TRUTH`].
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Of each part.
+    /// The poses of each part's views.
     pub grid: PoseGrid,
     /// `[n_parts * grid.len(), DIM]`, each of length 1.
     pub rows: Vec<f32>,
-    /// Of each row.
+    /// The edge share of each row.
     pub edge_shares: Vec<f32>,
     /// Rows that were not recorded.
     pub missing: Vec<usize>,
@@ -82,7 +82,7 @@ pub struct Scene {
 /// How the views of the parts depend on the pose.
 struct Waves {
     common: Vec<f32>,
-    /// Of each value of an embedding.
+    /// The numbers of each value of an embedding.
     numbers: Vec<[f64; 3]>,
     /// `[n_parts][DIM]`.
     phases: Vec<Vec<f64>>,
@@ -258,7 +258,8 @@ impl Scene {
     }
 }
 
-/// The cosines of a query with rows that are in the metric, as they were before: the metric's lower triangle solved for them.
+/// The cosines of a query with rows that are in the metric, as they were before: the metric's lower triangle solved for
+/// them.
 fn plain_cosines(rows: &[f32], query: &[f32]) -> Vec<f64> {
     let metric = Scene::metric().map(|metric| metric.matrix().iter().map(|v| f64::from(*v)).collect::<Vec<f64>>());
     let metric = metric.unwrap_or_default();

@@ -22,7 +22,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Of an interval of a figure that is the better the higher.
+    /// Compares the interval of a figure that is the better the higher.
     pub fn of_interval([low, high]: [f64; 2], theirs: f64) -> Self {
         match (low > theirs, high < theirs) {
             (true, _) => Self::Better,
@@ -31,7 +31,7 @@ impl Verdict {
         }
     }
 
-    /// Of an error at the paper's one decimal: the lower the better.
+    /// Compares an error at the paper's one decimal: the lower the better.
     pub fn of_error(ours: f64, theirs: f64) -> Self {
         match (10.0 * ours).round().total_cmp(&(10.0 * theirs).round()) {
             std::cmp::Ordering::Less => Self::Better,

@@ -12,13 +12,13 @@ pub struct Paired {
     pub better: usize,
     /// Episodes that the second alone names rightly.
     pub worse: usize,
-    /// Probability of a split at least as uneven where neither is better, 0..=1: McNemar's test, two-sided and exact. It
-    /// takes episodes as independent.
+    /// Probability of a split at least as uneven where neither is better, 0..=1: McNemar's test, two-sided and exact.
+    /// It takes episodes as independent.
     pub p_value: f64,
 }
 
 impl Paired {
-    /// Of whether the first and the second are right, an entry for each episode.
+    /// Compares whether the first and the second are right, an entry for each episode.
     pub fn of(pairs: impl Iterator<Item = (bool, bool)>) -> Self {
         let count = |[better, worse]: [usize; 2], (one, other): (bool, bool)| {
             [better + usize::from(one && !other), worse + usize::from(other && !one)]

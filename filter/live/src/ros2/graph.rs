@@ -41,7 +41,7 @@ pub enum Identifiers {
 const LEAST_NODE_BYTES: usize = 16;
 
 impl Identifiers {
-    /// Those of a distribution of ROS 2; `None` of one that is not known.
+    /// The identifiers of a distribution of ROS 2; `None` where it is not known.
     pub(super) fn of_distribution(name: &str) -> Option<Self> {
         match name {
             "dashing" | "eloquent" | "foxy" | "galactic" | "humble" => Some(Self::Long),
@@ -50,7 +50,7 @@ impl Identifiers {
         }
     }
 
-    /// Those of a graph's message; `None` where it fits neither, or both.
+    /// The identifiers of a graph's message; `None` where it fits neither, or both.
     pub(super) fn of_message(cdr: &[u8]) -> Option<Self> {
         let fits = |identifiers: Self| identifiers.fit(cdr).unwrap_or(false);
         match (fits(Self::Short), fits(Self::Long)) {

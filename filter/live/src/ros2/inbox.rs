@@ -19,7 +19,7 @@ const MAX_OTHERS: usize = 1024;
 pub enum Incoming {
     /// A message.
     Message {
-        /// Of which subscription.
+        /// The subscription that it came by.
         subscription: Subscription,
         /// The whole message: its header of 4 bytes, of which the last two, the options, are always 0, and its body. It
         /// is as it came, malformed or not; it may end with up to 3 bytes that only fill it.
@@ -43,7 +43,7 @@ pub enum Incoming {
     },
     /// The answer to a call.
     Response {
-        /// Of which client.
+        /// The client that called.
         client: Client,
         /// To which call.
         call: Call,

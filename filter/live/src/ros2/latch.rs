@@ -1,10 +1,10 @@
 //! Who comes late to a latched topic gets its newest message, and no other.
 //!
-//! RustDDS 0.15.1 offers each newcomer all that a writer keeps, and it keeps too much: it removes old messages every six
-//! seconds only, and none of the latest 64 while nobody reads. So a writer that has written more than once is replaced
-//! by a new one before a newcomer is offered anything, and the newcomer alone is sent the newest message. The others,
-//! who find the new writer empty, get nothing a second time; only on a machine too busy for readers to acknowledge in
-//! time is the newest message sent again rather than not at all.
+//! RustDDS 0.15.1 offers each newcomer all that a writer keeps, and it keeps too much: it removes old messages every
+//! six seconds only, and none of the latest 64 while nobody reads. So a writer that has written more than once is
+//! replaced by a new one before a newcomer is offered anything, and the newcomer alone is sent the newest message. The
+//! others, who find the new writer empty, get nothing a second time; only on a machine too busy for readers to
+//! acknowledge in time is the newest message sent again rather than not at all.
 
 use std::collections::BTreeSet;
 use std::pin::Pin;
@@ -49,7 +49,7 @@ pub(super) struct Latch {
 }
 
 impl Latch {
-    /// Of a writer that has written nothing.
+    /// What is known of a writer that has written nothing.
     pub(super) fn new(bell: Arc<mio1::Waker>) -> Self {
         let now = Instant::now();
         Self {
@@ -135,8 +135,8 @@ impl Latch {
         self.gate.hold(false);
     }
 
-    /// Those of `readers` that are sent the newest message now: all together, once the others have found this writer,
-    /// since a reader that comes after that is offered what was meant for them.
+    /// The readers among `readers` that are sent the newest message now: all together, once the others have found this
+    /// writer, since a reader that comes after that is offered what was meant for them.
     pub(super) fn due(&mut self, readers: &BTreeSet<Guid>, now: Instant) -> Vec<Guid> {
         let is_over = |moment: Instant, time: Duration| now.saturating_duration_since(moment) >= time;
         let is_complete = self.known.is_empty() && self.owed.is_subset(readers);
@@ -154,7 +154,8 @@ impl Latch {
     }
 }
 
-/// Holds RustDDS's thread, which tells of a new reader before it offers it anything, until this node's thread has looked.
+/// Holds RustDDS's thread, which tells of a new reader before it offers it anything, until this node's thread has
+/// looked.
 pub(super) struct Gate {
     bell: Arc<mio1::Waker>,
     is_armed: AtomicBool,

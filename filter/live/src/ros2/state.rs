@@ -45,7 +45,7 @@ pub(super) struct State {
     registry: mio1::Registry,
     bell: Arc<mio1::Waker>,
     wire: Option<Wire>,
-    /// Of the graph's messages of others.
+    /// Reads what others say in the graph.
     graph: Option<Reader>,
     /// The layout that they have.
     heard: Option<Identifiers>,
@@ -163,8 +163,8 @@ impl State {
         self.heard
     }
 
-    /// Another node's messages have such identifiers. Where some have long ones and others short ones, long ones are sent:
-    /// a reader of short ones takes them for a participant without nodes, one of long ones would break.
+    /// Another node's messages have such identifiers. Where some have long ones and others short ones, long ones are
+    /// sent: a reader of short ones takes them for a participant without nodes, one of long ones would break.
     fn hear(&mut self, identifiers: Identifiers) -> Result<()> {
         let is_settled = self.heard.is_some_and(|heard| heard == identifiers || heard == Identifiers::Long);
         if is_settled || self.settings.identifiers.is_some() {

@@ -95,8 +95,8 @@ impl Wire {
         self.participant.guid().to_bytes()
     }
 
-    /// What has changed with the readers of others since the last call. A writer's own statuses tell it sooner, but no more
-    /// than four at once.
+    /// What has changed with the readers of others since the last call. A writer's own statuses tell it sooner, but no
+    /// more than four at once.
     pub(super) fn changes(&self) -> Vec<Change> {
         let change = |event| match event {
             DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, remote_reader } => {
@@ -169,7 +169,7 @@ pub(super) fn wishes_of_the_node() -> [Wish; 2] {
 #[derive(Debug, Default)]
 pub(super) struct Peers {
     pub(super) guids: BTreeSet<Guid>,
-    /// Those that were reported as not fitting.
+    /// The peers that were reported as not fitting.
     reported: BTreeSet<Guid>,
 }
 

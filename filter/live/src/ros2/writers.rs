@@ -25,7 +25,7 @@ pub(super) struct WriterSlot {
     pub(super) wish: Wish,
     pub(super) writes: Writes,
     pub(super) writer: Option<Writer>,
-    /// Of a topic whose latecomers get one message.
+    /// Serves latecomers, where the topic has one message for them.
     pub(super) latch: Option<Latch>,
 }
 

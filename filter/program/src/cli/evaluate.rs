@@ -85,8 +85,8 @@ pub struct Evaluate {
     poses: Poses,
     #[command(flatten, next_help_heading = "Episodes")]
     seeds: Seeds,
-    /// Prints of each part that episodes take turns with: they differ in their layer lines, and the first has those of a
-    /// bank of the same seed that knows holes; recorded holes have one
+    /// Prints of each part that episodes take turns with: they differ in their layer lines, and the first has those of
+    /// a bank of the same seed that knows holes; recorded holes have one
     #[arg(long, value_name = "P", default_value_t = 1, help_heading = "Episodes")]
     prints: usize,
     /// Choose each hole's part from K parts only: its own and others drawn at random [default: all of the bank]
@@ -109,8 +109,8 @@ pub struct Evaluate {
     /// Dataset of the bank's pegs: adds the nearest neighbour by pixels, among all parts
     #[arg(long, value_name = "DIR", conflicts_with = "absent", help_heading = "Methods")]
     pegs: Option<PathBuf>,
-    /// Episodes that the report shows touch by touch: half of them the first, half the wrong and the longest [default: 6;
-    /// none with --shard, --absent or --classes]
+    /// Episodes that the report shows touch by touch: half of them the first, half the wrong and the longest [default:
+    /// 6; none with --shard, --absent or --classes]
     #[arg(long, value_name = "N", help_heading = "Report")]
     stories: Option<usize>,
     #[command(flatten)]
@@ -140,7 +140,7 @@ struct Subject {
     /// Each way to infer and choose, with its name.
     ways: Vec<(String, EpisodeConfig)>,
     promise: Option<Promise>,
-    /// Of what will be written.
+    /// Locks what will be written.
     _locks: Vec<OutputLock>,
 }
 

@@ -6,10 +6,10 @@ pub type Result<T> = std::result::Result<T, Failure>;
 /// An error of one of the libraries, one line for a person.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// Of an evaluation.
+    /// An evaluation failed.
     #[error(transparent)]
     Eval(#[from] tactile_eval::Error),
-    /// Of a live node.
+    /// A live node failed.
     #[error(transparent)]
     Live(#[from] tactile_live::Error),
 }

@@ -149,7 +149,7 @@ impl Source {
         })
     }
 
-    /// Those of some settings that can be had, and why where these are others.
+    /// The settings among some that can be had, and why where others take their place.
     pub fn plan(&self, planned: Vec<Planned>) -> (Vec<Planned>, Option<String>) {
         let Self::Recording(recording) = self else { return (planned, None) };
         let kept = recording.steps.plan(planned.clone());
