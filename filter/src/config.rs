@@ -1,4 +1,4 @@
-//! The settings of an episode, and the rule by which it stops.
+//! The settings of an episode.
 
 use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
@@ -10,7 +10,6 @@ use crate::error::{Error, Result};
 use crate::likelihood::{LikelihoodConfig, calibration_of};
 use crate::limits;
 use crate::particle::ParticleConfig;
-use crate::stop::{Standing, StopReason};
 
 /// How an episode infers, chooses and stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -54,10 +53,6 @@ pub struct EpisodeConfig {
 
 /// One in 160, were the mean cosine of a hole's touches normal.
 const NONE_FIT: f64 = -2.5;
-
-/// The fewest touches whose fit may refuse a part. After several blank ones the likeliest pose is hardly likelier than others, so
-/// that the first edge may fit badly there (`NOTES.md`, "When to stop").
-const FEWEST_FITTED: usize = 2;
 
 impl Default for EpisodeConfig {
     /// Exact inference and expected information; delta_prob and N_max of the paper (Sec. V). The warning's cosine is a
@@ -111,34 +106,6 @@ impl EpisodeConfig {
         }
     }
 
-    /// The least fit of `n_fitted` touches with which to be confident; `None` where any will do. What a few touches say of
-    /// how well a part matches is uncertain by the root of their number, and touches without an edge say nothing of it.
-    pub fn fit_needed(&self, n_fitted: usize) -> Option<f64> {
-        self.none_fit.map(|least| least + self.fit_margin / (n_fitted.max(1) as f64).sqrt())
-    }
-
-    /// Why to stop where the likeliest part stands like this, its place known well enough; `None` to go on.
-    pub fn stop(&self, standing: &Standing) -> Option<StopReason> {
-        let Standing { probability, fit, n_fitted, n_touches } = *standing;
-        // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.
-        let explains = match (self.fit_needed(n_fitted), fit) {
-            (Some(least), Some(fit)) => fit >= least,
-            (Some(_), None) => false,
-            (None, _) => true,
-        };
-        let is_none = self.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
-        let are_enough = n_touches >= self.none_touches && n_fitted >= self.none_touches.min(FEWEST_FITTED);
-        if are_enough && is_none {
-            Some(StopReason::NoneOfThese)
-        } else if probability.min(1.0) > self.stop_probability && explains {
-            Some(StopReason::Confident)
-        } else if n_touches >= self.max_touches {
-            Some(StopReason::TouchLimit)
-        } else {
-            None
-        }
-    }
-
     /// Refuses numbers outside their ranges, and those that take more than a second for a decision or all memory.
     pub fn validate(&self) -> Result<()> {
         let check = |name: &str, expected: &str, got: f64, fine: bool| {
@@ -170,34 +137,5 @@ impl EpisodeConfig {
         }
         limits::check(self)?;
         self.likelihood.validate()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fit_is_asked_for_less_the_more_touches_there_are() {
-        let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 1.2, none_touches: 4, ..Default::default() };
-        let standing = |fit, n_touches| Standing { probability: 0.99, fit, n_fitted: n_touches, n_touches };
-        let stop = |fit: Option<f64>, n: usize| config.stop(&standing(fit, n));
-        // -0.9 + 1.2 / sqrt(n): 0.3 after one touch; -0.051 after two; -0.207 after three; -0.3 after four.
-        assert_eq!([stop(Some(0.29), 1), stop(Some(0.31), 1)], [None, Some(StopReason::Confident)]);
-        assert_eq!([stop(Some(-0.05), 2), stop(Some(-0.06), 2)], [Some(StopReason::Confident), None]);
-        assert_eq!([stop(Some(-0.29), 4), stop(Some(-0.31), 4)], [Some(StopReason::Confident), None]);
-        // Below the threshold no part explains the touches, from the fourth on, where the fit is of two of them.
-        assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
-        let of = |n_fitted| config.stop(&Standing { n_fitted, ..standing(Some(-0.91), 9) });
-        assert_eq!([of(1), of(2)], [None, Some(StopReason::NoneOfThese)]);
-        let hasty = EpisodeConfig { none_touches: 1, ..config };
-        assert_eq!(hasty.stop(&standing(Some(-0.91), 1)), Some(StopReason::NoneOfThese));
-        // Blank touches say nothing of how well a part matches: one edge among ten touches must fit as one alone must.
-        let of_one = |fit| config.stop(&Standing { n_fitted: 1, ..standing(Some(fit), 9) });
-        assert_eq!([of_one(0.29), of_one(0.31)], [None, Some(StopReason::Confident)]);
-        // Without an edge nothing is confident; without a threshold everything may be.
-        assert_eq!(stop(None, 5), None);
-        let any = EpisodeConfig { none_fit: None, ..config };
-        assert_eq!(any.stop(&standing(None, 1)), Some(StopReason::Confident));
     }
 }

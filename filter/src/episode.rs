@@ -7,15 +7,15 @@ use tactile_data::touch::Side;
 use tactile_infer::Bank;
 
 use crate::action::{Action, Judgement, Situation, choose, judge};
-use crate::belief::{Belief, Hypothesis};
+use crate::belief::Belief;
 use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, RunnerUp, Warning};
+use crate::estimate::Estimate;
 use crate::likelihood::TouchLikelihood;
 use crate::modes::modes;
 use crate::observation::Observation;
 use crate::record::{EpisodeRecord, VERSION};
-use crate::stop::{Standing, StopReason};
+use crate::verdict::{Asked, RunnerUp, StopReason, Verdict};
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -187,106 +187,47 @@ impl Episode {
         self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches)
     }
 
-    /// Why to stop now, however much could still be touched; `None` to go on.
+    /// Why to stop now, however much could still be touched, as [`Self::estimate`] has it; `None` to go on.
     pub fn stop_reason(&self) -> Option<StopReason> {
-        let ((part, probability), n_touches) = (self.likeliest_part(), self.belief.touches().len());
-        // A place costs hundreds of interpolations a touch: it is found only where something depends on it.
-        let is_asked = probability > self.config.stop_probability || n_touches >= self.config.none_touches;
-        let placed = is_asked.then(|| self.place(part));
-        let reason = self.config.stop(&Standing {
-            probability,
-            fit: placed.as_ref().and_then(|placed| placed.fit),
-            n_fitted: placed.as_ref().map_or(0, |placed| placed.n_fitted),
-            n_touches,
-        });
-        let is_placed = |placed: &Placed, mm: f64| {
-            let [[x, ..], [_, y, _], _] = self.covariance(part, placed);
-            x.max(y) <= mm * mm
-        };
-        match (reason, self.config.stop_place_mm, placed) {
-            (Some(StopReason::Confident), Some(mm), Some(placed)) if !is_placed(&placed, mm) => {
-                (n_touches >= self.config.max_touches).then_some(StopReason::TouchLimit)
-            }
-            _ => reason,
-        }
+        self.asked().stop()
     }
 
     /// What is known now.
     pub fn estimate(&self) -> Estimate {
-        let (part, probability) = self.likeliest_part();
-        let placed = self.place(part);
-        let symmetry = self.bank.symmetry(part);
-        let modes = modes(&self.belief, &|part| self.bank.symmetry(part));
+        let Verdict { part, probability, runner_up, placed, covariance, stop, warnings } = self.asked().verdict();
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
-            runner_up: self.runner_up(),
-            part_from_sensor: placed.pose * self.belief.first_from_sensor(),
-            part_from_first: placed.pose,
-            symmetry,
-            covariance: self.covariance(part, &placed),
+            runner_up,
+            part_from_sensor: placed.part_from_first * self.belief.first_from_sensor(),
+            part_from_first: placed.part_from_first,
+            symmetry: self.bank.symmetry(part),
+            covariance,
             fit: placed.fit,
             n_fitted: placed.n_fitted,
             class_posterior: self.belief.class_posterior().to_vec(),
-            modes,
+            modes: modes(&self.belief, &|part| self.bank.symmetry(part)),
             entropy_nats: self.belief.entropy_nats(),
             log_evidence: self.belief.log_evidence(),
             n_touches: self.belief.touches().len(),
-            warnings: self.warnings(),
+            stop,
+            warnings,
         }
     }
 
     /// The second most probable part now, as [`Self::estimate`] has it, without the rest of it; `None` where no other part is
     /// left.
     pub fn runner_up(&self) -> Option<RunnerUp> {
-        let (likeliest, _) = self.likeliest_part();
-        let left = self
-            .belief
-            .class_posterior()
-            .iter()
-            .copied()
-            .enumerate()
-            .filter(|(part, p)| *part != likeliest && *p > 0.0);
-        let (part, probability) = left.reduce(|best, next| if next.1 > best.1 { next } else { best })?;
-        Some(RunnerUp { part: self.bank.parts()[part].clone(), probability })
+        self.asked().runner_up()
     }
 
-    /// The most probable part, the first of equals, and its probability.
-    fn likeliest_part(&self) -> (usize, f64) {
-        let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
-        self.belief.class_posterior().iter().copied().enumerate().fold((0, 0.0), most)
-    }
-
-    /// Where a part would be, and how well it explains the touches there.
-    fn place(&self, part: usize) -> Placed {
-        let state = self.belief.best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
-        let is_between = self.config.between_poses;
-        let refined = || self.belief.refine(state, &self.bank.symmetry(part));
-        let pose = if is_between { refined() } else { self.belief.grid().pose(state.cell) };
-        let fitted = self.belief.fit(part, &pose);
-        Placed { pose, fit: fitted.map(|(fit, _)| fit), n_fitted: fitted.map_or(0, |(_, n)| n) }
-    }
-
-    fn covariance(&self, part: usize, placed: &Placed) -> [[f64; 3]; 3] {
-        self.belief.covariance(part, &placed.pose, &self.bank.symmetry(part), self.config.between_poses)
+    fn asked(&self) -> Asked<'_> {
+        Asked { config: &self.config, bank: &self.bank, belief: &self.belief, side: self.side() }
     }
 
     /// The belief, for maps and reports.
     pub fn belief(&self) -> &Belief {
         &self.belief
-    }
-
-    fn warnings(&self) -> Vec<Warning> {
-        let edged = self.belief.touches().iter().map(|touched| &touched.likelihood).filter(|touch| !touch.blank);
-        let best = edged.map(|touch| touch.best_cosine).reduce(f32::max);
-        let floor = self.config.low_similarity;
-        let of_touches = match best {
-            None => Some(Warning::NothingSeen),
-            Some(best) if best < floor => Some(Warning::LowSimilarity { best, floor }),
-            Some(_) => None,
-        };
-        let of_bank = self.bank.other_side(self.side()).map(|why| Warning::OtherSide { why });
-        of_touches.into_iter().chain(of_bank).collect()
     }
 }
 
@@ -307,13 +248,6 @@ pub(crate) fn is_plausible(moved: &Se2) -> bool {
     moved.x_mm.abs() <= 1e6 && moved.y_mm.abs() <= 1e6 && moved.theta_rad.abs() <= 1e3
 }
 
-/// A part's pose at the first touch and its fit there, with how many touches that is of.
-struct Placed {
-    pose: Se2,
-    fit: Option<f64>,
-    n_fitted: usize,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -323,6 +257,7 @@ mod tests {
     use crate::likelihood::LikelihoodConfig;
     use crate::particle::ParticleConfig;
     use crate::synthetic::World;
+    use crate::verdict::Warning;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
     use tactile_data::FrameFault;
@@ -350,7 +285,9 @@ mod tests {
         let mut episode = Episode::begin(*config, world.bank.clone(), &world.touch(part, &pose, &mut rng)).unwrap();
         let mut hits = Vec::new();
         loop {
-            hits.push(episode.estimate().part == world.bank.parts()[part]);
+            let estimate = episode.estimate();
+            assert_eq!([estimate.stop, config.stop(&estimate.standing())], [episode.stop_reason(); 2]);
+            hits.push(estimate.part == world.bank.parts()[part]);
             match episode.decide(&world.reach(&pose)).unwrap() {
                 Decision::Touch(action) => {
                     pose = pose * action.sensor_from_next;

@@ -2,66 +2,9 @@
 
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
-#[cfg(doc)]
-use tactile_infer::Bank;
 
 use crate::modes::Mode;
-use crate::stop::{Standing, StopReason};
-
-/// A reason to doubt an estimate, however probable it is: the filter only weighs the parts of its bank.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Warning {
-    /// No edged touch looks like any recorded view: perhaps none of these parts.
-    LowSimilarity {
-        /// The largest cosine of any edged touch with any recorded view.
-        best: f32,
-        /// What [`crate::EpisodeConfig::low_similarity`] asks for.
-        floor: f32,
-    },
-    /// Every touch was blank: no edge was ever seen.
-    NothingSeen,
-    /// The bank is made for the other side than the one that is touched.
-    OtherSide {
-        /// What is touched, what the bank is made for, and how to make one that suits ([`Bank::other_side`]).
-        why: &'static str,
-    },
-}
-
-impl Warning {
-    /// Whether it is about these touches; else it is about the bank alone.
-    pub fn is_of_touches(&self) -> bool {
-        !matches!(self, Self::OtherSide { .. })
-    }
-}
-
-impl std::fmt::Display for Warning {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::LowSimilarity { best, floor } => {
-                write!(f, "no touch looks like any recorded view (best cosine {best:.2}, expected {floor:.2} or more)")
-            }
-            Self::NothingSeen => write!(f, "no touch showed an edge"),
-            Self::OtherSide { why } => f.write_str(why),
-        }
-    }
-}
-
-/// The second most probable part.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RunnerUp {
-    /// Its name; the first of equals.
-    pub part: String,
-    /// Its probability, 0..=1.
-    pub probability: f64,
-}
-
-impl RunnerUp {
-    /// Whether a second part is named next to the first: the answer is neither that one part nor none of these, and the second
-    /// is more probable than 5 %.
-    pub fn is_named(stop: Option<StopReason>, probability: f64) -> bool {
-        !matches!(stop, Some(StopReason::Confident | StopReason::NoneOfThese)) && probability > 0.05
-    }
-}
+use crate::verdict::{RunnerUp, Standing, StopReason, Warning, place_mm2};
 
 /// What is known after the touches so far.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,29 +43,21 @@ pub struct Estimate {
     pub log_evidence: f64,
     /// Touches made.
     pub n_touches: usize,
+    /// Why to stop now, however much could still be touched; `None` to go on.
+    pub stop: Option<StopReason>,
     /// Reasons to doubt all this.
     pub warnings: Vec<Warning>,
 }
 
 impl Estimate {
-    /// What is asked of it before it is believed.
+    /// What is asked of it before it is believed ([`crate::EpisodeConfig::stop`], with other settings, too).
     pub fn standing(&self) -> Standing {
-        Standing { probability: self.probability, fit: self.fit, n_fitted: self.n_fitted, n_touches: self.n_touches }
+        let Self { probability, fit, n_fitted, n_touches, .. } = *self;
+        Standing { probability, fit, n_fitted, place_mm2: Some(place_mm2(&self.covariance)), n_touches }
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_second_part_is_named_only_while_it_may_be_that_one() {
-        let of = |stop| [0.06, 0.05].map(|probability| RunnerUp::is_named(stop, probability));
-        for stop in [None, Some(StopReason::TouchLimit), Some(StopReason::NothingToLearn)] {
-            assert_eq!(of(stop), [true, false], "{stop:?}");
-        }
-        for stop in [StopReason::Confident, StopReason::NoneOfThese] {
-            assert_eq!(of(Some(stop)), [false; 2], "{stop:?}");
-        }
+    /// The second part that it may be as well, where [`RunnerUp::is_named`] says so.
+    pub fn second(&self) -> Option<&RunnerUp> {
+        self.runner_up.as_ref().filter(|other| RunnerUp::is_named(self.stop, other.probability))
     }
 }

@@ -128,15 +128,20 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
             ..LikelihoodConfig::default()
         },
     );
-    (engine, action, likelihood, any::<bool>(), 0.0..=1.0_f64, any::<u64>()).prop_map(
-        |(engine, action, likelihood, between_poses, stop_probability, seed)| EpisodeConfig {
-            engine,
-            action,
-            likelihood,
-            between_poses,
-            stop_probability,
-            seed,
-            ..EpisodeConfig::default()
+    let stop_place_mm = prop::sample::select(vec![None, Some(1e-3), Some(2.0)]);
+    (engine, action, likelihood, any::<bool>(), (0.0..=1.0_f64, stop_place_mm, 1..=5_usize), any::<u64>()).prop_map(
+        |(engine, action, likelihood, between_poses, (stop_probability, stop_place_mm, none_touches), seed)| {
+            EpisodeConfig {
+                engine,
+                action,
+                likelihood,
+                between_poses,
+                stop_probability,
+                stop_place_mm,
+                none_touches,
+                seed,
+                ..EpisodeConfig::default()
+            }
         },
     )
 }
@@ -152,8 +157,15 @@ fn touches(dim: usize) -> impl Strategy<Value = Vec<(Se2, Observation)>> {
     prop::collection::vec((motion(), observation), 1..6)
 }
 
-/// Finite numbers, a distribution, a pose.
-fn check(estimate: &Estimate) -> std::result::Result<(), TestCaseError> {
+/// Finite numbers, a distribution, a pose, and one verdict whoever asks.
+fn check(episode: &Episode, config: &EpisodeConfig) -> std::result::Result<(), TestCaseError> {
+    let estimate = episode.estimate();
+    prop_assert_eq!([estimate.stop, config.stop(&estimate.standing())], [episode.stop_reason(); 2]);
+    prop_assert_eq!(&estimate.runner_up, &episode.runner_up());
+    check_numbers(&estimate)
+}
+
+fn check_numbers(estimate: &Estimate) -> std::result::Result<(), TestCaseError> {
     let sum: f64 = estimate.class_posterior.iter().sum();
     prop_assert!((sum - 1.0).abs() < 1e-6, "{:?}", estimate.class_posterior);
     prop_assert!((0.0..=1.0).contains(&estimate.probability), "{}", estimate.probability);
@@ -181,19 +193,19 @@ proptest! {
         candidates in prop::collection::vec(motion(), 0..12),
     ) {
         let Ok(mut episode) = Episode::begin(config, bank.clone(), &touches[0].1) else { return Ok(()) };
-        check(&episode.estimate())?;
+        check(&episode, &config)?;
         for (moved, touch) in &touches[1..] {
             let before = episode.estimate();
             match episode.decide(&candidates) {
                 Ok(Decision::Touch(action)) => prop_assert!(action.sensor_from_next.is_finite()),
-                Ok(Decision::Done(estimate, _)) => check(&estimate)?,
+                Ok(Decision::Done(estimate, _)) => check_numbers(&estimate)?,
                 Err(error) => {
                     prop_assert!(matches!(error, Error::EmptyReach { .. }), "{error}");
                     prop_assert!(!candidates.iter().any(Se2::is_finite));
                 }
             }
             match episode.observe(*moved, touch) {
-                Ok(_) => check(&episode.estimate())?,
+                Ok(_) => check(&episode, &config)?,
                 Err(error) => {
                     prop_assert!(!error.to_string().contains('\n'));
                     prop_assert!(episode.estimate() == before, "an error changed the belief");

@@ -66,17 +66,17 @@ pub mod runner;
 mod sensor;
 mod simd;
 mod softplus;
-mod stop;
 #[cfg(test)]
 mod synthetic;
+mod verdict;
 
 pub use action::Action;
 pub use config::EpisodeConfig;
 pub use episode::{Decision, Episode};
 pub use error::{Error, Result};
-pub use estimate::{Estimate, RunnerUp, Warning};
+pub use estimate::Estimate;
 pub use observation::Observation;
 pub use record::{EpisodeRecord, VERSION};
 pub use sensor::Sensor;
-pub use stop::{Standing, StopReason};
 pub use tactile_data::FrameFault;
+pub use verdict::{RunnerUp, Standing, StopReason, Warning};

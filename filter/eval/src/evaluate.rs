@@ -120,6 +120,9 @@ pub struct Scored {
     pub fit: Option<f64>,
     /// Touches that this is of.
     pub n_fitted: usize,
+    /// The larger variance of its place along x and along y, mm², where a stop asks for the place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place_mm2: Option<f64>,
     /// Squared difference of the class posterior from the truth, 0..=2.
     pub brier: f64,
 }
@@ -127,8 +130,8 @@ pub struct Scored {
 impl Scored {
     /// What is asked of it before it is believed, after `n_touches`.
     pub fn standing(&self, n_touches: usize) -> Standing {
-        let Self { probability, fit, n_fitted, .. } = *self;
-        Standing { probability, fit, n_fitted, n_touches }
+        let Self { probability, fit, n_fitted, place_mm2, .. } = *self;
+        Standing { probability, fit, n_fitted, place_mm2, n_touches }
     }
 }
 
@@ -237,7 +240,8 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
     let mut times = StageTimes { encode, update, select: 0.0 };
     loop {
         let estimate = episode.estimate();
-        outcome.scored.push(score(&estimate, bank, &hole));
+        let place_mm2 = config.stop_place_mm.and(estimate.standing().place_mm2);
+        outcome.scored.push(Scored { place_mm2, ..score(&estimate, bank, &hole) });
         watch(&hole, &frame, &episode, &estimate);
         let reach = hole.reach(bank.grid(), protocol.poses);
         let started = Instant::now();

@@ -10,7 +10,7 @@ use tactile_data::touch::{Side, Touch, instead_of};
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
-use tactile_filter::{Episode, EpisodeConfig, RunnerUp, Sensor, StopReason, Warning};
+use tactile_filter::{Episode, EpisodeConfig, Sensor, StopReason, Warning};
 
 /// One touch of a recording: the frame to look at, and the motion since the touch before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,13 +129,12 @@ pub fn play(
     }
     let estimate = episode.estimate();
     let pose = estimate.part_from_sensor;
-    let known = config.stop(&estimate.standing());
-    let is_named = |other: &RunnerUp| RunnerUp::is_named(known, other.probability);
     Ok(Replayed {
         truth: dataset.touch(first.frame).part.clone(),
-        confident: known == Some(StopReason::Confident) && !estimate.warnings.iter().any(Warning::is_of_touches),
-        or: estimate.runner_up.filter(is_named).map(|other| (other.part, other.probability)),
-        stop: episode.stop_reason(),
+        confident: estimate.stop == Some(StopReason::Confident)
+            && !estimate.warnings.iter().any(Warning::is_of_touches),
+        or: estimate.second().map(|other| (other.part.clone(), other.probability)),
+        stop: estimate.stop,
         warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
         part: estimate.part,
         probability: estimate.probability,
