@@ -110,7 +110,11 @@ mod tests {
 
     #[test]
     fn what_has_no_aid_comes_first_and_once() {
-        let made = |first| evaluation("alphabet-small", 0.5, &[(1, first), (3, 0.9)]);
+        let made = |first| {
+            let mut made = evaluation("alphabet-small", 0.5, &[(1, first), (3, 0.9)]);
+            made.rows.iter_mut().for_each(|row| row.poses = Poses::OffGrid);
+            made
+        };
         let all = [
             ("small-cosine", made(0.884)),
             ("small-anywhere", made(0.872)),
