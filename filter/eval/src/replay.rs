@@ -30,7 +30,7 @@ pub struct Replayed {
     pub part: String,
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// The part that it may be as well: the next likeliest and its probability, where [`RunnerUp::is_named`] says so; left
+    /// The part that it may be as well: the next likeliest and its probability, where [`tactile_filter::Estimate::second`] says so; left
     /// out otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub or: Option<(String, f64)>,
