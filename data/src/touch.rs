@@ -6,6 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
+#[cfg(feature = "datasets")]
 use crate::printable::is_printable;
 use crate::se2::Se2;
 

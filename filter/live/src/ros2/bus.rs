@@ -379,7 +379,7 @@ mod tests {
                 })
                 .into();
             for (_, inbox, of) in &late {
-                assert_eq!(once(texts(inbox, 1).remove(of)), [newest.clone()], "late, round {round}");
+                assert_eq!(once(texts(inbox, 1).remove(of)), std::slice::from_ref(&newest), "late, round {round}");
             }
             // A program that was there all the time asks only now.
             let of = waiting.subscribe("/label", TYPE, Delivery::Latched).unwrap();
