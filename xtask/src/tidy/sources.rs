@@ -42,20 +42,21 @@ pub fn machine_paths(path: &str, text: &str) -> Vec<Finding> {
 /// How no doc comment begins: with a genitive or a pronoun in place of the noun that it is about.
 const NOUNLESS: [&str; 3] = ["Of ", "That of ", "Those "];
 
-/// Doc comments that begin without their noun.
+/// Doc comments that begin without their noun. A later line may begin with any word.
 pub fn nounless(path: &str, text: &str) -> Vec<Finding> {
-    let doc = |line: &str| {
+    let (mut found, mut is_first) = (Vec::new(), true);
+    for (n, line) in text.lines().enumerate() {
         let line = line.trim_start();
-        line.strip_prefix("/// ").or_else(|| line.strip_prefix("//! ")).map(str::to_owned)
-    };
-    let begins = |line: &str| doc(line).and_then(|words| NOUNLESS.into_iter().find(|word| words.starts_with(word)));
-    // A later line may begin with any word.
-    let is_first = |before: Option<&str>| before.and_then(doc).is_none();
-    let lines: Vec<&str> = text.lines().collect();
-    let found = lines.iter().enumerate().filter(|(n, _)| is_first(n.checked_sub(1).map(|before| lines[before])));
-    let found = found.filter_map(|(n, line)| Some((n, begins(line)?)));
-    let what = |word: &str| format!("a doc comment begins with {:?}: name what it is about", word.trim_end());
-    found.map(|(n, word)| Finding::new(path, n + 1, what(word))).collect()
+        let words = line.strip_prefix("/// ").or_else(|| line.strip_prefix("//! "));
+        let begins =
+            words.filter(|_| is_first).and_then(|words| NOUNLESS.into_iter().find(|word| words.starts_with(word)));
+        if let Some(word) = begins {
+            let what = format!("a doc comment begins with {:?}: name what it is about", word.trim_end());
+            found.push(Finding::new(path, n + 1, what));
+        }
+        is_first = words.is_none();
+    }
+    found
 }
 
 #[cfg(test)]
