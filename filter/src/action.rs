@@ -172,7 +172,7 @@ pub fn choose(situation: &Situation, seed: u64, keep_going: &mut dyn FnMut() -> 
 /// Like [`choose`], which it asks, with what was thought of each candidate.
 pub fn judge(situation: &Situation, seed: u64) -> Option<Judgement> {
     let Picked { action, judged, judge } = pick(situation, seed, &mut || true)?;
-    let likelihoods = situation.belief.class_posterior();
+    let likelihoods = situation.belief.posterior().by_part();
     let mut parts: Vec<usize> = (0..likelihoods.len()).collect();
     parts.sort_by(|a, b| likelihoods[*b].total_cmp(&likelihoods[*a]));
     let pair = parts.first_chunk().copied();

@@ -195,19 +195,20 @@ impl Episode {
     /// What is known now.
     pub fn estimate(&self) -> Estimate {
         let Verdict { part, probability, runner_up, placed, covariance, stop, warnings } = self.asked().verdict();
+        let (posterior, first_from_sensor) = (self.belief.posterior(), self.belief.first_from_sensor());
         Estimate {
             part: self.bank.parts()[part].clone(),
             probability: probability.min(1.0),
             runner_up,
-            part_from_sensor: placed.part_from_first * self.belief.first_from_sensor(),
+            part_from_sensor: placed.part_from_first * first_from_sensor,
             part_from_first: placed.part_from_first,
             symmetry: self.bank.symmetry(part),
             covariance,
             fit: placed.fit,
             n_fitted: placed.n_fitted,
-            class_posterior: self.belief.class_posterior().to_vec(),
-            modes: modes(&self.belief, &|part| self.bank.symmetry(part)),
-            entropy_nats: self.belief.entropy_nats(),
+            class_posterior: posterior.by_part().to_vec(),
+            modes: modes(posterior, &first_from_sensor, &|part| self.bank.symmetry(part)),
+            entropy_nats: posterior.entropy_nats(),
             log_evidence: self.belief.log_evidence(),
             n_touches: self.belief.touches().len(),
             stop,

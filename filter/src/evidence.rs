@@ -242,6 +242,7 @@ mod tests {
     use rand::rngs::ChaCha8Rng;
 
     use super::*;
+    use crate::blocks::log_states;
     use crate::interpolation::Interpolation;
     use crate::likelihood::LikelihoodConfig;
     use crate::overlap::Overlap;
@@ -270,9 +271,8 @@ mod tests {
             let config = LikelihoodConfig { interpolation, outlier_share, ..LikelihoodConfig::default() };
             let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
             let moved = Se2::from_degrees(1.7, -0.9, 21.0);
-            let mut judged = Vec::new();
-            let evidence =
-                Evidence::new([&grid, &states], moved, 0.7, likelihood, &mut |part| judged.extend_from_slice(part));
+            let evidence = Evidence::of(&grid, moved, 0.7, likelihood);
+            let judged = log_states([&grid, &states], &evidence);
             let at = |cells: usize, stride: usize, value: &dyn Fn(Se2) -> f64| -> Vec<f64> {
                 (0..cells).map(|index| value(states.pose(index * stride))).collect()
             };

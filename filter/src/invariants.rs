@@ -8,9 +8,11 @@ use tactile_infer::rows::Rows;
 
 use crate::belief::Belief;
 use crate::exact::Exact;
+use crate::hypothesis::Layout;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
 use crate::observation::Observation;
 use crate::particle::{Particle, ParticleConfig};
+use crate::posterior::Posterior;
 use crate::resample::systematic;
 
 const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
@@ -24,7 +26,7 @@ fn posterior(rows: &[[f32; 3]], shares: &[f32], touches: &[[f32; 3]], config: &L
     for touch in &touches[1..] {
         belief.update(&Se2::IDENTITY, seen(touch));
     }
-    belief.class_posterior().to_vec()
+    belief.posterior().by_part().to_vec()
 }
 
 fn rows(n: usize) -> impl Strategy<Value = Vec<[f32; 3]>> {
@@ -82,7 +84,7 @@ proptest! {
             .iter()
             .map(|table| table.iter().map(|row| row.map(|value| value / row.iter().sum::<f64>())).collect())
             .collect();
-        let mut sequences = vec![(Exact::uniform(1, 4, 0.0), 1.0)];
+        let mut sequences = vec![(Exact::uniform(Layout { n_angles: 1, n_places: 4 }, 1, 0.0), 1.0)];
         let mut before = 0.25_f64.ln();
         for table in &tables {
             sequences = sequences
@@ -97,7 +99,11 @@ proptest! {
                     })
                 })
                 .collect();
-            let after: f64 = sequences.iter().map(|(exact, probability)| probability * exact.probabilities(0).unwrap()[truth].ln()).sum();
+            let log_of = |exact: &Exact| {
+                let posterior = Posterior::new(POINT, Layout { n_angles: 1, n_places: 4 }, exact.weighed());
+                posterior.states()[truth].1.ln()
+            };
+            let after: f64 = sequences.iter().map(|(exact, probability)| probability * log_of(exact)).sum();
             prop_assert!(after >= before - 1e-12, "{after} {before}");
             before = after;
         }

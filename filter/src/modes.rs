@@ -4,7 +4,8 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
 
-use crate::belief::{Belief, Hypothesis};
+use crate::hypothesis::Hypothesis;
+use crate::posterior::Posterior;
 
 /// A peak of the belief with the states that lead up to it.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,15 +32,17 @@ const MAX_STATES: usize = 10_000;
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
 /// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and so are
 /// a thousandth of the belief at most in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
-/// part's `symmetry` turns into each other are one: the pose is that of the heaviest.
-pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
-    let mut states = belief.heaviest_states(NEGLIGIBLE / MAX_STATES.min(belief.n_states()) as f64, MAX_STATES);
+/// part's `symmetry` turns into each other are one: the pose is that of the heaviest. `first_from_sensor`: the motion from
+/// the first touch to the latest.
+pub fn modes(posterior: &Posterior, first_from_sensor: &Se2, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
+    let least = NEGLIGIBLE / MAX_STATES.min(posterior.n_states()) as f64;
+    let mut states = posterior.heaviest_states(least, MAX_STATES);
     // At the coldest temperatures, logs of 1e12 and more, their rounding lets masses sum to a little over one.
     let whole: f64 = states.iter().map(|(_, mass)| mass).sum();
     if whole > 1.0 + 1e-9 {
         states.iter_mut().for_each(|(_, mass)| *mass /= whole);
     }
-    let uphill = likeliest_neighbours(belief.grid(), &states);
+    let uphill = likeliest_neighbours(posterior.grid(), &states);
     let mut peaks: Vec<(usize, Vec<usize>)> = Vec::new();
     let mut peak_of: Vec<Option<usize>> = vec![None; states.len()];
     for at in 0..states.len() {
@@ -53,15 +56,14 @@ pub fn modes(belief: &Belief, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode>
         });
         peaks[peak].1.push(at);
     }
-    let first_from_sensor = belief.first_from_sensor();
-    let pose = |at: usize| (belief.grid().pose(states[at].0.cell) * first_from_sensor, states[at].1);
+    let pose = |at: usize| (posterior.grid().pose(states[at].0.cell) * *first_from_sensor, states[at].1);
     let mut modes: Vec<Mode> = peaks
         .into_iter()
         .filter(|(_, members)| members.iter().map(|at| states[*at].1).sum::<f64>() >= MIN_MASS)
         .map(|(part, members)| summarise(part, &members.into_iter().map(pose).collect::<Vec<_>>()))
         .collect();
     modes.sort_by(|a, b| b.mass.total_cmp(&a.mass));
-    merge_twins(modes, belief.grid(), symmetry)
+    merge_twins(modes, posterior.grid(), symmetry)
 }
 
 /// Whether two poses are so near that their hills are one.

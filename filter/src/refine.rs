@@ -120,7 +120,7 @@ mod tests {
                 pose = pose * moved;
                 belief.update(&moved, touch(&pose, &mut rng));
             }
-            let best = belief.best(Some(part)).unwrap();
+            let best = belief.posterior().best(Some(part)).unwrap();
             let found = belief.refine(best, &Symmetry::NONE);
             let off = |pose: &Se2| {
                 [pose.distance_mm(&truth), wrap_angle(pose.theta_rad - truth.theta_rad).to_degrees().abs()]

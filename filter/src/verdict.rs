@@ -200,7 +200,7 @@ impl Asked<'_> {
     /// The second most probable part, as the verdict has it.
     pub(crate) fn runner_up(self) -> Option<RunnerUp> {
         let (likeliest, _) = self.likeliest();
-        let left = self.belief.class_posterior().iter().copied().enumerate();
+        let left = self.belief.posterior().by_part().iter().copied().enumerate();
         let left = left.filter(|(part, p)| *part != likeliest && *p > 0.0);
         let (part, probability) = left.reduce(|best, next| if next.1 > best.1 { next } else { best })?;
         Some(RunnerUp { part: self.bank.parts()[part].clone(), probability })
@@ -209,15 +209,15 @@ impl Asked<'_> {
     /// The most probable part, the first of equals, and its probability.
     fn likeliest(self) -> (usize, f64) {
         let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
-        self.belief.class_posterior().iter().copied().enumerate().fold((0, 0.0), most)
+        self.belief.posterior().by_part().iter().copied().enumerate().fold((0, 0.0), most)
     }
 
     /// Where a part would be, and how well it explains the touches there.
     fn place(self, part: usize) -> Placed {
-        let state = self.belief.best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
+        let state = self.belief.posterior().best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
         let refined = || self.belief.refine(state, &self.bank.symmetry(part));
         let is_between = self.config.between_poses;
-        let part_from_first = if is_between { refined() } else { self.belief.grid().pose(state.cell) };
+        let part_from_first = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
         let fitted = self.belief.fit(part, &part_from_first);
         Placed { part_from_first, fit: fitted.map(|(fit, _)| fit), n_fitted: fitted.map_or(0, |(_, n)| n) }
     }

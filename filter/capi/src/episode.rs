@@ -177,7 +177,7 @@ pub unsafe extern "C" fn tf_episode_class_posterior(
 ) -> tf_status {
     call(|| unsafe {
         let episode = get(episode, "episode")?.read()?;
-        fill(episode.belief().class_posterior(), buffer, capacity, required)
+        fill(episode.belief().posterior().by_part(), buffer, capacity, required)
     })
 }
 
@@ -195,11 +195,11 @@ pub unsafe extern "C" fn tf_episode_belief(
         let handle = get(episode, "episode")?;
         handle.parts.name(part)?;
         let episode = handle.read()?;
-        let (grid, moved) = (episode.belief().grid(), episode.belief().first_from_sensor());
+        let (grid, moved) = (episode.belief().posterior().grid(), episode.belief().first_from_sensor());
         let pose = |cell| tf_state { part_from_sensor: (grid.pose(cell) * moved).into(), probability: 0.0 };
         let mut states: Vec<tf_state> = (0..grid.len()).map(pose).collect();
         if capacity > 0 {
-            let held = episode.belief().states().into_iter();
+            let held = episode.belief().posterior().states().into_iter();
             let of_part = held.filter(|(hypothesis, _)| hypothesis.part == part);
             of_part.for_each(|(hypothesis, mass)| states[hypothesis.cell].probability = mass);
         }

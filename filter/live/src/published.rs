@@ -53,7 +53,7 @@ impl Scene<'_> {
         let json = serde_json::to_string(self.report)
             .map_err(|error| Error::invalid("decision", "numbers that JSON has", error.to_string()))?;
         let publish = |topic, cdr| Output::Publish { topic, cdr };
-        let states = self.episode.belief().states_from(f64::MIN_POSITIVE);
+        let states = self.episode.belief().posterior().states_from(f64::MIN_POSITIVE);
         let particles = particles(&states);
         let mut outputs = vec![
             publish(Topic::Decision, to_cdr(&Text { data: json })),
@@ -105,7 +105,7 @@ impl Scene<'_> {
 
     fn part_from_sensor(&self, state: &Hypothesis) -> Se2 {
         let belief = self.episode.belief();
-        belief.grid().pose(state.cell) * belief.first_from_sensor()
+        belief.posterior().grid().pose(state.cell) * belief.first_from_sensor()
     }
 
     fn pose_array(&self, particles: &[(Hypothesis, f64)]) -> Vec<u8> {
@@ -127,7 +127,7 @@ impl Scene<'_> {
     /// Where on the likeliest part the sensor is, whatever its angle: 100 at the likeliest place. What lies outside the
     /// bank's area is left out.
     fn belief(&self, states: &[(Hypothesis, f64)]) -> OccupancyGrid {
-        let grid = self.episode.belief().grid();
+        let grid = self.episode.belief().posterior().grid();
         let part = self.report.posterior.iter().position(|(name, _)| *name == self.report.estimate.part);
         let of_part = states.iter().filter(|(state, _)| Some(state.part) == part);
         let masses = places(grid, of_part.map(|(state, mass)| (self.part_from_sensor(state), *mass)));

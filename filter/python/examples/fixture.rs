@@ -100,7 +100,7 @@ impl Desk<'_> {
                 "query": observation.query.iter().map(|value| value.to_bits()).collect::<Vec<_>>(),
                 "edge_share": observation.edge_share.to_bits(),
                 "belief": belief,
-                "class_posterior": bits(played.belief().class_posterior()),
+                "class_posterior": bits(played.belief().posterior().by_part()),
                 "estimate": estimate_bits(&played.estimate()),
                 "decision": match &decision {
                     Decision::Touch(action) => json!({ "motion": pose_bits(&action.sensor_from_next) }),
@@ -148,11 +148,11 @@ impl Desk<'_> {
     /// The probability of each state, `[n_parts, n_cells]`.
     fn write_belief(&self, file: &str, episode: &Episode) -> Result<()> {
         let belief = episode.belief();
-        let n_cells = belief.grid().len();
-        let mut masses = vec![0.0_f64; belief.n_states()];
-        belief.states().iter().for_each(|(state, mass)| masses[state.part * n_cells + state.cell] = *mass);
+        let n_cells = belief.posterior().grid().len();
+        let mut masses = vec![0.0_f64; belief.posterior().n_states()];
+        belief.posterior().states().iter().for_each(|(state, mass)| masses[state.part * n_cells + state.cell] = *mass);
         let bytes: Vec<u8> = masses.iter().flat_map(|mass| mass.to_le_bytes()).collect();
-        write_npy(&self.out.join(file), "<f8", &[belief.n_states() / n_cells, n_cells], &bytes)
+        write_npy(&self.out.join(file), "<f8", &[belief.posterior().n_states() / n_cells, n_cells], &bytes)
     }
 }
 

@@ -25,18 +25,18 @@ impl PyBelief {
     /// The belief of an episode with these parts.
     pub fn of(episode: &Episode, parts: &[String]) -> Self {
         let belief = episode.belief();
-        let grid = *belief.grid();
-        let mut probabilities = vec![0.0; belief.n_states()];
-        for (state, probability) in belief.states() {
+        let grid = *belief.posterior().grid();
+        let mut probabilities = vec![0.0; belief.posterior().n_states()];
+        for (state, probability) in belief.posterior().states() {
             probabilities[state.part * grid.len() + state.cell] = probability;
         }
         Self {
             parts: parts.to_vec(),
             grid,
             probabilities,
-            class_posterior: belief.class_posterior().to_vec(),
+            class_posterior: belief.posterior().by_part().to_vec(),
             first_from_sensor: belief.first_from_sensor(),
-            entropy_nats: belief.entropy_nats(),
+            entropy_nats: belief.posterior().entropy_nats(),
         }
     }
 }

@@ -44,10 +44,10 @@ impl<'a> Judge<'a> {
         rng: &mut ChaCha8Rng,
     ) -> Self {
         let Situation { config, belief, .. } = *situation;
-        let drawn = belief.draw(n_draws, rng);
+        let drawn = belief.posterior().draw(n_draws, rng);
         let mut supposed: Vec<Hypothesis> =
             (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
-        if let (ActionRule::Paper | ActionRule::RandomEdge, Some(best)) = (config.rule, belief.best(None)) {
+        if let (ActionRule::Paper | ActionRule::RandomEdge, Some(best)) = (config.rule, belief.posterior().best(None)) {
             supposed[0] = best;
         }
         let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();
@@ -75,7 +75,7 @@ impl<'a> Judge<'a> {
         // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
         let tolerance = if likelihood.interpolation.is_cubic(bank.grid()) { 1.0 } else { likelihood.nearest_tolerance };
         let stood = |cell: &usize| {
-            let pose = belief.grid().pose(*cell) * first_from_sensor;
+            let pose = belief.posterior().grid().pose(*cell) * first_from_sensor;
             (pose, pose.theta_rad.sin_cos().into())
         };
         Self {

@@ -11,7 +11,7 @@ impl Belief {
     /// The pose of the first touch around a state, to below the grid's step: the mean of the belief there, however far it goes
     /// on from the state. `symmetry`: the part's.
     pub fn refine(&self, state: Hypothesis, symmetry: &Symmetry) -> Se2 {
-        let start = self.grid.pose(state.cell);
+        let start = self.posterior.grid().pose(state.cell);
         let refined = refine(&self.views, &self.touches, self.joint_weight(0.0, None), state.part, &start);
         if refined.is_wide {
             self.middle(state.part, &refined.part_from_first, symmetry)

@@ -36,10 +36,10 @@ impl Belief {
     /// into each other the nearest counts. Zeros where the part is ruled out.
     pub fn covariance(&self, part: usize, pose: &Se2, symmetry: &Symmetry, between_states: bool) -> Moments {
         let hill = between_states.then(|| self.hill(part, pose, symmetry));
-        let steps = steps_of(&self.grid);
+        let steps = steps_of(self.posterior.grid());
         let (mut of_hill, mut all, mut moments) = (0.0, 0.0, [[0.0; 3]; 3]);
-        for (state, mass) in self.states_of(part..part + 1, 0.0) {
-            let off = deviation(&self.grid.pose(state.cell), pose, symmetry);
+        for (state, mass) in self.posterior.states_of(part) {
+            let off = deviation(&self.posterior.grid().pose(state.cell), pose, symmetry);
             let share = hill.as_ref().map_or(0.0, |hill| hill.share_of_cell(off, steps));
             (of_hill, all) = (of_hill + share * mass, all + mass);
             add_square(&mut moments, off, (1.0 - share) * mass);
@@ -202,7 +202,7 @@ mod tests {
     fn how_far_a_ridge_goes_is_stated() {
         for (from, to) in [(0.0, 0.0), (-2.0, 2.0), (-2.0, 4.0), (-4.0, 4.0)] {
             let belief = touched(|x| if x >= from && x <= to { 9 } else { (x / 2.0 + 4.0) as usize });
-            let pose = belief.refine(belief.best(None).unwrap(), &Symmetry::NONE);
+            let pose = belief.refine(belief.posterior().best(None).unwrap(), &Symmetry::NONE);
             let found = belief.covariance(0, &pose, &Symmetry::NONE, true);
             let (mean, expected) = by_brute_force(&belief, &pose, &Symmetry::NONE);
             let sd = |moments: &Moments| [0, 1, 2].map(|axis| moments[axis][axis].sqrt());

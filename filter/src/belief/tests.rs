@@ -2,9 +2,10 @@
 
 use super::*;
 use crate::observation::Observation;
+use crate::particle::ParticleConfig;
 use proptest::prelude::*;
-use rand::SeedableRng;
-use tactile_data::se2::wrap_angle;
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
 use tactile_data::symmetry::Symmetry;
 use tactile_infer::rows::Rows;
 
@@ -60,18 +61,20 @@ fn two_places_that_feel_the_same_are_not_one() {
 
 /// The probability of each state, in order.
 fn masses_of(belief: &Belief) -> Vec<f64> {
-    let mut masses = vec![0.0; belief.n_states()];
-    belief.states().iter().for_each(|(state, mass)| masses[state.part * belief.grid().len() + state.cell] = *mass);
+    let mut masses = vec![0.0; belief.posterior().n_states()];
+    belief
+        .posterior()
+        .states()
+        .iter()
+        .for_each(|(state, mass)| masses[state.part * belief.posterior().grid().len() + state.cell] = *mass);
     masses
 }
 
 /// log p(touch | state) of a touch, judged again.
 fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
     let Evidence { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
-    let mut log_states = Vec::new();
-    let mut take = |log_part: &[f64]| log_states.extend_from_slice(log_part);
-    Evidence::new([&belief.views, &belief.grid], *first_from_sensor, *weight, likelihood.clone(), &mut take);
-    log_states
+    let evidence = Evidence::of(&belief.views, *first_from_sensor, *weight, likelihood.clone());
+    crate::blocks::log_states([&belief.views, belief.posterior().grid()], &evidence)
 }
 
 /// Touches that share no evidence, wherever they are, and no error.
@@ -214,8 +217,8 @@ proptest! {
             let all = run_all(&bank, &touches[..n_touches], &config);
             let (belief_masses, all_masses) = (masses_of(&belief), masses_of(&all));
             let apart = belief_masses.iter().zip(&all_masses).map(|(a, b)| (a - b).abs()).sum::<f64>() / 2.0;
-            prop_assert!(apart <= belief.left_out() + 1e-12 && belief.left_out() <= ALLOWED_ERROR, "{apart}");
-            prop_assert_eq!(all.left_out(), 0.0);
+            prop_assert!(apart <= belief.posterior().left_out() + 1e-12 && belief.posterior().left_out() <= ALLOWED_ERROR, "{apart}");
+            prop_assert_eq!(all.posterior().left_out(), 0.0);
         }
     }
 
@@ -225,9 +228,9 @@ proptest! {
         let bank = bank(&[&rows[..27], &rows[27..]]);
         let engine = if particles { EngineConfig::Particle(ParticleConfig::default()) } else { EngineConfig::Exact };
         let belief = run(&bank, engine, &touches(4, seed), &LikelihoodConfig::default());
-        prop_assert!((belief.class_posterior().iter().sum::<f64>() - 1.0).abs() < 1e-9);
-        prop_assert!((belief.states().iter().map(|(_, mass)| mass).sum::<f64>() - 1.0).abs() < 1e-9);
-        prop_assert!(belief.entropy_nats() >= 0.0 && belief.entropy_nats() <= 54.0_f64.ln() + 1e-9);
+        prop_assert!((belief.posterior().by_part().iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        prop_assert!((belief.posterior().states().iter().map(|(_, mass)| mass).sum::<f64>() - 1.0).abs() < 1e-9);
+        prop_assert!(belief.posterior().entropy_nats() >= 0.0 && belief.posterior().entropy_nats() <= 54.0_f64.ln() + 1e-9);
     }
 
     #[test]
@@ -236,7 +239,7 @@ proptest! {
         // Nothing blank: this bank's blank rows do not move with their parts.
         let config = LikelihoodConfig { blank_share: 0.0, ..LikelihoodConfig::default() };
         let posterior = |parts: &[&[Vec<f32>]]| {
-            run(&bank(parts), EngineConfig::Exact, &touches(4, seed), &config).class_posterior().to_vec()
+            run(&bank(parts), EngineConfig::Exact, &touches(4, seed), &config).posterior().by_part().to_vec()
         };
         let (there, back) = (posterior(&[&rows[..27], &rows[27..]]), posterior(&[&rows[27..], &rows[..27]]));
         prop_assert!((there[0] - back[1]).abs() < 1e-9 && (there[1] - back[0]).abs() < 1e-9);
@@ -269,11 +272,11 @@ fn many_particles_agree_with_the_exact_engine() {
     for n_moves in [0, 4] {
         let engine = ParticleConfig { n_particles: 20_000, n_moves, adaptive: false, ..ParticleConfig::default() };
         let particle = run(&bank, EngineConfig::Particle(engine), &touches, &config);
-        for (a, b) in particle.class_posterior().iter().zip(exact.class_posterior()) {
+        for (a, b) in particle.posterior().by_part().iter().zip(exact.posterior().by_part()) {
             // Standard error of a share of 2e4 draws: 0.0035; at an effective size of a tenth: 0.011; four of those.
             assert!((a - b).abs() < 0.045, "{a} {b} with {n_moves} moves");
         }
-        assert_eq!(particle.best(None), exact.best(None));
+        assert_eq!(particle.posterior().best(None), exact.posterior().best(None));
     }
 }
 
@@ -287,7 +290,7 @@ fn one_part_and_one_particle_and_half_a_turn_are_fine() {
     let engine = ParticleConfig { n_particles: 1, ..ParticleConfig::default() };
     for engine in [EngineConfig::Exact, EngineConfig::Particle(engine)] {
         let belief = run(&bank, engine, &touches, &LikelihoodConfig::default());
-        assert!((belief.class_posterior()[0] - 1.0).abs() < 1e-12);
+        assert!((belief.posterior().by_part()[0] - 1.0).abs() < 1e-12);
         // Half a turn leads out of a reach of 30 degrees: unknown, never no contact.
         let unknown = |touch: usize| belief.touches()[touch].likelihood.log_unknown;
         assert!(log_states(&belief, 1).iter().all(|log| *log == unknown(1)));
@@ -305,7 +308,7 @@ fn the_same_touch_twice_tells_nothing_new() {
     let twice = run_all(&bank, &touches, &LikelihoodConfig::default());
     assert!(masses_of(&once).iter().zip(masses_of(&twice).iter()).all(|(a, b)| (a - b).abs() < 1e-12));
     let counted_twice = run(&bank, EngineConfig::Exact, &touches, &independent());
-    assert!(counted_twice.entropy_nats() < once.entropy_nats() - 0.1);
+    assert!(counted_twice.posterior().entropy_nats() < once.posterior().entropy_nats() - 0.1);
 }
 
 #[test]
@@ -316,13 +319,13 @@ fn a_finer_grid_of_states_holds_the_coarser_one() {
     let (touches, likelihood) = (touches(1, 8), |touch| TouchLikelihood::new(touch, &bank, &config).unwrap());
     let belief = |n| Belief::new(&bank, EngineConfig::Exact, n, 3, likelihood(&touches[0].1));
     let (coarse, fine) = (belief(1), belief(2));
-    assert_eq!(fine.grid().len(), 5 * 5 * 5);
+    assert_eq!(fine.posterior().grid().len(), 5 * 5 * 5);
     let logs = [&coarse, &fine].map(|belief| log_states(belief, 0));
     for cell in 0..N_CELLS {
-        let same = fine.grid().nearest(&GRID.pose(cell)).unwrap();
+        let same = fine.posterior().grid().nearest(&GRID.pose(cell)).unwrap();
         assert!((logs[0][cell] - logs[1][same]).abs() < 1e-4);
     }
-    assert!((fine.class_posterior().iter().sum::<f64>() - 1.0).abs() < 1e-9);
+    assert!((fine.posterior().by_part().iter().sum::<f64>() - 1.0).abs() < 1e-9);
 }
 
 #[test]
@@ -335,18 +338,5 @@ fn a_touch_outside_the_recorded_area_changes_nothing() {
     let (before, after) = (run_all(&bank, &touches[..1], &config), run_all(&bank, &touches, &config));
     for (a, b) in masses_of(&before).iter().zip(masses_of(&after).iter()) {
         assert!((a - b).abs() < 1e-12);
-    }
-}
-
-#[test]
-fn neighbours_are_one_step_away_and_back() {
-    for cell in 0..N_CELLS {
-        for direction in 0..6 {
-            let Some(next) = neighbour(&GRID, cell, direction) else { continue };
-            let (a, b) = (GRID.pose(cell), GRID.pose(next));
-            let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
-            assert!((a.distance_mm(&b) / 4.0 + turned / 30.0 - 1.0).abs() < 1e-9);
-            assert_eq!(neighbour(&GRID, next, direction ^ 1), Some(cell));
-        }
     }
 }

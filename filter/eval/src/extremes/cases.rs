@@ -106,7 +106,7 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let exact = sample.belief(EngineConfig::Exact, seed, &config)?;
     let first = Sample { touches: sample.touches[..1].to_vec(), ..sample.clone() };
     let first = first.belief(EngineConfig::Exact, seed, &config)?;
-    let deviation = deviation_of_one(&masses(&first), &masses(&exact), exact.class_posterior());
+    let deviation = deviation_of_one(&masses(&first), &masses(&exact), exact.posterior().by_part());
     let mut cases = Vec::new();
     for decades in 0..=if quick { 4 } else { 6 } {
         let n_particles = 10_usize.pow(decades);
@@ -119,14 +119,14 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
         for run in 0..n_runs {
             let belief = sample.belief_with(&bank, engine, seed + run, &config)?;
             right += u64::from(names_truth(&belief));
-            let pairs = belief.class_posterior().iter().zip(exact.class_posterior());
+            let pairs = belief.posterior().by_part().iter().zip(exact.posterior().by_part());
             for (square, (got, expected)) in squares.iter_mut().zip(pairs) {
                 *square += (got - expected).powi(2) / n_runs as f64;
             }
         }
         let error = largest(squares.iter().map(|square| square.sqrt()));
         let by_many = 4.0 * deviation / (n_particles as f64).sqrt();
-        let by_few = error_of_few(first.class_posterior(), exact.class_posterior(), n_runs);
+        let by_few = error_of_few(first.posterior().by_part(), exact.posterior().by_part(), n_runs);
         // Of fewer than a thousand particles one may carry all the weight, and standard errors say nothing.
         let (bound, expected) = if n_particles >= 1000 {
             (by_many.min(by_few), "the exact engine's probability of each part, to four standard errors")
@@ -329,7 +329,7 @@ pub fn wrap(seed: u64) -> Result<Vec<Case>> {
         let case = Case::measured(Group::Wrap, "a turn of the sensor", expected, error, bound);
         cases.push(case.at(degrees).by(OF_COSINES).right_part(names_truth(&belief)));
         let truth = motions.iter().fold(Pose::from_degrees(0.0, 0.0, 180.0), |pose, moved| pose.then(&Pose::of(moved)));
-        let mean = modes(&belief, &|_| Symmetry::NONE)
+        let mean = modes(belief.posterior(), &belief.first_from_sensor(), &|_| Symmetry::NONE)
             .first()
             .map_or(f64::NAN, |mode| truth.turned_deg(&Pose::of(&mode.part_from_sensor)));
         // A linear mean of angles on both sides of half a turn would be off by some 180 degrees.
@@ -347,9 +347,9 @@ fn relative_error(belief: &Belief, expected: &[f64]) -> f64 {
 
 /// The probability of each state, `[n_states]`.
 fn masses(belief: &Belief) -> Vec<f64> {
-    let n_cells = belief.grid().len();
-    let mut masses = vec![0.0; belief.class_posterior().len() * n_cells];
-    for (hypothesis, mass) in belief.states() {
+    let n_cells = belief.posterior().grid().len();
+    let mut masses = vec![0.0; belief.posterior().by_part().len() * n_cells];
+    for (hypothesis, mass) in belief.posterior().states() {
         masses[hypothesis.part * n_cells + hypothesis.cell] = mass;
     }
     masses
@@ -357,7 +357,7 @@ fn masses(belief: &Belief) -> Vec<f64> {
 
 /// Whether the true part is the most probable, alone.
 fn names_truth(belief: &Belief) -> bool {
-    let posterior = belief.class_posterior();
+    let posterior = belief.posterior().by_part();
     let truth = posterior[Sample::TRUTH];
     posterior.iter().enumerate().all(|(part, probability)| part == Sample::TRUTH || *probability < truth)
 }

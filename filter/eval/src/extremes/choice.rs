@@ -132,10 +132,10 @@ impl<'a> Expectation<'a> {
         let (belief, recorded) = (episode.belief(), evidence.recorded);
         let sensor = Pose::of(&belief.first_from_sensor());
         let placed = |(state, mass): (tactile_filter::belief::Hypothesis, f64)| {
-            (Pose::of(&belief.grid().pose(state.cell)).then(&sensor), state.part, mass)
+            (Pose::of(&belief.posterior().grid().pose(state.cell)).then(&sensor), state.part, mass)
         };
         // A millionth of the belief in each is drawn once in ten.
-        let states = belief.states_from(1e-8).into_iter().map(placed).collect();
+        let states = belief.posterior().states_from(1e-8).into_iter().map(placed).collect();
         let edged: Vec<_> = evidence.touches.iter().filter(|touch| touch.is_edged).collect();
         let bests: Vec<f64> = edged.iter().filter_map(|touch| touch.logs.best).collect();
         let most_alike = |row: usize| edged.iter().map(|touch| touch.cosines[row]).fold(0.0, f64::max);

@@ -40,7 +40,8 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
             let first = Sample { touches: sample.touches[..n_touches].to_vec(), ..sample.clone() };
             let apart = total_variation(&belief, &first.reference(&config));
             let expected = "the total variation from all states is within what may be left out";
-            let case = Case::measured(Group::LeftOut, variant, expected, apart, belief.left_out() + ROUNDING);
+            let case =
+                Case::measured(Group::LeftOut, variant, expected, apart, belief.posterior().left_out() + ROUNDING);
             cases.push(case.at(n_touches as f64).by("what the belief says that it left out"));
         }
     }
@@ -61,8 +62,8 @@ fn contradicted(sample: &Sample, cells: &[usize]) -> Vec<(Se2, Observation)> {
 /// Half the sum of the differences between the belief and what it should be, given as logs.
 fn total_variation(belief: &Belief, expected: &[f64]) -> f64 {
     let mut apart: Vec<f64> = expected.iter().map(|log| log.exp()).collect();
-    for (state, mass) in belief.states() {
-        apart[state.part * belief.grid().len() + state.cell] -= mass;
+    for (state, mass) in belief.posterior().states() {
+        apart[state.part * belief.posterior().grid().len() + state.cell] -= mass;
     }
     apart.iter().map(|apart| apart.abs()).sum::<f64>() / 2.0
 }

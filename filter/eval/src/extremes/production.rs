@@ -109,7 +109,7 @@ fn twins(seed: u64) -> Scene {
 /// How far the probabilities of two equal parts are apart: what is left out may be of one of them.
 fn twins_apart(scene: &Scene) -> Result<Case> {
     let episode = scene.episode(&Arc::new(scene.bank()?), scene.config())?;
-    let (posterior, left_out) = (episode.belief().class_posterior(), episode.belief().left_out());
+    let (posterior, left_out) = (episode.belief().posterior().by_part(), episode.belief().posterior().left_out());
     let apart = (posterior[0] - posterior[1]).abs();
     let case = Case::measured(Group::Production, "two equal parts: apart", "as probable", apart, left_out + 1e-12);
     Ok(case.at(scene.touches.len() as f64).by("what is left out may be of one of them; sums of 1e-16 each"))
@@ -137,7 +137,7 @@ fn compared(variant: &str, scene: &Scene) -> Result<Vec<Case>> {
     let queries = scene.queries()?;
     let touches = scene.felt(&rows, &kept_queries(scene, queries.clone()));
     let evidence = Evidence::new(&recorded, &touches);
-    let posterior = evidence.posterior(episode.belief().grid());
+    let posterior = evidence.posterior(episode.belief().posterior().grid());
     let bounds = Bounds::of(&evidence, cosine_errors(scene, &queries));
     let mut cases = belief_cases(Group::Production, variant, &episode, &posterior, &bounds);
     cases.extend(pose_cases(variant, &episode, &evidence, &bounds));
@@ -153,17 +153,18 @@ pub fn belief_cases(
     bounds: &Bounds,
 ) -> Vec<Case> {
     let belief = episode.belief();
-    let (left_out, n_cells) = (belief.left_out(), belief.grid().len());
+    let (left_out, n_cells) = (belief.posterior().left_out(), belief.posterior().grid().len());
     let case = |quantity: &str, expected: &str, error: f64, bound: f64| {
         Case::measured(group, format!("{variant}: {quantity}"), expected, error, bound).by(SOURCE)
     };
-    let parts = belief.class_posterior().iter().zip(posterior.of_parts());
+    let parts = belief.posterior().by_part().iter().zip(posterior.of_parts());
     let of_parts = largest(parts.map(|(got, expected)| (got - expected).abs()));
     let mut apart: Vec<f64> = posterior.logs.iter().map(|log| log.exp()).collect();
-    belief.states().iter().for_each(|(state, mass)| apart[state.part * n_cells + state.cell] -= mass);
+    belief.posterior().states().iter().for_each(|(state, mass)| apart[state.part * n_cells + state.cell] -= mass);
     let of_states = apart.iter().map(|apart| apart.abs()).sum::<f64>() / 2.0;
     let best = posterior.logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let named = belief.best(None).map_or(f64::NAN, |state| posterior.logs[state.part * n_cells + state.cell]);
+    let named =
+        belief.posterior().best(None).map_or(f64::NAN, |state| posterior.logs[state.part * n_cells + state.cell]);
     let of_evidence = (belief.log_evidence() - posterior.log_evidence).abs();
     vec![
         case("parts", "each part's probability", of_parts, bounds.share(left_out)),
@@ -176,12 +177,12 @@ pub fn belief_cases(
 /// The pose of the likeliest part, its covariance and its fit, given the belief, which [`belief_cases`] compares.
 fn pose_cases(variant: &str, episode: &Episode, evidence: &Evidence, bounds: &Bounds) -> Vec<Case> {
     let (estimate, belief) = (episode.estimate(), episode.belief());
-    let (of_parts, states) = (belief.class_posterior(), belief.grid());
+    let (of_parts, states) = (belief.posterior().by_part(), belief.posterior().grid());
     let part = (0..of_parts.len()).fold(0, |best, part| if of_parts[part] > of_parts[best] { part } else { best });
-    let Some(best) = belief.best(Some(part)) else { return Vec::new() };
+    let Some(best) = belief.posterior().best(Some(part)) else { return Vec::new() };
     let hill = placed::hill(evidence, part, &states.pose(best.cell));
     let mut of_states = vec![0.0; states.len()];
-    let held = belief.states().into_iter().filter(|(state, _)| state.part == part);
+    let held = belief.posterior().states().into_iter().filter(|(state, _)| state.part == part);
     held.for_each(|(state, mass)| of_states[state.cell] = mass);
     let expected = placed::covariance(evidence, part, &estimate.part_from_first, states, &of_states);
     let case = |quantity: &str, expected: &str, error: f64, bound: f64| {
@@ -280,7 +281,7 @@ pub fn precisions(seed: u64) -> Result<Vec<Case>> {
             let recorded = scene.recorded(rows);
             let touches = scene.felt(rows, queries);
             let evidence = Evidence::new(&recorded, &touches);
-            let posterior = evidence.posterior(episode.belief().grid());
+            let posterior = evidence.posterior(episode.belief().posterior().grid());
             let bounds = Bounds::of(&evidence, errors);
             let variant = format!("{precision}, {kind}");
             cases.extend(belief_cases(Group::Precision, &variant, &episode, &posterior, &bounds));
@@ -322,7 +323,7 @@ mod tests {
             let mut config = scene.config();
             change(&mut config);
             let episode = scene.episode(&bank, config).unwrap();
-            let posterior = evidence.posterior(episode.belief().grid());
+            let posterior = evidence.posterior(episode.belief().posterior().grid());
             let cases = belief_cases(Group::Production, "", &episode, &posterior, &bounds);
             cases.into_iter().find(|case| case.variant.ends_with("states")).unwrap().holds
         };

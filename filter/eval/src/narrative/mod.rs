@@ -152,8 +152,8 @@ fn places(belief: &Belief, bank: &Bank) -> Vec<f64> {
     let grid = bank.grid();
     let n_places = grid.n_xy().pow(2);
     let mut places = vec![0.0; n_places * bank.parts().len()];
-    for (hypothesis, mass) in belief.states() {
-        if let Some(cell) = grid.nearest(&belief.grid().pose(hypothesis.cell)) {
+    for (hypothesis, mass) in belief.posterior().states() {
+        if let Some(cell) = grid.nearest(&belief.posterior().grid().pose(hypothesis.cell)) {
             places[hypothesis.part * n_places + cell / grid.n_theta()] += mass;
         }
     }

@@ -1,0 +1,196 @@
+//! The two ways to weigh states by touches.
+
+use serde::{Deserialize, Serialize};
+use tactile_data::grid::PoseGrid;
+
+use crate::blocks::{Blocks, log_states};
+use crate::evidence::Evidence;
+use crate::exact::Exact;
+use crate::hypothesis::{Hypothesis, Layout};
+use crate::particle::{Particle, ParticleConfig};
+use crate::posterior::{Best, Block, Posterior, Values, Weighed};
+use crate::resample::log_normalize;
+
+/// Which inference runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EngineConfig {
+    /// All states: exact on the grid, but for [`ALLOWED_ERROR`](crate::belief::ALLOWED_ERROR).
+    #[default]
+    Exact,
+    /// The paper's particle filter.
+    Particle(ParticleConfig),
+}
+
+/// What weighs states. Grids are the bank's and that of the states.
+#[derive(Clone, Debug)]
+pub(crate) enum Engine {
+    Exact(Exact),
+    Particles(Particles),
+}
+
+/// Particles, and log p(touch | state) of each touch, to score states that particles move to.
+#[derive(Clone, Debug)]
+pub(crate) struct Particles {
+    particle: Particle,
+    log_likelihoods: Vec<Vec<f64>>,
+}
+
+impl Engine {
+    /// All states, after one touch; with its log-evidence. `allowed`: as [`Exact::uniform`].
+    pub fn exact(grids: [&PoseGrid; 2], n_parts: usize, allowed: f64, first: &Evidence) -> (Self, f64) {
+        let layout = Layout::of(grids[1]);
+        let mut engine = Self::Exact(Exact::uniform(layout, n_parts * layout.n_angles, allowed));
+        let log_evidence = engine.weigh(grids, std::slice::from_ref(first), [1.0; 2]);
+        (engine, log_evidence)
+    }
+
+    /// Particles drawn after one touch; with its log-evidence.
+    pub fn particles(grids: [&PoseGrid; 2], config: ParticleConfig, seed: u64, first: &Evidence) -> (Self, f64) {
+        let log_states = log_states(grids, first);
+        let mut log_posterior = log_states.clone();
+        let log_sum = log_normalize(&mut log_posterior).unwrap_or(f64::NEG_INFINITY);
+        let log_evidence = log_sum - (log_states.len() as f64).ln();
+        let particle = Particle::draw(config, &log_posterior, seed);
+        (Self::Particles(Particles { particle, log_likelihoods: vec![log_states] }), log_evidence)
+    }
+
+    /// Bayes' rule (paper, Eq. 4) for the last of some touches; returns its log-evidence, up to the constant of
+    /// [`TouchLikelihood`](crate::likelihood::TouchLikelihood). `powers`: to which the likelihood of each touch was
+    /// taken before it, and to which that of each touch, itself too, is taken now.
+    pub fn weigh(&mut self, grids: [&PoseGrid; 2], touches: &[Evidence], powers: [f64; 2]) -> f64 {
+        match self {
+            Self::Exact(exact) => {
+                let mut blocks = Blocks::of(grids, touches);
+                let highest = blocks.highest();
+                exact.update(powers[1], &highest, &mut |block, touch, sums| blocks.add(block, touch, sums))
+            }
+            Self::Particles(particles) => {
+                let log_states = touches.last().map_or_else(Vec::new, |touch| log_states(grids, touch));
+                particles.weigh(grids[1], log_states, powers)
+            }
+        }
+    }
+
+    /// What is believed now of the states of some parts at the poses of a grid.
+    pub fn posterior(&self, states: &PoseGrid, n_parts: usize) -> Posterior {
+        match self {
+            Self::Exact(exact) => Posterior::new(*states, Layout::of(states), exact.weighed()),
+            Self::Particles(particles) => {
+                let layout = Layout { n_angles: 1, n_places: states.len() };
+                Posterior::new(*states, layout, particles.weighed(n_parts, states.len()))
+            }
+        }
+    }
+}
+
+impl Particles {
+    fn weigh(&mut self, states: &PoseGrid, log_states: Vec<f64>, [before, now]: [f64; 2]) -> f64 {
+        let Self { particle, log_likelihoods } = self;
+        let earlier = |state| if now == before { 0.0 } else { (now - before) * log_score(log_likelihoods, state) };
+        let log_evidence = particle.update(|state| now * log_states[state] + earlier(state));
+        log_likelihoods.push(log_states);
+        let n_cells = states.len();
+        particle.rejuvenate(
+            |state, direction| {
+                let cell = neighbour(states, state % n_cells, direction)?;
+                Some(state - state % n_cells + cell)
+            },
+            |state| now * log_score(log_likelihoods, state),
+            |state| now * log_score(log_likelihoods, state) - log_likelihoods[0][state],
+        );
+        log_evidence
+    }
+
+    /// The probability of each state by its particles; a block is a part.
+    fn weighed(&self, n_parts: usize, n_cells: usize) -> Weighed {
+        let mut probabilities = vec![0.0; n_parts * n_cells];
+        let mut blocks = vec![Block::default(); n_parts];
+        for (state, weight) in self.particle.weighted() {
+            probabilities[state] += weight;
+            blocks[state / n_cells].share += weight;
+        }
+        let mut best: Vec<Option<Best>> = vec![None; n_parts];
+        let held = probabilities.iter().copied().enumerate().filter(|(_, probability)| *probability > 0.0);
+        for (state, probability) in held {
+            let part = state / n_cells;
+            let block = &mut blocks[part];
+            block.top = block.top.max(probability);
+            block.entropy -= probability * probability.ln();
+            let score = log_score(&self.log_likelihoods, state);
+            if best[part].is_none_or(|best| score > best.score) {
+                best[part] = Some(Best { score, state: Hypothesis { part, cell: state % n_cells } });
+            }
+        }
+        Weighed { blocks, values: Values::Probabilities(probabilities), best, left_out: 0.0 }
+    }
+}
+
+fn log_score(log_likelihoods: &[Vec<f64>], state: usize) -> f64 {
+    log_likelihoods.iter().map(|log_states| log_states[state]).sum()
+}
+
+/// The cell one step along x (directions 0, 1), y (2, 3) or theta (4, 5), round the circle where the angles go round;
+/// `None` off the grid.
+fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
+    let (n_xy, axis) = (grid.n_xy(), direction / 2);
+    let (stride, length) = (grid.strides()[axis], [n_xy, n_xy, grid.n_theta()][axis]);
+    let index = cell / stride % length;
+    if axis == 2 && grid.goes_round() {
+        let step = if direction.is_multiple_of(2) { length - 1 } else { 1 };
+        return Some(cell - index + (index + step) % length);
+    }
+    if direction.is_multiple_of(2) {
+        (index > 0).then(|| cell - stride)
+    } else {
+        (index + 1 < length).then(|| cell + stride)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tactile_data::se2::wrap_angle;
+
+    /// 3 x 3 x 3 = 27 poses.
+    const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+
+    #[test]
+    fn neighbours_are_one_step_away_and_back() {
+        for cell in 0..GRID.len() {
+            for direction in 0..6 {
+                let Some(next) = neighbour(&GRID, cell, direction) else { continue };
+                let (a, b) = (GRID.pose(cell), GRID.pose(next));
+                let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
+                assert!((a.distance_mm(&b) / 4.0 + turned / 30.0 - 1.0).abs() < 1e-9);
+                assert_eq!(neighbour(&GRID, next, direction ^ 1), Some(cell));
+            }
+        }
+    }
+
+    #[test]
+    fn particles_say_of_states_what_their_weights_sum_to() {
+        let log_first: Vec<f64> = [1.0, 0.0, 3.0, 0.0, 2.0, 0.0].iter().map(|p: &f64| (p / 6.0).ln()).collect();
+        let config = ParticleConfig { n_particles: 600, ..ParticleConfig::paper() };
+        let particle = Particle::draw(config, &log_first, 4);
+        let mut counts = [0.0; 6];
+        particle.weighted().for_each(|(state, _)| counts[state] += 1.0 / 600.0);
+        let particles = Particles { particle, log_likelihoods: vec![vec![0.5, 9.0, 0.7, 9.0, 0.7, 9.0]] };
+        let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
+        let layout = Layout { n_angles: 1, n_places: 3 };
+        let posterior = Posterior::new(grid, layout, particles.weighed(2, 3));
+        let held: Vec<(Hypothesis, f64)> = [0, 2, 4]
+            .map(|state| (Hypothesis { part: state / 3, cell: state % 3 }, counts[state]))
+            .into_iter()
+            .collect();
+        for ((state, p), (expected, count)) in posterior.states().iter().zip(&held) {
+            assert!(state == expected && (p - count).abs() < 1e-12, "{state:?} {p} {count}");
+        }
+        let entropy: f64 = counts.iter().filter(|p| **p > 0.0).map(|p| -p * p.ln()).sum();
+        assert!((posterior.entropy_nats() - entropy).abs() < 1e-12);
+        assert!((posterior.by_part()[0] - counts[0] - counts[2]).abs() < 1e-12);
+        // By the score, not by the number of particles; the first of equals.
+        assert_eq!([posterior.best(None), posterior.best(Some(1))], [Some(held[1].0), Some(held[2].0)]);
+        assert_eq!(posterior.heaviest_states(0.2, 1).iter().map(|(state, _)| *state).collect::<Vec<_>>(), [held[1].0]);
+    }
+}
