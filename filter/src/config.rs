@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
 use tactile_infer::Model;
 
-use crate::action::ActionConfig;
 use crate::belief::EngineConfig;
+use crate::belief::particle::ParticleConfig;
+use crate::choice::ActionConfig;
 use crate::error::{Error, Result};
 use crate::likelihood::{LikelihoodConfig, calibration_of};
 use crate::limits;
-use crate::particle::ParticleConfig;
 
 /// How an episode infers, chooses and stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -6,16 +6,16 @@ use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
 
-use crate::action::{Action, Judgement, Situation, choose, judge};
 use crate::belief::Belief;
+use crate::belief::modes::modes;
+use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
+use crate::decision::Estimate;
+use crate::decision::{Asked, RunnerUp, StopReason, Verdict};
 use crate::error::{Error, Result};
-use crate::estimate::Estimate;
 use crate::likelihood::TouchLikelihood;
-use crate::modes::modes;
-use crate::observation::Observation;
 use crate::record::{EpisodeRecord, VERSION};
-use crate::verdict::{Asked, RunnerUp, StopReason, Verdict};
+use crate::touch::Observation;
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -159,19 +159,19 @@ impl Episode {
         if !reach.iter().any(Se2::is_finite) {
             return Err(Error::EmptyReach { n_motions: reach.len() });
         }
-        let chosen = choose(&self.situation(reach), self.choice_seed(), keep_going);
+        let chosen = choose(&self.choice_inputs(reach), self.choice_seed(), keep_going);
         Ok(chosen.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch))
     }
 
     /// Why [`Self::decide`] chooses as it does: each of `candidates` as the rule judges it now, the one chosen and what
     /// it is expected to tell; for reports. Asks neither whether to stop nor for the time. `None` where nothing
     /// is left to touch.
-    pub fn judged(&self, candidates: &[Se2]) -> Option<Judgement> {
-        judge(&self.situation(candidates), self.choice_seed())
+    pub fn explain(&self, candidates: &[Se2]) -> Option<Choice> {
+        explain(&self.choice_inputs(candidates), self.choice_seed())
     }
 
-    fn situation<'s>(&'s self, candidates: &'s [Se2]) -> Situation<'s> {
-        Situation {
+    fn choice_inputs<'s>(&'s self, candidates: &'s [Se2]) -> ChoiceInputs<'s> {
+        ChoiceInputs {
             config: &self.config.action,
             likelihood: &self.config.likelihood,
             belief: &self.belief,
@@ -252,13 +252,13 @@ pub(crate) fn is_plausible(moved: &Se2) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::action::{ActionConfig, ActionRule};
     use crate::belief::EngineConfig;
-    use crate::interpolation::Interpolation;
+    use crate::belief::particle::ParticleConfig;
+    use crate::checks::synthetic::World;
+    use crate::choice::{ActionConfig, ActionRule};
+    use crate::decision::Warning;
     use crate::likelihood::LikelihoodConfig;
-    use crate::particle::ParticleConfig;
-    use crate::synthetic::World;
-    use crate::verdict::Warning;
+    use crate::likelihood::interpolation::Interpolation;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
     use tactile_data::FrameFault;
@@ -273,7 +273,7 @@ mod tests {
     use tactile_infer::views::Views;
     use tactile_infer::{DeviceKind, Model};
 
-    use crate::sensor::Sensor;
+    use crate::touch::Sensor;
 
     /// 7 x 7 x 3 = 147 poses on 24 x 24 mm.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 12.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
@@ -392,15 +392,15 @@ mod tests {
                 Episode::begin(config, world.bank.clone(), &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
             let mut pose = Se2::IDENTITY;
             while let Decision::Touch(action) = episode.decide(&world.reach(&pose)).unwrap() {
-                let judgement = episode.judged(&world.reach(&pose)).unwrap();
-                assert_eq!(judgement.action, action, "{rule:?}");
-                assert_eq!(judgement.judged.is_empty(), rule == ActionRule::Random);
+                let choice = episode.explain(&world.reach(&pose)).unwrap();
+                assert_eq!(choice.action, action, "{rule:?}");
+                assert_eq!(choice.scored.is_empty(), rule == ActionRule::Random);
                 // Of those that all draws judged none is better; every other one was judged in the first pass.
-                let closely: Vec<_> = judgement.judged.iter().filter(|judged| judged.by_all_draws).collect();
-                assert!(closely.len() <= n_finalists.unwrap_or(GRID.len()) && judgement.judged.len() <= GRID.len());
+                let closely: Vec<_> = choice.scored.iter().filter(|judged| judged.by_all_draws).collect();
+                assert!(closely.len() <= n_finalists.unwrap_or(GRID.len()) && choice.scored.len() <= GRID.len());
                 let best = closely.iter().find(|judged| judged.sensor_from_next == action.sensor_from_next);
                 assert!(closely.iter().all(|judged| judged.score <= best.unwrap().score));
-                let nats = judgement.expected.map(|expected| expected.nats);
+                let nats = choice.expected.map(|expected| expected.nats);
                 let score = best.filter(|_| rule == ActionRule::Information).and_then(|best| best.score);
                 assert!(nats.zip(score).is_none_or(|(nats, score)| (nats - score).abs() < 1e-12));
                 assert_eq!(nats.is_some(), score.is_some());

@@ -30,55 +30,28 @@
 //! # }
 //! ```
 
-pub mod action;
 pub mod belief;
-mod bests;
-mod beyond;
-mod blocks;
 pub mod budget;
+#[cfg(test)]
+mod checks;
+pub mod choice;
 mod config;
-mod doubt;
-mod engine;
+mod decision;
 mod episode;
 mod error;
-mod estimate;
-pub mod evidence;
-mod exact;
-#[cfg(test)]
-mod fuzz;
-mod hypothesis;
-pub mod interpolation;
-#[cfg(test)]
-mod invariants;
-mod lattice;
 pub mod likelihood;
 mod limits;
-mod match_model;
-pub mod modes;
-mod nearest;
-mod observation;
-mod overlap;
-pub mod particle;
-pub mod posterior;
 mod record;
-mod refine;
-pub mod resample;
 #[cfg(feature = "runner")]
 pub mod runner;
-mod sensor;
 mod simd;
-mod softplus;
-#[cfg(test)]
-mod synthetic;
-mod verdict;
+mod touch;
 
-pub use action::Action;
+pub use choice::Action;
 pub use config::EpisodeConfig;
+pub use decision::{Estimate, RunnerUp, Standing, StopReason, Warning};
 pub use episode::{Decision, Episode};
 pub use error::{Error, Result};
-pub use estimate::Estimate;
-pub use observation::Observation;
 pub use record::{EpisodeRecord, VERSION};
-pub use sensor::Sensor;
 pub use tactile_data::FrameFault;
-pub use verdict::{RunnerUp, Standing, StopReason, Warning};
+pub use touch::{Observation, Sensor};

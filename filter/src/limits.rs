@@ -2,11 +2,11 @@
 
 use tactile_data::number::short;
 
-use crate::action::ActionConfig;
 use crate::belief::EngineConfig;
+use crate::belief::particle::ParticleConfig;
+use crate::choice::ActionConfig;
 use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
-use crate::particle::ParticleConfig;
 
 /// The most touches of an episode. Each keeps 5.4 bytes for each view of the bank: its cosine (4), what it shows (1)
 /// and the best of each line of places (0.4). In a bank of twelve large letters every 2 mm and 15 degrees, 68,796

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
 
 use crate::config::EpisodeConfig;
-use crate::observation::Observation;
+use crate::touch::Observation;
 
 /// The value of [`EpisodeRecord::version`] that this program writes and reads.
 pub const VERSION: u32 = 4;

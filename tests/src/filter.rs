@@ -9,7 +9,7 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::particle::ParticleConfig;
+use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Estimate, FrameFault, Sensor, StopReason};
 use tactile_infer::{Bank, Model};
 use tactile_tests::samples::Sample;

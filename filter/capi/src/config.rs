@@ -1,10 +1,10 @@
 //! The settings of an episode as a plain struct, all of them.
 
 use tactile_filter::EpisodeConfig;
-use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::interpolation::Interpolation;
-use tactile_filter::particle::ParticleConfig;
+use tactile_filter::belief::particle::ParticleConfig;
+use tactile_filter::choice::ActionRule;
+use tactile_filter::likelihood::interpolation::Interpolation;
 use tactile_infer::Views;
 
 use crate::model::tf_model;

@@ -1,11 +1,11 @@
 //! The settings of a program, read and checked.
 
 use tactile_filter::EpisodeConfig;
-use tactile_filter::action::{ActionConfig, ActionRule};
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::interpolation::Interpolation;
+use tactile_filter::belief::particle::ParticleConfig;
+use tactile_filter::choice::{ActionConfig, ActionRule};
 use tactile_filter::likelihood::LikelihoodConfig;
-use tactile_filter::particle::ParticleConfig;
+use tactile_filter::likelihood::interpolation::Interpolation;
 use tactile_infer::Views;
 
 use crate::config::{check_size, tf_engine, tf_episode_config, tf_interpolation, tf_rule, tf_views};

@@ -3,7 +3,7 @@
 use tactile_data::scene::Scene;
 use tactile_data::store::Dataset;
 use tactile_data::touch::{Side, Touch};
-use tactile_filter::interpolation::Interpolation;
+use tactile_filter::likelihood::interpolation::Interpolation;
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};

@@ -6,7 +6,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::simulator::frame_rng;
 use tactile_data::symmetry::Symmetry;
-use tactile_filter::action::Action;
+use tactile_filter::choice::Action;
 use tactile_filter::{Observation, Sensor};
 
 use crate::error::Result;

@@ -18,10 +18,10 @@ use crate::result::{Choice, Inference, Method, Poses, Row};
 use crate::statistics::quantile;
 use crate::summary::{Label, halves, rows};
 use tactile_filter::EpisodeConfig;
-use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
+use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::budget::{Halves, Pace, Point, Settings};
-use tactile_filter::particle::ParticleConfig;
+use tactile_filter::choice::ActionRule;
 
 /// Touches after which a point is taken.
 pub const TOUCHES: [usize; 6] = [1, 2, 3, 4, 6, 10];

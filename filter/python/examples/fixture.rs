@@ -17,7 +17,7 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::particle::ParticleConfig;
+use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;

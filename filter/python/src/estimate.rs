@@ -2,7 +2,7 @@
 
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use tactile_filter::modes::Mode;
+use tactile_filter::belief::modes::Mode;
 use tactile_filter::{Estimate, RunnerUp};
 
 use crate::array::{matrix, vector};

@@ -109,11 +109,11 @@ fn tree(config: &EpisodeConfig) -> Result<Value, serde_json::Error> {
 mod tests {
     use super::*;
     use serde_json::json;
-    use tactile_filter::action::{ActionConfig, ActionRule};
     use tactile_filter::belief::EngineConfig;
-    use tactile_filter::interpolation::Interpolation;
+    use tactile_filter::belief::particle::ParticleConfig;
+    use tactile_filter::choice::{ActionConfig, ActionRule};
     use tactile_filter::likelihood::LikelihoodConfig;
-    use tactile_filter::particle::ParticleConfig;
+    use tactile_filter::likelihood::interpolation::Interpolation;
 
     fn set(settings: &[(&str, Value)]) -> Result<EpisodeConfig, Refused> {
         with(&EpisodeConfig::default(), settings.iter().map(|(name, value)| ((*name).into(), value.clone())).collect())

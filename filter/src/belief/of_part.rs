@@ -3,9 +3,9 @@
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 
-use super::Belief;
-use crate::hypothesis::Hypothesis;
-use crate::refine::refine;
+use super::bayes::Belief;
+use crate::belief::hypothesis::Hypothesis;
+use crate::belief::refine::refine;
 
 impl Belief {
     /// The pose of the first touch around a state, to below the grid's step: the mean of the belief there, however far it goes
@@ -21,7 +21,7 @@ impl Belief {
     }
 
     /// How well a part at a pose explains what was felt: the mean over the edged touches of
-    /// [`standard_score`](crate::evidence::Evidence::standard_score), in standard deviations of such a mean, and of how many
+    /// [`standard_score`](crate::likelihood::evidence::Evidence::standard_score), in standard deviations of such a mean, and of how many
     /// touches it is; `None` where no edge was felt within the recorded area.
     pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<(f64, usize)> {
         let scores = self.touches.iter().filter_map(|touch| touch.standard_score(&self.views, part, part_from_first));

@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
 
-use super::Belief;
-use crate::refine::{N_DEVIATIONS, moved, steps_of};
+use super::bayes::Belief;
+use crate::belief::refine::{N_DEVIATIONS, moved, steps_of};
 
 /// Points of a box along each axis.
 const N_POINTS: usize = 8;
@@ -148,10 +148,10 @@ mod tests {
     use tactile_infer::rows::Rows;
 
     use super::*;
-    use crate::belief::EngineConfig;
-    use crate::interpolation::Interpolation;
+    use crate::belief::engine::EngineConfig;
+    use crate::likelihood::interpolation::Interpolation;
     use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
-    use crate::observation::Observation;
+    use crate::touch::Observation;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
 

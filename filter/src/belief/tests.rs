@@ -1,8 +1,8 @@
 //! The posterior against its definition, and what must hold of it.
 
 use super::*;
-use crate::observation::Observation;
-use crate::particle::ParticleConfig;
+use crate::belief::particle::ParticleConfig;
+use crate::touch::Observation;
 use proptest::prelude::*;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -74,7 +74,7 @@ fn masses_of(belief: &Belief) -> Vec<f64> {
 fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
     let Evidence { first_from_sensor, likelihood, weight, .. } = &belief.touches()[touch];
     let evidence = Evidence::of(&belief.views, *first_from_sensor, *weight, likelihood.clone());
-    crate::blocks::log_states([&belief.views, belief.posterior().grid()], &evidence)
+    crate::belief::blocks::log_states([&belief.views, belief.posterior().grid()], &evidence)
 }
 
 /// Touches that share no evidence, wherever they are, and no error.
@@ -209,7 +209,7 @@ proptest! {
         let rows = unit_rows(3 * N_CELLS, seed);
         let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
         let interpolation =
-            if cubic { crate::interpolation::Interpolation::Cubic } else { crate::interpolation::Interpolation::Nearest };
+            if cubic { crate::likelihood::interpolation::Interpolation::Cubic } else { crate::likelihood::interpolation::Interpolation::Nearest };
         let config = LikelihoodConfig { interpolation, ..LikelihoodConfig::default() };
         let touches = touches(10, seed);
         for n_touches in 1..=10 {
@@ -315,7 +315,8 @@ fn the_same_touch_twice_tells_nothing_new() {
 fn a_finer_grid_of_states_holds_the_coarser_one() {
     let rows = unit_rows(2 * N_CELLS, 8);
     let bank = bank(&[&rows[..27], &rows[27..]]);
-    let config = LikelihoodConfig { interpolation: crate::interpolation::Interpolation::Cubic, ..independent() };
+    let config =
+        LikelihoodConfig { interpolation: crate::likelihood::interpolation::Interpolation::Cubic, ..independent() };
     let (touches, likelihood) = (touches(1, 8), |touch| TouchLikelihood::new(touch, &bank, &config).unwrap());
     let belief = |n| Belief::new(&bank, EngineConfig::Exact, n, 3, likelihood(&touches[0].1));
     let (coarse, fine) = (belief(1), belief(2));

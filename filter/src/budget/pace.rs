@@ -11,8 +11,8 @@ use tactile_infer::Bank;
 use crate::config::EpisodeConfig;
 use crate::episode::{Decision, Episode};
 use crate::error::Result;
-use crate::observation::Observation;
-use crate::sensor::Sensor;
+use crate::touch::Observation;
+use crate::touch::Sensor;
 
 /// Touches of a made-up episode: later ones cost as much as these.
 const TOUCHES: usize = 5;

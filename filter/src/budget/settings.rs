@@ -6,11 +6,11 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::precision::Precision;
 
-use crate::action::ActionRule;
 use crate::belief::EngineConfig;
+use crate::belief::states_between;
+use crate::choice::ActionRule;
 use crate::config::EpisodeConfig;
 use crate::error::{Error, Result};
-use crate::hypothesis::states_between;
 
 /// A way to run an episode, with what it needs of a model and a bank.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -175,7 +175,7 @@ mod by_name {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::particle::ParticleConfig;
+    use crate::belief::particle::ParticleConfig;
     use tactile_infer::rows::Rows;
 
     pub(crate) fn settings() -> Settings {

@@ -8,8 +8,8 @@ use tactile_infer::calibration::{BLANK_SHARE, Calibration, Spread};
 use tactile_infer::views::Views;
 
 use crate::error::{Error, Result};
-use crate::interpolation::Interpolation;
-use crate::overlap::Overlap;
+use crate::likelihood::interpolation::Interpolation;
+use crate::likelihood::overlap::Overlap;
 
 /// How similarities become probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

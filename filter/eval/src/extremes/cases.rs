@@ -15,10 +15,10 @@ use super::reference::{Pose, Touch, log_posterior};
 use super::sample::Sample;
 use crate::error::Result;
 use tactile_filter::Observation;
+use tactile_filter::belief::modes::modes;
+use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::belief::{Belief, EngineConfig};
 use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
-use tactile_filter::modes::modes;
-use tactile_filter::particle::ParticleConfig;
 
 /// Parts of the paper's boards, and length of an embedding.
 const N_PARTS: usize = 12;

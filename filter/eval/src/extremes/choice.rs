@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
-use tactile_filter::action::ActionConfig;
+use tactile_filter::choice::ActionConfig;
 use tactile_filter::{Episode, EpisodeConfig};
 use tactile_infer::precision::Precision;
 
@@ -53,11 +53,11 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
         let targets = [(3.1, 0.4, 7.0), (-2.3, 4.2, -31.0), (0.6, -5.7, 52.0), (-6.8, -1.9, 84.0)];
         let away = scene.part_from_sensor.inverse();
         let candidates = targets.map(|(x, y, degrees)| away * Se2::from_degrees(x, y, degrees));
-        let judged = episode.judged(&candidates).map(|judgement| judgement.judged).unwrap_or_default();
+        let scored = episode.explain(&candidates).map(|choice| choice.scored).unwrap_or_default();
         for (number, candidate) in candidates.iter().enumerate() {
             let Expected { nats, bound } = expectation.of(candidate);
             let got =
-                judged.iter().find(|judged| judged.sensor_from_next == *candidate).and_then(|judged| judged.score);
+                scored.iter().find(|scored| scored.sensor_from_next == *candidate).and_then(|scored| scored.score);
             let variant = format!("{side}, {precision}: candidate {}", number + 1);
             let error = (got.unwrap_or(f64::NAN) - nats).abs();
             let case = Case::measured(Group::Choice, variant, "nats, the mean over all of the belief", error, bound);

@@ -306,7 +306,7 @@ pub fn largest(values: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
     use tactile_filter::EpisodeConfig;
-    use tactile_filter::interpolation::Interpolation;
+    use tactile_filter::likelihood::interpolation::Interpolation;
 
     /// The bounds are no wider than what they are to find: another likelihood, even by a twentieth of the temperature,
     /// is outside them.

@@ -10,9 +10,9 @@ use tactile_infer::Bank;
 
 use super::sample::Sample;
 use crate::error::Result;
+use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::belief::{Belief, EngineConfig};
 use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
-use tactile_filter::particle::ParticleConfig;
 
 /// So warm that the belief, and with it the particles, are on hundreds of states, as after a robot's first touch.
 const WARM: f64 = 0.12;

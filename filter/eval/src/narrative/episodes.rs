@@ -123,7 +123,7 @@ impl<'a> Recorder<'a> {
             fit: estimate.fit,
             fit_needed: config.fit_needed(estimate.n_fitted),
             belief: places(episode.belief(), bank),
-            next: episode.judged(&candidates).map(|judgement| NextTouch { rule, n_candidates, judgement }),
+            next: episode.explain(&candidates).map(|choice| NextTouch { rule, n_candidates, choice }),
         });
         Ok(())
     }

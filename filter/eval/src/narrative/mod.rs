@@ -11,8 +11,8 @@ pub mod viewer;
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_filter::action::{ActionRule, Judgement};
 use tactile_filter::belief::Belief;
+use tactile_filter::choice::{ActionRule, Choice};
 
 use tactile_infer::Bank;
 
@@ -92,7 +92,7 @@ pub struct NextTouch {
     /// Motions that the reach allowed.
     pub n_candidates: usize,
     /// What was chosen, and why.
-    pub judgement: Judgement,
+    pub choice: Choice,
 }
 
 impl Board {
@@ -125,9 +125,9 @@ impl Narrative {
         if self.touches.is_empty() {
             return Err(Error::invalid(&self.name, "at least one touch", "none"));
         }
-        let pairs = self.touches.iter().filter_map(|touch| touch.next.as_ref()?.judgement.expected?.pair);
-        let judged_parts = pairs.flat_map(|(pair, _)| pair);
-        let named = self.touches.iter().map(|touch| touch.guess).chain([self.truth]).chain(judged_parts);
+        let pairs = self.touches.iter().filter_map(|touch| touch.next.as_ref()?.choice.expected?.pair);
+        let pair_parts = pairs.flat_map(|(pair, _)| pair);
+        let named = self.touches.iter().map(|touch| touch.guess).chain([self.truth]).chain(pair_parts);
         if let Some(part) = named.into_iter().find(|part| *part >= n_parts) {
             return Err(Error::invalid(&self.name, format!("one of {n_parts} parts"), format!("part {part}")));
         }
@@ -163,7 +163,7 @@ fn places(belief: &Belief, bank: &Bank) -> Vec<f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use tactile_filter::action::{Action, Expected, Judged};
+    use tactile_filter::choice::{Action, Expected, Scored};
 
     pub(crate) fn board() -> Board {
         let square = vec![[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
@@ -172,12 +172,12 @@ pub(crate) mod tests {
     }
 
     fn next() -> NextTouch {
-        let judged = |x, score| Judged { sensor_from_next: Se2::from_degrees(x, 0.0, 0.0), score, by_all_draws: true };
-        let judged = vec![judged(4.0, Some(0.75)), judged(-4.0, None)];
-        let action = Action { sensor_from_next: judged[0].sensor_from_next };
+        let scored = |x, score| Scored { sensor_from_next: Se2::from_degrees(x, 0.0, 0.0), score, by_all_draws: true };
+        let scored = vec![scored(4.0, Some(0.75)), scored(-4.0, None)];
+        let action = Action { sensor_from_next: scored[0].sensor_from_next };
         let expected = Some(Expected { nats: 0.75, part_nats: 0.5, pair: Some(([1, 0], 0.5)) });
-        let judgement = Judgement { action, judged, expected };
-        NextTouch { rule: ActionRule::Information, n_candidates: 3, judgement }
+        let choice = Choice { action, scored, expected };
+        NextTouch { rule: ActionRule::Information, n_candidates: 3, choice }
     }
 
     pub(crate) fn episode() -> Narrative {

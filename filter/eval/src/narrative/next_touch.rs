@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use tactile_data::se2::Se2;
-use tactile_filter::action::{ActionRule, Expected, Judged};
+use tactile_filter::choice::{ActionRule, Expected, Scored};
 
 use super::drawing::{mm, outline, transform, view_box};
 use super::{Board, NarrativeTouch, NextTouch};
@@ -21,9 +21,9 @@ pub fn half_view_mm(touches: &[NarrativeTouch], board: &Board) -> f64 {
     let [width, height] = board.field_of_view_mm;
     let reach_mm = 0.5 * width.hypot(height);
     let touch_mm = |touch: &NarrativeTouch| {
-        let judged = touch.next.iter().flat_map(|next| &next.judgement.judged);
-        let led = judged.map(|judged| touch.guess_from_sensor * judged.sensor_from_next);
-        let chosen = touch.next.as_ref().map(|next| touch.guess_from_sensor * next.judgement.action.sensor_from_next);
+        let scored = touch.next.iter().flat_map(|next| &next.choice.scored);
+        let led = scored.map(|scored| touch.guess_from_sensor * scored.sensor_from_next);
+        let chosen = touch.next.as_ref().map(|next| touch.guess_from_sensor * next.choice.action.sensor_from_next);
         let chosen = chosen.into_iter().chain([touch.guess_from_sensor]);
         let prints_mm = chosen.flat_map(|pose| [pose.x_mm, pose.y_mm]).map(|mm| mm.abs() + reach_mm);
         let outline_mm = board.parts[touch.guess].outline_mm.iter().flatten().flatten().map(|mm| mm.abs());
@@ -49,8 +49,8 @@ impl Candidates<'_> {
     /// angle there is expected to inform; the chosen one ringed, with what the sensor would cover.
     pub fn svg(&self) -> Markup {
         let Self { touch, next, half_mm, board } = self;
-        let chosen = touch.guess_from_sensor * next.judgement.action.sensor_from_next;
-        let places = places(&touch.guess_from_sensor, &next.judgement.judged);
+        let chosen = touch.guess_from_sensor * next.choice.action.sensor_from_next;
+        let places = places(&touch.guess_from_sensor, &next.choice.scored);
         let most = places.iter().filter_map(|place| place.score).fold(f64::MIN_POSITIVE, f64::max);
         let radius_mm = 0.028 * 2.0 * half_mm;
         let unit = if next.rule == ActionRule::Information { " nats" } else { "" };
@@ -84,19 +84,19 @@ impl Candidates<'_> {
 }
 
 /// Where candidates lead, each place once, in the order of their first.
-fn places(guess_from_sensor: &Se2, judged: &[Judged]) -> Vec<Place> {
+fn places(guess_from_sensor: &Se2, scored: &[Scored]) -> Vec<Place> {
     /// Nearer than a robot can place its sensor, farther than rounding moves a pose, mm.
     const SAME_MM: f64 = 0.05;
     let mut places: Vec<Place> = Vec::new();
-    for judged in judged {
-        let Se2 { x_mm, y_mm, .. } = *guess_from_sensor * judged.sensor_from_next;
+    for scored in scored {
+        let Se2 { x_mm, y_mm, .. } = *guess_from_sensor * scored.sensor_from_next;
         let is_here = |place: &&mut Place| (place.at_mm[0] - x_mm).hypot(place.at_mm[1] - y_mm) < SAME_MM;
         match places.iter_mut().find(is_here) {
             Some(place) => {
                 place.n_angles += 1;
-                place.score = place.score.into_iter().chain(judged.score).reduce(f64::max);
+                place.score = place.score.into_iter().chain(scored.score).reduce(f64::max);
             }
-            None => places.push(Place { at_mm: [x_mm, y_mm], score: judged.score, n_angles: 1 }),
+            None => places.push(Place { at_mm: [x_mm, y_mm], score: scored.score, n_angles: 1 }),
         }
     }
     places
@@ -104,9 +104,9 @@ fn places(guess_from_sensor: &Se2, judged: &[Judged]) -> Vec<Place> {
 
 /// The choice in one line.
 pub fn words(next: &NextTouch, board: &Board) -> Markup {
-    let n = next.judgement.judged.len();
+    let n = next.choice.scored.len();
     html! {
-        @match (next.rule, &next.judgement.expected) {
+        @match (next.rule, &next.choice.expected) {
             (ActionRule::Random, _) => { "Next touch: by chance, one of " (next.n_candidates) " candidates." },
             (ActionRule::RandomEdge, _) => {
                 "Next touch: by chance among those of " (next.n_candidates) " candidates that should show an edge."
@@ -173,16 +173,16 @@ mod tests {
 
     #[test]
     fn angles_at_one_place_are_one_dot_with_the_best_of_them() {
-        let judged = |x, degrees, score| Judged {
+        let scored = |x, degrees, score| Scored {
             sensor_from_next: Se2::from_degrees(x, 0.0, degrees),
             score,
             by_all_draws: true,
         };
         let all = [
-            judged(4.0, 0.0, Some(0.25)),
-            judged(4.0, 30.0, None),
-            judged(4.0, 60.0, Some(0.5)),
-            judged(8.0, 0.0, None),
+            scored(4.0, 0.0, Some(0.25)),
+            scored(4.0, 30.0, None),
+            scored(4.0, 60.0, Some(0.5)),
+            scored(8.0, 0.0, None),
         ];
         // The sensor stands at (1, 2), turned by a quarter: its x is the part's y.
         let found = places(&Se2::from_degrees(1.0, 2.0, 90.0), &all);

@@ -223,9 +223,9 @@ fn every_point(tradeoff: &Tradeoff) -> Markup {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use tactile_filter::action::ActionRule;
     use tactile_filter::belief::EngineConfig;
     use tactile_filter::budget::{Half, Halves, SCHEMA};
+    use tactile_filter::choice::ActionRule;
     use tactile_infer::precision::Precision;
 
     /// The default settings of the filter.

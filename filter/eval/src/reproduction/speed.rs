@@ -1,9 +1,9 @@
 //! Speed against accuracy: the verdict, the planes, the default setting.
 
 use maud::{Markup, html};
-use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::budget::{Point, Settings, Tradeoff};
+use tactile_filter::choice::ActionRule;
 use tactile_infer::precision::Precision;
 
 use super::folder::Reproduction;

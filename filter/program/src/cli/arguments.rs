@@ -19,9 +19,9 @@ use tactile_eval::page::shell::check_page;
 use tactile_eval::result::Poses;
 use tactile_eval::{Error, Result};
 use tactile_filter::EpisodeConfig;
-use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::particle::ParticleConfig;
+use tactile_filter::belief::particle::ParticleConfig;
+use tactile_filter::choice::ActionRule;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{Bank, DeviceKind, Model};
 

@@ -15,7 +15,7 @@ use tactile_eval::holes::Holes;
 use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
 use tactile_filter::EpisodeConfig;
-use tactile_filter::action::ActionRule;
+use tactile_filter::choice::ActionRule;
 use tactile_infer::{Bank, Model};
 
 use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, command_line, positive, to_json, warn_of_poses};

@@ -4,8 +4,8 @@ use clap::Args;
 use tactile_data::touch::Side;
 use tactile_eval::{Error, Result};
 use tactile_filter::EpisodeConfig;
-use tactile_filter::action::ActionRule;
 use tactile_filter::belief::EngineConfig;
+use tactile_filter::choice::ActionRule;
 use tactile_infer::Model;
 
 use super::arguments::Engine;

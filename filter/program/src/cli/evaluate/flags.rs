@@ -1,7 +1,7 @@
 //! What the flags of `tactile-filter evaluate` leave open, and which of them do not go together.
 
 use tactile_eval::{Error, Result};
-use tactile_filter::action::ActionRule;
+use tactile_filter::choice::ActionRule;
 
 use super::super::arguments::Engine;
 use super::super::tuning::refuse_given;

@@ -10,16 +10,16 @@ use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::rows::Rows;
 
-use crate::action::{ActionConfig, ActionRule};
 use crate::belief::EngineConfig;
+use crate::belief::particle::ParticleConfig;
+use crate::choice::{ActionConfig, ActionRule};
 use crate::config::EpisodeConfig;
+use crate::decision::Estimate;
 use crate::episode::{Decision, Episode};
 use crate::error::Error;
-use crate::estimate::Estimate;
-use crate::interpolation::Interpolation;
 use crate::likelihood::LikelihoodConfig;
-use crate::observation::Observation;
-use crate::particle::ParticleConfig;
+use crate::likelihood::interpolation::Interpolation;
+use crate::touch::Observation;
 
 /// Any f64: half the time one near a robot's, else one at an end of the range or none at all.
 fn number() -> impl Strategy<Value = f64> {

@@ -11,7 +11,7 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use tactile_data::grid::PoseGrid;
 
-use crate::hypothesis::{Hypothesis, Layout};
+use crate::belief::hypothesis::{Hypothesis, Layout};
 use crate::simd;
 
 /// What is known of the states of a block together. All zero where the block holds none of the belief.

@@ -1,25 +1,25 @@
 //! What touches like those made would only say again.
 
-use super::ActionRule;
-use crate::doubt::doubt;
-use crate::evidence::Evidence;
+use super::config::ActionRule;
 use crate::likelihood::TouchLikelihood;
+use crate::likelihood::evidence::Evidence;
+use crate::likelihood::shared_error::mismatch;
 
 /// What a view that resembles a touch repeats of its error. A part or a sensor unlike those trained on is mistaken in
 /// the same way where it looks the same, so the worse the touches so far match, the less is new in views like theirs.
-pub(super) struct Repeated<'a> {
+pub(super) struct NewShare<'a> {
     /// The touches that showed an edge.
     touches: Vec<&'a TouchLikelihood>,
     /// What a view that looks just like one of them repeats, 0..=1.
     share: f64,
 }
 
-impl<'a> Repeated<'a> {
+impl<'a> NewShare<'a> {
     /// What repeats the touches made, as a rule asks for it: only expected information looks at that.
     pub fn of(rule: ActionRule, touches: &'a [Evidence]) -> Self {
         let edged = touches.iter().map(|touch| &touch.likelihood).filter(|likelihood| !likelihood.blank);
         let touches: Vec<&TouchLikelihood> = edged.collect();
-        let share = if rule == ActionRule::Information { doubt(touches.iter().copied()) } else { 0.0 };
+        let share = if rule == ActionRule::Information { mismatch(touches.iter().copied()) } else { 0.0 };
         Self { touches, share }
     }
 
@@ -37,10 +37,10 @@ impl<'a> Repeated<'a> {
 mod tests {
     use tactile_data::se2::Se2;
 
-    use super::super::tests::bank;
+    use super::super::choose::tests::bank;
     use super::*;
     use crate::likelihood::LikelihoodConfig;
-    use crate::observation::Observation;
+    use crate::touch::Observation;
 
     const X: [f32; 3] = [1.0, 0.0, 0.0];
     const Y: [f32; 3] = [0.0, 1.0, 0.0];
@@ -55,8 +55,8 @@ mod tests {
             Evidence::of(bank.grid(), Se2::IDENTITY, 1.0, likelihood)
         };
         let touches: Vec<Evidence> = queries.iter().map(touch).collect();
-        let repeated = Repeated::of(ActionRule::Information, &touches);
-        [0, 1, 2].map(|row| repeated.new_share(row))
+        let new_share = NewShare::of(ActionRule::Information, &touches);
+        [0, 1, 2].map(|row| new_share.new_share(row))
     }
 
     #[test]
@@ -69,11 +69,11 @@ mod tests {
         close(new_shares(&[X, Y]), [1.0; 3]);
         close(new_shares(&[UP]), [1.0; 3]);
         // Its best match has a cosine of 0.8, 0.12 of 0.22 below 0.92; the row at its side 0.6.
-        let doubt = 0.12 / 0.22;
-        close(new_shares(&[[0.8, 0.6, 0.0]]), [1.0 - doubt * 0.8, 1.0 - doubt * 0.6, 1.0]);
+        let mismatch = 0.12 / 0.22;
+        close(new_shares(&[[0.8, 0.6, 0.0]]), [1.0 - mismatch * 0.8, 1.0 - mismatch * 0.6, 1.0]);
         // 0.9 on average; each row by the touch most like it.
-        let doubt = 0.02 / 0.22;
-        close(new_shares(&[[0.8, 0.6, 0.0], Y, UP]), [1.0 - doubt * 0.8, 1.0 - doubt, 1.0]);
+        let mismatch = 0.02 / 0.22;
+        close(new_shares(&[[0.8, 0.6, 0.0], Y, UP]), [1.0 - mismatch * 0.8, 1.0 - mismatch, 1.0]);
         // Below 0.7 everything, and no row less than nothing.
         close(new_shares(&[[0.5, -0.7, -0.509_901_95]]), [1.0 - 0.5, 1.0, 1.0]);
     }

@@ -1,7 +1,7 @@
 //! How likely an edged touch is at a recorded view, by their cosine.
 
+use crate::likelihood::softplus::softplus;
 use crate::simd;
-use crate::softplus::softplus;
 
 /// `log((1 - eps) exp(d / tau) / M + eps)` for a cosine `d` above the one that it is measured from, mostly below it: a
 /// touch is of the view that matches, `M` being the mean of `exp(d / tau)` over all views, but for a share eps of all

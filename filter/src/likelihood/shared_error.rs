@@ -1,6 +1,7 @@
 //! How far the touches say that the network does not know what it is shown.
 
-use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+use crate::likelihood::config::LikelihoodConfig;
+use crate::likelihood::touch_likelihood::TouchLikelihood;
 
 /// Nothing is doubted where the best matches of the edged touches have this cosine on average, as those of a sensor that the
 /// network knows, and all where they have that. Neither has to be exact (`NOTES.md`).
@@ -12,12 +13,12 @@ const MORE_SHARED: f64 = 5.0;
 
 /// The share of their error that touches have in common, 0..=1.
 pub(crate) fn shared_error<'a>(config: &LikelihoodConfig, touches: impl Iterator<Item = &'a TouchLikelihood>) -> f64 {
-    (config.shared_error * (1.0 + MORE_SHARED * doubt(touches))).min(1.0)
+    (config.shared_error * (1.0 + MORE_SHARED * mismatch(touches))).min(1.0)
 }
 
 /// By the best matches of the touches that showed an edge, 0..=1; 0 where none did. The plain cosine of touches alone says it: a
 /// calibration under a rough sensor expects low ones and forgets it, and what a bank's own metric makes of it measures the bank.
-pub(crate) fn doubt<'a>(touches: impl Iterator<Item = &'a TouchLikelihood>) -> f64 {
+pub(crate) fn mismatch<'a>(touches: impl Iterator<Item = &'a TouchLikelihood>) -> f64 {
     let (sum, n_edged) = touches
         .filter(|touch| !touch.blank)
         .fold((0.0, 0_usize), |(sum, n), touch| (sum + f64::from(touch.best_cosine), n + 1));
@@ -33,27 +34,27 @@ mod tests {
     use tactile_infer::rows::Rows;
 
     use super::*;
-    use crate::observation::Observation;
+    use crate::touch::Observation;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 
     #[test]
-    fn the_same_touches_are_doubted_alike_in_any_metric() {
+    fn the_same_touches_match_as_badly_in_any_metric() {
         let metric = |matrix: [f32; 9]| {
             Metric::new(3, matrix.to_vec(), Measured { error_scale: 0.3, temperature: Some(0.02) }).unwrap()
         };
         let near = metric([1.0, 0.0, 0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 0.1]);
         let far = metric([0.3, 0.0, 0.0, 0.1, 3.0, 0.0, 0.0, -0.2, 1.0]);
         let query = Observation::new(vec![0.2, 0.9, 0.35], 0.2);
-        let doubts = [None, Some(near), Some(far)].map(|metric| {
+        let mismatches = [None, Some(near), Some(far)].map(|metric| {
             let rows = Rows::new(3, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].concat()).unwrap();
             let plain = Bank::from_rows(vec!["A".into()], GRID, rows, vec![0.2; 3], "").unwrap();
             let bank = metric.map_or(plain.clone(), |metric| plain.with_metric(metric).unwrap());
             let touch = TouchLikelihood::new(&query, &bank, &LikelihoodConfig::default()).unwrap();
-            doubt(std::iter::once(&touch))
+            mismatch(std::iter::once(&touch))
         });
         // It resembles the view along y, by the cosine of 0.9 over the length: a little.
         let by_hand = (0.92 - 0.9 / (0.04_f64 + 0.81 + 0.1225).sqrt()) / 0.22;
-        assert!(doubts.iter().all(|doubt| (doubt - by_hand).abs() < 1e-5), "{doubts:?}, by hand {by_hand}");
+        assert!(mismatches.iter().all(|found| (found - by_hand).abs() < 1e-5), "{mismatches:?}, by hand {by_hand}");
     }
 }

@@ -8,7 +8,7 @@ use tactile_data::touch::Side;
 use tactile_infer::Model;
 
 use crate::error::Result;
-use crate::observation::Observation;
+use crate::touch::Observation;
 
 /// Makes observations of frames.
 #[derive(Clone, Debug)]

@@ -7,13 +7,13 @@ use tactile_infer::Bank;
 use tactile_infer::rows::Rows;
 
 use crate::belief::Belief;
-use crate::exact::Exact;
-use crate::hypothesis::Layout;
+use crate::belief::Layout;
+use crate::belief::exact::Exact;
+use crate::belief::particle::{Particle, ParticleConfig};
+use crate::belief::posterior::Posterior;
+use crate::belief::resample::systematic;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
-use crate::observation::Observation;
-use crate::particle::{Particle, ParticleConfig};
-use crate::posterior::Posterior;
-use crate::resample::systematic;
+use crate::touch::Observation;
 
 const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
 

@@ -3,8 +3,8 @@
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 
-use crate::modes::Mode;
-use crate::verdict::{RunnerUp, Standing, StopReason, Warning, place_mm2};
+use crate::belief::modes::Mode;
+use crate::decision::verdict::{RunnerUp, Standing, StopReason, Warning, place_mm2};
 
 /// What is known after the touches so far.
 #[derive(Clone, Debug, PartialEq)]

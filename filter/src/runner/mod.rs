@@ -18,10 +18,10 @@ use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 
 use crate::config::EpisodeConfig;
+use crate::decision::Estimate;
 use crate::episode::{Decision, Episode, is_plausible};
 use crate::error::{Error, Result};
-use crate::estimate::Estimate;
-use crate::sensor::Sensor;
+use crate::touch::Sensor;
 use worker::{Refused, Worker};
 
 /// The largest capacity of a runner: at ten touches a second, more than a minute and a half of work.

@@ -3,7 +3,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_infer::Bank;
 
-use crate::likelihood::LikelihoodConfig;
+use crate::likelihood::config::LikelihoodConfig;
 
 /// Around a small part nearly all views are blank and on a large one few, whatever is recorded of them. Were it the
 /// recorded views' own share where they are edged, a blank touch would speak for a wrong state that sees it at one of the

@@ -7,7 +7,7 @@ use tactile_data::grid::PoseGrid;
 pub struct Hypothesis {
     /// Index of the part in the bank.
     pub part: usize,
-    /// Cell of [`Belief::grid`](crate::posterior::Posterior::grid) that holds `part_from_first_sensor`.
+    /// Cell of [`Belief::grid`](crate::belief::posterior::Posterior::grid) that holds `part_from_first_sensor`.
     pub cell: usize,
 }
 

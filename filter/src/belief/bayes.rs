@@ -4,21 +4,16 @@
 //! controller reports, `part_from_sensor = part_from_first * first_from_sensor` (paper, Sec. IV-D). The
 //! likelihood of each touch is kept, so that any state can be scored again over all touches.
 
-mod of_part;
-mod spread;
-
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 
-use crate::doubt::shared_error;
-use crate::engine::Engine;
-pub use crate::engine::EngineConfig;
-use crate::evidence::Evidence;
-pub use crate::hypothesis::Hypothesis;
-use crate::hypothesis::states_between;
+use crate::belief::engine::{Engine, EngineConfig, Start};
+use crate::belief::hypothesis::states_between;
+use crate::belief::posterior::Posterior;
+use crate::likelihood::evidence::Evidence;
+use crate::likelihood::shared_error::shared_error;
 use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
-use crate::posterior::Posterior;
 
 /// The share of the belief that the exact engine may leave out after each touch, in states that cannot hold more of it
 /// together: the total variation from the posterior over all states is at most this, however many touches were made.
@@ -29,10 +24,10 @@ pub const ALLOWED_ERROR: f64 = 5e-4;
 #[derive(Clone, Debug)]
 pub struct Belief {
     /// The bank's grid.
-    views: PoseGrid,
-    touches: Vec<Evidence>,
+    pub(super) views: PoseGrid,
+    pub(super) touches: Vec<Evidence>,
     engine: Engine,
-    posterior: Posterior,
+    pub(super) posterior: Posterior,
     log_evidence: f64,
 }
 
@@ -43,38 +38,28 @@ impl Belief {
     /// the states of its views. More than 1 only where views are interpolated between the bank's poses: a state may
     /// then lie between them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
-        let EngineConfig::Particle(config) = engine else {
-            return Self::within(ALLOWED_ERROR, bank, subdivisions, first);
+        let start = match engine {
+            EngineConfig::Exact => Start::Exact { allowed: ALLOWED_ERROR },
+            EngineConfig::Particle(config) => Start::Particles { config, seed },
         };
-        Self::begun(bank, subdivisions, first, &|grids, first| Engine::particles(grids, config, seed, first))
+        Self::begin(bank, subdivisions, start, first)
     }
 
     /// Like [`Self::new`] with the exact engine, which here leaves no state out: slower, and for comparison.
     pub fn of_all_states(bank: &Bank, subdivisions: usize, first: TouchLikelihood) -> Self {
-        Self::within(0.0, bank, subdivisions, first)
+        Self::begin(bank, subdivisions, Start::Exact { allowed: 0.0 }, first)
     }
 
-    fn within(allowed: f64, bank: &Bank, subdivisions: usize, first: TouchLikelihood) -> Self {
-        let n_parts = bank.parts().len();
-        Self::begun(bank, subdivisions, first, &|grids, first| Engine::exact(grids, n_parts, allowed, first))
-    }
-
-    /// `engine` begins an engine with the bank's grid, that of the states and the first touch.
-    fn begun(
-        bank: &Bank,
-        subdivisions: usize,
-        first: TouchLikelihood,
-        engine: &dyn Fn([&PoseGrid; 2], &Evidence) -> (Engine, f64),
-    ) -> Self {
-        let (views, states) = (*bank.grid(), states_between(bank.grid(), subdivisions));
+    fn begin(bank: &Bank, subdivisions: usize, start: Start, first: TouchLikelihood) -> Self {
+        let (views, states, n_parts) = (*bank.grid(), states_between(bank.grid(), subdivisions), bank.parts().len());
         let first = Evidence::of(&views, Se2::IDENTITY, 1.0, first);
-        let (engine, log_evidence) = engine([&views, &states], &first);
-        let posterior = engine.posterior(&states, bank.parts().len());
+        let (engine, log_evidence) = Engine::begin([&views, &states], n_parts, start, &first);
+        let posterior = engine.posterior(&states, n_parts);
         Self { views, touches: vec![first], engine, posterior, log_evidence }
     }
 
     /// The settings that the first touch was judged with.
-    fn config(&self) -> &LikelihoodConfig {
+    pub(super) fn config(&self) -> &LikelihoodConfig {
         self.touches[0].likelihood.config()
     }
 
@@ -147,4 +132,5 @@ impl Belief {
 }
 
 #[cfg(test)]
+#[path = "tests.rs"]
 mod tests;

@@ -2,7 +2,7 @@
 
 use tactile_data::grid::PoseGrid;
 
-use crate::evidence::{AngleViews, Evidence};
+use crate::likelihood::evidence::{AngleViews, Evidence};
 
 /// Judges the touches of an episode block by block; what blocks share is found once.
 pub(crate) struct Blocks<'a> {
@@ -70,4 +70,51 @@ pub(crate) fn log_states(grids: [&PoseGrid; 2], touch: &Evidence) -> Vec<f64> {
         }
     }
     log_states
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand::rngs::ChaCha8Rng;
+    use tactile_data::se2::Se2;
+
+    use super::*;
+    use crate::checks::synthetic::World;
+    use crate::likelihood::interpolation::Interpolation;
+    use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+
+    /// All states of a part at once, as pose by pose.
+    #[test]
+    fn a_lattice_of_poses_is_the_states_there() {
+        let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
+        let world = World::new(2, grid, 0.1, 0.02, 4);
+        let states = grid.subdivided(2, 2);
+        let observation = world.touch(1, &Se2::from_degrees(1.2, -0.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
+        // Looks of all states are in f32, and where there are outliers, to 0.002 nats.
+        for (interpolation, outlier_share, most) in [
+            (Interpolation::Nearest, 0.02, 1e-4),
+            (Interpolation::Cubic, 0.0, 1e-4),
+            (Interpolation::Cubic, 0.02, 2.1e-3),
+        ] {
+            let config = LikelihoodConfig { interpolation, outlier_share, ..LikelihoodConfig::default() };
+            let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
+            let moved = Se2::from_degrees(1.7, -0.9, 21.0);
+            let evidence = Evidence::of(&grid, moved, 0.7, likelihood);
+            let judged = log_states([&grid, &states], &evidence);
+            let at = |cells: usize, stride: usize, value: &dyn Fn(Se2) -> f64| -> Vec<f64> {
+                (0..cells).map(|index| value(states.pose(index * stride))).collect()
+            };
+            let (n, n_theta) = (states.n_xy(), states.n_theta());
+            let xs = at(n, n * n_theta, &|pose| pose.x_mm);
+            let ys = at(n, n_theta, &|pose| pose.y_mm);
+            let thetas = at(n_theta, 1, &|pose| pose.theta_rad);
+            for (part, judged) in judged.chunks_exact(states.len()).enumerate() {
+                let mut sums = vec![10.0; states.len()];
+                evidence.add_logs(&grid, part, [&xs, &ys, &thetas], &mut sums);
+                for (sum, log) in sums.iter().zip(judged) {
+                    assert!((sum - 10.0 - log).abs() < most, "{interpolation:?}: {sum} {log}");
+                }
+            }
+        }
+    }
 }

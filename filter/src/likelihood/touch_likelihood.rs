@@ -11,8 +11,6 @@
 //! an average recorded one and the others as one of `unknown_similarity`: without these, a touch whose own view was not
 //! recorded would speak for the best of the recorded ones, even a poor one; without those, for a good one of the wrong part.
 
-mod config;
-
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -24,18 +22,16 @@ use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::dot;
 use tactile_infer::views::Views;
 
-pub use config::LikelihoodConfig;
-pub(crate) use config::calibration_of;
-
-use crate::bests::{Bests, PartBests};
-use crate::beyond;
 use crate::error::{Error, Result};
-use crate::interpolation::ViewWeights;
-use crate::lattice::LatticeWeights;
-use crate::match_model::MatchModel;
-use crate::nearest::Nearest;
-use crate::observation::Observation;
+use crate::likelihood::config::LikelihoodConfig;
+use crate::likelihood::cosine_bounds::{CosineBounds, PartBounds};
+use crate::likelihood::interpolation::ViewWeights;
+use crate::likelihood::lattice::LatticeWeights;
+use crate::likelihood::match_model::MatchModel;
+use crate::likelihood::nearest::Nearest;
+use crate::likelihood::unrecorded;
 use crate::simd;
+use crate::touch::Observation;
 
 /// Parts unlike those that were calibrated on match with so much more variance, a standard deviation of the cosine: 0.050 on
 /// outlines drawn at random instead of 0.034 on the tuning letters. Where a bank knows how well each of its parts matches,
@@ -89,7 +85,7 @@ pub struct TouchLikelihood {
     /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
     pub similarities: Vec<f32>,
     /// The largest of them with each part's views at each angle.
-    bests: Bests,
+    bests: CosineBounds,
     /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view
     /// (`NOTES.md`, "Between recorded poses").
     pub log_unknown: f64,
@@ -143,12 +139,13 @@ impl TouchLikelihood {
         let unknown_above_best = unknown_similarity.map(|unknown| f64::from(unknown - reference));
         above_best.extend(unknown_above_best);
         let model = MatchModel::new(config.temperature, config.outlier_share, above_best);
-        let unknown_is_blank = beyond::blank_share(bank, config);
-        let edged_unknown = unknown_above_best.map_or(1.0, |above_best| beyond::likely(model.log(above_best).exp()));
+        let unknown_is_blank = unrecorded::blank_share(bank, config);
+        let edged_unknown =
+            unknown_above_best.map_or(1.0, |above_best| unrecorded::likely(model.log(above_best).exp()));
         let log_unknown =
             if blank { unknown_is_blank.ln() } else { (1.0 - unknown_is_blank).ln() + edged_unknown.ln() };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());
-        let bests = Bests::of(&similarities, bank.grid());
+        let bests = CosineBounds::of(&similarities, bank.grid());
         let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
         Ok(Self {
             similarities,
@@ -239,7 +236,7 @@ impl TouchLikelihood {
     /// The log-likelihood of an edged touch at the states of a lattice, as [`Self::log_between`] would find each near a row
     /// that shows an edge, but for two: what is far above the recorded views around counts less
     /// ([`LatticeWeights::most_on_lines`]), and where that leaves less than [`OUTLIER_NATS`], the touch is an outlier.
-    /// `planes` are the cosines with the part's views, [`in_planes`](crate::lattice::in_planes).
+    /// `planes` are the cosines with the part's views, [`in_planes`](crate::likelihood::lattice::in_planes).
     pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> OnLattice {
         let bests = self.bests(part);
         // Without outliers the window is all there is.
@@ -271,7 +268,7 @@ impl TouchLikelihood {
     }
 
     /// The largest cosines with a part's recorded views.
-    pub(crate) fn bests(&self, part: usize) -> PartBests<'_> {
+    pub(crate) fn bests(&self, part: usize) -> PartBounds<'_> {
         self.bests.of_part(part)
     }
 

@@ -3,13 +3,13 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 
-use crate::blocks::{Blocks, log_states};
-use crate::evidence::Evidence;
-use crate::exact::Exact;
-use crate::hypothesis::{Hypothesis, Layout};
-use crate::particle::{Particle, ParticleConfig};
-use crate::posterior::{Best, Block, Posterior, Values, Weighed};
-use crate::resample::log_normalize;
+use crate::belief::blocks::{Blocks, log_states};
+use crate::belief::exact::Exact;
+use crate::belief::hypothesis::{Hypothesis, Layout};
+use crate::belief::particle::{Particle, ParticleConfig};
+use crate::belief::posterior::{Best, Block, Posterior, Values, Weighed};
+use crate::belief::resample::log_normalize;
+use crate::likelihood::evidence::Evidence;
 
 /// Which inference runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -20,6 +20,15 @@ pub enum EngineConfig {
     Exact,
     /// The paper's particle filter.
     Particle(ParticleConfig),
+}
+
+/// How an engine begins.
+#[derive(Clone, Copy)]
+pub(crate) enum Start {
+    /// All states; `allowed` as in [`Exact::uniform`].
+    Exact { allowed: f64 },
+    /// Particles drawn after the first touch.
+    Particles { config: ParticleConfig, seed: u64 },
 }
 
 /// What weighs states. Grids are the bank's and that of the states.
@@ -37,16 +46,20 @@ pub(crate) struct Particles {
 }
 
 impl Engine {
-    /// All states, after one touch; with its log-evidence. `allowed`: as [`Exact::uniform`].
-    pub fn exact(grids: [&PoseGrid; 2], n_parts: usize, allowed: f64, first: &Evidence) -> (Self, f64) {
-        let layout = Layout::of(grids[1]);
-        let mut engine = Self::Exact(Exact::uniform(layout, n_parts * layout.n_angles, allowed));
-        let log_evidence = engine.weigh(grids, std::slice::from_ref(first), [1.0; 2]);
-        (engine, log_evidence)
+    /// An engine after one touch of some parts; with its log-evidence.
+    pub fn begin(grids: [&PoseGrid; 2], n_parts: usize, start: Start, first: &Evidence) -> (Self, f64) {
+        match start {
+            Start::Exact { allowed } => {
+                let layout = Layout::of(grids[1]);
+                let mut engine = Self::Exact(Exact::uniform(layout, n_parts * layout.n_angles, allowed));
+                let log_evidence = engine.weigh(grids, std::slice::from_ref(first), [1.0; 2]);
+                (engine, log_evidence)
+            }
+            Start::Particles { config, seed } => Self::draw(grids, config, seed, first),
+        }
     }
 
-    /// Particles drawn after one touch; with its log-evidence.
-    pub fn particles(grids: [&PoseGrid; 2], config: ParticleConfig, seed: u64, first: &Evidence) -> (Self, f64) {
+    fn draw(grids: [&PoseGrid; 2], config: ParticleConfig, seed: u64, first: &Evidence) -> (Self, f64) {
         let log_states = log_states(grids, first);
         let mut log_posterior = log_states.clone();
         let log_sum = log_normalize(&mut log_posterior).unwrap_or(f64::NEG_INFINITY);

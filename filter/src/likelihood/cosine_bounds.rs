@@ -4,7 +4,7 @@ use tactile_data::grid::PoseGrid;
 
 /// For every part of a bank.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Bests {
+pub(crate) struct CosineBounds {
     n_angles: usize,
     /// Cosines of a part.
     n_of_part: usize,
@@ -12,7 +12,7 @@ pub(crate) struct Bests {
     cosines: Vec<f32>,
 }
 
-impl Bests {
+impl CosineBounds {
     /// By the cosines with all views, `[n_parts, n_xy, n_xy, n_theta]`.
     pub fn of(similarities: &[f32], grid: &PoseGrid) -> Self {
         let (n_xy, n_angles) = (grid.n_xy(), grid.n_theta());
@@ -33,9 +33,9 @@ impl Bests {
     }
 
     /// The bests of one part.
-    pub fn of_part(&self, part: usize) -> PartBests<'_> {
+    pub fn of_part(&self, part: usize) -> PartBounds<'_> {
         let (of_angles, lines) = self.cosines[part * self.n_of_part..][..self.n_of_part].split_at(self.n_angles);
-        PartBests { of_angles, lines }
+        PartBounds { of_angles, lines }
     }
 }
 
@@ -46,13 +46,13 @@ fn raise(bests: &mut [f32], values: &[f32]) {
 
 /// For one part.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct PartBests<'a> {
+pub(crate) struct PartBounds<'a> {
     /// The largest cosine with its views at each angle, `[n_theta]`.
     pub of_angles: &'a [f32],
     lines: &'a [f32],
 }
 
-impl PartBests<'_> {
+impl PartBounds<'_> {
     /// The largest cosine with the views at each x, or at each y, `[n_xy, n_theta]`.
     pub fn lines(&self) -> [&[f32]; 2] {
         let (xs, ys) = self.lines.split_at(self.lines.len() / 2);
@@ -69,7 +69,7 @@ mod tests {
         let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
         let value = |part: usize, cell: usize| ((cell * 37 + part * 11) % 101) as f32 / 101.0;
         let cosines: Vec<f32> = (0..2).flat_map(|part| (0..grid.len()).map(move |cell| value(part, cell))).collect();
-        let bests = Bests::of(&cosines, &grid);
+        let bests = CosineBounds::of(&cosines, &grid);
         for part in 0..2 {
             let found = bests.of_part(part);
             for angle in 0..5 {

@@ -7,9 +7,9 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::hypothesis::Layout;
-use crate::posterior::{Best, Block, Values, Weighed};
-use crate::resample::log_sum_exp;
+use crate::belief::hypothesis::Layout;
+use crate::belief::posterior::{Best, Block, Values, Weighed};
+use crate::belief::resample::log_sum_exp;
 use crate::simd;
 
 /// Some states that are judged together, and how far they are.
@@ -185,7 +185,7 @@ fn log_add(a: f64, b: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::posterior::Posterior;
+    use crate::belief::posterior::Posterior;
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;

@@ -4,7 +4,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-use crate::resample::{effective_sample_size, log_normalize, systematic};
+use crate::belief::resample::{effective_sample_size, log_normalize, systematic};
 
 /// How the particle filter works.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

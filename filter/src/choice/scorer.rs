@@ -6,12 +6,13 @@ use tactile_data::grid::NearestCell;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 
-use super::repeated::Repeated;
-use super::{ActionRule, Expected, Situation};
+use super::choose::{ChoiceInputs, Expected};
+use super::config::ActionRule;
+use super::new_share::NewShare;
 use crate::belief::Hypothesis;
-use crate::beyond;
 use crate::likelihood::LikelihoodConfig;
-use crate::nearest::{Nearest, trusted};
+use crate::likelihood::unrecorded;
+use crate::likelihood::{Nearest, trusted};
 use crate::simd;
 
 /// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
@@ -23,27 +24,27 @@ struct Draw {
 }
 
 /// Judges candidates against states drawn from the belief.
-pub(super) struct Judge<'a> {
-    situation: &'a Situation<'a>,
+pub(super) struct Scorer<'a> {
+    inputs: &'a ChoiceInputs<'a>,
     pairing: Pairing<'a>,
     /// Where the sensor would be by each distinct pose of the draws, with the sine and cosine of its angle.
     part_from_sensor: Vec<(Se2, [f64; 2])>,
     draws: Vec<Draw>,
     supposed: Vec<Draw>,
-    repeated: Repeated<'a>,
+    new_share: NewShare<'a>,
     cells: NearestCell,
     tolerance: f64,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> Scorer<'a> {
     /// A judge by `n_draws` states drawn from the belief, `n_suppositions` of which are supposed true in turn.
     pub(super) fn new(
-        situation: &'a Situation<'a>,
+        inputs: &'a ChoiceInputs<'a>,
         n_draws: usize,
         n_suppositions: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let Situation { config, belief, .. } = *situation;
+        let ChoiceInputs { config, belief, .. } = *inputs;
         let drawn = belief.posterior().draw(n_draws, rng);
         let mut supposed: Vec<Hypothesis> =
             (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
@@ -51,18 +52,18 @@ impl<'a> Judge<'a> {
             supposed[0] = best;
         }
         let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();
-        let pairing = Pairing::new(situation, rng);
+        let pairing = Pairing::new(inputs, rng);
         let supposed = supposed.into_iter().map(|hypothesis| (hypothesis, 1.0)).collect();
-        Self::of(situation, pairing, draws, supposed)
+        Self::of(inputs, pairing, draws, supposed)
     }
 
     fn of(
-        situation: &'a Situation<'a>,
+        inputs: &'a ChoiceInputs<'a>,
         pairing: Pairing<'a>,
         draws: Vec<(Hypothesis, f64)>,
         supposed: Vec<(Hypothesis, f64)>,
     ) -> Self {
-        let Situation { likelihood, belief, bank, .. } = *situation;
+        let ChoiceInputs { likelihood, belief, bank, .. } = *inputs;
         let mut cells: Vec<usize> = draws.iter().chain(&supposed).map(|(hypothesis, _)| hypothesis.cell).collect();
         cells.sort_unstable();
         cells.dedup();
@@ -79,11 +80,11 @@ impl<'a> Judge<'a> {
             (pose, pose.theta_rad.sin_cos().into())
         };
         Self {
-            situation,
+            inputs,
             pairing,
             draws: placed(draws),
             supposed: placed(supposed),
-            repeated: Repeated::of(situation.config.rule, belief.touches()),
+            new_share: NewShare::of(inputs.config.rule, belief.touches()),
             part_from_sensor: cells.iter().map(stood).collect(),
             cells: NearestCell::on(bank.grid()),
             tolerance,
@@ -96,12 +97,12 @@ impl<'a> Judge<'a> {
         let state = |draw: &Draw| (draw.hypothesis, draw.count);
         let draws = self.draws.iter().step_by(every).map(state).collect();
         let supposed = self.supposed.iter().take(n_suppositions.max(1)).map(state).collect();
-        Self::of(self.situation, self.pairing, draws, supposed)
+        Self::of(self.inputs, self.pairing, draws, supposed)
     }
 
     /// The score of a candidate; `None` where it would show contact from no supposed state.
     pub(super) fn score(&self, candidate: &Se2) -> Option<f64> {
-        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, |_, _, _| ());
+        let Sums { total, n_supposed, n_contacts } = self.sum(candidate, |_, _, _| ());
         (n_contacts > 0).then(|| total / n_supposed - self.travel_nats(candidate))
     }
 
@@ -112,10 +113,10 @@ impl<'a> Judge<'a> {
     ///
     /// `None` for other rules than expected information, and where no contact is expected.
     pub(super) fn expected(&self, candidate: &Se2, pair: Option<[usize; 2]>) -> Option<Expected> {
-        if self.situation.config.rule != ActionRule::Information {
+        if self.inputs.config.rule != ActionRule::Information {
             return None;
         }
-        let n_parts = self.situation.bank.parts().len();
+        let n_parts = self.inputs.bank.parts().len();
         let mut counts = vec![0.0; n_parts];
         self.draws.iter().for_each(|draw| counts[draw.hypothesis.part] += draw.count);
         let mut sums = vec![0.0; self.supposed.len() * n_parts];
@@ -124,7 +125,7 @@ impl<'a> Judge<'a> {
             new_shares[truth] = new_share;
             sums[truth * n_parts + draw.hypothesis.part] += value;
         };
-        let Weighed { total, n_supposed, n_contacts } = self.weigh(candidate, report);
+        let Sums { total, n_supposed, n_contacts } = self.sum(candidate, report);
         let (mut part_nats, mut pair_nats) = (0.0, 0.0);
         for ((truth, new_share), sums) in self.supposed.iter().zip(&new_shares).zip(sums.chunks_exact(n_parts)) {
             let own = truth.hypothesis.part;
@@ -149,16 +150,16 @@ impl<'a> Judge<'a> {
 
     /// What the way to a candidate costs, nats.
     fn travel_nats(&self, candidate: &Se2) -> f64 {
-        match self.situation.config.rule {
-            ActionRule::Information => self.situation.config.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm),
+        match self.inputs.config.rule {
+            ActionRule::Information => self.inputs.config.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm),
             _ => 0.0,
         }
     }
 
     /// Weighs the views from the draws against the view from each supposed state. `report` is given each pair:
     /// which supposed state and how much of its view is new, which draw, and how much it counts.
-    fn weigh(&self, candidate: &Se2, mut report: impl FnMut((usize, f64), &Draw, f64)) -> Weighed {
-        let Situation { config, bank, only_recorded, .. } = *self.situation;
+    fn sum(&self, candidate: &Se2, mut report: impl FnMut((usize, f64), &Draw, f64)) -> Sums {
+        let ChoiceInputs { config, bank, only_recorded, .. } = *self.inputs;
         let grid = bank.grid();
         // The product of both motions, its sine and cosine at hand.
         let moved = |(pose, [sin, cos]): &(Se2, [f64; 2])| {
@@ -170,20 +171,20 @@ impl<'a> Judge<'a> {
         let near = |draw: &Draw| seen[draw.pose].map(|s| (draw.hypothesis.part * grid.len() + s.cell, s.trust));
         let view = |draw: &Draw| near(draw).filter(|(row, _)| bank.is_recorded(*row));
         let (mut rows, of_draws) = Rows::of(self.draws.iter().map(view));
-        let mut weighed = Weighed::default();
+        let mut sums = Sums::default();
         for (index, truth) in self.supposed.iter().enumerate() {
             let Some((row, trust)) = view(truth) else {
                 // What is not recorded gives no information.
                 let is_wrong = only_recorded && near(truth).is_none();
-                weighed.n_supposed += if is_wrong { 0.0 } else { 1.0 };
+                sums.n_supposed += if is_wrong { 0.0 } else { 1.0 };
                 continue;
             };
-            weighed.n_supposed += 1.0;
+            sums.n_supposed += 1.0;
             if bank.edge_shares()[row] <= config.contact_threshold {
                 continue;
             }
-            weighed.n_contacts += 1;
-            let (ratios, new_share) = (rows.ratios(&self.pairing, row), self.repeated.new_share(row));
+            sums.n_contacts += 1;
+            let (ratios, new_share) = (rows.ratios(&self.pairing, row), self.new_share.new_share(row));
             let (mut sum, mut n_states) = (0.0, 0.0);
             for (draw, view) in self.draws.iter().zip(&of_draws) {
                 if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
@@ -198,9 +199,9 @@ impl<'a> Judge<'a> {
                 ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
                 _ => sum,
             };
-            weighed.total += new_share * of_truth;
+            sums.total += new_share * of_truth;
         }
-        weighed
+        sums
     }
 }
 
@@ -239,7 +240,7 @@ impl Rows {
 
 /// A candidate weighed: the sum over the supposed states of what is new, how many they are, and from how many it shows contact.
 #[derive(Default)]
-struct Weighed {
+struct Sums {
     total: f64,
     n_supposed: f64,
     n_contacts: usize,
@@ -264,8 +265,8 @@ struct Pairing<'a> {
 }
 
 impl<'a> Pairing<'a> {
-    fn new(situation: &Situation<'a>, rng: &mut ChaCha8Rng) -> Self {
-        let Situation { config, likelihood, bank, belief, .. } = *situation;
+    fn new(inputs: &ChoiceInputs<'a>, rng: &mut ChaCha8Rng) -> Self {
+        let ChoiceInputs { config, likelihood, bank, belief, .. } = *inputs;
         let joint = belief.joint_weight(1.0, None);
         let LikelihoodConfig { temperature, outlier_share, blank_agreement, unknown_similarity, .. } =
             likelihood.in_metric_of(bank);
@@ -293,8 +294,8 @@ impl<'a> Pairing<'a> {
         pairing.unknown = match (config.rule, unknown_similarity) {
             (ActionRule::Paper, _) => pairing.average,
             (_, Some(cosine)) if likelihood.interpolation.is_cubic(bank.grid()) => {
-                (1.0 - beyond::blank_share(bank, likelihood)).powf(joint)
-                    * beyond::likely(pairing.likely(cosine) / pairing.average)
+                (1.0 - unrecorded::blank_share(bank, likelihood)).powf(joint)
+                    * unrecorded::likely(pairing.likely(cosine) / pairing.average)
             }
             _ => 1.0,
         };
@@ -384,13 +385,13 @@ impl<'a> Pairing<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{GRID, bank};
-    use super::super::{ActionConfig, judge};
+    use super::super::choose::tests::{GRID, bank};
+    use super::super::{ActionConfig, explain};
     use super::*;
     use crate::belief::{Belief, EngineConfig};
-    use crate::interpolation::Interpolation;
     use crate::likelihood::TouchLikelihood;
-    use crate::observation::Observation;
+    use crate::likelihood::interpolation::Interpolation;
+    use crate::touch::Observation;
     use rand::SeedableRng;
     use tactile_infer::rows::Rows;
 
@@ -401,7 +402,7 @@ mod tests {
         let mean = touch.mean_match().unwrap();
         let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
         let config = ActionConfig { rule, ..ActionConfig::default() };
-        let situation = Situation {
+        let inputs = ChoiceInputs {
             config: &config,
             likelihood,
             belief: &belief,
@@ -409,7 +410,7 @@ mod tests {
             candidates: &[],
             only_recorded: true,
         };
-        take(&Pairing::new(&situation, &mut ChaCha8Rng::seed_from_u64(1)), mean)
+        take(&Pairing::new(&inputs, &mut ChaCha8Rng::seed_from_u64(1)), mean)
     }
 
     #[test]
@@ -486,7 +487,7 @@ mod tests {
         let belief =
             Belief::new(&bank, EngineConfig::Exact, 1, 1, TouchLikelihood::new(&touch, &bank, &likelihood).unwrap());
         let candidates = [Se2::from_degrees(0.0, 0.0, degrees)];
-        let situation = Situation {
+        let inputs = ChoiceInputs {
             config: &config,
             likelihood: &likelihood,
             belief: &belief,
@@ -494,7 +495,7 @@ mod tests {
             candidates: &candidates,
             only_recorded: true,
         };
-        judge(&situation, 1).unwrap().expected.unwrap()
+        explain(&inputs, 1).unwrap().expected.unwrap()
     }
 
     /// 3000 suppositions: a share of them is off by about 1 %.

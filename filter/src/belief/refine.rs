@@ -3,7 +3,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 
-use crate::evidence::Evidence;
+use crate::likelihood::evidence::Evidence;
 
 /// Lattice points along each axis.
 const N_POINTS: usize = 5;
@@ -94,8 +94,8 @@ mod tests {
 
     use super::*;
     use crate::belief::{Belief, EngineConfig};
+    use crate::checks::synthetic::World;
     use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
-    use crate::synthetic::World;
 
     /// 9 x 9 x 7 poses.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };

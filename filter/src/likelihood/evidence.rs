@@ -4,10 +4,10 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 
-use crate::interpolation::ViewWeights;
-use crate::lattice::{LatticeWeights, in_planes};
-use crate::likelihood::{OnLattice, TouchLikelihood};
-use crate::nearest::{Nearest, nearest_view, trusted};
+use crate::likelihood::interpolation::ViewWeights;
+use crate::likelihood::lattice::{LatticeWeights, in_planes};
+use crate::likelihood::nearest::{Nearest, nearest_view, trusted};
+use crate::likelihood::touch_likelihood::{OnLattice, TouchLikelihood};
 use crate::simd;
 
 /// A touch, judged from every state.
@@ -242,52 +242,16 @@ mod tests {
     use rand::rngs::ChaCha8Rng;
 
     use super::*;
-    use crate::blocks::log_states;
-    use crate::interpolation::Interpolation;
-    use crate::likelihood::LikelihoodConfig;
-    use crate::overlap::Overlap;
-    use crate::synthetic::World;
+    use crate::checks::synthetic::World;
+    use crate::likelihood::config::LikelihoodConfig;
+    use crate::likelihood::interpolation::Interpolation;
+    use crate::likelihood::overlap::Overlap;
 
     #[test]
     fn a_mix_is_finite_however_cold() {
         assert!((log_mix(0.25, 1.0, -0.5) - (0.25 * 1.0_f64.exp() + 0.75 * (-0.5_f64).exp()).ln()).abs() < 1e-12);
         assert!((log_mix(0.25, 2e4, -0.5) - (2e4 + 0.25_f64.ln())).abs() < 1e-9);
         assert!((log_mix(0.25, -2e4, -0.5) - (0.75_f64.ln() - 0.5)).abs() < 1e-9);
-    }
-
-    /// All states of a part at once, as pose by pose.
-    #[test]
-    fn a_lattice_of_poses_is_the_states_there() {
-        let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
-        let world = World::new(2, grid, 0.1, 0.02, 4);
-        let states = grid.subdivided(2, 2);
-        let observation = world.touch(1, &Se2::from_degrees(1.2, -0.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
-        // Looks of all states are in f32, and where there are outliers, to 0.002 nats.
-        for (interpolation, outlier_share, most) in [
-            (Interpolation::Nearest, 0.02, 1e-4),
-            (Interpolation::Cubic, 0.0, 1e-4),
-            (Interpolation::Cubic, 0.02, 2.1e-3),
-        ] {
-            let config = LikelihoodConfig { interpolation, outlier_share, ..LikelihoodConfig::default() };
-            let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
-            let moved = Se2::from_degrees(1.7, -0.9, 21.0);
-            let evidence = Evidence::of(&grid, moved, 0.7, likelihood);
-            let judged = log_states([&grid, &states], &evidence);
-            let at = |cells: usize, stride: usize, value: &dyn Fn(Se2) -> f64| -> Vec<f64> {
-                (0..cells).map(|index| value(states.pose(index * stride))).collect()
-            };
-            let (n, n_theta) = (states.n_xy(), states.n_theta());
-            let xs = at(n, n * n_theta, &|pose| pose.x_mm);
-            let ys = at(n, n_theta, &|pose| pose.y_mm);
-            let thetas = at(n_theta, 1, &|pose| pose.theta_rad);
-            for (part, judged) in judged.chunks_exact(states.len()).enumerate() {
-                let mut sums = vec![10.0; states.len()];
-                evidence.add_logs(&grid, part, [&xs, &ys, &thetas], &mut sums);
-                for (sum, log) in sums.iter().zip(judged) {
-                    assert!((sum - 10.0 - log).abs() < most, "{interpolation:?}: {sum} {log}");
-                }
-            }
-        }
     }
 
     /// At a temperature at which a touch matches few views, where it cannot match it is an outlier.

@@ -11,7 +11,7 @@ use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::rows::Rows;
 
-use crate::observation::Observation;
+use crate::touch::Observation;
 
 /// Points of a view along each axis.
 const N_POINTS: usize = 8;

@@ -9,11 +9,11 @@ use tactile_data::se2::Se2;
 use tactile_infer::between::Around;
 use tactile_infer::neighbours::Neighbours;
 
-use crate::bests::PartBests;
-use crate::interpolation::{Fading, ViewWeights, directed, trust};
-use crate::nearest::Nearest;
+use crate::likelihood::cosine_bounds::PartBounds;
+use crate::likelihood::interpolation::{Fading, ViewWeights, directed, trust};
+use crate::likelihood::nearest::Nearest;
+use crate::likelihood::softplus::softplus;
 use crate::simd;
-use crate::softplus::softplus;
 
 /// The one index that counts, where a place is a recorded one.
 #[inline(always)]
@@ -208,7 +208,7 @@ impl LatticeWeights {
 
     /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above
     /// the best recorded view on the lines around it, at the angles around.
-    pub(crate) fn most_on_lines(&self, bests: PartBests<'_>) -> [Vec<f32>; 2] {
+    pub(crate) fn most_on_lines(&self, bests: PartBounds<'_>) -> [Vec<f32>; 2] {
         let (theta, states) = &self.counting;
         let most = |lines: &[f32], states: &[Counting]| -> Vec<f32> {
             let of_angles = lines.chunks_exact(bests.of_angles.len());

@@ -4,8 +4,8 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
 
-use crate::hypothesis::Hypothesis;
-use crate::posterior::Posterior;
+use crate::belief::hypothesis::Hypothesis;
+use crate::belief::posterior::Posterior;
 
 /// A peak of the belief with the states that lead up to it.
 #[derive(Clone, Debug, PartialEq)]

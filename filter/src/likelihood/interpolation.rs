@@ -131,7 +131,7 @@ impl ViewWeights {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nearest::nearest_view;
+    use crate::likelihood::nearest::nearest_view;
     use proptest::prelude::*;
 
     /// 3 x 3 x 3 = 27 poses.

@@ -4,18 +4,16 @@
 //! from the belief, not taken from its top: after one touch the mass lies on thousands of states. Touches
 //! are kept apart, because two overlapping views share most of what they show and most of their error.
 
-mod judge;
-mod repeated;
-
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::Bank;
 
+use super::config::{ActionConfig, ActionRule};
+use super::scorer::Scorer;
 use crate::belief::Belief;
 use crate::likelihood::LikelihoodConfig;
-use judge::Judge;
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,84 +22,8 @@ pub struct Action {
     pub sensor_from_next: Se2,
 }
 
-/// How the next touch is chosen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ActionRule {
-    /// The largest sum of 1 / f_PP between the view from a likely state and the views from the states
-    /// drawn from the belief (paper, Eq. 5 and 6), with f_PP = exp(cosine / temperature) > 0.
-    Paper,
-    /// The largest expected gain of the true state's log-probability, under the filter's own likelihood. Where touches match
-    /// badly, views like theirs count less: a part or a sensor that the network does not know is mistaken there again.
-    #[default]
-    Information,
-    /// Any action allowed, each equally likely.
-    Random,
-    /// Any action allowed that would show an edge from the likeliest state, each equally likely: the paper's action set
-    /// without its rule. Where none would, any.
-    #[serde(rename = "random-edge")]
-    RandomEdge,
-}
-
-/// How actions are chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ActionConfig {
-    /// The rule.
-    pub rule: ActionRule,
-    /// States drawn from the belief, against which an action is judged; 1 to 100,000.
-    pub n_draws: usize,
-    /// States supposed true in turn, s* of the paper; 1 to 10,000. For the paper's rule the first is the
-    /// likeliest state and the others are drawn; for expected information all are drawn.
-    pub n_suppositions: usize,
-    /// Candidates judged by all draws, the best of a first pass with a sixth of them; at least 1. `None`: all of them. Draws times
-    /// suppositions times the candidates that they judge are at most 1e8, of 1,000 candidates.
-    pub n_finalists: Option<usize>,
-    /// delta_act: an action counts only from those supposed states where it would show a larger share of
-    /// edge pixels than this, 0..=1.
-    pub contact_threshold: f32,
-    /// A touch keeps at least this far from every earlier one, mm, not negative ...
-    pub min_separation_mm: f64,
-    /// ... or is turned against it by at least this much, degrees. `None`: by a full turn, which counts only once the
-    /// separation was halved.
-    pub min_separation_deg: Option<f64>,
-    /// What a millimetre of travel must tell to be worth it, nats, not negative; expected information only.
-    pub travel_nats_per_mm: f64,
-}
-
-impl Default for ActionConfig {
-    /// 160 draws as measured on a prototype, 24 suppositions on random contours; 4 mm on the tuning letters,
-    /// where 12 mm drove touches out of the recorded area of small parts.
-    fn default() -> Self {
-        Self {
-            rule: ActionRule::default(),
-            n_draws: 160,
-            n_suppositions: 24,
-            n_finalists: Some(24),
-            contact_threshold: 0.01,
-            min_separation_mm: 4.0,
-            min_separation_deg: None,
-            travel_nats_per_mm: 0.0,
-        }
-    }
-}
-
-impl ActionConfig {
-    /// Alg. 1, lines 9-10: the likeliest state against the K = 100 particles, any pose, those with contact.
-    pub fn paper() -> Self {
-        Self {
-            rule: ActionRule::Paper,
-            n_draws: 100,
-            n_suppositions: 1,
-            n_finalists: None,
-            min_separation_mm: 0.0,
-            ..Self::default()
-        }
-    }
-}
-
 /// What a choice is made in: what is believed, recorded and offered.
-pub struct Situation<'a> {
+pub struct ChoiceInputs<'a> {
     /// Rule and effort.
     pub config: &'a ActionConfig,
     /// The likelihood that the belief was made with.
@@ -119,7 +41,7 @@ pub struct Situation<'a> {
 
 /// A candidate as the rule saw it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
+pub struct Scored {
     /// The motion, one of those offered.
     pub sensor_from_next: Se2,
     /// The more, the better. [`ActionRule::Information`]: the expected gain of the true state's log-probability, nats, of views
@@ -147,12 +69,12 @@ pub struct Expected {
 
 /// A choice with its reasons.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judgement {
+pub struct Choice {
     /// What [`choose`] chooses.
     pub action: Action,
     /// The candidates judged, in the order offered: those far enough from earlier touches. None for
     /// [`ActionRule::Random`] and [`ActionRule::RandomEdge`].
-    pub judged: Vec<Judged>,
+    pub scored: Vec<Scored>,
     /// What `action` is expected to tell; `None` for other rules than expected information, and where no candidate
     /// is expected to show contact.
     pub expected: Option<Expected>,
@@ -165,78 +87,78 @@ pub struct Judgement {
 ///
 /// Where every candidate is too close to an earlier touch, the separation is halved until one does not.
 /// `None` where no candidate is left even so: none offered, none finite, or all where a touch was made.
-pub fn choose(situation: &Situation, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Action> {
-    pick(situation, seed, keep_going).map(|picked| picked.action)
+pub fn choose(inputs: &ChoiceInputs, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Action> {
+    pick(inputs, seed, keep_going).map(|chosen| chosen.action)
 }
 
 /// Like [`choose`], which it asks, with what was thought of each candidate.
-pub fn judge(situation: &Situation, seed: u64) -> Option<Judgement> {
-    let Picked { action, judged, judge } = pick(situation, seed, &mut || true)?;
-    let likelihoods = situation.belief.posterior().by_part();
+pub fn explain(inputs: &ChoiceInputs, seed: u64) -> Option<Choice> {
+    let Chosen { action, scored, scorer } = pick(inputs, seed, &mut || true)?;
+    let likelihoods = inputs.belief.posterior().by_part();
     let mut parts: Vec<usize> = (0..likelihoods.len()).collect();
     parts.sort_by(|a, b| likelihoods[*b].total_cmp(&likelihoods[*a]));
     let pair = parts.first_chunk().copied();
-    let expected = judge.and_then(|judge| judge.expected(&action.sensor_from_next, pair));
-    Some(Judgement { action, judged, expected })
+    let expected = scorer.and_then(|scorer| scorer.expected(&action.sensor_from_next, pair));
+    Some(Choice { action, scored, expected })
 }
 
 /// An action with what it was picked from and by whom; nobody where chance picks.
-struct Picked<'a> {
+struct Chosen<'a> {
     action: Action,
-    judged: Vec<Judged>,
-    judge: Option<Judge<'a>>,
+    scored: Vec<Scored>,
+    scorer: Option<Scorer<'a>>,
 }
 
-fn pick<'a>(situation: &'a Situation<'a>, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Picked<'a>> {
-    let Situation { config, belief, .. } = situation;
-    let far = far_candidates(config, belief, situation.candidates);
+fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Chosen<'a>> {
+    let ChoiceInputs { config, belief, .. } = inputs;
+    let far = far_candidates(config, belief, inputs.candidates);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let chance = *far.get(rng.random_range(0..far.len().max(1)))?;
-    let by_chance = |sensor_from_next| Picked { action: Action { sensor_from_next }, judged: Vec::new(), judge: None };
+    let by_chance = |sensor_from_next| Chosen { action: Action { sensor_from_next }, scored: Vec::new(), scorer: None };
     match config.rule {
         ActionRule::Random => return Some(by_chance(chance)),
         ActionRule::RandomEdge => {
-            let judge = Judge::new(situation, 1, 1, &mut rng);
+            let scorer = Scorer::new(inputs, 1, 1, &mut rng);
             let edged: Vec<Se2> =
-                far.iter().take_while(|_| keep_going()).filter(|to| judge.score(to).is_some()).copied().collect();
-            let picked = edged.get(rng.random_range(0..edged.len().max(1)));
-            return Some(by_chance(picked.copied().unwrap_or(chance)));
+                far.iter().take_while(|_| keep_going()).filter(|to| scorer.score(to).is_some()).copied().collect();
+            let chosen = edged.get(rng.random_range(0..edged.len().max(1)));
+            return Some(by_chance(chosen.copied().unwrap_or(chance)));
         }
         ActionRule::Paper | ActionRule::Information => (),
     }
-    let judge = Judge::new(situation, config.n_draws.max(1), config.n_suppositions.max(1), &mut rng);
+    let scorer = Scorer::new(inputs, config.n_draws.max(1), config.n_suppositions.max(1), &mut rng);
     let n_finalists = config.n_finalists.unwrap_or(far.len()).max(1);
     let has_finals = far.len() > n_finalists;
-    let first_pass = has_finals.then(|| judge.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6)));
-    let judge_first = |candidate: &Se2| {
-        let score = first_pass.as_ref().unwrap_or(&judge).score(candidate);
-        Judged { sensor_from_next: *candidate, score, by_all_draws: !has_finals }
+    let first_pass = has_finals.then(|| scorer.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6)));
+    let score_first = |candidate: &Se2| {
+        let score = first_pass.as_ref().unwrap_or(&scorer).score(candidate);
+        Scored { sensor_from_next: *candidate, score, by_all_draws: !has_finals }
     };
-    let asked = far.iter().map_while(|candidate| keep_going().then(|| judge_first(candidate)));
-    let mut judged: Vec<Judged> = asked.collect();
-    let mut ranked: Vec<usize> = (0..judged.len()).filter(|index| judged[*index].score.is_some()).collect();
+    let asked = far.iter().map_while(|candidate| keep_going().then(|| score_first(candidate)));
+    let mut scored: Vec<Scored> = asked.collect();
+    let mut ranked: Vec<usize> = (0..scored.len()).filter(|index| scored[*index].score.is_some()).collect();
     if has_finals {
-        let score = |index: usize| judged[index].score.unwrap_or(f64::NEG_INFINITY);
+        let score = |index: usize| scored[index].score.unwrap_or(f64::NEG_INFINITY);
         // Stable: the earliest of equals stays first.
         ranked.sort_by(|a, b| score(*b).total_cmp(&score(*a)));
         ranked.truncate(n_finalists);
         let asked = ranked.iter().take_while(|_| keep_going());
-        let judged_by_all: Vec<usize> =
-            asked.filter(|index| judge_again(&judge, &mut judged[**index])).copied().collect();
-        ranked = if judged_by_all.is_empty() { ranked } else { judged_by_all };
+        let scored_by_all: Vec<usize> =
+            asked.filter(|index| score_again(&scorer, &mut scored[**index])).copied().collect();
+        ranked = if scored_by_all.is_empty() { ranked } else { scored_by_all };
     }
-    let judged_best = ranked.iter().map(|index| judged[*index]);
-    let best = judged_best.reduce(|best, next| if next.score > best.score { next } else { best });
+    let scored_best = ranked.iter().map(|index| scored[*index]);
+    let best = scored_best.reduce(|best, next| if next.score > best.score { next } else { best });
     // No view with contact is expected anywhere: any touch may tell more than the bank does.
     let sensor_from_next = best.map_or(chance, |best| best.sensor_from_next);
-    Some(Picked { action: Action { sensor_from_next }, judged, judge: Some(judge) })
+    Some(Chosen { action: Action { sensor_from_next }, scored, scorer: Some(scorer) })
 }
 
 /// Judges a candidate again, by all draws; whether that gives it a score.
-fn judge_again(judge: &Judge, candidate: &mut Judged) -> bool {
-    let score = judge.score(&candidate.sensor_from_next);
+fn score_again(scorer: &Scorer, candidate: &mut Scored) -> bool {
+    let score = scorer.score(&candidate.sensor_from_next);
     if score.is_some() {
-        *candidate = Judged { score, by_all_draws: true, ..*candidate };
+        *candidate = Scored { score, by_all_draws: true, ..*candidate };
     }
     score.is_some()
 }
@@ -264,20 +186,20 @@ fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) ->
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::belief::EngineConfig;
     use crate::likelihood::TouchLikelihood;
-    use crate::observation::Observation;
+    use crate::touch::Observation;
     use tactile_data::grid::PoseGrid;
     use tactile_infer::rows::Rows;
 
     /// Three angles at one place.
-    pub(super) const GRID: PoseGrid =
+    pub(in crate::choice) const GRID: PoseGrid =
         PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 
     /// Two parts alike at -30 and 0 degrees and unlike at +30.
-    pub(super) fn bank(share_at_30: f32) -> Bank {
+    pub(in crate::choice) fn bank(share_at_30: f32) -> Bank {
         let rows =
             [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
         let shares = vec![0.2, 0.2, share_at_30, 0.2, 0.2, share_at_30];
@@ -297,7 +219,7 @@ mod tests {
 
     fn chosen(config: ActionConfig, bank: &Bank, candidates: &[Se2], seed: u64) -> Option<Se2> {
         let (likelihood, belief) = (LikelihoodConfig::default(), belief(bank));
-        let situation = Situation {
+        let inputs = ChoiceInputs {
             config: &config,
             likelihood: &likelihood,
             belief: &belief,
@@ -305,7 +227,7 @@ mod tests {
             candidates,
             only_recorded: true,
         };
-        choose(&situation, seed, &mut || true).map(|action| action.sensor_from_next)
+        choose(&inputs, seed, &mut || true).map(|action| action.sensor_from_next)
     }
 
     const ANY_PLACE: ActionConfig = ActionConfig {
@@ -388,7 +310,7 @@ mod tests {
         let (bank, likelihood, config) = (bank(0.2), LikelihoodConfig::default(), ANY_PLACE);
         let belief = belief(&bank);
         let candidates = &[turn(30.0), turn(60.0)];
-        let situation = Situation {
+        let inputs = ChoiceInputs {
             config: &config,
             likelihood: &likelihood,
             belief: &belief,
@@ -396,10 +318,10 @@ mod tests {
             candidates,
             only_recorded: true,
         };
-        assert!(choose(&situation, 1, &mut || false).is_some_and(|a| candidates.contains(&a.sensor_from_next)));
+        assert!(choose(&inputs, 1, &mut || false).is_some_and(|a| candidates.contains(&a.sensor_from_next)));
         // Enough for one candidate only: the first.
         let mut left = 1;
-        let once = choose(&situation, 1, &mut || {
+        let once = choose(&inputs, 1, &mut || {
             left -= 1;
             left >= 0
         });

@@ -1,0 +1,5 @@
+//! What must hold of the whole filter, in worlds made up for tests.
+
+mod fuzz;
+mod invariants;
+pub mod synthetic;

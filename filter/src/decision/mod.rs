@@ -1,0 +1,11 @@
+//! Which part it is, where, how sure, and whether to stop.
+//!
+//! In: the settings, the bank and the belief. Out: one verdict, and the [`Estimate`] that users read. It must not know
+//! how touches are weighed or chosen.
+
+mod estimate;
+mod verdict;
+
+pub use estimate::Estimate;
+pub(crate) use verdict::{Asked, Verdict};
+pub use verdict::{RunnerUp, Standing, StopReason, Warning};

@@ -1,0 +1,24 @@
+//! How likely one touch is at each recorded view, between views and where nothing was recorded.
+//!
+//! In: an observation, a bank and what was measured of the model. Out: [`TouchLikelihood`], and with the motion since the
+//! first touch [`Evidence`](evidence::Evidence) from every pose; what touches share. It must not know which states are
+//! believed, nor what is chosen or decided.
+
+mod config;
+mod cosine_bounds;
+pub mod evidence;
+pub mod interpolation;
+mod lattice;
+mod match_model;
+mod nearest;
+mod overlap;
+pub(crate) mod shared_error;
+mod softplus;
+mod touch_likelihood;
+pub(crate) mod unrecorded;
+
+pub use config::LikelihoodConfig;
+pub(crate) use config::calibration_of;
+pub(crate) use nearest::{Nearest, trusted};
+pub use overlap::Overlap;
+pub use touch_likelihood::TouchLikelihood;
