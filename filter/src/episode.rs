@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::likelihood::TouchLikelihood;
 use crate::record::{EpisodeRecord, VERSION};
 use crate::touch::Observation;
+use crate::touch_model::TouchModel;
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +32,8 @@ pub enum Decision {
 #[derive(Clone, Debug)]
 pub struct Episode {
     config: EpisodeConfig,
+    /// What is measured or fixed, in the metric of the bank.
+    model: TouchModel,
     bank: Arc<Bank>,
     belief: Belief,
     touches: Vec<(Se2, Observation)>,
@@ -45,16 +48,17 @@ impl Episode {
     pub fn begin(config: EpisodeConfig, bank: Arc<Bank>, observation: &Observation) -> Result<Self> {
         config.validate()?;
         check_model(&bank, observation)?;
-        let first = TouchLikelihood::new(observation, &bank, &config.likelihood)?;
-        let between = config.between_poses && config.likelihood.interpolation.is_cubic(bank.grid());
-        if let (Some(mm), false) = (config.stop_place_mm, between) {
+        let model = config.model.in_metric_of(&bank);
+        let first = TouchLikelihood::new(observation, &bank, &model)?;
+        let between = config.method.between_poses && config.model.interpolation.is_cubic(bank.grid());
+        if let (Some(mm), false) = (config.settings.stop_place_mm, between) {
             let expected =
                 "poses between recorded ones and a bank fine enough to be interpolated: no other place is known";
             return Err(Error::config("episode.stop_place_mm", expected, format!("{mm}")));
         }
-        let subdivisions = if between { config.subdivisions } else { 1 };
-        let belief = Belief::new(&bank, config.engine, subdivisions, config.seed, first);
-        Ok(Self { config, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
+        let subdivisions = if between { config.settings.subdivisions } else { 1 };
+        let belief = Belief::new(&bank, config.method.engine, subdivisions, config.settings.seed, first);
+        Ok(Self { config, model, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
     }
 
     /// What is needed to go on later, or elsewhere.
@@ -107,7 +111,7 @@ impl Episode {
             return Err(Error::WrongSide { expected: self.side(), got: observation.side });
         }
         self.check_new_picture(&moved, observation)?;
-        let likelihood = TouchLikelihood::new(observation, &self.bank, &self.config.likelihood)?;
+        let likelihood = TouchLikelihood::new(observation, &self.bank, &self.model)?;
         self.belief.update(&moved, likelihood);
         self.touches.push((moved, observation.clone()));
         Ok(())
@@ -171,20 +175,13 @@ impl Episode {
     }
 
     fn choice_inputs<'s>(&'s self, candidates: &'s [Se2]) -> ChoiceInputs<'s> {
-        ChoiceInputs {
-            config: &self.config.action,
-            likelihood: &self.config.likelihood,
-            belief: &self.belief,
-            bank: &self.bank,
-            candidates,
-            only_recorded: !self.config.between_poses,
-        }
+        ChoiceInputs { config: &self.config, model: &self.model, belief: &self.belief, bank: &self.bank, candidates }
     }
 
     /// A stream of draws of its own for each touch.
     fn choice_seed(&self) -> u64 {
         let n_touches = self.belief.touches().len() as u64;
-        self.config.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches)
+        self.config.settings.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(n_touches)
     }
 
     /// Why to stop now, however much could still be touched, as [`Self::estimate`] has it; `None` to go on.
@@ -255,10 +252,11 @@ mod tests {
     use crate::belief::EngineConfig;
     use crate::belief::particle::ParticleConfig;
     use crate::checks::synthetic::World;
-    use crate::choice::{ActionConfig, ActionRule};
+    use crate::choice::ActionRule;
+    use crate::config::Method;
     use crate::decision::Warning;
-    use crate::likelihood::LikelihoodConfig;
     use crate::likelihood::interpolation::Interpolation;
+    use crate::touch_model::TouchModel;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
     use tactile_data::FrameFault;
@@ -301,9 +299,9 @@ mod tests {
 
     /// Share of episodes that name the part after each touch.
     fn accuracy(world: &World, config: &EpisodeConfig, n_episodes: u64) -> Vec<f64> {
-        let mut shares = vec![0.0; config.max_touches];
+        let mut shares = vec![0.0; config.settings.max_touches];
         for seed in 0..n_episodes {
-            let config = EpisodeConfig { seed, ..*config };
+            let config = EpisodeConfig { settings: Settings { seed, ..config.settings }, ..*config };
             let part = seed as usize % world.bank.parts().len();
             for (share, hit) in shares.iter_mut().zip(play(world, &config, part, seed).0) {
                 *share += f64::from(u8::from(hit)) / n_episodes as f64;
@@ -313,7 +311,10 @@ mod tests {
     }
 
     fn never_confident(max_touches: usize) -> EpisodeConfig {
-        EpisodeConfig { stop_probability: 1.0, none_fit: None, max_touches, ..EpisodeConfig::default() }
+        EpisodeConfig {
+            settings: Settings { stop_probability: 1.0, none_fit: None, max_touches, ..Settings::default() },
+            ..EpisodeConfig::default()
+        }
     }
 
     #[test]
@@ -325,7 +326,7 @@ mod tests {
         let (_, estimate, start) = play(&world, &config, 2, 2);
         // Between recorded poses: the mean is within half a step of the truth, which is recorded.
         assert!(estimate.part_from_first.distance_mm(&start) < 2.0);
-        let recorded = EpisodeConfig { between_poses: false, ..config };
+        let recorded = EpisodeConfig { method: Method { between_poses: false, ..config.method }, ..config };
         assert_eq!(play(&world, &recorded, 2, 2).1.part_from_first, start);
         assert!((estimate.class_posterior.iter().sum::<f64>() - 1.0).abs() < 1e-9);
         assert!(estimate.modes[0].mass > 0.5 && estimate.warnings.is_empty());
@@ -334,7 +335,10 @@ mod tests {
     #[test]
     fn the_paper_as_printed_runs_and_beats_one_touch() {
         let world = World::new(8, GRID, 0.2, 0.03, 5);
-        let config = EpisodeConfig { stop_probability: 1.0, max_touches: 5, ..EpisodeConfig::paper() };
+        let config = EpisodeConfig {
+            settings: Settings { stop_probability: 1.0, max_touches: 5, ..EpisodeConfig::paper().settings },
+            ..EpisodeConfig::paper()
+        };
         let shares = accuracy(&world, &config, 40);
         assert!(shares[4] > shares[0], "{shares:?}");
     }
@@ -343,7 +347,7 @@ mod tests {
     fn the_same_seed_gives_the_same_episode_and_deciding_changes_nothing() {
         let world = World::new(4, GRID, 0.5, 0.1, 2);
         for engine in [EngineConfig::Exact, EngineConfig::Particle(ParticleConfig::default())] {
-            let config = EpisodeConfig { engine, ..never_confident(4) };
+            let config = EpisodeConfig { method: Method { engine, ..never_confident(4).method }, ..never_confident(4) };
             assert_eq!(play(&world, &config, 1, 9), play(&world, &config, 1, 9));
         }
         let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
@@ -357,7 +361,7 @@ mod tests {
         let world = World::new(4, GRID, 0.5, 0.1, 2);
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for engine in [EngineConfig::Exact, EngineConfig::Particle(ParticleConfig::default())] {
-            let config = EpisodeConfig { engine, ..never_confident(6) };
+            let config = EpisodeConfig { method: Method { engine, ..never_confident(6).method }, ..never_confident(6) };
             let reach = world.reach(&Se2::IDENTITY);
             let touch = |rng: &mut ChaCha8Rng| world.touch(1, &Se2::from_degrees(4.0, 0.0, 30.0), rng);
             let mut episode = Episode::begin(config, world.bank.clone(), &touch(&mut rng)).unwrap();
@@ -386,8 +390,9 @@ mod tests {
             (ActionRule::Paper, Some(8)),
             (ActionRule::Random, Some(8)),
         ] {
-            let action = ActionConfig { rule, n_finalists, ..ActionConfig::default() };
-            let config = EpisodeConfig { action, ..never_confident(4) };
+            let config = never_confident(4).changed(|settings, _, method| {
+                (settings.n_finalists, method.rule) = (n_finalists, rule);
+            });
             let mut episode =
                 Episode::begin(config, world.bank.clone(), &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
             let mut pose = Se2::IDENTITY;
@@ -424,11 +429,19 @@ mod tests {
                 Decision::Done(_, reason) => Some(reason),
             };
         let reach = world.reach(&Se2::IDENTITY);
-        let eager = EpisodeConfig { stop_probability: 0.0, fit_margin: 0.0, ..never_confident(2) };
+        let eager = EpisodeConfig {
+            settings: Settings { stop_probability: 0.0, ..never_confident(2).settings },
+            model: TouchModel { fit_margin: 0.0, ..never_confident(2).model },
+            ..never_confident(2)
+        };
         assert_eq!(reason(eager, &reach), Some(StopReason::Confident));
         // Sure of the part, but not of the place to a micrometre; to a metre it is.
-        let likelihood = LikelihoodConfig { interpolation: Interpolation::Cubic, ..eager.likelihood };
-        let placed = |mm, max_touches| EpisodeConfig { stop_place_mm: Some(mm), max_touches, likelihood, ..eager };
+        let likelihood = TouchModel { interpolation: Interpolation::Cubic, ..eager.model };
+        let placed = |mm, max_touches| EpisodeConfig {
+            settings: Settings { stop_place_mm: Some(mm), max_touches, ..eager.settings },
+            model: likelihood,
+            ..eager
+        };
         assert_eq!(reason(placed(1e-3, 2), &reach), None);
         assert_eq!(reason(placed(1e-3, 1), &reach), Some(StopReason::TouchLimit));
         assert_eq!(reason(placed(1e3, 2), &reach), Some(StopReason::Confident));
@@ -436,8 +449,12 @@ mod tests {
         assert_eq!(reason(never_confident(2), &[Se2::IDENTITY]), Some(StopReason::NothingToLearn));
         assert_eq!(reason(never_confident(2), &reach), None);
         // The best recorded view fits with 0 at most.
-        let doubtful = EpisodeConfig { none_fit: Some(0.0), none_touches: 1, ..never_confident(2) };
-        let strange = EpisodeConfig { between_poses: false, ..doubtful };
+        let doubtful = EpisodeConfig {
+            settings: Settings { none_fit: Some(0.0), ..never_confident(2).settings },
+            model: TouchModel { none_touches: 1, ..never_confident(2).model },
+            ..never_confident(2)
+        };
+        let strange = EpisodeConfig { method: Method { between_poses: false, ..doubtful.method }, ..doubtful };
         assert_ne!(reason(strange, &reach), Some(StopReason::Confident));
     }
 
@@ -445,13 +462,16 @@ mod tests {
     fn no_place_is_promised_that_the_bank_cannot_tell() {
         let world = World::new(4, GRID, 0.2, 0.02, 2);
         let touch = world.touch(0, &Se2::IDENTITY, &mut ChaCha8Rng::seed_from_u64(1));
-        let config = EpisodeConfig { stop_place_mm: Some(0.5), ..EpisodeConfig::default() };
+        let config = EpisodeConfig {
+            settings: Settings { stop_place_mm: Some(0.5), ..Settings::default() },
+            ..EpisodeConfig::default()
+        };
         let coarse = Episode::begin(config, world.bank.clone(), &touch).unwrap_err().to_string();
         assert!(coarse.contains("stop_place_mm") && coarse.contains("fine enough"), "{coarse}");
-        let likelihood = LikelihoodConfig { interpolation: Interpolation::Cubic, ..config.likelihood };
-        let fine = EpisodeConfig { likelihood, ..config };
+        let likelihood = TouchModel { interpolation: Interpolation::Cubic, ..config.model };
+        let fine = EpisodeConfig { model: likelihood, ..config };
         assert!(Episode::begin(fine, world.bank.clone(), &touch).is_ok());
-        let recorded = EpisodeConfig { between_poses: false, ..fine };
+        let recorded = EpisodeConfig { method: Method { between_poses: false, ..fine.method }, ..fine };
         assert!(Episode::begin(recorded, world.bank.clone(), &touch).is_err());
     }
 
@@ -460,7 +480,10 @@ mod tests {
         let world = World::new(4, GRID, 0.2, 0.02, 2);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let touch = world.touch(0, &Se2::IDENTITY, &mut rng);
-        let config = EpisodeConfig { between_poses: false, ..never_confident(9) };
+        let config = EpisodeConfig {
+            method: Method { between_poses: false, ..never_confident(9).method },
+            ..never_confident(9)
+        };
         let mut episode = Episode::begin(config, world.bank.clone(), &touch).unwrap();
         let n_fitted = |episode: &Episode| {
             let estimate = episode.estimate();
@@ -493,8 +516,12 @@ mod tests {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let mut pose = GRID.pose(rng.random_range(0..GRID.len()));
             // As 200 touches of this world match their own views.
-            let likelihood = LikelihoodConfig { matched_mean: 0.914, matched_sd: 0.035, ..LikelihoodConfig::default() };
-            let config = EpisodeConfig { between_poses: false, likelihood, ..EpisodeConfig::default() };
+            let likelihood = TouchModel { matched_mean: 0.914, matched_sd: 0.035, ..TouchModel::default() };
+            let config = EpisodeConfig {
+                model: likelihood,
+                method: Method { between_poses: false, ..Method::default() },
+                ..EpisodeConfig::default()
+            };
             let mut episode = Episode::begin(config, bank.clone(), &world.touch(part, &pose, &mut rng)).unwrap();
             loop {
                 let moved = match episode.decide(&world.reach(&pose)).unwrap() {
@@ -534,11 +561,16 @@ mod tests {
         let (names, shares) = (vec!["O".to_string(), "Q".to_string()], vec![0.2; rows.len()]);
         let bank = Bank::from_rows(names, GRID, Rows::new(DIM, rows.concat()).unwrap(), shares, "").unwrap();
         let bank = Arc::new(bank);
-        let eager = EpisodeConfig { stop_probability: 0.6, none_fit: None, ..EpisodeConfig::default() };
-        let likelihood = LikelihoodConfig { interpolation: Interpolation::Nearest, ..eager.likelihood };
-        // A first pass by few draws may miss it.
-        let action = ActionConfig { n_finalists: None, ..eager.action };
-        let eager = EpisodeConfig { between_poses: false, likelihood, action, ..eager };
+        let eager = EpisodeConfig {
+            settings: Settings { stop_probability: 0.6, none_fit: None, ..Settings::default() },
+            ..EpisodeConfig::default()
+        };
+        let eager = eager.changed(|settings, model, method| {
+            model.interpolation = Interpolation::Nearest;
+            // A first pass by few draws may miss it.
+            settings.n_finalists = None;
+            method.between_poses = false;
+        });
         let start = GRID.pose(0);
         let touch = |pose: Se2| Observation::new(bank.row(GRID.len() + GRID.nearest(&pose).unwrap()).into_owned(), 0.2);
         let mut episode = Episode::begin(eager, bank.clone(), &touch(start)).unwrap();
@@ -628,7 +660,8 @@ mod tests {
             assert!(matches!(episode.decide(&reach), Err(Error::EmptyReach { n_motions }) if n_motions == reach.len()));
         }
         assert_eq!(episode.estimate(), before);
-        let never = EpisodeConfig { max_touches: 0, ..EpisodeConfig::default() };
+        let never =
+            EpisodeConfig { settings: Settings { max_touches: 0, ..Settings::default() }, ..EpisodeConfig::default() };
         let error = Episode::begin(never, world.bank.clone(), &touch).unwrap_err();
         assert_eq!(error.to_string(), "episode.max_touches: expected 1 to 1000, got 0");
     }
@@ -762,8 +795,9 @@ mod tests {
                     let query = row.iter().map(|value| value + 0.1 * (rng.random::<f32>() - 0.5)).collect();
                     Observation::new(query, 0.2)
                 };
-                let action = ActionConfig { rule, ..ActionConfig::default() };
-                let config = EpisodeConfig { action, seed: *seed, ..never_confident(2) };
+                let config = never_confident(2).changed(|settings, _, method| {
+                    (settings.seed, method.rule) = (*seed, rule);
+                });
                 let mut episode = Episode::begin(config, bank.clone(), &touch(start)).unwrap();
                 let reach: Vec<Se2> = (0..GRID.len()).map(|cell| start.inverse() * GRID.pose(cell)).collect();
                 let Decision::Touch(action) = episode.decide(&reach).unwrap() else { return false };

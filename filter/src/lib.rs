@@ -41,17 +41,23 @@ mod episode;
 mod error;
 pub mod likelihood;
 mod limits;
+mod number;
 mod record;
 #[cfg(feature = "runner")]
 pub mod runner;
+mod settings;
 mod simd;
 mod touch;
+mod touch_model;
 
 pub use choice::Action;
-pub use config::EpisodeConfig;
+pub use config::{EpisodeConfig, Method};
 pub use decision::{Estimate, RunnerUp, Standing, StopReason, Warning};
 pub use episode::{Decision, Episode};
 pub use error::{Error, Result};
+pub use number::{Kind, Number, Range};
 pub use record::{EpisodeRecord, VERSION};
+pub use settings::Settings;
 pub use tactile_data::FrameFault;
 pub use touch::{Observation, Sensor};
+pub use touch_model::TouchModel;

@@ -1,7 +1,7 @@
 //! A sweep's settings where pegs were recorded: none with finer steps than they were touched at.
 
 use tactile_data::grid::PoseGrid;
-use tactile_filter::budget::Settings;
+use tactile_filter::budget::Setup;
 use tactile_infer::recorded::{BankPoses, PegPoses};
 
 use crate::sweep::{Planned, STEPS};
@@ -31,7 +31,7 @@ impl RecordedSteps {
     pub fn plan(&self, planned: Vec<Planned>) -> Vec<Planned> {
         let mut kept = Vec::new();
         for mut new in planned {
-            let Settings { xy_step_mm, theta_step_deg, .. } = &mut new.settings;
+            let Setup { xy_step_mm, theta_step_deg, .. } = &mut new.settings;
             [*xy_step_mm, *theta_step_deg] = self.had([*xy_step_mm, *theta_step_deg]);
             if !kept.contains(&new) {
                 kept.push(new);
@@ -52,7 +52,7 @@ impl RecordedSteps {
     }
 
     /// How the bank of a setting is made: of the touches as they are where they lie on its grid, else resampled.
-    pub fn bank_poses(&self, settings: &Settings) -> BankPoses {
+    pub fn bank_poses(&self, settings: &Setup) -> BankPoses {
         let is_own = self.grid.is_some_and(|grid| settings.is_of_grid(&grid));
         let resample = (!is_own).then_some([settings.xy_step_mm, settings.theta_step_deg]);
         BankPoses { resample, ..BankPoses::default() }
@@ -82,7 +82,7 @@ mod tests {
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 6.0, xy_step_mm: 3.0, theta_half_deg: 40.0, theta_step_deg: 20.0 };
 
     fn planned(steps: &[[f64; 2]]) -> Vec<Planned> {
-        let with = |[xy_step_mm, theta_step_deg]: &[f64; 2]| Settings {
+        let with = |[xy_step_mm, theta_step_deg]: &[f64; 2]| Setup {
             xy_step_mm: *xy_step_mm,
             theta_step_deg: *theta_step_deg,
             ..settings()

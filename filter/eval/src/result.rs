@@ -90,7 +90,7 @@ pub(crate) fn is_one(n: &usize) -> bool {
     *n == 1
 }
 
-/// Settings chosen for a budget, what they should cost on this machine and what they should reach.
+/// Setup chosen for a budget, what they should cost on this machine and what they should reach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Promise {
     /// The settings, in words.
@@ -398,7 +398,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::report::tradeoff::tests::tradeoff;
     use serde_json::{Value, json};
-    use tactile_filter::budget::{Budget, Cost, Halves, Settings};
+    use tactile_filter::budget::{Budget, Cost, Halves, Setup};
 
     /// An evaluation in the schema as it is published, every optional field absent.
     pub(crate) fn published() -> Value {
@@ -433,7 +433,7 @@ pub(crate) mod tests {
         let promise = |tradeoff: &Tradeoff| {
             let here = |p: &Point| Cost { pace_ms: p.pace_ms, memory_mb: p.memory_mb };
             let point = tradeoff.points[5].clone();
-            let mut only = |settings: &Settings, n: usize| {
+            let mut only = |settings: &Setup, n: usize| {
                 Ok((*settings == point.settings && n == point.n_touches).then(|| here(&point)))
             };
             let choice = tradeoff.choose(&Budget::default(), &mut only).unwrap();

@@ -20,7 +20,7 @@ use crate::summary::{Label, halves, rows};
 use tactile_filter::EpisodeConfig;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::belief::particle::ParticleConfig;
-use tactile_filter::budget::{Halves, Pace, Point, Settings};
+use tactile_filter::budget::{Halves, Pace, Point, Setup};
 use tactile_filter::choice::ActionRule;
 
 /// Touches after which a point is taken.
@@ -52,7 +52,7 @@ pub struct Planned {
     /// Index of the model.
     pub model: usize,
     /// The setting.
-    pub settings: Settings,
+    pub settings: Setup,
 }
 
 /// The settings of a sweep over some models, the first of which is turned at every knob: from a lean and the default
@@ -65,16 +65,16 @@ pub fn plan(models: &[Arc<Model>]) -> Result<Vec<Planned>> {
         return Err(Error::invalid("--model", "at least one model", "none"));
     };
     let of = |model: &Model, [xy_step_mm, theta_step_deg]: [f64; 2]| {
-        let default = Settings::of(model, &PoseGrid::SMALL);
-        Settings { xy_step_mm, theta_step_deg, ..default }
+        let default = Setup::of(model, &PoseGrid::SMALL);
+        Setup { xy_step_mm, theta_step_deg, ..default }
     };
     let default = of(first, [2.0, 15.0]);
-    let lean = Settings { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), EFFORTS[1]) };
+    let lean = Setup { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), EFFORTS[1]) };
     let of_first = [turned(&default), turned(&lean), rich(&default), engines(&default), least(&default)].concat();
     let of_others = models.iter().enumerate().skip(1).flat_map(|(index, model)| {
-        let Settings { model, model_sha256, .. } = of(model, [2.0, 15.0]);
+        let Setup { model, model_sha256, .. } = of(model, [2.0, 15.0]);
         [&default, &lean]
-            .map(|base| (index, Settings { model: model.clone(), model_sha256: model_sha256.clone(), ..base.clone() }))
+            .map(|base| (index, Setup { model: model.clone(), model_sha256: model_sha256.clone(), ..base.clone() }))
     });
     let mut planned = Vec::new();
     for (model, settings) in of_first.into_iter().map(|settings| (0, settings)).chain(of_others) {
@@ -86,30 +86,30 @@ pub fn plan(models: &[Arc<Model>]) -> Result<Vec<Planned>> {
     Ok(planned)
 }
 
-fn with_effort(base: &Settings, (n_draws, n_suppositions, n_finalists): (usize, usize, Option<usize>)) -> Settings {
-    Settings { n_draws, n_suppositions, n_finalists, ..base.clone() }
+fn with_effort(base: &Setup, (n_draws, n_suppositions, n_finalists): (usize, usize, Option<usize>)) -> Setup {
+    Setup { n_draws, n_suppositions, n_finalists, ..base.clone() }
 }
 
 /// A setting and each knob of it turned alone.
-fn turned(base: &Settings) -> Vec<Settings> {
+fn turned(base: &Setup) -> Vec<Setup> {
     let new = || base.clone();
     let mut all = vec![new()];
-    all.extend(STEPS.map(|[xy_step_mm, theta_step_deg]| Settings { xy_step_mm, theta_step_deg, ..new() }));
-    all.extend([Precision::F16, Precision::I8].map(|rows| Settings { rows, ..new() }));
-    all.extend([1, 2, 3].map(|subdivisions| Settings { subdivisions, ..new() }));
-    all.extend([ActionRule::Random, ActionRule::Paper].map(|rule| Settings { rule, ..new() }));
+    all.extend(STEPS.map(|[xy_step_mm, theta_step_deg]| Setup { xy_step_mm, theta_step_deg, ..new() }));
+    all.extend([Precision::F16, Precision::I8].map(|rows| Setup { rows, ..new() }));
+    all.extend([1, 2, 3].map(|subdivisions| Setup { subdivisions, ..new() }));
+    all.extend([ActionRule::Random, ActionRule::Paper].map(|rule| Setup { rule, ..new() }));
     all.extend(EFFORTS.map(|effort| with_effort(base, effort)));
     all
 }
 
 /// A rich setting takes ten times as long to measure: it is turned down only.
-fn rich(default: &Settings) -> Vec<Settings> {
-    let rich = Settings { theta_step_deg: 10.0, ..with_effort(default, EFFORTS[5]) };
+fn rich(default: &Setup) -> Vec<Setup> {
+    let rich = Setup { theta_step_deg: 10.0, ..with_effort(default, EFFORTS[5]) };
     vec![
         rich.clone(),
-        Settings { theta_step_deg: 15.0, ..rich.clone() },
-        Settings { subdivisions: 1, ..rich.clone() },
-        Settings { subdivisions: 3, ..rich.clone() },
+        Setup { theta_step_deg: 15.0, ..rich.clone() },
+        Setup { subdivisions: 1, ..rich.clone() },
+        Setup { subdivisions: 3, ..rich.clone() },
         with_effort(&rich, EFFORTS[4]),
     ]
 }
@@ -119,22 +119,22 @@ fn particles(n_particles: usize) -> EngineConfig {
 }
 
 /// The default with particles, and lean where it costs little of what a fine bank knows.
-fn engines(default: &Settings) -> Vec<Settings> {
+fn engines(default: &Setup) -> Vec<Setup> {
     let all = [particles(100), particles(1_000), particles(10_000), EngineConfig::Particle(ParticleConfig::default())];
-    let all = all.map(|engine| Settings { engine, ..default.clone() });
-    let lean = |effort| Settings { rows: Precision::I8, subdivisions: 1, ..with_effort(default, effort) };
+    let all = all.map(|engine| Setup { engine, ..default.clone() });
+    let lean = |effort| Setup { rows: Precision::I8, subdivisions: 1, ..with_effort(default, effort) };
     all.into_iter().chain([EFFORTS[1], EFFORTS[2], EFFORTS[4]].map(lean)).collect()
 }
 
 /// The least of everything: what can be had at once.
-fn least(default: &Settings) -> Vec<Settings> {
+fn least(default: &Setup) -> Vec<Setup> {
     let least = with_effort(default, EFFORTS[0]);
-    let least = Settings { xy_step_mm: 4.0, theta_step_deg: 30.0, rows: Precision::I8, subdivisions: 1, ..least };
+    let least = Setup { xy_step_mm: 4.0, theta_step_deg: 30.0, rows: Precision::I8, subdivisions: 1, ..least };
     vec![
-        Settings { rule: ActionRule::Random, ..least.clone() },
-        Settings { engine: particles(100), rule: ActionRule::Random, ..least.clone() },
+        Setup { rule: ActionRule::Random, ..least.clone() },
+        Setup { engine: particles(100), rule: ActionRule::Random, ..least.clone() },
         least.clone(),
-        Settings { rows: Precision::F32, ..least },
+        Setup { rows: Precision::F32, ..least },
     ]
 }
 
@@ -153,7 +153,7 @@ pub struct Bench<'a> {
 }
 
 /// Measures one setting: accuracy and decisions on all cores, then time on one. A point for each of [`TOUCHES`] that the protocol reaches.
-pub fn measure(bench: &Bench<'_>, settings: &Settings) -> Result<Vec<Point>> {
+pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
     let Bench { holes, model, no_contact, protocol, .. } = bench;
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
     let sensor = holes.sensor(model, no_contact)?;

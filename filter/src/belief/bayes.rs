@@ -11,9 +11,10 @@ use tactile_infer::Bank;
 use crate::belief::engine::{Engine, EngineConfig, Start};
 use crate::belief::hypothesis::states_between;
 use crate::belief::posterior::Posterior;
+use crate::likelihood::TouchLikelihood;
 use crate::likelihood::evidence::Evidence;
 use crate::likelihood::shared_error::shared_error;
-use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+use crate::touch_model::TouchModel;
 
 /// The share of the belief that the exact engine may leave out after each touch, in states that cannot hold more of it
 /// together: the total variation from the posterior over all states is at most this, however many touches were made.
@@ -59,7 +60,7 @@ impl Belief {
     }
 
     /// The settings that the first touch was judged with.
-    pub(super) fn config(&self) -> &LikelihoodConfig {
+    pub(super) fn config(&self) -> &TouchModel {
         self.touches[0].likelihood.config()
     }
 
@@ -102,7 +103,7 @@ impl Belief {
     }
 
     /// The power to which the likelihood of each touch is taken, 0..=1, with another one, as far as it is known, of
-    /// which `new_share` is new: [`LikelihoodConfig::shared_error`](crate::LikelihoodConfig::shared_error).
+    /// which `new_share` is new: [`TouchModel::shared_error`](crate::TouchModel::shared_error).
     pub(crate) fn joint_weight(&self, new_share: f64, next: Option<&TouchLikelihood>) -> f64 {
         let n_touches = self.touches.iter().map(|touch| touch.weight).sum::<f64>() + new_share;
         let touches = self.touches.iter().map(|touch| &touch.likelihood).chain(next);

@@ -80,8 +80,9 @@ mod tests {
 
     use super::*;
     use crate::checks::synthetic::World;
+    use crate::likelihood::TouchLikelihood;
     use crate::likelihood::interpolation::Interpolation;
-    use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+    use crate::touch_model::TouchModel;
 
     /// All states of a part at once, as pose by pose.
     #[test]
@@ -96,7 +97,7 @@ mod tests {
             (Interpolation::Cubic, 0.0, 1e-4),
             (Interpolation::Cubic, 0.02, 2.1e-3),
         ] {
-            let config = LikelihoodConfig { interpolation, outlier_share, ..LikelihoodConfig::default() };
+            let config = TouchModel { interpolation, outlier_share, ..TouchModel::default() };
             let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
             let moved = Se2::from_degrees(1.7, -0.9, 21.0);
             let evidence = Evidence::of(&grid, moved, 0.7, likelihood);

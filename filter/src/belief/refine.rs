@@ -95,7 +95,8 @@ mod tests {
     use super::*;
     use crate::belief::{Belief, EngineConfig};
     use crate::checks::synthetic::World;
-    use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+    use crate::likelihood::TouchLikelihood;
+    use crate::touch_model::TouchModel;
 
     /// 9 x 9 x 7 poses.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
@@ -110,7 +111,7 @@ mod tests {
             let touch = |pose: &Se2, rng: &mut ChaCha8Rng| {
                 let observation = world.touch(part, pose, rng);
                 // The best views of this world match by 0.5 to 0.98.
-                let config = LikelihoodConfig { unknown_similarity: Some(0.3), ..LikelihoodConfig::default() };
+                let config = TouchModel { unknown_similarity: Some(0.3), ..TouchModel::default() };
                 TouchLikelihood::new(&observation, &world.bank, &config).unwrap()
             };
             let mut belief = Belief::new(&world.bank, EngineConfig::Exact, 1, 1, touch(&truth, &mut rng));

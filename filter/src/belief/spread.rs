@@ -149,9 +149,10 @@ mod tests {
 
     use super::*;
     use crate::belief::engine::EngineConfig;
+    use crate::likelihood::TouchLikelihood;
     use crate::likelihood::interpolation::Interpolation;
-    use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
     use crate::touch::Observation;
+    use crate::touch_model::TouchModel;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
 
@@ -169,11 +170,7 @@ mod tests {
         let rows: Vec<f32> = (0..GRID.len()).flat_map(row).collect();
         let bank =
             Bank::from_rows(vec!["a".into()], GRID, Rows::new(DIM, rows).unwrap(), vec![0.3; GRID.len()], "").unwrap();
-        let config = LikelihoodConfig {
-            outlier_share: 1e-9,
-            interpolation: Interpolation::Cubic,
-            ..LikelihoodConfig::default()
-        };
+        let config = TouchModel { outlier_share: 1e-9, interpolation: Interpolation::Cubic, ..TouchModel::default() };
         let touch = Observation::new(row(GRID.nearest(&Se2::IDENTITY).unwrap()), 0.3);
         Belief::new(&bank, EngineConfig::Exact, 2, 1, TouchLikelihood::new(&touch, &bank, &config).unwrap())
     }

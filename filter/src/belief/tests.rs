@@ -50,8 +50,7 @@ fn two_places_that_feel_the_same_are_not_one() {
     let [left, right] = [-4.0, 4.0].map(|x| GRID.nearest(&Se2::new(x, 0.0, 0.0)).unwrap());
     rows[right] = rows[left].clone();
     let bank = bank(&[&rows]);
-    let config =
-        LikelihoodConfig { temperature: 1e-3, outlier_share: 0.0, blank_share: 0.0, ..LikelihoodConfig::default() };
+    let config = TouchModel { temperature: 1e-3, outlier_share: 0.0, blank_share: 0.0, ..TouchModel::default() };
     let touch = TouchLikelihood::new(&Observation::new(rows[left].clone(), 0.3), &bank, &config).unwrap();
     let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
     // In half of all cases it is at the other place, 8 mm away.
@@ -78,11 +77,11 @@ fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
 }
 
 /// Touches that share no evidence, wherever they are, and no error.
-fn independent() -> LikelihoodConfig {
-    LikelihoodConfig { overlap_mm: 0.0, shared_error: 0.0, ..LikelihoodConfig::default() }
+fn independent() -> TouchModel {
+    TouchModel { overlap_mm: 0.0, shared_error: 0.0, ..TouchModel::default() }
 }
 
-fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
+fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &TouchModel) -> Belief {
     let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
     let mut belief = Belief::new(bank, engine, 1, 3, likelihood(&touches[0].1));
     for (moved, touch) in &touches[1..] {
@@ -92,7 +91,7 @@ fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config
 }
 
 /// The same with all states.
-fn run_all(bank: &Bank, touches: &[(Se2, Observation)], config: &LikelihoodConfig) -> Belief {
+fn run_all(bank: &Bank, touches: &[(Se2, Observation)], config: &TouchModel) -> Belief {
     let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config).unwrap();
     let mut belief = Belief::of_all_states(bank, 1, likelihood(&touches[0].1));
     for (moved, touch) in &touches[1..] {
@@ -108,7 +107,7 @@ fn blank_row(row: usize) -> bool {
 
 /// The power of each touch's likelihood: one of `n` by how much error they share, six times as much where the best rows
 /// have a cosine of 0.7 with the edged ones as where that is 0.92.
-fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &LikelihoodConfig) -> f64 {
+fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &TouchModel) -> f64 {
     let cosine = |row: usize, touch: &Observation| {
         rows[row].iter().zip(&touch.query).map(|(a, b)| f64::from(a * b)).sum::<f64>()
     };
@@ -123,7 +122,7 @@ fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &LikelihoodConfig
 }
 
 /// The posterior straight from its definition, in f64 probabilities: no logs, no shared interpolation.
-fn brute_force(rows: &[Vec<f32>], n_parts: usize, touches: &[(Se2, Observation)], c: &LikelihoodConfig) -> Vec<f64> {
+fn brute_force(rows: &[Vec<f32>], n_parts: usize, touches: &[(Se2, Observation)], c: &TouchModel) -> Vec<f64> {
     let likelihoods: Vec<Vec<f64>> = touches
         .iter()
         .map(|(_, touch)| {
@@ -194,7 +193,7 @@ proptest! {
         let rows = unit_rows(3 * N_CELLS, seed);
         let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
         let touches = touches(n_touches, seed);
-        let config = LikelihoodConfig { shared_error: 0.1, ..independent() };
+        let config = TouchModel { shared_error: 0.1, ..independent() };
         let belief = run_all(&bank, &touches, &config);
         let expected = brute_force(&rows, 3, &touches, &config);
         for (got, expected) in masses_of(&belief).iter().zip(&expected) {
@@ -210,7 +209,7 @@ proptest! {
         let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
         let interpolation =
             if cubic { crate::likelihood::interpolation::Interpolation::Cubic } else { crate::likelihood::interpolation::Interpolation::Nearest };
-        let config = LikelihoodConfig { interpolation, ..LikelihoodConfig::default() };
+        let config = TouchModel { interpolation, ..TouchModel::default() };
         let touches = touches(10, seed);
         for n_touches in 1..=10 {
             let belief = run(&bank, EngineConfig::Exact, &touches[..n_touches], &config);
@@ -227,7 +226,7 @@ proptest! {
         let rows = unit_rows(2 * N_CELLS, seed);
         let bank = bank(&[&rows[..27], &rows[27..]]);
         let engine = if particles { EngineConfig::Particle(ParticleConfig::default()) } else { EngineConfig::Exact };
-        let belief = run(&bank, engine, &touches(4, seed), &LikelihoodConfig::default());
+        let belief = run(&bank, engine, &touches(4, seed), &TouchModel::default());
         prop_assert!((belief.posterior().by_part().iter().sum::<f64>() - 1.0).abs() < 1e-9);
         prop_assert!((belief.posterior().states().iter().map(|(_, mass)| mass).sum::<f64>() - 1.0).abs() < 1e-9);
         prop_assert!(belief.posterior().entropy_nats() >= 0.0 && belief.posterior().entropy_nats() <= 54.0_f64.ln() + 1e-9);
@@ -237,7 +236,7 @@ proptest! {
     fn permuting_the_parts_permutes_the_posterior(seed in 0..1000_u64) {
         let rows = unit_rows(2 * N_CELLS, seed);
         // Nothing blank: this bank's blank rows do not move with their parts.
-        let config = LikelihoodConfig { blank_share: 0.0, ..LikelihoodConfig::default() };
+        let config = TouchModel { blank_share: 0.0, ..TouchModel::default() };
         let posterior = |parts: &[&[Vec<f32>]]| {
             run(&bank(parts), EngineConfig::Exact, &touches(4, seed), &config).posterior().by_part().to_vec()
         };
@@ -267,7 +266,7 @@ proptest! {
 fn many_particles_agree_with_the_exact_engine() {
     let rows = unit_rows(3 * N_CELLS, 11);
     let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
-    let (touches, config) = (touches(4, 11), LikelihoodConfig::default());
+    let (touches, config) = (touches(4, 11), TouchModel::default());
     let exact = run(&bank, EngineConfig::Exact, &touches, &config);
     for n_moves in [0, 4] {
         let engine = ParticleConfig { n_particles: 20_000, n_moves, adaptive: false, ..ParticleConfig::default() };
@@ -289,7 +288,7 @@ fn one_part_and_one_particle_and_half_a_turn_are_fine() {
     touches[2].0 = Se2::from_degrees(0.0, 0.0, -180.0);
     let engine = ParticleConfig { n_particles: 1, ..ParticleConfig::default() };
     for engine in [EngineConfig::Exact, EngineConfig::Particle(engine)] {
-        let belief = run(&bank, engine, &touches, &LikelihoodConfig::default());
+        let belief = run(&bank, engine, &touches, &TouchModel::default());
         assert!((belief.posterior().by_part()[0] - 1.0).abs() < 1e-12);
         // Half a turn leads out of a reach of 30 degrees: unknown, never no contact.
         let unknown = |touch: usize| belief.touches()[touch].likelihood.log_unknown;
@@ -304,8 +303,8 @@ fn the_same_touch_twice_tells_nothing_new() {
     let bank = bank(&[&rows[..27], &rows[27..]]);
     let mut touches = touches(2, 6);
     touches[1] = (Se2::IDENTITY, touches[0].1.clone());
-    let once = run_all(&bank, &touches[..1], &LikelihoodConfig::default());
-    let twice = run_all(&bank, &touches, &LikelihoodConfig::default());
+    let once = run_all(&bank, &touches[..1], &TouchModel::default());
+    let twice = run_all(&bank, &touches, &TouchModel::default());
     assert!(masses_of(&once).iter().zip(masses_of(&twice).iter()).all(|(a, b)| (a - b).abs() < 1e-12));
     let counted_twice = run(&bank, EngineConfig::Exact, &touches, &independent());
     assert!(counted_twice.posterior().entropy_nats() < once.posterior().entropy_nats() - 0.1);
@@ -315,8 +314,7 @@ fn the_same_touch_twice_tells_nothing_new() {
 fn a_finer_grid_of_states_holds_the_coarser_one() {
     let rows = unit_rows(2 * N_CELLS, 8);
     let bank = bank(&[&rows[..27], &rows[27..]]);
-    let config =
-        LikelihoodConfig { interpolation: crate::likelihood::interpolation::Interpolation::Cubic, ..independent() };
+    let config = TouchModel { interpolation: crate::likelihood::interpolation::Interpolation::Cubic, ..independent() };
     let (touches, likelihood) = (touches(1, 8), |touch| TouchLikelihood::new(touch, &bank, &config).unwrap());
     let belief = |n| Belief::new(&bank, EngineConfig::Exact, n, 3, likelihood(&touches[0].1));
     let (coarse, fine) = (belief(1), belief(2));
@@ -335,7 +333,7 @@ fn a_touch_outside_the_recorded_area_changes_nothing() {
     let bank = bank(&[&rows[..27], &rows[27..]]);
     let mut touches = touches(2, 4);
     touches[1].0 = Se2::from_degrees(100.0, 0.0, 0.0);
-    let config = LikelihoodConfig::default();
+    let config = TouchModel::default();
     let (before, after) = (run_all(&bank, &touches[..1], &config), run_all(&bank, &touches, &config));
     for (a, b) in masses_of(&before).iter().zip(masses_of(&after).iter()) {
         assert!((a - b).abs() < 1e-12);

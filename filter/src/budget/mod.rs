@@ -1,4 +1,4 @@
-//! Settings for a budget of time, memory and touches, chosen from a measured trade-off (`tactile-filter tradeoff`).
+//! Setup for a budget of time, memory and touches, chosen from a measured trade-off (`tactile-filter tradeoff`).
 //!
 //! A [`Tradeoff`] holds points that were measured on one machine with one bank. [`Pace`] measures how fast this
 //! machine and this bank are with the same settings; of the points that a [`Budget`] allows, [`Tradeoff::choose`] takes the
@@ -37,10 +37,10 @@
 
 mod halves;
 mod pace;
-mod settings;
+mod setup;
 mod tradeoff;
 
 pub use halves::{Half, Halves};
 pub use pace::Pace;
-pub use settings::{Knob, Settings};
+pub use setup::{Knob, Setup};
 pub use tradeoff::{Budget, Choice, Cost, Point, SCHEMA, Tradeoff};

@@ -11,6 +11,7 @@ use tactile_infer::Bank;
 use crate::config::EpisodeConfig;
 use crate::episode::{Decision, Episode};
 use crate::error::Result;
+use crate::settings::Settings;
 use crate::touch::Observation;
 use crate::touch::Sensor;
 
@@ -51,7 +52,10 @@ impl Pace<'_> {
         decisions: &mut Vec<f64>,
     ) -> Result<()> {
         // An episode that stops early would leave out the costly touches.
-        let config = EpisodeConfig { stop_probability: 1.0, none_fit: None, max_touches: TOUCHES + 1, ..*config };
+        let config = EpisodeConfig {
+            settings: Settings { stop_probability: 1.0, none_fit: None, max_touches: TOUCHES + 1, ..config.settings },
+            ..*config
+        };
         let grid = self.bank.grid();
         let part = rng.random_range(0..self.bank.parts().len());
         let first = grid.pose(rng.random_range(0..grid.len()));

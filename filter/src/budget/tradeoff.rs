@@ -4,13 +4,13 @@ use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 
 use super::halves::Halves;
-use super::settings::Settings;
+use super::setup::Setup;
 use crate::error::{Error, Result};
 
 /// The value of [`Tradeoff::schema`].
 pub const SCHEMA: &str = "tactile-filter/tradeoff/1";
 
-/// Settings measured on one scene, on one machine.
+/// Setup measured on one scene, on one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tradeoff {
     /// [`SCHEMA`].
@@ -41,7 +41,7 @@ pub struct Tradeoff {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     /// The setting.
-    pub settings: Settings,
+    pub settings: Setup,
     /// Touches made.
     pub n_touches: usize,
     /// Share of all episodes that name the right part after these touches, sure or not, 0..=1.
@@ -144,8 +144,8 @@ impl Tradeoff {
     }
 
     /// The distinct settings that were measured with a model and a bank of these steps, in order.
-    pub fn settings_of(&self, model_sha256: &str, grid: &PoseGrid) -> Vec<&Settings> {
-        let mut found: Vec<&Settings> = Vec::new();
+    pub fn settings_of(&self, model_sha256: &str, grid: &PoseGrid) -> Vec<&Setup> {
+        let mut found: Vec<&Setup> = Vec::new();
         for Point { settings, .. } in &self.points {
             if settings.model_sha256 == model_sha256 && settings.is_of_grid(grid) && !found.contains(&settings) {
                 found.push(settings);
@@ -165,7 +165,7 @@ impl Tradeoff {
     pub fn choose(
         &self,
         budget: &Budget,
-        here: &mut dyn FnMut(&Settings, usize) -> Result<Option<Cost>>,
+        here: &mut dyn FnMut(&Setup, usize) -> Result<Option<Cost>>,
     ) -> Result<Choice> {
         let mut choices = Vec::new();
         for point in &self.points {
@@ -200,7 +200,7 @@ impl Tradeoff {
     /// The banks that settings were measured with, by their steps.
     fn banks(&self) -> Vec<String> {
         let mut banks = Vec::new();
-        for Settings { xy_step_mm, theta_step_deg, .. } in self.points.iter().map(|point| &point.settings) {
+        for Setup { xy_step_mm, theta_step_deg, .. } in self.points.iter().map(|point| &point.settings) {
             let bank = format!("{xy_step_mm} mm and {theta_step_deg} degrees");
             if !banks.contains(&bank) {
                 banks.push(bank);
@@ -228,7 +228,7 @@ impl Tradeoff {
         let keep = |p: &&Point| p.settings.model_sha256 == model_sha256;
         let mut of_model = Self { points: self.points.iter().filter(keep).cloned().collect(), ..self.clone() };
         of_model.mark_dominated();
-        let kept: Vec<Settings> =
+        let kept: Vec<Setup> =
             of_model.points.iter().filter(|point| !point.dominated).map(|point| point.settings.clone()).collect();
         of_model.points.retain(|point| kept.contains(&point.settings));
         of_model
@@ -249,13 +249,13 @@ impl std::fmt::Display for Budget {
 #[cfg(test)]
 mod tests {
     use super::super::halves::Half;
-    use super::super::settings::tests::settings;
+    use super::super::setup::tests::settings;
     use super::*;
     use proptest::prelude::*;
 
     fn point(n_draws: usize, n_touches: usize, accuracy: f64, ms: f64, mb: f64) -> Point {
         Point {
-            settings: Settings { n_draws, ..settings() },
+            settings: Setup { n_draws, ..settings() },
             n_touches,
             accuracy,
             accuracy_ci95: [0.0, 1.0],
@@ -288,7 +288,7 @@ mod tests {
     }
 
     /// A machine that takes the same times as the one of the measurements, and as much memory.
-    fn same(points: &[Point]) -> impl FnMut(&Settings, usize) -> Result<Option<Cost>> {
+    fn same(points: &[Point]) -> impl FnMut(&Setup, usize) -> Result<Option<Cost>> {
         let points = points.to_vec();
         move |settings, n_touches| {
             let found = points.iter().find(|p| p.settings == *settings && p.n_touches == n_touches);
@@ -371,10 +371,10 @@ mod tests {
     #[test]
     fn a_slower_machine_is_promised_longer_times() {
         let budget = Budget { decision_ms: Some(4.0), ..Budget::default() };
-        let mut slow = |_: &Settings, _: usize| Ok(Some(Cost { pace_ms: 4.5, memory_mb: 11.0 }));
+        let mut slow = |_: &Setup, _: usize| Ok(Some(Cost { pace_ms: 4.5, memory_mb: 11.0 }));
         // Paces of 4.5 ms where 0.5, 2 and 4.5 were measured: 9, 9 and 9 ms.
         assert!(tradeoff(points()).choose(&budget, &mut slow).unwrap_err().to_string().contains("at least 9.00 ms"));
-        let mut other_bank = |_: &Settings, _: usize| Ok(None);
+        let mut other_bank = |_: &Setup, _: usize| Ok(None);
         assert!(tradeoff(points()).choose(&budget, &mut other_bank).unwrap_err().to_string().contains("others"));
     }
 

@@ -12,14 +12,14 @@ use tactile_infer::rows::Rows;
 
 use crate::belief::EngineConfig;
 use crate::belief::particle::ParticleConfig;
-use crate::choice::{ActionConfig, ActionRule};
+use crate::choice::ActionRule;
 use crate::config::EpisodeConfig;
 use crate::decision::Estimate;
 use crate::episode::{Decision, Episode};
 use crate::error::Error;
-use crate::likelihood::LikelihoodConfig;
 use crate::likelihood::interpolation::Interpolation;
 use crate::touch::Observation;
+use crate::touch_model::TouchModel;
 
 /// Any f64: half the time one near a robot's, else one at an end of the range or none at all.
 fn number() -> impl Strategy<Value = f64> {
@@ -101,14 +101,13 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
     let rules = vec![ActionRule::Paper, ActionRule::Information, ActionRule::Random, ActionRule::RandomEdge];
     let rule = prop::sample::select(rules);
     let action = (rule, 1..=20_usize, 1..=6_usize, 1..=8_usize, share(), 0.0..20.0_f64).prop_map(
-        |(rule, n_draws, n_suppositions, n_finalists, contact_threshold, min_separation_mm)| ActionConfig {
-            rule,
-            n_draws,
-            n_suppositions,
-            n_finalists: Some(n_finalists),
-            contact_threshold,
-            min_separation_mm,
-            ..ActionConfig::default()
+        |(rule, n_draws, n_suppositions, n_finalists, contact_threshold, min_separation_mm)| {
+            EpisodeConfig::default().changed(|settings, model, method| {
+                settings.n_finalists = Some(n_finalists);
+                (settings.n_draws, settings.n_suppositions) = (n_draws, n_suppositions);
+                (model.contact_threshold, model.min_separation_mm) = (contact_threshold, min_separation_mm);
+                method.rule = rule;
+            })
         },
     );
     let temperature =
@@ -118,30 +117,26 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
     let overlap = prop::sample::select(vec![0.0, 3.0, 1e-9, 1e9]);
     let tolerance = prop::sample::select(vec![0.25, 1.0, 1e-9, 1e9]);
     let likelihood = (temperature, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
-        |(temperature, outlier_share, interpolation, overlap_mm, nearest_tolerance, blank_share)| LikelihoodConfig {
+        |(temperature, outlier_share, interpolation, overlap_mm, nearest_tolerance, blank_share)| TouchModel {
             temperature,
             outlier_share,
             interpolation,
             overlap_mm,
             nearest_tolerance,
             blank_share,
-            ..LikelihoodConfig::default()
+            ..TouchModel::default()
         },
     );
     let stop_place_mm = prop::sample::select(vec![None, Some(1e-3), Some(2.0)]);
     (engine, action, likelihood, any::<bool>(), (0.0..=1.0_f64, stop_place_mm, 1..=5_usize), any::<u64>()).prop_map(
-        |(engine, action, likelihood, between_poses, (stop_probability, stop_place_mm, none_touches), seed)| {
-            EpisodeConfig {
-                engine,
-                action,
-                likelihood,
-                between_poses,
-                stop_probability,
-                stop_place_mm,
-                none_touches,
-                seed,
-                ..EpisodeConfig::default()
-            }
+        |(engine, config, numbers, between_poses, (stop_probability, stop_place_mm, none_touches), seed)| {
+            let TouchModel { contact_threshold, min_separation_mm, .. } = config.model;
+            config.changed(|settings, model, method| {
+                *model = TouchModel { contact_threshold, min_separation_mm, none_touches, ..numbers };
+                (method.engine, method.between_poses) = (engine, between_poses);
+                (settings.stop_probability, settings.stop_place_mm) = (stop_probability, stop_place_mm);
+                settings.seed = seed;
+            })
         },
     )
 }

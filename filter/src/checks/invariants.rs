@@ -12,13 +12,14 @@ use crate::belief::exact::Exact;
 use crate::belief::particle::{Particle, ParticleConfig};
 use crate::belief::posterior::Posterior;
 use crate::belief::resample::systematic;
-use crate::likelihood::{LikelihoodConfig, TouchLikelihood};
+use crate::likelihood::TouchLikelihood;
 use crate::touch::Observation;
+use crate::touch_model::TouchModel;
 
 const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
 
 /// The probability of each of some parts of one row after touches at one place.
-fn posterior(rows: &[[f32; 3]], shares: &[f32], touches: &[[f32; 3]], config: &LikelihoodConfig) -> Vec<f64> {
+fn posterior(rows: &[[f32; 3]], shares: &[f32], touches: &[[f32; 3]], config: &TouchModel) -> Vec<f64> {
     let names = (0..rows.len()).map(|part| part.to_string()).collect();
     let bank = Bank::from_rows(names, POINT, Rows::new(3, rows.concat()).unwrap(), shares.to_vec(), "").unwrap();
     let seen = |query: &[f32; 3]| TouchLikelihood::new(&Observation::new(query.to_vec(), 0.2), &bank, config).unwrap();
@@ -34,8 +35,8 @@ fn rows(n: usize) -> impl Strategy<Value = Vec<[f32; 3]>> {
 }
 
 /// Touches at one place that all count.
-fn independent() -> LikelihoodConfig {
-    LikelihoodConfig { overlap_mm: 0.0, ..LikelihoodConfig::default() }
+fn independent() -> TouchModel {
+    TouchModel { overlap_mm: 0.0, ..TouchModel::default() }
 }
 
 proptest! {
@@ -61,7 +62,7 @@ proptest! {
         prop_assume!(length > 0.1);
         // Its cosine is -1, the others' above -0.99 * sqrt(3 / 3): without a floor e^(0.01 / 1e-4) behind.
         let opposite = touch[0].map(|value| -value / length);
-        let config = LikelihoodConfig { temperature: 1e-4, ..LikelihoodConfig::paper() };
+        let config = TouchModel { temperature: 1e-4, ..TouchModel::paper() };
         let cosines = rows.iter().map(|row| row.iter().zip(&touch[0]).map(|(a, b)| a * b).sum::<f32>() / length);
         prop_assume!(cosines.fold(-1.0, f32::max) > -0.9);
         let without = posterior(&rows, &[0.2; 4], &touch, &config);

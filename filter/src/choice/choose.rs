@@ -10,10 +10,11 @@ use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_infer::Bank;
 
-use super::config::{ActionConfig, ActionRule};
+use super::rule::ActionRule;
 use super::scorer::Scorer;
 use crate::belief::Belief;
-use crate::likelihood::LikelihoodConfig;
+use crate::config::EpisodeConfig;
+use crate::touch_model::TouchModel;
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,19 +25,16 @@ pub struct Action {
 
 /// What a choice is made in: what is believed, recorded and offered.
 pub struct ChoiceInputs<'a> {
-    /// Rule and effort.
-    pub config: &'a ActionConfig,
-    /// The likelihood that the belief was made with.
-    pub likelihood: &'a LikelihoodConfig,
+    /// Rule, effort, and how far touches keep apart.
+    pub config: &'a EpisodeConfig,
+    /// What the belief was made with: the config's, in the metric of the bank.
+    pub model: &'a TouchModel,
     /// What is known of part and pose.
     pub belief: &'a Belief,
     /// The recorded views.
     pub bank: &'a Bank,
     /// Motions `sensor_from_next` that the reach allows.
     pub candidates: &'a [Se2],
-    /// Whether every candidate leads to a recorded pose of the true part, as in the paper's protocol:
-    /// a supposition that it leads out of is then known to be wrong.
-    pub only_recorded: bool,
 }
 
 /// A candidate as the rule saw it.
@@ -115,7 +113,7 @@ fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let chance = *far.get(rng.random_range(0..far.len().max(1)))?;
     let by_chance = |sensor_from_next| Chosen { action: Action { sensor_from_next }, scored: Vec::new(), scorer: None };
-    match config.rule {
+    match config.method.rule {
         ActionRule::Random => return Some(by_chance(chance)),
         ActionRule::RandomEdge => {
             let scorer = Scorer::new(inputs, 1, 1, &mut rng);
@@ -126,10 +124,11 @@ fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut(
         }
         ActionRule::Paper | ActionRule::Information => (),
     }
-    let scorer = Scorer::new(inputs, config.n_draws.max(1), config.n_suppositions.max(1), &mut rng);
-    let n_finalists = config.n_finalists.unwrap_or(far.len()).max(1);
+    let scorer = Scorer::new(inputs, config.settings.n_draws.max(1), config.settings.n_suppositions.max(1), &mut rng);
+    let n_finalists = config.settings.n_finalists.unwrap_or(far.len()).max(1);
     let has_finals = far.len() > n_finalists;
-    let first_pass = has_finals.then(|| scorer.thinned(config.n_draws.div_ceil(6), config.n_suppositions.div_ceil(6)));
+    let first_pass = has_finals
+        .then(|| scorer.thinned(config.settings.n_draws.div_ceil(6), config.settings.n_suppositions.div_ceil(6)));
     let score_first = |candidate: &Se2| {
         let score = first_pass.as_ref().unwrap_or(&scorer).score(candidate);
         Scored { sensor_from_next: *candidate, score, by_all_draws: !has_finals }
@@ -167,14 +166,14 @@ fn score_again(scorer: &Scorer, candidate: &mut Scored) -> bool {
 const FULL_TURN_DEG: f64 = 360.0;
 
 /// The candidates apart from every earlier touch, by the smallest halving of the separation that leaves any.
-fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) -> Vec<Se2> {
+fn far_candidates(config: &EpisodeConfig, belief: &Belief, candidates: &[Se2]) -> Vec<Se2> {
     let first_from_sensor = belief.first_from_sensor();
     let is_far = |candidate: &&Se2, share: f64| {
         let first_from_next = first_from_sensor * **candidate;
         belief.touches().iter().all(|touched| {
             let turn = wrap_angle(touched.first_from_sensor.theta_rad - first_from_next.theta_rad).to_degrees();
-            touched.first_from_sensor.distance_mm(&first_from_next) >= share * config.min_separation_mm
-                || turn.abs() >= share * config.min_separation_deg.unwrap_or(FULL_TURN_DEG)
+            touched.first_from_sensor.distance_mm(&first_from_next) >= share * config.model.min_separation_mm
+                || turn.abs() >= share * config.model.min_separation_deg.unwrap_or(FULL_TURN_DEG)
         })
     };
     // The tenth halving asks for 0.1 % of the separation: what is nearer is the same place.
@@ -189,7 +188,9 @@ fn far_candidates(config: &ActionConfig, belief: &Belief, candidates: &[Se2]) ->
 pub(super) mod tests {
     use super::*;
     use crate::belief::EngineConfig;
+    use crate::config::Method;
     use crate::likelihood::TouchLikelihood;
+    use crate::settings::Settings;
     use crate::touch::Observation;
     use tactile_data::grid::PoseGrid;
     use tactile_infer::rows::Rows;
@@ -209,7 +210,7 @@ pub(super) mod tests {
     /// A belief sure of -30 degrees and of no part.
     fn belief(bank: &Bank) -> Belief {
         let touch = Observation::new(vec![1.0, 0.0, 0.0], 0.2);
-        let first = TouchLikelihood::new(&touch, bank, &LikelihoodConfig::default()).unwrap();
+        let first = TouchLikelihood::new(&touch, bank, &TouchModel::default()).unwrap();
         Belief::new(bank, EngineConfig::Exact, 1, 1, first)
     }
 
@@ -217,34 +218,30 @@ pub(super) mod tests {
         Se2::from_degrees(0.0, 0.0, degrees)
     }
 
-    fn chosen(config: ActionConfig, bank: &Bank, candidates: &[Se2], seed: u64) -> Option<Se2> {
-        let (likelihood, belief) = (LikelihoodConfig::default(), belief(bank));
-        let inputs = ChoiceInputs {
-            config: &config,
-            likelihood: &likelihood,
-            belief: &belief,
-            bank,
-            candidates,
-            only_recorded: true,
-        };
+    fn chosen(config: EpisodeConfig, bank: &Bank, candidates: &[Se2], seed: u64) -> Option<Se2> {
+        let belief = belief(bank);
+        let inputs = ChoiceInputs { config: &config, model: &config.model, belief: &belief, bank, candidates };
         choose(&inputs, seed, &mut || true).map(|action| action.sensor_from_next)
     }
 
-    const ANY_PLACE: ActionConfig = ActionConfig {
-        rule: ActionRule::Paper,
-        n_draws: 160,
-        n_suppositions: 1,
-        n_finalists: Some(8),
-        contact_threshold: 0.01,
-        min_separation_mm: 0.0,
-        min_separation_deg: None,
-        travel_nats_per_mm: 0.0,
-    };
+    /// Recorded poses, wherever a touch was made, by a rule.
+    fn any_place(rule: ActionRule) -> EpisodeConfig {
+        EpisodeConfig {
+            settings: Settings { n_suppositions: 1, n_finalists: Some(8), ..Settings::default() },
+            model: TouchModel { min_separation_mm: 0.0, ..TouchModel::default() },
+            method: Method { rule, between_poses: false, ..Method::default() },
+        }
+    }
+
+    /// The same with touches 12 mm apart.
+    fn apart(rule: ActionRule) -> EpisodeConfig {
+        any_place(rule).changed(|_, model, _| model.min_separation_mm = 12.0)
+    }
 
     #[test]
     fn both_rules_touch_where_the_parts_differ() {
         for rule in [ActionRule::Paper, ActionRule::Information] {
-            let config = ActionConfig { rule, n_suppositions: 4, ..ANY_PLACE };
+            let config = any_place(rule).changed(|settings, _, _| settings.n_suppositions = 4);
             for candidates in [[turn(30.0), turn(60.0)], [turn(60.0), turn(30.0)]] {
                 assert_eq!(chosen(config, &bank(0.2), &candidates, 1), Some(turn(60.0)));
             }
@@ -254,19 +251,19 @@ pub(super) mod tests {
     #[test]
     fn an_action_without_contact_is_not_chosen() {
         // The printed indicator selects what shows no contact; the prose says "exceeds".
-        assert_eq!(chosen(ANY_PLACE, &bank(0.0), &[turn(60.0), turn(30.0)], 1), Some(turn(30.0)));
+        assert_eq!(chosen(any_place(ActionRule::Paper), &bank(0.0), &[turn(60.0), turn(30.0)], 1), Some(turn(30.0)));
     }
 
     #[test]
     fn chance_may_be_asked_for_an_edge() {
         // From the likeliest state, -30 degrees, a turn of 60 leads to a blank view, one of 30 to an edge and one of 90
         // to none that was recorded.
-        let (blank, config) = (bank(0.0), ActionConfig { rule: ActionRule::RandomEdge, ..ANY_PLACE });
+        let blank = bank(0.0);
         let offered = [turn(60.0), turn(30.0), turn(0.0), turn(90.0)];
         let often = |rule, bank: &Bank, candidates: &[Se2]| {
             let mut counts = vec![0; candidates.len()];
             for seed in 0..400 {
-                let to = chosen(ActionConfig { rule, ..config }, bank, candidates, seed).unwrap();
+                let to = chosen(any_place(rule), bank, candidates, seed).unwrap();
                 counts[candidates.iter().position(|candidate| *candidate == to).unwrap()] += 1;
             }
             counts
@@ -286,7 +283,7 @@ pub(super) mod tests {
     fn touches_keep_apart_as_long_as_they_can() {
         let bank = bank(0.2);
         let [near, far] = [3.0, 20.0].map(|x| Se2::from_degrees(x, 0.0, 0.0));
-        let config = ActionConfig { rule: ActionRule::Random, min_separation_mm: 12.0, ..ANY_PLACE };
+        let config = apart(ActionRule::Random);
         for seed in 0..20 {
             assert_eq!(chosen(config, &bank, &[near, far], seed), Some(far));
         }
@@ -300,24 +297,18 @@ pub(super) mod tests {
         // Both give the same information; one is 1 mm away, which the grid's one place still holds.
         let [near, far] = [0.0, 1.0].map(|x| Se2::from_degrees(x, 0.0, 60.0));
         for (travel_nats_per_mm, expected) in [(0.0, far), (0.5, near)] {
-            let config = ActionConfig { rule: ActionRule::Information, travel_nats_per_mm, ..ANY_PLACE };
+            let config = any_place(ActionRule::Information);
+            let config = config.changed(|settings, _, _| settings.travel_nats_per_mm = travel_nats_per_mm);
             assert_eq!(chosen(config, &bank, &[far, near], 1), Some(expected));
         }
     }
 
     #[test]
     fn an_empty_budget_still_gives_an_action() {
-        let (bank, likelihood, config) = (bank(0.2), LikelihoodConfig::default(), ANY_PLACE);
+        let (bank, config) = (bank(0.2), any_place(ActionRule::Paper));
         let belief = belief(&bank);
         let candidates = &[turn(30.0), turn(60.0)];
-        let inputs = ChoiceInputs {
-            config: &config,
-            likelihood: &likelihood,
-            belief: &belief,
-            bank: &bank,
-            candidates,
-            only_recorded: true,
-        };
+        let inputs = ChoiceInputs { config: &config, model: &config.model, belief: &belief, bank: &bank, candidates };
         assert!(choose(&inputs, 1, &mut || false).is_some_and(|a| candidates.contains(&a.sensor_from_next)));
         // Enough for one candidate only: the first.
         let mut left = 1;
@@ -331,7 +322,7 @@ pub(super) mod tests {
     #[test]
     fn nothing_left_to_touch_is_none() {
         let bank = bank(0.2);
-        let config = ActionConfig { min_separation_mm: 12.0, ..ANY_PLACE };
+        let config = apart(ActionRule::Paper);
         for candidates in [vec![], vec![Se2::IDENTITY], vec![Se2 { x_mm: f64::NAN, ..Se2::IDENTITY }]] {
             assert_eq!(chosen(config, &bank, &candidates, 1), None);
         }
@@ -340,6 +331,6 @@ pub(super) mod tests {
     #[test]
     fn of_equal_actions_the_earliest_is_chosen() {
         let same = [turn(60.0), turn(60.0 + 1e-9), turn(60.0 - 1e-9)];
-        assert_eq!(chosen(ANY_PLACE, &bank(0.2), &same, 1), Some(same[0]));
+        assert_eq!(chosen(any_place(ActionRule::Paper), &bank(0.2), &same, 1), Some(same[0]));
     }
 }

@@ -4,9 +4,9 @@
 //! and what it is expected to tell. It must not know when to stop, nor how the belief was inferred.
 
 mod choose;
-mod config;
 mod new_share;
+mod rule;
 mod scorer;
 
 pub use choose::{Action, Choice, ChoiceInputs, Expected, Scored, choose, explain};
-pub use config::{ActionConfig, ActionRule};
+pub use rule::ActionRule;

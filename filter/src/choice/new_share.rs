@@ -1,6 +1,6 @@
 //! What touches like those made would only say again.
 
-use super::config::ActionRule;
+use super::rule::ActionRule;
 use crate::likelihood::TouchLikelihood;
 use crate::likelihood::evidence::Evidence;
 use crate::likelihood::shared_error::mismatch;
@@ -39,8 +39,8 @@ mod tests {
 
     use super::super::choose::tests::bank;
     use super::*;
-    use crate::likelihood::LikelihoodConfig;
     use crate::touch::Observation;
+    use crate::touch_model::TouchModel;
 
     const X: [f32; 3] = [1.0, 0.0, 0.0];
     const Y: [f32; 3] = [0.0, 1.0, 0.0];
@@ -51,7 +51,7 @@ mod tests {
         let bank = bank(0.2);
         let touch = |query: &[f32; 3]| {
             let observation = Observation::new(query.to_vec(), if *query == UP { 0.0 } else { 0.2 });
-            let likelihood = TouchLikelihood::new(&observation, &bank, &LikelihoodConfig::default()).unwrap();
+            let likelihood = TouchLikelihood::new(&observation, &bank, &TouchModel::default()).unwrap();
             Evidence::of(bank.grid(), Se2::IDENTITY, 1.0, likelihood)
         };
         let touches: Vec<Evidence> = queries.iter().map(touch).collect();

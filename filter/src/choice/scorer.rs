@@ -7,13 +7,13 @@ use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 
 use super::choose::{ChoiceInputs, Expected};
-use super::config::ActionRule;
 use super::new_share::NewShare;
+use super::rule::ActionRule;
 use crate::belief::Hypothesis;
-use crate::likelihood::LikelihoodConfig;
 use crate::likelihood::unrecorded;
 use crate::likelihood::{Nearest, trusted};
 use crate::simd;
+use crate::touch_model::TouchModel;
 
 /// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
 #[derive(Clone, Copy)]
@@ -48,7 +48,9 @@ impl<'a> Scorer<'a> {
         let drawn = belief.posterior().draw(n_draws, rng);
         let mut supposed: Vec<Hypothesis> =
             (0..n_suppositions).map(|_| drawn[rng.random_range(0..drawn.len())]).collect();
-        if let (ActionRule::Paper | ActionRule::RandomEdge, Some(best)) = (config.rule, belief.posterior().best(None)) {
+        if let (ActionRule::Paper | ActionRule::RandomEdge, Some(best)) =
+            (config.method.rule, belief.posterior().best(None))
+        {
             supposed[0] = best;
         }
         let draws = drawn.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)).collect();
@@ -63,7 +65,7 @@ impl<'a> Scorer<'a> {
         draws: Vec<(Hypothesis, f64)>,
         supposed: Vec<(Hypothesis, f64)>,
     ) -> Self {
-        let ChoiceInputs { likelihood, belief, bank, .. } = *inputs;
+        let ChoiceInputs { model, belief, bank, .. } = *inputs;
         let mut cells: Vec<usize> = draws.iter().chain(&supposed).map(|(hypothesis, _)| hypothesis.cell).collect();
         cells.sort_unstable();
         cells.dedup();
@@ -74,7 +76,7 @@ impl<'a> Scorer<'a> {
             states.into_iter().map(draw).collect()
         };
         // Between the poses of a grid that can be interpolated the nearest view is near enough to choose by.
-        let tolerance = if likelihood.interpolation.is_cubic(bank.grid()) { 1.0 } else { likelihood.nearest_tolerance };
+        let tolerance = if model.interpolation.is_cubic(bank.grid()) { 1.0 } else { model.nearest_tolerance };
         let stood = |cell: &usize| {
             let pose = belief.posterior().grid().pose(*cell) * first_from_sensor;
             (pose, pose.theta_rad.sin_cos().into())
@@ -84,7 +86,7 @@ impl<'a> Scorer<'a> {
             pairing,
             draws: placed(draws),
             supposed: placed(supposed),
-            new_share: NewShare::of(inputs.config.rule, belief.touches()),
+            new_share: NewShare::of(inputs.config.method.rule, belief.touches()),
             part_from_sensor: cells.iter().map(stood).collect(),
             cells: NearestCell::on(bank.grid()),
             tolerance,
@@ -113,7 +115,7 @@ impl<'a> Scorer<'a> {
     ///
     /// `None` for other rules than expected information, and where no contact is expected.
     pub(super) fn expected(&self, candidate: &Se2, pair: Option<[usize; 2]>) -> Option<Expected> {
-        if self.inputs.config.rule != ActionRule::Information {
+        if self.inputs.config.method.rule != ActionRule::Information {
             return None;
         }
         let n_parts = self.inputs.bank.parts().len();
@@ -150,8 +152,10 @@ impl<'a> Scorer<'a> {
 
     /// What the way to a candidate costs, nats.
     fn travel_nats(&self, candidate: &Se2) -> f64 {
-        match self.inputs.config.rule {
-            ActionRule::Information => self.inputs.config.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm),
+        match self.inputs.config.method.rule {
+            ActionRule::Information => {
+                self.inputs.config.settings.travel_nats_per_mm * candidate.x_mm.hypot(candidate.y_mm)
+            }
             _ => 0.0,
         }
     }
@@ -159,7 +163,7 @@ impl<'a> Scorer<'a> {
     /// Weighs the views from the draws against the view from each supposed state. `report` is given each pair:
     /// which supposed state and how much of its view is new, which draw, and how much it counts.
     fn sum(&self, candidate: &Se2, mut report: impl FnMut((usize, f64), &Draw, f64)) -> Sums {
-        let ChoiceInputs { config, bank, only_recorded, .. } = *self.inputs;
+        let ChoiceInputs { config, bank, .. } = *self.inputs;
         let grid = bank.grid();
         // The product of both motions, its sine and cosine at hand.
         let moved = |(pose, [sin, cos]): &(Se2, [f64; 2])| {
@@ -175,19 +179,20 @@ impl<'a> Scorer<'a> {
         for (index, truth) in self.supposed.iter().enumerate() {
             let Some((row, trust)) = view(truth) else {
                 // What is not recorded gives no information.
-                let is_wrong = only_recorded && near(truth).is_none();
+                // Where every candidate leads to a recorded pose of the true part, a supposition that it leads out of is wrong.
+                let is_wrong = !config.method.between_poses && near(truth).is_none();
                 sums.n_supposed += if is_wrong { 0.0 } else { 1.0 };
                 continue;
             };
             sums.n_supposed += 1.0;
-            if bank.edge_shares()[row] <= config.contact_threshold {
+            if bank.edge_shares()[row] <= config.model.contact_threshold {
                 continue;
             }
             sums.n_contacts += 1;
             let (ratios, new_share) = (rows.ratios(&self.pairing, row), self.new_share.new_share(row));
             let (mut sum, mut n_states) = (0.0, 0.0);
             for (draw, view) in self.draws.iter().zip(&of_draws) {
-                if config.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
+                if config.method.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
                     continue; // S without s*
                 }
                 let value = draw.count * self.pairing.mixed(view.map(|(at, trust)| (ratios[at], trust)));
@@ -195,7 +200,7 @@ impl<'a> Scorer<'a> {
                 sum += value;
                 n_states += draw.count;
             }
-            let of_truth = match config.rule {
+            let of_truth = match config.method.rule {
                 ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
                 _ => sum,
             };
@@ -250,7 +255,7 @@ struct Sums {
 #[derive(Clone, Copy)]
 struct Pairing<'a> {
     rule: ActionRule,
-    likelihood: &'a LikelihoodConfig,
+    model: &'a TouchModel,
     bank: &'a Bank,
     /// Temperature, what a view of any cosine adds, and agreement and disagreement of blank views, as they count together
     /// with the touches made.
@@ -266,13 +271,12 @@ struct Pairing<'a> {
 
 impl<'a> Pairing<'a> {
     fn new(inputs: &ChoiceInputs<'a>, rng: &mut ChaCha8Rng) -> Self {
-        let ChoiceInputs { config, likelihood, bank, belief, .. } = *inputs;
+        let ChoiceInputs { config, model, bank, belief, .. } = *inputs;
         let joint = belief.joint_weight(1.0, None);
-        let LikelihoodConfig { temperature, outlier_share, blank_agreement, unknown_similarity, .. } =
-            likelihood.in_metric_of(bank);
+        let TouchModel { temperature, outlier_share, blank_agreement, unknown_similarity, .. } = *model;
         let mut pairing = Self {
-            rule: config.rule,
-            likelihood,
+            rule: config.method.rule,
+            model,
             bank,
             temperature: temperature / joint,
             floor: 0.0,
@@ -282,7 +286,7 @@ impl<'a> Pairing<'a> {
             unknown: 1.0,
         };
         let felt: Vec<f64> = belief.touches().iter().filter_map(|touch| touch.likelihood.mean_match()).collect();
-        if felt.is_empty() || config.rule == ActionRule::Paper {
+        if felt.is_empty() || config.method.rule == ActionRule::Paper {
             pairing.average = pairing.mean_of_pairs(rng);
             pairing.floor = outlier_share * pairing.average;
         } else {
@@ -291,10 +295,10 @@ impl<'a> Pairing<'a> {
             pairing.average = mean.powf(joint);
             pairing.floor = (outlier_share / (1.0 - outlier_share) * mean).powf(joint);
         }
-        pairing.unknown = match (config.rule, unknown_similarity) {
+        pairing.unknown = match (config.method.rule, unknown_similarity) {
             (ActionRule::Paper, _) => pairing.average,
-            (_, Some(cosine)) if likelihood.interpolation.is_cubic(bank.grid()) => {
-                (1.0 - unrecorded::blank_share(bank, likelihood)).powf(joint)
+            (_, Some(cosine)) if model.interpolation.is_cubic(bank.grid()) => {
+                (1.0 - unrecorded::blank_share(bank, model)).powf(joint)
                     * unrecorded::likely(pairing.likely(cosine) / pairing.average)
             }
             _ => 1.0,
@@ -307,7 +311,7 @@ impl<'a> Pairing<'a> {
         /// Pairs sampled: the mean's relative error, some 6 %, moves no score by more.
         const N_SAMPLED: usize = 256;
         let shares = self.bank.edge_shares();
-        let is_edged = |row: &usize| !self.likelihood.is_blank(shares[*row]) && self.bank.is_recorded(*row);
+        let is_edged = |row: &usize| !self.model.is_blank(shares[*row]) && self.bank.is_recorded(*row);
         let edged: Vec<usize> = (0..shares.len()).filter(is_edged).collect();
         if edged.is_empty() {
             return 1.0;
@@ -365,7 +369,7 @@ impl<'a> Pairing<'a> {
         if self.rule == ActionRule::Paper {
             return similarity;
         }
-        let is_blank = |row: usize| self.likelihood.is_blank(self.bank.edge_shares()[row]);
+        let is_blank = |row: usize| self.model.is_blank(self.bank.edge_shares()[row]);
         match (is_blank(row), is_blank(touched)) {
             (false, false) => self.agrees * similarity / self.average,
             (true, true) => self.agrees,
@@ -385,10 +389,11 @@ impl<'a> Pairing<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::choose::explain;
     use super::super::choose::tests::{GRID, bank};
-    use super::super::{ActionConfig, explain};
     use super::*;
     use crate::belief::{Belief, EngineConfig};
+    use crate::config::EpisodeConfig;
     use crate::likelihood::TouchLikelihood;
     use crate::likelihood::interpolation::Interpolation;
     use crate::touch::Observation;
@@ -396,26 +401,19 @@ mod tests {
     use tactile_infer::rows::Rows;
 
     /// What is made of a bank whose rows of one part all show edges, once one of them was touched.
-    fn with_pairing<T>(rule: ActionRule, likelihood: &LikelihoodConfig, take: impl FnOnce(&Pairing, f64) -> T) -> T {
+    fn with_pairing<T>(rule: ActionRule, model: &TouchModel, take: impl FnOnce(&Pairing, f64) -> T) -> T {
         let bank = bank(0.2);
-        let touch = TouchLikelihood::new(&Observation::new(bank.row(2).into_owned(), 0.2), &bank, likelihood).unwrap();
+        let touch = TouchLikelihood::new(&Observation::new(bank.row(2).into_owned(), 0.2), &bank, model).unwrap();
         let mean = touch.mean_match().unwrap();
         let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
-        let config = ActionConfig { rule, ..ActionConfig::default() };
-        let inputs = ChoiceInputs {
-            config: &config,
-            likelihood,
-            belief: &belief,
-            bank: &bank,
-            candidates: &[],
-            only_recorded: true,
-        };
+        let config = EpisodeConfig::default().changed(|_, _, method| method.rule = rule);
+        let inputs = ChoiceInputs { config: &config, model, belief: &belief, bank: &bank, candidates: &[] };
         take(&Pairing::new(&inputs, &mut ChaCha8Rng::seed_from_u64(1)), mean)
     }
 
     #[test]
     fn the_papers_score_agrees_with_hand_arithmetic() {
-        let likelihood = LikelihoodConfig { temperature: 0.5, ..LikelihoodConfig::paper() };
+        let likelihood = TouchModel { temperature: 0.5, ..TouchModel::paper() };
         with_pairing(ActionRule::Paper, &likelihood, |pairing, _| {
             // 1 / exp(cos / tau), scaled by exp(-1 / tau): cosines -1, 0 and 1.
             for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
@@ -427,8 +425,8 @@ mod tests {
 
     #[test]
     fn a_view_counts_as_the_filter_will_weigh_it_with_the_touch_made() {
-        let independent = LikelihoodConfig { shared_error: 0.0, temperature: 0.5, ..LikelihoodConfig::default() };
-        let value = |likelihood: &LikelihoodConfig, row| {
+        let independent = TouchModel { shared_error: 0.0, temperature: 0.5, ..TouchModel::default() };
+        let value = |likelihood: &TouchModel, row| {
             with_pairing(ActionRule::Information, likelihood, |pairing, mean| {
                 (pairing.value(Some((row, 1.0)), 2), mean)
             })
@@ -439,30 +437,30 @@ mod tests {
             let by_hand = 0.96 * (((cosine - 1.0) / 0.5).exp() / mean + 0.02 / 0.98);
             assert!((got - by_hand).abs() < 1e-6, "{got} {by_hand}");
             // Of two touches that share all of their error either counts as half a touch.
-            let alike = value(&LikelihoodConfig { shared_error: 1.0, outlier_share: 0.0, ..independent }, row).0;
-            let whole = value(&LikelihoodConfig { outlier_share: 0.0, ..independent }, row).0;
+            let alike = value(&TouchModel { shared_error: 1.0, outlier_share: 0.0, ..independent }, row).0;
+            let whole = value(&TouchModel { outlier_share: 0.0, ..independent }, row).0;
             assert!((alike - whole.sqrt()).abs() < 1e-6, "{alike} {whole}");
         }
     }
 
     #[test]
     fn an_unknown_view_is_worth_what_the_filter_takes_it_for_where_views_are_interpolated() {
-        let unknown = |rule, likelihood: &LikelihoodConfig| {
+        let unknown = |rule, likelihood: &TouchModel| {
             with_pairing(rule, likelihood, |pairing, _| (pairing.value(None, 2), pairing.average))
         };
-        let fine = LikelihoodConfig {
+        let fine = TouchModel {
             interpolation: Interpolation::Cubic,
             shared_error: 0.0,
             unknown_similarity: Some(0.9),
-            ..LikelihoodConfig::default()
+            ..TouchModel::default()
         };
         let (got, average) = unknown(ActionRule::Information, &fine);
         // Edged in every second case.
         let least_alike = ((-0.1 / fine.temperature).exp() + 0.02 / 0.98 * average) / average;
         assert!((got - 0.5 * (0.8 + 0.2 * least_alike)).abs() < 1e-6 && got < 1.0, "{got}");
         // An average one, where none are interpolated or nothing is known of them.
-        let coarse = LikelihoodConfig { interpolation: Interpolation::Nearest, ..fine };
-        let average_one = LikelihoodConfig { unknown_similarity: None, ..fine };
+        let coarse = TouchModel { interpolation: Interpolation::Nearest, ..fine };
+        let average_one = TouchModel { unknown_similarity: None, ..fine };
         assert_eq!([coarse, average_one].map(|likelihood| unknown(ActionRule::Information, &likelihood).0), [1.0; 2]);
         let (paper, average) = unknown(ActionRule::Paper, &fine);
         assert_eq!(paper, average);
@@ -477,23 +475,25 @@ mod tests {
     /// -30, 0 and 30 degrees.
     fn expected_of_turning(degrees: f64, parts: &[[[f32; 3]; 3]]) -> Expected {
         // Enough draws that rounding a third of them matters little.
-        let config = ActionConfig { n_draws: 3000, n_suppositions: 3000, ..ActionConfig::default() };
+        let config = EpisodeConfig::default().changed(|settings, model, method| {
+            (settings.n_draws, settings.n_suppositions) = (3000, 3000);
+            (model.outlier_share, model.shared_error) = (0.0, 0.0);
+            method.between_poses = false;
+        });
         let names: Vec<String> = (0..parts.len()).map(|part| part.to_string()).collect();
         let shares = vec![0.2; 3 * parts.len()];
         let rows = parts.concat().concat();
         let bank = Bank::from_rows(names, GRID, Rows::new(3, rows).unwrap(), shares, "").unwrap();
-        let likelihood = LikelihoodConfig { outlier_share: 0.0, shared_error: 0.0, ..LikelihoodConfig::default() };
         let touch = Observation::new(X.to_vec(), 0.2);
         let belief =
-            Belief::new(&bank, EngineConfig::Exact, 1, 1, TouchLikelihood::new(&touch, &bank, &likelihood).unwrap());
+            Belief::new(&bank, EngineConfig::Exact, 1, 1, TouchLikelihood::new(&touch, &bank, &config.model).unwrap());
         let candidates = [Se2::from_degrees(0.0, 0.0, degrees)];
         let inputs = ChoiceInputs {
             config: &config,
-            likelihood: &likelihood,
+            model: &config.model,
             belief: &belief,
             bank: &bank,
             candidates: &candidates,
-            only_recorded: true,
         };
         explain(&inputs, 1).unwrap().expected.unwrap()
     }

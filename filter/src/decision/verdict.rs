@@ -48,7 +48,7 @@ impl EpisodeConfig {
     /// The least fit of `n_fitted` touches with which to be confident; `None` where any will do. What a few touches say of
     /// how well a part matches is uncertain by the root of their number, and touches without an edge say nothing of it.
     pub fn fit_needed(&self, n_fitted: usize) -> Option<f64> {
-        self.none_fit.map(|least| least + self.fit_margin / (n_fitted.max(1) as f64).sqrt())
+        self.settings.none_fit.map(|least| least + self.model.fit_margin / (n_fitted.max(1) as f64).sqrt())
     }
 
     /// Why to stop where the likeliest part stands like this; `None` to go on.
@@ -60,14 +60,15 @@ impl EpisodeConfig {
             (Some(_), None) => false,
             (None, _) => true,
         };
-        let is_placed = self.stop_place_mm.is_none_or(|mm| place_mm2.is_some_and(|variance| variance <= mm * mm));
-        let is_none = self.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
-        let are_enough = n_touches >= self.none_touches && n_fitted >= self.none_touches.min(FEWEST_FITTED);
+        let is_placed =
+            self.settings.stop_place_mm.is_none_or(|mm| place_mm2.is_some_and(|variance| variance <= mm * mm));
+        let is_none = self.settings.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
+        let are_enough = n_touches >= self.model.none_touches && n_fitted >= self.model.none_touches.min(FEWEST_FITTED);
         if are_enough && is_none {
             Some(StopReason::NoneOfThese)
-        } else if probability.min(1.0) > self.stop_probability && explains && is_placed {
+        } else if probability.min(1.0) > self.settings.stop_probability && explains && is_placed {
             Some(StopReason::Confident)
-        } else if n_touches >= self.max_touches {
+        } else if n_touches >= self.settings.max_touches {
             Some(StopReason::TouchLimit)
         } else {
             None
@@ -190,7 +191,7 @@ impl Asked<'_> {
     pub(crate) fn stop(self) -> Option<StopReason> {
         let ((part, probability), n_touches) = (self.likeliest(), self.belief.touches().len());
         // A place costs hundreds of interpolations a touch: it is found only where something depends on it.
-        if probability <= self.config.stop_probability && n_touches < self.config.none_touches {
+        if probability <= self.config.settings.stop_probability && n_touches < self.config.model.none_touches {
             return self.config.stop(&Standing { probability, n_touches, ..Standing::default() });
         }
         let placed = self.place(part);
@@ -216,7 +217,7 @@ impl Asked<'_> {
     fn place(self, part: usize) -> Placed {
         let state = self.belief.posterior().best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
         let refined = || self.belief.refine(state, &self.bank.symmetry(part));
-        let is_between = self.config.between_poses;
+        let is_between = self.config.method.between_poses;
         let part_from_first = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
         let fitted = self.belief.fit(part, &part_from_first);
         Placed { part_from_first, fit: fitted.map(|(fit, _)| fit), n_fitted: fitted.map_or(0, |(_, n)| n) }
@@ -224,11 +225,11 @@ impl Asked<'_> {
 
     fn covariance(self, part: usize, placed: &Placed) -> [[f64; 3]; 3] {
         let symmetry = self.bank.symmetry(part);
-        self.belief.covariance(part, &placed.part_from_first, &symmetry, self.config.between_poses)
+        self.belief.covariance(part, &placed.part_from_first, &symmetry, self.config.method.between_poses)
     }
 
     fn standing(self, probability: f64, placed: &Placed, covariance: impl FnOnce() -> [[f64; 3]; 3]) -> Standing {
-        let place_mm2 = self.config.stop_place_mm.map(|_| place_mm2(&covariance()));
+        let place_mm2 = self.config.settings.stop_place_mm.map(|_| place_mm2(&covariance()));
         let Placed { fit, n_fitted, .. } = *placed;
         Standing { probability, fit, n_fitted, place_mm2, n_touches: self.belief.touches().len() }
     }
@@ -236,7 +237,7 @@ impl Asked<'_> {
     fn warnings(self) -> Vec<Warning> {
         let edged = self.belief.touches().iter().map(|touched| &touched.likelihood).filter(|touch| !touch.blank);
         let best = edged.map(|touch| touch.best_cosine).reduce(f32::max);
-        let floor = self.config.low_similarity;
+        let floor = self.config.model.low_similarity;
         let of_touches = match best {
             None => Some(Warning::NothingSeen),
             Some(best) if best < floor => Some(Warning::LowSimilarity { best, floor }),
@@ -258,7 +259,11 @@ mod tests {
 
     #[test]
     fn a_fit_is_asked_for_less_the_more_touches_there_are() {
-        let config = EpisodeConfig { none_fit: Some(-0.9), fit_margin: 1.2, none_touches: 4, ..Default::default() };
+        let config = EpisodeConfig {
+            settings: Settings { none_fit: Some(-0.9), ..Settings::default() },
+            model: TouchModel { fit_margin: 1.2, none_touches: 4, ..TouchModel::default() },
+            ..Default::default()
+        };
         let standing =
             |fit, n_touches| Standing { probability: 0.99, fit, n_fitted: n_touches, place_mm2: None, n_touches };
         let stop = |fit: Option<f64>, n: usize| config.stop(&standing(fit, n));
@@ -270,20 +275,23 @@ mod tests {
         assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
         let of = |n_fitted| config.stop(&Standing { n_fitted, ..standing(Some(-0.91), 9) });
         assert_eq!([of(1), of(2)], [None, Some(StopReason::NoneOfThese)]);
-        let hasty = EpisodeConfig { none_touches: 1, ..config };
+        let hasty = EpisodeConfig { model: TouchModel { none_touches: 1, ..config.model }, ..config };
         assert_eq!(hasty.stop(&standing(Some(-0.91), 1)), Some(StopReason::NoneOfThese));
         // Blank touches say nothing of how well a part matches: one edge among ten touches must fit as one alone must.
         let of_one = |fit| config.stop(&Standing { n_fitted: 1, ..standing(Some(fit), 9) });
         assert_eq!([of_one(0.29), of_one(0.31)], [None, Some(StopReason::Confident)]);
         // Without an edge nothing is confident; without a threshold everything may be.
         assert_eq!(stop(None, 5), None);
-        let any = EpisodeConfig { none_fit: None, ..config };
+        let any = EpisodeConfig { settings: Settings { none_fit: None, ..config.settings }, ..config };
         assert_eq!(any.stop(&standing(None, 1)), Some(StopReason::Confident));
     }
 
     #[test]
     fn a_place_that_is_asked_for_must_be_known() {
-        let config = EpisodeConfig { stop_place_mm: Some(0.5), none_fit: None, ..EpisodeConfig::default() };
+        let config = EpisodeConfig {
+            settings: Settings { stop_place_mm: Some(0.5), none_fit: None, ..Settings::default() },
+            ..EpisodeConfig::default()
+        };
         let stop = |place_mm2, n_touches| {
             config.stop(&Standing { probability: 0.99, place_mm2, n_touches, ..Standing::default() })
         };

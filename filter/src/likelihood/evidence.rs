@@ -243,9 +243,9 @@ mod tests {
 
     use super::*;
     use crate::checks::synthetic::World;
-    use crate::likelihood::config::LikelihoodConfig;
     use crate::likelihood::interpolation::Interpolation;
     use crate::likelihood::overlap::Overlap;
+    use crate::touch_model::TouchModel;
 
     #[test]
     fn a_mix_is_finite_however_cold() {
@@ -261,8 +261,7 @@ mod tests {
         let world = World::new(3, grid, 0.1, 0.02, 4);
         let states = grid.subdivided(2, 2);
         let observation = world.touch(1, &Se2::from_degrees(5.2, -4.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
-        let config =
-            LikelihoodConfig { temperature: 0.01, interpolation: Interpolation::Cubic, ..LikelihoodConfig::default() };
+        let config = TouchModel { temperature: 0.01, interpolation: Interpolation::Cubic, ..TouchModel::default() };
         let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
         let moved = Se2::from_degrees(1.7, -0.9, 21.0);
         let evidence = Evidence::of(&grid, moved, 1.0, likelihood);

@@ -4,7 +4,6 @@
 //! first touch [`Evidence`](evidence::Evidence) from every pose; what touches share. It must not know which states are
 //! believed, nor what is chosen or decided.
 
-mod config;
 mod cosine_bounds;
 pub mod evidence;
 pub mod interpolation;
@@ -17,8 +16,6 @@ mod softplus;
 mod touch_likelihood;
 pub(crate) mod unrecorded;
 
-pub use config::LikelihoodConfig;
-pub(crate) use config::calibration_of;
 pub(crate) use nearest::{Nearest, trusted};
 pub use overlap::Overlap;
 pub use touch_likelihood::TouchLikelihood;

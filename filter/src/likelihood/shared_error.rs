@@ -1,7 +1,7 @@
 //! How far the touches say that the network does not know what it is shown.
 
-use crate::likelihood::config::LikelihoodConfig;
 use crate::likelihood::touch_likelihood::TouchLikelihood;
+use crate::touch_model::TouchModel;
 
 /// Nothing is doubted where the best matches of the edged touches have this cosine on average, as those of a sensor that the
 /// network knows, and all where they have that. Neither has to be exact (`NOTES.md`).
@@ -12,7 +12,7 @@ const NOTHING_AND_ALL: [f64; 2] = [0.92, 0.7];
 const MORE_SHARED: f64 = 5.0;
 
 /// The share of their error that touches have in common, 0..=1.
-pub(crate) fn shared_error<'a>(config: &LikelihoodConfig, touches: impl Iterator<Item = &'a TouchLikelihood>) -> f64 {
+pub(crate) fn shared_error<'a>(config: &TouchModel, touches: impl Iterator<Item = &'a TouchLikelihood>) -> f64 {
     (config.shared_error * (1.0 + MORE_SHARED * mismatch(touches))).min(1.0)
 }
 
@@ -50,7 +50,7 @@ mod tests {
             let rows = Rows::new(3, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].concat()).unwrap();
             let plain = Bank::from_rows(vec!["A".into()], GRID, rows, vec![0.2; 3], "").unwrap();
             let bank = metric.map_or(plain.clone(), |metric| plain.with_metric(metric).unwrap());
-            let touch = TouchLikelihood::new(&query, &bank, &LikelihoodConfig::default()).unwrap();
+            let touch = TouchLikelihood::new(&query, &bank, &TouchModel::default()).unwrap();
             mismatch(std::iter::once(&touch))
         });
         // It resembles the view along y, by the cosine of 0.9 over the length: a little.

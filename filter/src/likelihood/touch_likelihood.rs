@@ -23,7 +23,6 @@ use tactile_infer::similarity::dot;
 use tactile_infer::views::Views;
 
 use crate::error::{Error, Result};
-use crate::likelihood::config::LikelihoodConfig;
 use crate::likelihood::cosine_bounds::{CosineBounds, PartBounds};
 use crate::likelihood::interpolation::ViewWeights;
 use crate::likelihood::lattice::LatticeWeights;
@@ -32,6 +31,7 @@ use crate::likelihood::nearest::Nearest;
 use crate::likelihood::unrecorded;
 use crate::simd;
 use crate::touch::Observation;
+use crate::touch_model::TouchModel;
 
 /// Parts unlike those that were calibrated on match with so much more variance, a standard deviation of the cosine: 0.050 on
 /// outlines drawn at random instead of 0.034 on the tuning letters. Where a bank knows how well each of its parts matches,
@@ -109,17 +109,17 @@ pub struct TouchLikelihood {
     log_agrees: f64,
     log_disagrees: f64,
     model: MatchModel,
-    config: LikelihoodConfig,
+    config: TouchModel,
 }
 
 impl TouchLikelihood {
-    /// The two-part model of this module. A similarity that is not finite counts as the worst, -1.
+    /// The two-part model of this module, by what is measured or fixed, in the bank's metric
+    /// ([`TouchModel::in_metric_of`]). A similarity that is not finite counts as the worst, -1.
     ///
     /// # Errors
     /// A query of another length than the bank's rows, one with no finite similarity at all, or an
     /// edge share that is not a number.
-    pub fn new(observation: &Observation, bank: &Bank, config: &LikelihoodConfig) -> Result<Self> {
-        let config = &config.in_metric_of(bank);
+    pub fn new(observation: &Observation, bank: &Bank, config: &TouchModel) -> Result<Self> {
         let similarities = cosines(observation, bank)?; // [n_rows]
         let of_share = |share: &f32| if config.is_blank(*share) { Shows::Nothing } else { Shows::Edge };
         let mut shows: Vec<Shows> = bank.edge_shares().iter().map(of_share).collect();
@@ -172,7 +172,7 @@ impl TouchLikelihood {
     /// A bank of both sides matches better than the bank of pegs that a model is calibrated with, and how much better the
     /// sensor leaves it is not known: half of it is counted on (`NOTES.md`), until touches calibrate it.
     pub fn expected(&self, part: usize) -> Spread {
-        let LikelihoodConfig { matched_mean, matched_sd, matched_views, .. } = self.config;
+        let TouchModel { matched_mean, matched_sd, matched_views, .. } = self.config;
         match self.matches.of(part, self.side) {
             Some(PartMatch { matched, .. }) => {
                 let least = matched.mean.min(matched_mean);
@@ -284,7 +284,7 @@ impl TouchLikelihood {
     }
 
     /// The settings it was made with.
-    pub fn config(&self) -> &LikelihoodConfig {
+    pub fn config(&self) -> &TouchModel {
         &self.config
     }
 
@@ -348,8 +348,8 @@ mod tests {
     }
 
     /// The defaults but for round numbers.
-    fn round() -> LikelihoodConfig {
-        LikelihoodConfig { temperature: 0.1, outlier_share: 0.01, ..LikelihoodConfig::default() }
+    fn round() -> TouchModel {
+        TouchModel { temperature: 0.1, outlier_share: 0.01, ..TouchModel::default() }
     }
 
     #[test]
@@ -375,7 +375,7 @@ mod tests {
         let good = PartMatch { matched: spread(0.99, 0.01) };
         let known = Matches { holes: vec![Some(poor), Some(good), None], pegs: vec![None; 3] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]], &[0.3; 3]).with_matches(known).unwrap();
-        let config = LikelihoodConfig { matched_mean: 0.94, matched_sd: 0.03, ..round() };
+        let config = TouchModel { matched_mean: 0.94, matched_sd: 0.03, ..round() };
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
         assert_eq!(seen.expected(0), poor.matched);
         assert_eq!(seen.expected(1), spread(0.94, 0.03));
@@ -393,7 +393,7 @@ mod tests {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0]], &[0.3; 2]).with_matches(known).unwrap();
         let mean = |bank_views: Views, matched_views, part| {
             let bank = bank.clone().with_views(bank_views);
-            let config = LikelihoodConfig { matched_mean: 0.92, matched_views, ..round() };
+            let config = TouchModel { matched_mean: 0.92, matched_views, ..round() };
             TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap().expected(part).mean
         };
         use Views::{Both, Pegs};
@@ -408,7 +408,7 @@ mod tests {
     #[test]
     fn a_blank_touch_tells_blank_views_from_edged_ones_and_no_more() {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], &[0.0, 0.0, 0.2]);
-        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &LikelihoodConfig::default()).unwrap();
+        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &TouchModel::default()).unwrap();
         assert!(seen.blank);
         assert_eq!(log_rows(&seen)[0], log_rows(&seen)[1]);
         assert!((log_rows(&seen)[0] - log_rows(&seen)[2] - (0.96_f64 / 0.04).ln()).abs() < 1e-12);
@@ -417,7 +417,7 @@ mod tests {
     #[test]
     fn the_papers_likelihood_is_the_cosine_over_the_temperature() {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], &[0.0, 0.1, 0.2]);
-        let config = LikelihoodConfig { temperature: 0.1, ..LikelihoodConfig::paper() };
+        let config = TouchModel { temperature: 0.1, ..TouchModel::paper() };
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &config).unwrap();
         assert!((log_rows(&seen)[0] - log_rows(&seen)[1] - 10.0).abs() < 1e-5);
         assert!((log_rows(&seen)[1] - log_rows(&seen)[2] - 10.0).abs() < 1e-5);
@@ -436,7 +436,7 @@ mod tests {
         let bank = bank(&[[1.0, 0.0], [-1.0, 0.0]], &[0.2, 0.2]);
         for temperature in [1e-4, 1.0, 1e4] {
             for outlier_share in [0.0, 0.01] {
-                let config = LikelihoodConfig { temperature, outlier_share, ..LikelihoodConfig::default() };
+                let config = TouchModel { temperature, outlier_share, ..TouchModel::default() };
                 config.validate().unwrap();
                 let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &config).unwrap();
                 assert!(log_rows(&seen).iter().chain([&seen.log_unknown]).all(|log| log.is_finite()));
@@ -448,14 +448,14 @@ mod tests {
     #[test]
     fn a_query_of_zeros_says_nothing() {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0]], &[0.2, 0.2]);
-        let seen = TouchLikelihood::new(&touch([0.0, 0.0], 0.2), &bank, &LikelihoodConfig::default()).unwrap();
+        let seen = TouchLikelihood::new(&touch([0.0, 0.0], 0.2), &bank, &TouchModel::default()).unwrap();
         assert_eq!(log_rows(&seen)[0], log_rows(&seen)[1]);
     }
 
     #[test]
     fn a_long_query_counts_by_its_direction() {
         let bank = bank(&[[1.0, 0.0], [0.6, 0.8]], &[0.2, 0.2]);
-        let seen = |query| TouchLikelihood::new(&touch(query, 0.2), &bank, &LikelihoodConfig::default()).unwrap();
+        let seen = |query| TouchLikelihood::new(&touch(query, 0.2), &bank, &TouchModel::default()).unwrap();
         for (long, unit) in log_rows(&seen([300.0, 0.0])).iter().zip(log_rows(&seen([1.0, 0.0]))) {
             assert!((long - unit).abs() < 1e-5);
         }
@@ -464,7 +464,7 @@ mod tests {
     #[test]
     fn a_similarity_that_overflows_is_the_worst_and_all_of_them_are_an_error() {
         let bank = bank(&[[1.0, 0.0], [0.0, 0.5]], &[0.2, 0.2]);
-        let config = LikelihoodConfig::default();
+        let config = TouchModel::default();
         for query in [[f32::NAN, 1.0], [f32::INFINITY, f32::INFINITY]] {
             assert!(TouchLikelihood::new(&touch(query, 0.2), &bank, &config).is_err());
         }
@@ -486,11 +486,10 @@ mod tests {
         };
         let shares = [0.2, 0.2, 0.0];
         let learnt = bank(&rows, &shares).with_metric(metric).unwrap();
-        let config =
-            LikelihoodConfig { temperature: 0.05, unknown_similarity: Some(0.5), ..LikelihoodConfig::default() };
+        let config = TouchModel { temperature: 0.05, unknown_similarity: Some(0.5), ..TouchModel::default() };
         // Half of 0.64 on a logarithmic scale is 0.8, half way from 0.8 * 0.05 to 0.02 the root of their product.
         let scaled = |cosine: f64| 1.0 - 0.8 * (1.0 - cosine);
-        let same = LikelihoodConfig {
+        let same = TouchModel {
             temperature: (0.04_f64 * 0.02).sqrt(),
             unknown_similarity: Some(scaled(0.5)),
             matched_mean: scaled(config.matched_mean),
@@ -511,10 +510,10 @@ mod tests {
     fn misfits_are_refused_in_one_line() {
         let bank = bank(&[[1.0, 0.0]], &[0.2]);
         let short = Observation::new(vec![1.0], 0.2);
-        let error = TouchLikelihood::new(&short, &bank, &LikelihoodConfig::default()).unwrap_err();
+        let error = TouchLikelihood::new(&short, &bank, &TouchModel::default()).unwrap_err();
         assert_eq!(error.to_string(), "touch: expected a query of 2 values, as the bank's rows, got 1 values");
-        assert!(TouchLikelihood::new(&touch([1.0, 0.0], f32::NAN), &bank, &LikelihoodConfig::default()).is_err());
-        let cold = LikelihoodConfig { temperature: 0.0, ..LikelihoodConfig::default() };
+        assert!(TouchLikelihood::new(&touch([1.0, 0.0], f32::NAN), &bank, &TouchModel::default()).is_err());
+        let cold = TouchModel { temperature: 0.0, ..TouchModel::default() };
         assert!(cold.validate().unwrap_err().to_string().starts_with("likelihood.temperature: expected a positive"));
     }
 }

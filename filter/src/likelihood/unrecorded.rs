@@ -3,7 +3,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_infer::Bank;
 
-use crate::likelihood::config::LikelihoodConfig;
+use crate::touch_model::TouchModel;
 
 /// Around a small part nearly all views are blank and on a large one few, whatever is recorded of them. Were it the
 /// recorded views' own share where they are edged, a blank touch would speak for a wrong state that sees it at one of the
@@ -11,14 +11,14 @@ use crate::likelihood::config::LikelihoodConfig;
 const LEAST_BLANK: f64 = 0.5;
 
 /// Share of the unknown views with an edge that look like recorded ones on average, 0..=1: beyond the border the same edges
-/// go on. The others look like none that was recorded ([`LikelihoodConfig::unknown_similarity`]). Were it none, a touch made
+/// go on. The others look like none that was recorded ([`TouchModel::unknown_similarity`]). Were it none, a touch made
 /// there would speak for the one recorded view, of whichever part, that it resembles by chance (`NOTES.md`).
 pub(crate) const LIKE_RECORDED: f64 = 0.8;
 
 /// Probability that a view beyond the recorded area is blank: as many as on its border, where that is most of them, since
 /// a bank that reaches past its parts ends where they do not reach; else a half. Never more than recorded views are
 /// believed to be blank.
-pub(crate) fn blank_share(bank: &Bank, config: &LikelihoodConfig) -> f64 {
+pub(crate) fn blank_share(bank: &Bank, config: &TouchModel) -> f64 {
     let (grid, shares) = (bank.grid(), bank.edge_shares());
     let (mut n_recorded, mut n_blank) = (0_usize, 0_usize);
     for part in 0..bank.parts().len() {
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn what_the_border_shows_goes_on_beyond_it() {
-        let config = LikelihoodConfig::default();
+        let config = TouchModel::default();
         let share = |is_blank: &dyn Fn(f64, f64) -> bool| blank_share(&bank(is_blank), &config);
         // Sixteen places of 25 lie on the border.
         assert_eq!(border(&GRID).count(), 3 * 16);

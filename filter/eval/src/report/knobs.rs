@@ -1,7 +1,7 @@
 //! Which knob of a trade-off buys most.
 
 use maud::{Markup, html};
-use tactile_filter::budget::{Knob, Point, Settings, Tradeoff};
+use tactile_filter::budget::{Knob, Point, Setup, Tradeoff};
 
 use crate::page::numbers::{milliseconds, number, percent, percent_sign, signed, touch_count};
 use crate::page::shell::figure;
@@ -12,7 +12,7 @@ pub(super) const KNOBS: [Knob; 7] =
     [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort];
 
 /// A setting in words.
-pub fn in_words(settings: &Settings) -> String {
+pub fn in_words(settings: &Setup) -> String {
     KNOBS.map(|knob| settings.tell(knob)).join(", ")
 }
 

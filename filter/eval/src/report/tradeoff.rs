@@ -3,7 +3,7 @@
 use std::cmp::{Ordering, Reverse};
 
 use maud::{Markup, html};
-use tactile_filter::budget::{Point, Settings, Tradeoff};
+use tactile_filter::budget::{Point, Setup, Tradeoff};
 
 use super::knobs::{KNOBS, in_words, knobs};
 use crate::page::numbers::{interval, milliseconds, number, over, percent, percent_sign, seeds, touch_count};
@@ -39,7 +39,7 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     let decided =
         |p: &&Point| Some((p.halves?.decided_and_right(), p.accuracy, -p.decision_ms_p50, Reverse(p.n_touches)));
     let surest = |a: &&Point, b: &&Point| decided(a).partial_cmp(&decided(b)).unwrap_or(Ordering::Equal);
-    let mut settings: Vec<&Settings> = Vec::new();
+    let mut settings: Vec<&Setup> = Vec::new();
     for point in points {
         if !settings.contains(&&point.settings) {
             settings.push(&point.settings);
@@ -229,8 +229,8 @@ pub(crate) mod tests {
     use tactile_infer::precision::Precision;
 
     /// The default settings of the filter.
-    pub(crate) fn settings() -> Settings {
-        Settings {
+    pub(crate) fn settings() -> Setup {
+        Setup {
             model: "small".into(),
             model_sha256: "ab".into(),
             xy_step_mm: 2.0,
@@ -245,7 +245,7 @@ pub(crate) mod tests {
         }
     }
 
-    fn point(change: impl Fn(&mut Settings), n_touches: usize, accuracy: f64, ms: f64) -> Point {
+    fn point(change: impl Fn(&mut Setup), n_touches: usize, accuracy: f64, ms: f64) -> Point {
         let mut settings = settings();
         change(&mut settings);
         Point {

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use tactile_filter::belief::EngineConfig;
-use tactile_filter::budget::{Point, Settings, Tradeoff};
+use tactile_filter::budget::{Point, Setup, Tradeoff};
 use tactile_filter::choice::ActionRule;
 use tactile_infer::precision::Precision;
 
@@ -17,7 +17,7 @@ const SHORT: &str = "Speed";
 const AIM_MS: [f64; 2] = [6.0, 12.0];
 /// How many times as fast as the best the fastest setting within two points of it is to be.
 const AIM_FASTER: f64 = 5.0;
-/// Settings that are to be measured, points on the frontier and the factor in time that these are to span.
+/// Setup that are to be measured, points on the frontier and the factor in time that these are to span.
 const AIM_FRONTIER: (usize, usize, f64) = (40, 8, 20.0);
 
 /// The section.
@@ -87,7 +87,7 @@ fn of_default(point: &Point) -> Markup {
 
 /// The default of the filter with the bank for poses anywhere: of the model of the evaluations, where it was measured.
 fn default_setting<'a>(tradeoff: &'a Tradeoff, model_sha256: Option<&str>) -> Option<&'a Point> {
-    let is_default = |of: &Settings| {
+    let is_default = |of: &Setup| {
         (of.xy_step_mm, of.theta_step_deg, of.subdivisions) == (2.0, 15.0, 2)
             && (of.rows, of.rule) == (Precision::F32, ActionRule::Information)
             && matches!(of.engine, EngineConfig::Exact)
@@ -120,8 +120,8 @@ mod tests {
             memory_mb: 10.0,
             dominated: false,
         };
-        let slow = Settings { n_finalists: None, ..settings() };
-        let other_model = Settings { model_sha256: "cd".into(), ..settings() };
+        let slow = Setup { n_finalists: None, ..settings() };
+        let other_model = Setup { model_sha256: "cd".into(), ..settings() };
         Tradeoff {
             schema: SCHEMA.into(),
             scene: "a<b".into(),

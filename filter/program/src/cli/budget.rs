@@ -13,7 +13,7 @@ use tactile_data::program;
 use tactile_eval::report::knobs::in_words;
 use tactile_eval::result::{Promise, PromisedShare};
 use tactile_eval::{Error, Result};
-use tactile_filter::budget::{Budget, Cost, Pace, Settings, Tradeoff};
+use tactile_filter::budget::{Budget, Cost, Pace, Setup, Tradeoff};
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::Model;
@@ -107,12 +107,12 @@ impl BudgetArgs {
     }
 
     /// How long a made-up decision takes here, for each setting that can be had.
-    fn paces(&self, tradeoff: &Tradeoff, task: &Task<'_>, base: &EpisodeConfig) -> Result<Vec<(Settings, f64)>> {
+    fn paces(&self, tradeoff: &Tradeoff, task: &Task<'_>, base: &EpisodeConfig) -> Result<Vec<(Setup, f64)>> {
         let settings = tradeoff.settings_of(task.model.sha256(), task.bank.grid());
         let sensor = Sensor::new(task.model.clone(), task.no_contact)?;
         let begun = Instant::now();
         let share_s = CALIBRATION_S / settings.len().max(1) as f64;
-        let of = |settings: &Settings| {
+        let of = |settings: &Setup| {
             let bank = with_rows(task.bank, settings)?;
             let config = EpisodeConfig { between_poses: task.between_poses, ..settings.applied_to(base) };
             let pace = Pace { sensor: &sensor, frame: task.no_contact, bank: &bank, reach: &task.reach };
@@ -124,7 +124,7 @@ impl BudgetArgs {
 }
 
 /// The bank with its rows in the format of some settings.
-fn with_rows(bank: &Bank, settings: &Settings) -> Result<Arc<Bank>> {
+fn with_rows(bank: &Bank, settings: &Setup) -> Result<Arc<Bank>> {
     Ok(Arc::new(bank.clone().with_precision(settings.rows)?))
 }
 

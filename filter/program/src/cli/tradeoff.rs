@@ -17,7 +17,7 @@ use tactile_eval::report::{knobs::in_words, tradeoff as page};
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_eval::{Error, Result};
-use tactile_filter::budget::{Knob, Point, SCHEMA, Settings, Tradeoff};
+use tactile_filter::budget::{Knob, Point, SCHEMA, Setup, Tradeoff};
 use tactile_infer::Model;
 use tactile_infer::safefile::write_whole;
 
@@ -257,7 +257,7 @@ impl Sweep {
 
     /// What the bank of a setting depends on: model and steps.
     fn bank_of(&self, index: usize) -> (usize, u64, u64) {
-        let Planned { model, settings: Settings { xy_step_mm, theta_step_deg, .. } } = &self.planned[index];
+        let Planned { model, settings: Setup { xy_step_mm, theta_step_deg, .. } } = &self.planned[index];
         (*model, xy_step_mm.to_bits(), theta_step_deg.to_bits())
     }
 }

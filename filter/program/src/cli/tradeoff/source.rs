@@ -15,7 +15,7 @@ use tactile_eval::recorded_steps::RecordedSteps;
 use tactile_eval::result::Poses;
 use tactile_eval::sweep::Planned;
 use tactile_eval::{Error, Result};
-use tactile_filter::budget::Settings;
+use tactile_filter::budget::Setup;
 use tactile_infer::recorded::{PegPoses, bank_of_dataset};
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;
@@ -161,10 +161,10 @@ impl Source {
     ///
     /// # Errors
     /// Pegs that make no bank, or holes that are not those of its parts.
-    pub fn pegs_and_holes(&self, model: &Model, settings: &Settings, poses: Poses) -> Result<PegsAndHoles> {
+    pub fn pegs_and_holes(&self, model: &Model, settings: &Setup, poses: Poses) -> Result<PegsAndHoles> {
         match self {
             Self::Scene { simulator, reach, bank_seed } => {
-                let Settings { xy_step_mm, theta_step_deg, .. } = *settings;
+                let Setup { xy_step_mm, theta_step_deg, .. } = *settings;
                 let mut scene = simulator.scene().clone();
                 scene.reach = Some(PoseGrid { xy_step_mm, theta_step_deg, ..*reach });
                 let bank = bank_of_scene(model, &scene, Views::Pegs, *bank_seed, &|_, _| ())?;
@@ -180,11 +180,11 @@ impl Source {
 }
 
 impl Recording {
-    fn pegs_and_holes(&self, model: &Model, settings: &Settings, poses: Poses) -> Result<PegsAndHoles> {
+    fn pegs_and_holes(&self, model: &Model, settings: &Setup, poses: Poses) -> Result<PegsAndHoles> {
         let made = bank_of_dataset(model, &self.pegs, self.steps.bank_poses(settings), &|_, _| ())?;
         let bank = made.bank;
         let recorded = RecordedHoles::new(Arc::clone(&self.holes), Side::Hole, &bank, self.other_sensor)?;
-        let Settings { xy_step_mm, theta_step_deg, .. } = settings;
+        let Setup { xy_step_mm, theta_step_deg, .. } = settings;
         let of_bank = |note: &String| format!("note: bank of {xy_step_mm} mm, {theta_step_deg}°: {note}");
         let mut notes: Vec<String> = made.notes.iter().map(of_bank).collect();
         notes.extend(recorded.notes().iter().map(|note| format!("note: {note}")));

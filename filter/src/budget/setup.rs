@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 /// A way to run an episode, with what it needs of a model and a bank.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Settings {
+pub struct Setup {
     /// Name of the model, for people.
     pub model: String,
     /// Its checksum.
@@ -41,7 +41,7 @@ pub struct Settings {
     pub n_finalists: Option<usize>,
 }
 
-/// A knob of [`Settings`].
+/// A knob of [`Setup`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Knob {
@@ -61,7 +61,7 @@ pub enum Knob {
     Effort,
 }
 
-impl Settings {
+impl Setup {
     /// The defaults of the filter with a model and a bank.
     pub fn of(model: &Model, bank_grid: &PoseGrid) -> Self {
         let config = EpisodeConfig::of(model);
@@ -71,24 +71,24 @@ impl Settings {
             xy_step_mm: bank_grid.xy_step_mm,
             theta_step_deg: bank_grid.theta_step_deg,
             rows: Precision::F32,
-            engine: config.engine,
-            subdivisions: config.subdivisions,
-            rule: config.action.rule,
-            n_draws: config.action.n_draws,
-            n_suppositions: config.action.n_suppositions,
-            n_finalists: config.action.n_finalists,
+            engine: config.method.engine,
+            subdivisions: config.settings.subdivisions,
+            rule: config.method.rule,
+            n_draws: config.settings.n_draws,
+            n_suppositions: config.settings.n_suppositions,
+            n_finalists: config.settings.n_finalists,
         }
     }
 
     /// These settings in a configuration that keeps the rest of `base`.
     pub fn applied_to(&self, base: &EpisodeConfig) -> EpisodeConfig {
         let mut config = *base;
-        config.engine = self.engine;
-        config.subdivisions = self.subdivisions;
-        config.action.rule = self.rule;
-        config.action.n_draws = self.n_draws;
-        config.action.n_suppositions = self.n_suppositions;
-        config.action.n_finalists = self.n_finalists;
+        config.method.engine = self.engine;
+        config.settings.subdivisions = self.subdivisions;
+        config.method.rule = self.rule;
+        config.settings.n_draws = self.n_draws;
+        config.settings.n_suppositions = self.n_suppositions;
+        config.settings.n_finalists = self.n_finalists;
         config
     }
 
@@ -178,8 +178,8 @@ pub(crate) mod tests {
     use crate::belief::particle::ParticleConfig;
     use tactile_infer::rows::Rows;
 
-    pub(crate) fn settings() -> Settings {
-        Settings {
+    pub(crate) fn settings() -> Setup {
+        Setup {
             model: "small".into(),
             model_sha256: "ab".into(),
             xy_step_mm: 2.0,
@@ -196,7 +196,7 @@ pub(crate) mod tests {
 
     #[test]
     fn settings_come_back_from_json_and_are_taken_over() {
-        let some = Settings {
+        let some = Setup {
             rows: Precision::I8,
             engine: EngineConfig::Particle(ParticleConfig::paper()),
             n_finalists: Some(7),
@@ -204,14 +204,20 @@ pub(crate) mod tests {
         };
         let text = serde_json::to_string(&some).unwrap();
         assert!(text.contains(r#""rows":"i8""#), "{text}");
-        assert_eq!(serde_json::from_str::<Settings>(&text).unwrap(), some);
-        let config = some.applied_to(&EpisodeConfig { max_touches: 4, ..EpisodeConfig::default() });
-        assert_eq!((config.max_touches, config.action.n_finalists, config.engine), (4, Some(7), some.engine));
+        assert_eq!(serde_json::from_str::<Setup>(&text).unwrap(), some);
+        let config = some.applied_to(&EpisodeConfig {
+            settings: Setup { max_touches: 4, ..Setup::default() },
+            ..EpisodeConfig::default()
+        });
+        assert_eq!(
+            (config.settings.max_touches, config.settings.n_finalists, config.method.engine),
+            (4, Some(7), some.engine)
+        );
     }
 
     #[test]
     fn a_turned_knob_is_named_once() {
-        let other = Settings { n_draws: 8, n_finalists: Some(4), xy_step_mm: 4.0, ..settings() };
+        let other = Setup { n_draws: 8, n_finalists: Some(4), xy_step_mm: 4.0, ..settings() };
         assert_eq!(settings().turned(&other), [Knob::BankStep, Knob::Effort]);
         assert!(settings().turned(&settings()).is_empty());
     }
@@ -229,11 +235,11 @@ pub(crate) mod tests {
             "ab",
         )
         .unwrap();
-        let bytes = |settings: &Settings| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
+        let bytes = |settings: &Setup| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
         let exact = 400 + 18 * (24 + 40) + 3 * 18 * 4 + 50 * 24;
         assert_eq!(bytes(&settings()), exact);
-        assert_eq!(exact - bytes(&Settings { rows: Precision::I8, ..settings() }), 18 * (24 - 10));
+        assert_eq!(exact - bytes(&Setup { rows: Precision::I8, ..settings() }), 18 * (24 - 10));
         let few = EngineConfig::Particle(ParticleConfig::paper());
-        assert_eq!(bytes(&Settings { engine: few, ..settings() }), exact - 1_200 + 1_600 + 3 * 50 * 8);
+        assert_eq!(bytes(&Setup { engine: few, ..settings() }), exact - 1_200 + 1_600 + 3 * 50 * 8);
     }
 }

@@ -1,0 +1,127 @@
+//! What a user chooses, and nothing else: the numbers of an episode that neither a calibration nor a bank can know.
+
+use crate::error::Result;
+use crate::limits::{self, MAX_SUBDIVISIONS, MAX_TOUCHES};
+use crate::number::{Range, numbers};
+
+numbers! {
+    /// What a user chooses of an episode. Set it by field, or by name ([`Self::set`]), as the programs, the C and Python
+    /// interfaces and the ROS parameters do.
+    pub struct Settings in "episode" {
+        /// Stop when a part is more probable than this (delta_prob) and an edge was felt. 1: never for this reason.
+        stop_probability: f64 = 0.95, "", Range::SHARE,
+            Chosen: "the paper (Sec. V)"; "no part is ever sure";
+        /// To be sure, the place must be known as well: the first touch's to this standard deviation along x and along y.
+        /// Only with a bank fine enough to be interpolated. None: sure of the part is sure enough.
+        stop_place_mm: Option<f64> = None, "mm", Range::POSITIVE,
+            Chosen: "the scene: `assemble` asks for a quarter of the play"; "a peg is inserted where the hole is not";
+        /// Stop after this many touches (N_max), the first included.
+        max_touches: usize = 10, "", Range::closed("1 to 1000", 1.0, MAX_TOUCHES),
+            Chosen: "the paper (Sec. V)"; "an episode need not end";
+        /// A part explains the touches when its fit is at least this. None: any part explains any touches.
+        none_fit: Option<f64> = Some(-2.5), "standard deviations", Range::NOT_POSITIVE,
+            Chosen: "tuning letters, small anywhere and rough; one in 160, were the mean cosine of a hole's touches normal";
+            "a part that is not in the bank is named for its look-alike";
+        /// What a millimetre of travel must tell to be worth it.
+        travel_nats_per_mm: f64 = 0.0, "nats/mm", Range::NOT_NEGATIVE,
+            Chosen: "what a way costs is the robot's to say"; "a far touch is taken for a little more information";
+        /// States drawn from the belief, against which a motion is judged.
+        n_draws: usize = 160, "", Range::closed("1 to 100000", 1.0, 1e5),
+            Chosen: "effort; a prototype"; "a motion is judged by chance";
+        /// States supposed true in turn when a motion is judged.
+        n_suppositions: usize = 24, "", Range::closed("1 to 10000", 1.0, 1e4),
+            Chosen: "effort; random contours"; "a motion is judged by chance";
+        /// Motions judged by all draws, the best of a first pass with a sixth of them. None: all motions.
+        n_finalists: Option<usize> = Some(24), "", Range::COUNT,
+            Chosen: "effort; a large board of an earlier model"; "every motion costs as much as the best ones";
+        /// States between two recorded poses of a bank of 2 mm and 15 degrees, on each axis; no more of a finer bank.
+        subdivisions: usize = 2, "", Range::closed("1 to 4", 1.0, MAX_SUBDIVISIONS),
+            Chosen: "`147iljtfrkzy` in the letters' font; three bring no more"; "ten touches see farther than a bank's step";
+        /// Seed of every random draw: same seed and touches, same numbers.
+        seed: u64 = 1, "", Range::ANY,
+            Chosen: "any"; "two runs differ";
+    }
+    more {}
+}
+
+impl Settings {
+    /// Refuses numbers outside their ranges, and effort that takes more than a second for a decision.
+    pub(crate) fn validate(&self) -> Result<()> {
+        self.check_ranges()?;
+        limits::check_effort(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn each_setting_is_read_and_written_by_its_name() {
+        let mut settings = Settings::default();
+        for (name, text) in [
+            ("max_touches", "4"),
+            ("stop_place_mm", "0.25"),
+            ("none_fit", "none"),
+            ("seed", "18446744073709551615"),
+            ("n_finalists", "none"),
+            ("stop_probability", "1"),
+        ] {
+            settings.set(name, text).unwrap();
+            assert_eq!(settings.get(name).unwrap(), text);
+        }
+        let by_hand = Settings {
+            max_touches: 4,
+            stop_place_mm: Some(0.25),
+            none_fit: None,
+            seed: u64::MAX,
+            n_finalists: None,
+            stop_probability: 1.0,
+            ..Settings::default()
+        };
+        assert_eq!(settings, by_hand);
+    }
+
+    #[test]
+    fn what_cannot_be_set_is_named_and_changes_nothing() {
+        for (name, text, said) in [
+            ("max_touches", "0", "episode.max_touches: expected 1 to 1000, got 0"),
+            ("max_touches", "-1", "episode.max_touches: expected a whole number, not negative, got -1"),
+            ("max_touches", "none", "episode.max_touches: expected a whole number, not negative, got none"),
+            ("stop_probability", "NaN", "episode.stop_probability: expected 0..=1, got NaN"),
+            ("none_fit", "2", "episode.none_fit: expected a number, at most 0, or none, got 2"),
+            ("stop_place_mm", "0", "episode.stop_place_mm: expected a positive number, or none, got 0"),
+            ("travel_nats_per_mm", "inf", "episode.travel_nats_per_mm: expected a number, not negative, got inf"),
+            ("n_draws", "many", "episode.n_draws: expected a whole number, not negative, got many"),
+        ] {
+            let mut settings = Settings::default();
+            assert_eq!(settings.set(name, text).unwrap_err().to_string(), said);
+            assert_eq!(settings, Settings::default());
+        }
+        let unknown = Settings::default().set("max_touchs", "3").unwrap_err().to_string();
+        assert!(unknown.starts_with("episode.max_touchs: expected one of stop_probability, "), "{unknown}");
+    }
+
+    proptest! {
+        #[test]
+        fn a_number_reads_back_to_the_same_bits(p in 0.0..=1.0_f64, mm in 1e-300..1e300_f64, seed in any::<u64>()) {
+            let settings =
+                Settings { stop_probability: p, stop_place_mm: Some(mm), seed, ..Settings::default() };
+            let mut read = Settings::default();
+            for number in Settings::numbers() {
+                read.set(number.name, &settings.get(number.name).unwrap()).unwrap();
+            }
+            prop_assert_eq!(read, settings);
+        }
+    }
+
+    #[test]
+    fn the_readme_lists_them() {
+        let readme = include_str!("../README.md");
+        for number in Settings::numbers() {
+            let row = number.row(&Settings::default());
+            assert!(readme.contains(&row), "filter/README.md lacks the row\n{row}");
+        }
+    }
+}
