@@ -91,12 +91,26 @@ impl EpisodeConfig {
         self
     }
 
-    /// Sets a number by its name: a setting, or for experiments one that is measured or fixed.
+    /// Sets a number by its name: a setting, or for experiments one that is measured or fixed, or `n_particles` of the
+    /// particle filter.
     ///
     /// # Errors
     /// No number has the name, or its range does not have the value. Nothing is changed.
     #[cfg(feature = "experiments")]
     pub fn set(&mut self, name: &str, text: &str) -> Result<()> {
+        if name == "n_particles" {
+            let refused = |expected: &str, got: &str| Err(Error::config("episode.engine.n_particles", expected, got));
+            let EngineConfig::Particle(particle) = &mut self.method.engine else {
+                return refused("an engine of particles", "another");
+            };
+            return match text.parse() {
+                Ok(n_particles) => {
+                    particle.n_particles = n_particles;
+                    Ok(())
+                }
+                Err(_) => refused("a whole number", text),
+            };
+        }
         if TouchModel::numbers().iter().any(|number| number.name == name) {
             return self.model.set(name, text);
         }

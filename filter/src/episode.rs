@@ -256,6 +256,7 @@ mod tests {
     use crate::config::Method;
     use crate::decision::Warning;
     use crate::likelihood::interpolation::Interpolation;
+    use crate::settings::Settings;
     use crate::touch_model::TouchModel;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};

@@ -43,6 +43,8 @@ pub struct Number<T> {
     pub(crate) words: &'static str,
     /// Whether it may be none.
     pub is_optional: bool,
+    /// Whether it is a whole number.
+    pub is_whole: bool,
 }
 
 impl<T> Number<T> {
@@ -127,6 +129,8 @@ pub(crate) trait Written: Sized {
     const WORDS: &'static str;
     /// Whether it may be none.
     const IS_OPTIONAL: bool = false;
+    /// Whether it is a whole number.
+    const IS_WHOLE: bool;
     fn read(text: &str) -> Option<Self>;
     fn write(&self) -> String;
     /// As a number, where it is one.
@@ -134,9 +138,10 @@ pub(crate) trait Written: Sized {
 }
 
 macro_rules! written {
-    ($($kind:ty: $words:literal),+) => {$(
+    ($($kind:ty: $words:literal, $is_whole:literal);+) => {$(
         impl Written for $kind {
             const WORDS: &'static str = $words;
+            const IS_WHOLE: bool = $is_whole;
             fn read(text: &str) -> Option<Self> {
                 text.parse().ok()
             }
@@ -150,11 +155,17 @@ macro_rules! written {
     )+};
 }
 
-written!(f64: "a number", f32: "a number", usize: "a whole number, not negative", u64: "a whole number, not negative");
+written!(
+    f64: "a number", false;
+    f32: "a number", false;
+    usize: "a whole number, not negative", true;
+    u64: "a whole number, not negative", true
+);
 
 impl<T: Written> Written for Option<T> {
     const WORDS: &'static str = T::WORDS;
     const IS_OPTIONAL: bool = true;
+    const IS_WHOLE: bool = T::IS_WHOLE;
     fn read(text: &str) -> Option<Self> {
         if text == NONE { Some(None) } else { T::read(text).map(Some) }
     }
@@ -213,6 +224,7 @@ macro_rules! numbers {
                 number: |table| $crate::number::Written::number(&table.$name),
                 words: <$kind as $crate::number::Written>::WORDS,
                 is_optional: <$kind as $crate::number::Written>::IS_OPTIONAL,
+                is_whole: <$kind as $crate::number::Written>::IS_WHOLE,
             },)+];
 
             /// The numbers, in order.

@@ -7,7 +7,7 @@ use crate::config::EpisodeConfig;
 use crate::touch::Observation;
 
 /// The value of [`EpisodeRecord::version`] that this program writes and reads.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// The settings of an episode and what was touched. Serde writes it; [`Episode::restore`](crate::Episode::restore) plays
 /// it again and gives every number as it was.

@@ -13,11 +13,17 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::runner::{Answer, Fault, Job, MAX_CAPACITY, Outcome, Runner, SubmitError};
-use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Sensor};
+use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Sensor, Settings};
 use tactile_infer::rows::Rows;
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
+
+/// A config with other settings.
+fn with(mut config: EpisodeConfig, change: impl FnOnce(&mut Settings)) -> EpisodeConfig {
+    change(&mut config.settings);
+    config
+}
 
 /// Three letters, a sensor over the second one, and a bank that is coarse and so quickly made.
 struct World {
@@ -51,7 +57,9 @@ impl World {
     }
     /// Never confident, so that every episode has as many touches as it may.
     fn config(&self) -> EpisodeConfig {
-        EpisodeConfig { stop_probability: 1.0, none_fit: None, max_touches: 4, ..EpisodeConfig::of(&self.model) }
+        with(EpisodeConfig::of(&self.model), |settings| {
+            (settings.stop_probability, settings.none_fit, settings.max_touches) = (1.0, None, 4);
+        })
     }
     fn runner(&self, capacity: usize) -> Runner {
         Runner::start(self.sensor(), self.bank.clone(), self.config(), capacity).unwrap()
@@ -173,8 +181,8 @@ fn a_new_frame_at_rest_and_new_settings_count_from_then_on() {
     runner.submit(Job::Estimate).unwrap();
     assert!(matches!(wait(&mut runner).answer, Err(Fault::NoEpisode { .. })));
     let rest = world.simulator.no_contact(8);
-    let config = EpisodeConfig { max_touches: 1, ..world.config() };
-    let wrong = EpisodeConfig { max_touches: 0, ..world.config() };
+    let config = with(world.config(), |settings| settings.max_touches = 1);
+    let wrong = with(world.config(), |settings| settings.max_touches = 0);
     for job in [Job::Rest(dark()), Job::Rest(rest.clone()), Job::NewEpisode(Some(Box::new(wrong)))] {
         runner.submit(job).unwrap();
     }
@@ -212,7 +220,7 @@ fn what_cannot_run_is_refused_at_the_start() {
     for capacity in [0, MAX_CAPACITY + 1, usize::MAX] {
         assert!(matches!(start(&world.bank, world.config(), capacity), Err(Error::Config { .. })));
     }
-    let wrong = EpisodeConfig { stop_probability: 2.0, ..world.config() };
+    let wrong = with(world.config(), |settings| settings.stop_probability = 2.0);
     assert!(matches!(start(&world.bank, wrong, 1), Err(Error::Config { .. })));
     let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
     let rows = Rows::new(2, vec![1.0, 0.0]).unwrap();

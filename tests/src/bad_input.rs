@@ -544,12 +544,15 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
         (format!("{evaluate} --touches 1000000000"), ["--touches", "1000000000", "512.0 TB of memory"]),
         (format!("{evaluate} --episodes 1000000000000"), ["--episodes", "1000000000000", "PB of memory"]),
         (
-            format!("{evaluate} --engines particle --particles 1000000000000"),
+            format!("{evaluate} --engines particle --set n_particles=1000000000000"),
             ["engine.n_particles", "1000000000000", "1 to 1000000"],
         ),
-        (format!("{evaluate} --draws 1000000000000"), ["action.n_draws", "1000000000000", "1 to 100000"]),
-        (format!("{evaluate} --suppositions 1000000"), ["action.n_suppositions", "1000000", "1 to 10000"]),
-        (format!("{evaluate} --temperature=-1e300"), ["likelihood.temperature", "a positive number", "got -1e300"]),
+        (format!("{evaluate} --set n_draws=1000000000000"), ["episode.n_draws", "1000000000000", "1 to 100000"]),
+        (format!("{evaluate} --set n_suppositions=1000000"), ["episode.n_suppositions", "1000000", "1 to 10000"]),
+        (
+            format!("{evaluate} --set temperature=-1e300"),
+            ["touch_model.temperature", "a positive number", "got -1e300"],
+        ),
         (format!("replay {with} --data holes --max-touches 1000000"), ["max_touches", "1000000", "1 to 1000"]),
         (
             format!("assemble {with} --scene two.toml --out never --trials 1000000000000"),
@@ -586,14 +589,23 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
 fn a_flag_that_would_do_nothing_is_refused() {
     let sample = Sample::shared();
     let with = "--model model/model.safetensors --bank pegs.bank";
-    for flag in ["--draws 8", "--min-separation-mm 3", "--other-sensor", "--frontier f.json"] {
+    for flag in ["--other-sensor", "--frontier f.json"] {
         let ran = shell(&sample, &format!("tactile-filter replay {with} --data holes {flag}"));
         assert!(ran.misused().contains(flag.split(' ').next().unwrap()), "{ran:?}");
     }
     for (line, words) in [
         (
-            format!("tactile-filter evaluate {with} --scene two.toml --out never --engines exact --particles 9"),
-            "--particles",
+            format!("tactile-filter evaluate {with} --scene two.toml --out never --engines exact --set n_particles=9"),
+            "--set n_particles: expected the engine particle or paper",
+        ),
+        (
+            format!("tactile-filter replay {with} --data holes --set n_draws=8"),
+            "--set n_draws: expected a command that",
+        ),
+        (format!("tactile-filter replay {with} --data holes --set min_separation_mm=3"), "--set min_separation_mm"),
+        (
+            format!("tactile-filter evaluate {with} --scene two.toml --out never --set seed=3"),
+            "--set seed: expected --seeds",
         ),
         ("tactile-data generate --scene maze --sides peg --out never".into(), "--sides"),
         ("tactile-data import pegs --side peg --out never".into(), "--side: expected a bag"),

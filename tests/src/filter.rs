@@ -59,7 +59,10 @@ impl Bench {
 
 fn particles(n_particles: usize, seed: u64) -> EpisodeConfig {
     let engine = EngineConfig::Particle(ParticleConfig { n_particles, ..ParticleConfig::default() });
-    EpisodeConfig { engine, seed, ..EpisodeConfig::default() }
+    EpisodeConfig::default().changed(|settings, _, method| {
+        settings.seed = seed;
+        method.engine = engine;
+    })
 }
 
 #[test]
@@ -92,10 +95,13 @@ fn a_robot_is_led_from_touch_to_touch_until_the_limit() {
     let sample = Sample::shared();
     let bench = Bench::new(&sample);
     let sensor = bench.sensor();
-    let mut config =
-        EpisodeConfig { stop_probability: 1.0, none_fit: None, max_touches: 4, ..EpisodeConfig::default() };
-    // The sample's reach is smaller than the distance kept by default.
-    config.action.min_separation_mm = 3.0;
+    let config = EpisodeConfig::default().changed(|settings, model, _| {
+        settings.stop_probability = 1.0;
+        settings.none_fit = None;
+        settings.max_touches = 4;
+        // The sample's reach is smaller than the distance kept by default.
+        model.min_separation_mm = 3.0;
+    });
     let first = bench.bank.grid().pose(13);
     let mut pose = first;
     let begun = Episode::begin(config, bench.bank.clone(), &sensor.observe(&bench.touch(&pose, 1)).unwrap());

@@ -344,7 +344,7 @@ mod tests {
         assert!(error(vec![shard(2..10)]).contains("shard-0: expected a shard that begins with episode 0"));
         assert_eq!(error(vec![shard(0..9)]), "merge: expected all 10 episodes, got the first 9");
         let mut foreign = shard(5..10);
-        foreign.runs[0].config.seed = 9;
+        foreign.runs[0].config.settings.seed = 9;
         assert!(error(vec![shard(0..5), foreign]).contains("shard-1: expected a shard of the evaluation of shard-0"));
     }
 

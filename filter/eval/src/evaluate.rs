@@ -223,14 +223,13 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
     let Run { holes, sensor, config, protocol, .. } = *run;
     let mut hole = protocol.hole(holes, bank.grid(), index);
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
-    let config = EpisodeConfig {
-        stop_probability: 1.0,
-        none_fit: None,
-        between_poses: protocol.poses == Poses::OffGrid,
-        max_touches: protocol.n_touches,
-        seed: protocol.seed(index).wrapping_add(index as u64),
-        ..*config
-    };
+    let config = config.changed(|settings, _, method| {
+        settings.stop_probability = 1.0;
+        settings.none_fit = None;
+        settings.max_touches = protocol.n_touches;
+        settings.seed = protocol.seed(index).wrapping_add(index as u64);
+        method.between_poses = protocol.poses == Poses::OffGrid;
+    });
     let mut frame = hole.touch()?;
     let mut outcome = Outcome::of(&hole);
     let (observation, encode) = timed(|| observe(sensor, &frame));
@@ -240,7 +239,7 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
     let mut times = StageTimes { encode, update, select: 0.0 };
     loop {
         let estimate = episode.estimate();
-        let place_mm2 = config.stop_place_mm.and(estimate.standing().place_mm2);
+        let place_mm2 = config.settings.stop_place_mm.and(estimate.standing().place_mm2);
         outcome.scored.push(Scored { place_mm2, ..score(&estimate, bank, &hole) });
         watch(&hole, &frame, &episode, &estimate);
         let reach = hole.reach(bank.grid(), protocol.poses);

@@ -280,7 +280,10 @@ mod tests {
             outcome(vec![scored(0.99, false), scored(0.2, true), scored(0.2, true)]),
             outcome(vec![scored(0.2, true), scored(0.3, true), scored(0.95, true)]),
         ];
-        let config = EpisodeConfig { max_touches: 3, fit_margin: 0.0, ..EpisodeConfig::default() };
+        let config = EpisodeConfig::default().changed(|settings, model, _| {
+            settings.max_touches = 3;
+            model.fit_margin = 0.0;
+        });
         let stops = stops(LABEL, &outcomes, &config);
         assert_eq!(stops.mean_touches, (2 + 1 + 3) as f64 / 3.0);
         assert_eq!((stops.confident, stops.confident_and_wrong, stops.none_of_these), (2.0 / 3.0, 0.5, 0.0));
@@ -300,14 +303,14 @@ mod tests {
         };
         let outcomes: Vec<Outcome> =
             (0..101).map(|_| Outcome { scored: (0..6).map(|_| scored()).collect(), ..Outcome::default() }).collect();
-        let config = EpisodeConfig { fit_margin: 0.0, ..EpisodeConfig::default() };
+        let config = EpisodeConfig::default().changed(|_, model, _| model.fit_margin = 0.0);
         let found = halves(&outcomes, &config);
         assert_eq!(found.len(), 6);
         for (at, halves) in found.iter().enumerate() {
             for (first, half) in [(0, halves.choosing), (1, halves.promising)] {
                 let cut = |o: &Outcome| Outcome { scored: o.scored[..=at].to_vec(), ..o.clone() };
                 let mine: Vec<Outcome> = outcomes.iter().skip(first).step_by(2).map(cut).collect();
-                let stops = stops(LABEL, &mine, &EpisodeConfig { max_touches: at + 1, ..config });
+                let stops = stops(LABEL, &mine, &config.changed(|settings, _, _| settings.max_touches = at + 1));
                 let n = mine.len() as f64;
                 assert_eq!((half.n_episodes, half.n_decided), (mine.len(), (stops.confident * n).round() as usize));
                 let right = stops.confident * n * (1.0 - stops.confident_and_wrong);

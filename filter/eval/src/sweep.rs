@@ -178,7 +178,7 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
         }
         let begun = Instant::now();
         let pace = Pace { sensor: &sensor, frame: no_contact, bank: &bank, reach: &reach };
-        let config = EpisodeConfig { between_poses: protocol.poses == Poses::OffGrid, ..config };
+        let config = config.changed(|_, _, method| method.between_poses = protocol.poses == Poses::OffGrid);
         let pace_ms = pace.decision_ms(&config, PACE_S, &mut || begun.elapsed().as_secs_f64())?;
         Ok((decisions, pace_ms))
     })?;

@@ -75,7 +75,7 @@ impl Node {
     /// Parameters out of range, a bank of another model.
     pub fn new(parameters: Parameters, model: Arc<Model>, bank: Arc<Bank>) -> Result<Self> {
         parameters.validate()?;
-        parameters.episode_config(&model, 0).validate()?;
+        parameters.episode_config(&model, 0)?.validate()?;
         if bank.model_sha256() != model.sha256() {
             let [expected, got] =
                 [model.sha256(), bank.model_sha256()].map(|sha256| format!("one of model {sha256:.12}"));
@@ -426,7 +426,7 @@ impl Node {
         if let Some(running) = &mut self.running {
             return running.observe(base_from_sensor, self.parameters.tool.max_tilt_deg, observation).map(Some);
         }
-        let config = self.parameters.episode_config(&self.model, self.n_episodes);
+        let config = self.parameters.episode_config(&self.model, self.n_episodes)?;
         let episode = Episode::begin(config, Arc::clone(&self.bank), observation)?;
         self.n_episodes += 1;
         self.running = Some(Running { episode, base_from_first: base_from_sensor, base_from_sensor });

@@ -1,5 +1,7 @@
 //! The node's parameters, as a ROS 2 user sets them: a YAML file, `-p name:=value`, or the defaults.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use tactile_data::grid::PoseGrid;
@@ -8,7 +10,7 @@ use tactile_data::recording::geometry::{Crop, Geometry};
 use tactile_data::recording::provenance::{Channels, Mirror};
 use tactile_data::recording::ros::rigid::Rigid;
 use tactile_data::touch::Side;
-use tactile_filter::EpisodeConfig;
+use tactile_filter::{EpisodeConfig, Settings};
 use tactile_infer::Model;
 
 use crate::error::{Error, Result};
@@ -167,18 +169,28 @@ pub struct ReachParameters {
     pub theta_step_deg: Option<f64>,
 }
 
-/// The filter's settings that a user sets; the rest are what was measured of the model.
+/// What a user chooses of an episode, by name: the numbers of [`Settings`]. The first episode's draws have the seed, each
+/// further one has the next number.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct EpisodeParameters {
-    /// Seed of the first episode's draws; each further one has the next number. 1 if not given.
-    pub seed: Option<u64>,
-    /// [`EpisodeConfig::stop_probability`].
-    pub stop_probability: Option<f64>,
-    /// [`EpisodeConfig::stop_place_mm`].
-    pub stop_place_mm: Option<f64>,
-    /// [`EpisodeConfig::max_touches`].
-    pub max_touches: Option<usize>,
+#[serde(transparent)]
+pub struct EpisodeParameters(BTreeMap<String, Value>);
+
+impl EpisodeParameters {
+    /// Some settings with these changed.
+    ///
+    /// # Errors
+    /// A name that no setting has, a value of another kind or out of its range.
+    pub fn applied_to(&self, mut settings: Settings) -> Result<Settings> {
+        for (name, value) in &self.0 {
+            let text = match value {
+                Value::Null => "none".into(),
+                Value::String(text) => text.clone(),
+                other => other.to_string(),
+            };
+            settings.set(name, &text)?;
+        }
+        Ok(settings)
+    }
 }
 
 /// Names of frames in what is published.
@@ -272,21 +284,20 @@ impl Parameters {
         if !(1..=100).contains(&camera.n_rest) {
             return Err(Error::invalid("camera.n_rest", "1 to 100 pictures", camera.n_rest.to_string()));
         }
+        self.episode.applied_to(Settings::default())?;
         self.tool.tool_from_sensor()?;
         camera.geometry().map(|_| ())
     }
 
-    /// The settings of the episode of a number, from 0 on.
-    pub fn episode_config(&self, model: &Model, episode: u64) -> EpisodeConfig {
-        let EpisodeParameters { seed, stop_probability, stop_place_mm, max_touches } = self.episode;
-        let of_model = EpisodeConfig::of_side(model, self.side);
-        EpisodeConfig {
-            stop_probability: stop_probability.unwrap_or(of_model.stop_probability),
-            stop_place_mm: stop_place_mm.or(of_model.stop_place_mm),
-            max_touches: max_touches.unwrap_or(of_model.max_touches),
-            seed: seed.unwrap_or(of_model.seed).wrapping_add(episode),
-            ..of_model
-        }
+    /// What the episode of a number runs with, from 0 on.
+    ///
+    /// # Errors
+    /// As [`EpisodeParameters::applied_to`].
+    pub fn episode_config(&self, model: &Model, episode: u64) -> Result<EpisodeConfig> {
+        let mut config = EpisodeConfig::of_side(model, self.side);
+        config.settings = self.episode.applied_to(config.settings)?;
+        config.settings.seed = config.settings.seed.wrapping_add(episode);
+        Ok(config)
     }
 
     /// The poses that can be reached, seen from the first touch.
@@ -411,7 +422,8 @@ right:
         assert_eq!((left.camera.max_age_s, left.camera.mirror), (0.5, Some(Mirror::X)));
         assert_eq!(left.camera.field_of_view_mm, Some([18.6, 14.3]));
         let right = of("/right/tactile_filter");
-        assert_eq!((right.trigger, right.episode.seed), (Trigger::Service, Some(7)));
+        let settings = right.episode.applied_to(Settings::default()).unwrap();
+        assert_eq!((right.trigger, settings), (Trigger::Service, Settings { seed: 7, ..Settings::default() }));
         let only = "/other:\n  ros__parameters:\n    trigger: contact\n";
         let none = Parameters::from_yaml(only, "/tactile_filter", "file.yaml").unwrap_err().to_string();
         assert_eq!(none, "file.yaml: expected ros__parameters below /**: or /tactile_filter:, got none");
@@ -428,15 +440,20 @@ right:
         Parameters::set(&mut read, "camera.max_age_s", "0.1").unwrap();
         Parameters::set(&mut read, "reach.xy_half_mm", "6").unwrap();
         Parameters::set(&mut read, "episode.stop_place_mm", "2").unwrap();
+        Parameters::set(&mut read, "episode.none_fit", "none").unwrap();
         let parameters = Parameters::of(read.clone()).unwrap();
         assert_eq!((parameters.camera.max_age_s, parameters.reach.xy_half_mm), (0.1, Some(6.0)));
-        assert_eq!(parameters.episode.stop_place_mm, Some(2.0));
+        let settings = parameters.episode.applied_to(Settings::default()).unwrap();
+        assert_eq!(settings, Settings { stop_place_mm: Some(2.0), none_fit: None, ..Settings::default() });
         for (name, value, said) in [
             ("camera.crob", "border:1/7", "`crob`"),
             ("camera.crop", "half", "crop: expected LEFT,TOP,WIDTH,HEIGHT"),
             ("camera.max_age_s", "-1", "camera.max_age_s: expected a positive number, got -1"),
             ("tool.still_mm", ".nan", "tool.still_mm"),
             ("camera.n_rest", "0", "1 to 100"),
+            ("episode.max_touches", "0", "episode.max_touches: expected 1 to 1000, got 0"),
+            ("episode.max_touches", "many", "episode.max_touches: expected a whole number, not negative, got many"),
+            ("episode.temperature", "0.1", "episode.temperature: expected one of stop_probability"),
             ("trigger", "always", "`service` or `contact`"),
             ("side", "pin", "`hole` or `peg`"),
         ] {

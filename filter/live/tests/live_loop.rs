@@ -319,8 +319,9 @@ fn a_touch_is_refused_where_its_pose_was_refused_or_never_came() {
 
 #[test]
 fn a_touch_is_repeated_where_it_was_and_no_motion_was_asked_for() {
-    let mut parameters = Parameters::default();
-    parameters.episode.max_touches = Some(1);
+    let mut read = serde_json::Map::new();
+    Parameters::set(&mut read, "episode.max_touches", "1").unwrap();
+    let parameters = Parameters::of(read).unwrap();
     let mut hand = ByHand::new(parameters);
     hand.touch([placed(&Se2::IDENTITY)]).unwrap();
     for n in 2..4 {

@@ -16,8 +16,6 @@ use tactile_data::scene::Scene;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
-use tactile_filter::belief::EngineConfig;
-use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;
@@ -49,14 +47,16 @@ fn main() -> Result<()> {
     write_frame(&out.join("rest.npy"), &rest)?;
     let sensor = Sensor::new(model.clone(), &rest)?;
     let desk = Desk { out: &out, simulator: &simulator, sensor: &sensor };
-    let of_model = EpisodeConfig { seed: 3, ..EpisodeConfig::of(&model) };
-    let particle = EngineConfig::Particle(ParticleConfig { n_particles: 500, ..ParticleConfig::default() });
+    let third = |mut config: EpisodeConfig| {
+        config.settings.seed = 3;
+        config
+    };
+    let of_model = third(EpisodeConfig::of(&model));
     let (fine, coarse) = (Arc::new(fine), Arc::new(coarse));
     let episodes = [
         desk.play("exact", "fine.bank", &fine, of_model)?,
         desk.play("coarse", "coarse.bank", &coarse, of_model)?,
-        desk.play("particle", "fine.bank", &fine, EpisodeConfig { engine: particle, ..of_model })?,
-        desk.play("paper", "coarse.bank", &coarse, EpisodeConfig { seed: 3, ..EpisodeConfig::paper() })?,
+        desk.play("paper", "coarse.bank", &coarse, third(EpisodeConfig::paper()))?,
     ];
     let rust_us = desk.microseconds(&fine, of_model)?;
     let written = json!({ "model": model_path.canonicalize()?, "rust_us": rust_us, "episodes": episodes });
@@ -113,7 +113,7 @@ impl Desk<'_> {
                 let reach: Vec<_> = reach.iter().map(pose_bits).collect();
                 let record = serde_json::to_string(&played.record()?)?;
                 return Ok(json!({
-                    "name": name, "bank": bank_file, "config": played.record()?.config, "reach": reach,
+                    "name": name, "bank": bank_file, "settings": config.settings, "reach": reach,
                     "touches": touches, "record": record,
                 }));
             };

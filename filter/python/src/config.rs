@@ -2,14 +2,12 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use serde_json::Value;
 use tactile_data::number::short_numbers;
-use tactile_filter::EpisodeConfig;
+use tactile_filter::{EpisodeConfig, Settings};
 
 use crate::error::{ConfigError, InternalError};
 use crate::model::PyModel;
 use crate::sensor::side_of;
-use crate::settings::{Refused, flat, with};
 
 /// How an episode infers, chooses and stops. The README lists the settings.
 #[pyclass(name = "EpisodeConfig", module = "tactile_filter", frozen, eq)]
@@ -22,43 +20,39 @@ impl PyEpisodeConfig {
     #[new]
     #[pyo3(signature = (**settings))]
     fn new(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        changed(&EpisodeConfig::default(), settings)
+        changed(EpisodeConfig::default(), settings)
     }
 
     /// The defaults with what was measured of a model where `side` is touched: `"hole"` or `"peg"`.
     #[staticmethod]
     #[pyo3(signature = (model, side="hole", **settings))]
     fn of(model: &PyModel, side: &str, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        changed(&EpisodeConfig::of_side(&model.0, side_of(side)?), settings)
+        changed(EpisodeConfig::of_side(&model.0, side_of(side)?), settings)
     }
 
     /// Alg. 1 of the paper as printed.
     #[staticmethod]
     #[pyo3(signature = (**settings))]
     fn paper(settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        changed(&EpisodeConfig::paper(), settings)
+        changed(EpisodeConfig::paper(), settings)
     }
 
     /// The same with some settings changed.
     #[pyo3(signature = (**settings))]
     fn replace(&self, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        changed(&self.0, settings)
+        changed(self.0, settings)
     }
 
     /// All settings by name.
     #[getter]
     fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
-        let settings = flat(&self.0).map_err(|error| InternalError::new_err(error.to_string()))?;
-        for (name, value) in settings {
-            match value {
-                Value::Bool(value) => dict.set_item(name, value)?,
-                Value::String(text) => dict.set_item(name, text)?,
-                Value::Number(number) => match number.as_u64() {
-                    Some(whole) => dict.set_item(name, whole)?,
-                    None => dict.set_item(name, number.as_f64())?,
-                },
-                _ => dict.set_item(name, py.None())?,
+        for number in Settings::numbers() {
+            let text = self.0.settings.get(number.name).map_err(|error| InternalError::new_err(error.to_string()))?;
+            match (text.parse::<u64>(), text.parse::<f64>()) {
+                (Ok(whole), _) if number.is_whole => dict.set_item(number.name, whole)?,
+                (_, Ok(value)) => dict.set_item(number.name, value)?,
+                _ => dict.set_item(number.name, py.None())?,
             }
         }
         Ok(dict)
@@ -70,45 +64,39 @@ impl PyEpisodeConfig {
     }
 }
 
-fn changed(config: &EpisodeConfig, settings: Option<&Bound<'_, PyDict>>) -> PyResult<PyEpisodeConfig> {
-    let settings = settings.into_iter().flat_map(|settings| settings.iter());
-    let settings = settings.map(|(name, value)| {
+fn changed(mut config: EpisodeConfig, settings: Option<&Bound<'_, PyDict>>) -> PyResult<PyEpisodeConfig> {
+    for (name, value) in settings.into_iter().flat_map(|settings| settings.iter()) {
         let name: String = name.extract()?;
-        let value = json(&name, &value)?;
-        Ok((name, value))
-    });
-    let settings = settings.collect::<PyResult<Vec<_>>>()?;
-    with(config, settings).map(PyEpisodeConfig).map_err(|refused| refused_error(&refused))
+        config.settings.set(&name, &text(&name, &value)?).map_err(refused)?;
+    }
+    config.validate().map_err(refused)?;
+    Ok(PyEpisodeConfig(config))
 }
 
-fn refused_error(Refused { setting, expected, got }: &Refused) -> PyErr {
-    ConfigError::new_err(format!("{setting}: expected {expected}, got {}", short_numbers(got)))
+/// `episode.max_touches` is `max_touches` here.
+fn refused(error: tactile_filter::Error) -> PyErr {
+    match error {
+        tactile_filter::Error::Config { setting, expected, got } => {
+            let name = setting.strip_prefix("episode.").unwrap_or(&setting);
+            ConfigError::new_err(format!("{name}: expected {expected}, got {}", short_numbers(&got)))
+        }
+        other => ConfigError::new_err(other.to_string()),
+    }
 }
 
-/// A value of Python as JSON has it.
-fn json(setting: &str, value: &Bound<'_, PyAny>) -> PyResult<Value> {
+/// A value of Python as a setting is written.
+fn text(setting: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     if value.is_none() {
-        return Ok(Value::Null);
+        return Ok("none".into());
     }
-    if let Ok(value) = value.extract::<bool>() {
-        return Ok(value.into());
+    // True is a whole number in Python.
+    let is_number = value.extract::<bool>().is_err();
+    if let (true, Ok(value)) = (is_number, value.extract::<u64>()) {
+        return Ok(value.to_string());
     }
-    if let Ok(value) = value.extract::<u64>() {
-        return Ok(value.into());
+    if let (true, Ok(value)) = (is_number, value.extract::<f64>()) {
+        return Ok(value.to_string());
     }
-    if let Ok(value) = value.extract::<i64>() {
-        return Ok(value.into());
-    }
-    if let Ok(value) = value.extract::<f64>() {
-        // JSON has neither infinity nor NaN, and would make them None.
-        let number = serde_json::Number::from_f64(value).map(Value::Number);
-        let refused =
-            || Refused { setting: setting.into(), expected: "a finite number".into(), got: value.to_string() };
-        return number.ok_or_else(|| refused_error(&refused()));
-    }
-    if let Ok(text) = value.extract::<String>() {
-        return Ok(text.into());
-    }
-    let (expected, got) = ("a number, a text, True, False or None".into(), value.get_type().name()?.to_string());
-    Err(refused_error(&Refused { setting: setting.into(), expected, got }))
+    let got = value.get_type().name()?;
+    Err(ConfigError::new_err(format!("{setting}: expected a number or None, got {got}")))
 }

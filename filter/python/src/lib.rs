@@ -26,7 +26,6 @@ mod pose;
 #[cfg(feature = "python")]
 mod sensor;
 #[cfg(any(test, feature = "python"))]
-mod settings;
 #[cfg(feature = "sim")]
 mod simulator;
 

@@ -51,19 +51,17 @@ def same_estimate(what, got, expected):
         same(f"{what} mode", mode.covariance.ravel(), floats(wanted["covariance"]))
 
 
-def config(expected):
+def config(model, expected):
     """The same settings, given one by one as a user gives them."""
-    flat = {name: value for name, value in expected.items() if not isinstance(value, dict)}
-    engine = expected["engine"]
-    if isinstance(engine, dict):
-        flat |= {"engine": "particle", **engine["particle"]}
-    return tf.EpisodeConfig(**flat, **expected["action"], **expected["likelihood"])
+    if expected["name"] == "paper":
+        return tf.EpisodeConfig.paper(**expected["settings"])
+    return tf.EpisodeConfig.of(model, **expected["settings"])
 
 
 def play(folder, model, sensor, expected):
     bank = tf.Bank.load(folder / expected["bank"], model)
     reach = np.array([floats(motion) for motion in expected["reach"]])
-    settings, episode = config(expected["config"]), None
+    settings, episode = config(model, expected), None
     for n, touch in enumerate(expected["touches"]):
         what = f"{expected['name']}, touch {n + 1}:"
         observation = sensor.observe(np.load(folder / touch["frame"]))

@@ -138,23 +138,24 @@ def motions(episode, observation, other):
 def settings(model):
     for name, value, words in [
         ("max_touches", -1, "whole number, not negative -1"), ("max_touches", 0, "1 to 1000 0"),
-        ("max_touches", 2.5, "whole number 2.5"), ("max_touches", 2**64, "whole number"), ("seed", "one", "whole number one"),
-        ("stop_probability", 1.5, "0..=1 1.5"), ("stop_probability", np.nan, "finite nan"), ("seed", None, "whole number"),
-        ("fit_margin", np.inf, "finite inf"), ("rule", "luck", "information luck"), ("rule", 3, ""), ("engine", "magic", "particle magic"),
-        ("between_poses", 1, "True or False 1"), ("temprature", 1.0, "temperature"), ("temperature", [1], "list"),
-        ("n_particles", 5, "engine"), ("action", {}, ""), ("likelihood", None, ""), ("stop_place_mm", 0, "positive"),
+        ("max_touches", 2.5, "whole number 2.5"), ("max_touches", 2**64, "whole number"), ("seed", "one", "number str"),
+        ("stop_probability", 1.5, "0..=1 1.5"), ("stop_probability", np.nan, "0..=1 NaN"), ("seed", None, "whole number"),
+        ("travel_nats_per_mm", np.inf, "not negative inf"), ("max_touchs", 3, "one of max_touches another name"),
+        ("seed", True, "number bool"), ("seed", [1], "list"), ("temperature", 0.1, "one of"), ("stop_place_mm", 0, "positive none"),
     ]:  # fmt: skip
         for make in [tf.EpisodeConfig, tf.EpisodeConfig.paper, tf.EpisodeConfig.of(model).replace]:
-            if name == "n_particles" and make is tf.EpisodeConfig.paper:
-                continue
             refused(tf.ConfigError, f"{name} expected {words}", make, **{name: value})
     refused(TypeError, "", tf.EpisodeConfig, 3)
     refused(TypeError, "model", tf.EpisodeConfig.of, None)
-    config = tf.EpisodeConfig.of(model, seed=np.int64(3), temperature=np.float64(0.1), between_poses=np.bool_(False))
+    config = tf.EpisodeConfig.of(model, seed=np.int64(3), stop_place_mm=np.float64(0.1), none_fit=None)
     changed = config.settings
-    assert (changed["seed"], changed["temperature"], changed["between_poses"]) == (3, 0.1, False)
-    for whole in [config, tf.EpisodeConfig.paper(), tf.EpisodeConfig(engine="particle", n_particles=7, none_fit=None)]:
-        assert tf.EpisodeConfig(**whole.settings) == whole and eval(f"tf.{whole!r}") == whole
+    assert (changed["seed"], changed["stop_place_mm"], changed["none_fit"], changed["stop_probability"]) == (3, 0.1, None, 0.95)
+    assert tf.EpisodeConfig.of(model, **changed) == config and tf.EpisodeConfig(**changed) != config
+    plain = tf.EpisodeConfig(stop_probability=1, seed=2**64 - 1)
+    assert isinstance(plain.settings["stop_probability"], float) and eval(f"tf.{plain!r}") == plain
+    with open(Path(tf.__file__).with_name("__init__.pyi")) as types:
+        declared = types.read().split("class _Settings", 1)[1].split("class Error", 1)[0]
+    assert all(f"    {name}: " in declared for name in changed) and declared.count(": ") == len(changed)
 
 
 def files(model, bank_path, episode, folder):
@@ -186,7 +187,7 @@ def records(episode, bank, other_bank):
     refused(tf.WrongBankError, "saved episode version", tf.Episode.restore, json.dumps(record | {"version": 1}), bank)
     refused(tf.WrongBankError, "saved episode bank", tf.Episode.restore, json.dumps(record), other_bank)
     refused(tf.WrongBankError, "saved episode touch", tf.Episode.restore, json.dumps(record | {"touches": []}), bank)
-    config = record["config"] | {"max_touches": 0}
+    config = record["config"] | {"settings": {"max_touches": 0}}
     refused(tf.ConfigError, "max_touches", tf.Episode.restore, json.dumps(record | {"config": config}), bank)
 
 

@@ -205,10 +205,7 @@ pub(crate) mod tests {
         let text = serde_json::to_string(&some).unwrap();
         assert!(text.contains(r#""rows":"i8""#), "{text}");
         assert_eq!(serde_json::from_str::<Setup>(&text).unwrap(), some);
-        let config = some.applied_to(&EpisodeConfig {
-            settings: Setup { max_touches: 4, ..Setup::default() },
-            ..EpisodeConfig::default()
-        });
+        let config = some.applied_to(&EpisodeConfig::default().changed(|settings, _, _| settings.max_touches = 4));
         assert_eq!(
             (config.settings.max_touches, config.settings.n_finalists, config.method.engine),
             (4, Some(7), some.engine)

@@ -256,6 +256,8 @@ pub(crate) fn place_mm2([[x, ..], [_, y, _], _]: &[[f64; 3]; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::Settings;
+    use crate::touch_model::TouchModel;
 
     #[test]
     fn a_fit_is_asked_for_less_the_more_touches_there_are() {

@@ -496,7 +496,7 @@ mod tests {
             matched_sd: 0.8 * config.matched_sd,
             ..config
         };
-        let seen = TouchLikelihood::new(&touch([0.8, 0.6], 0.2), &learnt, &config).unwrap();
+        let seen = TouchLikelihood::new(&touch([0.8, 0.6], 0.2), &learnt, &config.in_metric_of(&learnt)).unwrap();
         let turned = TouchLikelihood::new(&touch(by_hand([0.8, 0.6]), 0.2), &bank(&rows.map(by_hand), &shares), &same);
         let turned = turned.unwrap();
         for row in 0..rows.len() {
@@ -514,6 +514,6 @@ mod tests {
         assert_eq!(error.to_string(), "touch: expected a query of 2 values, as the bank's rows, got 1 values");
         assert!(TouchLikelihood::new(&touch([1.0, 0.0], f32::NAN), &bank, &TouchModel::default()).is_err());
         let cold = TouchModel { temperature: 0.0, ..TouchModel::default() };
-        assert!(cold.validate().unwrap_err().to_string().starts_with("likelihood.temperature: expected a positive"));
+        assert!(cold.validate().unwrap_err().to_string().starts_with("touch_model.temperature: expected a positive"));
     }
 }

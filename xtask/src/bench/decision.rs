@@ -39,7 +39,7 @@ pub fn decision(workspace: &Workspace, args: &DecisionArgs) -> Result<()> {
     let bench = Decisions { workspace, out, episodes: args.episodes };
     println!("{:28} {:>14} {:>14} {:>14} {:>14}", "ms, half / 99 of 100", "encode", "update", "choose", "decision");
     for (name, scene, states) in BOARDS {
-        let anywhere = states.map_or(String::new(), |states| format!("--poses off-grid --subdivisions {states}"));
+        let anywhere = states.map_or(String::new(), |states| format!("--poses off-grid --set subdivisions={states}"));
         let way = format!("--engines exact --actions information {anywhere}");
         let found = bench.evaluate(scene, &bench.bank(scene, states.is_some())?, &way)?;
         let cell = |stage| {

@@ -135,7 +135,7 @@ impl<'a> Workcell<'a> {
             in_hand.held_from_peg = Se2::from_degrees(up_to(mm), up_to(mm), up_to(deg));
             let number = index * n_parts + turn;
             let hole = Hole::of_part(Holes::Simulated(self.simulator, Side::Hole), part, &self.reach, seed, number);
-            let config = EpisodeConfig { seed: seed.wrapping_add(number as u64), ..*self.config };
+            let config = self.config.changed(|settings, _, _| settings.seed = seed.wrapping_add(number as u64));
             let attempt = self.attempt(hole, &in_hand, config, watch)?;
             let bank = &in_hand.bank;
             let gone = bank.parts().iter().position(|name| *name == self.simulator.parts()[attempt.named]);
@@ -272,7 +272,7 @@ mod tests {
         let simulator = Simulator::new(scene, 1)?;
         let model = model();
         let sensor = Sensor::new(model, &simulator.no_contact(1))?;
-        let config = EpisodeConfig { max_touches: 4, ..EpisodeConfig::default() };
+        let config = EpisodeConfig::default().changed(|settings, _, _| settings.max_touches = 4);
         Workcell::new(&simulator, &sensor, bank, &config, task).map(|workcell| then(&workcell))
     }
 

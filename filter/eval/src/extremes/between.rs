@@ -7,7 +7,7 @@
 
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_filter::likelihood::LikelihoodConfig;
+use tactile_filter::TouchModel;
 use tactile_infer::between::Around;
 
 use super::reference::{Logs, Pose, Touch, is_far, joint, log_sum, new_share, normalise, poses};
@@ -27,14 +27,14 @@ pub struct Recorded {
     /// Whether each row shows an edge, `[n_rows]`; `None` where it was not recorded.
     pub shows: Vec<Option<bool>>,
     /// As they are in the bank's metric.
-    pub config: LikelihoodConfig,
+    pub config: TouchModel,
     /// The cosine of each row with the one that is 1 to 3 steps further along each axis, `[axis][steps - 1][n_rows]`.
     further: [[Vec<f64>; STEPS]; 3],
 }
 
 impl Recorded {
     /// Rows, `[n_rows, dim]`, of which those of each part are in the order of the grid's cells.
-    pub fn new(grid: PoseGrid, rows: &[f32], dim: usize, shows: Vec<Option<bool>>, config: LikelihoodConfig) -> Self {
+    pub fn new(grid: PoseGrid, rows: &[f32], dim: usize, shows: Vec<Option<bool>>, config: TouchModel) -> Self {
         let row = |at: usize| &rows[at * dim..(at + 1) * dim];
         let products = |a: usize, b: usize| row(a).iter().zip(row(b)).map(|(a, b)| f64::from(*a) * f64::from(*b));
         let inner = |a: usize, b: usize| products(a, b).sum::<f64>();
@@ -279,7 +279,7 @@ impl<'a> Evidence<'a> {
     /// How well a part at a pose of the first touch explains the edged ones: the mean of how many standard deviations
     /// the cosine is above that of a true view, in standard deviations of such a mean.
     pub fn fit(&self, part: usize, first: &Se2) -> Option<f64> {
-        let LikelihoodConfig { matched_mean, matched_sd, matched_shared, .. } = self.recorded.config;
+        let TouchModel { matched_mean, matched_sd, matched_shared, .. } = self.recorded.config;
         let score = |touch: &Judged| {
             let at = self.places(touch, &Pose::of(first), first);
             let is_inside = at.iter().all(|place| place.outside.abs() < 1e-6);
@@ -340,7 +340,7 @@ mod tests {
         let inner = |row: &[f32]| row.iter().zip(&query).map(|(a, b)| f64::from(*a) * b).sum::<f64>() / length(&query);
         let cosines: Vec<f64> = rows.chunks_exact(DIM).map(inner).collect();
         let shows = vec![Some(true); 2 * grid.len()];
-        let recorded = Recorded::new(grid, &rows, DIM, shows, LikelihoodConfig::default());
+        let recorded = Recorded::new(grid, &rows, DIM, shows, TouchModel::default());
         for (x, y, theta) in [(0.7, -1.1, 4.0), (3.9, 0.2, -28.0), (-4.0, 2.0, 0.0), (-3.1, -3.7, 22.0)] {
             let pose = Pose::from_degrees(x, y, theta);
             let at = Place::of_pose(&grid, &pose, &Se2::from_degrees(x, y, theta));

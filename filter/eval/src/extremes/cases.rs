@@ -15,10 +15,11 @@ use super::reference::{Pose, Touch, log_posterior};
 use super::sample::Sample;
 use crate::error::Result;
 use tactile_filter::Observation;
+use tactile_filter::TouchModel;
 use tactile_filter::belief::modes::modes;
 use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::belief::{Belief, EngineConfig};
-use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
+use tactile_filter::likelihood::TouchLikelihood;
 
 /// Parts of the paper's boards, and length of an embedding.
 const N_PARTS: usize = 12;
@@ -65,11 +66,11 @@ pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
         ("f16 bank, of the rows before rounding", &half_bank, &sample, COSINE_ERROR + HALF_ROUNDING, OF_ROWS),
     ];
     let mut cases = Vec::new();
-    for (of_outliers, outlier_share) in [("", LikelihoodConfig::default().outlier_share), (", no outliers", 0.0)] {
+    for (of_outliers, outlier_share) in [("", TouchModel::default().outlier_share), (", no outliers", 0.0)] {
         for (name, bank, of_reference, cosine_error, source) in kinds {
             for half_decades in -8..=8 {
                 let temperature = 10.0_f64.powf(f64::from(half_decades) / 2.0);
-                let config = LikelihoodConfig { temperature, outlier_share, ..LikelihoodConfig::default() };
+                let config = TouchModel { temperature, outlier_share, ..TouchModel::default() };
                 let bound = rounding_bound(cosine_error, &config, n_touches);
                 let belief = sample.belief_with(bank, EngineConfig::Exact, seed, &config)?;
                 let error = relative_error(&belief, &of_reference.reference(&config));
@@ -86,8 +87,8 @@ pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
 /// match, and the states by their sum, and each of the four is off by `cosine_error / tau` at most. And how much error touches
 /// share follows from the cosines of the best matches: twenty shares of `shared_error` for a cosine of 1, which moves the power
 /// of the likelihoods by that square, of the states' and of their sum's, as much as a touch can tell of blankness and of a match.
-fn rounding_bound(cosine_error: f64, config: &LikelihoodConfig, n_touches: usize) -> f64 {
-    let LikelihoodConfig { temperature, outlier_share, blank_agreement, shared_error, .. } = *config;
+fn rounding_bound(cosine_error: f64, config: &TouchModel, n_touches: usize) -> f64 {
+    let TouchModel { temperature, outlier_share, blank_agreement, shared_error, .. } = *config;
     let n = n_touches as f64;
     let of_matches = 4.0 * n * cosine_error / temperature;
     let most_told = (blank_agreement / (1.0 - blank_agreement)).ln() + (2.0 / temperature).min(-outlier_share.ln());
@@ -100,7 +101,7 @@ fn rounding_bound(cosine_error: f64, config: &LikelihoodConfig, n_touches: usize
 pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
     /// So warm that several parts stay probable.
     const WARM: f64 = 0.12;
-    let config = LikelihoodConfig { temperature: WARM, ..LikelihoodConfig::default() };
+    let config = TouchModel { temperature: WARM, ..TouchModel::default() };
     let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, 3, seed);
     let bank = sample.bank()?;
     let exact = sample.belief(EngineConfig::Exact, seed, &config)?;
@@ -174,7 +175,7 @@ fn deviation_of_one(first: &[f64], last: &[f64], class_posterior: &[f64]) -> f64
 pub fn classes(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
     let n_touches = 3;
-    let config = LikelihoodConfig::default();
+    let config = TouchModel::default();
     let mut cases = Vec::new();
     for decades in 0..=if quick { 3 } else { 4 } {
         let n_parts = 10_usize.pow(decades);
@@ -215,7 +216,7 @@ pub fn similarities() -> Result<Vec<Case>> {
         cases.push(by_hand(variant, expected, &rows, query, &cosines)?);
     }
     let bank = point_bank(&usual)?;
-    let config = LikelihoodConfig::default();
+    let config = TouchModel::default();
     let touched = |query: Vec<f32>, edge_share: f32| -> Result<()> {
         Ok(TouchLikelihood::new(&Observation::new(query, edge_share), &bank, &config).map(|_| ())?)
     };
@@ -232,7 +233,7 @@ pub fn similarities() -> Result<Vec<Case>> {
     cases.push(refused("a query too short", touched(vec![1.0], 0.2)));
     cases.push(refused("an edge share of NaN", touched(east.clone(), f32::NAN)));
     for (name, temperature) in [("0", 0.0), ("NaN", f64::NAN), ("+inf", f64::INFINITY)] {
-        let config = LikelihoodConfig { temperature, ..config };
+        let config = TouchModel { temperature, ..config };
         cases.push(refused(&format!("a temperature of {name}"), config.validate().map_err(Into::into)));
     }
     Ok(cases)
@@ -253,7 +254,7 @@ fn point_bank(rows: &[Vec<f32>]) -> Result<Bank> {
 /// One touch of parts of one row each, against the reference by these cosines.
 fn by_hand(variant: &str, expected: &str, rows: &[Vec<f32>], query: Vec<f32>, cosines: &[f64]) -> Result<Case> {
     let bank = point_bank(rows)?;
-    let config = LikelihoodConfig::default();
+    let config = TouchModel::default();
     let first = TouchLikelihood::new(&Observation::new(query, 0.2), &bank, &config)?;
     let belief = Belief::of_all_states(&bank, 1, first);
     let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec(), plain: None };
@@ -286,8 +287,7 @@ pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
         at(Case::measured(Group::Chain, "drift of the place, mm", "the sum of the steps", drift_mm, bound_mm)),
         at(Case::measured(Group::Chain, "drift of the angle, degrees", "the sum of the turns", drift_deg, bound_deg)),
     ];
-    let config =
-        LikelihoodConfig { temperature: WARM, blank_share: 0.0, overlap_mm: 0.0, ..LikelihoodConfig::default() };
+    let config = TouchModel { temperature: WARM, blank_share: 0.0, overlap_mm: 0.0, ..TouchModel::default() };
     let sample = Sample::draw(2, RING, 32, n_actions, seed);
     let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
     let error = relative_error(&belief, &sample.reference(&config));
@@ -316,7 +316,7 @@ fn compensated(steps: &[(f64, f64, i32)]) -> ([f64; 2], i32) {
 
 /// Turns of about half a turn either way, and a hole turned by half a turn.
 pub fn wrap(seed: u64) -> Result<Vec<Case>> {
-    let config = LikelihoodConfig::default();
+    let config = TouchModel::default();
     let mut cases = Vec::new();
     for degrees in [180.0, -180.0, 540.0, 180.0 - 1e-9, 180.0 + 1e-9, -179.0, 179.0, 360.0, 36_000.0] {
         let first = Se2::from_degrees(0.0, 0.0, 180.0);

@@ -7,8 +7,7 @@ use std::sync::Arc;
 
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
-use tactile_filter::choice::ActionConfig;
-use tactile_filter::{Episode, EpisodeConfig};
+use tactile_filter::Episode;
 use tactile_infer::precision::Precision;
 
 use super::between::{Evidence, Recorded};
@@ -33,14 +32,11 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
     ] {
         let scene = Scene { precision, side, ..Scene::draw(6, GRID, n_touches, seed) };
         let bank = Arc::new(scene.bank()?);
-        let action = ActionConfig {
-            n_draws: N_DRAWS,
-            n_suppositions: N_SUPPOSED,
-            n_finalists: Some(4),
-            min_separation_mm: 0.0,
-            ..ActionConfig::default()
-        };
-        let episode = scene.episode(&bank, EpisodeConfig { action, ..scene.config() })?;
+        let config = scene.config().changed(|settings, model, _| {
+            (settings.n_draws, settings.n_suppositions, settings.n_finalists) = (N_DRAWS, N_SUPPOSED, Some(4));
+            model.min_separation_mm = 0.0;
+        });
+        let episode = scene.episode(&bank, config)?;
         let rows = bank.rows().to_f32();
         let recorded = scene.recorded(&rows);
         let queries = scene.queries()?;

@@ -3,8 +3,9 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_filter::Observation;
+use tactile_filter::TouchModel;
 use tactile_filter::belief::{ALLOWED_ERROR, Belief, EngineConfig};
-use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
+use tactile_filter::likelihood::TouchLikelihood;
 
 use super::case::{Case, Group};
 use super::sample::Sample;
@@ -25,8 +26,8 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
     let motions: Vec<Se2> = cells.windows(2).map(|pair| grid.pose(pair[0]).inverse() * grid.pose(pair[1])).collect();
     let sample = Sample::along(6, grid, 64, grid.pose(cells[0]), &motions, seed);
     let other = Sample { touches: contradicted(&sample, &cells), ..sample.clone() };
-    let default = LikelihoodConfig::default();
-    let warm = LikelihoodConfig { temperature: 0.12, ..default };
+    let default = TouchModel::default();
+    let warm = TouchModel { temperature: 0.12, ..default };
     let kinds = [("one hole", &sample, default), ("one hole, warm", &sample, warm), ("two holes", &other, default)];
     let mut cases = Vec::new();
     for (variant, sample, config) in kinds {

@@ -305,7 +305,7 @@ pub fn largest(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_filter::EpisodeConfig;
+    use tactile_filter::TouchModel;
     use tactile_filter::likelihood::interpolation::Interpolation;
 
     /// The bounds are no wider than what they are to find: another likelihood, even by a twentieth of the temperature,
@@ -319,18 +319,17 @@ mod tests {
         let queries = scene.queries().unwrap();
         let evidence = Evidence::new(&recorded, &scene.felt(&rows, &queries));
         let bounds = Bounds::of(&evidence, cosine_errors(&scene, &queries));
-        let held = |change: &dyn Fn(&mut EpisodeConfig)| {
-            let mut config = scene.config();
-            change(&mut config);
+        let held = |change: &dyn Fn(&mut TouchModel)| {
+            let config = scene.config().changed(|_, model, _| change(model));
             let episode = scene.episode(&bank, config).unwrap();
             let posterior = evidence.posterior(episode.belief().posterior().grid());
             let cases = belief_cases(Group::Production, "", &episode, &posterior, &bounds);
             cases.into_iter().find(|case| case.variant.ends_with("states")).unwrap().holds
         };
         assert!(held(&|_| ()));
-        assert!(!held(&|config| config.likelihood.temperature *= 1.05));
-        assert!(!held(&|config| config.likelihood.interpolation = Interpolation::Nearest));
-        assert!(!held(&|config| config.likelihood.shared_error = 0.1));
+        assert!(!held(&|model| model.temperature *= 1.05));
+        assert!(!held(&|model| model.interpolation = Interpolation::Nearest));
+        assert!(!held(&|model| model.shared_error = 0.1));
     }
 
     #[test]

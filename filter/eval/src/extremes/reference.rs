@@ -6,7 +6,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 
-use tactile_filter::likelihood::LikelihoodConfig;
+use tactile_filter::TouchModel;
 
 /// A touch as the reference sees it.
 pub struct Touch {
@@ -89,7 +89,7 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
 /// The probability of each state's log, `[n_states]`, normalised: of every part at every pose of the first touch.
 ///
 /// The view at a pose is that of the nearest recorded one.
-pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], config: &LikelihoodConfig) -> Vec<f64> {
+pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], config: &TouchModel) -> Vec<f64> {
     let recorded = poses(grid);
     let shows: Vec<Option<bool>> = edge_shares.iter().map(|share| Some(*share >= config.blank_share)).collect();
     let mut logs = vec![0.0; edge_shares.len()];
@@ -122,14 +122,14 @@ pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], co
 }
 
 /// Whether no recorded view is near, wherever the first touch was: the touch does not count.
-pub fn is_far(first_from_sensor: &Pose, config: &LikelihoodConfig, grid: &PoseGrid) -> bool {
+pub fn is_far(first_from_sensor: &Pose, config: &TouchModel, grid: &PoseGrid) -> bool {
     let rim_mm = grid.xy_step_mm * (8.0 * config.nearest_tolerance).max(2.0);
     first_from_sensor.x.hypot(first_from_sensor.y) > 8.0_f64.sqrt() * grid.xy_half_mm + rim_mm
 }
 
 /// The power to which the likelihood of each touch is taken: touches that share an error count as fewer, the more so
 /// the less the best views of the edged ones are like them. `n_touches`: the sum of what is new in each.
-pub fn joint(n_touches: f64, bests: &[f64], config: &LikelihoodConfig) -> f64 {
+pub fn joint(n_touches: f64, bests: &[f64], config: &TouchModel) -> f64 {
     (1.0 + (config.shared_error * (1.0 + 5.0 * doubt(bests))).min(1.0) * (n_touches - 1.0).max(0.0)).recip()
 }
 
@@ -140,7 +140,7 @@ pub fn doubt(bests: &[f64]) -> f64 {
 }
 
 /// The probability that a view beyond the grid is blank: as its recorded border, at least a half.
-pub fn beyond_is_blank(shows: &[Option<bool>], grid: &PoseGrid, config: &LikelihoodConfig) -> f64 {
+pub fn beyond_is_blank(shows: &[Option<bool>], grid: &PoseGrid, config: &TouchModel) -> f64 {
     let poses = poses(grid);
     let is_border = |pose: &Pose| (pose.x.abs().max(pose.y.abs()) - grid.xy_half_mm).abs() < 1e-9;
     let border = shows.chunks_exact(poses.len()).flat_map(|of_part| of_part.iter().zip(&poses));
@@ -177,7 +177,7 @@ impl Logs {
         shows: &[Option<bool>],
         grid: &PoseGrid,
         touch: &Touch,
-        config: &LikelihoodConfig,
+        config: &TouchModel,
         unknown: Option<f64>,
     ) -> Self {
         let is_edged = touch.edge_share >= config.blank_share;
@@ -216,7 +216,7 @@ impl Logs {
     }
 
     /// The log-likelihood of an edged touch at an edged view of this cosine, but for their agreement.
-    pub fn of_match(&self, cosine: f64, config: &LikelihoodConfig) -> f64 {
+    pub fn of_match(&self, cosine: f64, config: &TouchModel) -> f64 {
         let share = config.outlier_share;
         log_sum((1.0 - share).ln() + (cosine - self.reference) / config.temperature - self.log_mean, share.ln())
     }
@@ -229,7 +229,7 @@ pub fn log_sum(a: f64, b: f64) -> f64 {
 }
 
 /// The share of a touch's evidence that an earlier one did not give.
-pub fn new_share(before: &Pose, now: &Pose, config: &LikelihoodConfig) -> f64 {
+pub fn new_share(before: &Pose, now: &Pose, config: &TouchModel) -> f64 {
     if config.overlap_mm == 0.0 {
         return 1.0;
     }
@@ -261,7 +261,7 @@ mod tests {
 
     #[test]
     fn two_parts_and_one_touch_by_hand() {
-        let config = LikelihoodConfig { temperature: 0.1, outlier_share: 0.01, ..LikelihoodConfig::default() };
+        let config = TouchModel { temperature: 0.1, outlier_share: 0.01, ..TouchModel::default() };
         let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: vec![1.0, 0.8], plain: None };
         let logs = log_posterior(&ONE_POSE, &[0.2, 0.2], &[touch], &config);
         let (best, other) = (1.0, (-2.0_f64).exp());

@@ -11,8 +11,9 @@ use tactile_infer::similarity::normalize_rows;
 use super::reference::{Touch, cosines, log_posterior};
 use crate::error::Result;
 use tactile_filter::Observation;
+use tactile_filter::TouchModel;
 use tactile_filter::belief::{Belief, EngineConfig};
-use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
+use tactile_filter::likelihood::TouchLikelihood;
 
 /// Length of the noise on a touch, whose row has length 1: their cosine is about 0.86. Half of each row is
 /// common to all, so that two rows have a cosine of about 0.5.
@@ -96,18 +97,12 @@ impl Sample {
 
     /// What the filter believes after all touches; by the exact engine over all states, so that the arithmetic alone is
     /// seen.
-    pub fn belief(&self, engine: EngineConfig, seed: u64, config: &LikelihoodConfig) -> Result<Belief> {
+    pub fn belief(&self, engine: EngineConfig, seed: u64, config: &TouchModel) -> Result<Belief> {
         self.belief_with(&self.bank()?, engine, seed, config)
     }
 
     /// The same with a bank of its own, such as one of rounded rows.
-    pub fn belief_with(
-        &self,
-        bank: &Bank,
-        engine: EngineConfig,
-        seed: u64,
-        config: &LikelihoodConfig,
-    ) -> Result<Belief> {
+    pub fn belief_with(&self, bank: &Bank, engine: EngineConfig, seed: u64, config: &TouchModel) -> Result<Belief> {
         let likelihood = |touch: &Observation| TouchLikelihood::new(touch, bank, config);
         let first = likelihood(&self.touches[0].1)?;
         let mut belief = match engine {
@@ -121,7 +116,7 @@ impl Sample {
     }
 
     /// What it should believe: each state's log-probability.
-    pub fn reference(&self, config: &LikelihoodConfig) -> Vec<f64> {
+    pub fn reference(&self, config: &TouchModel) -> Vec<f64> {
         let touch = |(moved, seen): &(Se2, Observation)| Touch {
             moved: *moved,
             edge_share: seen.edge_share,

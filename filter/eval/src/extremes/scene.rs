@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
-use tactile_filter::likelihood::LikelihoodConfig;
+use tactile_filter::TouchModel;
 use tactile_filter::{Episode, EpisodeConfig, Observation};
 use tactile_infer::Bank;
 use tactile_infer::metric::{Measured, Metric};
@@ -41,18 +41,18 @@ const APART: f64 = 0.4;
 const NOISE: f64 = 0.4;
 
 /// The likelihood of the shipped model, calibrated where holes are touched and where pegs are.
-pub fn shipped(side: Side) -> LikelihoodConfig {
+pub fn shipped(side: Side) -> TouchModel {
     let [temperature, unknown, matched_mean, matched_sd, matched_shared] = match side {
         Side::Hole => [0.023_207_944_168, 0.714_249_079, 0.907_186_679, 0.038_587_579_98, 0.190_727_7],
         Side::Peg => [0.021_335_590_247, 0.786_556_07, 0.973_573_490_77, 0.015_544_131_685, 0.169_418_03],
     };
-    LikelihoodConfig {
+    TouchModel {
         temperature,
         unknown_similarity: Some(unknown),
         matched_mean,
         matched_sd,
         matched_shared,
-        ..LikelihoodConfig::default()
+        ..TouchModel::default()
     }
 }
 
@@ -184,7 +184,7 @@ impl Scene {
 
     /// The settings of an episode: all defaults but what the shipped model's calibration says.
     pub fn config(&self) -> EpisodeConfig {
-        EpisodeConfig { likelihood: shipped(self.side), ..EpisodeConfig::default() }
+        EpisodeConfig::default().changed(|_, model, _| *model = shipped(self.side))
     }
 
     /// An episode with all its touches, as a robot's program would run it.
@@ -199,14 +199,14 @@ impl Scene {
 
     /// The likelihood in the bank's metric: numbers calibrated by the cosine are scaled by the root of how much less
     /// touches are off, and the temperature is half way, by its logarithm, to the bank's own.
-    fn likelihood(&self) -> LikelihoodConfig {
+    fn likelihood(&self) -> TouchModel {
         let shipped = shipped(self.side);
         if !self.has_metric {
             return shipped;
         }
         let (scale, own) = (0.64_f64.sqrt(), 0.02);
         let scaled = |cosine: f64| 1.0 - scale * (1.0 - cosine);
-        LikelihoodConfig {
+        TouchModel {
             temperature: (own * scale * shipped.temperature).sqrt(),
             unknown_similarity: shipped.unknown_similarity.map(scaled),
             matched_mean: scaled(shipped.matched_mean),
@@ -306,8 +306,8 @@ mod tests {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../infer/models/maze-small.safetensors");
         let model = Model::load(&path).unwrap();
         for side in [Side::Hole, Side::Peg] {
-            let (here, of_model) = (shipped(side), LikelihoodConfig::of_side(&model, side));
-            let numbers = |c: &LikelihoodConfig| {
+            let (here, of_model) = (shipped(side), TouchModel::of_side(&model, side));
+            let numbers = |c: &TouchModel| {
                 let unknown = c.unknown_similarity.unwrap();
                 [
                     c.temperature,
@@ -322,7 +322,7 @@ mod tests {
             for (here, of_model) in numbers(&here).into_iter().zip(numbers(&of_model)) {
                 assert!((here / of_model - 1.0).abs() < 1e-4, "{side:?}: {here}, not {of_model}");
             }
-            let rest = |c: &LikelihoodConfig| LikelihoodConfig {
+            let rest = |c: &TouchModel| TouchModel {
                 temperature: 1.0,
                 unknown_similarity: None,
                 matched_mean: 0.0,

@@ -10,9 +10,10 @@ use tactile_infer::Bank;
 
 use super::sample::Sample;
 use crate::error::Result;
+use tactile_filter::TouchModel;
 use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::belief::{Belief, EngineConfig};
-use tactile_filter::likelihood::{LikelihoodConfig, TouchLikelihood};
+use tactile_filter::likelihood::TouchLikelihood;
 
 /// So warm that the belief, and with it the particles, are on hundreds of states, as after a robot's first touch.
 const WARM: f64 = 0.12;
@@ -59,7 +60,7 @@ pub fn timings(seed: u64, quick: bool) -> Result<Vec<Timing>> {
 
 /// Times `n` updates by the sample's second touch, each of the same belief.
 fn time(n: usize, sample: &Sample, bank: &Bank, engine: EngineConfig) -> Result<Timing> {
-    let config = LikelihoodConfig { temperature: WARM, ..LikelihoodConfig::default() };
+    let config = TouchModel { temperature: WARM, ..TouchModel::default() };
     let before = Belief::new(bank, engine, 1, 1, TouchLikelihood::new(&sample.touches[0].1, bank, &config)?);
     let (moved, touch): &(Se2, _) = &sample.touches[1];
     let mut times_ms = Vec::with_capacity(n);

@@ -108,11 +108,11 @@ impl<'a> Recorder<'a> {
         if self.narrative.refused {
             self.narrative.stop = "none of these parts explains the touches".into();
         } else if self.is_over {
-            self.narrative.stop = format!("more than {:.0} % sure", 100.0 * config.stop_probability);
+            self.narrative.stop = format!("more than {:.0} % sure", 100.0 * config.settings.stop_probability);
         }
         let goes_on = !self.is_over && estimate.n_touches < protocol.n_touches;
         let candidates = if goes_on { hole.reach(bank.grid(), protocol.poses) } else { Vec::new() };
-        let (rule, n_candidates) = (config.action.rule, candidates.len());
+        let (rule, n_candidates) = (config.method().rule, candidates.len());
         self.narrative.touches.push(NarrativeTouch {
             part_from_sensor: hole.part_from_sensor(),
             frame: frame.clone(),
@@ -155,8 +155,11 @@ mod tests {
 
     #[test]
     fn half_are_the_first_and_half_the_most_instructive() {
-        let config =
-            EpisodeConfig { none_touches: 2, none_fit: Some(-1.0), fit_margin: 0.0, ..EpisodeConfig::default() };
+        let config = EpisodeConfig::default().changed(|settings, model, _| {
+            settings.none_fit = Some(-1.0);
+            model.none_touches = 2;
+            model.fit_margin = 0.0;
+        });
         let outcomes = [
             outcome(1, 0.0, true),
             outcome(1, 0.0, true),

@@ -180,7 +180,9 @@ impl Engine {
         let of_model = EpisodeConfig::of_side(model, side);
         match self {
             Self::Exact => of_model,
-            Self::Particle => EpisodeConfig { engine: EngineConfig::Particle(ParticleConfig::default()), ..of_model },
+            Self::Particle => {
+                of_model.changed(|_, _, method| method.engine = EngineConfig::Particle(ParticleConfig::default()))
+            }
             Self::Paper => EpisodeConfig::paper(),
         }
     }

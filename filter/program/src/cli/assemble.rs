@@ -15,18 +15,21 @@ use tactile_eval::holes::Holes;
 use tactile_eval::narrative::{Board, trial};
 use tactile_eval::result::{ModelRecord, Poses};
 use tactile_filter::EpisodeConfig;
-use tactile_filter::choice::ActionRule;
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, command_line, positive, to_json, warn_of_poses};
-use super::tuning::{ChoiceTuning, Tuning};
+use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, command_line, to_json, warn_of_poses};
+use super::numbers::Numbers;
 
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["report.html", "assembly.json"];
 
+/// More touches than an episode may have.
+const NEVER: usize = usize::MAX;
+
 /// Name, find and fill every hole of a scene in simulation; write assembly.json and report.html.
 ///
-/// Memory is linear in the parts, as that of evaluate.
+/// A peg is tried once the place is known to a quarter of the scene's clearance_mm along x and along y (a standard
+/// deviation; --set stop_place_mm=MM). Memory is linear in the parts, as that of evaluate.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors \
                         --bank four.bank --scene data/scenes/four-letters.toml --out assembly")]
@@ -51,17 +54,11 @@ pub struct Assemble {
     /// A held peg is turned by up to this, degrees
     #[arg(long, value_name = "DEG", default_value_t = 1.0, help_heading = "Trials")]
     grasp_error_deg: f64,
-    /// How well the place must be known before a peg is tried, mm: the standard deviation along x and along y
-    /// [default: a quarter of the scene's clearance_mm]
-    #[arg(long, value_name = "MM", value_parser = positive, help_heading = "Trials")]
-    place_mm: Option<f64>,
     /// Let the robot give up a hole as none of the pegs on the table, though each has its peg there
     #[arg(long, help_heading = "Trials")]
     strangers: bool,
     #[command(flatten)]
-    tuning: Tuning,
-    #[command(flatten)]
-    choice: ChoiceTuning,
+    numbers: Numbers,
 }
 
 impl Assemble {
@@ -102,17 +99,18 @@ impl Assemble {
     }
 
     fn config(&self, simulator: &Simulator, model: &Arc<Model>, bank: &Bank) -> Result<EpisodeConfig> {
-        let of_touches = self.tuning.config(Engine::Exact, model, Side::Hole)?;
-        let mut config = self.choice.applied_to(of_touches, ActionRule::Information)?;
-        if !self.strangers {
-            // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
-            config.none_touches = config.max_touches + 1;
-        }
-        // Two standard deviations are half of the play, and what the grasp leaves is as much again.
-        let by_play = simulator.scene().clearance_mm / 4.0;
-        let tells_places = config.likelihood.interpolation.is_cubic(bank.grid());
-        config.stop_place_mm = self.place_mm.or(tells_places.then_some(by_play));
-        Ok(config)
+        self.numbers.refuse(&["seed"], "--seeds, from which each trial has its own", "one")?;
+        self.numbers.check_engines(&[Engine::Exact])?;
+        let of_model = EpisodeConfig::of_side(model, Side::Hole).changed(|settings, model, _| {
+            if !self.strangers {
+                // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
+                model.none_touches = NEVER;
+            }
+            // Two standard deviations are half of the play, and what the grasp leaves is as much again.
+            let by_play = simulator.scene().clearance_mm / 4.0;
+            settings.stop_place_mm = model.interpolation.is_cubic(bank.grid()).then_some(by_play);
+        });
+        self.numbers.applied_to(of_model)
     }
 
     fn task(&self, simulator: &Simulator) -> Result<Task> {

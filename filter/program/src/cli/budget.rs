@@ -19,7 +19,7 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 
 use super::arguments::positive;
-use super::tuning::refuse_given;
+use super::numbers::{Numbers, refuse_given};
 
 /// Seconds to find how fast this machine is.
 const CALIBRATION_S: f64 = 10.0;
@@ -69,14 +69,19 @@ impl BudgetArgs {
         self.budget_ms.is_some() || self.budget_mb.is_some()
     }
 
-    /// Refuses flags that a budget chooses itself.
-    pub fn check_chosen(&self, flags: &[(&str, bool)]) -> Result<()> {
-        if self.is_given() { refuse_given(flags, "no budget, which chooses it", "one") } else { Ok(()) }
+    /// Refuses flags and numbers that a budget chooses itself.
+    pub fn check_chosen(&self, flags: &[(&str, bool)], numbers: &Numbers) -> Result<()> {
+        if !self.is_given() {
+            return Ok(());
+        }
+        refuse_given(flags, "no budget, which chooses it", "one")?;
+        numbers.check_budget()
     }
 
     /// A config with this budget's limit on touches.
     pub fn limited(&self, config: EpisodeConfig) -> Result<EpisodeConfig> {
-        let config = EpisodeConfig { max_touches: self.max_touches.unwrap_or(config.max_touches), ..config };
+        let config = config
+            .changed(|settings, _, _| settings.max_touches = self.max_touches.unwrap_or(config.settings.max_touches));
         config.validate()?;
         Ok(config)
     }
@@ -99,7 +104,7 @@ impl BudgetArgs {
             Ok(Some(Cost { pace_ms: *pace_ms, memory_mb }))
         })?;
         let settings = &choice.point.settings;
-        let config = EpisodeConfig { max_touches: choice.point.n_touches, ..settings.applied_to(base) };
+        let config = settings.applied_to(base).changed(|settings, _, _| settings.max_touches = choice.point.n_touches);
         config.validate()?;
         let promise = Promise::of(&choice, &tradeoff, in_words(settings));
         print(&promise, &tradeoff, &path);
@@ -114,7 +119,7 @@ impl BudgetArgs {
         let share_s = CALIBRATION_S / settings.len().max(1) as f64;
         let of = |settings: &Setup| {
             let bank = with_rows(task.bank, settings)?;
-            let config = EpisodeConfig { between_poses: task.between_poses, ..settings.applied_to(base) };
+            let config = settings.applied_to(base).changed(|_, _, method| method.between_poses = task.between_poses);
             let pace = Pace { sensor: &sensor, frame: task.no_contact, bank: &bank, reach: &task.reach };
             let pace_ms = pace.decision_ms(&config, share_s, &mut || begun.elapsed().as_secs_f64())?;
             Ok((settings.clone(), pace_ms))

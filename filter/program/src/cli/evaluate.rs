@@ -35,8 +35,8 @@ use super::arguments::{
     warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side,
 };
 use super::budget::{BudgetArgs, Task};
+use super::numbers::Numbers;
 use super::table;
-use super::tuning::{ChoiceTuning, ParticleTuning, Tuning};
 
 /// Episodes that a report shows where nothing is said.
 const N_STORIES: usize = 6;
@@ -123,11 +123,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "I/N|env", help_heading = "Machine", conflicts_with = "json")]
     shard: Option<Shard>,
     #[command(flatten)]
-    tuning: Tuning,
-    #[command(flatten)]
-    choice: ChoiceTuning,
-    #[command(flatten)]
-    particles: ParticleTuning,
+    numbers: Numbers,
 }
 
 /// All that the episodes depend on.
@@ -297,8 +293,7 @@ impl Evaluate {
 
     /// The settings of an engine and a rule.
     fn config(&self, engine: Engine, rule: ActionRule, model: &Model) -> Result<EpisodeConfig> {
-        let of_touches = self.tuning.config(engine, model, self.which.side)?;
-        self.particles.applied_to(self.choice.applied_to(of_touches, rule)?)
+        self.numbers.applied_to(engine.config(model, self.which.side).changed(|_, _, method| method.rule = rule))
     }
 
     /// Each engine with each rule; `paper` is Alg. 1, which brings its own rule.
@@ -395,11 +390,11 @@ pub fn prepare(output: &Output, inputs: &[&Path]) -> Result<[OutputLock; 2]> {
 }
 
 fn label(config: &EpisodeConfig, poses: Poses) -> summary::Label {
-    let inference = match config.engine {
+    let inference = match config.method().engine {
         EngineConfig::Exact => Inference::Exact,
         EngineConfig::Particle(_) => Inference::Particle,
     };
-    let action = match config.action.rule {
+    let action = match config.method().rule {
         ActionRule::Paper => Choice::Paper,
         ActionRule::Information => Choice::Information,
         ActionRule::Random => Choice::Random,

@@ -8,6 +8,7 @@ mod extremes;
 mod failure;
 mod live;
 mod merge;
+mod numbers;
 mod replay;
 mod reproduction;
 mod robot;
@@ -15,7 +16,6 @@ mod ros;
 mod simulated;
 mod table;
 mod tradeoff;
-mod tuning;
 mod watch;
 
 use clap::{Parser, Subcommand};
@@ -92,28 +92,28 @@ mod tests {
         let assemble = "tactile-filter assemble --model m --bank b --scene s --out o";
         let live = "tactile-filter live --model m --bank b";
         for line in [
-            format!("{evaluate} --scene s --draws 8 --particles 9 --engines particle"),
-            format!("{replay} --data d --temperature 0.1 --subdivisions 1 --engine particle --particles 9 --side peg"),
+            format!("{evaluate} --scene s --set n_draws=8 --set n_particles=9 --engines particle"),
+            format!(
+                "{replay} --data d --set temperature=0.1 --set subdivisions=1 --engine particle --set n_particles=9 --side peg"
+            ),
             format!("{replay} --log l --json --device flex"),
-            format!("{assemble} --draws 8 --temperature 0.1 --other-sensor"),
+            format!("{assemble} --set n_draws=8 --set temperature=0.1 --other-sensor"),
             format!("{live} --simulate s --episodes 2 --seed 3 --rate-hz 9 --jpeg 90 --faults dropped=0.1"),
             "tactile-filter robot --scene s --episodes 2 --jpeg 90".into(),
             "tactile-filter watch --ros --node /n".into(),
         ] {
             assert_eq!(refusal(&line), None, "{line}");
         }
-        let of_choice = ["--draws 8", "--suppositions 2", "--finalists 2", "--min-separation-mm 1"];
-        let of_choice = of_choice.into_iter().chain(["--min-separation-deg 1", "--travel-nats-per-mm 1"]);
         let of_replay =
-            of_choice.chain(["--other-sensor", "--frontier f", "--rough-sensor", "--engine exact --budget-ms 1"]);
+            ["--other-sensor", "--frontier f", "--rough-sensor", "--engine exact --budget-ms 1", "--set n_draws"];
         let of_log = ["--side peg", "--limit 3", "--engine exact", "--budget-ms 4", "--max-touches 3", "--data d"];
-        let of_log = of_log.into_iter().chain(["--temperature 0.1", "--subdivisions 2", "--particles 8"]);
+        let of_log = of_log.into_iter().chain(["--set temperature=0.1"]);
         let of_robot = ["--episodes 2", "--seed 3", "--rate-hz 9", "--jpeg 90", "--faults dropped=0.1"];
-        let lines = of_replay.map(|flag| format!("{replay} --data d {flag}"));
+        let lines = of_replay.into_iter().map(|flag| format!("{replay} --data d {flag}"));
         let lines = lines.chain(of_log.map(|flag| format!("{replay} --log l {flag}")));
         let lines = lines.chain(of_robot.map(|flag| format!("{live} --watch w {flag}")));
         let more = [
-            format!("{assemble} --particles 9"),
+            format!("{assemble} --set 9"),
             format!("{evaluate} --scene s --frontier f"),
             format!("{evaluate} --scene s --rough-sensor"),
             format!("{evaluate} --scene s --json --shard 1/2"),

@@ -19,7 +19,7 @@ use tactile_live::shell::speaker::Speaker;
 use super::arguments::{Engine, Inputs, SideArgs, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
-use super::tuning::{ParticleTuning, Tuning};
+use super::numbers::Numbers;
 
 /// Play a recorded dataset of touches, or the log of a live node, back through the filter.
 #[derive(Args)]
@@ -34,7 +34,7 @@ pub struct Replay {
     data: Option<PathBuf>,
     /// Log of `live --log` instead: its events are given to a new node, and all that it says is compared byte for byte
     #[arg(long, value_name = "FILE", conflicts_with_all = [
-        "data", "side", "limit", "engine", "BudgetArgs", "Tuning", "ParticleTuning",
+        "data", "side", "limit", "engine", "BudgetArgs", "Numbers",
     ])]
     log: Option<PathBuf>,
     #[command(flatten)]
@@ -51,9 +51,7 @@ pub struct Replay {
     #[command(flatten)]
     budget: BudgetArgs,
     #[command(flatten)]
-    tuning: Tuning,
-    #[command(flatten)]
-    particles: ParticleTuning,
+    numbers: Numbers,
 }
 
 /// Scales that differ by more than this share are reported: an edge's shape then means another thing.
@@ -62,8 +60,9 @@ const SCALE_TOLERANCE: f64 = 0.05;
 impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        self.budget.check_chosen(&[("--subdivisions", self.tuning.has_states()), self.particles.flag()])?;
-        self.particles.check_engines(&[self.engine])?;
+        self.budget.check_chosen(&[], &self.numbers)?;
+        self.numbers.check_no_choice()?;
+        self.numbers.check_engines(&[self.engine])?;
         let (model, mut bank) = self.inputs.load()?;
         let Some(data) = &self.data else { return self.replay_log(model, bank) };
         let dataset = Dataset::open(data)?;
@@ -73,11 +72,10 @@ impl Replay {
         let lamps = dataset.meta().lamps.as_ref();
         warn_of_light(&bank, lamps);
         let sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side).lit_by(lamps)?;
-        let mut config = self.tuning.config(self.engine, &model, side)?;
-        config = self.budget.limited(self.particles.applied_to(config)?)?;
+        let mut config = self.budget.limited(self.numbers.applied_to(self.engine.config(&model, side))?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
-            let (reach, between_poses) = (*bank.grid(), config.between_poses);
+            let (reach, between_poses) = (*bank.grid(), config.method().between_poses);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             (bank, config, _) = self.budget.choose(&task, &config)?;
         }

@@ -20,48 +20,16 @@ _Side: TypeAlias = Literal["hole", "peg"]
 _Reason: TypeAlias = Literal["confident", "none-of-these", "touch-limit", "nothing-to-learn"]
 
 class _Settings(TypedDict, total=False):
-    # Inference. The four below the first are those of "particle" alone.
-    engine: Literal["exact", "particle"]
-    n_particles: int
-    resample_share: float
-    adaptive: bool
-    n_moves: int
-    # When to stop.
     stop_probability: float
     stop_place_mm: float | None
     max_touches: int
     none_fit: float | None
-    fit_margin: float
-    none_touches: int
-    # What is believed.
-    between_poses: bool
-    subdivisions: int
-    low_similarity: float
-    seed: int
-    # How the next touch is chosen.
-    rule: Literal["information", "paper", "random", "random-edge"]
+    travel_nats_per_mm: float
     n_draws: int
     n_suppositions: int
     n_finalists: int | None
-    contact_threshold: float
-    min_separation_mm: float
-    min_separation_deg: float | None
-    travel_nats_per_mm: float
-    # How similarities become probabilities.
-    temperature: float
-    outlier_share: float
-    blank_share: float
-    blank_agreement: float
-    nearest_tolerance: float
-    unknown_similarity: float | None
-    matched_mean: float
-    matched_sd: float
-    matched_shared: float
-    matched_views: Literal["pegs", "both"]
-    shared_error: float
-    interpolation: Literal["auto", "nearest", "cubic"]
-    overlap_mm: float
-    overlap_deg: float
+    subdivisions: int
+    seed: int
 
 class Error(Exception):
     """An error of this module. After any of them an episode is as it was before the call."""

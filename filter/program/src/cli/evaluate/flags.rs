@@ -4,7 +4,7 @@ use tactile_eval::{Error, Result};
 use tactile_filter::choice::ActionRule;
 
 use super::super::arguments::Engine;
-use super::super::tuning::refuse_given;
+use super::super::numbers::refuse_given;
 use super::Evaluate;
 
 impl Evaluate {
@@ -32,16 +32,16 @@ impl Evaluate {
             return Err(Error::invalid("--stories", "all parts in one run", got));
         }
         let ways = [("--engines", !self.engines.is_empty()), ("--actions", !self.actions.is_empty())];
-        let settings = [("--subdivisions", self.tuning.has_states()), self.particles.flag()];
-        self.budget.check_chosen(&[&ways[..], &settings, &self.choice.effort()].concat())?;
-        self.particles.check_engines(self.engines())?;
+        self.budget.check_chosen(&ways, &self.numbers)?;
+        self.numbers.refuse(&["seed"], "--seeds, from which each episode has its own", "one")?;
+        self.numbers.check_engines(self.engines())?;
         let of_paper = [ActionRule::Paper];
         let has_paper = self.engines().contains(&Engine::Paper);
         if self.engines().iter().all(|engine| *engine == Engine::Paper) {
             refuse_given(&ways[1..], "an engine that takes a rule, exact or particle", "paper alone")?;
-            return self.choice.check_rules(&of_paper);
+            return self.numbers.check_rules(&of_paper);
         }
         let rules = self.actions().iter().chain(of_paper.iter().filter(|_| has_paper)).copied().collect::<Vec<_>>();
-        self.choice.check_rules(&rules)
+        self.numbers.check_rules(&rules)
     }
 }
