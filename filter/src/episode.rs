@@ -7,15 +7,12 @@ use tactile_data::touch::Side;
 use tactile_infer::Bank;
 
 use crate::belief::Belief;
-use crate::belief::modes::modes;
 use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
-use crate::decision::Estimate;
-use crate::decision::{Asked, RunnerUp, StopReason, Verdict};
+use crate::decision::{Asked, Estimate, RunnerUp, StopReason};
 use crate::error::{Error, Result};
 use crate::likelihood::TouchLikelihood;
-use crate::record::{EpisodeRecord, VERSION};
-use crate::touch::Observation;
+use crate::touch::{Observation, check_motion};
 use crate::touch_model::TouchModel;
 
 /// What to do next.
@@ -31,12 +28,12 @@ pub enum Decision {
 /// can hold it.
 #[derive(Clone, Debug)]
 pub struct Episode {
-    config: EpisodeConfig,
+    pub(crate) config: EpisodeConfig,
     /// What is measured or fixed, in the metric of the bank.
     model: TouchModel,
-    bank: Arc<Bank>,
+    pub(crate) bank: Arc<Bank>,
     belief: Belief,
-    touches: Vec<(Se2, Observation)>,
+    pub(crate) touches: Vec<(Se2, Observation)>,
 }
 
 impl Episode {
@@ -47,7 +44,7 @@ impl Episode {
     /// observation of another model than the bank's, or one that no sensor makes.
     pub fn begin(config: EpisodeConfig, bank: Arc<Bank>, observation: &Observation) -> Result<Self> {
         config.validate()?;
-        check_model(&bank, observation)?;
+        observation.check_model(bank.model_sha256())?;
         let model = config.model.in_metric_of(&bank);
         let first = TouchLikelihood::new(observation, &bank, &model)?;
         let between = config.method.between_poses && config.model.interpolation.is_cubic(bank.grid());
@@ -61,40 +58,6 @@ impl Episode {
         Ok(Self { config, model, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
     }
 
-    /// What is needed to go on later, or elsewhere.
-    ///
-    /// # Errors
-    /// None that a bank could have; building its checksum may fail in principle.
-    pub fn record(&self) -> Result<EpisodeRecord> {
-        Ok(EpisodeRecord {
-            version: VERSION,
-            config: self.config,
-            bank_sha256: self.bank.sha256()?,
-            touches: self.touches.clone(),
-        })
-    }
-
-    /// An episode as it was when recorded, to the bit.
-    ///
-    /// # Errors
-    /// A record of another bank or version, without a touch, or whose touches no episode could have taken in.
-    pub fn restore(record: &EpisodeRecord, bank: Arc<Bank>) -> Result<Self> {
-        let wrong = |expected, got| Err(Error::WrongBank { expected, got });
-        if record.version != VERSION {
-            return wrong(format!("version {VERSION}"), format!("version {}", record.version));
-        }
-        let sha256 = bank.sha256()?;
-        if record.bank_sha256 != sha256 {
-            return wrong(format!("one of bank {sha256:.12}"), format!("one of bank {:.12}", record.bank_sha256));
-        }
-        let Some(((_, first), later)) = record.touches.split_first() else {
-            return wrong("at least one touch".into(), "none".into());
-        };
-        let mut episode = Self::begin(record.config, bank, first)?;
-        later.iter().try_for_each(|(moved, observation)| episode.observe(*moved, observation))?;
-        Ok(episode)
-    }
-
     /// Takes in a touch: `moved` is the motion actually made since the last touch that was taken in, in the sensor's
     /// frame at that touch. After an error the belief is as before; the motion then counts towards the next touch.
     ///
@@ -102,15 +65,11 @@ impl Episode {
     /// A frozen picture, a motion that is not finite, a touch of the other side, or an observation as [`Self::begin`]
     /// refuses it.
     pub fn observe(&mut self, moved: Se2, observation: &Observation) -> Result<()> {
-        if !is_plausible(&moved) {
-            let Se2 { x_mm, y_mm, theta_rad } = moved;
-            return Err(Error::Motion { x_mm, y_mm, theta_rad });
+        check_motion(&moved)?;
+        observation.check_model(self.bank.model_sha256())?;
+        if let Some((_, before)) = self.touches.last() {
+            observation.check_follows(before, &moved)?;
         }
-        check_model(&self.bank, observation)?;
-        if observation.side != self.side() {
-            return Err(Error::WrongSide { expected: self.side(), got: observation.side });
-        }
-        self.check_new_picture(&moved, observation)?;
         let likelihood = TouchLikelihood::new(observation, &self.bank, &self.model)?;
         self.belief.update(&moved, likelihood);
         self.touches.push((moved, observation.clone()));
@@ -120,18 +79,6 @@ impl Episode {
     /// Which side is touched: that of the first touch.
     pub fn side(&self) -> Side {
         self.touches.first().map_or(Side::default(), |(_, first)| first.side)
-    }
-
-    /// Refuses the picture of the touch before after a motion that a camera's noise alone would have changed.
-    fn check_new_picture(&self, moved: &Se2, observation: &Observation) -> Result<()> {
-        /// A robot stands still to within this, mm and degrees.
-        const STILL: f64 = 0.02;
-        let before = self.touches.last().and_then(|(_, before)| before.frame_hash);
-        let (mm, deg) = (moved.x_mm.hypot(moved.y_mm), moved.theta_deg().abs());
-        if before.is_some() && before == observation.frame_hash && mm.max(deg) > STILL {
-            return Err(Error::FrozenFrame { mm, deg });
-        }
-        Ok(())
     }
 
     /// Whether to stop, and if not, which motion of `reach` (what the robot can do from here, in the sensor's frame) to
@@ -191,26 +138,7 @@ impl Episode {
 
     /// What is known now.
     pub fn estimate(&self) -> Estimate {
-        let Verdict { part, probability, runner_up, placed, covariance, stop, warnings } = self.asked().verdict();
-        let (posterior, first_from_sensor) = (self.belief.posterior(), self.belief.first_from_sensor());
-        Estimate {
-            part: self.bank.parts()[part].clone(),
-            probability: probability.min(1.0),
-            runner_up,
-            part_from_sensor: placed.part_from_first * first_from_sensor,
-            part_from_first: placed.part_from_first,
-            symmetry: self.bank.symmetry(part),
-            covariance,
-            fit: placed.fit,
-            n_fitted: placed.n_fitted,
-            class_posterior: posterior.by_part().to_vec(),
-            modes: modes(posterior, &first_from_sensor, &|part| self.bank.symmetry(part)),
-            entropy_nats: posterior.entropy_nats(),
-            log_evidence: self.belief.log_evidence(),
-            n_touches: self.belief.touches().len(),
-            stop,
-            warnings,
-        }
+        self.asked().estimate()
     }
 
     /// The second most probable part now, as [`Self::estimate`] has it, without the rest of it; `None` where no other part is
@@ -229,23 +157,6 @@ impl Episode {
     }
 }
 
-/// Refuses an observation of another model than the bank's.
-fn check_model(bank: &Bank, observation: &Observation) -> Result<()> {
-    match &observation.model_sha256 {
-        Some(got) if got != bank.model_sha256() => Err(Error::WrongModel {
-            what: "observation",
-            expected: bank.model_sha256().to_string(),
-            got: got.to_string(),
-        }),
-        _ => Ok(()),
-    }
-}
-
-/// Whether a robot could have moved so; NaN could not. Far beyond, composed poses overflow.
-pub(crate) fn is_plausible(moved: &Se2) -> bool {
-    moved.x_mm.abs() <= 1e6 && moved.y_mm.abs() <= 1e6 && moved.theta_rad.abs() <= 1e3
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -256,6 +167,7 @@ mod tests {
     use crate::config::Method;
     use crate::decision::Warning;
     use crate::likelihood::interpolation::Interpolation;
+    use crate::record::EpisodeRecord;
     use crate::settings::Settings;
     use crate::touch_model::TouchModel;
     use rand::rngs::ChaCha8Rng;

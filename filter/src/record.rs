@@ -1,9 +1,14 @@
 //! An episode as it can be saved.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
+use tactile_infer::Bank;
 
 use crate::config::EpisodeConfig;
+use crate::episode::Episode;
+use crate::error::{Error, Result};
 use crate::touch::Observation;
 
 /// The value of [`EpisodeRecord::version`] that this program writes and reads.
@@ -21,4 +26,40 @@ pub struct EpisodeRecord {
     pub bank_sha256: String,
     /// Each touch with the motion since the one before; the first one's is no motion.
     pub touches: Vec<(Se2, Observation)>,
+}
+
+impl Episode {
+    /// What is needed to go on later, or elsewhere.
+    ///
+    /// # Errors
+    /// None that a bank could have; building its checksum may fail in principle.
+    pub fn record(&self) -> Result<EpisodeRecord> {
+        Ok(EpisodeRecord {
+            version: VERSION,
+            config: self.config,
+            bank_sha256: self.bank.sha256()?,
+            touches: self.touches.clone(),
+        })
+    }
+
+    /// An episode as it was when recorded, to the bit.
+    ///
+    /// # Errors
+    /// A record of another bank or version, without a touch, or whose touches no episode could have taken in.
+    pub fn restore(record: &EpisodeRecord, bank: Arc<Bank>) -> Result<Self> {
+        let wrong = |expected, got| Err(Error::WrongBank { expected, got });
+        if record.version != VERSION {
+            return wrong(format!("version {VERSION}"), format!("version {}", record.version));
+        }
+        let sha256 = bank.sha256()?;
+        if record.bank_sha256 != sha256 {
+            return wrong(format!("one of bank {sha256:.12}"), format!("one of bank {:.12}", record.bank_sha256));
+        }
+        let Some(((_, first), later)) = record.touches.split_first() else {
+            return wrong("at least one touch".into(), "none".into());
+        };
+        let mut episode = Self::begin(record.config, bank, first)?;
+        later.iter().try_for_each(|(moved, observation)| episode.observe(*moved, observation))?;
+        Ok(episode)
+    }
 }

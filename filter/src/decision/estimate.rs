@@ -3,8 +3,8 @@
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 
-use crate::belief::modes::Mode;
-use crate::decision::verdict::{RunnerUp, Standing, StopReason, Warning, place_mm2};
+use crate::belief::modes::{Mode, modes};
+use crate::decision::verdict::{Asked, RunnerUp, Standing, StopReason, Verdict, Warning, place_mm2};
 
 /// What is known after the touches so far.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +47,33 @@ pub struct Estimate {
     pub stop: Option<StopReason>,
     /// Reasons to doubt all this.
     pub warnings: Vec<Warning>,
+}
+
+impl Asked<'_> {
+    /// What is known now.
+    pub(crate) fn estimate(self) -> Estimate {
+        let Self { bank, belief, .. } = self;
+        let Verdict { part, probability, runner_up, placed, covariance, stop, warnings } = self.verdict();
+        let (posterior, first_from_sensor) = (belief.posterior(), belief.first_from_sensor());
+        Estimate {
+            part: bank.parts()[part].clone(),
+            probability: probability.min(1.0),
+            runner_up,
+            part_from_sensor: placed.part_from_first * first_from_sensor,
+            part_from_first: placed.part_from_first,
+            symmetry: bank.symmetry(part),
+            covariance,
+            fit: placed.fit,
+            n_fitted: placed.n_fitted,
+            class_posterior: posterior.by_part().to_vec(),
+            modes: modes(posterior, &first_from_sensor, &|part| bank.symmetry(part)),
+            entropy_nats: posterior.entropy_nats(),
+            log_evidence: belief.log_evidence(),
+            n_touches: belief.touches().len(),
+            stop,
+            warnings,
+        }
+    }
 }
 
 impl Estimate {

@@ -7,5 +7,5 @@ mod estimate;
 mod verdict;
 
 pub use estimate::Estimate;
-pub(crate) use verdict::{Asked, Verdict};
+pub(crate) use verdict::Asked;
 pub use verdict::{RunnerUp, Standing, StopReason, Warning};

@@ -19,9 +19,9 @@ use tactile_infer::Bank;
 
 use crate::config::EpisodeConfig;
 use crate::decision::Estimate;
-use crate::episode::{Decision, Episode, is_plausible};
+use crate::episode::{Decision, Episode};
 use crate::error::{Error, Result};
-use crate::touch::Sensor;
+use crate::touch::{Sensor, check_motion};
 use worker::{Refused, Worker};
 
 /// The largest capacity of a runner: at ten touches a second, more than a minute and a half of work.
@@ -225,10 +225,7 @@ impl State {
 
     /// Takes in a touch of a running episode, with the motions of the refused ones before it.
     fn take_in(&mut self, episode: &mut Episode, frame: &Frame, moved: Se2, reach: &[Se2]) -> Result<()> {
-        if !is_plausible(&moved) {
-            let Se2 { x_mm, y_mm, theta_rad } = moved;
-            return Err(Error::Motion { x_mm, y_mm, theta_rad });
-        }
+        check_motion(&moved)?;
         let moved = self.refused.map_or(moved, |refused| refused * moved);
         self.refused = Some(moved);
         check_reach(reach)?;

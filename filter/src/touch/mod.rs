@@ -7,4 +7,5 @@ mod observation;
 mod sensor;
 
 pub use observation::Observation;
+pub(crate) use observation::check_motion;
 pub use sensor::Sensor;

@@ -3,7 +3,10 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
+
+use crate::error::{Error, Result};
 
 /// One touch as the filter sees it: made of a frame by [`Sensor::observe`](crate::Sensor::observe).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,4 +43,38 @@ impl Observation {
     pub fn of_simulation(self) -> Self {
         Self { frame_hash: None, ..self }
     }
+
+    /// Refuses an observation of another model than this one.
+    pub(crate) fn check_model(&self, sha256: &str) -> Result<()> {
+        match &self.model_sha256 {
+            Some(got) if &**got != sha256 => {
+                Err(Error::WrongModel { what: "observation", expected: sha256.to_string(), got: got.to_string() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Refuses an observation that cannot follow another after a motion: of the other side, or the same picture, which a
+    /// camera's noise alone would have changed.
+    pub(crate) fn check_follows(&self, before: &Self, moved: &Se2) -> Result<()> {
+        /// A robot stands still to within this, mm and degrees.
+        const STILL: f64 = 0.02;
+        if self.side != before.side {
+            return Err(Error::WrongSide { expected: before.side, got: self.side });
+        }
+        let (mm, deg) = (moved.x_mm.hypot(moved.y_mm), moved.theta_deg().abs());
+        if before.frame_hash.is_some() && before.frame_hash == self.frame_hash && mm.max(deg) > STILL {
+            return Err(Error::FrozenFrame { mm, deg });
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a motion that no robot made; NaN could not be made. Far beyond, composed poses overflow.
+pub(crate) fn check_motion(moved: &Se2) -> Result<()> {
+    let Se2 { x_mm, y_mm, theta_rad } = *moved;
+    if x_mm.abs() <= 1e6 && y_mm.abs() <= 1e6 && theta_rad.abs() <= 1e3 {
+        return Ok(());
+    }
+    Err(Error::Motion { x_mm, y_mm, theta_rad })
 }

@@ -328,6 +328,8 @@ mod tests {
                 matched_mean: 0.0,
                 matched_sd: 1.0,
                 matched_shared: 0.0,
+                // A warning, which no case is about.
+                low_similarity: 0.0,
                 ..*c
             };
             assert_eq!(rest(&here), rest(&of_model));
