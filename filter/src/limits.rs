@@ -4,7 +4,6 @@ use tactile_data::number::short;
 
 use crate::belief::particle::ParticleConfig;
 use crate::error::{Error, Result};
-use crate::settings::Settings;
 
 /// The most touches of an episode. Each keeps 5.4 bytes for each view of the bank: its cosine (4), what it shows (1)
 /// and the best of each line of places (0.4). In a bank of twelve large letters every 2 mm and 15 degrees, 68,796
@@ -33,17 +32,27 @@ const FIRST_PASS: f64 = 36.0;
 /// touches again.
 const MAX_MOVES: f64 = 1e6;
 
+/// How well motions are judged.
+#[derive(Clone, Copy)]
+pub(crate) struct Effort {
+    /// States drawn, and states supposed true in turn.
+    pub n_draws: usize,
+    pub n_suppositions: usize,
+    /// Motions judged by all draws; `None`: all.
+    pub n_finalists: Option<usize>,
+}
+
 /// The pairs that a decision weighs among [`MOTIONS`].
-fn n_pairs(settings: &Settings) -> f64 {
+fn n_pairs(effort: Effort) -> f64 {
     let motions = MOTIONS as f64;
-    let judged = settings.n_finalists.map_or(motions, |n| (n as f64).min(motions) + motions / FIRST_PASS);
-    settings.n_draws as f64 * settings.n_suppositions as f64 * judged
+    let scored = effort.n_finalists.map_or(motions, |n| (n as f64).min(motions) + motions / FIRST_PASS);
+    effort.n_draws as f64 * effort.n_suppositions as f64 * scored
 }
 
 /// Refuses a choice of the next touch that takes more than a second.
-pub(crate) fn check_effort(settings: &Settings) -> Result<()> {
-    let Settings { n_draws, n_suppositions, n_finalists, .. } = *settings;
-    let pairs = n_pairs(settings);
+pub(crate) fn check_effort(effort: Effort) -> Result<()> {
+    let Effort { n_draws, n_suppositions, n_finalists } = effort;
+    let pairs = n_pairs(effort);
     if pairs <= MAX_PAIRS {
         return Ok(());
     }
@@ -77,6 +86,7 @@ mod tests {
     use super::*;
     use crate::belief::EngineConfig;
     use crate::config::EpisodeConfig;
+    use crate::settings::Settings;
 
     fn refused(config: EpisodeConfig) -> String {
         config.validate().map_or_else(|error| error.to_string(), |()| "nothing".into())
@@ -114,11 +124,11 @@ mod tests {
     #[test]
     fn what_is_used_and_measured_is_far_below() {
         let of = Settings::default();
-        assert!(n_pairs(&of) < MAX_PAIRS / 400.0, "{}", n_pairs(&of));
+        assert!(n_pairs(of.effort()) < MAX_PAIRS / 400.0, "{}", n_pairs(of.effort()));
         // The richest settings that a trade-off measures.
         for (n_draws, n_suppositions, n_finalists) in [(320, 48, Some(48)), (160, 24, None)] {
             let settings = Settings { n_draws, n_suppositions, n_finalists, subdivisions: 3, ..of };
-            assert!(n_pairs(&settings) < MAX_PAIRS / 20.0);
+            assert!(n_pairs(settings.effort()) < MAX_PAIRS / 20.0);
             assert_eq!(refused(EpisodeConfig { settings, ..EpisodeConfig::default() }), "nothing");
         }
         let most = EpisodeConfig::paper().changed(|settings, _, _| settings.max_touches = 1_000);

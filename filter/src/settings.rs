@@ -1,7 +1,7 @@
 //! What a user chooses, and nothing else: the numbers of an episode that neither a calibration nor a bank can know.
 
 use crate::error::Result;
-use crate::limits::{self, MAX_SUBDIVISIONS, MAX_TOUCHES};
+use crate::limits::{self, Effort, MAX_SUBDIVISIONS, MAX_TOUCHES};
 use crate::number::{Range, numbers};
 
 numbers! {
@@ -48,7 +48,13 @@ impl Settings {
     /// Refuses numbers outside their ranges, and effort that takes more than a second for a decision.
     pub(crate) fn validate(&self) -> Result<()> {
         self.check_ranges()?;
-        limits::check_effort(self)
+        limits::check_effort(self.effort())
+    }
+
+    /// How well motions are judged.
+    pub(crate) fn effort(&self) -> Effort {
+        let Self { n_draws, n_suppositions, n_finalists, .. } = *self;
+        Effort { n_draws, n_suppositions, n_finalists }
     }
 }
 

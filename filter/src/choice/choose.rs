@@ -8,33 +8,18 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_infer::Bank;
 
+use super::inputs::ChoiceInputs;
 use super::rule::ActionRule;
-use super::scorer::Scorer;
+use super::scorer::{Expected, Scorer};
 use crate::belief::Belief;
 use crate::config::EpisodeConfig;
-use crate::touch_model::TouchModel;
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Action {
     /// Where the sensor goes, seen from where it is.
     pub sensor_from_next: Se2,
-}
-
-/// What a choice is made in: what is believed, recorded and offered.
-pub struct ChoiceInputs<'a> {
-    /// Rule, effort, and how far touches keep apart.
-    pub config: &'a EpisodeConfig,
-    /// What the belief was made with: the config's, in the metric of the bank.
-    pub model: &'a TouchModel,
-    /// What is known of part and pose.
-    pub belief: &'a Belief,
-    /// The recorded views.
-    pub bank: &'a Bank,
-    /// Motions `sensor_from_next` that the reach allows.
-    pub candidates: &'a [Se2],
 }
 
 /// A candidate as the rule saw it.
@@ -49,20 +34,6 @@ pub struct Scored {
     pub score: Option<f64>,
     /// Whether all draws judged it; else a sixth of them did, in the first pass.
     pub by_all_draws: bool,
-}
-
-/// What a touch is expected to tell that is new, nats: how much the true state's log-probability is expected to grow, less
-/// where the view is like touches that match badly.
-/// Estimated from the same draws as the choice, so on the high side for the candidate chosen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Expected {
-    /// In all: which part it is and where on it.
-    pub nats: f64,
-    /// The share of `nats` about which part it is; the rest is about where on it.
-    pub part_nats: f64,
-    /// The two likeliest parts of the bank and the share of `part_nats` about which of the two it is; `None`
-    /// where the bank has one part.
-    pub pair: Option<([usize; 2], f64)>,
 }
 
 /// A choice with its reasons.
@@ -192,7 +163,9 @@ pub(super) mod tests {
     use crate::likelihood::TouchLikelihood;
     use crate::settings::Settings;
     use crate::touch::Observation;
+    use crate::touch_model::TouchModel;
     use tactile_data::grid::PoseGrid;
+    use tactile_infer::Bank;
     use tactile_infer::rows::Rows;
 
     /// Three angles at one place.

@@ -4,9 +4,12 @@
 //! and what it is expected to tell. It must not know when to stop, nor how the belief was inferred.
 
 mod choose;
+mod inputs;
 mod new_share;
 mod rule;
 mod scorer;
 
-pub use choose::{Action, Choice, ChoiceInputs, Expected, Scored, choose, explain};
+pub use choose::{Action, Choice, Scored, choose, explain};
+pub use inputs::ChoiceInputs;
 pub use rule::ActionRule;
+pub use scorer::Expected;

@@ -6,7 +6,7 @@ use tactile_data::grid::NearestCell;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
 
-use super::choose::{ChoiceInputs, Expected};
+use super::inputs::ChoiceInputs;
 use super::new_share::NewShare;
 use super::rule::ActionRule;
 use crate::belief::Hypothesis;
@@ -14,6 +14,20 @@ use crate::likelihood::unrecorded;
 use crate::likelihood::{Nearest, trusted};
 use crate::simd;
 use crate::touch_model::TouchModel;
+
+/// What a touch is expected to tell that is new, nats: how much the true state's log-probability is expected to grow, less
+/// where the view is like touches that match badly.
+/// Estimated from the same draws as the choice, so on the high side for the candidate chosen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected {
+    /// In all: which part it is and where on it.
+    pub nats: f64,
+    /// The share of `nats` about which part it is; the rest is about where on it.
+    pub part_nats: f64,
+    /// The two likeliest parts of the bank and the share of `part_nats` about which of the two it is; `None`
+    /// where the bank has one part.
+    pub pair: Option<([usize; 2], f64)>,
+}
 
 /// A state drawn from the belief: its part, which of the distinct poses it has, and how often it was drawn.
 #[derive(Clone, Copy)]

@@ -1,0 +1,22 @@
+//! What a choice of the next touch is made of.
+
+use tactile_data::se2::Se2;
+use tactile_infer::Bank;
+
+use crate::belief::Belief;
+use crate::config::EpisodeConfig;
+use crate::touch_model::TouchModel;
+
+/// What a choice is made in: what is believed, recorded and offered.
+pub struct ChoiceInputs<'a> {
+    /// Rule, effort, and how far touches keep apart.
+    pub config: &'a EpisodeConfig,
+    /// What the belief was made with: the config's, in the metric of the bank.
+    pub model: &'a TouchModel,
+    /// What is known of part and pose.
+    pub belief: &'a Belief,
+    /// The recorded views.
+    pub bank: &'a Bank,
+    /// Motions `sensor_from_next` that the reach allows.
+    pub candidates: &'a [Se2],
+}
