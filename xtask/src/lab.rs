@@ -11,7 +11,7 @@ use crate::json;
 use crate::program::Program;
 use crate::workspace::Workspace;
 
-/// What the lab gets wrong: noise of the poses, missing touches, and where the hole board lies.
+/// What the lab gets wrong: noise of the poses, missing touches, and where the hole board is.
 const ERRORS: &str = "--pose-noise 0.1,0.3 --missing 0.03";
 const OFFSET: [f64; 3] = [0.4, -0.3, 1.0];
 

@@ -26,7 +26,7 @@ impl RecordedSteps {
         Self { grid: pegs.grid, steps }
     }
 
-    /// The settings with their finer steps brought to the recorded ones, none twice: what lies between recorded views
+    /// The settings with their finer steps brought to the recorded ones, none twice: what is between recorded views
     /// would only be interpolated.
     pub fn plan(&self, planned: Vec<Planned>) -> Vec<Planned> {
         let mut kept = Vec::new();

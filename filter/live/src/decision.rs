@@ -138,7 +138,7 @@ impl DecisionReport {
         }
     }
 
-    /// What stands on `~/label`: the part, or what is known instead.
+    /// The text of `~/label`: the part, or what is known instead.
     pub fn label(&self) -> String {
         match self.stop {
             Some(StopReason::Confident) => self.estimate.part.clone(),

@@ -1,4 +1,4 @@
-//! Where the robot's tool is, and since when it stands still.
+//! Where the robot's tool is, and since when it is still.
 
 use tactile_data::recording::ros::messages::{PoseStamped, from_cdr};
 use tactile_data::recording::ros::rigid::Rigid;
@@ -36,7 +36,7 @@ struct Latest {
     time_ns: i64,
     frame_id: String,
     base_from_tool: Rigid,
-    /// Where it stands still, to the tolerance, and since when.
+    /// Where it is still, to the tolerance, and since when.
     anchor: Rigid,
     still_since_ns: i64,
     interval_ns: Option<f64>,
@@ -132,7 +132,7 @@ impl Tool {
         moved.length_mm() <= self.parameters.still_mm && moved.angle_deg() <= self.parameters.still_deg
     }
 
-    /// The sensor where it stands still.
+    /// The sensor's pose where it is still.
     ///
     /// # Errors
     /// No pose, one that was refused, none since a motion was asked for, or a stale one.

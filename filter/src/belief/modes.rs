@@ -31,7 +31,7 @@ const MAX_STATES: usize = 10_000;
 
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
 /// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and so are
-/// a thousandth of the belief at most in its lightest states and what lies beyond the heaviest ten thousand. Modes that a
+/// a thousandth of the belief at most in its lightest states and what is lighter than the heaviest ten thousand. Modes that a
 /// part's `symmetry` turns into each other are one: the pose is that of the heaviest. `first_from_sensor`: the motion from
 /// the first touch to the latest.
 pub fn modes(posterior: &Posterior, first_from_sensor: &Se2, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {

@@ -15,7 +15,7 @@ const N_POINTS: usize = 8;
 const MAX_ROUNDS: usize = 8;
 
 /// How the points along x and along y are shifted from one angle to the next, in distances between two of them: so that no
-/// edge of the belief lies between all of them (the R2 sequence of quasirandom points).
+/// edge of the belief is between all of them (the R2 sequence of quasirandom points).
 const SHIFTS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 
 /// Second moments of (x mm, y mm, theta rad).

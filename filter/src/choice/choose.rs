@@ -1,7 +1,7 @@
 //! Where to touch next: the paper's rule (Sec. IV-C), expected information, or chance.
 //!
 //! Only recorded peg views are compared, so an action costs inner products. States are drawn
-//! from the belief, not taken from its top: after one touch the mass lies on thousands of states. Touches
+//! from the belief, not taken from its top: after one touch the mass is spread over thousands of states. Touches
 //! are kept apart, because two overlapping views share most of what they show and most of their error.
 
 use rand::rngs::ChaCha8Rng;

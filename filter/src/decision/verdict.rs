@@ -15,7 +15,7 @@ use crate::config::EpisodeConfig;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopReason {
-    /// A part is more probable than `stop_probability`, explains the touches, and lies where `stop_place_mm` asks for.
+    /// A part is more probable than `stop_probability`, explains the touches, and its place is known as well as `stop_place_mm` asks.
     Confident,
     /// No part explains the touches: this one is not in the bank.
     NoneOfThese,
@@ -25,7 +25,7 @@ pub enum StopReason {
     NothingToLearn,
 }
 
-/// How the likeliest part stands when it is asked whether to stop.
+/// What is known of the likeliest part when it is asked whether to stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Standing {
     /// Its probability, 0..=1.
@@ -51,7 +51,7 @@ impl EpisodeConfig {
         self.settings.none_fit.map(|least| least + self.model.fit_margin / (n_fitted.max(1) as f64).sqrt())
     }
 
-    /// Why to stop where the likeliest part stands like this; `None` to go on.
+    /// Why to stop where this is known of the likeliest part; `None` to go on.
     pub fn stop(&self, standing: &Standing) -> Option<StopReason> {
         let Standing { probability, fit, n_fitted, place_mm2, n_touches } = *standing;
         // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.

@@ -50,7 +50,7 @@ fn squares_of<'a>(at: &Around, line: impl Fn((usize, usize)) -> &'a [f32], out: 
 const ABOVE_BEST: f32 = 0.1;
 
 /// The recorded places around a place whose weight is more than rounding leaves at a recorded place. The nearest is
-/// one, and stands for those that are not.
+/// one, and represents those that are not.
 #[derive(Clone, Copy, Debug)]
 struct Counting([usize; 4]);
 

@@ -57,7 +57,7 @@ impl Observation {
     /// Refuses an observation that cannot follow another after a motion: of the other side, or the same picture, which a
     /// camera's noise alone would have changed.
     pub(crate) fn check_follows(&self, before: &Self, moved: &Se2) -> Result<()> {
-        /// A robot stands still to within this, mm and degrees.
+        /// A robot that does not move is still to within this, mm and degrees.
         const STILL: f64 = 0.02;
         if self.side != before.side {
             return Err(Error::WrongSide { expected: before.side, got: self.side });

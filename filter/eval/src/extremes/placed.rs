@@ -1,4 +1,4 @@
-//! Where a part is and how sure that is, from the definition, in f64. What [`covariance`] is lies here alone.
+//! Where a part is and how sure that is, from the definition, in f64. Only this file says what [`covariance`] is.
 
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;

@@ -4,10 +4,10 @@ pub mod bootstrap;
 pub mod mcnemar;
 pub mod share;
 
-/// 95 % of a normal variable lies within so many standard deviations.
+/// 95 % of a normal variable is within so many standard deviations.
 pub const Z_95: f64 = 1.959_963_985;
 
-/// The value below which a share of the values lies: the nearest rank. Zero for no values.
+/// The value below which a share of the values is: the nearest rank. Zero for no values.
 pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let rank = (share * values.len() as f64).ceil() as usize;

@@ -10,7 +10,7 @@ use tactile_data::simulator::frame_rng;
 use crate::error::Result;
 use crate::robot::{RobotSettings, Sent};
 
-/// One byte in so many changes by one count from a picture to the next: a stream of a sensor that stands still is never
+/// One byte in so many changes by one count from a picture to the next: a stream of a sensor that does not move is never
 /// the same bytes twice.
 const FLICKER: usize = 97;
 

@@ -23,7 +23,7 @@ use crate::decision::DecisionReport;
 use crate::error::Result;
 use crate::event::Request;
 
-/// Where the part lies in the robot's base frame: metres, and roll, pitch and yaw in radians. The sensor looks down.
+/// Where the part is in the robot's base frame: metres, and roll, pitch and yaw in radians. The sensor looks down.
 const BASE_FROM_PART: [[f64; 3]; 2] = [[0.42, -0.13, 0.08], [std::f64::consts::PI, 0.0, 0.4]];
 
 /// How far the sensor is lifted between touches, metres.

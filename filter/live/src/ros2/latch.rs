@@ -175,7 +175,7 @@ impl Gate {
         }
     }
 
-    /// Whether a new reader is held, or only told of.
+    /// Whether a new reader is held, or only known.
     fn hold(&self, holds: bool) {
         self.holds.store(holds, Ordering::Release);
     }

@@ -16,7 +16,7 @@ pub const HELP: &str = "rest | touch [X_MM Y_MM DEG] | reset | quit";
 pub enum Command {
     /// The sensor touches nothing: take pictures of it at rest.
     Rest,
-    /// The sensor touches: where, in a plane that stands still, or where the node asked for.
+    /// The sensor touches: where, in a plane that does not move, or where the node asked for.
     Touch(Option<Se2>),
     /// The next touch is the first of another hole.
     Reset,

@@ -1,7 +1,7 @@
 //! A folder that another program puts pictures into: one for each touch, with a file that says where it was.
 //!
 //! `rest*.png` (or `.jpg`) is the sensor at rest. Any other picture is a touch once a file of its name ending in `.json`
-//! holds its place, `{"x_mm": 0, "y_mm": 0, "theta_deg": 0}`, in a plane that stands still. A picture with
+//! holds its place, `{"x_mm": 0, "y_mm": 0, "theta_deg": 0}`, in a plane that does not move. A picture with
 //! `"reset": true` is the first of another hole. The answer is written to `NAME.decision.json`: what was decided, or
 //! `{"error": "..."}` where the touch was refused. Files are looked at in the order of their names; write them under
 //! another name and rename them.

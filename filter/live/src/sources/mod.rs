@@ -46,7 +46,7 @@ pub fn picture(data: Vec<u8>) -> Input {
     Input::CompressedImage(to_cdr(&CompressedImage { header, format: format.into(), data }))
 }
 
-/// The sensor's pose in a plane that stands still, as a tool's message.
+/// The sensor's pose in a plane that does not move, as a tool's message.
 pub fn placed(plane_from_sensor: &Se2) -> Input {
     let header = Header { frame_id: "plane".into(), ..Header::default() };
     Input::ToolPose(to_cdr(&PoseStamped { header, pose: Rigid::from_plane(plane_from_sensor).to_pose() }))
