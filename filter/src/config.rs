@@ -117,7 +117,7 @@ impl EpisodeConfig {
         self.settings.set(name, text)
     }
 
-    /// Refuses numbers outside their ranges, and those that take more than a second for a decision or all memory.
+    /// Refuses numbers outside their ranges, and effort that takes more than a second for a decision or all memory.
     ///
     /// # Errors
     /// The first of them, by its name.

@@ -76,7 +76,7 @@ impl Episode {
         Ok(())
     }
 
-    /// Which side is touched: that of the first touch.
+    /// Which side is touched: the side of the first touch.
     pub fn side(&self) -> Side {
         self.touches.first().map_or(Side::default(), |(_, first)| first.side)
     }

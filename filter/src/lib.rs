@@ -3,7 +3,7 @@
 //! The main type is [`Episode`]: a robot makes an [`Observation`] of its first touch with a [`Sensor`], begins an episode
 //! with it, asks where to touch next, reports the motion it actually made with the next observation, and learns when to
 //! stop. The robot owns the loop, the clock and the driver: this crate starts no thread, prints nothing, and knows no
-//! gradients, no simulator and no files but those of model and bank. A real-time caller turns on the feature `runner`,
+//! gradients, no simulator and no files but a model's and a bank's. A real-time caller turns on the feature `runner`,
 //! off by default, and gets `runner::Runner`: an episode on a thread of its own, with calls that never wait.
 //!
 //! ```

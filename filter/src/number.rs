@@ -19,7 +19,7 @@ pub enum Kind {
 
 /// A number of a table `T`.
 pub struct Number<T> {
-    /// Its name: that of the field.
+    /// The name of its field.
     pub name: &'static str,
     /// Its unit; empty where it has none.
     pub unit: &'static str,
@@ -80,7 +80,7 @@ impl<T> Number<T> {
     }
 }
 
-/// The number of a name, among those of a table.
+/// The number of a table that has a name.
 pub(crate) fn find<T>(numbers: &'static [Number<T>], place: &str, name: &str) -> Result<&'static Number<T>> {
     let unknown = || {
         let names: Vec<&str> = numbers.iter().map(|number| number.name).collect();

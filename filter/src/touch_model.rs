@@ -69,7 +69,7 @@ numbers! {
         fit_margin: f64 = 4.6, "standard deviations", Range::NOT_NEGATIVE,
             Fixed: "T small, T large, both rough, outlines 77, three times the noise"; "one touch is sure of a stranger";
         /// A fit below `none_fit` means none of these parts from this many touches on, where it is of more than one of them
-        /// ([`crate::Estimate::n_fitted`]). With 1 that of the first touch is enough.
+        /// ([`crate::Estimate::n_fitted`]). With 1 the fit of the first touch is enough.
         none_touches: usize = 4, "", Range::COUNT,
             Fixed: "not noted; other thresholds of that time on T small and T large"; "one bad touch refuses a present part";
         /// An estimate warns where no edged touch reached this cosine with any recorded view.
@@ -187,7 +187,7 @@ pub(crate) fn calibration_of(model: &Model, side: Side) -> Option<&Calibration> 
 }
 
 /// The cosine with the view touched, of a calibration made before that was measured. It says which best cosine 99 in 100
-/// touches reach: were they normal, it is 2.33 standard deviations below the mean.
+/// touches reach: of normal cosines, 2.33 standard deviations below the mean.
 fn matched_by_best(calibration: &Calibration, default: &TouchModel) -> Spread {
     let sd = calibration.gap.map_or(default.matched_sd, |gap| gap.sd.max(default.matched_sd));
     Spread { mean: (f64::from(calibration.low_similarity) + 2.33 * sd).min(default.matched_mean), sd }

@@ -6,7 +6,7 @@ use crate::likelihood::evidence::{AngleViews, Evidence};
 
 /// Judges the touches of an episode block by block; what blocks share is found once.
 pub(crate) struct Blocks<'a> {
-    /// The bank's grid and that of the states.
+    /// The bank's grid and the states' grid.
     grids: [&'a PoseGrid; 2],
     touches: &'a [Evidence],
     /// How each angle sees each touch, as far as was asked.
@@ -16,7 +16,7 @@ pub(crate) struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
-    /// With the bank's grid and that of the states.
+    /// With the bank's grid and the states' grid.
     pub fn of(grids: [&'a PoseGrid; 2], touches: &'a [Evidence]) -> Self {
         let n_parts = |touch: &Evidence| touch.likelihood.similarities.len() / grids[0].len();
         let views = touches.iter().map(|_| (0..grids[1].n_theta()).map(|_| None).collect()).collect();

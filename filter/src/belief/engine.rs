@@ -31,7 +31,7 @@ pub(crate) enum Start {
     Particles { config: ParticleConfig, seed: u64 },
 }
 
-/// What weighs states. Grids are the bank's and that of the states.
+/// What weighs states. Two grids are always the bank's grid and the states' grid.
 #[derive(Clone, Debug)]
 pub(crate) enum Engine {
     Exact(Exact),

@@ -23,7 +23,7 @@ struct Judged {
     most: f64,
     /// Probability of all its states, 0..=1; 0 where it is left out.
     share: f64,
-    /// Probability of a state whose power is 1: that of its likeliest state.
+    /// Probability of its likeliest state, whose power is 1.
     scale: f64,
     /// The sum over its states of power times its log, which is 0 or less.
     log_sum: f64,
@@ -69,7 +69,7 @@ impl Exact {
     ///
     /// `joint`: the power to which the likelihood of each touch is taken now, above 0.
     /// `highest`: the touch's log-likelihood in each block is at most this, `[n_blocks]`. `add` adds the
-    /// log-likelihood, finite, of one touch to that of each state of a block.
+    /// log-likelihood, finite, of one touch to the sum of each state of a block.
     pub fn update(&mut self, joint: f64, highest: &[f64], add: &mut dyn FnMut(usize, usize, &mut [f64])) -> f64 {
         let of_earlier = joint / self.joint;
         (self.joint, self.n_touches) = (joint, self.n_touches + 1);

@@ -32,7 +32,7 @@ const MAX_STATES: usize = 10_000;
 /// The modes of a belief, the heaviest first: each state belongs to the peak that it reaches by going
 /// from neighbour to likeliest neighbour (one grid step in x, y and theta). Modes below 1 % are left out, and so are
 /// a thousandth of the belief at most in its lightest states and what is lighter than the heaviest ten thousand. Modes that a
-/// part's `symmetry` turns into each other are one: the pose is that of the heaviest. `first_from_sensor`: the motion from
+/// part's `symmetry` turns into each other are one, with the pose of the heaviest. `first_from_sensor`: the motion from
 /// the first touch to the latest.
 pub fn modes(posterior: &Posterior, first_from_sensor: &Se2, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
     let least = NEGLIGIBLE / MAX_STATES.min(posterior.n_states()) as f64;
@@ -72,7 +72,7 @@ fn is_one_hill(grid: &PoseGrid, a: &Se2, b: &Se2) -> bool {
     a.distance_mm(b) <= 2.0 * grid.xy_step_mm && turned <= 2.0 * grid.theta_step_deg
 }
 
-/// The same modes, each with the mass of those that its part's symmetry turns into it. `modes`: the heaviest first.
+/// The same modes, each with the mass of its twins: modes that its part's symmetry turns into it. `modes`: the heaviest first.
 fn merge_twins(modes: Vec<Mode>, grid: &PoseGrid, symmetry: &dyn Fn(usize) -> Symmetry) -> Vec<Mode> {
     let are_twins = |a: &Mode, b: &Mode| {
         let near = |twin: &Se2| is_one_hill(grid, twin, &b.part_from_sensor);

@@ -1,6 +1,7 @@
 //! S: the probability of each hypothesis after the touches so far. Both engines return one, a new one after each touch.
 //!
-//! States come in blocks of one length: those of a part at one angle for the exact engine, those of a part for particles.
+//! States come in blocks of one length: for the exact engine the states of a part at one angle, for particles the states of
+//! a part.
 //! What is asked of all states is answered by what each block says of itself.
 
 use std::borrow::Cow;
@@ -111,7 +112,7 @@ impl Posterior {
     }
 
     /// The state of largest log-posterior accumulated over all touches, among the states that the engine
-    /// holds and, where `part` is given, among those of that part. The lowest of equals.
+    /// holds; where `part` is given, among the states of that part. The lowest of equals.
     ///
     /// `None` only where no state of `part` is held.
     pub fn best(&self, part: Option<usize>) -> Option<Hypothesis> {

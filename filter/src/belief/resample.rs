@@ -43,7 +43,7 @@ pub fn effective_sample_size(log_weights: &[f64]) -> f64 {
 /// Systematic resampling: `n` indices, ascending; index `i` comes up `floor` or `ceil` of
 /// `n * weights[i] / sum` times.
 ///
-/// `weights`: not negative, of any finite sum; those that are not positive numbers never come up.
+/// `weights`: not negative, of any finite sum; a weight that is no positive number is never drawn.
 /// `offset`: one uniform draw in 0..1. Where no weight is positive, all count as equal; no weights give
 /// no indices.
 pub fn systematic(weights: &[f64], n: usize, offset: f64) -> Vec<usize> {

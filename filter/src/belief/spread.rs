@@ -89,7 +89,7 @@ impl Belief {
         })
     }
 
-    /// Mean offset and second moments, both from a pose, of the belief in a part within so much of it.
+    /// Mean offset and second moments, both from a pose, of the belief in a part within `half` of it.
     fn moments_within(&self, part: usize, pose: &Se2, half: [f64; 3], symmetry: &Symmetry) -> ([f64; 3], Moments) {
         let at = |axis: usize, place: f64| half[axis] * (2.0 * place / N_POINTS as f64 - 1.0);
         let mut scored: Vec<([f64; 3], f64)> = Vec::with_capacity(N_POINTS.pow(3));

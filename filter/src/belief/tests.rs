@@ -117,8 +117,8 @@ fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &TouchModel) -> f
     let edged = touches.iter().map(|(_, touch)| touch).filter(|touch| touch.edge_share > 0.0);
     let bests: Vec<f64> = edged.map(best).collect();
     let mean = bests.iter().sum::<f64>() / bests.len().max(1) as f64;
-    let doubt = if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.22).clamp(0.0, 1.0) };
-    1.0 / (1.0 + c.shared_error * (1.0 + 5.0 * doubt) * (touches.len() - 1) as f64)
+    let mismatch = if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.22).clamp(0.0, 1.0) };
+    1.0 / (1.0 + c.shared_error * (1.0 + 5.0 * mismatch) * (touches.len() - 1) as f64)
 }
 
 /// The posterior straight from its definition, in f64 probabilities: no logs, no shared interpolation.

@@ -26,7 +26,7 @@ pub struct Pace<'a> {
     pub frame: &'a Frame,
     /// What the touches are held against.
     pub bank: &'a Arc<Bank>,
-    /// The motions offered: those of this grid, seen from where the first touch was.
+    /// The motions offered: the poses of this grid, seen from where the first touch was.
     pub reach: &'a PoseGrid,
 }
 

@@ -1,21 +1,21 @@
-//! What touches like those made would only say again.
+//! How much a touch would tell that is new.
 
 use super::rule::ActionRule;
 use crate::likelihood::TouchLikelihood;
 use crate::likelihood::evidence::Evidence;
 use crate::likelihood::shared_error::mismatch;
 
-/// What a view that resembles a touch repeats of its error. A part or a sensor unlike those trained on is mistaken in
-/// the same way where it looks the same, so the worse the touches so far match, the less is new in views like theirs.
+/// How much of what a view tells is new. The network errs in the same way wherever an unknown part or sensor looks the
+/// same, so the worse the touches so far match, the less is new in views that look like them.
 pub(super) struct NewShare<'a> {
     /// The touches that showed an edge.
     touches: Vec<&'a TouchLikelihood>,
-    /// What a view that looks just like one of them repeats, 0..=1.
+    /// The share that a view repeats which looks just like one of them, 0..=1.
     share: f64,
 }
 
 impl<'a> NewShare<'a> {
-    /// What repeats the touches made, as a rule asks for it: only expected information looks at that.
+    /// After some touches, for a rule: only expected information asks how much is new.
     pub fn of(rule: ActionRule, touches: &'a [Evidence]) -> Self {
         let edged = touches.iter().map(|touch| &touch.likelihood).filter(|likelihood| !likelihood.blank);
         let touches: Vec<&TouchLikelihood> = edged.collect();

@@ -51,7 +51,7 @@ pub(super) struct Scorer<'a> {
 }
 
 impl<'a> Scorer<'a> {
-    /// A judge by `n_draws` states drawn from the belief, `n_suppositions` of which are supposed true in turn.
+    /// A scorer by `n_draws` states drawn from the belief; it supposes `n_suppositions` of them true in turn.
     pub(super) fn new(
         inputs: &'a ChoiceInputs<'a>,
         n_draws: usize,
@@ -362,7 +362,7 @@ impl<'a> Pairing<'a> {
         likely
     }
 
-    /// The filter's likelihood of a view of this cosine, relative to that of the same view.
+    /// The filter's likelihood of a view of this cosine, relative to its likelihood of the same view.
     fn likely(&self, cosine: f64) -> f64 {
         simd::power((cosine - 1.0) / self.temperature, 0.0, 1.0) + self.floor
     }

@@ -1,8 +1,8 @@
-//! The best match of a touch among the views of a part: of each angle, and of each line of places at each angle.
+//! Upper bounds of a touch's cosine with the views of a part: at each angle, and along each line of places at each angle.
 
 use tactile_data::grid::PoseGrid;
 
-/// For every part of a bank.
+/// Upper bounds for every part of a bank.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CosineBounds {
     n_angles: usize,
@@ -18,8 +18,8 @@ impl CosineBounds {
         let (n_xy, n_angles) = (grid.n_xy(), grid.n_theta());
         let n_of_part = (1 + 2 * n_xy) * n_angles;
         let mut cosines = vec![-1.0_f32; similarities.len() / grid.len() * n_of_part];
-        for (views, bests) in similarities.chunks_exact(grid.len()).zip(cosines.chunks_exact_mut(n_of_part)) {
-            let (of_all, lines) = bests.split_at_mut(n_angles);
+        for (views, bounds) in similarities.chunks_exact(grid.len()).zip(cosines.chunks_exact_mut(n_of_part)) {
+            let (of_all, lines) = bounds.split_at_mut(n_angles);
             let (of_xs, of_ys) = lines.split_at_mut(n_xy * n_angles);
             for (of_x, views) in of_xs.chunks_exact_mut(n_angles).zip(views.chunks_exact(n_xy * n_angles)) {
                 for (of_y, views) in of_ys.chunks_exact_mut(n_angles).zip(views.chunks_exact(n_angles)) {
@@ -32,7 +32,7 @@ impl CosineBounds {
         Self { n_angles, n_of_part, cosines }
     }
 
-    /// The bests of one part.
+    /// The bounds of one part.
     pub fn of_part(&self, part: usize) -> PartBounds<'_> {
         let (of_angles, lines) = self.cosines[part * self.n_of_part..][..self.n_of_part].split_at(self.n_angles);
         PartBounds { of_angles, lines }
@@ -40,11 +40,11 @@ impl CosineBounds {
 }
 
 /// Makes each value the larger of two.
-fn raise(bests: &mut [f32], values: &[f32]) {
-    bests.iter_mut().zip(values).for_each(|(best, value)| *best = if *value > *best { *value } else { *best });
+fn raise(bounds: &mut [f32], values: &[f32]) {
+    bounds.iter_mut().zip(values).for_each(|(best, value)| *best = if *value > *best { *value } else { *best });
 }
 
-/// For one part.
+/// Upper bounds for one part.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PartBounds<'a> {
     /// The largest cosine with its views at each angle, `[n_theta]`.
@@ -69,9 +69,9 @@ mod tests {
         let grid = PoseGrid { xy_half_mm: 2.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
         let value = |part: usize, cell: usize| ((cell * 37 + part * 11) % 101) as f32 / 101.0;
         let cosines: Vec<f32> = (0..2).flat_map(|part| (0..grid.len()).map(move |cell| value(part, cell))).collect();
-        let bests = CosineBounds::of(&cosines, &grid);
+        let bounds = CosineBounds::of(&cosines, &grid);
         for part in 0..2 {
-            let found = bests.of_part(part);
+            let found = bounds.of_part(part);
             for angle in 0..5 {
                 // x is slowest, the angle fastest.
                 let largest = |is: &dyn Fn(usize, usize) -> bool| {

@@ -54,7 +54,7 @@ impl Evidence {
     /// log p(touch | state) is at most this for the states of a part at an angle.
     pub(crate) fn highest(&self, part: usize, views: &AngleViews) -> f64 {
         let unknown = self.likelihood.log_unknown;
-        let best_of_angles = self.likelihood.bests(part).of_angles;
+        let best_of_angles = self.likelihood.bounds(part).of_angles;
         let most = match views {
             AngleViews::Between(lattice) if !lattice.has_known() => return unknown,
             AngleViews::Between(lattice) => lattice.most(best_of_angles),
@@ -169,8 +169,8 @@ impl Evidence {
         seen.map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen))
     }
 
-    /// How well the view at a pose matches an edged touch: how many standard deviations its cosine is above that of the
-    /// view which a touch was made at; at least -6, so that one spoilt touch does not outweigh all others. `None` where the
+    /// How well the view at a pose matches an edged touch: how many standard deviations its cosine is above the
+    /// expected one of the view that is touched; at least -6, so that one spoilt touch does not outweigh all others. `None` where the
     /// touch is blank or the view unknown.
     pub fn standard_score(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<f64> {
         /// The worst match.
@@ -272,7 +272,7 @@ mod tests {
             let edged = (0..grid.len()).find(|cell| evidence.likelihood.is_edged(part * grid.len() + cell)).unwrap();
             let found = evidence.likelihood.on_lattice(&lattice, part, &planes);
             let floor = found.log_outlier;
-            let most = lattice.most_on_lines(evidence.likelihood.bests(part));
+            let most = lattice.most_on_lines(evidence.likelihood.bounds(part));
             for (place, log) in (0..states.n_xy() * states.n_xy()).map(|place| (place, found.at(place))) {
                 let Some(weights) = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys()) else { continue };
                 let most = most[0][place / lattice.n_ys()].min(most[1][place % lattice.n_ys()]);

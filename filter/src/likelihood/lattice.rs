@@ -49,8 +49,8 @@ fn squares_of<'a>(at: &Around, line: impl Fn((usize, usize)) -> &'a [f32], out: 
 /// better. With 0.1 as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
 const ABOVE_BEST: f32 = 0.1;
 
-/// The recorded places around a place whose weight is more than rounding leaves at a recorded place. The nearest is
-/// one, and represents those that are not.
+/// The recorded places around a place that have more weight than rounding leaves at a recorded place; the nearest place
+/// represents the others.
 #[derive(Clone, Copy, Debug)]
 struct Counting([usize; 4]);
 
@@ -208,14 +208,14 @@ impl LatticeWeights {
 
     /// The largest cosine that a view at each of the places along x, and along y, may count with: [`ABOVE_BEST`] above
     /// the best recorded view on the lines around it, at the angles around.
-    pub(crate) fn most_on_lines(&self, bests: PartBounds<'_>) -> [Vec<f32>; 2] {
+    pub(crate) fn most_on_lines(&self, bounds: PartBounds<'_>) -> [Vec<f32>; 2] {
         let (theta, states) = &self.counting;
         let most = |lines: &[f32], states: &[Counting]| -> Vec<f32> {
-            let of_angles = lines.chunks_exact(bests.of_angles.len());
+            let of_angles = lines.chunks_exact(bounds.of_angles.len());
             let of_lines: Vec<f32> = of_angles.map(|line| theta.best(|theta| line[theta])).collect();
             states.iter().map(|state| (state.best(|line| of_lines[line]) + ABOVE_BEST).min(1.0)).collect()
         };
-        let [of_xs, of_ys] = bests.lines();
+        let [of_xs, of_ys] = bounds.lines();
         [most(of_xs, &states[0]), most(of_ys, &states[1])]
     }
 

@@ -18,7 +18,7 @@ pub(crate) struct MatchModel {
 }
 
 impl MatchModel {
-    /// By a temperature tau, a share of outliers eps and the cosines of all views, none of which is above the
+    /// By a temperature tau, a share of outliers eps and the cosines of all views. No cosine is above the
     /// reference.
     pub fn new(temperature: f64, outlier_share: f64, mut above_best: Vec<f64>) -> Self {
         let n = above_best.len() as f64;

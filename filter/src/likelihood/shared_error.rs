@@ -1,14 +1,14 @@
-//! How far the touches say that the network does not know what it is shown.
+//! How badly touches match, and the error that they have in common.
 
 use crate::likelihood::touch_likelihood::TouchLikelihood;
 use crate::touch_model::TouchModel;
 
-/// Nothing is doubted where the best matches of the edged touches have this cosine on average, as those of a sensor that the
-/// network knows, and all where they have that. Neither has to be exact (`NOTES.md`).
-const NOTHING_AND_ALL: [f64; 2] = [0.92, 0.7];
+/// The mean cosine of the edged touches' best matches at which touches match well, as under a sensor that the network
+/// knows, and at which they match as badly as counts. Neither has to be exact (`NOTES.md`).
+const WELL_AND_BADLY: [f64; 2] = [0.92, 0.7];
 
-/// How many times more of their error the touches of one hole share where all is doubted than where nothing is, less one: what
-/// a rough sensor or a part unlike those trained on does to one touch it does to the next.
+/// The touches of one hole share so many times more of their error where they match badly than where they match well, less
+/// one: a rough sensor, or a part that the training lacks, does to the next touch what it does to one.
 const MORE_SHARED: f64 = 5.0;
 
 /// The share of their error that touches have in common, 0..=1.
@@ -16,14 +16,14 @@ pub(crate) fn shared_error<'a>(config: &TouchModel, touches: impl Iterator<Item 
     (config.shared_error * (1.0 + MORE_SHARED * mismatch(touches))).min(1.0)
 }
 
-/// By the best matches of the touches that showed an edge, 0..=1; 0 where none did. The plain cosine of touches alone says it: a
-/// calibration under a rough sensor expects low ones and forgets it, and what a bank's own metric makes of it measures the bank.
+/// How badly the edged touches match at best, 0..=1; 0 where no touch showed an edge. It is measured by plain cosines: a
+/// calibration under a rough sensor would expect low ones, and a bank's own metric would measure the bank.
 pub(crate) fn mismatch<'a>(touches: impl Iterator<Item = &'a TouchLikelihood>) -> f64 {
     let (sum, n_edged) = touches
         .filter(|touch| !touch.blank)
         .fold((0.0, 0_usize), |(sum, n), touch| (sum + f64::from(touch.best_cosine), n + 1));
-    let [nothing, all] = NOTHING_AND_ALL;
-    if n_edged == 0 { 0.0 } else { ((nothing - sum / n_edged as f64) / (nothing - all)).clamp(0.0, 1.0) }
+    let [well, badly] = WELL_AND_BADLY;
+    if n_edged == 0 { 0.0 } else { ((well - sum / n_edged as f64) / (well - badly)).clamp(0.0, 1.0) }
 }
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ use crate::simd;
 use crate::touch::Observation;
 use crate::touch_model::TouchModel;
 
-/// Parts unlike those that were calibrated on match with so much more variance, a standard deviation of the cosine: 0.050 on
+/// Other parts than the calibration's match with so much more variance, a standard deviation of the cosine: 0.050 on
 /// outlines drawn at random instead of 0.034 on the tuning letters. Where a bank knows how well each of its parts matches,
 /// that counts instead.
 const OTHER_PARTS: f64 = 0.0325;
@@ -60,7 +60,7 @@ pub(crate) struct OnLattice {
     /// The places along x and along y where it may match.
     pub window: [Range<usize>; 2],
     n_ys: usize,
-    /// Within the window, x slowest, above that of an outlier.
+    /// Within the window, x slowest, above an outlier's.
     above_outlier: Vec<f64>,
 }
 
@@ -85,7 +85,7 @@ pub struct TouchLikelihood {
     /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
     pub similarities: Vec<f32>,
     /// The largest of them with each part's views at each angle.
-    bests: CosineBounds,
+    bounds: CosineBounds,
     /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view
     /// (`NOTES.md`, "Between recorded poses").
     pub log_unknown: f64,
@@ -145,11 +145,11 @@ impl TouchLikelihood {
         let log_unknown =
             if blank { unknown_is_blank.ln() } else { (1.0 - unknown_is_blank).ln() + edged_unknown.ln() };
         let neighbours = is_cubic.then(|| bank.neighbours().clone());
-        let bests = CosineBounds::of(&similarities, bank.grid());
+        let bounds = CosineBounds::of(&similarities, bank.grid());
         let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
         Ok(Self {
             similarities,
-            bests,
+            bounds,
             log_unknown,
             best_cosine,
             reference,
@@ -238,17 +238,17 @@ impl TouchLikelihood {
     /// ([`LatticeWeights::most_on_lines`]), and where that leaves less than [`OUTLIER_NATS`], the touch is an outlier.
     /// `planes` are the cosines with the part's views, [`in_planes`](crate::likelihood::lattice::in_planes).
     pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> OnLattice {
-        let bests = self.bests(part);
+        let bounds = self.bounds(part);
         // Without outliers the window is all there is.
         let log_outlier = self.log_agrees + self.model.log_outlier();
         let log_outlier = if log_outlier.is_finite() { log_outlier } else { self.log_unknown };
         let least = (f64::from(self.reference) + self.model.above_outliers(OUTLIER_NATS)) as f32;
         let may_match = |most: &f32| *most >= least;
         let outlier = OnLattice { log_outlier, n_ys: lattice.n_ys(), window: [0..0, 0..0], above_outlier: Vec::new() };
-        if !may_match(&lattice.most(bests.of_angles)) {
+        if !may_match(&lattice.most(bounds.of_angles)) {
             return outlier;
         }
-        let most = lattice.most_on_lines(bests);
+        let most = lattice.most_on_lines(bounds);
         let [xs, ys] = [0, 1].map(|axis: usize| {
             let start = most[axis].iter().position(may_match).unwrap_or(0);
             start..most[axis].iter().rposition(may_match).map_or(start, |last| last + 1)
@@ -268,8 +268,8 @@ impl TouchLikelihood {
     }
 
     /// The largest cosines with a part's recorded views.
-    pub(crate) fn bests(&self, part: usize) -> PartBounds<'_> {
-        self.bests.of_part(part)
+    pub(crate) fn bounds(&self, part: usize) -> PartBounds<'_> {
+        self.bounds.of_part(part)
     }
 
     /// The log-likelihood at no view is above this, where none has a larger cosine.

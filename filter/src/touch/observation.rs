@@ -27,7 +27,7 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// An observation of a hole of which only the embedding is known: neither its frame nor its model is checked.
+    /// An observation of a hole by its embedding alone: neither a frame nor a model is checked.
     pub fn new(query: Vec<f32>, edge_share: f32) -> Self {
         Self { query, edge_share, side: Side::Hole, frame_hash: None, model_sha256: None }
     }
