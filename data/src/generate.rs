@@ -122,7 +122,7 @@ pub fn needs(scene: &Scene, sampling: &Sampling, shard: Option<Shard>, out: &Pat
     };
     // Touches are planned part by part: those of a share of them are of as large a share of the parts.
     let n_parts = (n_all as f64 * n_touches as f64 / n_planned as f64).ceil() as usize;
-    let mut needs = Needs::of(scene, n_parts, n_sides, n_touches);
+    let mut needs = Needs::of(scene.half_extent_mm(), n_parts, n_sides, n_touches);
     needs.memory_bytes += n_planned as f64 * size_of::<Planned>() as f64;
     needs.check()?;
     Ok(needs)

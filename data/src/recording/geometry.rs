@@ -7,8 +7,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::lamps::{CalibratedLamps, Lamps};
 use crate::picture;
-use crate::recording::provenance::{Channels, Mirror, Recording};
-use crate::store::Meta;
+use crate::store::{Channels, Meta, Mirror, Recording};
 
 /// Field of view of a GelSight Mini along x and y, mm (data sheet; FEATS' homography of 14 px/mm at
 /// 320x240 gives about the same height).

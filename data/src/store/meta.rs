@@ -5,12 +5,12 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::files::{META, SCHEMA, json_error};
+use super::provenance::Recording;
 use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 use crate::grid::PoseGrid;
 use crate::lamps::Lamps;
 use crate::printable::is_printable;
-use crate::recording::provenance::Recording;
 use crate::se2::Se2;
 use crate::shard::Fragment;
 use crate::whole_file;

@@ -160,7 +160,8 @@ impl BankArgs {
         let n_parts = scene.part_names().len();
         let n_rows = n_parts * scene.reach.map_or(0, |reach| reach.len());
         // Holes are touched as well: for views of both, and to learn how touches differ from views.
-        let mut needs = Needs::of(scene, n_parts, 2, n_rows * if self.views == Some(Views::Pegs) { 1 } else { 2 });
+        let mut needs =
+            Needs::of(scene.half_extent_mm(), n_parts, 2, n_rows * if self.views == Some(Views::Pegs) { 1 } else { 2 });
         let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
         needs.memory_bytes += n_bytes;
         output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;

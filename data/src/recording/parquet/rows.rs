@@ -9,7 +9,7 @@ use crate::recording::index::{COLUMNS, Place, Row};
 use crate::recording::parquet::shards;
 use crate::recording::parquet::table::Table;
 use crate::recording::pipeline::{Item, Picture, push};
-use crate::recording::provenance::sha256;
+use crate::store::provenance::sha256;
 use crate::suggest::with_closest;
 
 /// Imports `source`, a Parquet file or a folder of shards, to a dataset at `out`, as
