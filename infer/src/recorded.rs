@@ -296,6 +296,8 @@ pub fn frames_by_row(dataset: &Dataset, bank: &Bank) -> Result<Vec<Option<usize>
 #[cfg(all(test, feature = "sim"))]
 mod tests {
     use super::*;
+    #[cfg(feature = "burn")]
+    use crate::simulated::tests::{by_cosine, scene_and_model, touches};
     use std::path::Path;
     use tactile_data::store::{DatasetWriter, Meta};
     use tactile_data::touch::Touch;
@@ -345,5 +347,24 @@ mod tests {
         assert_eq!((scattered.grid, scattered.n_touches), (None, 100));
         assert_eq!(scattered.densest(&[[8.0, 60.0], [8.0, 30.0], [4.0, 30.0]]), Some([8.0, 30.0]));
         assert_eq!(scattered.densest(&[[4.0, 30.0], [2.0, 15.0]]), None);
+    }
+
+    #[cfg(feature = "burn")]
+    #[test]
+    fn a_bank_without_a_dataset_is_the_one_of_a_dataset() {
+        let (scene, model) = scene_and_model();
+        let folder = tempfile::tempdir().unwrap();
+        let dataset = touches(&scene, Side::Peg, 5, &folder.path().join("pegs"));
+        let recorded = bank_of_dataset(&model, &dataset, BankPoses::default(), &|_, _| ()).unwrap();
+        let bank = by_cosine(&model, &scene).make(None, &|_, _| ()).unwrap();
+        assert_eq!(bank, recorded.bank);
+        // At a recorded pose a peg is its own view but for noise and the place's jitter; a hole is another side.
+        for part in 0..2 {
+            let of = |side| bank.matches().of(part, side).unwrap();
+            let (pegs, holes) = (of(Side::Peg), of(Side::Hole));
+            assert!(pegs.matched.mean > 0.9, "{pegs:?}");
+            assert!(holes.matched.mean < pegs.matched.mean, "{holes:?}");
+        }
+        assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
     }
 }

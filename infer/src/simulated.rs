@@ -247,7 +247,6 @@ pub(crate) mod tests {
     use crate::architecture::NetworkConfig;
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
-    use crate::recorded::{BankPoses, bank_of_dataset};
     use crate::similarity::dot;
     use tactile_data::frame::Preprocessing;
     use tactile_data::generate::{Sampling, generate};
@@ -268,34 +267,14 @@ pub(crate) mod tests {
     }
 
     /// The dataset of a side, drawn from a seed.
-    fn touches(scene: &Scene, side: Side, seed: u64, out: &std::path::Path) -> Dataset {
+    pub fn touches(scene: &Scene, side: Side, seed: u64, out: &std::path::Path) -> Dataset {
         let sampling = Sampling { sides: &[side], places: Places::EachPose, seed, lab: None };
         generate(scene, &sampling, out, &|_, _| ()).unwrap();
         Dataset::open(out).unwrap()
     }
 
-    #[test]
-    fn a_bank_without_a_dataset_is_the_one_of_a_dataset() {
-        let (scene, model) = scene_and_model();
-        let folder = tempfile::tempdir().unwrap();
-        let dataset = touches(&scene, Side::Peg, 5, &folder.path().join("pegs"));
-        let recorded = bank_of_dataset(&model, &dataset, BankPoses::default(), &|_, _| ()).unwrap();
-        let by_cosine =
-            SceneBank { model: &model, scene: &scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 };
-        let bank = by_cosine.make(None, &|_, _| ()).unwrap();
-        assert_eq!(bank, recorded.bank);
-        // At a recorded pose a peg is its own view but for noise and the place's jitter; a hole is another side.
-        for part in 0..2 {
-            let of = |side| bank.matches().of(part, side).unwrap();
-            let (pegs, holes) = (of(Side::Peg), of(Side::Hole));
-            assert!(pegs.matched.mean > 0.9, "{pegs:?}");
-            assert!(holes.matched.mean < pegs.matched.mean, "{holes:?}");
-        }
-        assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
-    }
-
     /// A bank of pegs that learns nothing.
-    fn by_cosine<'a>(model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {
+    pub fn by_cosine<'a>(model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {
         SceneBank { model, scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 }
     }
 
