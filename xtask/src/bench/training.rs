@@ -88,7 +88,7 @@ pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
 fn ours(workspace: &Workspace, batch: usize, out: &Path) -> Result<Value> {
     let folder = out.join("model");
     remove(&folder)?;
-    let train = format!("--data pairs --out model --steps 40 --save-every 40 --batch {batch}");
+    let train = format!("--data pairs --out model --steps 40 --set save_every=40 --batch {batch}");
     workspace.program("tactile-train").words(train).output(out)?;
     let speed = workspace.program("tactile-infer").words("speed --model").arg(workspace.shipped_model());
     let mut ours = speed.words("--seconds 2 --json").json(out)?;

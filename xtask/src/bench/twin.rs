@@ -95,7 +95,7 @@ impl Twins<'_> {
 
     fn ours(&self, seed: u64) -> Result<Vec<Saved>> {
         let steps = self.args.steps;
-        let more = format!("--steps {steps} --save-every {RECENT} --tune-pegs dev --tune-holes dev");
+        let more = format!("--steps {steps} --set save_every={RECENT} --tune dev dev");
         self.train(seed, "ours", &more)?;
         let curve = Table::read(&self.out.join("ours").join("curve.csv"))?;
         let mut seconds = 0.0;
@@ -111,7 +111,7 @@ impl Twins<'_> {
 
     fn theirs(&self, seed: u64) -> Result<Vec<Saved>> {
         // A step too small to move the weights: what is saved is what they began with.
-        self.train(seed, "first", "--steps 1 --warmup 0 --learning-rate 1e-12")?;
+        self.train(seed, "first", "--steps 1 --set warmup=0 --set learning_rate=1e-12")?;
         let folder = self.out.join("theirs");
         remove(&folder)?;
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
