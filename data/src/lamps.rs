@@ -29,7 +29,7 @@ pub(crate) const MINI_FALL_OFF: [Quadratic; 3] =
 /// 32.3, 21.6 and 23.2 counts (root mean square for red, green and blue) it leaves 4.4, 1.9 and 2.5:
 ///
 /// ```text
-/// tactile-data calibrate --taxim polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295
+/// tactile-data calibrate polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295
 /// ```
 pub(crate) const MINI_ALONG_X: [Quadratic; 3] =
     [[8.8, -0.2, 0.5, -9.7, 4.8, -4.5], [-50.1, 9.8, 3.8, 34.6, -6.9, 9.2], [-4.9, 8.6, 1.3, -2.4, -8.9, -2.9]];

@@ -231,7 +231,7 @@ fn an_existing_dataset_is_never_written_over() {
     sample.copy("maze", folder.path());
     let before = contents(folder.path());
     let generate = ["generate", "--scene", "maze", "--pairs", "24", "--boards", "3", "--frame-px", FRAME_PX];
-    let import = ["import", &sample.at("pegs/no_contact.png"), "--no-contact-first", "1"];
+    let import = ["import", &sample.at("pegs/no_contact.png"), "--no-contact", "1"];
     for args in [&generate[..], &import[..]] {
         names(&run("tactile-data", folder.path(), &[args, &["--out", "maze"]].concat()), &["maze", "an existing file"]);
     }
@@ -251,9 +251,7 @@ fn an_output_is_checked_before_the_work() {
         (format!("{render} --no-contact {rest} --out {rest}"), ["no_contact.png", "a file of its own"]),
         (format!("{render} --out a.png --at-rest-out a.png"), ["a.png", "a file of its own"]),
         (
-            format!(
-                "tactile-data compare {rest} {rest} --real-background {rest} --simulated-background {rest} --out {rest}"
-            ),
+            format!("tactile-data compare {rest} {rest} --no-contact {rest} {rest} --out {rest}"),
             ["no_contact.png", "a file of its own"],
         ),
     ] {
