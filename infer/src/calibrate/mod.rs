@@ -43,15 +43,13 @@ pub struct Choice {
     pub side: Side,
     /// So many of them, evenly spread; `None`: all, at most 1,500.
     pub n: Option<usize>,
-    /// The first of them comes this many after the dataset's first: other numbers below the spread choose other holes.
-    pub first: usize,
 }
 
 impl Choice {
     fn of(self, holes: &[usize]) -> Vec<usize> {
         let step = self.n.map_or(holes.len().div_ceil(MAX_HOLES), |n| holes.len() / n.max(1)).max(1);
         let n = self.n.unwrap_or(MAX_HOLES);
-        holes.iter().skip(self.first).step_by(step).take(n).copied().collect()
+        holes.iter().step_by(step).take(n).copied().collect()
     }
 }
 
@@ -348,10 +346,10 @@ mod tests {
     #[test]
     fn a_choice_is_spread_over_all_holes() {
         let holes: Vec<usize> = (0..480).collect();
-        let of = |n, first| Choice { n, first, ..Choice::default() }.of(&holes);
-        assert_eq!(of(Some(10), 3), (0..10).map(|i| 3 + 48 * i).collect::<Vec<_>>());
-        assert_eq!(of(None, 0), holes);
-        assert_eq!(of(Some(1_000), 0).len(), 480);
+        let of = |n| Choice { n, ..Choice::default() }.of(&holes);
+        assert_eq!(of(Some(10)), (0..10).map(|i| 48 * i).collect::<Vec<_>>());
+        assert_eq!(of(None), holes);
+        assert_eq!(of(Some(1_000)).len(), 480);
         let many: Vec<usize> = (0..4_000).collect();
         assert_eq!(Choice::default().of(&many).len(), 1_334);
     }
