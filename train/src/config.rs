@@ -71,7 +71,8 @@ pub enum Flips {
     None,
 }
 
-/// Settings of a run; its TOML file is kept next to the model. Serialised under the names of [`Settings`](crate::settings::Settings).
+/// Settings of a run; its TOML file is kept next to the model. Serialised under the names of
+/// [`Settings`](crate::settings::Settings).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainConfig {
     /// The preset that gave what was not set.
