@@ -181,7 +181,7 @@ pub fn generate_shard(
     job.write(shard.range(n_planned), Some(fragment), out, progress).map(Made::Written)
 }
 
-/// All that is to be rendered, of which a run writes a range.
+/// All that is to be rendered; a run writes a range of it.
 struct Job {
     simulator: Simulator,
     planned: Vec<Planned>,
@@ -273,7 +273,7 @@ fn fingerprint(planned: &[Planned]) -> String {
     format!("{:x}", hash.finalize())
 }
 
-/// The frames of some touches of a plan, of which the first is number `first`, in parallel. A frame draws from the
+/// The frames of some touches of a plan, from number `first` on, in parallel. A frame draws from the
 /// stream of its number, so that it has the same bytes whichever others are rendered with it.
 pub fn render(simulator: &Simulator, seed: u64, first: usize, touches: &[Planned]) -> Result<Vec<Frame>> {
     prepare(simulator, touches)?;

@@ -1,5 +1,5 @@
-//! What a real recording gets wrong, for simulated ones: a board that is not quite where the robot believes it, poses
-//! that are not quite those that were touched, touches that are missing.
+//! What a real recording gets wrong, for simulated ones: a board that is not quite where the robot believes it, stated
+//! poses that differ a little from the touched ones, touches that are missing.
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
@@ -12,7 +12,7 @@ use crate::touch::{Planned, Side};
 /// A simulated lab.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lab {
-    /// The pose of the hole board in the peg board's frame, of which the robot knows nothing.
+    /// The pose of the hole board in the peg board's frame, unknown to the robot.
     pub peg_from_hole: Se2,
     /// Standard deviation of a stated pose along x and along y, mm ...
     pub noise_mm: f64,

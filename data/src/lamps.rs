@@ -57,7 +57,7 @@ pub struct Lamps {
 }
 
 impl Default for Lamps {
-    /// The lamps of a GelSight Mini, fitted on a real calibration table: those that the network knows.
+    /// The lamps of a GelSight Mini, fitted on a real calibration table: the lamps that the network knows.
     fn default() -> Self {
         Self { along_x: MINI_ALONG_X, along_y: MINI_ALONG_Y }
     }
@@ -76,7 +76,7 @@ impl Lamps {
         Self { along_x: lamp(f64::cos), along_y: lamp(f64::sin) }
     }
 
-    /// Refuses lamps that no sensor has, and lamps all of which stand in one line: they do not show the slope across it.
+    /// Refuses lamps that no sensor has, and lamps in one line: they do not show the slope across it.
     pub fn validate(&self) -> Result<()> {
         for (field, factors) in [("along_x", &self.along_x), ("along_y", &self.along_y)] {
             if let Some(value) = factors.iter().flatten().find(|value| value.is_nan() || value.abs() > MOST_COUNTS) {

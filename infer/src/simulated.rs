@@ -34,7 +34,7 @@ use learner::Learner;
 /// Touches embedded at a time.
 const CHUNK: usize = 64;
 
-/// Sets the draws of the holes apart from those of the pegs.
+/// Sets the draws of the holes apart from the draws of the pegs.
 const HOLES: u64 = 0x686f_6c65_7300_0000;
 
 /// The version of the layout of a kept part.
@@ -233,7 +233,8 @@ pub(crate) fn with_geometry(model: &Model, bank: Bank, (simulator, seed): (&Simu
     of_geometry(model, bank, simulator, Learning { from: LearnFrom::Nothing, seed })?.whole()
 }
 
-/// A bank of a scene's parts with their symmetries, and touches of them, from some of which it is to learn.
+/// A bank of a scene's parts with their symmetries, and touches of these parts: it is to learn from some of the
+/// touches.
 fn of_geometry(model: &Model, bank: Bank, simulator: &Simulator, learning: Learning) -> Result<Learner> {
     let of_name = |name: &String| simulator.parts().iter().position(|part| part == name).unwrap_or(0);
     let parts: Vec<usize> = bank.parts().iter().map(of_name).collect();

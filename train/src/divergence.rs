@@ -7,7 +7,7 @@ use crate::validation::Validation;
 /// Steps over which a loss or a gradient is averaged.
 const WINDOW: usize = 100;
 
-/// A loss this far above 4 tau ln N is not that of an untrained network: the cosine with the own peg is half a unit
+/// A loss this far above 4 tau ln N is not the loss of an untrained network: the cosine with the own peg is half a unit
 /// below the others' mean.
 const FAR_ABOVE: f64 = 2.0;
 

@@ -50,7 +50,8 @@ struct Cli {
     /// Seed of weights, batches and augmentation [default: 1].
     #[arg(long)]
     seed: Option<u64>,
-    /// Any setting by its name, such as learning_rate=0.005; replaces the entry of --config. The names are listed below.
+    /// Any setting by its name, such as learning_rate=0.005; replaces the entry of --config. The names are listed
+    /// below.
     #[arg(long, value_name = "NAME=VALUE")]
     set: Vec<String>,
     /// Settings in a TOML file, such as train.toml of an earlier run; flags replace its entries.
@@ -67,8 +68,8 @@ struct Cli {
     /// Continue from the state in --out, with the settings it began with.
     #[arg(long)]
     resume: bool,
-    /// Measure at each save how many holes of parts that are not trained on find their peg: a dataset of pegs on a grid of
-    /// poses and one of holes of the same parts.
+    /// Measure at each save how many holes of parts that are not trained on find their peg: a dataset of pegs on a grid
+    /// of poses and one of holes of the same parts.
     #[arg(long, num_args = 2, value_names = ["PEGS", "HOLES"])]
     tune: Vec<PathBuf>,
     /// Print the outcome as JSON.
@@ -144,7 +145,7 @@ fn run(cli: &Cli) -> Result<ExitCode> {
 
 /// The settings of a run that fine-tunes a model: its sizes where none are given, and small steps.
 fn fine_tuned(config: TrainConfig, given: &Settings, from: Option<&Checkpoint>) -> TrainConfig {
-    /// By how much smaller the steps are: those of a fresh network would undo what was learnt.
+    /// By how much smaller the steps are: the steps of a fresh network would undo what was learnt.
     const GENTLER: f64 = 5.0;
     let Some(from) = from else { return config };
     let gentler = if config.preset == Preset::Fine { 1.0 } else { GENTLER };

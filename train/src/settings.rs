@@ -124,7 +124,7 @@ impl Settings {
         one.over(self)
     }
 
-    /// These settings, and those of `under` for all that is not given here.
+    /// These settings, and the settings of `under` for all that is not given here.
     ///
     /// # Errors
     /// A number that TOML cannot hold: a seed of 2^63 or more.

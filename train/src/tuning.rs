@@ -24,7 +24,7 @@ pub struct Tuning<'a> {
 }
 
 impl<'a> Tuning<'a> {
-    /// Takes datasets such as those of `tactile-data generate --scene alphabet-small-dev --sides peg` (and `hole`).
+    /// Takes datasets such as `tactile-data generate --scene alphabet-small-dev --sides peg` (and `hole`) makes.
     ///
     /// # Errors
     /// Pegs that fill no grid, no holes of known part, or holes of a part without pegs.

@@ -44,7 +44,7 @@ pub struct Generate {
     /// Pairs of touches, for MAZE boards [default: the scene's]
     #[arg(long, value_name = "N", help_heading = "Number of touches")]
     pairs: Option<usize>,
-    /// MAZE boards, of which one in twelve is held out [default: the scene's]
+    /// MAZE boards; one in twelve is held out [default: the scene's]
     #[arg(long, value_name = "N", help_heading = "Number of touches")]
     boards: Option<usize>,
     /// Step of the recorded places in x and y, mm [default: the scene's]
@@ -66,9 +66,9 @@ pub struct Generate {
     /// Touch with the N-th of the sensors that a user may have instead of the scene's: other press, camera, gel and light field
     #[arg(long, value_name = "N", help_heading = "Sensor")]
     drawn_sensor: Option<u64>,
-    /// Record as a lab does, which states no grid and no held-out boards. hole_offset=X,Y,DEG: the pose of the hole board
-    /// in the peg board's frame, mm and degrees, which the stated poses leave out; pose_noise=MM,DEG: the standard
-    /// deviation of each stated pose; missing=SHARE: the share of touches that are missing
+    /// Record as a lab does, which states no grid and no held-out boards. hole_offset=X,Y,DEG: the pose of the hole
+    /// board in the peg board's frame, mm and degrees, which the stated poses leave out; pose_noise=MM,DEG: the
+    /// standard deviation of each stated pose; missing=SHARE: the share of touches that are missing
     #[arg(long, value_name = "NAME=VALUE", num_args = 1.., help_heading = "A simulated lab")]
     lab: Vec<String>,
     /// Only part i of n, for `tactile-data merge`; one that is complete already is left as it is. `env` takes i and

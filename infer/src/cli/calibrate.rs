@@ -28,7 +28,7 @@ use super::{ModelArgs, print_json};
 pub struct CalibrateArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// Bank of pegs made by the model: parts for tuning, never those of an evaluation
+    /// Bank of pegs made by the model: parts for tuning, never the parts of an evaluation
     #[arg(long, value_name = "FILE")]
     bank: PathBuf,
     /// Dataset of touches of the same parts, between the recorded poses: holes, or with --side peg pegs. Several, one of each

@@ -17,7 +17,8 @@ const TEST_SCENE: &str = "alphabet-small-dev";
 /// How long each tier is rendered in memory, seconds.
 const SECONDS: f64 = 5.0;
 
-/// Pairs written to disk at 320x240 to time that too, two images each, and boards: the `maze` preset has 150 pairs on one.
+/// Pairs written to disk at 320x240 to time that too, two images each, and boards: the `maze` preset has 150 pairs on
+/// one.
 const PAIRS: usize = 1_000;
 const BOARDS: usize = PAIRS.div_ceil(150);
 

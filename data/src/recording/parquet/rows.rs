@@ -17,7 +17,8 @@ use crate::suggest::with_closest;
 /// have are left out, with a warning. `progress` gets the rows done and all rows. Pictures are read some at a time.
 ///
 /// # Errors
-/// A row, picture or size that is wrong, with its file and row; a codec that is not in Rust; an index beside the rows.
+/// A row, picture or size that is wrong, with its file and row; a codec that is not in Rust; an index in addition to
+/// the rows.
 pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, usize)) -> Result<Imported> {
     if let Some(index) = &how.index {
         let got = index.display().to_string();
