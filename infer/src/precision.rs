@@ -118,7 +118,7 @@ impl FromStr for Precision {
 }
 
 #[cfg(test)]
-mod weights;
+mod weights_tests;
 
 #[cfg(test)]
 mod tests {
