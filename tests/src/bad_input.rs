@@ -324,6 +324,18 @@ fn sensors_that_say_nothing_of_each_other_are_named() {
 }
 
 #[test]
+fn a_calibration_names_what_its_source_lacks() {
+    let sample = Sample::shared();
+    for (line, words) in [
+        ("calibrate table.npz", ["table.npz", "--frame-px"]),
+        ("calibrate maze", ["maze", "--ball-mm"]),
+        ("calibrate maze --frame-px 640x480", ["maze", "ends in npz"]),
+    ] {
+        names(&shell(&sample, &format!("tactile-data {line} --px-per-mm 20 --out never.toml")), &words);
+    }
+}
+
+#[test]
 fn an_output_that_cannot_be_written_is_found_before_the_work() {
     let sample = Sample::shared();
     let with = "--model model/model.safetensors --bank pegs.bank --scene two.toml";

@@ -116,9 +116,9 @@ impl Settings {
     pub fn set(&self, pair: &str) -> Result<Self> {
         let what = format!("--set {pair}");
         let (name, value) = pair.split_once('=').ok_or_else(|| Error::invalid(&what, "NAME=VALUE", "no ="))?;
-        let read = |value: &str| format!("value = {value}").parse::<Table>().ok()?.remove("value");
-        let value = read(value).unwrap_or_else(|| value.into());
-        let one: Self = Table::from_iter([(name.into(), value)]).try_into().map_err(|e: toml::de::Error| {
+        let read = format!("value = {value}").parse::<Table>().ok().filter(|table| table.len() == 1);
+        let value = read.and_then(|mut table| table.remove("value")).unwrap_or_else(|| value.into());
+        let one: Self = Table::from_iter([(name.trim().into(), value)]).try_into().map_err(|e: toml::de::Error| {
             Error::invalid(what, "settings of tactile-train", explanation(e.message()))
         })?;
         one.over(self)
