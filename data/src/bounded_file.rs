@@ -33,7 +33,7 @@ impl Kind {
     pub const FIGURES: Self = Self { name: "a file of figures", most_bytes: 256 << 20 };
     /// Episodes of one shard: 400,000 of 2.5 kB.
     pub const EPISODES: Self = Self { name: "a shard of episodes", most_bytes: 1 << 30 };
-    /// A page with all its pictures; those of 1,000 parts have 30 MB.
+    /// A page with all its pictures; a page of 1,000 parts has 30 MB.
     pub const PAGE: Self = Self { name: "a page", most_bytes: 256 << 20 };
 }
 
@@ -53,7 +53,7 @@ pub fn open(path: &Path) -> Result<(File, u64)> {
     Ok((file, about.len()))
 }
 
-/// [`open`] of a file that is no longer than those of its kind.
+/// [`open`] of a file that is no longer than its kind may be.
 ///
 /// # Errors
 /// As [`open`], and a longer file.

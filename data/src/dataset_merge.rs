@@ -64,7 +64,7 @@ impl<'a> Head<'a> {
         Ok(Self { path, fragment, meta: content.meta, no_contact })
     }
 
-    /// The first thing in which this shard's job is not that of `other`: what, here and there.
+    /// The first thing in which this shard's job differs from the job of `other`: what, here and there.
     fn differs(&self, other: &Self) -> Option<(&'static str, String, String)> {
         let (a, b) = (&self.meta, &other.meta);
         let seed = |meta: &Meta| meta.seed.map_or("none".into(), |seed| seed.to_string());
@@ -93,7 +93,7 @@ impl<'a> Head<'a> {
     }
 }
 
-/// The shards in order, of which none is missing, given twice or of another job.
+/// The shards in order: none is missing, given twice or of another job.
 fn complete(mut heads: Vec<Head<'_>>) -> Result<Vec<Head<'_>>> {
     for head in heads.iter().skip(1) {
         if let Some((what, here, there)) = head.differs(&heads[0]) {

@@ -122,7 +122,7 @@ pub fn needs(scene: &Scene, sampling: &Sampling, shard: Option<Shard>, out: &Pat
     };
     // Touches are planned part by part: those of a share of them are of as large a share of the parts.
     let n_parts = (n_all as f64 * n_touches as f64 / n_planned as f64).ceil() as usize;
-    let mut needs = Needs::of(scene, n_parts, n_sides, n_touches);
+    let mut needs = Needs::of(scene.half_extent_mm(), n_parts, n_sides, n_touches);
     needs.memory_bytes += n_planned as f64 * size_of::<Planned>() as f64;
     needs.check()?;
     Ok(needs)
@@ -181,7 +181,7 @@ pub fn generate_shard(
     job.write(shard.range(n_planned), Some(fragment), out, progress).map(Made::Written)
 }
 
-/// All that is to be rendered, of which a run writes a range.
+/// All that is to be rendered; a run writes a range of it.
 struct Job {
     simulator: Simulator,
     planned: Vec<Planned>,
@@ -273,7 +273,7 @@ fn fingerprint(planned: &[Planned]) -> String {
     format!("{:x}", hash.finalize())
 }
 
-/// The frames of some touches of a plan, of which the first is number `first`, in parallel. A frame draws from the
+/// The frames of some touches of a plan, from number `first` on, in parallel. A frame draws from the
 /// stream of its number, so that it has the same bytes whichever others are rendered with it.
 pub fn render(simulator: &Simulator, seed: u64, first: usize, touches: &[Planned]) -> Result<Vec<Frame>> {
     prepare(simulator, touches)?;

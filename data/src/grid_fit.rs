@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::grid::PoseGrid;
 use crate::se2::Se2;
 
-/// How far a recorded pose may lie from its place on the grid.
+/// How far a recorded pose may be from its place on the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
     /// Distance, mm.
@@ -67,7 +67,7 @@ pub fn fit(poses: &[Se2], tolerance: Tolerance) -> Result<PoseGrid> {
     grid.validate().map(|()| grid)
 }
 
-/// The grid with these steps that covers what poses cover: to resample what lies on no grid, or on a finer one.
+/// The grid with these steps that covers what poses cover: to resample poses on no grid, or on a finer one.
 ///
 /// # Errors
 /// No poses, or steps that are not positive.

@@ -1,5 +1,5 @@
-//! What a real recording gets wrong, for simulated ones: a board that is not quite where the robot believes it, poses
-//! that are not quite those that were touched, touches that are missing.
+//! What a real recording gets wrong, for simulated ones: a board that is not quite where the robot believes it, stated
+//! poses that differ a little from the touched ones, touches that are missing.
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
@@ -12,7 +12,7 @@ use crate::touch::{Planned, Side};
 /// A simulated lab.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lab {
-    /// The pose of the hole board in the peg board's frame, of which the robot knows nothing.
+    /// The pose of the hole board in the peg board's frame, unknown to the robot.
     pub peg_from_hole: Se2,
     /// Standard deviation of a stated pose along x and along y, mm ...
     pub noise_mm: f64,
@@ -27,14 +27,14 @@ impl Lab {
     pub fn validate(&self) -> Result<()> {
         let noise = [self.noise_mm, self.noise_deg];
         if !noise.iter().all(|value| (0.0..=10.0).contains(value)) {
-            return Err(Error::invalid("--pose-noise", "0 to 10 mm and degrees", format!("{noise:?}")));
+            return Err(Error::invalid("--lab pose_noise", "0 to 10 mm and degrees", format!("{noise:?}")));
         }
         if !(0.0..=0.9).contains(&self.missing) {
-            return Err(Error::invalid("--missing", "a share of 0 to 0.9", self.missing.to_string()));
+            return Err(Error::invalid("--lab missing", "a share of 0 to 0.9", self.missing.to_string()));
         }
         let Se2 { x_mm, y_mm, .. } = self.peg_from_hole;
         if !(self.peg_from_hole.is_finite() && x_mm.hypot(y_mm) <= 100.0) {
-            return Err(Error::invalid("--hole-offset", "at most 100 mm", format!("{x_mm}, {y_mm} mm")));
+            return Err(Error::invalid("--lab hole_offset", "at most 100 mm", format!("{x_mm}, {y_mm} mm")));
         }
         Ok(())
     }

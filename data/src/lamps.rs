@@ -29,7 +29,7 @@ pub(crate) const MINI_FALL_OFF: [Quadratic; 3] =
 /// 32.3, 21.6 and 23.2 counts (root mean square for red, green and blue) it leaves 4.4, 1.9 and 2.5:
 ///
 /// ```text
-/// tactile-data calibrate --taxim polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295
+/// tactile-data calibrate polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295
 /// ```
 pub(crate) const MINI_ALONG_X: [Quadratic; 3] =
     [[8.8, -0.2, 0.5, -9.7, 4.8, -4.5], [-50.1, 9.8, 3.8, 34.6, -6.9, 9.2], [-4.9, 8.6, 1.3, -2.4, -8.9, -2.9]];
@@ -57,7 +57,7 @@ pub struct Lamps {
 }
 
 impl Default for Lamps {
-    /// The lamps of a GelSight Mini, fitted on a real calibration table: those that the network knows.
+    /// The lamps of a GelSight Mini, fitted on a real calibration table: the lamps that the network knows.
     fn default() -> Self {
         Self { along_x: MINI_ALONG_X, along_y: MINI_ALONG_Y }
     }
@@ -76,7 +76,7 @@ impl Lamps {
         Self { along_x: lamp(f64::cos), along_y: lamp(f64::sin) }
     }
 
-    /// Refuses lamps that no sensor has, and lamps all of which stand in one line: they do not show the slope across it.
+    /// Refuses lamps that no sensor has, and lamps in one line: they do not show the slope across it.
     pub fn validate(&self) -> Result<()> {
         for (field, factors) in [("along_x", &self.along_x), ("along_y", &self.along_y)] {
             if let Some(value) = factors.iter().flatten().find(|value| value.is_nan() || value.abs() > MOST_COUNTS) {

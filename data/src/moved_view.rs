@@ -3,9 +3,9 @@
 use crate::frame::Frame;
 use crate::se2::Se2;
 
-/// The frame that the sensor would see had it been moved by `sensor_from_view`: what the touch adds to rest, taken from
-/// where it then is, on rest. What lies outside the frame is taken to go on as at its border: an edge that is not there
-/// would say more than it hides. Both frames have one size, pixels of `mm_per_px`.
+/// The frame that the sensor would see if it were moved by `sensor_from_view`: what the touch adds to rest, taken from
+/// where it then is, on rest. Outside the frame the picture is taken to go on as at its border: an edge that is not
+/// there would say more than it hides. Both frames have one size, pixels of `mm_per_px`.
 pub fn moved_view(rest: &Frame, frame: &Frame, sensor_from_view: &Se2, mm_per_px: [f64; 2]) -> Frame {
     let (width, height) = (rest.width_px(), rest.height_px());
     let centre = [width, height].map(|n| 0.5 * (n as f64 - 1.0));

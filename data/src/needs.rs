@@ -4,7 +4,6 @@ use std::fmt;
 
 use crate::error::Result;
 use crate::output;
-use crate::scene::Scene;
 use crate::sensor::gel;
 
 /// The memory and the touches that a scene takes, at least.
@@ -19,9 +18,10 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// What touching so many of a scene's parts needs, each on so many sides.
-    pub fn of(scene: &Scene, n_parts: usize, n_sides: usize, n_touches: usize) -> Self {
-        let side_bytes = gel::least_bytes(scene.half_extent_mm());
+    /// What touching so many parts needs, each on so many sides, where a scene's gel reaches `half_extent_mm` from the
+    /// middle of a part ([`Scene::half_extent_mm`](crate::scene::Scene::half_extent_mm)).
+    pub fn of(half_extent_mm: f64, n_parts: usize, n_sides: usize, n_touches: usize) -> Self {
+        let side_bytes = gel::least_bytes(half_extent_mm);
         Self { n_parts, n_touches, memory_bytes: n_parts as f64 * n_sides as f64 * side_bytes }
     }
 
@@ -52,11 +52,12 @@ impl fmt::Display for Needs {
 mod tests {
     use super::*;
     use crate::grid::PoseGrid;
+    use crate::scene::Scene;
 
     #[test]
     fn the_memory_is_that_of_the_gel_on_each_side() {
         let scene = Scene::preset("alphabet-small").unwrap();
-        let needs = Needs::of(&scene, 12, 2, 24 * PoseGrid::SMALL.len());
+        let needs = Needs::of(scene.half_extent_mm(), 12, 2, 24 * PoseGrid::SMALL.len());
         // Within 8 + 2 mm and half the view's diagonal of 23.5 mm, and 1 mm, in cells of 0.1 mm, each an f32.
         let half_mm: f64 = 8.0 + 2.0 + 0.5 * 18.6_f64.hypot(14.3) + 1.0;
         assert!((needs.memory_bytes / (24.0 * 4.0 * (20.0 * half_mm).powi(2)) - 1.0).abs() < 0.01, "{needs}");
@@ -67,7 +68,7 @@ mod tests {
     #[test]
     fn what_no_machine_holds_is_refused() {
         let scene = Scene::preset("alphabet-small").unwrap();
-        let needs = Needs::of(&scene, 10_000_000, 2, usize::MAX);
+        let needs = Needs::of(scene.half_extent_mm(), 10_000_000, 2, usize::MAX);
         assert!(needs.is_much());
         let error = needs.check().unwrap_err().to_string();
         assert!(error.starts_with("scene: expected work that fits") && error.contains("10000000 parts and"), "{error}");

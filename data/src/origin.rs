@@ -51,7 +51,7 @@ const SIZE_TOLERANCE_MM: f64 = 0.02;
 const SCALE_TOLERANCE: f64 = 0.01;
 
 impl Origin {
-    /// The first thing in which the parts differ from those of `other`: what it is, here and there. What is unknown
+    /// The first thing in which the parts differ from the parts of `other`: what it is, here and there. What is unknown
     /// differs from nothing.
     pub fn other_parts(&self, other: &Self) -> Option<[String; 3]> {
         let names = |origin: &Self| origin.parts.iter().map(|part| part.name.as_str()).collect::<Vec<_>>().join(" ");
@@ -71,7 +71,7 @@ impl Origin {
         self.other_sensor(&Self { sensor, ..self.clone() })
     }
 
-    /// The first thing in which the sensor differs from that of `other`, as [`Self::other_parts`].
+    /// The first thing in which the sensor differs from the sensor of `other`, as [`Self::other_parts`].
     pub fn other_sensor(&self, other: &Self) -> Option<[String; 3]> {
         let (a, b) = (&self.sensor, &other.sensor);
         let is_other = |(a, b): (&f64, &f64)| (a / b - 1.0).abs() > SCALE_TOLERANCE;

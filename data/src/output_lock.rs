@@ -1,5 +1,5 @@
-//! Outputs of which only one run at a time writes each: datasets, banks, models, evaluations and all else with a name that
-//! two runs may be given.
+//! Locks on outputs, so that one run at a time writes each: datasets, banks, models, evaluations and all else with a
+//! name that two runs may be given.
 //!
 //! The system holds a lock and lets it go when a process ends, however it ends: a file that a killed run has left locks
 //! nothing. On a file system without locks nothing is checked.

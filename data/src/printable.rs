@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// The text with each character that a terminal would obey instead of show written as an escape, `\u{1b}` or `\n`:
-/// control characters, and those that turn the direction of text or end a line.
+/// control characters, and characters that turn the direction of text or end a line.
 ///
 /// What a file or a name says goes through it before it is printed. An error that quotes a file stays one line.
 pub fn printable(text: &str) -> Cow<'_, str> {

@@ -6,7 +6,7 @@ use std::process::{ExitCode, Termination};
 use crate::closed_output;
 use crate::printable::{printable, printable_lines};
 
-/// Stack of a thread, bytes: as large as that of a main thread.
+/// Stack of a thread, bytes: as large as a main thread's.
 const STACK_BYTES: usize = 8 << 20;
 
 /// Runs `work` inside the global rayon pool, so that the libraries, which share their work among the threads of the pool

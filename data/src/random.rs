@@ -3,7 +3,7 @@
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
-/// The random numbers of one frame: those of `seed`, on a stream of its own.
+/// The random numbers of one frame: a stream of its own of the generator of `seed`.
 pub fn frame_rng(seed: u64, frame: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(frame);

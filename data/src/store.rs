@@ -9,14 +9,15 @@ mod dataset;
 mod files;
 mod frames;
 pub(crate) mod meta;
+pub mod provenance;
 #[cfg(test)]
 mod tests;
 mod writer;
 
-pub use crate::recording::provenance::{Channels, Mirror, Recording};
 pub use dataset::Dataset;
 pub(crate) use dataset::read_no_contact;
 pub use files::{FILES, SCHEMA};
 pub(crate) use meta::read_meta;
 pub use meta::{Meta, set_peg_from_hole};
+pub use provenance::{Channels, Mirror, Recording};
 pub use writer::DatasetWriter;

@@ -40,8 +40,8 @@ impl Symmetry {
         (0..order).map(|k| self.turn(TAU * k as f64 / order as f64) * *part_from_sensor).collect()
     }
 
-    /// The pose nearest to another among those that feel the same as `pose`, by millimetres and degrees together; of a
-    /// round part the one at the same angle.
+    /// The pose nearest to another among the poses that feel the same as `pose`, by millimetres and degrees together;
+    /// of a round part the one at the same angle.
     pub fn nearest_twin(&self, pose: &Se2, to: &Se2) -> Se2 {
         if self.order.is_none() {
             return self.turn(to.theta_rad - pose.theta_rad) * *pose;

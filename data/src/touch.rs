@@ -46,8 +46,8 @@ impl FromStr for Side {
     }
 }
 
-/// What there is where touches of a side are looked for and none is found, for an error: those of the other side alone, with
-/// what takes them (`other`), or none that can be used.
+/// What there is where touches of a side are looked for and none is found, for an error: touches of the other side
+/// alone, with what takes them (`other`), or none that can be used.
 pub fn instead_of(side: Side, touches: &[Touch], other: &str) -> String {
     if touches.iter().any(|touch| touch.side == Some(side)) {
         return "none".into();
@@ -91,7 +91,7 @@ pub struct Touch {
 }
 
 impl Touch {
-    /// Refuses names that would not be printed as they are: those of part, pair and episode.
+    /// Refuses names of part, pair and episode that would not be printed as they are.
     #[cfg(feature = "datasets")]
     pub(crate) fn check_names(&self) -> Result<(), Error> {
         for (field, name) in [("part", &self.part), ("pair", &self.pair), ("episode", &self.episode)] {

@@ -126,8 +126,8 @@ impl Bank {
         })
     }
 
-    /// The same bank, of which some rows were not recorded: the filter takes what is seen there as unknown. What they
-    /// hold serves only the interpolation between the views around them.
+    /// The same bank with some rows that were not recorded: the filter takes what is seen there as unknown. The values
+    /// of these rows serve only the interpolation between the views around them.
     ///
     /// # Errors
     /// A row that the bank does not hold, or a part none of whose rows was recorded.
@@ -429,7 +429,7 @@ impl Bank {
     }
 }
 
-/// Refuses names that two parts have, empty ones, and those that a terminal would obey instead of show.
+/// Refuses names that two parts have, empty names, and names that a terminal would obey instead of show.
 fn check_names(parts: &[String]) -> Result<()> {
     let mut known = HashSet::with_capacity(parts.len());
     for name in parts {

@@ -154,8 +154,8 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// The spread of values, of which there is at least one.
-    pub fn of(values: &[f64]) -> Self {
+    /// The spread of at least one value.
+    pub fn from_values(values: &[f64]) -> Self {
         let mean_of = |value: &dyn Fn(f64) -> f64| values.iter().map(|v| value(*v)).sum::<f64>() / values.len() as f64;
         let mean = mean_of(&|v| v);
         Self { mean, sd: mean_of(&|v| (v - mean).powi(2)).sqrt() }

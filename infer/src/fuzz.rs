@@ -1,7 +1,7 @@
 //! Random damage to the files of a model and a bank: an error or what was saved, never a panic.
 //!
 //! Some dozens of cases by default; `PROPTEST_CASES` in the environment asks for more. Damage comes in two depths:
-//! bytes, of which most are caught by the checksum, and content that is saved anew with a checksum of its own.
+//! changed bytes, most of them caught by the checksum, and content that is saved anew with a checksum of its own.
 
 use std::path::Path;
 use std::sync::LazyLock;

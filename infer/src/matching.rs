@@ -53,7 +53,7 @@ pub struct Matches {
 /// The touches to be named.
 #[derive(Clone, Copy)]
 pub struct Touched<'a> {
-    /// What was touched: holes, or pegs that are not those of the bank.
+    /// What was touched: holes, or pegs of another dataset than the bank's.
     pub dataset: &'a Dataset,
     /// Which of its touches are meant.
     pub side: Side,

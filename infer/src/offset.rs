@@ -1,6 +1,6 @@
-//! Where the hole board lies in the peg board's frame, found from the touches themselves.
+//! The pose of the hole board in the peg board's frame, found from the touches themselves.
 //!
-//! A robot that touches both boards at the poses it was told knows nothing of how the boards are mounted. The model
+//! A robot that touches both boards at the poses it was given knows nothing of how the boards are mounted. The model
 //! does: it was trained to match a hole with the peg touched at the very same place. For each offset on a lattice,
 //! every peg's picture is moved to where its hole would then have been touched, and the mean cosine says how well the
 //! pairs mate; the top of a paraboloid through the lattice is the offset. Only what both pictures show is compared: the
@@ -38,7 +38,7 @@ const N_PLACES: usize = 5;
 /// Groups of pairs, each left out in turn, from whose offsets the errors are found.
 const N_GROUPS: usize = 10;
 
-/// Where the hole board lies, and how sure that is.
+/// The pose of the hole board, and how sure it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Offset {
     /// The pose of the hole board in the peg board's frame.

@@ -45,7 +45,7 @@ impl Precision {
     }
 
     /// The format of this name in a safetensors file; `None` for one that these files do not hold.
-    pub fn of(dtype: Dtype) -> Option<Self> {
+    pub fn from_dtype(dtype: Dtype) -> Option<Self> {
         [Self::F32, Self::F16, Self::Bf16, Self::I8].into_iter().find(|precision| precision.dtype() == dtype)
     }
 
@@ -118,7 +118,7 @@ impl FromStr for Precision {
 }
 
 #[cfg(test)]
-mod weights;
+mod weights_tests;
 
 #[cfg(test)]
 mod tests {
@@ -159,7 +159,7 @@ mod tests {
     fn every_name_is_its_own_format() {
         for precision in ALL {
             assert_eq!(precision.to_string().parse::<Precision>().unwrap(), precision);
-            assert_eq!(Precision::of(precision.dtype()), Some(precision));
+            assert_eq!(Precision::from_dtype(precision.dtype()), Some(precision));
         }
         assert!("f8".parse::<Precision>().is_err());
     }

@@ -123,7 +123,7 @@ struct Peg<'a> {
 }
 
 impl Peg<'_> {
-    /// Moves the view to the pose of the grid that it lies at.
+    /// Moves the view to its pose on the grid.
     fn snap(&mut self, grid: &PoseGrid, tolerance: Tolerance) {
         let Some(cell) = grid.exact(&self.pose, tolerance.mm, tolerance.deg) else { return };
         let moved = self.pose.inverse() * grid.pose(cell);
@@ -184,7 +184,7 @@ fn grid(dataset: &Dataset, pegs: &[Peg<'_>], poses: BankPoses) -> Result<PoseGri
         (Some([mm, deg]), _) => grid_fit::covering(&all(), mm, deg),
         (None, Some(reach)) => return Ok(reach),
         (None, None) => {
-            // What lies half as far off is a place of its own.
+            // A pose half as far off is a place of its own.
             let Tolerance { mm, deg } = poses.tolerance;
             grid_fit::fit(&all(), Tolerance { mm: 0.5 * mm, deg: 0.5 * deg })
         }
@@ -239,7 +239,7 @@ impl PegPoses {
     ///
     /// # Errors
     /// No pegs, or one whose part or pose is not known.
-    pub fn of(dataset: &Dataset) -> Result<Self> {
+    pub fn from_dataset(dataset: &Dataset) -> Result<Self> {
         let pegs = pegs(dataset)?;
         let parts = parts(&pegs);
         let n_touches = |part: &&str| pegs.iter().filter(|peg| peg.part == *part).count();
@@ -296,6 +296,8 @@ pub fn frames_by_row(dataset: &Dataset, bank: &Bank) -> Result<Vec<Option<usize>
 #[cfg(all(test, feature = "sim"))]
 mod tests {
     use super::*;
+    #[cfg(feature = "burn")]
+    use crate::simulated::tests::{by_cosine, scene_and_model, touches};
     use std::path::Path;
     use tactile_data::store::{DatasetWriter, Meta};
     use tactile_data::touch::Touch;
@@ -332,18 +334,39 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let on = PoseGrid { xy_half_mm: 6.0, xy_step_mm: 3.0, theta_half_deg: 40.0, theta_step_deg: 20.0 };
         let poses: Vec<Se2> = (0..on.len()).map(|cell| on.pose(cell)).collect();
-        let regular = PegPoses::of(&dataset(&folder.path().join("regular"), &poses)).unwrap();
+        let regular = PegPoses::from_dataset(&dataset(&folder.path().join("regular"), &poses)).unwrap();
         assert_eq!((regular.grid, regular.n_touches), (Some(on), on.len() - 1));
         assert_eq!(regular.parts, ["A", "B"]);
         // 100 touches over 16 mm and 120 degrees: a grid of 4 mm and 30 degrees has 5 x 5 x 5 places, one of 8 mm 45.
         let wave = |i: usize, k: f64| (i as f64 * k).fract() * 2.0 - 1.0;
         let place =
             |i| Se2::from_degrees(8.0 * wave(i, 0.618_033), 8.0 * wave(i, 0.754_877), 60.0 * wave(i, 0.569_840));
-        let scattered =
-            PegPoses::of(&dataset(&folder.path().join("scattered"), &(0..101).map(place).collect::<Vec<_>>()));
+        let scattered = PegPoses::from_dataset(&dataset(
+            &folder.path().join("scattered"),
+            &(0..101).map(place).collect::<Vec<_>>(),
+        ));
         let scattered = scattered.unwrap();
         assert_eq!((scattered.grid, scattered.n_touches), (None, 100));
         assert_eq!(scattered.densest(&[[8.0, 60.0], [8.0, 30.0], [4.0, 30.0]]), Some([8.0, 30.0]));
         assert_eq!(scattered.densest(&[[4.0, 30.0], [2.0, 15.0]]), None);
+    }
+
+    #[cfg(feature = "burn")]
+    #[test]
+    fn a_bank_without_a_dataset_is_the_one_of_a_dataset() {
+        let (scene, model) = scene_and_model();
+        let folder = tempfile::tempdir().unwrap();
+        let dataset = touches(&scene, Side::Peg, 5, &folder.path().join("pegs"));
+        let recorded = bank_of_dataset(&model, &dataset, BankPoses::default(), &|_, _| ()).unwrap();
+        let bank = by_cosine(&model, &scene).make(None, &|_, _| ()).unwrap();
+        assert_eq!(bank, recorded.bank);
+        // At a recorded pose a peg is its own view but for noise and the place's jitter; a hole is another side.
+        for part in 0..2 {
+            let of = |side| bank.matches().of(part, side).unwrap();
+            let (pegs, holes) = (of(Side::Peg), of(Side::Hole));
+            assert!(pegs.matched.mean > 0.9, "{pegs:?}");
+            assert!(holes.matched.mean < pegs.matched.mean, "{holes:?}");
+        }
+        assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
     }
 }

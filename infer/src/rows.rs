@@ -76,7 +76,7 @@ impl PartialEq for Rows {
 
 impl Rows {
     /// All of some values.
-    fn of(dim: usize, values: Values) -> Self {
+    fn from_values(dim: usize, values: Values) -> Self {
         let n = values.len() / dim;
         let all = Block { first: 0, stored: 0..n };
         let blocks = if n == 0 { Vec::new() } else { vec![all] };
@@ -93,7 +93,7 @@ impl Rows {
             let expected = format!("whole rows of 1..={MAX_DIM} values");
             return Err(Error::invalid("bank", expected, format!("{} values in rows of {dim}", values.len())));
         }
-        Self::of(dim, Values::F32(values)).checked()
+        Self::from_values(dim, Values::F32(values)).checked()
     }
 
     /// Rows of whole numbers in -127..=127, each row with the scale that makes them values.
@@ -107,7 +107,7 @@ impl Rows {
             let got = whole[at].to_string();
             return Err(Error::invalid(format!("bank row {}", at / dim), "whole numbers in -127..=127", got));
         }
-        Self::of(dim, Values::I8 { values: whole.iter().map(|v| *v as i8).collect(), scales }).checked()
+        Self::from_values(dim, Values::I8 { values: whole.iter().map(|v| *v as i8).collect(), scales }).checked()
     }
 
     /// Refuses values that no rows have.
@@ -134,7 +134,7 @@ impl Rows {
         Ok(self)
     }
 
-    /// Reads the rows of a file, `[n, dim]`, which are not checked yet; `scales` are those of rows of i8.
+    /// Reads the rows of a file, `[n, dim]`, which are not checked yet; rows of i8 have `scales`.
     pub(crate) fn read(
         [n, dim]: [usize; 2],
         precision: Precision,
@@ -148,7 +148,7 @@ impl Rows {
             Precision::Bf16 => Values::Bf16(read_values(reader, n_values, bf16::from_le_bytes)?),
             Precision::I8 => Values::I8 { values: read_values(reader, n_values, i8::from_le_bytes)?, scales },
         };
-        Ok(Self::of(dim, values))
+        Ok(Self::from_values(dim, values))
     }
 
     /// The same rows in another format, rounded once.
@@ -180,7 +180,7 @@ impl Rows {
                 }
             }
         };
-        Ok(Self::of(self.dim, values))
+        Ok(Self::from_values(self.dim, values))
     }
 
     /// The format that the rows are kept in.
@@ -349,7 +349,7 @@ impl Rows {
         Self { dim: self.dim, values: self.values.clone(), blocks }
     }
 
-    /// Some rows as they are in a file, little endian; those of i8 without their scales.
+    /// Some rows as they are in a file, little endian; rows of i8 without their scales.
     pub(crate) fn bytes(&self, rows: Range<usize>) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(rows.len() * self.dim * self.precision().dtype().bitsize() / 8);
         for Range { start, end } in self.stored_ranges(rows) {

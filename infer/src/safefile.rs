@@ -18,8 +18,8 @@ use crate::precision::Precision;
 const CHECKSUM: &str = "sha256";
 const SCHEMA: &str = "schema";
 
-/// A training state holds a network four times; 4 GB are those of 250 million weights, a hundred times a `large`
-/// preset's.
+/// A training state holds a network four times; 4 GB hold 250 million weights, a hundred times as many as the `large`
+/// preset has.
 const ALL_AT_ONCE: Kind = Kind { name: "a checkpoint or a training state", most_bytes: 4 << 30 };
 
 /// One named tensor of a module: its path, its shape and its values.
@@ -75,7 +75,7 @@ impl SafeFile {
         self.save_as(path, schema, Precision::F32)
     }
 
-    /// [`Self::save`] with the tensors of two axes or more in another format; those of one axis stay f32.
+    /// [`Self::save`] with the tensors of two axes or more in another format; tensors of one axis stay f32.
     ///
     /// # Errors
     /// A value that the format does not hold exactly ([`Precision::round_all`] comes first), besides what writing
@@ -141,7 +141,7 @@ impl SafeFile {
                 blobs.push((tensor_name, view.data().to_vec()));
                 continue;
             }
-            let Some(precision) = Precision::of(view.dtype()) else {
+            let Some(precision) = Precision::from_dtype(view.dtype()) else {
                 let expected = "f32, f16, bf16, i8 or u8";
                 return Err(Error::invalid(what(), expected, format!("{:?}", view.dtype())));
             };
@@ -163,7 +163,7 @@ impl SafeFile {
     }
 }
 
-/// The text entry of a name among those of a file.
+/// The text entry of a name among the entries of a file.
 ///
 /// # Errors
 /// None of that name.

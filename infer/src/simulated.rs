@@ -34,7 +34,7 @@ use learner::Learner;
 /// Touches embedded at a time.
 const CHUNK: usize = 64;
 
-/// Sets the draws of the holes apart from those of the pegs.
+/// Sets the draws of the holes apart from the draws of the pegs.
 const HOLES: u64 = 0x686f_6c65_7300_0000;
 
 /// The version of the layout of a kept part.
@@ -233,7 +233,8 @@ pub(crate) fn with_geometry(model: &Model, bank: Bank, (simulator, seed): (&Simu
     of_geometry(model, bank, simulator, Learning { from: LearnFrom::Nothing, seed })?.whole()
 }
 
-/// A bank of a scene's parts with their symmetries, and touches of them, from some of which it is to learn.
+/// A bank of a scene's parts with their symmetries, and touches of these parts: it is to learn from some of the
+/// touches.
 fn of_geometry(model: &Model, bank: Bank, simulator: &Simulator, learning: Learning) -> Result<Learner> {
     let of_name = |name: &String| simulator.parts().iter().position(|part| part == name).unwrap_or(0);
     let parts: Vec<usize> = bank.parts().iter().map(of_name).collect();
@@ -247,7 +248,6 @@ pub(crate) mod tests {
     use crate::architecture::NetworkConfig;
     use crate::checkpoint::{Checkpoint, Provenance};
     use crate::device::DeviceKind;
-    use crate::recorded::{BankPoses, bank_of_dataset};
     use crate::similarity::dot;
     use tactile_data::frame::Preprocessing;
     use tactile_data::generate::{Sampling, generate};
@@ -268,34 +268,14 @@ pub(crate) mod tests {
     }
 
     /// The dataset of a side, drawn from a seed.
-    fn touches(scene: &Scene, side: Side, seed: u64, out: &std::path::Path) -> Dataset {
+    pub fn touches(scene: &Scene, side: Side, seed: u64, out: &std::path::Path) -> Dataset {
         let sampling = Sampling { sides: &[side], places: Places::EachPose, seed, lab: None };
         generate(scene, &sampling, out, &|_, _| ()).unwrap();
         Dataset::open(out).unwrap()
     }
 
-    #[test]
-    fn a_bank_without_a_dataset_is_the_one_of_a_dataset() {
-        let (scene, model) = scene_and_model();
-        let folder = tempfile::tempdir().unwrap();
-        let dataset = touches(&scene, Side::Peg, 5, &folder.path().join("pegs"));
-        let recorded = bank_of_dataset(&model, &dataset, BankPoses::default(), &|_, _| ()).unwrap();
-        let by_cosine =
-            SceneBank { model: &model, scene: &scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 };
-        let bank = by_cosine.make(None, &|_, _| ()).unwrap();
-        assert_eq!(bank, recorded.bank);
-        // At a recorded pose a peg is its own view but for noise and the place's jitter; a hole is another side.
-        for part in 0..2 {
-            let of = |side| bank.matches().of(part, side).unwrap();
-            let (pegs, holes) = (of(Side::Peg), of(Side::Hole));
-            assert!(pegs.matched.mean > 0.9, "{pegs:?}");
-            assert!(holes.matched.mean < pegs.matched.mean, "{holes:?}");
-        }
-        assert!(recorded.notes.is_empty(), "{:?}", recorded.notes);
-    }
-
     /// A bank of pegs that learns nothing.
-    fn by_cosine<'a>(model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {
+    pub fn by_cosine<'a>(model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {
         SceneBank { model, scene, views: Views::Pegs, learn_from: LearnFrom::Nothing, seed: 5 }
     }
 

@@ -57,8 +57,8 @@ impl Bank {
     }
 }
 
-/// The turns under which a part stays the same, as far as its recorded views can tell: those of the
-/// highest order, about the centre where they fit best. Centres are looked for within one step of the part's own.
+/// The turns under which a part stays the same, as far as its recorded views show: the turns of
+/// the highest order, about the centre where they fit best. Centres are looked for within one step of the part's own.
 fn symmetry(bank: &Bank, part: usize) -> Symmetry {
     let n_turns = |order: Option<usize>| order.unwrap_or(N_ROUND);
     let orders = std::iter::once(None).chain((2..=MAX_ORDER).rev().map(Some));

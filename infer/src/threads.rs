@@ -1,4 +1,5 @@
-//! Sharing work among threads without starting any: those of the rayon pool in which the caller runs, or the caller's own.
+//! Sharing work among threads without starting any: the threads of the rayon pool in which the caller runs, or the
+//! caller's own.
 //!
 //! A controller that wants several threads runs inside a pool of its own (`pool.install(|| ...)`); one that does not gets
 //! one thread. The bits of a result do not depend on it.

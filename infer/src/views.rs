@@ -9,10 +9,10 @@ use crate::error::{Error, Result};
 
 /// What each view of a bank is of.
 ///
-/// How far a hole's embedding lies from its peg's is an error of the network that belongs to the view: the same hole,
-/// touched there again under the same sensor, errs by the same. Where the hole can be simulated, the middle of both
-/// keys is nearer to either side than one of them is to the other, as a prototype is the mean of what is known of its
-/// class (Snell et al. 2017). The holes then are as the scene has them: its clearance, and no wear.
+/// The distance of a hole's embedding from its peg's is an error of the network that belongs to the view: the same
+/// hole, touched there again under the same sensor, has the same distance. Where the hole can be simulated, the middle
+/// of both keys is nearer to either side than one of them is to the other, as a prototype is the mean of what is known
+/// of its class (Snell et al. 2017). The holes then are as the scene has them: its clearance, and no wear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Views {

@@ -189,8 +189,8 @@ def bags_in(program, scratch, rgb):
                 write(path, compression, messages(kind, rgb, False))
                 write(posed, compression, messages(kind, rgb, True))
                 out, poses = scratch / f"{n_bags}-each", scratch / f"{n_bags}-poses"
-                run(program, "import", path, "--touches", "each", "--no-contact-first", N_REST, "--out", out)
-                run(program, "import", posed, "--touches", "poses", "--no-contact-first", N_REST, "--out", poses)
+                run(program, "import", path, "--touches", "each", "--no-contact", N_REST, "--out", out)
+                run(program, "import", posed, "--touches", "poses", "--no-contact", N_REST, "--out", poses)
                 got, expected = np.load(out / "frames.npy"), rgb
                 if kind == "mono8":
                     expected = np.repeat(expected[..., :1], 3, -1)
@@ -282,7 +282,7 @@ def bags_out(program, scratch, rgb):
     bag = scratch / "source.mcap"
     write_mcap_ros2(bag, "none", messages("rgb8", rgb, True))
     dataset = scratch / "dataset"
-    run(program, "import", bag, "--touches", "poses", "--no-contact-first", N_REST, "--out", dataset)
+    run(program, "import", bag, "--touches", "poses", "--no-contact", N_REST, "--out", dataset)
     poses = [json.loads(line)["part_from_sensor"] for line in (dataset / "index.jsonl").read_text().splitlines()]
     for jpeg in [[], ["--jpeg", 90]]:
         out = scratch / f"out{len(jpeg)}.mcap"

@@ -138,7 +138,7 @@ def write_bag(path, compression, kind):
 def check_bag(program, bag, kind, with_transforms):
     name = "transforms" if with_transforms else "poses"
     flags = ["--frames", "base,gelsight", "--max-gap-ms", "20"] if with_transforms else []
-    flags += ["--touches", "poses", "--no-contact-first", N_REST]
+    flags += ["--touches", "poses", "--no-contact", N_REST]
     found, rows, _ = imported(program, bag, bag.with_suffix(f".{name}"), *flags)
     assert len(found) == N_TOUCHES
     worst = 0
@@ -170,7 +170,7 @@ def bags(program, folder):
         cut = folder / f"{compression}-cut.bag"
         whole = (folder / f"{compression}-rgb8.bag").read_bytes()
         cut.write_bytes(whole[: len(whole) * 2 // 3])
-        flags = ["--touches", "poses", "--no-contact-first", N_REST]
+        flags = ["--touches", "poses", "--no-contact", N_REST]
         found, _, said = imported(program, cut, cut.with_suffix(".out"), *flags)
         assert len(found) > 0 and "cut off at byte" in said
         print(f"{cut.name}: {len(found)} frames before the cut")
@@ -197,7 +197,7 @@ def columns(number, integer, dictionary):
 
 
 def check_table(program, source, number=np.float64):
-    found, rows, said = imported(program, source, source.with_suffix(".out"), "--no-contact-first", N_REST)
+    found, rows, said = imported(program, source, source.with_suffix(".out"), "--no-contact", N_REST)
     assert (found == FRAMES).all() and "warning" not in said, said
     worst = 0
     for i, row in enumerate(rows):

@@ -231,7 +231,7 @@ fn an_existing_dataset_is_never_written_over() {
     sample.copy("maze", folder.path());
     let before = contents(folder.path());
     let generate = ["generate", "--scene", "maze", "--pairs", "24", "--boards", "3", "--frame-px", FRAME_PX];
-    let import = ["import", &sample.at("pegs/no_contact.png"), "--no-contact-first", "1"];
+    let import = ["import", &sample.at("pegs/no_contact.png"), "--no-contact", "1"];
     for args in [&generate[..], &import[..]] {
         names(&run("tactile-data", folder.path(), &[args, &["--out", "maze"]].concat()), &["maze", "an existing file"]);
     }
@@ -251,9 +251,7 @@ fn an_output_is_checked_before_the_work() {
         (format!("{render} --no-contact {rest} --out {rest}"), ["no_contact.png", "a file of its own"]),
         (format!("{render} --out a.png --at-rest-out a.png"), ["a.png", "a file of its own"]),
         (
-            format!(
-                "tactile-data compare {rest} {rest} --real-background {rest} --simulated-background {rest} --out {rest}"
-            ),
+            format!("tactile-data compare {rest} {rest} --no-contact {rest} {rest} --out {rest}"),
             ["no_contact.png", "a file of its own"],
         ),
     ] {
@@ -323,6 +321,18 @@ fn sensors_that_say_nothing_of_each_other_are_named() {
         &shell(&sample, "tactile-data generate --scene maze --drawn-sensor 1 --out never"),
         &["--drawn-sensor", "MAZE boards have sensors of their own"],
     );
+}
+
+#[test]
+fn a_calibration_names_what_its_source_lacks() {
+    let sample = Sample::shared();
+    for (line, words) in [
+        ("calibrate table.npz", ["table.npz", "--frame-px"]),
+        ("calibrate maze", ["maze", "--ball-mm"]),
+        ("calibrate maze --frame-px 640x480", ["maze", "ends in npz"]),
+    ] {
+        names(&shell(&sample, &format!("tactile-data {line} --px-per-mm 20 --out never.toml")), &words);
+    }
 }
 
 #[test]

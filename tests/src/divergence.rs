@@ -126,7 +126,7 @@ fn a_run_whose_weights_overflow_stops_and_keeps_the_checkpoint_before() {
     let message = error.to_string();
     assert!(message.starts_with(&format!("stopped at step {step}: ")) && !message.contains('\n'), "{message}");
     assert!(message.contains(&format!("model.safetensors of step {kept} is kept")), "{message}");
-    assert!(message.contains("--learning-rate"), "{message}");
+    assert!(message.contains("learning_rate"), "{message}");
     let (checkpoint, _) = Checkpoint::load(&folder.path().join("model.safetensors")).unwrap();
     assert_eq!(checkpoint.provenance.steps, kept);
     let page = fs::read_to_string(folder.path().join("curve.html")).unwrap();
@@ -188,7 +188,7 @@ fn frames_that_show_no_lamps_cannot_be_relit() {
         pairs(folder.path(), |pair, _| edge(4 + pair), |pair| Some(Se2::from_degrees(3.0 * pair as f64, 0.0, 0.0)));
     let config = TrainConfig { flips: Flips::Relit, ..twelve_steps() };
     let error = train_soundly(&dataset, &folder.path().join("model"), &config).unwrap_err().to_string();
-    assert!(error.contains("flips relit") && error.contains("--flips plain"), "{error}");
+    assert!(error.contains("flips relit") && error.contains("--set flips=plain"), "{error}");
     let config = TrainConfig { flips: Flips::Auto, ..config };
     let warning = Pairs::new(&dataset, &config).unwrap().warning.unwrap();
     assert!(warning.starts_with("mirrored pictures are not relit"), "{warning}");

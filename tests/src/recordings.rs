@@ -167,7 +167,7 @@ fn a_trade_off_resamples_finer_recordings() {
     let at = sample.folder();
     let fine = SCENE.replace("xy_step_mm = 4.0", "xy_step_mm = 2.0").replace("deg = 30.0", "deg = 15.0");
     fs::write(at.join("fine.toml"), fine).unwrap();
-    done("tactile-data", at, "generate --scene fine.toml --sides peg --missing 0.05 --out fine-pegs");
+    done("tactile-data", at, "generate --scene fine.toml --sides peg --lab missing=0.05 --out fine-pegs");
     let words = "tradeoff --model model/model.safetensors --pegs fine-pegs --holes holes --settings 3 --episodes 4 \
                  --seeds 1,2 --out out";
     let ran = run("tactile-filter", at, &words.split_whitespace().collect::<Vec<_>>());
@@ -227,7 +227,7 @@ fn recordings_that_do_not_fit_are_refused_with_what_differs() {
     let both = run("tactile-filter", at, &["evaluate", "--scene", "two.toml", "--holes", "holes"]);
     assert!(both.misused().contains("--holes"));
     // Scattered touches are on no grid; the flags that help are named.
-    done("tactile-data", at, "generate --scene two.toml --sides peg --anywhere 40 --missing 0.01 --out scattered");
+    done("tactile-data", at, "generate --scene two.toml --sides peg --anywhere 40 --lab missing=0.01 --out scattered");
     let grid = failed("tactile-infer", "bank --model model/model.safetensors --data scattered --out s.bank");
     assert!(grid.contains("they can be resampled to a step"), "{grid}");
     let resample =

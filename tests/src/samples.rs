@@ -112,7 +112,7 @@ impl Sample {
 
 /// The sample's training run: two checkpoints in four steps.
 const TRAIN: [&str; 11] =
-    ["--data", "maze", "--out", "model", "--steps", "4", "--batch", "8", "--save-every", "2", "--json"];
+    ["--data", "maze", "--out", "model", "--steps", "4", "--batch", "8", "--set", "save_every=2", "--json"];
 
 /// A path as an argument.
 ///

@@ -134,7 +134,7 @@ fn settings_are_kept_next_to_the_model_and_used_again_by_resume() {
         assert!(kept.lines().any(|kept| kept == line), "no {line} in {kept}");
     }
     run("tactile-train", sample.folder(), &["--data", "maze", "--out", &out, "--resume"]).done();
-    let other = ["--data", "maze", "--out", &out, "--resume", "--temperature", "0.2"];
+    let other = ["--data", "maze", "--out", &out, "--resume", "--set", "temperature=0.2"];
     let other = run("tactile-train", sample.folder(), &other);
     assert!(
         other.failed().ends_with("the settings it began with, temperature = 0.1, got temperature = 0.2"),
@@ -154,12 +154,12 @@ fn tuning_accuracy_is_that_of_matching() {
     let out = text(folder.path().join("model"));
     let small = ["--data", "maze", "--out", &out, "--steps", "2", "--batch", "8", "--json"];
     let tune = |pegs: &str, holes: &str| {
-        run("tactile-train", sample.folder(), &[&small[..], &["--tune-pegs", pegs, "--tune-holes", holes]].concat())
+        run("tactile-train", sample.folder(), &[&small[..], &["--tune", pegs, holes]].concat())
     };
     let wrong = tune("holes", "holes");
     assert!(wrong.failed().contains("touches of pegs"), "{wrong:?}");
     let wrong = tune("pegs", "maze");
-    assert!(wrong.failed().contains("tune-holes maze"), "{wrong:?}");
+    assert!(wrong.failed().contains("--tune: holes maze"), "{wrong:?}");
     let outcome: Value = serde_json::from_str(tune("pegs", "holes").done()).unwrap();
     let model = text(folder.path().join("model/model.safetensors"));
     let matched = ["match", "--model", &model, "--pegs", "pegs", "--holes", "holes", "--json"];
@@ -185,7 +185,7 @@ fn a_second_run_never_overwrites_the_first() {
     let sample = Sample::shared();
     let [model, state] = ["model/model.safetensors", "model/state.safetensors"].map(|file| sample.folder().join(file));
     let before = [&model, &state].map(|file| fs::read(file).unwrap());
-    let args = ["--data", "maze", "--out", "model", "--steps", "4", "--batch", "8", "--save-every", "2"];
+    let args = ["--data", "maze", "--out", "model", "--steps", "4", "--batch", "8", "--set", "save_every=2"];
     let again = run("tactile-train", sample.folder(), &args);
     assert!(again.failed().contains("state.safetensors") && again.stderr.contains("--resume"), "{again:?}");
     let other = run("tactile-train", sample.folder(), &[&args[..], &["--seed", "2", "--resume"]].concat());
@@ -202,10 +202,10 @@ fn what_cannot_be_trained_is_refused_before_the_data_are_read() {
     fs::write(&file, "preset = \"paper\"").unwrap();
     let below_a_file = format!("{file}/model");
     for (flags, words) in [
-        (["--temperature", "nan"], ["temperature: ", "got NaN"]),
-        (["--weight-decay", "inf"], ["weight_decay: ", "got inf"]),
-        (["--epochs", "nan"], ["epochs: ", "got NaN"]),
-        (["--epochs", "1e300"], ["steps: expected 1 to 4294967296", "got 9223372036854775807"]),
+        (["--set", "temperature=nan"], ["temperature: ", "got NaN"]),
+        (["--set", "weight_decay=inf"], ["weight_decay: ", "got inf"]),
+        (["--set", "epochs=nan"], ["epochs: ", "got NaN"]),
+        (["--set", "epochs=1e300"], ["steps: expected 1 to 4294967296", "got 9223372036854775807"]),
         (["--steps", "999999999999999999"], ["steps: expected 1 to 4294967296", "got 999999999999999999"]),
         (["--batch", "999999999999"], ["batch: ", "got 999999999999"]),
         (["--seed", "18446744073709551615"], ["settings: ", "2^63"]),
@@ -217,7 +217,7 @@ fn what_cannot_be_trained_is_refused_before_the_data_are_read() {
         let ran = run("tactile-train", sample.folder(), &[&["--data", data], out, &flags].concat());
         assert!(words.iter().all(|word| ran.failed().contains(word)), "{ran:?}");
     }
-    let huge = ["--data", "maze", "--out", &out, "--width", "4096", "--hidden", "4096"];
+    let huge = ["--data", "maze", "--out", &out, "--set", "width=4096", "--set", "hidden=4096"];
     let huge = run("tactile-train", sample.folder(), &huge);
     assert!(huge.failed().contains("which take 158.4 GB to train"), "{huge:?}");
     let misspelt = run("tactile-train", sample.folder(), &["--data", "maze", "--out", &out, "--preset", "smal"]);
@@ -277,7 +277,7 @@ fn ctrl_c_saves_where_it_stands() {
     let model = folder.path().join("model/model.safetensors");
     let mut training = Command::new(programs::path("tactile-train"))
         .args(["--data", &sample.at("maze"), "--out", &out])
-        .args(["--steps", "1000000", "--batch", "8", "--save-every", "3"])
+        .args(["--steps", "1000000", "--batch", "8", "--set", "save_every=3"])
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
@@ -329,7 +329,7 @@ fn a_full_disk_leaves_the_checkpoint_before_it() {
         return;
     };
     let out = text(disk.0.join("model"));
-    let args = ["--data", "maze", "--out", &out, "--steps", "4", "--batch", "8", "--save-every", "2"];
+    let args = ["--data", "maze", "--out", &out, "--steps", "4", "--batch", "8", "--set", "save_every=2"];
     let full = run("tactile-train", sample.folder(), &args);
     assert_eq!(full.code, Some(1), "{full:?}");
     let last = full.stderr.lines().last().unwrap();
@@ -344,7 +344,7 @@ fn a_full_disk_leaves_the_checkpoint_before_it() {
 
 /// The small network on the command line.
 #[cfg(unix)]
-const SMALL_ARGS: [&str; 8] = ["--input-px", "16x12", "--width", "4", "--hidden", "8", "--dim", "6"];
+const SMALL_ARGS: [&str; 8] = ["--set", "input_px=[16,12]", "--set", "width=4", "--set", "hidden=8", "--set", "dim=6"];
 
 #[cfg(unix)]
 #[test]
@@ -353,7 +353,7 @@ fn a_file_that_may_not_grow_leaves_the_checkpoint_before_it_and_goes_on_later() 
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| text(folder.path().join(name));
     let args = |out: &str| {
-        let run = ["--data", "maze", "--out", out, "--steps", "4", "--batch", "8", "--save-every", "2"];
+        let run = ["--data", "maze", "--out", out, "--steps", "4", "--batch", "8", "--set", "save_every=2"];
         [&run[..], &SMALL_ARGS].concat().join(" ")
     };
     let program = text(programs::path("tactile-train"));
@@ -394,7 +394,7 @@ fn killed_at_any_moment_a_run_ends_in_the_same_bits() {
     let start = |out: &str, resume: bool| {
         let mut training = Command::new(programs::path("tactile-train"));
         training.args(["--data", &sample.at("maze"), "--out", out, "--steps", "200", "--batch", "8"]);
-        training.args(["--save-every", "7"]).args(SMALL_ARGS).args(resume.then_some("--resume"));
+        training.args(["--set", "save_every=7"]).args(SMALL_ARGS).args(resume.then_some("--resume"));
         training.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     };
     let (whole, killed) = (out("whole"), out("killed"));

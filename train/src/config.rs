@@ -37,7 +37,6 @@ impl fmt::Display for Preset {
 
 /// How a gradient changes the weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Optimizer {
     /// Adam with decoupled weight decay (Loshchilov and Hutter 2019).
@@ -59,7 +58,6 @@ impl Optimizer {
 
 /// Whether pairs are mirrored, and how their light is corrected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Flips {
     /// Relit where the frames show the lamps, otherwise plain with a warning.
@@ -73,7 +71,8 @@ pub enum Flips {
     None,
 }
 
-/// Settings of a run; its TOML file is kept next to the model. Serialised under the names of the flags, with `_` for `-`.
+/// Settings of a run; its TOML file is kept next to the model. Serialised under the names of
+/// [`Settings`](crate::settings::Settings).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainConfig {
     /// The preset that gave what was not set.

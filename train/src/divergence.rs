@@ -7,7 +7,7 @@ use crate::validation::Validation;
 /// Steps over which a loss or a gradient is averaged.
 const WINDOW: usize = 100;
 
-/// A loss this far above 4 tau ln N is not that of an untrained network: the cosine with the own peg is half a unit
+/// A loss this far above 4 tau ln N is not the loss of an untrained network: the cosine with the own peg is half a unit
 /// below the others' mean.
 const FAR_ABOVE: f64 = 2.0;
 
@@ -33,7 +33,7 @@ pub struct Divergence {
     pub advice: &'static str,
 }
 
-const LOWER_RATE: &str = "a lower --learning-rate or a longer --warmup";
+const LOWER_RATE: &str = "a lower learning_rate or a longer warmup";
 
 /// A loss or a gradient that is not finite, before it changes any weight.
 pub fn of_gradient(loss: f64, gradient_norm: f64) -> Option<Divergence> {
@@ -80,7 +80,7 @@ pub fn of_steps(rows: &[Row], config: &TrainConfig) -> Option<Divergence> {
 
 /// A tensor of the network that holds values that are not finite, by its name.
 pub fn of_tensor(name: String) -> Divergence {
-    Divergence { seen: format!("'{name}' holds values that are not finite"), advice: "a lower --learning-rate" }
+    Divergence { seen: format!("'{name}' holds values that are not finite"), advice: "a lower learning_rate" }
 }
 
 /// A network with finite weights whose embeddings of held-out views are not finite.
@@ -106,7 +106,7 @@ pub fn of_validations(rows: &[Row], config: &TrainConfig) -> Option<Divergence> 
             100.0 * last.retrieval_1,
             100.0 * last.chance_1
         ),
-        advice: "a lower --learning-rate, a higher --temperature or a larger --batch",
+        advice: "a lower learning_rate, a higher temperature or a larger --batch",
     })
 }
 
@@ -122,8 +122,8 @@ pub fn concern(rows: &[Row], config: &TrainConfig) -> Option<String> {
     let is_chance = validation.retrieval_1 <= NEAR_CHANCE * validation.chance_1;
     (is_late && is_chance).then(|| {
         format!(
-            "nothing learned yet: retrieval@1 {:.1} % at step {}, and chance is {:.1} %; try a lower --learning-rate, a \
-             --temperature of 0.05 to 0.2 or a larger --batch",
+            "nothing learned yet: retrieval@1 {:.1} % at step {}, and chance is {:.1} %; try a lower learning_rate, a \
+             temperature of 0.05 to 0.2 or a larger --batch",
             100.0 * validation.retrieval_1,
             last.step,
             100.0 * validation.chance_1

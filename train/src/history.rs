@@ -14,7 +14,7 @@ use crate::validation::Validation;
 /// The curve of a run: three million steps of 150 bytes.
 const CURVE: Kind = Kind { name: "a curve of a run", most_bytes: 512 << 20 };
 
-/// The columns before those of a validation.
+/// The columns before the columns of a validation.
 const STEP_COLUMNS: &str = "step,loss,learning_rate,momentum,gradient_norm,pairs_per_second";
 
 /// One step.

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
 use clap::Parser;
 use tactile_data::printable::printable_json;
@@ -17,7 +16,7 @@ use tactile_train::config::{Preset, TrainConfig};
 use tactile_train::output_folder::OutputFolder;
 use tactile_train::pairs::{Pairs, n_training};
 use tactile_train::run::{Event, Outcome, Run, train};
-use tactile_train::settings::Settings;
+use tactile_train::settings::{HELP, Settings};
 use tactile_train::tuning::Tuning;
 use tactile_train::validation::Validation;
 use tactile_train::{Error, Result};
@@ -26,7 +25,10 @@ use tactile_train::{Error, Result};
 #[derive(Parser)]
 #[command(
     version,
-    after_help = "Example:\n  tactile-data generate --scene maze --out maze\n  tactile-train --data maze --out model"
+    after_help = format!(
+        "{HELP}\n\nExamples:\n  tactile-data generate --scene maze --out maze\n  tactile-train --data maze --out model\n  \
+         tactile-train --data maze --out wide --set width=48 --set flips=none"
+    )
 )]
 struct Cli {
     /// Dataset of pairs, made by `tactile-data generate --scene maze` or imported.
@@ -35,7 +37,24 @@ struct Cli {
     /// Folder for model.safetensors, state.safetensors, train.toml, curve.csv and curve.html.
     #[arg(long)]
     out: PathBuf,
-    /// Settings in a TOML file, under the names of the flags with _ for -; flags replace its entries.
+    /// How much to train: tiny takes minutes on two cores, small 45 minutes, paper is for a GPU, fine takes ten minutes
+    /// and begins with a trained model [default: tiny; with --from fine].
+    #[arg(long)]
+    preset: Option<Preset>,
+    /// Steps of the whole run [default: the preset's].
+    #[arg(long)]
+    steps: Option<usize>,
+    /// Pairs in a batch [default: the preset's].
+    #[arg(long)]
+    batch: Option<usize>,
+    /// Seed of weights, batches and augmentation [default: 1].
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Any setting by its name, such as learning_rate=0.005; replaces the entry of --config. The names are listed
+    /// below.
+    #[arg(long, value_name = "NAME=VALUE")]
+    set: Vec<String>,
+    /// Settings in a TOML file, such as train.toml of an earlier run; flags replace its entries.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Where to compute: flex (CPU, default), ndarray (older CPU backend, much slower) or wgpu (graphics card). The
@@ -49,33 +68,25 @@ struct Cli {
     /// Continue from the state in --out, with the settings it began with.
     #[arg(long)]
     resume: bool,
-    /// Pegs of parts that are not trained on: with --tune-holes, their accuracy is measured at each save.
-    #[arg(long, value_name = "DIR", requires = "tune_holes")]
-    tune_pegs: Option<PathBuf>,
-    /// Holes of the parts of --tune-pegs.
-    #[arg(long, value_name = "DIR", requires = "tune_pegs")]
-    tune_holes: Option<PathBuf>,
+    /// Measure at each save how many holes of parts that are not trained on find their peg: a dataset of pegs on a grid
+    /// of poses and one of holes of the same parts.
+    #[arg(long, num_args = 2, value_names = ["PEGS", "HOLES"])]
+    tune: Vec<PathBuf>,
     /// Print the outcome as JSON.
     #[arg(long)]
     json: bool,
-    /// Only make this many batches and print the speed: shows whether the processor or the disk limits it.
-    #[arg(long, value_name = "BATCHES", conflicts_with_all = ["json", "tune_pegs", "tune_holes", "device"])]
-    time_batches: Option<usize>,
     /// Train nothing: write the batches of all steps to standard output, for another trainer. Each is its number n of pairs
     /// (u32), then n images of holes and n of pegs (f32, [3, height, width]), little-endian.
-    #[arg(long, conflicts_with_all = ["time_batches", "json", "resume", "tune_pegs", "tune_holes", "device"])]
+    #[arg(long, conflicts_with_all = ["json", "resume", "tune", "device"])]
     write_batches: bool,
-    #[command(flatten, next_help_heading = "Length and size of the run, each instead of the preset's")]
-    settings: Settings,
 }
 
 fn main() -> ExitCode {
     keep_memory();
     let cli = Cli::parse();
-    program::run(|| match cli.time_batches {
-        Some(n_batches) => time_batches(&cli, n_batches).map(|()| ExitCode::SUCCESS),
-        None if cli.write_batches => write_batches(&cli).map(|()| ExitCode::SUCCESS),
-        None => run(&cli),
+    program::run(|| match cli.write_batches {
+        true => write_batches(&cli).map(|()| ExitCode::SUCCESS),
+        false => run(&cli),
     })
 }
 
@@ -100,15 +111,14 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     let within = settings.resolve(1)?.mating();
     let device: DeviceKind = cli.device.parse()?;
     let config_file = cli.config.as_ref().filter(|_| !cli.resume);
-    let inputs = [Some(&cli.data), cli.tune_pegs.as_ref(), cli.tune_holes.as_ref(), config_file, cli.from.as_ref()];
-    let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    let inputs = [Some(&cli.data), config_file, cli.from.as_ref()].into_iter().flatten().chain(&cli.tune);
+    let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
     let out = OutputFolder::claim(&cli.out, &inputs)?;
     let from = cli.from.as_deref().map(Checkpoint::load).transpose()?.map(|(checkpoint, _)| checkpoint);
     let dataset = Dataset::open(&cli.data)?;
     let config = fine_tuned(settings.resolve(n_training(&dataset, within))?, &settings, from.as_ref());
-    let open = |path: &Option<PathBuf>| path.as_deref().map(Dataset::open).transpose();
-    let parts = open(&cli.tune_pegs)?.zip(open(&cli.tune_holes)?);
-    let tuning = parts.as_ref().map(|(pegs, holes)| Tuning::new(pegs, holes)).transpose()?;
+    let parts = cli.tune.iter().map(|path| Dataset::open(path)).collect::<tactile_data::Result<Vec<Dataset>>>()?;
+    let tuning = if let [pegs, holes] = &parts[..] { Some(Tuning::new(pegs, holes)?) } else { None };
     let stop = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&stop);
     ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed))
@@ -135,7 +145,7 @@ fn run(cli: &Cli) -> Result<ExitCode> {
 
 /// The settings of a run that fine-tunes a model: its sizes where none are given, and small steps.
 fn fine_tuned(config: TrainConfig, given: &Settings, from: Option<&Checkpoint>) -> TrainConfig {
-    /// By how much smaller the steps are: those of a fresh network would undo what was learnt.
+    /// By how much smaller the steps are: the steps of a fresh network would undo what was learnt.
     const GENTLER: f64 = 5.0;
     let Some(from) = from else { return config };
     let gentler = if config.preset == Preset::Fine { 1.0 } else { GENTLER };
@@ -145,18 +155,11 @@ fn fine_tuned(config: TrainConfig, given: &Settings, from: Option<&Checkpoint>) 
     TrainConfig { network, learning_rate, ..config }
 }
 
-/// The settings of a run on a dataset, whose batches are made without training.
-fn settings_on(dataset: &Dataset, cli: &Cli) -> Result<TrainConfig> {
-    let settings = settings(cli)?;
-    let config = settings.resolve(n_training(dataset, settings.resolve(1)?.mating()))?;
-    config.validate()?;
-    Ok(config)
-}
-
 /// Writes the batches of a run to standard output.
 fn write_batches(cli: &Cli) -> Result<()> {
     let dataset = Dataset::open(&cli.data)?;
-    let config = settings_on(&dataset, cli)?;
+    let settings = settings(cli)?;
+    let config = settings.resolve(n_training(&dataset, settings.resolve(1)?.mating()))?;
     let pairs = Pairs::new(&dataset, &config)?;
     let mut out = std::io::stdout().lock();
     for step in 0..config.n_steps {
@@ -169,25 +172,17 @@ fn write_batches(cli: &Cli) -> Result<()> {
     out.flush().map_err(Error::io("standard output"))
 }
 
-/// Prints how many pairs per second batches are made with, without training.
-fn time_batches(cli: &Cli, n_batches: usize) -> Result<()> {
-    let dataset = Dataset::open(&cli.data)?;
-    let config = settings_on(&dataset, cli)?;
-    let pairs = Pairs::new(&dataset, &config)?;
-    let started = Instant::now();
-    let mut n_pairs = 0;
-    for step in 0..n_batches {
-        n_pairs += pairs.batch(&config, step)?.n_pairs;
-    }
-    println!("{:.0} pairs/s decoded, augmented and batched", n_pairs as f64 / started.elapsed().as_secs_f64());
-    Ok(())
-}
-
-/// Flags over the file; the file of a run that is resumed is its own.
+/// Flags over `--set` over the file; the file of a run that is resumed is its own.
 fn settings(cli: &Cli) -> Result<Settings> {
     let own = Some(cli.out.join("train.toml")).filter(|path| cli.resume && path.exists());
     let file = cli.config.clone().or(own).map(|path| Settings::load(&path)).transpose()?;
-    let mut settings = cli.settings.over(&file.unwrap_or_default())?;
+    let set = cli.set.iter().try_fold(Settings::default(), |settings, pair| settings.set(pair))?;
+    if cli.steps.is_some() && set.epochs.is_some() {
+        return Err(Error::invalid("--steps", "steps or --set epochs", "both"));
+    }
+    let flags =
+        Settings { preset: cli.preset, steps: cli.steps, batch: cli.batch, seed: cli.seed, ..Settings::default() };
+    let mut settings = flags.over(&set)?.over(&file.unwrap_or_default())?;
     if cli.from.is_some() {
         settings.preset = settings.preset.or(Some(Preset::Fine));
     } else if settings.preset == Some(Preset::Fine) && !cli.resume {
@@ -271,11 +266,10 @@ mod tests {
             let line = format!("tactile-train --data d --out o {line}");
             Cli::try_parse_from(line.split_whitespace()).is_ok()
         };
-        assert!(takes("--json --tune-pegs p --tune-holes h --device flex") && takes("--time-batches 4 --batch 8"));
-        for other in ["--time-batches 4", "--write-batches"] {
-            for flag in ["--json", "--tune-pegs p --tune-holes h", "--device flex"] {
-                assert!(!takes(&format!("{other} {flag}")), "{other} {flag}");
-            }
+        assert!(takes("--json --tune p h --device flex") && takes("--write-batches --batch 8 --set width=4"));
+        for flag in ["--json", "--tune p h", "--device flex"] {
+            assert!(!takes(&format!("--write-batches {flag}")), "{flag}");
         }
+        assert!(!takes("--tune p"));
     }
 }

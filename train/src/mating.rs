@@ -33,13 +33,13 @@ const SAME: (f64, f64) = (0.02, 0.05);
 /// One in so many boards, or so large a region of each, is held out where the dataset names none.
 const HELD_OUT: usize = 12;
 
-/// Boards of which whole ones are held out; of fewer, a region of each is.
+/// Boards from which whole ones are held out; of fewer, a region of each is.
 const MANY_BOARDS: usize = 12;
 
 /// None of fewer pairs is held out: three or four would say nothing.
 const MIN_PAIRS: usize = 48;
 
-/// The pairs of a dataset: those to train on, and those that say how good the model is.
+/// The pairs of a dataset: pairs to train on, and pairs that say how good the model is.
 #[derive(Clone, Debug, Default)]
 pub struct Mating {
     /// Pairs to train on, in the order of their frames.
@@ -53,10 +53,10 @@ pub struct Mating {
 
 /// Finds the pairs of a dataset.
 ///
-/// A hole and a peg mate that share the name of their pair; that lie next to each other at one pose; or else those of
-/// one part whose poses are nearest to each other, both ways, within a tolerance. Where the dataset names no boards to
-/// hold out, one in twelve is, or of fewer than twelve boards a region: the twelfth of the pairs that lies furthest
-/// along x. Pairs nearer to it than half a view are not trained on.
+/// A hole and a peg mate that share the name of their pair, or that are neighbours in the dataset at one pose. Of the
+/// others a hole and a peg of one part mate whose poses are nearest to each other, both ways, within a tolerance. Where
+/// the dataset names no boards to hold out, one in twelve is, or of fewer than twelve boards a region: the twelfth of
+/// the pairs that is furthest along x. Pairs nearer to it than half a view are not trained on.
 pub fn find(dataset: &Dataset, within: Within) -> Mating {
     let mut finder = Finder { dataset, within, pairs: Vec::new(), mated: HashSet::new(), notes: Vec::new() };
     finder.by_name();

@@ -44,7 +44,7 @@ impl Relighting {
         let determinant = w[0] * w[3] - w[1] * w[2];
         let share = values[0] / values[1];
         if share.is_nan() || share > MAX_CURL_SHARE || determinant.abs() < 1e-3 {
-            let got = format!("slopes whose curl is {share:.2} of that of other axes; use --flips plain");
+            let got = format!("slopes whose curl is {share:.2} of that of other axes; use --set flips=plain");
             return Err(Error::invalid("flips relit", "frames that show how the lamps light a slope", got));
         }
         // Slopes are W U^T D; the lamps are its pseudo-inverse, U W^-1.

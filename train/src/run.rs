@@ -165,8 +165,8 @@ fn begin(run: &Run<'_>, device: &Device) -> Result<State> {
     Ok(State { moco: state.moco.with_weights(&from.tensors)?, ..state })
 }
 
-/// The calibration of the model that is fine-tuned, until the new one has its own; that of the folder's model where a run
-/// continues.
+/// The calibration of the model that is fine-tuned, until the new one has its own; the calibration of the folder's
+/// model where a run continues.
 fn inherited(run: &Run<'_>) -> Result<Option<Calibration>> {
     let own = run.out.file(MODEL);
     if run.resume && own.exists() {

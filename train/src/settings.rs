@@ -12,93 +12,84 @@ use crate::error::{Error, Result};
 /// Least Jaro similarity of a wrong word to the one that was probably meant, as in clap.
 const SIMILAR: f64 = 0.7;
 
-/// Settings that may each be given or left to the preset: the flags of `tactile-train`, and the entries of a
-/// TOML file under the same names with `_` for `-`.
+/// Settings that may each be given or left to the preset: the entries of a TOML file, and of `--set NAME=VALUE`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// How much to train: tiny takes minutes on two cores, small 45 minutes, paper is for a GPU, fine takes ten minutes
-    /// and begins with a trained model [default: tiny; with --from fine].
-    #[cfg_attr(feature = "cli", arg(long))]
+    /// How much to train.
     pub preset: Option<Preset>,
     /// Steps of the whole run.
-    #[cfg_attr(feature = "cli", arg(long, conflicts_with = "epochs"))]
     pub steps: Option<usize>,
     /// Length of the run in epochs, instead of steps.
-    #[cfg_attr(feature = "cli", arg(long))]
     pub epochs: Option<f64>,
     /// Pairs in a batch.
-    #[cfg_attr(feature = "cli", arg(long))]
     pub batch: Option<usize>,
     /// Steps between checkpoints and validations.
-    #[cfg_attr(feature = "cli", arg(long))]
     pub save_every: Option<usize>,
-    /// Seed of weights, batches and augmentation [default: 1].
-    #[cfg_attr(feature = "cli", arg(long))]
+    /// Seed of weights, batches and augmentation.
     pub seed: Option<u64>,
     /// Width and height of the network's input, pixels.
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WIDTHxHEIGHT", value_parser = input_px, help_heading = NETWORK))]
     pub input_px: Option<[usize; 2]>,
     /// Channels of the network's first layer; the others follow.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = NETWORK))]
     pub width: Option<usize>,
     /// Units of the hidden layers of projector and predictor.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = NETWORK))]
     pub hidden: Option<usize>,
     /// Length of an embedding.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = NETWORK))]
     pub dim: Option<usize>,
     /// The optimizer.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
     pub optimizer: Option<Optimizer>,
     /// Peak learning rate.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
     pub learning_rate: Option<f64>,
-    /// Steps of linear warm-up [default: the preset's, at most a tenth of the steps].
-    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
+    /// Steps of linear warm-up.
     pub warmup: Option<usize>,
     /// Decoupled weight decay.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
     pub weight_decay: Option<f32>,
     /// Temperature of InfoNCE.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
     pub temperature: Option<f64>,
     /// Momentum of the key encoder at the start; it ends at 1.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
     pub momentum: Option<f64>,
     /// Parts that a batch is embedded in, one after the other; batch normalisation uses the statistics of each.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = OPTIMISATION))]
     pub micro_batches: Option<usize>,
     /// Whether pairs are mirrored: with their light corrected, without, or not at all.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub flips: Option<Flips>,
     /// Smallest share of each side that a random crop keeps.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub min_crop: Option<f32>,
     /// Share of a batch that are near neighbours.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub near_share: Option<f64>,
     /// Largest share of a batch that may be blank pairs; 1 is no limit.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub max_blank: Option<f64>,
     /// Strongest smooth change of a whole picture that a press brings, counts.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub field_counts: Option<f64>,
     /// How far apart a hole and its peg may have been touched, mm; the peg's view is moved to where the hole was touched.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub mate_mm: Option<f64>,
     /// The same, degrees.
-    #[cfg_attr(feature = "cli", arg(long, help_heading = PAIRS))]
     pub mate_deg: Option<f64>,
 }
 
-#[cfg(feature = "cli")]
-const NETWORK: &str = "Network, each instead of the preset's";
-#[cfg(feature = "cli")]
-const OPTIMISATION: &str = "Optimisation, each instead of the preset's";
-#[cfg(feature = "cli")]
-const PAIRS: &str = "Choice and augmentation of pairs, each instead of the preset's";
+/// The settings that have no flag of their own, as `tactile-train --help` lists them: a name and what it is, each on a
+/// line.
+pub const HELP: &str = "\
+Settings of --set and --config, each instead of the preset's:
+  epochs         Length of the run in epochs, instead of steps
+  save_every     Steps between checkpoints and validations
+  input_px       Width and height of the network's input, pixels: [40, 30]
+  width          Channels of the network's first layer; the others follow
+  hidden         Units of the hidden layers of projector and predictor
+  dim            Length of an embedding
+  optimizer      lamb or adamw
+  learning_rate  Peak learning rate
+  warmup         Steps of linear warm-up, at most a tenth of all unless it is set
+  weight_decay   Decoupled weight decay
+  temperature    Temperature of InfoNCE
+  momentum       Momentum of the key encoder at the start; it ends at 1
+  micro_batches  Parts that a batch is embedded in, each with statistics of its own
+  flips          Mirror pairs: auto, relit, plain or none
+  min_crop       Smallest share of each side that a random crop keeps
+  near_share     Share of a batch that are near neighbours
+  max_blank      Largest share of a batch that may be blank pairs
+  field_counts   Strongest smooth change of a whole picture that a press brings, counts
+  mate_mm        How far apart a hole and its peg may have been touched, mm
+  mate_deg       The same, degrees";
 
 impl Settings {
     /// Reads a TOML file.
@@ -118,7 +109,22 @@ impl Settings {
         Ok(settings)
     }
 
-    /// These settings, and those of `under` for all that is not given here.
+    /// These settings with one more, `NAME=VALUE`: the value is written as in TOML, or is a bare word.
+    ///
+    /// # Errors
+    /// An unknown name, with the one that was probably meant, and a value that is none of the setting's.
+    pub fn set(&self, pair: &str) -> Result<Self> {
+        let what = format!("--set {pair}");
+        let (name, value) = pair.split_once('=').ok_or_else(|| Error::invalid(&what, "NAME=VALUE", "no ="))?;
+        let read = format!("value = {value}").parse::<Table>().ok().filter(|table| table.len() == 1);
+        let value = read.and_then(|mut table| table.remove("value")).unwrap_or_else(|| value.into());
+        let one: Self = Table::from_iter([(name.trim().into(), value)]).try_into().map_err(|e: toml::de::Error| {
+            Error::invalid(what, "settings of tactile-train", explanation(e.message()))
+        })?;
+        one.over(self)
+    }
+
+    /// These settings, and the settings of `under` for all that is not given here.
     ///
     /// # Errors
     /// A number that TOML cannot hold: a seed of 2^63 or more.
@@ -187,13 +193,6 @@ fn explanation(message: &str) -> String {
     }
 }
 
-/// `40x30` as width and height.
-#[cfg(feature = "cli")]
-fn input_px(text: &str) -> std::result::Result<[usize; 2], String> {
-    let sides = text.split_once('x').and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
-    sides.ok_or_else(|| "expected WIDTHxHEIGHT, like 40x30".into())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -213,6 +212,35 @@ mod tests {
         let expected = TrainConfig { temperature: 0.2, n_pairs: 32, flips: Flips::Relit, ..TrainConfig::small() };
         assert_eq!(config, expected);
         assert_eq!(Settings::default().resolve(1_000).unwrap(), TrainConfig::tiny());
+    }
+
+    #[test]
+    fn a_pair_sets_what_a_file_sets() {
+        let pairs = ["flips=relit", "input_px=[16, 12]", "temperature=1", "optimizer=\"lamb\"", "temperature = 0.2"];
+        let set = pairs.iter().try_fold(Settings::default(), |settings, pair| settings.set(pair)).unwrap();
+        let file = read("flips = \"relit\"\ninput_px = [16, 12]\noptimizer = \"lamb\"\ntemperature = 0.2").unwrap();
+        assert_eq!(set, file);
+        // One length replaces the other.
+        let length = Settings::default().set("steps=7").unwrap().set("epochs=3").unwrap();
+        assert_eq!(length, Settings { epochs: Some(3.0), ..Settings::default() });
+        for (pair, words) in [
+            ("batchsize=9", ["--set batchsize=9", "'batchsize'; did you mean 'batch'?"]),
+            ("batch=many", ["--set batch=many", "expected usize"]),
+            ("batch", ["--set batch", "expected NAME=VALUE"]),
+            ("steps=1\nepochs=2", ["--set steps=1", "expected usize"]),
+        ] {
+            let error = Settings::default().set(pair).unwrap_err().to_string();
+            assert!(words.iter().all(|word| error.contains(word)), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_help_lists_each_setting_that_has_no_flag() {
+        let listed = HELP.lines().skip(1).map(|line| line.split_whitespace().next().unwrap().to_owned());
+        let flags = ["preset", "steps", "batch", "seed"].map(String::from);
+        let all: std::collections::BTreeSet<String> = listed.chain(flags).collect();
+        let config = table(&TrainConfig::tiny()).unwrap();
+        assert_eq!(all, config.keys().cloned().chain(["epochs".to_owned()]).collect());
     }
 
     #[test]

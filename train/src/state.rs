@@ -65,7 +65,7 @@ impl State {
         Ok(file.save(path, SCHEMA)?)
     }
 
-    /// Reads a state. That of a run with other settings or another dataset is an error.
+    /// Reads a state. The state of a run with other settings or another dataset is an error.
     pub fn load(path: &Path, config: &TrainConfig, dataset_sha256: &str, device: &Device) -> Result<Self> {
         let name = path.display().to_string();
         let file = SafeFile::load(path, SCHEMA)?;

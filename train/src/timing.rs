@@ -43,7 +43,7 @@ impl Timing {
     }
 
     /// Seconds until step `n_steps`, from step `step`, with a save each `save_every` steps and at the end.
-    /// Before the first save its time is estimated from that of the steps.
+    /// Before the first save its time is estimated from the steps' time.
     pub fn seconds_left(&self, step: usize, n_steps: usize, save_every: usize) -> f64 {
         let a_step = self.steps.iter().sum::<f64>() / self.steps.len().max(1) as f64;
         let guess = a_step * self.images_a_save as f64 / (2 * self.n_pairs).max(1) as f64 / PASSES;

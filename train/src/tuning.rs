@@ -24,7 +24,7 @@ pub struct Tuning<'a> {
 }
 
 impl<'a> Tuning<'a> {
-    /// Takes datasets such as those of `tactile-data generate --scene alphabet-small-dev --sides peg` (and `hole`).
+    /// Takes datasets such as `tactile-data generate --scene alphabet-small-dev --sides peg` (and `hole`) makes.
     ///
     /// # Errors
     /// Pegs that fill no grid, no holes of known part, or holes of a part without pegs.
@@ -34,13 +34,13 @@ impl<'a> Tuning<'a> {
             .filter(|index| holes.touch(*index).side == Some(Side::Hole) && holes.touch(*index).part.is_some())
             .collect();
         if holes_of_parts.is_empty() {
-            let what = format!("tune-holes {}", holes.meta().name);
+            let what = format!("--tune: holes {}", holes.meta().name);
             return Err(Error::invalid(what, "holes of known part", "none"));
         }
         let without_peg =
             holes_of_parts.iter().filter_map(|i| holes.touch(*i).part.as_ref()).find(|p| !parts.contains(p));
         if let Some(without_peg) = without_peg {
-            let what = format!("tune-holes {}", holes.meta().name);
+            let what = format!("--tune: holes {}", holes.meta().name);
             return Err(Error::invalid(what, format!("parts of {}", parts.join(", ")), without_peg));
         }
         let n = holes_of_parts.len().min(MAX_HOLES);
@@ -56,7 +56,7 @@ impl<'a> Tuning<'a> {
         let parts: BTreeSet<&String> = self.holes.touches().iter().filter_map(|touch| touch.part.as_ref()).collect();
         match parts.intersection(&seen).next() {
             Some(part) => {
-                let what = format!("tune-holes {}", self.holes.meta().name);
+                let what = format!("--tune: holes {}", self.holes.meta().name);
                 Err(Error::invalid(what, "parts that are not trained on", format!("'{part}'")))
             }
             None => Ok(()),

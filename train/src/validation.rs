@@ -36,7 +36,7 @@ pub struct Validation {
     /// Share of holes of parts never trained on whose nearest peg is of the right part, 0..=1; `None`
     /// without tuning datasets.
     pub tuning_accuracy: Option<f64>,
-    /// Mean cosine of mating pairs less that of the other pairs of the board.
+    /// Mean cosine of mating pairs less the mean of the other pairs of the board.
     pub cosine_gap: f64,
     /// Mean standard deviation of an embedding's values times the square root of its length: 1 where
     /// embeddings fill the sphere, 0 where they have collapsed to a point.

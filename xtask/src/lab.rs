@@ -12,7 +12,7 @@ use crate::program::Program;
 use crate::workspace::Workspace;
 
 /// What the lab gets wrong: noise of the poses, missing touches, and where the hole board is.
-const ERRORS: &str = "--pose-noise 0.1,0.3 --missing 0.03";
+const ERRORS: &str = "--lab pose_noise=0.1,0.3 missing=0.03";
 const OFFSET: [f64; 3] = [0.4, -0.3, 1.0];
 
 /// The letters for tuning.
@@ -27,9 +27,6 @@ pub struct LabArgs {
     /// Pairs of touches of MAZE boards to train on; 0 takes the shipped model instead.
     #[arg(long, default_value_t = 4_000)]
     pairs: usize,
-    /// Preset of the training.
-    #[arg(long, default_value = "tiny")]
-    preset: String,
     /// Episodes to evaluate.
     #[arg(long, default_value_t = 500)]
     episodes: usize,
@@ -118,7 +115,7 @@ impl Lab<'_> {
             );
         }
         let model = format!("{name}-model");
-        self.run("tactile-train", format!("--data {data} --out {model} --preset {}", self.args.preset))?;
+        self.run("tactile-train", format!("--data {data} --out {model}"))?;
         Ok(format!("{model}/model.safetensors"))
     }
 
@@ -134,7 +131,7 @@ impl Lab<'_> {
             return Ok(name.to_owned());
         };
         let [x, y, deg] = OFFSET;
-        let lab = format!("{ERRORS} --hole-offset={x},{y},{deg}");
+        let lab = format!("{ERRORS} hole_offset={x},{y},{deg}");
         self.run("tactile-data", format!("generate --scene {scene} {more} {lab} --out {name}-made"))?;
         let file = if export.contains("mcap") { format!("{name}.mcap") } else { format!("{name}-pictures") };
         self.run("tactile-data", format!("export {name}-made {export} --out {file}"))?;

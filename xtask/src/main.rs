@@ -66,7 +66,7 @@ enum Chore {
     #[command(after_help = "Example:\n  cargo xtask python")]
     Python(python::PythonArgs),
     /// Build the Python wheel, install it into a fresh virtual environment and try it.
-    #[command(after_help = "Example:\n  cargo xtask wheel\n  cargo xtask wheel --build-only --out dist")]
+    #[command(after_help = "Example:\n  cargo xtask wheel\n  cargo xtask wheel --out dist")]
     Wheel(wheel::WheelArgs),
     /// The C library: install it, or check it with compilers, valgrind, sanitizers and CMake, and measure it.
     #[command(after_help = "Example:\n  cargo xtask capi --install /usr/local")]

@@ -12,12 +12,9 @@ use crate::workspace::{Workspace, remove};
 /// What `cargo xtask wheel` takes.
 #[derive(Args)]
 pub struct WheelArgs {
-    /// Folder for the wheel [default: wheel in the build folder].
+    /// Build the wheel into this folder and check nothing.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Build the wheel and check nothing.
-    #[arg(long)]
-    build_only: bool,
 }
 
 /// What builds the wheel, and what its types are checked with.
@@ -33,7 +30,7 @@ pub fn wheel(workspace: &Workspace, args: &WheelArgs) -> Result<()> {
     let wheel = build(workspace, &scratch, &out, &package)?;
     let bytes = std::fs::metadata(&wheel).map_err(Error::io(&wheel))?.len();
     println!("wheel: {} of {:.2} MB", wheel.display(), bytes as f64 / 1e6);
-    if args.build_only {
+    if args.out.is_some() {
         return Ok(());
     }
 

@@ -18,8 +18,8 @@ const RIDGE: f64 = 1e-4;
 /// Contacts are moved this often at most.
 const MOST_ROUNDS: usize = 4;
 
-/// Candidates for the contact's radius as a share of the circle's: what one sees as its edge is the bright
-/// ring, some of which is outside.
+/// Candidates for the contact's radius as a share of the circle's: a person takes the bright ring for its edge, and
+/// some of the ring is outside.
 const CONTACT_SHARES: [f64; 6] = [0.80, 0.84, 0.88, 0.92, 0.96, 1.0];
 
 /// Candidates for the gel's decay length, mm.
@@ -80,7 +80,7 @@ impl Model {
         })
     }
 
-    /// The weights of all factors, those that are not fitted zero.
+    /// The weights of all factors; a factor that is not fitted has zero.
     fn weights(self, sums: &Sums) -> Result<[Vec<f64>; 3]> {
         Ok(self.spread(&sums.select(&self.columns()).solve(RIDGE)?))
     }
@@ -101,10 +101,11 @@ struct Guess {
 
 /// Fits the light to a ball's presses.
 ///
-/// Circles drawn by hand are off by some pixels, which blurs the light that is fitted to them. So for each decay length of
-/// the gel the presses' circles, of which the share that predicts best is in contact, are moved and resized until presses
-/// left out are predicted no better. The length and the number of factors are those under which they are predicted with
-/// the least squared error; the figures are of the same presses left out again, by lamps that have not seen them.
+/// Circles drawn by hand are off by some pixels, which blurs the light that is fitted to them. So for each decay length
+/// of the gel the presses' circles are moved and resized until presses left out are predicted no better; the share of
+/// each circle that is in contact is the one that predicts best. The length and the number of factors are the ones that
+/// predict the presses left out with the least squared error; the figures are of the same presses left out again, by
+/// lamps that have not seen them.
 ///
 /// # Errors
 /// Presses that say too little of the light.

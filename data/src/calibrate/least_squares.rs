@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 pub struct Sums {
     n: usize,
     n_observations: f64,
-    /// `[n, n]`, of which the lower half is kept: columns up to the row.
+    /// `[n, n]`, the lower half alone: columns up to the row.
     squares: Vec<f64>,
     /// `[3, n]`.
     products: Vec<f64>,

@@ -32,8 +32,8 @@ use light_factors::{factors, place};
 pub const SCHEMA: &str = "tactile-filter/calibration/1";
 
 /// How far a view may reach from the calibrated one's middle, in halves of the calibrated side. What is beyond was not
-/// measured, and a quadratic goes on falling there: that of a Mini's red lamp is zero in the corner at 1.04 halves and -0.08
-/// of the middle's at 1.1. Drivers of one sensor differ by 1.09.
+/// measured, and a quadratic goes on falling there: the quadratic of a Mini's red lamp is zero in the corner at 1.04
+/// halves and -0.08 of the middle's at 1.1. Drivers of one sensor differ by 1.09.
 const MOST_HALVES: f64 = 1.1;
 
 /// The light of one sensor, as a TOML file keeps it.
@@ -51,7 +51,7 @@ pub struct Calibration {
     /// The gel's decay length under which presses left out were predicted best, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gel_length_mm: Option<f64>,
-    /// The contacts' radii as shares of those of the circles given, on average.
+    /// The contacts' radii as shares of the given circles' radii, on average.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact_share: Option<f64>,
     /// Means over presses, each left out in turn.
@@ -87,7 +87,8 @@ impl Calibration {
         whole_file::write(path, text.as_bytes())
     }
 
-    /// The lamps as they answer gentle slopes: what is needed to bring pictures under those that the network knows.
+    /// The lamps as they answer gentle slopes: what is needed to bring pictures under the lamps that the network
+    /// knows.
     pub fn lamps(&self) -> CalibratedLamps {
         CalibratedLamps { lamps: self.light.response(), field_of_view_mm: self.field_of_view_mm }
     }
@@ -105,10 +106,10 @@ impl Calibration {
         Ok(spec)
     }
 
-    /// `spec` with the calibrated gel and light, its frame and field of view kept: the light is that of the area which the
-    /// view shows, about [`SensorSpec::calibration_centre_mm`], or the calibrated frame's middle without it. The gel's length
-    /// is in mm and stays. Refuses a view that reaches more than 1.1 times as far as the calibrated one from its middle:
-    /// nothing was measured there.
+    /// `spec` with the calibrated gel and light, its frame and field of view kept: the light is the light of the area
+    /// that the view shows, about [`SensorSpec::calibration_centre_mm`], or the calibrated frame's middle without it.
+    /// The gel's length is in mm and stays. Refuses a view that reaches more than 1.1 times as far as the calibrated
+    /// one from its middle: nothing was measured there.
     pub fn light_for(&self, spec: SensorSpec) -> Result<SensorSpec> {
         spec.validate()?;
         let [centre_mm, view_mm] = [spec.calibration_centre_mm.unwrap_or_default(), spec.field_of_view_mm];

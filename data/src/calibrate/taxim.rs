@@ -33,8 +33,8 @@ pub struct FromTable {
     pub error_rms: [f64; 3],
 }
 
-/// Reads a table of a sensor with frames of `frame_px`, each pixel `mm_per_px`. The frame at rest is not in it:
-/// that of `at_rest` is taken.
+/// Reads a table of a sensor with frames of `frame_px`, each pixel `mm_per_px`. The table has no frame at rest:
+/// `at_rest` is taken.
 pub fn read(path: &Path, frame_px: [usize; 2], mm_per_px: [f64; 2], at_rest: [Quadratic; 3]) -> Result<FromTable> {
     let arrays = npy::read_npz(path)?;
     let table = |name: &str| {

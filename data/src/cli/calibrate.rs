@@ -1,6 +1,6 @@
 //! `tactile-data calibrate`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
@@ -20,13 +20,12 @@ use tactile_data::{Error, Result, output, picture, program};
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     tactile-data calibrate presses --ball-mm 4.70 --mm-per-px 0.058,0.0596 --no-contact rest.png\n  \
-    tactile-data calibrate --taxim polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295")]
+    tactile-data calibrate polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295")]
 pub struct Calibrate {
-    /// The folder of frames
-    #[arg(required_unless_present = "taxim", requires = "ball_mm", requires = "no_contact")]
-    folder: Option<PathBuf>,
+    /// The folder of frames, or Taxim's polycalib.npz
+    source: PathBuf,
     /// Diameter of the ball, mm
-    #[arg(long, value_name = "MM", conflicts_with = "taxim")]
+    #[arg(long, value_name = "MM", requires = "no_contact")]
     ball_mm: Option<f64>,
     /// Size of a pixel in x and y, mm
     #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, required_unless_present = "px_per_mm")]
@@ -38,22 +37,13 @@ pub struct Calibrate {
     #[arg(long, value_name = "FRAME")]
     no_contact: Option<PathBuf>,
     /// Where the ball touched in each frame [default: it is found]
-    #[arg(long, value_name = "CSV", conflicts_with = "taxim")]
+    #[arg(long, value_name = "CSV")]
     labels: Option<PathBuf>,
     /// The calibration to write
     #[arg(long, value_name = "FILE.toml", default_value = "calibration.toml")]
     out: PathBuf,
-    /// Read Taxim's polycalib.npz instead of presses
-    #[arg(
-        long,
-        value_name = "NPZ",
-        conflicts_with = "folder",
-        requires = "frame_px",
-        help_heading = "From a table of Taxim"
-    )]
-    taxim: Option<PathBuf>,
     /// Size of the frames that Taxim's table was made for, pixels
-    #[arg(long, value_name = "WxH", value_parser = super::parse_size, requires = "taxim",
+    #[arg(long, value_name = "WxH", value_parser = super::parse_size, conflicts_with_all = ["ball_mm", "labels"],
           help_heading = "From a table of Taxim")]
     frame_px: Option<[usize; 2]>,
     /// Print JSON
@@ -66,10 +56,13 @@ impl Calibrate {
     pub fn run(self) -> Result<()> {
         let _lock = output::check_file(&self.out, self.inputs())?;
         let mm_per_px = self.mm_per_px.unwrap_or_else(|| [1.0 / self.px_per_mm.unwrap_or(f64::NAN); 2]);
-        let (calibration, text, json) = match (&self.taxim, &self.folder) {
-            (Some(table), _) => self.fit_table(table, mm_per_px)?,
-            (None, Some(folder)) => self.fit_presses(folder, mm_per_px)?,
-            (None, None) => return Err(Error::invalid("calibrate", "a folder of presses or --taxim", "neither")),
+        let is_table = self.source.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"));
+        let (calibration, text, json) = match (is_table, self.frame_px, self.ball_mm) {
+            (true, Some(frame_px), _) => self.fit_table(frame_px, mm_per_px)?,
+            (true, None, _) => return Err(self.lacks("--frame-px, the size of the frames that the table was made for")),
+            (false, None, Some(ball_mm)) => self.fit_presses(ball_mm, mm_per_px)?,
+            (false, None, None) => return Err(self.lacks("--ball-mm, the diameter of the ball")),
+            (false, Some(_), _) => return Err(self.lacks("Taxim's table, whose name ends in npz, for --frame-px")),
         };
         calibration.save(&self.out)?;
         let text = if self.json { super::pretty(&json)? } else { format!("{text}{} written", self.out.display()) };
@@ -79,21 +72,22 @@ impl Calibrate {
 
     /// The files that are read.
     fn inputs(&self) -> Vec<PathBuf> {
-        let given = [&self.no_contact, &self.labels, &self.taxim].into_iter().flatten().cloned();
+        let given = [Some(&self.source), self.no_contact.as_ref(), self.labels.as_ref()].into_iter().flatten().cloned();
         // A folder that cannot be read is reported when its frames are.
-        let entries = self.folder.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten();
+        let entries = std::fs::read_dir(&self.source).into_iter().flatten();
         let frames = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| picture::is_picture(path));
         given.chain(frames).collect()
     }
 
-    fn fit_presses(&self, folder: &Path, mm_per_px: [f64; 2]) -> Result<Outcome> {
-        let source = Source {
-            no_contact: self.no_contact.clone().unwrap_or_default(),
-            labels: self.labels.clone(),
-            ball_mm: self.ball_mm.unwrap_or(f64::NAN),
-            mm_per_px,
-        };
-        let presses = Presses::read(folder, &source)?;
+    /// What is missing for a source.
+    fn lacks(&self, expected: &str) -> Error {
+        Error::invalid(self.source.display().to_string(), expected, "none")
+    }
+
+    fn fit_presses(&self, ball_mm: f64, mm_per_px: [f64; 2]) -> Result<Outcome> {
+        let no_contact = self.no_contact.clone().unwrap_or_default();
+        let source = Source { no_contact, labels: self.labels.clone(), ball_mm, mm_per_px };
+        let presses = Presses::read(&self.source, &source)?;
         let fit::Fit { calibration, contacts, left_out } = fit::fit(&presses)?;
         let mut text = format!(
             "{:<24} {:>6} {:>6} {:>6} {:>8} {:>8} {:>6} {:>6} {:>7}\n",
@@ -125,12 +119,12 @@ impl Calibrate {
         Ok((calibration, text, json))
     }
 
-    fn fit_table(&self, table: &Path, mm_per_px: [f64; 2]) -> Result<Outcome> {
+    fn fit_table(&self, frame_px: [usize; 2], mm_per_px: [f64; 2]) -> Result<Outcome> {
         let at_rest = match &self.no_contact {
             Some(frame) => at_rest(&picture::read(frame)?)?,
             None => LightRig::default().at_rest,
         };
-        let read = taxim::read(table, self.frame_px.unwrap_or_default(), mm_per_px, at_rest)?;
+        let read = taxim::read(&self.source, frame_px, mm_per_px, at_rest)?;
         let text = format!(
             "fit to the table's red, green and blue: {:.1?} counts rms left of {:.1?}\n",
             read.error_rms, read.table_rms

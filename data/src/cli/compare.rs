@@ -13,26 +13,26 @@ use tactile_data::{Error, Result, output, picture, program};
 /// A picture of contact is white where a part touches, counts.
 const WHITE: u8 = 128;
 
+/// Pixels up to this far from the contact are compared too, mm.
+const BAND_MM: f64 = 1.0;
+
 /// Compare a simulated picture with a real one of the same press.
 ///
-/// Compared is how each differs from its own sensor at rest, within a band round the contact. Exposure is
+/// Compared is how each differs from its own sensor at rest, up to 1 mm from the contact. Exposure is
 /// compensated first, on pixels more than 4 mm from the contact.
 #[derive(Args)]
 #[command(after_help = "Example:\n  \
     tactile-data render letter:A:12 --depth-mm 0.6 --out a.png --at-rest-out rest.png\n  \
-    tactile-data compare photo.png a.png --real-background no-contact.png --simulated-background rest.png \
+    tactile-data compare photo.png a.png --no-contact no-contact.png rest.png \
     --out both.png")]
 pub struct Compare {
     /// The real frame
     real: PathBuf,
     /// The simulated one, of the same size
     simulated: PathBuf,
-    /// The real sensor at rest
-    #[arg(long, value_name = "FRAME")]
-    real_background: PathBuf,
-    /// The simulated sensor at rest
-    #[arg(long, value_name = "FRAME")]
-    simulated_background: PathBuf,
+    /// The real and the simulated sensor at rest
+    #[arg(long, num_args = 2, required = true, value_names = ["REAL", "SIMULATED"])]
+    no_contact: Vec<PathBuf>,
     /// Draw real, simulated and their difference side by side, what each changes and the pixels compared below
     #[arg(long, value_name = "FILE.png")]
     out: Option<PathBuf>,
@@ -40,9 +40,6 @@ pub struct Compare {
     /// where the real frame shows an edge]
     #[arg(long, value_name = "FILE.png", help_heading = "Compared pixels")]
     contact: Option<PathBuf>,
-    /// Pixels up to this far from the contact are compared too, mm
-    #[arg(long, value_name = "MM", default_value_t = 1.0, help_heading = "Compared pixels")]
-    band_mm: f64,
     /// What a frame shows along x and y, mm
     #[arg(long, num_args = 2, value_names = ["X", "Y"], default_values_t = FIELD_OF_VIEW_MM,
           help_heading = "Compared pixels")]
@@ -55,24 +52,23 @@ pub struct Compare {
 impl Compare {
     /// Compares, prints the figures and draws the pictures.
     pub fn run(self) -> Result<()> {
-        let backgrounds = [&self.real_background, &self.simulated_background];
-        let inputs = [&self.real, &self.simulated].into_iter().chain(backgrounds).chain(&self.contact);
+        let [real_rest, simulated_rest] = &self.no_contact[..] else {
+            return Err(Error::invalid("--no-contact", "two frames", self.no_contact.len().to_string()));
+        };
+        let frames = [&self.real, &self.simulated, real_rest, simulated_rest];
+        let inputs = frames.into_iter().chain(&self.contact);
         let _lock = self.out.as_ref().map(|out| output::check_file(out, inputs)).transpose()?;
-        let [real, simulated, real_rest, simulated_rest] =
-            [&self.real, &self.simulated, &self.real_background, &self.simulated_background].map(|p| picture::read(p));
+        let [real, simulated, real_rest, simulated_rest] = frames.map(|path| picture::read(path));
         let (real, simulated, real_rest, simulated_rest) = (real?, simulated?, real_rest?, simulated_rest?);
         let size_px = [real.width_px(), real.height_px()];
         let mm_per_px = super::mm_per_px(&self.field_of_view_mm, size_px)?;
-        if !(0.0..=100.0).contains(&self.band_mm) {
-            return Err(Error::invalid("--band-mm", "0 to 100", self.band_mm.to_string()));
-        }
         let pressed = Press { frame: &real, at_rest: &real_rest };
         let contact = match &self.contact {
             Some(path) => touched(path)?,
             None => pressed.contact()?,
         };
         let rendered = Press { frame: &simulated, at_rest: &simulated_rest };
-        let compared = compare(pressed, rendered, &contact, mm_per_px, self.band_mm)?;
+        let compared = compare(pressed, rendered, &contact, mm_per_px, BAND_MM)?;
         if let Some(path) = &self.out {
             picture::write_png(path, &compared.picture(&real, &simulated)?)?;
         }

@@ -44,7 +44,7 @@ pub struct Generate {
     /// Pairs of touches, for MAZE boards [default: the scene's]
     #[arg(long, value_name = "N", help_heading = "Number of touches")]
     pairs: Option<usize>,
-    /// MAZE boards, of which one in twelve is held out [default: the scene's]
+    /// MAZE boards; one in twelve is held out [default: the scene's]
     #[arg(long, value_name = "N", help_heading = "Number of touches")]
     boards: Option<usize>,
     /// Step of the recorded places in x and y, mm [default: the scene's]
@@ -66,8 +66,11 @@ pub struct Generate {
     /// Touch with the N-th of the sensors that a user may have instead of the scene's: other press, camera, gel and light field
     #[arg(long, value_name = "N", help_heading = "Sensor")]
     drawn_sensor: Option<u64>,
-    #[command(flatten)]
-    lab: LabArgs,
+    /// Record as a lab does, which states no grid and no held-out boards. hole_offset=X,Y,DEG: the pose of the hole
+    /// board in the peg board's frame, mm and degrees, which the stated poses leave out; pose_noise=MM,DEG: the
+    /// standard deviation of each stated pose; missing=SHARE: the share of touches that are missing
+    #[arg(long, value_name = "NAME=VALUE", num_args = 1.., help_heading = "A simulated lab")]
+    lab: Vec<String>,
     /// Only part i of n, for `tactile-data merge`; one that is complete already is left as it is. `env` takes i and
     /// n from a Slurm job array, or from JOB_COMPLETION_INDEX (from 0) and JOB_COMPLETION_COUNT
     #[arg(long, value_name = "i/n|env", help_heading = "Cluster")]
@@ -75,34 +78,23 @@ pub struct Generate {
 }
 
 /// What a simulated lab gets wrong.
-#[derive(Args)]
-#[command(next_help_heading = "A simulated lab, which states no grid and no held-out boards")]
-struct LabArgs {
-    /// Pose of the hole board in the peg board's frame, of which the stated poses know nothing, mm and degrees
-    #[arg(long, value_name = "X,Y,DEG", value_parser = super::parse_numbers::<3>, allow_hyphen_values = true)]
-    hole_offset: Option<[f64; 3]>,
-    /// Standard deviation of each stated pose, mm and degrees
-    #[arg(long, value_name = "MM,DEG", value_parser = super::parse_numbers::<2>)]
-    pose_noise: Option<[f64; 2]>,
-    /// Share of touches that are missing
-    #[arg(long, value_name = "SHARE")]
-    missing: Option<f64>,
-}
-
-impl LabArgs {
-    fn lab(&self) -> Option<Lab> {
-        if self.hole_offset.is_none() && self.pose_noise.is_none() && self.missing.is_none() {
-            return None;
+fn lab(given: &[String]) -> Result<Option<Lab>> {
+    let mut lab = Lab { peg_from_hole: Se2::IDENTITY, noise_mm: 0.0, noise_deg: 0.0, missing: 0.0 };
+    for given in given {
+        let refuse = |expected: String| Error::invalid(format!("--lab {given}"), expected, given.clone());
+        match given.split_once('=') {
+            Some(("hole_offset", pose)) => {
+                let [x_mm, y_mm, theta_deg] = super::parse_numbers(pose).map_err(refuse)?;
+                lab.peg_from_hole = Se2::from_degrees(x_mm, y_mm, theta_deg);
+            }
+            Some(("pose_noise", noise)) => {
+                [lab.noise_mm, lab.noise_deg] = super::parse_numbers(noise).map_err(refuse)?;
+            }
+            Some(("missing", share)) => [lab.missing] = super::parse_numbers(share).map_err(refuse)?,
+            _ => return Err(refuse("hole_offset=X,Y,DEG, pose_noise=MM,DEG or missing=SHARE".into())),
         }
-        let [x, y, turn] = self.hole_offset.unwrap_or_default();
-        let [noise_mm, noise_deg] = self.pose_noise.unwrap_or_default();
-        Some(Lab {
-            peg_from_hole: Se2::from_degrees(x, y, turn),
-            noise_mm,
-            noise_deg,
-            missing: self.missing.unwrap_or(0.0),
-        })
     }
+    Ok((!given.is_empty()).then_some(lab))
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -122,7 +114,7 @@ impl Generate {
             Some(Sides::Both) | None => &[Side::Hole, Side::Peg],
         };
         let places = self.anywhere.map_or(Places::EachPose, Places::Anywhere);
-        let sampling = Sampling { sides, places, seed: self.seed, lab: self.lab.lab() };
+        let sampling = Sampling { sides, places, seed: self.seed, lab: lab(&self.lab)? };
         let needs = needs(&scene, &sampling, self.shard, &self.out)?;
         if needs.is_much() {
             program::note(needs);
@@ -193,5 +185,26 @@ impl Generate {
         scene.fidelity = self.fidelity.unwrap_or(scene.fidelity);
         scene.validate()?;
         Ok(scene)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lab_is_what_its_values_say() {
+        let of = |words: &str| lab(&words.split(' ').map(String::from).collect::<Vec<_>>());
+        let offset = Se2::from_degrees(0.4, -0.3, 1.0);
+        let all = Lab { peg_from_hole: offset, noise_mm: 0.1, noise_deg: 0.3, missing: 0.03 };
+        assert_eq!(of("hole_offset=0.4,-0.3,1 pose_noise=0.1,0.3 missing=0.03").unwrap(), Some(all));
+        let missing = Lab { peg_from_hole: Se2::IDENTITY, noise_mm: 0.0, noise_deg: 0.0, missing: 0.5 };
+        assert_eq!((of("missing=0.5").unwrap(), lab(&[]).unwrap()), (Some(missing), None));
+        for (bad, expected) in
+            [("missing", "hole_offset=X,Y,DEG"), ("noise=1", "pose_noise=MM,DEG"), ("pose_noise=1", "2 numbers")]
+        {
+            let error = of(bad).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("--lab {bad}: ")) && error.contains(expected), "{error}");
+        }
     }
 }

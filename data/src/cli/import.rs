@@ -31,15 +31,13 @@ pub struct Import {
     /// The dataset to write; must not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// A picture of the sensor at rest
-    #[arg(long, value_name = "FILE", conflicts_with = "no_contact_first")]
-    no_contact: Option<PathBuf>,
+    /// A picture of the sensor at rest, or the number of first frames in which it is at rest: their median is used
+    /// [default: as many as look the same]
+    #[arg(long, value_name = "FILE|N", value_parser = no_contact)]
+    no_contact: Option<NoContact>,
     /// What is known of the frames [default: index.csv or index.jsonl in the folder, if there]
     #[arg(long, value_name = "FILE")]
     index: Option<PathBuf>,
-    /// The sensor is at rest in the first N frames; their median is used [default: as many as look the same]
-    #[arg(long, value_name = "N", help_heading = "Frames")]
-    no_contact_first: Option<usize>,
     #[command(flatten)]
     geometry: GeometryArgs,
     #[command(flatten)]
@@ -49,11 +47,7 @@ pub struct Import {
 impl Import {
     /// Imports and says what came of it.
     pub fn run(self) -> Result<()> {
-        let no_contact = match (self.no_contact, self.no_contact_first) {
-            (Some(file), _) => NoContact::File(file),
-            (None, Some(n)) => NoContact::First(n),
-            (None, None) => NoContact::Guess,
-        };
+        let no_contact = self.no_contact.unwrap_or(NoContact::Guess);
         let geometry = self.geometry.geometry()?;
         if BagArgs::is_bag(&self.source) {
             if let Some(index) = &self.index {
@@ -74,4 +68,8 @@ impl Import {
         program::say(format_args!("{} frames in {}", imported.n_frames, self.out.display()));
         Ok(())
     }
+}
+
+fn no_contact(text: &str) -> std::result::Result<NoContact, std::convert::Infallible> {
+    Ok(text.parse().map_or_else(|_| NoContact::File(text.into()), NoContact::First))
 }

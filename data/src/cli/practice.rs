@@ -9,7 +9,10 @@ use tactile_data::calibrate::practice::ball_presses;
 use tactile_data::sensor::SensorSpec;
 use tactile_data::{Error, Result, picture, program};
 
-/// Simulate presses of a ball and the sensor at rest, to try `calibrate` without a sensor.
+/// Presses that are simulated: as many as `calibrate` asks of a person.
+const N_PRESSES: usize = 20;
+
+/// Simulate 20 presses of a ball and the sensor at rest, to try `calibrate` without a sensor.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-data ball-presses --out presses\n  \
     tactile-data calibrate presses --ball-mm 4.70 --mm-per-px 0.058125,0.0595833 --no-contact presses/rest.png")]
@@ -23,9 +26,6 @@ pub struct BallPresses {
     /// Diameter of the ball, mm
     #[arg(long, value_name = "MM", default_value_t = 4.7)]
     ball_mm: f64,
-    /// Number of presses
-    #[arg(long, value_name = "N", default_value_t = 20)]
-    presses: usize,
     /// Draws places, depths and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -43,7 +43,7 @@ impl BallPresses {
             Some(path) => Calibration::load(path)?.spec(mini)?,
             None => mini,
         };
-        let made = ball_presses(&spec, self.ball_mm, self.presses, self.seed)?;
+        let made = ball_presses(&spec, self.ball_mm, N_PRESSES, self.seed)?;
         fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
         for (i, frame) in made.frames.iter().enumerate() {
             picture::write_png(&self.out.join(format!("press-{:02}.png", i + 1)), frame)?;

@@ -32,10 +32,7 @@ pub struct Render {
     /// The picture to write
     #[arg(long, value_name = "FILE.png")]
     out: PathBuf,
-    /// The part is raised [default]
-    #[arg(long, conflicts_with = "as_hole")]
-    as_peg: bool,
-    /// The part is a plate: an outline is its opening, heights are its surface with grooves and pockets
+    /// The part is a plate, not raised: an outline is its opening, heights are its surface with grooves and pockets
     #[arg(long)]
     as_hole: bool,
     /// By how much an outline's opening is wider on every side, mm [default: 0]
@@ -51,9 +48,6 @@ pub struct Render {
     /// Size of a pixel of an npy or PNG in x and y, mm
     #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, help_heading = "Part")]
     map_mm_per_px: Option<[f64; 2]>,
-    /// Height from one grey level of a PNG to the next, mm
-    #[arg(long, value_name = "MM", conflicts_with = "full_scale_mm", help_heading = "Part")]
-    mm_per_level: Option<f64>,
     /// Height from black to white of a PNG, mm
     #[arg(long, value_name = "MM", help_heading = "Part")]
     full_scale_mm: Option<f64>,
@@ -75,9 +69,6 @@ pub struct Render {
     /// Size of the frame's pixels in x and y, mm, instead of the field of view
     #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, help_heading = "Sensor")]
     mm_per_px: Option<[f64; 2]>,
-    /// Decay length of the gel's surface next to a contact, mm [default: the calibration's, or 1.2]
-    #[arg(long, value_name = "MM", help_heading = "Sensor")]
-    gel_length_mm: Option<f64>,
     /// Draws what the camera adds
     #[arg(long, default_value_t = 1, help_heading = "Sensor")]
     seed: u64,
@@ -98,8 +89,7 @@ impl Render {
         let rest_px = no_contact.as_ref().map(|frame| [frame.width_px(), frame.height_px()]);
         let spec = self.sensor(rest_px)?;
         let side = if self.as_hole { Side::Hole } else { Side::Peg };
-        let full_scale = self.full_scale_mm.map(GreyScale::FullScaleMm);
-        let grey = self.mm_per_level.map(GreyScale::MmPerLevel).or(full_scale);
+        let grey = self.full_scale_mm.map(GreyScale::FullScaleMm);
         let scale = FileScale { mm_per_px: self.map_mm_per_px, grey };
         let relief = relief(&self.shape, side, &scale, self.clearance_mm.unwrap_or(0.0))?;
         let [x_mm, y_mm, theta_deg] = self.pose;
@@ -125,7 +115,6 @@ impl Render {
         let flags = [
             ("--clearance-mm", self.clearance_mm.is_some() && !has_outline, "an outline: a letter, a solid or an SVG"),
             ("--map-mm-per-px", self.map_mm_per_px.is_some() && !is_map, "heights in npy or PNG"),
-            ("--mm-per-level", self.mm_per_level.is_some() && ending != "png", "heights in PNG"),
             ("--full-scale-mm", self.full_scale_mm.is_some() && ending != "png", "heights in PNG"),
         ];
         match flags.into_iter().find(|(_, does_nothing, _)| *does_nothing) {
@@ -164,7 +153,6 @@ impl Render {
         if let Some(calibration) = &calibration {
             spec = calibration.light_for(spec)?;
         }
-        spec.gel_length_mm = self.gel_length_mm.unwrap_or(spec.gel_length_mm);
         spec.validate()?;
         Ok(spec)
     }
@@ -197,7 +185,7 @@ mod tests {
             ("connector:usb-a --as-hole --clearance-mm 0.2", "--clearance-mm: expected an outline"),
             ("a.npy --as-hole --map-mm-per-px 1,1 --clearance-mm 0.2", "--clearance-mm"),
             ("letter:A:12 --map-mm-per-px 1,1", "--map-mm-per-px: expected heights in npy or PNG, got letter:A:12"),
-            ("a.npy --map-mm-per-px 1,1 --mm-per-level 0.1", "--mm-per-level"),
+            ("a.npy --map-mm-per-px 1,1 --full-scale-mm 2", "--full-scale-mm"),
             ("a.svg --full-scale-mm 2", "--full-scale-mm: expected heights in PNG, got a.svg"),
         ] {
             let error = refusal(line).unwrap();

@@ -112,8 +112,8 @@ impl Press<'_> {
     }
 }
 
-/// The pixels from which an exposure is taken: those far from contact, or all where those are fewer than a
-/// twentieth.
+/// The pixels from which an exposure is taken: the pixels far from contact, or all pixels where fewer than a
+/// twentieth are far.
 pub fn far_pixels(n_pixels: usize, is_far: impl Fn(usize) -> bool) -> Vec<usize> {
     let far: Vec<usize> = (0..n_pixels).filter(|pixel| is_far(*pixel)).collect();
     if (far.len() as f64) < LEAST_FAR * n_pixels as f64 { (0..n_pixels).collect() } else { far }

@@ -116,13 +116,13 @@ pub fn find(press: Press, corners_px: &[[f64; 2]], reach_px: usize) -> Result<Ri
 }
 
 impl Side {
-    /// How far outside this side is that of the outline moved and widened.
+    /// How far outside this side the same side of the outline is, moved and widened.
     fn offset_px(&self, by: [f64; 2], wider: f64) -> f64 {
         wider + self.outwards[0] * by[0] + self.outwards[1] * by[1]
     }
 }
 
-/// The mean over sides of how much a ring stands out near the outline moved and widened; zero beyond reach.
+/// The mean strength over sides of a ring near the outline, moved and widened; zero beyond reach.
 fn strength(sides: &[Side], by: [f64; 2], wider: f64) -> f64 {
     let of_side = |side: &Side| {
         let at = (side.offset_px(by, wider) + 0.5 * (side.strengths.len() - 1) as f64).round();

@@ -11,8 +11,8 @@ use crate::error::Result;
 use crate::frame::{EDGE_COUNTS, area_average};
 use crate::store::Dataset;
 
-/// A group whose exposure differs from that at rest by this much is a finding, natural logarithm. Cameras drift by -8..+19 %
-/// from frame to frame, of which simulated recordings of every preset keep 0 to 2.5 % in the median of many frames.
+/// A group whose exposure differs from the exposure at rest by this is a finding, natural logarithm. Cameras drift by
+/// -8..+19 % from frame to frame; the median of many frames of a simulated recording keeps 0 to 2.5 %, in every preset.
 const LEAST_LOG: f64 = 0.045;
 
 /// A group more has to fit the frames better by so many squared standard errors: a step of five, which of 10,000 places
@@ -112,7 +112,8 @@ fn groups(values: &[f64]) -> Vec<Range<usize>> {
     groups
 }
 
-/// The values, those far from the middle moved to where far begins: a frame that is hardly lit counts no more than others.
+/// The values, with each value far from the middle moved to where far begins: a frame that is hardly lit counts no more
+/// than others.
 fn without_outliers(values: &[f64]) -> Vec<f64> {
     /// Beyond any drift and any change of exposure, natural logarithm.
     const FAR_LOG: f64 = 0.5;

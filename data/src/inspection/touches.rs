@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, HashMap};
 use super::{Finding, Kind, is_continued, named};
 use crate::touch::{Side, Touch};
 
-/// Numbers of touches may differ by this share of their median, and by one: some presses fail, and a number of pairs
-/// is not always a multiple of that of boards. A session that was left out makes more.
+/// Numbers of touches may differ by this share of their median, and by one: some presses fail, and the number of pairs
+/// is not always a multiple of the number of boards. A session that was left out makes more.
 const UNEQUAL_SHARE: f64 = 0.1;
 
-/// Parts of which only holes or only pegs were touched, in a dataset that has both. A dataset of one side is meant so,
+/// Parts with touches of holes alone or of pegs alone, in a dataset that has both. A dataset of one side is meant so,
 /// as a bank is.
 pub(super) fn missing_sides(touches: &[Touch]) -> Vec<Finding> {
     let mut sides: BTreeMap<&str, [bool; 2]> = BTreeMap::new();

@@ -7,8 +7,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::lamps::{CalibratedLamps, Lamps};
 use crate::picture;
-use crate::recording::provenance::{Channels, Mirror, Recording};
-use crate::store::Meta;
+use crate::store::{Channels, Meta, Mirror, Recording};
 
 /// Field of view of a GelSight Mini along x and y, mm (data sheet; FEATS' homography of 14 px/mm at
 /// 320x240 gives about the same height).
@@ -35,7 +34,7 @@ pub struct Geometry {
     pub mirror: Option<Mirror>,
     /// What is kept; `None` keeps all.
     pub crop: Option<Crop>,
-    /// Whether black bars at the sides are cut away: those of the frame at rest, from all pictures.
+    /// Whether the black bars at the sides of the frame at rest are cut away, from all pictures.
     pub letterbox: bool,
     /// What the kept picture shows along x and y, mm. `None`: [`FIELD_OF_VIEW_MM`], or, of a picture of another
     /// shape, as much of it as touches two opposite sides of that view, with one scale along x and y.
@@ -198,7 +197,7 @@ impl View {
         Frame::new(width, height, rgb)
     }
 
-    /// Where the pixel of the turned and mirrored picture lies in the source.
+    /// The pixel of the source that becomes a pixel of the turned and mirrored picture.
     fn source_of(&self, [mut u, mut v]: [usize; 2]) -> [usize; 2] {
         let [last_x, last_y] = self.source_px.map(|side| side - 1);
         let [last_u, last_v] = if self.quarter_turns % 2 == 1 { [last_y, last_x] } else { [last_x, last_y] };
@@ -339,7 +338,7 @@ fn show([width, height]: [usize; 2]) -> String {
     format!("{width}x{height} pixels")
 }
 
-/// Width of the black bars at the left and right, height of those at the top and bottom, pixels; `None` of a frame
+/// Width of the black bars at the left and right, height of the bars at the top and bottom, pixels; `None` of a frame
 /// that is black all over.
 fn black_bars(frame: &Frame) -> Option<[usize; 4]> {
     let (width, height) = (frame.width_px(), frame.height_px());

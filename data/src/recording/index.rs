@@ -310,7 +310,7 @@ impl Lines<'_> {
     }
 }
 
-/// What parts the cells of a CSV file: the one of comma, semicolon and tab of which its header has most.
+/// The character between the cells of a CSV file: comma, semicolon or tab, whichever its header has most often.
 fn separator(text: &str) -> u8 {
     let header = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
     let mut is_quoted = false;

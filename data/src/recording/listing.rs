@@ -24,8 +24,8 @@ pub struct Listing {
 }
 
 /// Lists a folder of pictures, or one picture: by its index where there is one; else its pictures by name, numbers by
-/// value; else, where it holds none itself but `at_rest`, those in its subfolders, which must then lie in `PART/hole`
-/// or `PART/peg`.
+/// value; else, where it holds none itself but `at_rest`, the pictures of its subfolders, which must then be in
+/// `PART/hole` or `PART/peg`.
 ///
 /// Files and folders whose names begin with a dot are passed over, and so are datasets and `at_rest`. What is odd is
 /// added to `warnings`.

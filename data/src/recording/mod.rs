@@ -7,7 +7,6 @@ pub mod index;
 pub mod listing;
 pub mod parquet;
 pub mod pipeline;
-pub mod provenance;
 pub mod rest;
 pub mod ros;
 pub mod spreadsheet;

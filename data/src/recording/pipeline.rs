@@ -32,7 +32,7 @@ pub struct Item {
     pub picture: Picture,
     /// What is known.
     pub touch: Touch,
-    /// Where it stands in the recording, for errors: a file and its row, or a bag, its topic and the time.
+    /// The touch's place in the recording, for errors: a file and its row, or a bag, its topic and the time.
     pub place: String,
 }
 

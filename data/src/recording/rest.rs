@@ -28,8 +28,8 @@ pub enum NoContact {
     Guess,
 }
 
-/// The sensor at rest as its source holds it; `frames` gives the recording's own, each with its place. A guess is
-/// told in `warnings`.
+/// The sensor at rest as its source holds it; `frames` gives the recording's own, each with its place. A guess
+/// adds a line to `warnings`.
 ///
 /// # Errors
 /// A picture that cannot be read, too few frames, or first frames of several sizes.

@@ -25,8 +25,8 @@ pub struct MazeBoards {
     /// Shortest and longest decay length of the gel, mm; one is drawn for each board, since another
     /// gel is what a trained model meets.
     pub gel_length_mm: [f64; 2],
-    /// Share of the boards whose holes are rims instead of openings in a plate and, drawn separately, of those whose
-    /// pegs are shells instead of solid, as sockets and plugs are, 0..=1.
+    /// Share of the boards whose holes are rims instead of openings in a plate and, drawn separately, of the boards
+    /// whose pegs are shells instead of solid, as sockets and plugs are, 0..=1.
     #[serde(default)]
     pub band_share: f64,
     /// Narrowest and widest rim or shell, mm; drawn for each, narrow ones as often as wide ones in each octave.
@@ -35,7 +35,8 @@ pub struct MazeBoards {
     /// Share of the rims and of the shells with a core inside: a socket's tongue, a plug's insulator, 0..=1.
     #[serde(default)]
     pub core_share: f64,
-    /// Share of the boards whose holes have rounded edges and, drawn separately, of those whose pegs have, 0..=1.
+    /// Share of the boards whose holes have rounded edges and, drawn separately, of the boards whose pegs have
+    /// them, 0..=1.
     /// A wall narrower than twice the rounding is a dome.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub rounded_share: f64,
@@ -59,7 +60,7 @@ const CORE_DROP_MM: [f64; 2] = [0.0, 0.8];
 /// Least and greatest width of a rounded edge, mm, drawn log-uniformly: from a broken edge to a dome.
 const ROUNDING_MM: [f64; 2] = [0.3, 4.0];
 
-/// How far a rounded edge falls, as a share of its width, and at most, mm: what lies deeper is hardly touched.
+/// How far a rounded edge falls, as a share of its width, and at most, mm: what is deeper is hardly touched.
 const FALL_SHARE: [f64; 2] = [0.3, 1.0];
 const MOST_FALL_MM: f64 = 1.0;
 

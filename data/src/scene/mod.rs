@@ -147,7 +147,7 @@ impl Scene {
                 if n_parts > MOST_PARTS {
                     // Holes and pegs, each at each pose.
                     let n_touches = n_parts.saturating_mul(2).saturating_mul(reach.len());
-                    let needs = Needs::of(self, n_parts, 2, n_touches).to_string();
+                    let needs = Needs::of(self.half_extent_mm(), n_parts, 2, n_touches).to_string();
                     return Err(Error::invalid("parts", format!("at most {MOST_PARTS} parts"), needs));
                 }
                 kit.validate()?;

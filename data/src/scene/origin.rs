@@ -7,8 +7,8 @@ use crate::origin::{Origin, PartOrigin, SensorOrigin};
 use crate::sensor::light::LightRig;
 
 impl Scene {
-    /// What its touches are made of: the parts with the sizes of their outlines, and the sensor. A size is `None` where an
-    /// outline cannot be made, as that of a file that is gone, and for MAZE boards.
+    /// What a scene's touches are made of: the parts with the sizes of their outlines, and the sensor. A size is `None`
+    /// where an outline cannot be made, because its file is gone, and for MAZE boards.
     pub fn origin(&self) -> Origin {
         let size_mm = |part: usize| match &self.parts {
             Parts::Maze(_) => None,

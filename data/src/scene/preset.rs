@@ -7,9 +7,9 @@ use crate::shape::connector::Connector;
 use crate::shape::maze::MazeSpec;
 
 impl Scene {
-    /// Names that [`Scene::load`] knows without a file. Those on `-dev` are for tuning; the others are
-    /// never trained or tuned on. Those with `-hard` have the same parts and reach under a rough sensor, so that
-    /// one touch says about as much as on the paper's robot.
+    /// Names that [`Scene::load`] knows without a file. Names with `-dev` are for tuning; the other scenes are never
+    /// trained or tuned on. Scenes with `-hard` have the same parts and reach under a rough sensor, so that one touch
+    /// says about as much as on the paper's robot.
     pub const PRESETS: [&str; 11] = [
         "maze",
         "alphabet-small",

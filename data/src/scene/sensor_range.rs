@@ -24,8 +24,8 @@ pub struct SensorRange {
     /// [`light_field`](SensorSpec::light_field).
     pub light_field: [f64; 2],
     /// Holes are felt by another sensor than pegs, drawn in the same ranges, as touches are compared with a bank that was
-    /// made under another sensor. It shows so much more or less than that of the pegs, a factor. Without this one sensor
-    /// feels both sides of a board.
+    /// made under another sensor. The size of its view is drawn in this range, as a factor of the view of the pegs'
+    /// sensor. Without this one sensor feels both sides of a board.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hole_scale: Option<[f64; 2]>,
 }

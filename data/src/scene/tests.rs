@@ -423,7 +423,7 @@ fn a_wrong_file_of_a_part_is_named_with_its_field() {
         ("peg = \"hole.stl\"", &["parts.files[0].peg", "hole.stl", "without holes"]),
         ("peg = \"flat.stl\"", &["parts.files[0].peg", "flat.stl", "height"]),
         ("peg = \"none.svg\"", &["parts.files[0].peg", "none.svg"]),
-        ("peg = \"map.png\"\nmm_per_px = [0.1, 0.1]", &["map.png: mm_per_level"]),
+        ("peg = \"map.png\"\nmm_per_px = [0.1, 0.1]", &["map.png: full_scale_mm"]),
         ("peg = \"map.png\"\nmm_per_px = [0.1, 0.0]\nfull_scale_mm = 1.0", &["map.png", "size of a pixel"]),
         ("peg = \"map.png\"\nmm_per_level = 1.0\nfull_scale_mm = 1.0", &["parts.files[0]", "both"]),
         ("peg = \"good.svg\"\nmm_per_px = [0.1, 0.1]", &["parts.files[0].mm_per_px"]),

@@ -231,7 +231,7 @@ fn transposed(block: [Lanes; 8]) -> [Lanes; 8] {
 }
 
 /// The 8-point DCT-II down each column with five multiplications (Arai, Agui and Nakajima 1988), each
-/// result `sqrt 8` times that of the orthonormal transform, all but the first another `sqrt 2 cos(u pi / 16)`
+/// result `sqrt 8` times the orthonormal transform's, all but the first another `sqrt 2 cos(u pi / 16)`
 /// times.
 #[inline(always)]
 fn forward(d: [Lanes; 8]) -> [Lanes; 8] {

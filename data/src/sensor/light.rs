@@ -11,7 +11,7 @@
 //! where each factor is a quadratic of the place in the frame. These are the spherical harmonics of the
 //! surface's normal up to the second order, which hold 98 % of diffuse light (Ramamoorthi and Hanrahan,
 //! 2001), less the constant, which is the frame at rest. Of a real Mini's Taxim table they leave 2 to 4 counts
-//! (root mean square over the frame and slopes up to 58 degrees) of 22 to 32: `tactile-data calibrate --taxim`.
+//! (root mean square over the frame and slopes up to 58 degrees) of 22 to 32: `tactile-data calibrate polycalib.npz`.
 //!
 //! The last is no matter of slopes: where the gel is pressed in and level, it is nearer to the camera and
 //! thinner, and some sensors show it darker or brighter. It is different for each sensor and is known from presses alone.

@@ -95,8 +95,8 @@ pub struct SensorSpec {
     /// under the lamps that the network knows.
     #[serde(skip_serializing_if = "is_known")]
     pub light_known: bool,
-    /// Counts of the lamps and of the frame at rest as a share of those that `light` states: half an exposure is 0.5.
-    /// What is read out on top of the light, its noise, stays.
+    /// Counts of the lamps and of the frame at rest as a share of the counts that `light` states: half an exposure is
+    /// 0.5. What is read out on top of the light, its noise, stays.
     #[serde(skip_serializing_if = "is_whole")]
     pub exposure: f64,
     /// Where the middle of this sensor's view is in the calibrated frame, mm right of and below its middle; without it they
@@ -198,8 +198,8 @@ impl SensorSpec {
         self.light.validate()
     }
 
-    /// The lamps as they answer gentle slopes at this exposure, where they are known and are not those that the network
-    /// knows ([`Lamps::default`]).
+    /// The lamps as they answer gentle slopes at this exposure, where they are known and differ from the lamps that the
+    /// network knows ([`Lamps::default`]).
     pub fn known_lamps(&self) -> Option<Lamps> {
         let lamps = self.light.exposed(self.exposure as f32).response();
         (self.light_known && lamps != Lamps::default()).then_some(lamps)

@@ -1,6 +1,6 @@
 //! Connectors: the faces of plugs and the openings that take them.
 //!
-//! Dimensions are those of the plugs' public drawings as far as they are known; what is marked *assumed* is not
+//! Dimensions are taken from the plugs' public drawings as far as they are known; what is marked *assumed* is not
 //! in them, or was not found, and may be off by some tenths of a mm. A plug and its receptacle are seen in one
 //! orientation, the wide side of a trapezoid at the top. A receptacle's shell or block has nothing round it: what
 //! it is mounted on is deeper than a press. So the two sides are two rings of nearly one size, and the nearest peg

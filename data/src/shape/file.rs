@@ -45,7 +45,7 @@ pub fn read(path: &Path, scale: &FileScale) -> Result<Drawn> {
         "stl" => Ok(Drawn::Heights(stl::height_map(path, STL_CELL_MM)?)),
         "npy" => Ok(Drawn::Heights(heights::from_npy(path, mm_per_px()?)?)),
         "png" => {
-            let grey = scale.grey.ok_or_else(|| missing("mm_per_level or full_scale_mm", "one of the two"))?;
+            let grey = scale.grey.ok_or_else(|| missing("full_scale_mm", "it, or in a scene mm_per_level"))?;
             Ok(Drawn::Heights(heights::from_png(path, mm_per_px()?, grey)?))
         }
         _ => Err(Error::invalid(path.display().to_string(), "a file ending in svg, png, npy or stl", ending)),
@@ -125,7 +125,7 @@ mod tests {
         let (sized, grey) = (Some([0.1, 0.1]), Some(GreyScale::FullScaleMm(2.0)));
         for (name, mm_per_px, grey, named) in [
             ("map.png", None, grey, "map.png: mm_per_px"),
-            ("map.png", sized, None, "map.png: mm_per_level"),
+            ("map.png", sized, None, "map.png: full_scale_mm"),
             ("map.npy", None, None, "map.npy: mm_per_px"),
             ("map.step", None, None, "map.step"),
         ] {

@@ -26,11 +26,11 @@ const BALL_CELL_MM: f64 = 0.05;
 /// What is this far below a ball's middle is never touched, mm: the deepest press that can be solved.
 const OPEN_MM: f64 = 100.0;
 
-/// A body that stands on a board with its axis towards the sensor. All but the ball are flat on top.
+/// A body on a board with its axis towards the sensor. All but the ball are flat on top.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Solid {
-    /// `ball:4.7`: a ball by its diameter, of which the upper half is touched.
+    /// `ball:4.7`: a ball by its diameter; the upper half is touched.
     Ball {
         /// Diameter, mm.
         diameter_mm: f64,
@@ -59,7 +59,7 @@ const KINDS: [(&str, &str); 4] =
     [("ball", "ball:4.7"), ("cylinder", "cylinder:6"), ("ring", "ring:8:5"), ("cuboid", "cuboid:10x6")];
 
 impl Solid {
-    /// Whether a part's name begins as that of a body does: `ball:`, `cylinder:`, `ring:`, `cuboid:`.
+    /// Whether a part's name begins as a body's does: `ball:`, `cylinder:`, `ring:`, `cuboid:`.
     pub fn is_name(part: &str) -> bool {
         part.split_once(':').is_some_and(|(kind, _)| Self::kinds().any(|known| known == kind))
     }

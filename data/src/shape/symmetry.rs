@@ -21,7 +21,7 @@ const N_ROUND: usize = 37;
 impl Relief {
     /// The turns after which the side looks the same, to 1 % of what differs from the open or the bare plate round it and
     /// to 0.15 mm at every place (a peg of I, N and O looks the same after half a turn), of the highest order up to
-    /// [`Symmetry::MAX_ORDER`]; any turn of a round one. The centre is that of mass.
+    /// [`Symmetry::MAX_ORDER`]; any turn of a round one. The centre is the centre of mass.
     pub fn symmetry(&self) -> Symmetry {
         let Some(compared) = Compared::new(self) else { return Symmetry::NONE };
         let is_of = |order: usize| (1..order).all(|k| compared.is_same(TAU * k as f64 / order as f64));

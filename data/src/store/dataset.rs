@@ -17,7 +17,7 @@ use crate::picture;
 use crate::shard::Fragment;
 use crate::touch::{Side, Touch};
 
-/// The most bytes of a touch in the index, on average: ten times those of one with every field.
+/// The most bytes of a touch in the index, on average: ten times as many as a touch with every field has.
 const MOST_LINE_BYTES: u64 = 4_096;
 
 /// A dataset opened for reading; its frames stay on disk until they are looked at.

@@ -5,12 +5,12 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::files::{META, SCHEMA, json_error};
+use super::provenance::Recording;
 use crate::bounded_file::{self, Kind};
 use crate::error::{Error, Result};
 use crate::grid::PoseGrid;
 use crate::lamps::Lamps;
 use crate::printable::is_printable;
-use crate::recording::provenance::Recording;
 use crate::se2::Se2;
 use crate::shard::Fragment;
 use crate::whole_file;
@@ -37,8 +37,8 @@ pub struct Meta {
     /// How a recording became this dataset; `None` for simulated touches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<Recording>,
-    /// The sensor's lamps where they are known and are not those that the network knows ([`Lamps::default`]); the frames
-    /// show them as they are.
+    /// The sensor's lamps where they are known and differ from the lamps that the network knows
+    /// ([`Lamps::default`]); the frames show them as they are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lamps: Option<Lamps>,
     /// The pose of the hole board in the peg board's frame, as it was estimated or given.

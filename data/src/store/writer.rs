@@ -9,11 +9,11 @@ use sha2::{Digest, Sha256};
 use super::files::{FILES, FRAMES, INDEX, META, NO_CONTACT, SCHEMA, create_file, json_error, name, sha256, sync};
 use super::frames::{check_size, npy_header};
 use super::meta::{Meta, MetaFile, check_meta};
+use super::provenance::Recording;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::output_lock::{lock_file, with_ending};
 use crate::picture;
-use crate::recording::provenance::Recording;
 use crate::shard::Fragment;
 use crate::touch::Touch;
 

@@ -9,9 +9,9 @@ use tactile_infer::simulated::learner::Learner;
 use tactile_infer::threads;
 
 use crate::error::{Error, Result};
-use crate::evaluate::Protocol;
 use crate::hole::Hole;
 use crate::holes::Holes;
+use crate::protocol::Protocol;
 
 /// The bank that each hole is compared with.
 #[derive(Debug)]

@@ -16,6 +16,7 @@ pub mod holes;
 pub mod narrative;
 pub mod origins;
 pub mod page;
+mod protocol;
 pub mod recorded_steps;
 pub mod replay;
 pub mod report;

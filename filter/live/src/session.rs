@@ -9,7 +9,9 @@ use crate::event::{Event, Output, Topic};
 use crate::log::{LogWriter, Setup, VERSION};
 use crate::node::Node;
 use crate::parameters::Parameters;
-use crate::shell::views::Onlooker;
+
+/// Something that looks on: each event with what the node says to it. It must not wait.
+pub type Onlooker = Box<dyn FnMut(&Event, &[Output]) + Send>;
 
 /// A node with its log.
 pub struct Session {

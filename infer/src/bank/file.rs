@@ -51,7 +51,7 @@ struct Content<'b> {
 }
 
 impl<'b> Content<'b> {
-    fn of(rows: &'b Rows, edge_shares: &'b [f32], metric: Option<&'b [f32]>) -> Self {
+    fn new(rows: &'b Rows, edge_shares: &'b [f32], metric: Option<&'b [f32]>) -> Self {
         Self { rows, edge_shares, scales: rows.scales(), metric }
     }
 
@@ -147,7 +147,7 @@ impl Bank {
     }
 
     fn content(&self) -> Content<'_> {
-        Content::of(&self.rows, &self.edge_shares, self.metric().map(Metric::matrix))
+        Content::new(&self.rows, &self.edge_shares, self.metric().map(Metric::matrix))
     }
 
     /// The text of all that an episode's numbers depend on.
@@ -248,10 +248,10 @@ impl Loaded {
     }
 
     fn content(&self) -> Content<'_> {
-        Content::of(&self.rows, &self.edge_shares, self.metric.as_deref())
+        Content::new(&self.rows, &self.edge_shares, self.metric.as_deref())
     }
 
-    /// Compares the checksum of the whole with what the file states, and where they differ those of its parts.
+    /// Compares the checksum of the whole with what the file states, and where they differ the checksums of its parts.
     fn check(&self, file: &Opened) -> Result<()> {
         let content = self.content();
         let n_cells =

@@ -39,7 +39,7 @@ impl Compared {
     pub fn nll(&self, weights: &Weights) -> f64 {
         let of_range = |(n, weight): (&u32, &f64)| f64::from(*n) * weight;
         let all: f64 = self.rows_by_gap.iter().zip(&weights.of_range).map(of_range).sum();
-        let near: f64 = self.near.iter().map(|gap| weights.at(f64::from(*gap))).sum();
+        let near: f64 = self.near.iter().map(|gap| weights.weight(f64::from(*gap))).sum();
         let by_chance = (-self.chance()).exp();
         -((1.0 - weights.outlier_share) * near / all + weights.outlier_share * by_chance).ln()
     }
@@ -60,11 +60,11 @@ impl Weights {
     pub fn new(temperature: f64, outlier_share: f64) -> Self {
         let mut weights = Self { temperature, outlier_share, of_range: Vec::new() };
         let n_ranges = (2.0 / GAP) as usize + 2;
-        weights.of_range = (0..n_ranges).map(|i| weights.at((i as f64 + 0.5) * f64::from(GAP))).collect();
+        weights.of_range = (0..n_ranges).map(|i| weights.weight((i as f64 + 0.5) * f64::from(GAP))).collect();
         weights
     }
 
-    fn at(&self, gap: f64) -> f64 {
+    fn weight(&self, gap: f64) -> f64 {
         (-gap / self.temperature).exp()
     }
 }

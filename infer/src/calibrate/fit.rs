@@ -25,8 +25,8 @@ pub(super) struct Fit {
 /// around its best point. With a prior the largest posterior; then the prior's own numbers are tried, too, and the grid is
 /// refined once more.
 ///
-/// The prior of the temperature is as if its touches were below the best by an exponential of its temperature; that of the
-/// share is a normal distribution of its logarithm.
+/// The prior of the temperature is as if its touches were below the best by an exponential of its temperature; the
+/// prior of the share is a normal distribution of its logarithm.
 pub(super) fn fit(holes: &[Compared], prior: Option<&Prior>) -> Fit {
     let best_of = |temperatures: &[f64], shares: &[f64]| {
         let points = temperatures.iter().flat_map(|t| shares.iter().map(move |f| (*t, *f))).collect::<Vec<_>>();

@@ -43,15 +43,13 @@ pub struct Choice {
     pub side: Side,
     /// So many of them, evenly spread; `None`: all, at most 1,500.
     pub n: Option<usize>,
-    /// The first of them comes this many after the dataset's first: other numbers below the spread choose other holes.
-    pub first: usize,
 }
 
 impl Choice {
-    fn of(self, holes: &[usize]) -> Vec<usize> {
+    fn spread_over(self, holes: &[usize]) -> Vec<usize> {
         let step = self.n.map_or(holes.len().div_ceil(MAX_HOLES), |n| holes.len() / n.max(1)).max(1);
         let n = self.n.unwrap_or(MAX_HOLES);
-        holes.iter().skip(self.first).step_by(step).take(n).copied().collect()
+        holes.iter().step_by(step).take(n).copied().collect()
     }
 }
 
@@ -71,7 +69,7 @@ pub struct Touches {
 }
 
 impl Touches {
-    /// Compares holes of a dataset with a bank. Those beyond the recorded poses say nothing and are left out.
+    /// Compares holes of a dataset with a bank. Holes beyond the recorded poses say nothing and are left out.
     ///
     /// # Errors
     /// A bank of another model, or holes of parts that the bank does not hold or without their poses.
@@ -79,7 +77,7 @@ impl Touches {
         let name = holes.meta().name.clone();
         let side = choice.side;
         let of_side: Vec<usize> = (0..holes.len()).filter(|i| holes.touch(*i).side == Some(side)).collect();
-        let frames = choice.of(&of_side);
+        let frames = choice.spread_over(&of_side);
         let images = tactile_images(&model.background_of(holes)?, holes, &frames)?;
         let queries = model.embed_side(&images, side)?;
         let is_edged = |share: f32| share >= BLANK_SHARE;
@@ -119,7 +117,7 @@ impl Touches {
         Ok(found)
     }
 
-    /// These touches and those of another sensor, compared with the same bank.
+    /// These touches and the touches of another sensor, compared with the same bank.
     ///
     /// # Errors
     /// Touches of the other side, or compared with views of another kind.
@@ -152,7 +150,7 @@ impl Touches {
         (!self.is_empty()).then(|| Judgement {
             nll_nats: fit::nll(&self.compared, temperature, outlier_share),
             low_share: n_low as f64 / n,
-            gap: Spread::of(&self.gaps()),
+            gap: Spread::from_values(&self.gaps()),
         })
     }
 
@@ -201,8 +199,8 @@ pub struct Gain {
 /// the true one, on the right part, are to be found among all rows of the bank, each weighing
 /// `exp((s - s_max) / tau) + eps`. The holes should lie between the recorded poses, as a robot's do.
 ///
-/// With a prior it is the largest posterior, and all else that a calibration holds is that of the touches and of the
-/// prior's together: as few as ten move it as far as they can tell, and none would leave it.
+/// With a prior both maximise the posterior, and every other number of a calibration is measured on the touches and the
+/// prior's together: ten touches move it as far as they can, and no touch would leave it.
 ///
 /// # Errors
 /// Too few touches: none with a prior, fewer than fifty without.
@@ -219,7 +217,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibrated>
     // What touches match by against views of pegs alone says nothing of views of both sides.
     let of_such_views =
         prior.copied().map(|prior| Prior { matched: prior.matched.filter(|_| prior.views == touches.views), ..prior });
-    let matched = Matched::of(&touches.matched, of_such_views.as_ref());
+    let matched = Matched::from_touches(&touches.matched, of_such_views.as_ref());
     let n_gaps = compared.len() as f64 + prior.map_or(0.0, n_counted);
     let calibration = Calibration {
         temperature: found.temperature,
@@ -273,7 +271,7 @@ fn gain(compared: &[Compared], prior: &Prior) -> Option<Gain> {
     let n = nats.len() as f64;
     let mean = |which: usize| nats.iter().map(|nats| nats[which]).sum::<f64>() / n;
     let differences: Vec<f64> = nats.iter().map(|[before, after]| before - after).collect();
-    let standard_error = Spread::of(&differences).sd / (n - 1.0).sqrt();
+    let standard_error = Spread::from_values(&differences).sd / (n - 1.0).sqrt();
     Some(Gain { before_nats: mean(0), after_nats: mean(1), standard_error })
 }
 
@@ -348,11 +346,11 @@ mod tests {
     #[test]
     fn a_choice_is_spread_over_all_holes() {
         let holes: Vec<usize> = (0..480).collect();
-        let of = |n, first| Choice { n, first, ..Choice::default() }.of(&holes);
-        assert_eq!(of(Some(10), 3), (0..10).map(|i| 3 + 48 * i).collect::<Vec<_>>());
-        assert_eq!(of(None, 0), holes);
-        assert_eq!(of(Some(1_000), 0).len(), 480);
+        let of = |n| Choice { n, ..Choice::default() }.spread_over(&holes);
+        assert_eq!(of(Some(10)), (0..10).map(|i| 48 * i).collect::<Vec<_>>());
+        assert_eq!(of(None), holes);
+        assert_eq!(of(Some(1_000)).len(), 480);
         let many: Vec<usize> = (0..4_000).collect();
-        assert_eq!(Choice::default().of(&many).len(), 1_334);
+        assert_eq!(Choice::default().spread_over(&many).len(), 1_334);
     }
 }

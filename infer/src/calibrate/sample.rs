@@ -2,7 +2,7 @@
 
 use crate::calibration::{Prior, Spread};
 
-/// The normal distribution's quantile below which one in a hundred values lies, in standard deviations.
+/// The normal distribution's quantile of one in a hundred values, in standard deviations.
 const ONE_IN_100: f64 = 2.326;
 
 /// So many touches show by themselves which cosine 99 in 100 reach.
@@ -20,19 +20,20 @@ pub(super) fn pooled(
     known: impl Fn(&Prior) -> Option<Spread>,
 ) -> Option<Spread> {
     let before = prior.and_then(|prior| known(prior).map(|spread| (n_counted(prior), spread)));
-    let Some((weight, before)) = before else { return (!values.is_empty()).then(|| Spread::of(values)) };
+    let Some((weight, before)) = before else { return (!values.is_empty()).then(|| Spread::from_values(values)) };
     if values.is_empty() {
         return Some(before);
     }
-    let (own, n) = (Spread::of(values), values.len() as f64);
+    let (own, n) = (Spread::from_values(values), values.len() as f64);
     let pooled = |a: f64, b: f64| (weight * a + n * b) / (weight + n);
     let mean = pooled(before.mean, own.mean);
     let square = |spread: Spread| spread.sd.powi(2) + (spread.mean - mean).powi(2);
     Some(Spread { mean, sd: pooled(square(before), square(own)).sqrt() })
 }
 
-/// The cosine that 99 in 100 touches reach, by their best cosines. From fewer than a hundred it is where the next touch
-/// falls below with a chance of one in a hundred, were they normal; the prior's counts as a tenth of its touches.
+/// The cosine that 99 in 100 touches reach, by their best cosines. From fewer than a hundred it is the cosine below
+/// which the next touch falls with a chance of one in a hundred, if the best cosines are normally distributed; the
+/// prior's value counts as a tenth of its touches.
 pub(super) fn low_similarity(bests: &[f32], prior: Option<&Prior>) -> Option<f32> {
     let mut sorted = bests.to_vec();
     sorted.sort_by(f32::total_cmp);
@@ -57,7 +58,7 @@ fn next_of_100(values: &[f32]) -> Option<f64> {
         return None;
     }
     let n = values.len() as f64;
-    let Spread { mean, sd } = Spread::of(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
+    let Spread { mean, sd } = Spread::from_values(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>());
     let freedom = n - 1.0;
     let of_sample = sd * (n / freedom).sqrt();
     Some(mean - student(freedom) * of_sample * (1.0 + 1.0 / n).sqrt())
@@ -93,9 +94,9 @@ mod tests {
     #[test]
     fn a_spread_with_a_prior_is_that_of_all_values_together() {
         // By hand: 1, 2 and 6 have a mean of 3 and squares of 4, 1 and 9 from it.
-        assert_eq!(Spread::of(&[1.0, 2.0, 6.0]), Spread { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
+        assert_eq!(Spread::from_values(&[1.0, 2.0, 6.0]), Spread { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
         // Values of mean 2 and spread 1, as a tenth of the prior's forty touches would be: 1, 3, 1, 3.
-        let all = Spread::of(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
+        let all = Spread::from_values(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
         let both = pooled(&[1.0, 2.0, 6.0], Some(&prior(40.0)), |prior| prior.gap).unwrap();
         assert!((both.mean - all.mean).abs() < 1e-12 && (both.sd - all.sd).abs() < 1e-12, "{both:?} {all:?}");
         assert_eq!(pooled(&[], Some(&prior(40.0)), |prior| prior.gap), prior(40.0).gap);

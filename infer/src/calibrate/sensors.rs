@@ -19,7 +19,7 @@ impl Matched {
     /// Where there are several sensors, they alone count. The touches of one are taken together with a few of what is
     /// known of others: what is still unknown of its mean is the standard error of theirs, where that is less than what
     /// sensors differ by.
-    pub(super) fn of(sensors: &[Vec<f64>], prior: Option<&Prior>) -> Option<Self> {
+    pub(super) fn from_touches(sensors: &[Vec<f64>], prior: Option<&Prior>) -> Option<Self> {
         let seen: Vec<&Vec<f64>> = sensors.iter().filter(|values| !values.is_empty()).collect();
         if seen.len() > 1 {
             return Some(Self::over(&seen));
@@ -37,12 +37,12 @@ impl Matched {
     /// One-way analysis of variance: what the means of sensors differ by, less what so many touches make of it by
     /// chance.
     fn over(sensors: &[&Vec<f64>]) -> Self {
-        let spreads: Vec<Spread> = sensors.iter().map(|values| Spread::of(values)).collect();
+        let spreads: Vec<Spread> = sensors.iter().map(|values| Spread::from_values(values)).collect();
         let n_sensors = spreads.len() as f64;
         let mean_of = |value: &dyn Fn(usize) -> f64| (0..spreads.len()).map(value).sum::<f64>() / n_sensors;
         let within = mean_of(&|sensor| spreads[sensor].sd.powi(2));
         let by_chance = mean_of(&|sensor| spreads[sensor].sd.powi(2) / sensors[sensor].len() as f64);
-        let means = Spread::of(&spreads.iter().map(|spread| spread.mean).collect::<Vec<_>>());
+        let means = Spread::from_values(&spreads.iter().map(|spread| spread.mean).collect::<Vec<_>>());
         let apart = means.sd.powi(2) * n_sensors / (n_sensors - 1.0);
         let between = (apart - by_chance).max(0.0);
         Self { all: Spread { mean: means.mean, sd: (within + between).sqrt() }, between: Some(between.sqrt()) }
@@ -72,7 +72,7 @@ mod tests {
     fn what_sensors_differ_by_is_told_from_what_touches_do() {
         // Fifty touches at the mean and 0.03 above it, fifty as far below: 0.03 within, 0.003 in a mean by chance.
         let sensor = |mean: f64| [mean - 0.03, mean + 0.03].repeat(50);
-        let of = |means: [f64; 3]| Matched::of(&means.map(sensor), Some(&prior(Some(0.5)))).unwrap();
+        let of = |means: [f64; 3]| Matched::from_touches(&means.map(sensor), Some(&prior(Some(0.5)))).unwrap();
         let Matched { all, between } = of([0.88, 0.90, 0.92]);
         // Means 0.02 apart have a variance of 0.0004, of which 0.000009 is chance.
         assert!((between.unwrap() - 0.000_391_f64.sqrt()).abs() < 1e-9, "{between:?}");
@@ -84,16 +84,16 @@ mod tests {
     #[test]
     fn a_sensors_own_touches_take_the_place_of_what_is_known_of_others() {
         let prior = prior(Some(0.03));
-        let none = Matched::of(&[Vec::new()], Some(&prior)).unwrap();
+        let none = Matched::from_touches(&[Vec::new()], Some(&prior)).unwrap();
         assert_eq!(none, Matched { all: prior.matched.unwrap(), between: Some(0.03) });
         // Two values 0.84 and 0.88 and a tenth of twenty touches of 0.92 and 0.05: a mean of 0.89 and a variance of
         // (2 x 0.0004 + 2 x 0.0025) / 4 + 0.03^2 = 0.00235, and as the standard error of four half its root, 0.02424.
-        let two = Matched::of(&[vec![0.84, 0.88]], Some(&prior)).unwrap();
+        let two = Matched::from_touches(&[vec![0.84, 0.88]], Some(&prior)).unwrap();
         assert!((two.all.mean - 0.89).abs() < 1e-12 && (two.all.sd.powi(2) - 0.002_35).abs() < 1e-12, "{two:?}");
         assert!((two.between.unwrap() - 0.5 * 0.002_35_f64.sqrt()).abs() < 1e-12, "{two:?}");
         // One says less of its sensor than what sensors differ by.
-        assert_eq!(Matched::of(&[vec![0.7]], Some(&prior)).unwrap().between, Some(0.03));
-        let many = Matched::of(&[[0.84, 0.88].repeat(5_000)], Some(&prior)).unwrap();
+        assert_eq!(Matched::from_touches(&[vec![0.7]], Some(&prior)).unwrap().between, Some(0.03));
+        let many = Matched::from_touches(&[[0.84, 0.88].repeat(5_000)], Some(&prior)).unwrap();
         assert!((many.all.mean - 0.86).abs() < 1e-4 && many.between.unwrap() < 3e-4, "{many:?}");
     }
 
@@ -101,7 +101,7 @@ mod tests {
     fn where_sensors_were_not_compared_touches_are_pooled_as_one() {
         let values = vec![0.84, 0.88];
         let pooled = pooled(&values, Some(&prior(None)), |prior| prior.matched).unwrap();
-        assert_eq!(Matched::of(&[values], Some(&prior(None))), Some(Matched { all: pooled, between: None }));
-        assert_eq!(Matched::of(&[], None), None);
+        assert_eq!(Matched::from_touches(&[values], Some(&prior(None))), Some(Matched { all: pooled, between: None }));
+        assert_eq!(Matched::from_touches(&[], None), None);
     }
 }

@@ -25,7 +25,7 @@ pub struct AlignArgs {
     /// Dataset with peg touches of known part and pose
     #[arg(long, value_name = "DIR", alias = "pegs")]
     data: PathBuf,
-    /// Dataset with hole touches of the same parts [default: that of the pegs]
+    /// Dataset with hole touches of the same parts [default: the dataset of the pegs]
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
     /// Note this offset instead: pose of the hole board in the peg board's frame, mm and degrees
@@ -63,7 +63,7 @@ impl AlignArgs {
             return print_json(&found);
         }
         let Offset { error: [x, y, turn], n_pairs, cosine: [with, without], .. } = found;
-        println!("{n_pairs} pairs: the hole board lies at {} of the peg board", text(&found.peg_from_hole));
+        println!("{n_pairs} pairs: the hole board is at {} of the peg board", text(&found.peg_from_hole));
         println!(
             "  standard errors {x:.3} mm, {y:.3} mm, {turn:.2} degrees; mean cosine {without:.3} before, {with:.3} after"
         );

@@ -35,7 +35,7 @@ pub struct BankArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "scene", conflicts_with = "scene")]
     data: Option<PathBuf>,
     /// Simulate the touches of a scene instead, and keep no dataset of them
-    #[arg(long, value_name = "PRESET|FILE.toml", conflicts_with_all = ["tolerance_mm", "tolerance_deg"])]
+    #[arg(long, value_name = "PRESET|FILE.toml", conflicts_with = "tolerance")]
     scene: Option<String>,
     /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
     #[arg(long, value_name = "FILE.toml", requires = "scene", conflicts_with = "data")]
@@ -160,7 +160,8 @@ impl BankArgs {
         let n_parts = scene.part_names().len();
         let n_rows = n_parts * scene.reach.map_or(0, |reach| reach.len());
         // Holes are touched as well: for views of both, and to learn how touches differ from views.
-        let mut needs = Needs::of(scene, n_parts, 2, n_rows * if self.views == Some(Views::Pegs) { 1 } else { 2 });
+        let mut needs =
+            Needs::of(scene.half_extent_mm(), n_parts, 2, n_rows * if self.views == Some(Views::Pegs) { 1 } else { 2 });
         let n_bytes = n_rows as f64 * (4 * model.dim() + TOUCH_BYTES) as f64;
         needs.memory_bytes += n_bytes;
         output::check_memory("--xy-step-mm and --theta-step-deg", format!("{n_rows} touches"), n_bytes)?;
@@ -259,10 +260,8 @@ mod tests {
         }
         assert!(parse(&["--data", "pegs"]));
         // A scene's touches lie on its grid.
-        for option in [["--tolerance-mm", "0.2"], ["--tolerance-deg", "1"]] {
-            assert!(parse(&[&["--data", "pegs"][..], &option].concat()), "{option:?}");
-            assert!(!parse(&[&["--scene", "maze"][..], &option].concat()), "{option:?}");
-        }
+        assert!(parse(&["--data", "pegs", "--tolerance", "0.2,1"]));
+        assert!(!parse(&["--scene", "maze", "--tolerance", "0.2,1"]));
     }
 
     #[test]

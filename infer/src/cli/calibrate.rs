@@ -28,7 +28,7 @@ use super::{ModelArgs, print_json};
 pub struct CalibrateArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// Bank of pegs made by the model: parts for tuning, never those of an evaluation
+    /// Bank of pegs made by the model: parts for tuning, never the parts of an evaluation
     #[arg(long, value_name = "FILE")]
     bank: PathBuf,
     /// Dataset of touches of the same parts, between the recorded poses: holes, or with --side peg pegs. Several, one of each
@@ -47,9 +47,6 @@ pub struct CalibrateArgs {
     /// Use only so many of the holes of a dataset, evenly spread
     #[arg(long, value_name = "N", help_heading = "Few touches")]
     touches: Option<usize>,
-    /// The first of them comes this many after the first hole
-    #[arg(long, value_name = "K", default_value_t = 0, requires = "touches", help_heading = "Few touches")]
-    first: usize,
     /// Judge the calibration by these holes, of the bank's parts, too, before and after
     #[arg(long, value_name = "DIR", help_heading = "Few touches")]
     judge: Option<PathBuf>,
@@ -116,7 +113,7 @@ impl CalibrateArgs {
 
     /// The touches of all sensors.
     fn touches(&self, model: &Model, bank: &Bank) -> Result<Touches> {
-        let choice = Choice { side: self.side, n: self.touches, first: self.first };
+        let choice = Choice { side: self.side, n: self.touches };
         let mut found: Option<Touches> = None;
         let mut known: Vec<String> = Vec::new();
         for path in &self.holes {

@@ -113,6 +113,13 @@ fn learn_from() -> impl TypedValueParser<Value = LearnFrom> {
     PossibleValuesParser::new(LearnFrom::NAMES).try_map(|name| name.parse::<LearnFrom>())
 }
 
+/// Reads `--tolerance`.
+fn tolerance(text: &str) -> std::result::Result<Tolerance, String> {
+    let read = |text: &str| text.trim().parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
+    let both = text.split_once(',').and_then(|(mm, deg)| Some(Tolerance { mm: read(mm)?, deg: read(deg)? }));
+    both.ok_or_else(|| "expected two numbers above 0 with a comma between, such as 1,3".into())
+}
+
 /// The poses of a bank.
 #[derive(Args)]
 struct PosesArgs {
@@ -122,21 +129,14 @@ struct PosesArgs {
     /// Step of the bank's angles, degrees [default: as touched]
     #[arg(long, value_name = "DEG", help_heading = "Poses")]
     theta_step_deg: Option<f64>,
-    /// How far a recorded touch may lie from its place on the grid, mm
-    #[arg(long, value_name = "MM", default_value_t = Tolerance::default().mm, help_heading = "Poses")]
-    tolerance_mm: f64,
-    /// The same, degrees
-    #[arg(long, value_name = "DEG", default_value_t = Tolerance::default().deg, help_heading = "Poses")]
-    tolerance_deg: f64,
+    /// How far a recorded touch may be from its place on the grid, mm and degrees [default: 1,3]
+    #[arg(long, value_name = "MM,DEG", value_parser = tolerance, help_heading = "Poses")]
+    tolerance: Option<Tolerance>,
 }
 
 impl PosesArgs {
     fn poses(&self) -> Result<BankPoses> {
-        let tolerance = Tolerance { mm: self.tolerance_mm, deg: self.tolerance_deg };
-        if !(tolerance.mm > 0.0 && tolerance.deg > 0.0 && tolerance.mm.is_finite() && tolerance.deg.is_finite()) {
-            let got = format!("{} mm and {} degrees", tolerance.mm, tolerance.deg);
-            return Err(Error::invalid("--tolerance-mm, --tolerance-deg", "numbers above 0", got));
-        }
+        let tolerance = self.tolerance.unwrap_or_default();
         match (self.xy_step_mm, self.theta_step_deg) {
             (Some(mm), Some(deg)) => Ok(BankPoses { resample: Some([mm, deg]), tolerance }),
             (None, None) => Ok(BankPoses { resample: None, tolerance }),
@@ -183,5 +183,13 @@ mod tests {
     fn the_command_line_is_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_tolerance_is_two_numbers_above_zero() {
+        assert_eq!(tolerance("0.5, 2"), Ok(Tolerance { mm: 0.5, deg: 2.0 }));
+        for bad in ["1", "1,0", "-1,2", "1,inf", "1,2,3", ""] {
+            assert!(tolerance(bad).is_err(), "{bad}");
+        }
     }
 }

@@ -26,7 +26,7 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// The windows that cover `length` outputs by the fewest products; of equals those that round less.
+    /// The windows that cover `length` outputs by the fewest products; of equals the windows that round less.
     pub fn covering(length: usize) -> Self {
         let products = |axis: &Self| axis.count(length) * axis.products();
         [Self::Two, Self::Four, Self::Five].into_iter().min_by_key(products).unwrap_or(Self::Two)

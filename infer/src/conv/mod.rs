@@ -28,7 +28,7 @@ use crate::threads;
 /// depend on the number of threads.
 const IMAGES_A_PART: usize = 32;
 
-/// The widest vectors at hand; in a test those that it asks for on its thread.
+/// The widest vectors at hand; in a test the vectors that it asks for on its thread.
 #[inline(always)]
 fn arch() -> Arch {
     #[cfg(test)]
@@ -100,7 +100,7 @@ impl Conv {
     /// Weights laid out for the forward pass. `weights`: `[n_out, n_in, kernel, kernel]`, as PyTorch has them.
     pub fn pack(&self, weights: &[f32]) -> Packed {
         let weight = |tap, c, out| weights[self.place(tap, c, out)];
-        match Windows::of(self) {
+        match Windows::for_conv(self) {
             Some(windows) => Packed::Winograd(winograd::Packed::new(windows, &weight)),
             None => Packed::Direct(self.panels(weights)),
         }
@@ -123,10 +123,10 @@ impl Conv {
         correlate(images, packed, [self.in_length(), self.out_length()], finish)
     }
 
-    /// Gradient of the input from that of the output, both NHWC.
+    /// Gradient of the input from the gradient of the output, both NHWC.
     pub fn input_gradient(&self, gradient: &[f32], weights: &[f32]) -> Vec<f32> {
         // At stride 1 it is the convolution with the weights rotated by half a turn, inputs and outputs exchanged.
-        let packed = match Windows::of(&Self { n_in: self.n_out, n_out: self.n_in, ..*self }) {
+        let packed = match Windows::for_conv(&Self { n_in: self.n_out, n_out: self.n_in, ..*self }) {
             Some(windows) => {
                 let turned = |[ky, kx]: [usize; 2], c, out| weights[self.place([2 - ky, 2 - kx], out, c)];
                 Packed::Winograd(winograd::Packed::new(windows, &turned))
@@ -141,7 +141,7 @@ impl Conv {
 
     /// Gradient of the weights, `[n_out, n_in, kernel, kernel]`.
     pub fn weight_gradient(&self, images: &[f32], gradient: &[f32]) -> Vec<f32> {
-        if let Some(windows) = Windows::of(self) {
+        if let Some(windows) = Windows::for_conv(self) {
             return winograd::weight_gradient(&windows, images, gradient);
         }
         let gather = Gather::forward(self);

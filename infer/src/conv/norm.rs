@@ -136,7 +136,7 @@ impl Norm {
         )
     }
 
-    /// Gradients from that of the layer's output. `before` and `out` are what the forward pass made.
+    /// Gradients from the gradient of the layer's output. `before` and `out` are what the forward pass made.
     pub fn gradient(&self, before: &[f32], out: &[f32], out_gradient: &[f32]) -> NormGradient {
         let n = self.scale.len();
         let chunk = n * (CHUNK / n).max(1);

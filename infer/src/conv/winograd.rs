@@ -2,7 +2,7 @@
 //!
 //! Winograd's method (Lavin and Gray 2016, Sec. 4.1): each window of the input becomes as many factors a channel as it has
 //! pixels, which meet as many matrices made of the weights; the sums become outputs. Windows of 2x2 outputs need 4 products
-//! for 9, those of 4x5 need 2.1 and round about four times as coarsely as the definition ([`super::axis`]).
+//! for 9, windows of 4x5 need 2.1 and round about four times as coarsely as the definition ([`super::axis`]).
 
 use pulp::{Simd, WithSimd};
 
@@ -43,7 +43,7 @@ pub struct Scratch {
 
 impl Windows {
     /// The windows of a convolution; `None` where this method does not suit it.
-    pub fn of(conv: &Conv) -> Option<Self> {
+    pub fn for_conv(conv: &Conv) -> Option<Self> {
         let suits = conv.kernel == 3
             && conv.stride == 1
             && conv.n_in.is_multiple_of(LANES)
@@ -347,7 +347,8 @@ pub fn weight_gradient(windows: &Windows, images: &[f32], gradient: &[f32]) -> V
     weights_of_windows(windows, &sums)
 }
 
-/// The gradient of each weight, `[n_out, n_in, 3, 3]`, from that of each product, `[products, blocks, n_in, columns]`.
+/// The gradient of each weight, `[n_out, n_in, 3, 3]`, from the gradient of each product,
+/// `[products, blocks, n_in, columns]`.
 fn weights_of_windows(windows: &Windows, sums: &[f32]) -> Vec<f32> {
     let width = arch().dispatch(Columns);
     let mut weights = vec![0.0; windows.n_out * windows.n_in * 9];

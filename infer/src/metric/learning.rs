@@ -81,7 +81,8 @@ fn add_square(sums: &mut [f64], values: &[f64]) {
     }
 }
 
-/// Cholesky's root of a matrix that is positive definite, of which the lower half counts; `None` of another.
+/// Cholesky's root of a positive definite matrix, read from its lower half; `None` where the matrix is not positive
+/// definite.
 fn root(dim: usize, mut matrix: Vec<f64>) -> Option<Vec<f64>> {
     for row in 0..dim {
         let (above, rest) = matrix.split_at_mut(row * dim);

@@ -22,8 +22,8 @@ const MOST_BYTES: u64 = 8 << 30;
 /// What a header says of a tensor: its name, format and shape.
 pub(crate) type Entry<'n> = (&'n str, Precision, Vec<usize>);
 
-/// All that stands before the values of a file's tensors, which follow in this order: as
-/// [`SafeFile::save_as`](super::SafeFile::save_as) writes it.
+/// The bytes of a file before the values of its tensors, as [`SafeFile::save_as`](super::SafeFile::save_as) writes
+/// them; the values follow in this order.
 ///
 /// # Errors
 /// None that a file could have; building the text of it may fail in principle.
@@ -124,7 +124,7 @@ impl Opened {
     /// A file without it, or in a format that these files do not hold.
     pub(crate) fn entry(&self, name: &str) -> Result<(Precision, Vec<usize>)> {
         let Some(info) = self.header.info(name) else { return Err(Error::invalid(name, "a tensor", "none")) };
-        match Precision::of(info.dtype) {
+        match Precision::from_dtype(info.dtype) {
             Some(precision) => Ok((precision, info.shape.clone())),
             None => Err(Error::invalid(name, "f32, f16, bf16 or i8", format!("{:?}", info.dtype))),
         }

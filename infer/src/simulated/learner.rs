@@ -18,8 +18,8 @@ use crate::similarity::dot;
 use super::SceneBank;
 use super::matches::OwnTouches;
 
-/// A bank that was made again has rows of at least this cosine with those of its file: formats of 1 byte a value round
-/// to 0.9999, and touches with another seed are nearer than this in blank views alone.
+/// A bank that was made again has rows of at least this cosine with the rows of its file: formats of 1 byte a value
+/// round to 0.9999, and touches with another seed are nearer than this in blank views alone.
 const SAME_ROW: f32 = 0.999;
 
 /// What a bank of a scene is before it learns, and the touches that it learns from.
@@ -95,7 +95,7 @@ impl Learner {
 
     /// A bank of some of the parts once it has learnt from them, and says how.
     fn taught(&self, bank: Bank, parts: &[usize], learning: Option<Learning>) -> Result<Bank> {
-        let learnt = self.touches.of(parts).learn(&bank, self.learning.from.sides())?;
+        let learnt = self.touches.of_parts(parts).learn(&bank, self.learning.from.sides())?;
         let bank = bank.with_matches(learnt.matches)?;
         match (learnt.metric, learning) {
             (Some(metric), Some(learning)) => bank.with_metric(metric.with_learning(learning)),
@@ -104,7 +104,7 @@ impl Learner {
         }
     }
 
-    /// Refuses a bank of the same parts and model whose rows are not those that it would have.
+    /// Refuses a bank of the same parts and model whose rows differ from the rows that it would have.
     fn check(&self, bank: &Bank, scene: &str) -> Result<()> {
         let whole = self.whole()?;
         let cosine = |row: usize| {

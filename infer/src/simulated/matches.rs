@@ -66,7 +66,7 @@ impl OwnTouches {
     }
 
     /// The touches of some of the parts, in their order.
-    pub fn of(&self, parts: &[usize]) -> OfParts<'_> {
+    pub fn of_parts(&self, parts: &[usize]) -> OfParts<'_> {
         OfParts { sides: self.sides.each_ref().map(|side| parts.iter().map(|part| &side[*part]).collect()) }
     }
 }
@@ -103,7 +103,8 @@ impl OfParts<'_> {
             }
             None => None,
         };
-        let spread = |cosines: Vec<f64>| (cosines.len() >= ENOUGH).then(|| PartMatch { matched: Spread::of(&cosines) });
+        let spread =
+            |cosines: Vec<f64>| (cosines.len() >= ENOUGH).then(|| PartMatch { matched: Spread::from_values(&cosines) });
         let [holes, pegs] = cosines.map(|parts| parts.into_iter().map(spread).collect());
         Ok(Learnt { matches: Matches { holes, pegs }, metric })
     }

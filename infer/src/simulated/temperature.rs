@@ -17,9 +17,10 @@ const GAIN: f64 = 1e-3;
 /// Cosines so far below the best weigh nothing at any of the temperatures.
 const FARTHEST: f32 = 0.8;
 
-/// The negative log-probability of one touch's part at each temperature that is tried, nats; `rows` are those of edged views.
+/// The negative log-probability of one touch's part at each temperature that is tried, nats; `edged` are the
+/// rows of edged views.
 ///
-/// The probability of a part is that of all its views, each as likely as any other beforehand.
+/// The probability of a part is the sum over its views, each as likely as any other beforehand.
 fn surprises(query: &[f32], part: usize, (rows, edged, n_cells): (&Rows, &[usize], usize)) -> Vec<f64> {
     let (mut cosines, n_parts) = (Vec::new(), rows.len() / n_cells);
     rows.similarities(query, &mut cosines);

@@ -20,8 +20,8 @@ pub enum Bench {
     #[command(after_help = "Examples:\n  cargo xtask bench sensor\n  cargo xtask bench sensor --train-steps 200")]
     Sensor(sensor::SensorArgs),
     /// Our training step and encoder next to PyTorch's: same network, same batch, in turns. Needs Python 3 and PyPI.
-    #[command(after_help = "Example:\n  cargo xtask bench training --turns 5")]
-    Training(training::TrainingArgs),
+    #[command(after_help = "Example:\n  cargo xtask bench training")]
+    Training,
     /// Seconds of training until one touch names nine in ten of the tuning letters, ours and PyTorch's from the same first
     /// weights on the same batches, in turns. Needs Python 3.11 and PyPI.
     #[command(after_help = "Example:\n  cargo xtask bench twin --seeds 1,2,3")]
@@ -38,9 +38,6 @@ pub enum Bench {
         /// Fewer and smaller cases, in seconds.
         #[arg(long)]
         quick: bool,
-        /// Seed of the banks and touches.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
     },
 }
 
@@ -49,13 +46,13 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
     workspace.build()?;
     match bench {
         Bench::Sensor(args) => sensor::sensor(workspace, args),
-        Bench::Training(args) => training::training(workspace, args),
+        Bench::Training => training::training(workspace),
         Bench::Twin(args) => twin::twin(workspace, args),
         Bench::Decision(args) => decision::decision(workspace, args),
-        Bench::Extremes { out, quick, seed } => {
+        Bench::Extremes { out, quick } => {
             let out = absolute(out).map_err(Error::io(out))?;
             let quick = if *quick { "--quick" } else { "" };
-            let program = workspace.program("tactile-filter").words(format!("extremes --seed {seed} {quick} --out"));
+            let program = workspace.program("tactile-filter").words(format!("extremes {quick} --out"));
             println!("extremes: {}", program.arg(out).run(&workspace.root)?);
             Ok(())
         }

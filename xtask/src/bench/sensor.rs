@@ -14,21 +14,20 @@ const TIERS: [&str; 5] = ["geometry", "gel", "optics", "camera", "shadow"];
 /// Parts for tuning, at the full tier: what each tier's model is tested on.
 const TEST_SCENE: &str = "alphabet-small-dev";
 
+/// How long each tier is rendered in memory, seconds.
+const SECONDS: f64 = 5.0;
+
+/// Pairs written to disk at 320x240 to time that too, two images each, and boards: the `maze` preset has 150 pairs on
+/// one.
+const PAIRS: usize = 1_000;
+const BOARDS: usize = PAIRS.div_ceil(150);
+
 /// What to measure.
 #[derive(Args)]
 pub struct SensorArgs {
-    /// How long each tier is rendered in memory, seconds.
-    #[arg(long, default_value_t = 5.0)]
-    seconds: f64,
-    /// Pairs written to disk at 320x240 to time that too, two images each.
-    #[arg(long, default_value_t = 1000)]
-    pairs: usize,
     /// Also train on each tier for this many steps and test on letters at the full tier; 0: do not.
     #[arg(long, default_value_t = 0)]
     train_steps: usize,
-    /// Seed of boards, touches and training.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
 }
 
 /// Prints a table: images a second of each tier in memory, and the accuracy of what is trained on it.
@@ -41,45 +40,41 @@ pub fn sensor(workspace: &Workspace, args: &SensorArgs) -> Result<()> {
 }
 
 fn measure(workspace: &Workspace, args: &SensorArgs, folder: &Path) -> Result<()> {
-    let speed = format!("speed --scene maze --frame-px 320x240 --seconds {} --json", args.seconds);
+    let speed = format!("speed --scene maze --frame-px 320x240 --seconds {SECONDS} --json");
     let speeds = workspace.program("tactile-data").words(speed).json(folder)?;
-    let accuracies = if args.train_steps > 0 { train(workspace, args, folder)? } else { Vec::new() };
+    let accuracies = if args.train_steps > 0 { train(workspace, args.train_steps, folder)? } else { Vec::new() };
     println!("tier        images/s   ms an image and core   accuracy of one touch, {TEST_SCENE} at the full tier");
     for (i, tier) in TIERS.iter().enumerate() {
         let figure = |field: &str| number(&speeds, &format!("/{i}/{field}"));
         let accuracy = accuracies.get(i).map_or("not trained".into(), |share| format!("{:.1} %", 100.0 * share));
         println!("{tier:10} {:9.0} {:22.3}   {accuracy}", figure("images_per_s")?, figure("ms_per_image")?);
     }
-    to_disk(workspace, args, folder)
+    to_disk(workspace, folder)
 }
 
 /// Times one `tactile-data generate`, with its start, the boards and the writing to disk.
-fn to_disk(workspace: &Workspace, args: &SensorArgs, folder: &Path) -> Result<()> {
-    let SensorArgs { pairs, seed, .. } = args;
-    // The `maze` preset has as many pairs on a board.
-    let boards = pairs.div_ceil(150);
-    let generate = workspace.program("tactile-data").words(format!(
-        "generate --scene maze --frame-px 320x240 --pairs {pairs} --boards {boards} --seed {seed} --out disk"
-    ));
+fn to_disk(workspace: &Workspace, folder: &Path) -> Result<()> {
+    let generate = workspace
+        .program("tactile-data")
+        .words(format!("generate --scene maze --frame-px 320x240 --pairs {PAIRS} --boards {BOARDS} --out disk"));
     let usage = generate.run(folder)?;
-    let n_images = 2 * pairs;
+    let n_images = 2 * PAIRS;
     let speed = n_images as f64 / usage.seconds;
-    println!("to disk: {speed:.0} images/s at 320x240 ({n_images} images, boards: {boards}, {usage})");
+    println!("to disk: {speed:.0} images/s at 320x240 ({n_images} images, boards: {BOARDS}, {usage})");
     Ok(())
 }
 
 /// Trains on each tier alone, on the same boards with the same seed, and tests each on the same letters.
-fn train(workspace: &Workspace, args: &SensorArgs, folder: &Path) -> Result<Vec<f64>> {
-    let SensorArgs { train_steps: steps, seed, .. } = args;
+fn train(workspace: &Workspace, steps: usize, folder: &Path) -> Result<Vec<f64>> {
     let program = |name: &str, words: String| workspace.program(name).words(words);
-    for (sides, seed) in [("peg", *seed), ("hole", seed + 100)] {
+    for (sides, seed) in [("peg", 1), ("hole", 101)] {
         let words = format!("generate --scene {TEST_SCENE} --sides {sides} --seed {seed} --out {sides}");
         program("tactile-data", words).run(folder)?;
     }
     let of_tier = |tier: &&str| {
-        let generate = format!("generate --scene maze --fidelity {tier} --seed {seed} --out {tier}");
+        let generate = format!("generate --scene maze --fidelity {tier} --out {tier}");
         program("tactile-data", generate).run(folder)?;
-        let train = format!("--data {tier} --steps {steps} --seed {seed} --out model-{tier}");
+        let train = format!("--data {tier} --steps {steps} --out model-{tier}");
         program("tactile-train", train).run(folder)?;
         let words = format!("match --model model-{tier}/model.safetensors --pegs peg --holes hole --limit 2000 --json");
         let found = program("tactile-infer", words).json(folder)?;

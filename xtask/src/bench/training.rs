@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
 use serde_json::Value;
 
 use crate::bench::table::Table;
@@ -19,42 +18,34 @@ const FIGURES: [(&str, &str); 3] = [
     ("images_per_second", "encoder, batches of 64, images/s"),
 ];
 
-/// The Python that was given, or one in `out` with what the scripts that compare with PyTorch import.
-pub(super) fn pytorch(given: Option<&Path>, out: &Path) -> Result<PathBuf> {
-    given.map_or_else(|| environment(out, "torch numpy>=1.24 safetensors==0.8.0"), |python| Ok(python.to_path_buf()))
-}
+/// Pairs in a batch: the preset's.
+const BATCH: usize = 192;
 
-/// Settings of `cargo xtask bench training`.
-#[derive(Args)]
-pub struct TrainingArgs {
-    /// Pairs in a batch: the preset's.
-    #[arg(long, default_value_t = 192)]
-    batch: usize,
-    /// Turns; the medians count.
-    #[arg(long, default_value_t = 3)]
-    turns: usize,
-    /// Seconds of PyTorch's steps in each turn.
-    #[arg(long, default_value_t = 12.0)]
-    seconds: f64,
-    /// A Python with torch and safetensors [default: a virtual environment in the build folder, made once from PyPI].
-    #[arg(long)]
-    python: Option<PathBuf>,
+/// Turns; the medians count.
+const TURNS: usize = 3;
+
+/// Seconds of PyTorch's steps in each turn.
+const SECONDS: f64 = 12.0;
+
+/// A Python in `out` with what the scripts that compare with PyTorch import.
+pub(super) fn pytorch(out: &Path) -> Result<PathBuf> {
+    environment(out, "torch numpy>=1.24 safetensors==0.8.0")
 }
 
 /// Simulates a small dataset, then measures ours and PyTorch's in turns.
-pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
+pub fn training(workspace: &Workspace) -> Result<()> {
     let out = workspace.folder(None, &workspace.target.join("bench-training"))?;
-    let python = pytorch(args.python.as_deref(), &out)?;
+    let python = pytorch(&out)?;
     if !out.join("pairs").exists() {
         workspace.program("tactile-data").words("generate --scene maze --pairs 2000 --out pairs").output(&out)?;
     }
     let script = workspace.root.join("xtask").join("python").join("pytorch.py");
     let theirs = Program::new(python).arg(script).arg(workspace.shipped_model());
-    let theirs = theirs.words(format!("{} {}", args.batch, args.seconds));
+    let theirs = theirs.words(format!("{BATCH} {SECONDS}"));
     let mut figures = vec![[Vec::new(), Vec::new()]; FIGURES.len()];
     let (mut peaks, mut pair_gflop) = (Vec::new(), 0.0);
-    for turn in 0..args.turns.max(1) {
-        let (ours, theirs) = (ours(workspace, args.batch, &out)?, theirs.json(&out)?);
+    for turn in 0..TURNS {
+        let (ours, theirs) = (ours(workspace, &out)?, theirs.json(&out)?);
         eprintln!("turn {}: ours {ours}, PyTorch {theirs}", turn + 1);
         for ((key, _), [a, b]) in FIGURES.iter().zip(&mut figures) {
             a.push(number(&ours, &format!("/{key}"))?);
@@ -63,9 +54,6 @@ pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
         peaks.push(number(&theirs, "/matrix_product_gflops")?);
         pair_gflop = number(&theirs, "/pair_gflop")?;
     }
-    let batches = format!("--data pairs --out model --batch {} --time-batches 40", args.batch);
-    let batches = workspace.program("tactile-train").words(batches).output(&out)?;
-    println!("{}, nothing else going on", batches.trim());
     println!("{:34} {:>9} {:>9} {:>14}", "median of turns", "ours", "PyTorch", "ours / PyTorch");
     let peak = median(&mut peaks);
     for ((key, name), [ours, theirs]) in FIGURES.iter().zip(&mut figures) {
@@ -85,10 +73,10 @@ pub fn training(workspace: &Workspace, args: &TrainingArgs) -> Result<()> {
 }
 
 /// Our figures in one turn.
-fn ours(workspace: &Workspace, batch: usize, out: &Path) -> Result<Value> {
+fn ours(workspace: &Workspace, out: &Path) -> Result<Value> {
     let folder = out.join("model");
     remove(&folder)?;
-    let train = format!("--data pairs --out model --steps 40 --save-every 40 --batch {batch}");
+    let train = format!("--data pairs --out model --steps 40 --set save_every=40 --batch {BATCH}");
     workspace.program("tactile-train").words(train).output(out)?;
     let speed = workspace.program("tactile-infer").words("speed --model").arg(workspace.shipped_model());
     let mut ours = speed.words("--seconds 2 --json").json(out)?;

@@ -19,6 +19,12 @@ const RECENT: usize = 50;
 /// Pairs of a batch.
 const BATCH: usize = 192;
 
+/// Steps of each run.
+const STEPS: usize = 500;
+
+/// The share that is asked for, %.
+const PERCENT: f64 = 90.0;
+
 /// At most so many holes are matched, as `tactile-train` does.
 const HOLES: usize = 1_000;
 
@@ -28,29 +34,19 @@ pub struct TwinArgs {
     /// Seeds of weights and batches: a run of each for both.
     #[arg(long, value_delimiter = ',', default_value = "1")]
     seeds: Vec<u64>,
-    /// Steps of each run.
-    #[arg(long, default_value_t = 500)]
-    steps: usize,
-    /// The share that is asked for, %.
-    #[arg(long, default_value_t = 90.0)]
-    percent: f64,
-    /// A Python from 3.11 on with torch and safetensors [default: a virtual environment in the build folder, made once
-    /// from PyPI].
-    #[arg(long)]
-    python: Option<PathBuf>,
 }
 
 /// Trains both from the same weights on the same batches, seed by seed, and compares when they name as many.
 pub fn twin(workspace: &Workspace, args: &TwinArgs) -> Result<()> {
     let out = workspace.folder(None, &workspace.target.join("bench-twin"))?;
-    let python = pytorch(args.python.as_deref(), &out)?;
+    let python = pytorch(&out)?;
     let data = workspace.program("tactile-data");
     for (folder, scene) in [("maze", "maze --pairs 12000"), ("dev", "alphabet-small-dev")] {
         if !out.join(folder).join("meta.json").exists() {
             data.clone().words(format!("generate --scene {scene} --out {folder}")).output(&out)?;
         }
     }
-    let bench = Twins { workspace, out, python, args };
+    let bench = Twins { workspace, out, python };
     for seed in &args.seeds {
         let (ours, theirs) = (bench.ours(*seed)?, bench.theirs(*seed)?);
         println!("seed {seed}: step, s and % of ours, s and % of PyTorch's");
@@ -58,11 +54,11 @@ pub fn twin(workspace: &Workspace, args: &TwinArgs) -> Result<()> {
             let [a, b] = [ours, theirs].map(|at| format!("{:8.1} {:6.1}", at.seconds, at.percent));
             println!("{:6} {a} {b}", ours.step);
         }
-        match (seconds_until(&ours, args.percent), seconds_until(&theirs, args.percent)) {
+        match (seconds_until(&ours, PERCENT), seconds_until(&theirs, PERCENT)) {
             (Some(a), Some(b)) => {
-                println!("{} % named after {a:.1} s and {b:.1} s: {:.2} of PyTorch's time", args.percent, a / b);
+                println!("{PERCENT} % named after {a:.1} s and {b:.1} s: {:.2} of PyTorch's time", a / b);
             }
-            (a, b) => println!("{} % named after {a:.1?} s and {b:.1?} s", args.percent),
+            (a, b) => println!("{PERCENT} % named after {a:.1?} s and {b:.1?} s"),
         }
     }
     Ok(())
@@ -82,7 +78,6 @@ struct Twins<'a> {
     workspace: &'a Workspace,
     out: PathBuf,
     python: PathBuf,
-    args: &'a TwinArgs,
 }
 
 impl Twins<'_> {
@@ -94,8 +89,7 @@ impl Twins<'_> {
     }
 
     fn ours(&self, seed: u64) -> Result<Vec<Saved>> {
-        let steps = self.args.steps;
-        let more = format!("--steps {steps} --save-every {RECENT} --tune-pegs dev --tune-holes dev");
+        let more = format!("--steps {STEPS} --set save_every={RECENT} --tune dev dev");
         self.train(seed, "ours", &more)?;
         let curve = Table::read(&self.out.join("ours").join("curve.csv"))?;
         let mut seconds = 0.0;
@@ -111,7 +105,7 @@ impl Twins<'_> {
 
     fn theirs(&self, seed: u64) -> Result<Vec<Saved>> {
         // A step too small to move the weights: what is saved is what they began with.
-        self.train(seed, "first", "--steps 1 --warmup 0 --learning-rate 1e-12")?;
+        self.train(seed, "first", "--steps 1 --set warmup=0 --set learning_rate=1e-12")?;
         let folder = self.out.join("theirs");
         remove(&folder)?;
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;

@@ -225,10 +225,7 @@ fn compare(bench: &Bench<'_>, half: usize, presses: &[&Label], [light, own]: [&F
         let [x, y] = ball_from_sensor_mm(*centre_px);
         Ok(Press {
             picture: format!("balls/{}", label.file),
-            render: format!(
-                "{PART} --as-peg --pose={x:.4},{y:.4},0 --depth-mm {depth_mm:.4} --calibration {}",
-                light.file
-            ),
+            render: format!("{PART} --pose={x:.4},{y:.4},0 --depth-mm {depth_mm:.4} --calibration {}", light.file),
         })
     };
     let presses = presses.iter().map(press).collect::<Result<Vec<_>>>()?;

@@ -40,9 +40,8 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
     let moved = numbers(&ring, "/moved_px")?;
     // The outline's middle, at 160, 120, as the ring was found: moved from the frame's middle.
     let [x, y] = [0, 1].map(|axis| -(moved.get(axis).copied().unwrap_or(0.0) + 0.5) / PX_PER_MM);
-    let render = format!(
-        "{PART} --as-peg --pose={x:.4},{y:.4},0 --depth-mm 0.6 --frame-px 320x240 --field-of-view-mm {width} {height}"
-    );
+    let render =
+        format!("{PART} --pose={x:.4},{y:.4},0 --depth-mm 0.6 --frame-px 320x240 --field-of-view-mm {width} {height}");
     let views = Views { name: "cuboid-twin", rest: &rest, view_mm: VIEW_MM, calibration: None };
     let twins = Twins::of(bench, &views, &[Press { picture: press, render }])?;
     let about = "One press of a printed cuboid's flat face on a Mini whose gel carries marks, named among simulated views \

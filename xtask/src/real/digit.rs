@@ -24,7 +24,7 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
         return Ok(None);
     }
     bench.bank("digit-bank", &Sensor { view_mm: VIEW_MM, depth_mm: None, calibration: None })?;
-    bench.run("tactile-data", &format!("import REAL/{gif} --no-contact-first {N_REST} --out digit-film"))?;
+    bench.run("tactile-data", &format!("import REAL/{gif} --no-contact {N_REST} --out digit-film"))?;
     let by_one = bench.replay("digit-bank", "digit-film")?;
     bench.run("tactile-data", "export digit-film --to folder --out digit-frames")?;
     let inspected = bench.json("tactile-data", "inspect digit-film --frames")?;

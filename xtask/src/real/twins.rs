@@ -49,7 +49,7 @@ impl Twins {
             let compared = bench.json(
                 "tactile-data",
                 &format!(
-                    "compare {picture} {twin} --real-background {rest} --simulated-background {rest} \
+                    "compare {picture} {twin} --no-contact {rest} {rest} \
                      --contact {name}-contact.png --field-of-view-mm {x} {y}"
                 ),
             )?;

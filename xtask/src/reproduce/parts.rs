@@ -159,8 +159,8 @@ const EVALUATIONS: [Evaluation; 52] = [
 const MODELS: [(&str, &str, &str); 4] = [
     ("tiny", "maze", ""),
     ("tiny-optics", "maze-optics", ""),
-    ("tiny-28x21", "maze", "--input-px 28x21"),
-    ("tiny-narrow", "maze", "--width 16"),
+    ("tiny-28x21", "maze", "--set input_px=[28,21]"),
+    ("tiny-narrow", "maze", "--set width=16"),
 ];
 
 /// What steps are made for.

@@ -125,13 +125,12 @@ fn rendered(lab: &Lab, fitted: &Value, press: &Value, name: &str) -> Result<Show
     let (x, y) = (middle(0)?, middle(1)?);
     let stem = name.trim_end_matches(".png");
     let rest = format!("REAL/{FOLDER}/gelsight_bg.png");
-    let render = format!(
-        "render ball:4.7 --as-peg --pose={x:.4},{y:.4},0 --depth-mm {depth_mm:.4} --calibration ball-others.toml"
-    );
+    let render =
+        format!("render ball:4.7 --pose={x:.4},{y:.4},0 --depth-mm {depth_mm:.4} --calibration ball-others.toml");
     lab.run(&format!("{render} --no-contact {rest} --out ball-{stem}.png"))?;
     lab.run(&format!("{render} --fidelity geometry --out ball-{stem}-contact.png"))?;
     let compared = lab.json(&format!(
-        "compare REAL/{FOLDER}/images/{name} ball-{stem}.png --real-background {rest} --simulated-background {rest} \
+        "compare REAL/{FOLDER}/images/{name} ball-{stem}.png --no-contact {rest} {rest} \
          --contact ball-{stem}-contact.png --field-of-view-mm {} {} --out ball-{stem}-both.png",
         view(0)?,
         view(1)?

@@ -27,7 +27,7 @@ pub fn check(lab: &Lab) -> Result<Set> {
         return Ok(Set::missing(TITLE, &[(WHAT, TARGET)]));
     }
     remove(&lab.out.join("digit"))?;
-    lab.run(&format!("import REAL/{gif} --no-contact-first {N_REST} --out digit"))?;
+    lab.run(&format!("import REAL/{gif} --no-contact {N_REST} --out digit"))?;
     let inspected = lab.json("inspect digit --sheet digit.png --frames")?;
     let contact = numbers(&inspected, "/contact_frames/0")?;
     let n_runs = entries(&inspected, "/contact_frames")?.len();

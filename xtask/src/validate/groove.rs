@@ -86,7 +86,7 @@ fn real_row(real: &Value) -> Result<Row> {
 fn simulated(lab: &Lab, map: &Path) -> Result<Value> {
     upside_down(map, &lab.out.join("ridge.npy"))?;
     lab.run(&format!("render {MAP} --as-hole {SENSOR} --out groove.png --at-rest-out groove-rest.png"))?;
-    lab.run(&format!("render ridge.npy --as-peg {SENSOR} --out ridge.png"))?;
+    lab.run(&format!("render ridge.npy {SENSOR} --out ridge.png"))?;
     lab.json(&format!("walls {MAP} groove.png ridge.png --no-contact groove-rest.png {SCALE}"))
 }
 

@@ -9,7 +9,7 @@ use crate::recording::index::{COLUMNS, Place, Row};
 use crate::recording::parquet::shards;
 use crate::recording::parquet::table::Table;
 use crate::recording::pipeline::{Item, Picture, push};
-use crate::recording::provenance::sha256;
+use crate::store::provenance::sha256;
 use crate::suggest::with_closest;
 
 /// Imports `source`, a Parquet file or a folder of shards, to a dataset at `out`, as
@@ -17,7 +17,8 @@ use crate::suggest::with_closest;
 /// have are left out, with a warning. `progress` gets the rows done and all rows. Pictures are read some at a time.
 ///
 /// # Errors
-/// A row, picture or size that is wrong, with its file and row; a codec that is not in Rust; an index beside the rows.
+/// A row, picture or size that is wrong, with its file and row; a codec that is not in Rust; an index in addition to
+/// the rows.
 pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, usize)) -> Result<Imported> {
     if let Some(index) = &how.index {
         let got = index.display().to_string();

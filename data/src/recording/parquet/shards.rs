@@ -15,8 +15,8 @@ pub fn is_shard(path: &Path) -> bool {
 /// The files of a data set: `source` itself, or the `.parquet` files in it by their names.
 ///
 /// # Errors
-/// Shards called `NAME-00000-of-00003.parquet` of which one is missing, or with several names, as those of a training
-/// and a test set.
+/// Shards called `NAME-00000-of-00003.parquet` where one is missing, or with several names, as the shards of a training
+/// and a test set have.
 #[cfg_attr(not(feature = "parquet"), expect(dead_code, reason = "only a build that reads Parquet needs them"))]
 pub fn find(source: &Path) -> Result<Vec<PathBuf>> {
     if !source.is_dir() {

@@ -154,7 +154,7 @@ impl Table {
         guarded(open).map_err(|e| Error::invalid(place(), "one that can be read", e))
     }
 
-    /// The next `n` cells of a column, of which the first is in the row `first`, from 0.
+    /// The next `n` cells of a column, from the row `first` on (from 0).
     fn cells(&self, reader: &mut ColumnReader, column: Column, n: usize, first: usize) -> Result<Vec<Cell>> {
         let descriptor = self.reader.metadata().file_metadata().schema_descr().column(column.leaf);
         let max_level = descriptor.max_def_level();
@@ -301,7 +301,7 @@ fn check_type(name: &str, descriptor: &ColumnDescriptor, place: &str) -> Result<
     Err(Error::invalid(place, expected, got))
 }
 
-/// The codecs that are read are those that are written in Rust; zstd's is not.
+/// The codecs whose decoder is written in Rust are read; the decoder of zstd is not.
 fn check_codec(codec: Compression, file: &Path, place: &str) -> Result<()> {
     use Compression::{GZIP, LZ4, LZ4_RAW, SNAPPY, UNCOMPRESSED};
     if matches!(codec, UNCOMPRESSED | SNAPPY | GZIP(_) | LZ4 | LZ4_RAW) {

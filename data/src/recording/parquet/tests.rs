@@ -72,7 +72,7 @@ impl Folder {
     }
 }
 
-/// `columns` with one of them in place of that of its name.
+/// `columns` with one of them in place of the column of its name.
 fn with(column: Cells) -> Vec<Cells> {
     let name = |cells: &Cells| match cells {
         Cells::Pictures(_) => "image",

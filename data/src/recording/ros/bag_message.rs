@@ -45,7 +45,7 @@ impl Message {
     /// What `read` makes of its fields; bytes behind them are padding.
     ///
     /// # Errors
-    /// Bytes that cannot be unpacked, and those of `read`.
+    /// Bytes that cannot be unpacked, and the errors of `read`.
     pub fn read<T>(self, read: impl FnOnce(&mut Reader) -> Result<T>) -> Result<T> {
         let (place, layout) = (self.place(), self.layout);
         let bytes = self.unpacked()?;

@@ -33,7 +33,7 @@ impl<'a> Reader<'a> {
     /// Begins a message in CDR; `place` names it in errors.
     ///
     /// # Errors
-    /// Another header than that of plain CDR, little endian.
+    /// Another header than the header of plain CDR, little endian.
     pub fn new(message: &'a [u8], place: &'a str) -> Result<Self> {
         let got = match message {
             // The last two bytes are options, which say nothing of the layout.

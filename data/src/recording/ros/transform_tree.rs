@@ -42,7 +42,7 @@ impl TransformTree {
     /// The chain of transforms that gives `base_from_sensor`.
     ///
     /// # Errors
-    /// A frame that is not there, with those that are; frames that nothing connects.
+    /// A frame that is not there, with the frames that are; frames that nothing connects.
     pub fn chain(&self, [base, sensor]: [&str; 2]) -> Result<Chain> {
         let mut frames: Vec<&str> = self.links.keys().flatten().map(String::as_str).collect();
         frames.sort_unstable();

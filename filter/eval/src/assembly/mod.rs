@@ -4,6 +4,7 @@
 mod attempt;
 mod page;
 mod result;
+pub mod trial;
 mod workcell;
 
 pub use attempt::{Attempt, Task};

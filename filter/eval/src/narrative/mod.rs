@@ -5,7 +5,6 @@ pub mod episodes;
 mod next_touch;
 mod picture;
 mod rows;
-pub mod trial;
 pub mod viewer;
 
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
@@ -142,13 +141,13 @@ impl Narrative {
 }
 
 /// What the network sees of frames, at the size that a page shows.
-fn shown_background(at_rest: &Frame) -> Result<Background> {
+pub(crate) fn shown_background(at_rest: &Frame) -> Result<Background> {
     let size = [80.min(at_rest.width_px()), 60.min(at_rest.height_px())];
     Ok(Background::new(at_rest, &Preprocessing::counts(size))?)
 }
 
 /// Probability of each recorded place of the first touch, `[part, x, y]`, summed over the angle.
-fn places(belief: &Belief, bank: &Bank) -> Vec<f64> {
+pub(crate) fn places(belief: &Belief, bank: &Bank) -> Vec<f64> {
     let grid = bank.grid();
     let n_places = grid.n_xy().pow(2);
     let mut places = vec![0.0; n_places * bank.parts().len()];

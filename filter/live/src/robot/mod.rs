@@ -4,7 +4,6 @@
 //! Like the node it is a pure step: what it receives, at what time, to what it sends.
 
 mod camera;
-pub mod pair;
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;

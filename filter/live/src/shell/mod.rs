@@ -3,6 +3,8 @@
 mod failures;
 pub mod film;
 pub mod folder;
+#[cfg(feature = "robot")]
+pub mod pair;
 #[cfg(feature = "ros2")]
 pub mod ros;
 #[cfg(all(feature = "ros2", feature = "robot"))]
@@ -10,6 +12,7 @@ pub mod ros_robot;
 #[cfg(feature = "robot")]
 pub mod simulated;
 pub mod speaker;
+#[cfg(any(feature = "foxglove", feature = "watch"))]
 pub mod views;
 #[cfg(feature = "watch")]
 pub mod watch;

@@ -4,9 +4,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use crate::error::Result;
-use crate::robot::{Outcome, Robot, pair};
+use crate::robot::{Outcome, Robot};
 use crate::session::Session;
-use crate::shell::{Spoken, is_asked};
+use crate::shell::{Spoken, is_asked, pair};
 
 /// Seconds of the joined clock after which a hole counts as not found.
 const LIMIT_S: f64 = 120.0;

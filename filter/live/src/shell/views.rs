@@ -6,13 +6,10 @@ use std::sync::mpsc::SyncSender;
 #[cfg(feature = "foxglove")]
 use crate::error::Result;
 #[cfg(feature = "watch")]
-use crate::event::Topic;
-use crate::event::{Event, Output};
+use crate::event::{Output, Topic};
 #[cfg(feature = "foxglove")]
 use crate::log::{Line, Setup};
-
-/// Something that looks on: each event with what the node says to it. It must not wait.
-pub type Onlooker = Box<dyn FnMut(&Event, &[Output]) + Send>;
+use crate::session::Onlooker;
 
 /// Shows pictures, poses and all that the node says in Foxglove, at an address such as `127.0.0.1:8765`.
 ///

@@ -1,5 +1,5 @@
-//! The ROS 2 messages that a tactile sensor and its robot send, and their bytes; those of ROS 1 have the same fields,
-//! but for the number in a header, which is passed over.
+//! The ROS 2 messages that a tactile sensor and its robot send, and their bytes; the messages of ROS 1 have the same
+//! fields, but for the number in a header, which is passed over.
 //!
 //! Lengths are metres, rotations unit quaternions, as everywhere in ROS.
 
@@ -20,7 +20,7 @@ use crate::recording::ros::cdr::{Layout, Reader, Writer};
 pub trait Message: Sized {
     /// Its type, such as `sensor_msgs/msg/Image`.
     const TYPE: &str;
-    /// Its definition and those of the types in it, as MCAP carries them (`ros2msg`).
+    /// The definition of the message and of each type in it, as MCAP carries them (`ros2msg`).
     const DEFINITION: &str;
     /// Reads the fields.
     ///

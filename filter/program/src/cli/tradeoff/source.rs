@@ -55,7 +55,7 @@ impl SourceArgs {
             return Ok(Source::Scene { simulator, reach, bank_seed: self.bank_seed });
         };
         let (pegs, holes) = (Dataset::open(pegs)?, Arc::new(Dataset::open(holes)?));
-        let poses = PegPoses::of(&pegs)?;
+        let poses = PegPoses::from_dataset(&pegs)?;
         let steps = RecordedSteps::of(&poses);
         Ok(Source::Recording(Box::new(Recording { pegs, holes, poses, steps, other_sensor: self.other_sensor })))
     }

@@ -3,9 +3,9 @@
 use tactile_data::frame::Background;
 use tactile_filter::StopReason;
 
-use super::{Narrative, NarrativeTouch, places, shown_background};
-use crate::assembly::{Attempt, Moment, Workcell};
+use super::{Attempt, Moment, Workcell};
 use crate::error::Result;
+use crate::narrative::{Narrative, NarrativeTouch, places, shown_background};
 
 /// Runs a trial again: each of its holes, in the order they were tried.
 ///
