@@ -148,7 +148,7 @@ int main(int argc, char **argv)
     tf_sensor *sensor = NULL;
     tf_observation *observation = NULL;
     tf_episode *episode = NULL;
-    tf_episode_config config;
+    tf_config *config = NULL;
     tf_decision decision;
     tf_pose reach[81];
     tf_frame at_rest;
@@ -164,15 +164,18 @@ int main(int argc, char **argv)
     at_rest = read_frame(in_folder(argv[1], "rest.ppm"), &pixels);
     check(tf_sensor_new(model, &at_rest, &sensor));
     free(pixels);
-    check(tf_episode_config_default(model, sizeof config, &config));
+    check(tf_config_new(model, TF_SIDE_HOLE, &config));
+    check(tf_config_set_number(config, "stop_place_mm", 0.3));
+    check(tf_config_set(config, "n_finalists", "none"));
     for (i = 0; i < 81; i++) { /* motions of up to 8 mm along x and y */
         tf_pose motion = {2.0 * (i % 9 - 4), 2.0 * (i / 9 - 4), 0.0};
         reach[i] = motion;
     }
 
     observation = touch(sensor, argv[1], 1);
-    check(tf_episode_begin(&config, bank, observation, &episode));
+    check(tf_episode_begin(config, bank, observation, &episode));
     tf_observation_free(observation);
+    tf_config_free(config);
     for (n = 2;; n++) {
         check(tf_episode_decide(episode, reach, 81, &decision));
         if (decision.kind == TF_DECISION_KIND_DONE) {

@@ -94,11 +94,11 @@ void print_belief(const tf::Bank &bank, const tf::Episode &episode)
 }
 
 // On this thread: each call takes some milliseconds.
-tf::Episode on_this_thread(const std::string &folder, const tf::Model &model, const tf::Bank &bank,
+tf::Episode on_this_thread(const std::string &folder, const tf::Config &config, const tf::Bank &bank,
                            const tf::Sensor &sensor, const std::vector<tf_pose> &reach)
 {
     const Picture first = touch(folder, 1);
-    tf::Episode episode = tf::Episode::begin(model.config(), bank, sensor.observe(first.frame()));
+    tf::Episode episode = tf::Episode::begin(config, bank, sensor.observe(first.frame()));
     for (int n = 2;; n++) {
         const tf_decision decision = episode.decide(reach);
         if (decision.kind == TF_DECISION_KIND_DONE) {
@@ -151,9 +151,12 @@ void run(const std::string &folder)
     for (int i = 0; i < 81; i++) {
         reach.push_back({2.0 * (i % 9 - 4), 2.0 * (i / 9 - 4), 0.0});
     }
-    const tf::Episode episode = on_this_thread(folder, model, bank, sensor, reach);
+    tf::Config config = model.config();
+    config.set("stop_place_mm", 0.3);
+    config.set("n_finalists", "none");
+    const tf::Episode episode = on_this_thread(folder, config, bank, sensor, reach);
     print_belief(bank, episode);
-    tf::Runner runner = tf::Runner::start(sensor, bank, model.config(), 2);
+    tf::Runner runner = tf::Runner::start(sensor, bank, config, 2);
     on_a_runner(folder, runner, reach);
     print_belief(bank, episode);
 }

@@ -17,7 +17,7 @@ use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
-use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, RunnerUp, Sensor, StopReason};
+use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, RunnerUp, Sensor, Settings, StopReason};
 use tactile_infer::Model;
 use tactile_infer::simulated::bank_of_scene;
 use tactile_infer::views::Views;
@@ -74,7 +74,9 @@ pub fn record(folder: &Path, scene: Scene) -> Result<String> {
     let mut part_from_sensor = Se2::from_degrees(2.0, -1.0, 20.0);
     let sensor = Sensor::new(model.clone(), &at_rest)?;
     let first = sensor.observe(&touch(1, &part_from_sensor)?)?;
-    let mut episode = Episode::begin(EpisodeConfig::of(&model), bank.clone(), &first)?;
+    let mut config = EpisodeConfig::of(&model);
+    config.settings = Settings { stop_place_mm: Some(0.3), n_finalists: None, ..config.settings };
+    let mut episode = Episode::begin(config, bank.clone(), &first)?;
     // Motions of up to 8 mm along x and y.
     let reach: Vec<Se2> =
         (0..81).map(|i| Se2::new(2.0 * f64::from(i % 9 - 4), 2.0 * f64::from(i / 9 - 4), 0.0)).collect();

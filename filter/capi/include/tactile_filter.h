@@ -251,77 +251,27 @@ typedef enum tf_side {
 } tf_side;
 
 /**
- * Which inference runs.
- */
-typedef enum tf_engine {
-    /**
-     * All states: exact on the grid.
-     */
-    TF_ENGINE_EXACT = 0,
-    /**
-     * A particle filter.
-     */
-    TF_ENGINE_PARTICLE = 1,
-} tf_engine;
-
-/**
- * How the next touch is chosen.
- */
-typedef enum tf_rule {
-    /**
-     * The largest expected information.
-     */
-    TF_RULE_INFORMATION = 0,
-    /**
-     * The paper's rule.
-     */
-    TF_RULE_PAPER = 1,
-    /**
-     * Any motion, each equally likely.
-     */
-    TF_RULE_RANDOM = 2,
-    /**
-     * Any motion that would show an edge from the likeliest state, each equally likely.
-     */
-    TF_RULE_RANDOM_EDGE = 3,
-} tf_rule;
-
-/**
- * How views between recorded poses are judged.
- */
-typedef enum tf_interpolation {
-    /**
-     * Interpolated where the bank's grid is fine enough, else by the nearest view.
-     */
-    TF_INTERPOLATION_AUTO = 0,
-    /**
-     * By the nearest recorded view.
-     */
-    TF_INTERPOLATION_NEAREST = 1,
-    /**
-     * Interpolated.
-     */
-    TF_INTERPOLATION_CUBIC = 2,
-} tf_interpolation;
-
-/**
- * What the views of a bank are of.
- */
-typedef enum tf_views {
-    /**
-     * Views of pegs, as a robot records them.
-     */
-    TF_VIEWS_PEGS = 0,
-    /**
-     * Views of pegs and their holes, as a scene has them.
-     */
-    TF_VIEWS_BOTH = 1,
-} tf_views;
-
-/**
  * The recorded views of the parts. Never changes: any number of threads may use it at once.
  */
 typedef struct tf_bank tf_bank;
+
+/**
+ * What an episode runs with: what was measured of a model, and these settings, each with what it may be:
+ * - stop_probability: 0..=1
+ * - stop_place_mm, in mm: a positive number, or none
+ * - max_touches: 1 to 1000
+ * - none_fit, in standard deviations: a number, at most 0, or none
+ * - travel_nats_per_mm, in nats/mm: a number, not negative
+ * - n_draws: 1 to 100000
+ * - n_suppositions: 1 to 10000
+ * - n_finalists: at least 1, or none
+ * - subdivisions: 1 to 4
+ * - seed: any
+ *
+ * README.md says what each does. Several threads may read a config at once, but only one may use it while a setting is
+ * changed: the others get TF_STATUS_BUSY. An episode and a runner copy the config that they begin with.
+ */
+typedef struct tf_config tf_config;
 
 /**
  * One hole being identified. Several threads may ask at once, but only one may use it while a touch is taken in: the others
@@ -395,7 +345,7 @@ typedef struct tf_estimate {
     struct tf_pose part_from_first;
     /**
      * Covariance of that pose over (x mm, y mm, theta rad), row by row, over all that is believed of where the part is: other
-     * places count as far as they are away; zeros where between_poses is off.
+     * places count as far as they are away.
      */
     double covariance[9];
     /**
@@ -473,199 +423,6 @@ typedef struct tf_lamps {
      */
     float along_y[3][6];
 } tf_lamps;
-
-/**
- * How an episode infers, chooses and stops. Filled by tf_episode_config_default(); change what you need. A setting with a
- * `has_` is not used where that is 0; other values of 0 or 1 are off or on.
- */
-typedef struct tf_episode_config {
-    /**
-     * sizeof(tf_episode_config) of the program that uses it: set by tf_episode_config_default(). A later version of this
-     * library may add settings at the end, and then takes their defaults for a program that does not know them.
-     */
-    size_t size;
-    /**
-     * Seed of every random draw: same seed and touches, same numbers.
-     */
-    uint64_t seed;
-    /**
-     * Stop after this many touches, the first included; 1 to 1,000.
-     */
-    size_t max_touches;
-    /**
-     * Stop when a part is more probable than this, 0 to 1, and an edge was felt. 1: never for this reason.
-     */
-    double stop_probability;
-    /**
-     * 1: to be confident the place must be known too.
-     */
-    uint32_t has_stop_place;
-    /**
-     * 1: a part must explain the touches.
-     */
-    uint32_t has_none_fit;
-    /**
-     * To be confident the place must be known to this standard deviation along x and along y, mm; positive.
-     */
-    double stop_place_mm;
-    /**
-     * A part explains the touches where tf_estimate.fit is at least this; at or below 0.
-     */
-    double none_fit;
-    /**
-     * To be confident after n touches the fit must be at least none_fit + fit_margin / sqrt(n); not negative.
-     */
-    double fit_margin;
-    /**
-     * A fit below none_fit means none of these parts from this many touches on, where at least two of them showed an edge
-     * in the recorded area (with 1 here, one); at least 1.
-     */
-    size_t none_touches;
-    /**
-     * 1: the pose may lie between recorded ones.
-     */
-    uint32_t between_poses;
-    /**
-     * An estimate warns where no edged touch reached this cosine with any recorded view, -1 to 1.
-     */
-    float low_similarity;
-    /**
-     * States between two recorded poses on each axis, 1 to 4.
-     */
-    size_t subdivisions;
-    /**
-     * A value of tf_engine.
-     */
-    uint32_t engine;
-    /**
-     * A value of tf_rule.
-     */
-    uint32_t rule;
-    /**
-     * Particles, 1 to 1,000,000, and times one more than n_moves at most as many; of the particle filter only, as the next
-     * three.
-     */
-    size_t n_particles;
-    /**
-     * Resample when the effective sample size is at most this share of them, 0 to 1.
-     */
-    double resample_share;
-    /**
-     * 1: as many particles as the states still occupied ask for, up to n_particles.
-     */
-    uint32_t adaptive_particles;
-    /**
-     * A value of tf_interpolation.
-     */
-    uint32_t interpolation;
-    /**
-     * Moves of each particle after each touch.
-     */
-    size_t n_moves;
-    /**
-     * States drawn from the belief, against which a motion is judged; 1 to 100,000. A decision among 1,000 motions weighs at
-     * most 1e8 pairs of drawn and supposed states, over all motions that are judged.
-     */
-    size_t n_draws;
-    /**
-     * States supposed true in turn; 1 to 10,000.
-     */
-    size_t n_suppositions;
-    /**
-     * 1: only the best of a first pass are judged by all draws.
-     */
-    uint32_t has_n_finalists;
-    /**
-     * 1: a touch near an earlier one counts where it is turned by min_separation_deg.
-     */
-    uint32_t has_min_separation_deg;
-    /**
-     * How many those are; at least 1.
-     */
-    size_t n_finalists;
-    /**
-     * A touch keeps at least this far from every earlier one, mm, not negative ...
-     */
-    double min_separation_mm;
-    /**
-     * ... or is turned against it by at least this much, degrees, not negative.
-     */
-    double min_separation_deg;
-    /**
-     * What a millimetre of travel must tell to be worth it, nats, not negative; TF_RULE_INFORMATION only.
-     */
-    double travel_nats_per_mm;
-    /**
-     * A motion counts only from states where it would show a larger share of edge than this, 0 to 1.
-     */
-    float contact_threshold;
-    /**
-     * A view with a smaller share of edge is blank, 0 to 1.
-     */
-    float blank_share;
-    /**
-     * Probability that hole and peg at one pose are both blank or both edged; above 0 and below 1.
-     */
-    double blank_agreement;
-    /**
-     * The difference of cosine that changes a probability by a factor e; positive.
-     */
-    double temperature;
-    /**
-     * Share of the touches that look like any view rather than like their own, 0 to below 1.
-     */
-    double outlier_share;
-    /**
-     * How far from its pose the nearest view is trusted wholly, steps of the grid; positive.
-     */
-    double nearest_tolerance;
-    /**
-     * Touches nearer than this share evidence, mm, not negative.
-     */
-    double overlap_mm;
-    /**
-     * Touches at one place turned by less than this share evidence, degrees; positive.
-     */
-    double overlap_deg;
-    /**
-     * The cosine of an edged touch with the view that it was made at: mean, -1 to 1 ...
-     */
-    double matched_mean;
-    /**
-     * ... and standard deviation, positive: what tf_estimate.fit is measured by. This and what follows are
-     * not of the first version of this struct.
-     */
-    double matched_sd;
-    /**
-     * Not used: kept so that what follows stays where it is.
-     */
-    double gap_mean;
-    /**
-     * Not used.
-     */
-    double gap_sd;
-    /**
-     * A view outside the recorded area is as likely as a recorded one whose cosine with the touch is this, -1 to 1.
-     */
-    double unknown_similarity;
-    /**
-     * 0: it is as likely as an average recorded one.
-     */
-    uint32_t has_unknown_similarity;
-    /**
-     * Share of their error that the touches of one hole have in common, 0 to 1, where they match their views well; up to six
-     * times as much, and at most 1, the worse they do. n touches count as n / (1 + share (n - 1)).
-     */
-    double shared_error;
-    /**
-     * A tf_views: what the views of the bank are of that matched_mean and matched_sd were measured with.
-     */
-    uint32_t matched_views;
-    /**
-     * Share of the square of matched_sd that the touches of one hole have in common, 0 to 1.
-     */
-    double matched_shared;
-} tf_episode_config;
 
 /**
  * What to do next.
@@ -856,8 +613,8 @@ enum tf_status tf_sensor_new(const struct tf_model *model,
                              struct tf_sensor **out);
 
 /**
- * tf_sensor_new() of a sensor that touches this side. An episode is of one side: the settings are those of
- * tf_episode_config_of_side(), and a touch of the other side is refused with TF_STATUS_WRONG_SIDE.
+ * tf_sensor_new() of a sensor that touches this side. An episode is of one side: give tf_config_new() the same side. A touch
+ * of the other side is refused with TF_STATUS_WRONG_SIDE.
  * \param touched  a value of tf_side
  */
 enum tf_status tf_sensor_new_of_side(const struct tf_model *model,
@@ -899,30 +656,61 @@ void tf_observation_free(struct tf_observation *observation);
 enum tf_status tf_observation_edge_share(const struct tf_observation *observation, float *edge_share);
 
 /**
- * Fills in the settings that were measured to be good for a model where holes are touched.
- * \param size  sizeof(tf_episode_config) of your program
+ * A config with what was measured of a model where this side is touched, and with every setting at its default. A model
+ * without a calibration for pegs is believed as for holes.
+ * \param touched  a value of tf_side
+ * \param out      where the handle goes, to be freed by tf_config_free(); null after an error
  */
-enum tf_status tf_episode_config_default(const struct tf_model *model,
-                                         size_t size,
-                                         struct tf_episode_config *config);
+enum tf_status tf_config_new(const struct tf_model *model,
+                             uint32_t touched,
+                             struct tf_config **out);
 
 /**
- * Fills in the settings that were measured to be good for a model where this side is touched; of a model without a
- * calibration for pegs, those for holes.
- * \param touched  a value of tf_side
- * \param size  sizeof(tf_episode_config) of your program
+ * Frees a config; null is allowed. An episode or a runner that began with it goes on working.
  */
-enum tf_status tf_episode_config_of_side(const struct tf_model *model,
-                                         uint32_t touched,
-                                         size_t size,
-                                         struct tf_episode_config *config);
+void tf_config_free(struct tf_config *config);
+
+/**
+ * Changes a setting.
+ * \param name   its name, UTF-8
+ * \param value  its value as text, UTF-8: "4", "0.95", "none"
+ * TF_STATUS_CONFIG: no setting has the name, or the setting cannot have the value; tf_last_error() says which names or
+ * values there are. TF_STATUS_ARGUMENT: a text that is not UTF-8. Settings that ask for too much effort together are
+ * refused where an episode begins.
+ */
+enum tf_status tf_config_set(struct tf_config *config,
+                             const char *name,
+                             const char *value);
+
+/**
+ * Changes a setting as tf_config_set() does, from a number.
+ * \param value  4.0 where the setting is a whole number, and 4.5 is refused; above 2^53 use tf_config_set(), as a double
+ *               does not hold each whole number there
+ */
+enum tf_status tf_config_set_number(struct tf_config *config,
+                                    const char *name,
+                                    double value);
+
+/**
+ * A setting as the text that tf_config_set() takes: "none", or the shortest text that is read as the same number to the
+ * bit.
+ * \param required  where the number of bytes goes, the zero at the end included; with a capacity of 0 nothing else is
+ *                  written
+ * TF_STATUS_CONFIG, TF_STATUS_ARGUMENT: as for tf_config_set().
+ */
+enum tf_status tf_config_get(const struct tf_config *config,
+                             const char *name,
+                             char *buffer,
+                             size_t capacity,
+                             size_t *required);
 
 /**
  * Begins with the first touch.
  * \param out  where the handle goes, to be freed by tf_episode_free(); null after an error
- * TF_STATUS_CONFIG: a setting is out of range. TF_STATUS_WRONG_MODEL: the observation is of another model than the bank.
+ * TF_STATUS_CONFIG: the settings together ask for too much effort. TF_STATUS_WRONG_MODEL: the observation is of another
+ * model than the bank.
  */
-enum tf_status tf_episode_begin(const struct tf_episode_config *config,
+enum tf_status tf_episode_begin(const struct tf_config *config,
                                 const struct tf_bank *bank,
                                 const struct tf_observation *observation,
                                 struct tf_episode **out);
@@ -1034,7 +822,7 @@ enum tf_status tf_episode_restore(const struct tf_bank *bank,
  */
 enum tf_status tf_runner_start(const struct tf_sensor *sensor,
                                const struct tf_bank *bank,
-                               const struct tf_episode_config *config,
+                               const struct tf_config *config,
                                size_t capacity,
                                struct tf_runner **out);
 
@@ -1067,11 +855,11 @@ enum tf_status tf_runner_submit_estimate(struct tf_runner *runner, uint64_t *tic
 
 /**
  * Forgets the touches: the next one begins an episode.
- * \param config  its settings; null: those before
+ * \param config  what it runs with; null: as before
  * \param ticket  as for tf_runner_submit_touch()
  */
 enum tf_status tf_runner_submit_new_episode(struct tf_runner *runner,
-                                            const struct tf_episode_config *config,
+                                            const struct tf_config *config,
                                             uint64_t *ticket);
 
 /**

@@ -16,6 +16,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -109,9 +110,10 @@ struct Free {
 template <class T, void (*free_handle)(T *)>
 using Handle = std::unique_ptr<T, Free<T, free_handle>>;
 
-// Asks for the length, then for the values; again where another thread changed the length in between.
+// Asks for the length, then for the values; again where another thread changed the length in between. The last `n_closing`
+// values, a text's zero, are left out.
 template <class List, class Ask>
-Result<List> list(Ask ask)
+Result<List> list(Ask ask, std::size_t n_closing = 0)
 {
     List values;
     std::size_t n = 0;
@@ -120,7 +122,7 @@ Result<List> list(Ask ask)
         values.resize(n);
         status = ask(values.data(), values.size(), &n);
         if (status == TF_STATUS_OK) {
-            values.resize(n);
+            values.resize(n - n_closing);
             break;
         }
     }
@@ -167,6 +169,46 @@ inline Result<std::vector<tf_pose>> twins(const tf_estimate &estimate)
     });
 }
 
+// What an episode runs with: what was measured of a model, and settings by name. Model::config() makes it.
+class Config {
+public:
+    Config() = default;
+
+    // Changes a setting from its text: "4", "0.95", "none".
+    Done set(const std::string &name, const char *value)
+    {
+        return detail::done(tf_config_set(handle_.get(), name.c_str(), value));
+    }
+    Done set(const std::string &name, const std::string &value) { return set(name, value.c_str()); }
+
+    // The same from a number; a whole one is taken exactly.
+    Done set(const std::string &name, double value)
+    {
+        return detail::done(tf_config_set_number(handle_.get(), name.c_str(), value));
+    }
+    template <class Whole, std::enable_if_t<std::is_integral_v<Whole>, int> = 0>
+    Done set(const std::string &name, Whole value)
+    {
+        return set(name, std::to_string(value));
+    }
+
+    // A setting as text: "none", or the shortest that is read as the same number to the bit.
+    Result<std::string> get(const std::string &name) const
+    {
+        const auto ask = [&](char *buffer, std::size_t capacity, std::size_t *required) {
+            return tf_config_get(get(), name.c_str(), buffer, capacity, required);
+        };
+        return detail::list<std::string>(ask, 1);
+    }
+
+    const tf_config *get() const { return handle_.get(); }
+
+private:
+    friend class Model;
+    explicit Config(tf_config *handle) : handle_(handle) {}
+    detail::Handle<tf_config, tf_config_free> handle_;
+};
+
 // A trained network.
 class Model {
 public:
@@ -179,13 +221,12 @@ public:
         return detail::give(status, Model(handle));
     }
 
-    // The settings that were measured to be good for it where this side is touched.
-    Result<tf_episode_config> config(tf_side side = TF_SIDE_HOLE) const
+    // What was measured of it where this side is touched, with every setting at its default.
+    Result<Config> config(tf_side side = TF_SIDE_HOLE) const
     {
-        tf_episode_config config{};
-        const auto touched = static_cast<std::uint32_t>(side);
-        const tf_status status = tf_episode_config_of_side(get(), touched, sizeof config, &config);
-        return detail::give(status, config);
+        tf_config *handle = nullptr;
+        const tf_status status = tf_config_new(get(), static_cast<std::uint32_t>(side), &handle);
+        return detail::give(status, Config(handle));
     }
 
     const tf_model *get() const { return handle_.get(); }
@@ -302,10 +343,10 @@ public:
     Episode() = default;
 
     // Begins with the first touch.
-    static Result<Episode> begin(const tf_episode_config &config, const Bank &bank, const Observation &observation)
+    static Result<Episode> begin(const Config &config, const Bank &bank, const Observation &observation)
     {
         tf_episode *handle = nullptr;
-        const tf_status status = tf_episode_begin(&config, bank.get(), observation.get(), &handle);
+        const tf_status status = tf_episode_begin(config.get(), bank.get(), observation.get(), &handle);
         return detail::give(status, Episode(handle));
     }
 
@@ -410,11 +451,10 @@ class Runner {
 public:
     Runner() = default;
 
-    static Result<Runner> start(const Sensor &sensor, const Bank &bank, const tf_episode_config &config,
-                                std::size_t capacity)
+    static Result<Runner> start(const Sensor &sensor, const Bank &bank, const Config &config, std::size_t capacity)
     {
         tf_runner *handle = nullptr;
-        const tf_status status = tf_runner_start(sensor.get(), bank.get(), &config, capacity, &handle);
+        const tf_status status = tf_runner_start(sensor.get(), bank.get(), config.get(), capacity, &handle);
         return detail::give(status, Runner(handle));
     }
 
@@ -433,18 +473,21 @@ public:
         return given(tf_runner_submit_estimate(handle_.get(), &ticket), ticket);
     }
 
-    // The next touch begins an episode, with the settings before.
+    // The next touch begins an episode, with the config before.
     Result<std::optional<std::uint64_t>> submit_new_episode()
     {
         std::uint64_t ticket = 0;
         return given(tf_runner_submit_new_episode(handle_.get(), nullptr, &ticket), ticket);
     }
 
-    // The next touch begins an episode, with these settings.
-    Result<std::optional<std::uint64_t>> submit_new_episode(const tf_episode_config &config)
+    // The next touch begins an episode, with this config.
+    Result<std::optional<std::uint64_t>> submit_new_episode(const Config &config)
     {
         std::uint64_t ticket = 0;
-        return given(tf_runner_submit_new_episode(handle_.get(), &config, &ticket), ticket);
+        if (config.get() == nullptr) {  // Null would be the config before: have it refused as everywhere.
+            return given(tf_config_get(nullptr, nullptr, nullptr, 0, nullptr), ticket);
+        }
+        return given(tf_runner_submit_new_episode(handle_.get(), config.get(), &ticket), ticket);
     }
 
     // A new frame at rest.

@@ -1,16 +1,15 @@
 //! One hole being identified, on the caller's thread.
 
-use std::sync::{Arc, RwLock, RwLockReadGuard, RwLockWriteGuard, TryLockError};
+use std::sync::{Arc, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::{Duration, Instant};
 
 use tactile_data::se2::Se2;
 use tactile_filter::{Decision, Episode, EpisodeRecord};
 
-use crate::config::tf_episode_config;
+use crate::config::{checked, tf_config};
 use crate::model::{Parts, tf_bank};
 use crate::pointer::{fill, free, get, give, out, slice};
 use crate::sensor::tf_observation;
-use crate::settings::read;
 use crate::status::{Failure, call, tf_status};
 use crate::value::{tf_decision, tf_estimate, tf_mode, tf_pose, tf_runner_up, tf_state, tf_stop};
 
@@ -23,21 +22,11 @@ pub struct tf_episode {
 
 impl tf_episode {
     fn read(&self) -> Result<RwLockReadGuard<'_, Episode>, Failure> {
-        self.episode.try_read().map_err(|error| locked(&error))
+        Ok(self.episode.try_read()?)
     }
 
     fn write(&self) -> Result<RwLockWriteGuard<'_, Episode>, Failure> {
-        self.episode.try_write().map_err(|error| locked(&error))
-    }
-}
-
-/// Why a handle cannot be used now.
-pub(crate) fn locked<T>(error: &TryLockError<T>) -> Failure {
-    match error {
-        TryLockError::WouldBlock => Failure::new(tf_status::Busy, "handle: expected no other user, got another thread"),
-        TryLockError::Poisoned(_) => {
-            Failure::new(tf_status::Panic, "handle: expected one to go on with, got one after a panic; free it")
-        }
+        Ok(self.episode.try_write()?)
     }
 }
 
@@ -51,16 +40,17 @@ pub(crate) unsafe fn motions(reach: *const tf_pose, n_reach: usize) -> Result<Ve
 
 /// Begins with the first touch.
 /// \param out  where the handle goes, to be freed by tf_episode_free(); null after an error
-/// TF_STATUS_CONFIG: a setting is out of range. TF_STATUS_WRONG_MODEL: the observation is of another model than the bank.
+/// TF_STATUS_CONFIG: the settings together ask for too much effort. TF_STATUS_WRONG_MODEL: the observation is of another
+/// model than the bank.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_episode_begin(
-    config: *const tf_episode_config,
+    config: *const tf_config,
     bank: *const tf_bank,
     observation: *const tf_observation,
     out: *mut *mut tf_episode,
 ) -> tf_status {
     let begin = || {
-        let (config, parts) = unsafe { (read(config)?, get(bank, "bank")?.parts.clone()) };
+        let (config, parts) = unsafe { (checked(config)?, get(bank, "bank")?.parts.clone()) };
         let observation = unsafe { get(observation, "observation")? };
         let episode = RwLock::new(Episode::begin(config, parts.bank.clone(), &observation.observation)?);
         Ok(tf_episode { parts, episode })

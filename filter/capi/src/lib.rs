@@ -27,6 +27,5 @@ pub mod model;
 mod pointer;
 pub mod runner;
 pub mod sensor;
-mod settings;
 pub mod status;
 pub mod value;

@@ -83,16 +83,33 @@ pub unsafe fn fill<T: Copy>(
     Ok(())
 }
 
+/// # Safety
+/// Null, or a string that ends with a zero, valid for `'a`, with nobody writing.
+unsafe fn c_str<'a>(text: *const c_char, what: &str) -> Result<&'a CStr, Failure> {
+    if text.is_null() {
+        return Err(null(what));
+    }
+    // SAFETY: not null; the rest is the caller's promise.
+    Ok(unsafe { CStr::from_ptr(text) })
+}
+
+/// Borrows a text that C gave.
+///
+/// # Safety
+/// Null, or a string that ends with a zero, valid for `'a`, with nobody writing.
+pub unsafe fn text<'a>(text: *const c_char, what: &str) -> Result<&'a str, Failure> {
+    // SAFETY: the caller's promise.
+    let text = unsafe { c_str(text, what)? };
+    text.to_str().map_err(|error| Failure::argument(what, "UTF-8", error))
+}
+
 /// A path that C gave, in the system's encoding on Unix, in UTF-8 elsewhere.
 ///
 /// # Safety
 /// Null, or a string that ends with a zero.
 pub unsafe fn path(text: *const c_char) -> Result<PathBuf, Failure> {
-    if text.is_null() {
-        return Err(null("path"));
-    }
-    // SAFETY: not null; the rest is the caller's promise.
-    let text = unsafe { CStr::from_ptr(text) };
+    // SAFETY: the caller's promise.
+    let text = unsafe { c_str(text, "path")? };
     if text.is_empty() {
         return Err(Failure::argument("path", "a path", "an empty text"));
     }

@@ -5,12 +5,11 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use tactile_filter::runner::{Answer, Job, Outcome, Runner};
 use tactile_filter::{Decision, Estimate};
 
-use crate::config::tf_episode_config;
-use crate::episode::{locked, motions};
+use crate::config::{checked, tf_config};
+use crate::episode::motions;
 use crate::model::{Parts, tf_bank};
 use crate::pointer::{free, get, give, out};
 use crate::sensor::{self, tf_frame, tf_sensor};
-use crate::settings::read;
 use crate::status::{Failure, call, remember, tf_status};
 use crate::value::{tf_decision, tf_estimate, tf_pose, tf_runner_up};
 
@@ -29,7 +28,7 @@ struct Polled {
 
 impl tf_runner {
     fn lock(&self) -> Result<MutexGuard<'_, Polled>, Failure> {
-        self.runner.try_lock().map_err(|error| locked(&error))
+        Ok(self.runner.try_lock()?)
     }
 }
 
@@ -103,13 +102,13 @@ impl tf_outcome {
 pub unsafe extern "C" fn tf_runner_start(
     sensor: *const tf_sensor,
     bank: *const tf_bank,
-    config: *const tf_episode_config,
+    config: *const tf_config,
     capacity: usize,
     out: *mut *mut tf_runner,
 ) -> tf_status {
     let start = || {
         let (sensor, parts) = unsafe { (get(sensor, "sensor")?, get(bank, "bank")?.parts.clone()) };
-        let config = unsafe { read(config)? };
+        let config = unsafe { checked(config)? };
         let runner = Runner::start((*sensor.sensor).clone(), parts.bank.clone(), config, capacity)?;
         Ok(tf_runner { parts, runner: Mutex::new(Polled { runner, runner_up: tf_runner_up::default() }) })
     };
@@ -153,16 +152,16 @@ pub unsafe extern "C" fn tf_runner_submit_estimate(runner: *mut tf_runner, ticke
 }
 
 /// Forgets the touches: the next one begins an episode.
-/// \param config  its settings; null: those before
+/// \param config  what it runs with; null: as before
 /// \param ticket  as for tf_runner_submit_touch()
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_runner_submit_new_episode(
     runner: *mut tf_runner,
-    config: *const tf_episode_config,
+    config: *const tf_config,
     ticket: *mut u64,
 ) -> tf_status {
     let new_episode = || {
-        let config = if config.is_null() { None } else { Some(Box::new(unsafe { read(config)? })) };
+        let config = if config.is_null() { None } else { Some(Box::new(unsafe { checked(config)? })) };
         Ok(Job::NewEpisode(config))
     };
     call(|| unsafe { submit(runner, ticket, new_episode) })

@@ -123,8 +123,8 @@ pub unsafe extern "C" fn tf_sensor_new(
     unsafe { tf_sensor_new_of_side(model, at_rest, tf_side::Hole as u32, out) }
 }
 
-/// tf_sensor_new() of a sensor that touches this side. An episode is of one side: the settings are those of
-/// tf_episode_config_of_side(), and a touch of the other side is refused with TF_STATUS_WRONG_SIDE.
+/// tf_sensor_new() of a sensor that touches this side. An episode is of one side: give tf_config_new() the same side. A touch
+/// of the other side is refused with TF_STATUS_WRONG_SIDE.
 /// \param touched  a value of tf_side
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_sensor_new_of_side(

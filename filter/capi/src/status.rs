@@ -4,6 +4,7 @@ use std::any::Any;
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::TryLockError;
 
 use tactile_data::FrameFault;
 use tactile_data::number::short_numbers;
@@ -101,6 +102,19 @@ impl From<tactile_infer::Error> for Failure {
 impl From<tactile_data::Error> for Failure {
     fn from(error: tactile_data::Error) -> Self {
         Error::from(error).into()
+    }
+}
+
+impl<T> From<TryLockError<T>> for Failure {
+    fn from(error: TryLockError<T>) -> Self {
+        match error {
+            TryLockError::WouldBlock => {
+                Self::new(tf_status::Busy, "handle: expected no other user, got another thread")
+            }
+            TryLockError::Poisoned(_) => {
+                Self::new(tf_status::Panic, "handle: expected one to go on with, got one after a panic; free it")
+            }
+        }
     }
 }
 

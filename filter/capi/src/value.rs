@@ -101,7 +101,7 @@ pub struct tf_estimate {
     /// Pose of the sensor at its first touch, in the part's frame.
     pub part_from_first: tf_pose,
     /// Covariance of that pose over (x mm, y mm, theta rad), row by row, over all that is believed of where the part is: other
-    /// places count as far as they are away; zeros where between_poses is off.
+    /// places count as far as they are away.
     pub covariance: [f64; 9],
     /// 1 where `fit` holds a number: an edge was felt.
     pub has_fit: u32,

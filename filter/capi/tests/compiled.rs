@@ -86,7 +86,7 @@ fn says_what_rust_says(compiler: OsString, standard: &str, example: &str, n_epis
 
 /// The C++ wrapper in a mode of its own: a program that ends well only where every wrong call is an error.
 fn wrapper_works(compiler: OsString, flags: &[&str]) {
-    run(&mut Command::new(compile(compiler, flags, "tests/wrapper.cpp")));
+    run(Command::new(compile(compiler, flags, "tests/wrapper.cpp")).arg(&recorded().0));
 }
 
 fn compile(compiler: OsString, flags: &[&str], source: &str) -> PathBuf {

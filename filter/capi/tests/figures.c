@@ -90,7 +90,7 @@ int main(int argc, char **argv)
     tf_bank *bank = NULL;
     tf_sensor *sensor = NULL;
     tf_runner *runner = NULL;
-    tf_episode_config config;
+    tf_config *config = NULL;
     tf_frame rest, frame;
     tf_pose reach[81];
     size_t n_parts = 0;
@@ -123,12 +123,13 @@ int main(int argc, char **argv)
     rest_pixels = read_frame(argv[1], "rest.ppm", &rest);
     pixels = read_frame(argv[1], "touch-1.ppm", &frame);
     check(tf_sensor_new(model, &rest, &sensor));
-    check(tf_episode_config_default(model, sizeof config, &config));
+    check(tf_config_new(model, TF_SIDE_HOLE, &config));
     for (i = 0; i < 81; i++) {
         const tf_pose motion = {2.0 * (i % 9 - 4), 2.0 * (i / 9 - 4), 0.0};
         reach[i] = motion;
     }
-    check(tf_runner_start(sensor, bank, &config, 2, &runner));
+    check(tf_runner_start(sensor, bank, config, 2, &runner));
+    tf_config_free(config);
     for (i = 0; i < N_TOUCHES; i++) {
         const struct timespec pause = {0, 200000};
         const tf_pose still = {0.0, 0.0, 0.0};

@@ -21,7 +21,8 @@ use tactile_capi::runner::*;
 use tactile_capi::sensor::*;
 use tactile_capi::status::{tf_last_error, tf_status};
 use tactile_capi::value::*;
-use tactile_filter::{Episode, EpisodeRecord};
+use tactile_data::touch::Side;
+use tactile_filter::{Episode, EpisodeConfig, EpisodeRecord, Settings};
 use tactile_infer::{Bank, Model};
 
 const STILL: tf_pose = tf_pose { x_mm: 0.0, y_mm: 0.0, theta_rad: 0.0 };
@@ -34,7 +35,7 @@ struct World {
     bank: *mut tf_bank,
     sensor: *mut tf_sensor,
     touches: [*mut tf_observation; 2],
-    config: tf_episode_config,
+    config: *mut tf_config,
 }
 
 // SAFETY: what these handles point to may be used by any number of threads at once.
@@ -60,8 +61,8 @@ fn world() -> &'static World {
                 let picture = Picture::of(folder.join(format!("touch-{n}.ppm")));
                 ok(tf_sensor_observe(sensor, &picture.frame(), touch));
             }
-            let mut config = zeroed();
-            ok(tf_episode_config_default(model, size_of::<tf_episode_config>(), &mut config));
+            let mut config = null_mut();
+            ok(tf_config_new(model, tf_side::Hole as u32, &mut config));
             World { folder, model, bank, sensor, touches, config }
         }
     })
@@ -76,12 +77,12 @@ impl World {
     }
     fn episode(&self) -> *mut tf_episode {
         let mut episode = null_mut();
-        ok(unsafe { tf_episode_begin(&self.config, self.bank, self.touches[0], &mut episode) });
+        ok(unsafe { tf_episode_begin(self.config, self.bank, self.touches[0], &mut episode) });
         episode
     }
     fn runner(&self, capacity: usize) -> *mut tf_runner {
         let mut runner = null_mut();
-        ok(unsafe { tf_runner_start(self.sensor, self.bank, &self.config, capacity, &mut runner) });
+        ok(unsafe { tf_runner_start(self.sensor, self.bank, self.config, capacity, &mut runner) });
         runner
     }
 }
@@ -140,6 +141,7 @@ fn estimate(episode: *const tf_episode) -> (tf_estimate, tf_stop) {
 fn null_may_be_freed() {
     unsafe {
         tf_model_free(null_mut());
+        tf_config_free(null_mut());
         tf_bank_free(null_mut());
         tf_sensor_free(null_mut());
         tf_observation_free(null_mut());
@@ -152,8 +154,9 @@ fn null_may_be_freed() {
 fn null_is_refused_everywhere_else() {
     let world = world();
     let (episode, runner, frame) = (world.episode(), world.runner(1), world.touch().frame());
-    let (config, model, bank, sensor) = (&world.config as *const _, world.model, world.bank, world.sensor);
+    let (config, model, bank, sensor) = (world.config, world.model, world.bank, world.sensor);
     let (n, touch, reach) = (&mut 0_usize as *mut usize, world.touches[0], REACH.as_ptr());
+    let seed = c"seed".as_ptr();
     let mut made = 0x10 as *mut tf_episode;
     let statuses = unsafe {
         [
@@ -173,8 +176,17 @@ fn null_is_refused_everywhere_else() {
             tf_sensor_observe(sensor, &tf_frame { pixels: null(), ..frame }, &mut null_mut()),
             tf_observation_edge_share(null(), &mut 0.0),
             tf_observation_edge_share(touch, null_mut()),
-            tf_episode_config_default(null(), size_of::<tf_episode_config>(), &mut zeroed()),
-            tf_episode_config_default(model, size_of::<tf_episode_config>(), null_mut()),
+            tf_config_new(null(), 0, &mut null_mut()),
+            tf_config_new(model, 0, null_mut()),
+            tf_config_set(null_mut(), seed, c"1".as_ptr()),
+            tf_config_set(config, null(), c"1".as_ptr()),
+            tf_config_set(config, seed, null()),
+            tf_config_set_number(null_mut(), seed, 1.0),
+            tf_config_set_number(config, null(), 1.0),
+            tf_config_get(null(), seed, null_mut(), 0, n),
+            tf_config_get(config, null(), null_mut(), 0, n),
+            tf_config_get(config, seed, null_mut(), 0, null_mut()),
+            tf_config_get(config, seed, null_mut(), 9, n),
             tf_episode_begin(null(), bank, touch, &mut null_mut()),
             tf_episode_begin(config, null(), touch, &mut null_mut()),
             tf_episode_begin(config, bank, null(), &mut made),
@@ -193,6 +205,7 @@ fn null_is_refused_everywhere_else() {
             tf_episode_restore(null(), c"{}".as_ptr().cast(), 2, &mut null_mut()),
             tf_episode_restore(bank, null(), 2, &mut null_mut()),
             tf_runner_start(null(), bank, config, 1, &mut null_mut()),
+            tf_runner_start(sensor, bank, null(), 1, &mut null_mut()),
             tf_runner_submit_touch(null_mut(), &frame, STILL, reach, 2, null_mut()),
             tf_runner_submit_touch(runner, null(), STILL, reach, 2, null_mut()),
             tf_runner_submit_rest(runner, null(), null_mut()),
@@ -250,7 +263,7 @@ fn a_frame_that_cannot_be_is_refused_and_strides_and_bgr_are_understood() {
     let mut same = null_mut();
     ok(unsafe { tf_sensor_observe(world.sensor, &frame, &mut same) });
     let mut episode = null_mut();
-    ok(unsafe { tf_episode_begin(&world.config, world.bank, same, &mut episode) });
+    ok(unsafe { tf_episode_begin(world.config, world.bank, same, &mut episode) });
     let expected = world.episode();
     assert_eq!(estimate(episode), estimate(expected));
     unsafe {
@@ -296,14 +309,6 @@ fn a_touch_of_the_other_side_is_refused() {
         ok(tf_sensor_observe(sensor, &picture.frame(), &mut peg));
         assert_eq!(tf_episode_observe(episode, REACH[0], peg), tf_status::WrongSide);
         ok(tf_episode_observe(episode, REACH[0], world.touches[1]));
-        let mut config = world.config;
-        let size = size_of::<tf_episode_config>();
-        assert_eq!(tf_episode_config_of_side(world.model, 7, size, &mut config), tf_status::Argument);
-        // The shipped model was calibrated on either side, and a peg looks more like a peg.
-        ok(tf_episode_config_of_side(world.model, tf_side::Peg as u32, size, &mut config));
-        assert!(config.matched_mean > world.config.matched_mean && config.matched_sd < world.config.matched_sd);
-        ok(tf_episode_config_of_side(world.model, tf_side::Hole as u32, size, &mut config));
-        assert_eq!(config, world.config);
         tf_observation_free(peg);
         tf_sensor_free(sensor);
         tf_episode_free(episode);
@@ -384,7 +389,7 @@ fn the_runner_up_is_that_of_rust_and_a_part_that_is_alone_has_none() {
     let path = CString::new(world.path("alone.bank").to_str().unwrap()).unwrap();
     let (mut bank, mut lonely) = (null_mut(), null_mut());
     ok(unsafe { tf_bank_load(world.model, path.as_ptr(), &mut bank) });
-    ok(unsafe { tf_episode_begin(&world.config, bank, world.touches[0], &mut lonely) });
+    ok(unsafe { tf_episode_begin(world.config, bank, world.touches[0], &mut lonely) });
     ok(unsafe { tf_episode_runner_up(lonely, &mut other) });
     assert_eq!((other.has_part, other.part, other.probability), (0, 0, 0.0));
     assert!(unsafe { CStr::from_ptr(other.part_name) }.is_empty());
@@ -427,16 +432,18 @@ fn handles_may_be_freed_in_any_order() {
     let path = CString::new(world.path("model.safetensors").to_str().unwrap()).unwrap();
     let bank_path = CString::new(world.path("parts.bank").to_str().unwrap()).unwrap();
     let (mut model, mut bank, mut sensor, mut touch) = (null_mut(), null_mut(), null_mut(), null_mut());
-    let (mut episode, mut runner) = (null_mut(), null_mut());
+    let (mut config, mut episode, mut runner) = (null_mut(), null_mut(), null_mut());
     let rest = Picture::of(world.path("rest.ppm"));
     unsafe {
         ok(tf_model_load(path.as_ptr(), &mut model));
         ok(tf_bank_load(model, bank_path.as_ptr(), &mut bank));
         ok(tf_sensor_new(model, &rest.frame(), &mut sensor));
+        ok(tf_config_new(model, 0, &mut config));
         tf_model_free(model);
         ok(tf_sensor_observe(sensor, &world.touch().frame(), &mut touch));
-        ok(tf_episode_begin(&world.config, bank, touch, &mut episode));
-        ok(tf_runner_start(sensor, bank, &world.config, 1, &mut runner));
+        ok(tf_episode_begin(config, bank, touch, &mut episode));
+        ok(tf_runner_start(sensor, bank, config, 1, &mut runner));
+        tf_config_free(config);
         tf_bank_free(bank);
         tf_sensor_free(sensor);
         tf_observation_free(touch);
@@ -496,7 +503,7 @@ fn a_runner_answers_each_job_once_with_its_status() {
     }
     for capacity in [0, usize::MAX] {
         let mut runner = null_mut();
-        let status = unsafe { tf_runner_start(world.sensor, world.bank, &world.config, capacity, &mut runner) };
+        let status = unsafe { tf_runner_start(world.sensor, world.bank, world.config, capacity, &mut runner) };
         assert_eq!((status, runner), (tf_status::Config, null_mut()));
     }
 }
@@ -525,12 +532,19 @@ fn threads_that_share_an_episode_get_an_answer_or_busy() {
     unsafe { tf_episode_free(episode) };
 }
 
-/// A saved episode's text.
-fn saved() -> Vec<u8> {
-    let (episode, mut n) = (world().episode(), 0);
+/// An episode's record.
+fn recorded(episode: *const tf_episode) -> Vec<u8> {
+    let mut n = 0;
     ok(unsafe { tf_episode_record(episode, null_mut(), 0, &mut n) });
     let mut json = vec![0; n];
     ok(unsafe { tf_episode_record(episode, json.as_mut_ptr(), n, &mut n) });
+    json
+}
+
+/// A saved episode's text.
+fn saved() -> Vec<u8> {
+    let episode = world().episode();
+    let json = recorded(episode);
     unsafe { tf_episode_free(episode) };
     json
 }
@@ -558,36 +572,75 @@ fn a_saved_episode_that_asks_for_all_memory_is_refused() {
     assert_eq!(restore(b""), tf_status::Argument);
 }
 
+/// A config of a side in which some settings are set, to be freed.
+fn config_with(side: tf_side, settings: &[(&CStr, &CStr)]) -> *mut tf_config {
+    let mut config = null_mut();
+    ok(unsafe { tf_config_new(world().model, side as u32, &mut config) });
+    settings.iter().for_each(|(name, value)| ok(unsafe { tf_config_set(config, name.as_ptr(), value.as_ptr()) }));
+    config
+}
+
+/// What an episode runs with, as its record says.
+fn runs_with(episode: *mut tf_episode) -> EpisodeConfig {
+    serde_json::from_slice::<EpisodeRecord>(&recorded(episode)).unwrap().config
+}
+
 #[test]
-fn settings_that_take_all_time_or_memory_are_refused_with_their_limits() {
+fn an_episode_runs_with_what_was_measured_of_its_side_and_what_was_set() {
     let world = world();
-    let last = || unsafe { std::ffi::CStr::from_ptr(tf_last_error()) }.to_str().unwrap().to_owned();
-    let good = world.config;
-    let particle = tf_episode_config { engine: tf_engine::Particle as u32, ..good };
-    for (config, expected) in [
-        (tf_episode_config { contact_threshold: 1.5, ..good }, "episode.action.contact_threshold: expected 0..=1"),
-        (tf_episode_config { contact_threshold: -0.1, ..good }, "episode.action.contact_threshold: expected 0..=1"),
-        (tf_episode_config { contact_threshold: f32::NAN, ..good }, "episode.action.contact_threshold: expected 0..=1"),
-        (tf_episode_config { max_touches: 1_001, ..good }, "episode.max_touches: expected 1 to 1000, got 1001"),
-        (tf_episode_config { subdivisions: 5, ..good }, "episode.subdivisions: expected 1 to 4, got 5"),
-        (tf_episode_config { n_draws: 1_000_000, ..good }, "episode.action.n_draws: expected 1 to 100000"),
-        (tf_episode_config { n_suppositions: 1_000_000, ..good }, "episode.action.n_suppositions: expected 1 to 10000"),
-        (tf_episode_config { n_draws: 100_000, n_suppositions: 1_000, ..good }, "episode.action.n_draws, n_supp"),
-        (tf_episode_config { n_moves: 1_000, ..particle }, "episode.engine.n_particles, n_moves: expected at most 1e6"),
-        (
-            tf_episode_config { temperature: -1e300, ..good },
-            "likelihood.temperature: expected a positive number, got -1e300",
-        ),
-    ] {
-        let mut episode = null_mut();
-        let status = unsafe { tf_episode_begin(&config, world.bank, world.touches[0], &mut episode) };
-        assert_eq!((status, episode.is_null()), (tf_status::Config, true), "{expected}");
-        assert!(last().starts_with(expected), "{}", last());
+    let model = Model::load(&world.path("model.safetensors")).unwrap();
+    let expected = |side| {
+        let mut config = EpisodeConfig::of_side(&model, side);
+        config.settings = Settings { stop_place_mm: Some(0.5), n_finalists: None, seed: 7, ..config.settings };
+        config
+    };
+    let set = [(c"stop_place_mm", c"0.5"), (c"n_finalists", c"none"), (c"seed", c"7")];
+    for (side, in_rust) in [(tf_side::Hole, Side::Hole), (tf_side::Peg, Side::Peg)] {
+        let (config, mut episode) = (config_with(side, &set), null_mut());
+        ok(unsafe { tf_episode_begin(config, world.bank, world.touches[0], &mut episode) });
+        // What is set later is of later episodes.
+        ok(unsafe { tf_config_set(config, c"seed".as_ptr(), c"8".as_ptr()) });
+        assert_eq!(runs_with(episode), expected(in_rust));
+        unsafe {
+            tf_episode_free(episode);
+            tf_config_free(config);
+        }
     }
-    let episode = world.episode();
+    // The shipped model was calibrated on either side.
+    assert_ne!(expected(Side::Hole), expected(Side::Peg));
+}
+
+#[test]
+fn settings_that_together_take_all_time_are_refused_where_an_episode_begins() {
+    let world = world();
+    let config = config_with(tf_side::Hole, &[(c"n_draws", c"100000"), (c"n_suppositions", c"1000")]);
+    let (mut episode, mut started, runner) = (null_mut(), null_mut(), world.runner(1));
+    let statuses = unsafe {
+        [
+            tf_episode_begin(config, world.bank, world.touches[0], &mut episode),
+            tf_runner_start(world.sensor, world.bank, config, 1, &mut started),
+            tf_runner_submit_new_episode(runner, config, null_mut()),
+        ]
+    };
+    assert_eq!((statuses, episode.is_null(), started.is_null()), ([tf_status::Config; 3], true, true));
+    let expected = "episode.n_draws, n_suppositions, n_finalists: expected at most 1e8 pairs";
+    assert!(said().starts_with(expected), "{}", said());
+    // The config is still there to be mended.
+    ok(unsafe { tf_config_set_number(config, c"n_draws".as_ptr(), 160.0) });
+    ok(unsafe { tf_runner_submit_new_episode(runner, config, null_mut()) });
+    assert_eq!(wait(runner).kind, tf_outcome_kind::NewEpisode);
+    unsafe {
+        tf_runner_free(runner);
+        tf_config_free(config);
+    }
+}
+
+#[test]
+fn an_endless_motion_is_refused_in_a_short_line() {
+    let episode = world().episode();
     let far = tf_pose { x_mm: 1e300, y_mm: -1e-300, theta_rad: 0.0 };
-    assert_eq!(unsafe { tf_episode_observe(episode, far, world.touches[0]) }, tf_status::Motion);
-    assert!(last().ends_with("got x 1e300 mm, y -1e-300 mm, theta 0 rad"), "{}", last());
+    assert_eq!(unsafe { tf_episode_observe(episode, far, world().touches[0]) }, tf_status::Motion);
+    assert!(said().ends_with("got x 1e300 mm, y -1e-300 mm, theta 0 rad"), "{}", said());
     unsafe { tf_episode_free(episode) };
 }
 
@@ -604,15 +657,22 @@ proptest! {
     }
 
     #[test]
-    fn any_settings_are_an_error_or_an_episode(word: u64, at in 1..size_of::<tf_episode_config>() / 8) {
-        let world = world();
-        let mut config = world.config;
-        // One word of the struct, its size left out, becomes anything.
-        prop_assert_eq!(size_of::<tf_episode_config>() % 8, 0);
-        unsafe { (&raw mut config).cast::<u64>().add(at).write(word) };
-        let mut episode = null_mut();
-        let status = unsafe { tf_episode_begin(&config, world.bank, world.touches[0], &mut episode) };
+    fn any_settings_are_an_error_or_an_episode(
+        at in 0..Settings::numbers().len(),
+        other in 0..Settings::numbers().len(),
+        values in prop::array::uniform2(prop_oneof![any::<f64>(), 0.0..1.0_f64, (0..2000_u32).prop_map(f64::from)]),
+    ) {
+        let (world, config, mut episode) = (world(), config_with(tf_side::Hole, &[]), null_mut());
+        for (at, value) in [at, other].into_iter().zip(values) {
+            let name = CString::new(Settings::numbers()[at].name).unwrap();
+            let status = unsafe { tf_config_set_number(config, name.as_ptr(), value) };
+            prop_assert!([tf_status::Ok, tf_status::Config].contains(&status), "{:?}", status);
+        }
+        let status = unsafe { tf_episode_begin(config, world.bank, world.touches[0], &mut episode) };
         prop_assert!([tf_status::Ok, tf_status::Config].contains(&status), "{:?}", status);
-        unsafe { tf_episode_free(episode) };
+        unsafe {
+            tf_episode_free(episode);
+            tf_config_free(config);
+        }
     }
 }

@@ -134,7 +134,7 @@ impl Checks<'_> {
         if standard == "c++17" {
             let flags = [&standard_flag, STRICT, "-fno-exceptions", sanitized];
             let program = self.compile(compiler, &flags, "tests/wrapper.cpp", &STATIC)?;
-            Program::new(program).run(&self.out)?;
+            Program::new(program).arg(&self.episode).run(&self.out)?;
             println!("{compiler} {standard} without exceptions: every wrong call is an error");
         }
         Ok(())
