@@ -151,12 +151,34 @@ fn null_may_be_freed() {
 }
 
 #[test]
+fn null_is_refused_of_a_config() {
+    let world = world();
+    let (config, model) = (world.config, world.model);
+    let (n, seed) = (&mut 0_usize as *mut usize, c"seed".as_ptr());
+    let statuses = unsafe {
+        [
+            tf_config_new(null(), 0, &mut null_mut()),
+            tf_config_new(model, 0, null_mut()),
+            tf_config_set(null_mut(), seed, c"1".as_ptr()),
+            tf_config_set(config, null(), c"1".as_ptr()),
+            tf_config_set(config, seed, null()),
+            tf_config_set_number(null_mut(), seed, 1.0),
+            tf_config_set_number(config, null(), 1.0),
+            tf_config_get(null(), seed, null_mut(), 0, n),
+            tf_config_get(config, null(), null_mut(), 0, n),
+            tf_config_get(config, seed, null_mut(), 0, null_mut()),
+            tf_config_get(config, seed, null_mut(), 9, n),
+        ]
+    };
+    assert!(statuses.iter().all(|status| *status == tf_status::NullPointer), "{statuses:?}");
+}
+
+#[test]
 fn null_is_refused_everywhere_else() {
     let world = world();
     let (episode, runner, frame) = (world.episode(), world.runner(1), world.touch().frame());
     let (config, model, bank, sensor) = (world.config, world.model, world.bank, world.sensor);
     let (n, touch, reach) = (&mut 0_usize as *mut usize, world.touches[0], REACH.as_ptr());
-    let seed = c"seed".as_ptr();
     let mut made = 0x10 as *mut tf_episode;
     let statuses = unsafe {
         [
@@ -176,17 +198,6 @@ fn null_is_refused_everywhere_else() {
             tf_sensor_observe(sensor, &tf_frame { pixels: null(), ..frame }, &mut null_mut()),
             tf_observation_edge_share(null(), &mut 0.0),
             tf_observation_edge_share(touch, null_mut()),
-            tf_config_new(null(), 0, &mut null_mut()),
-            tf_config_new(model, 0, null_mut()),
-            tf_config_set(null_mut(), seed, c"1".as_ptr()),
-            tf_config_set(config, null(), c"1".as_ptr()),
-            tf_config_set(config, seed, null()),
-            tf_config_set_number(null_mut(), seed, 1.0),
-            tf_config_set_number(config, null(), 1.0),
-            tf_config_get(null(), seed, null_mut(), 0, n),
-            tf_config_get(config, null(), null_mut(), 0, n),
-            tf_config_get(config, seed, null_mut(), 0, null_mut()),
-            tf_config_get(config, seed, null_mut(), 9, n),
             tf_episode_begin(null(), bank, touch, &mut null_mut()),
             tf_episode_begin(config, null(), touch, &mut null_mut()),
             tf_episode_begin(config, bank, null(), &mut made),
