@@ -4,6 +4,8 @@
 
 use std::ops::RangeInclusive;
 
+use tactile_data::printable::printable;
+
 use crate::error::{Error, Result};
 
 /// What a number comes from.
@@ -68,7 +70,7 @@ impl<T> Number<T> {
 
     fn refused(&self, place: &str, expected: &str, got: &str) -> Error {
         let or_none = if self.is_optional { ", or none" } else { "" };
-        Error::config(format!("{place}.{}", self.name), format!("{expected}{or_none}"), got)
+        Error::config(format!("{place}.{}", self.name), format!("{expected}{or_none}"), printable(got))
     }
 
     /// Its row of a table in Markdown: name, unit, range, default, what it does.
@@ -84,7 +86,7 @@ impl<T> Number<T> {
 pub(crate) fn find<T>(numbers: &'static [Number<T>], place: &str, name: &str) -> Result<&'static Number<T>> {
     let unknown = || {
         let names: Vec<&str> = numbers.iter().map(|number| number.name).collect();
-        Error::config(format!("{place}.{name}"), format!("one of {}", names.join(", ")), "another name")
+        Error::config(format!("{place}.{}", printable(name)), format!("one of {}", names.join(", ")), "another name")
     };
     numbers.iter().find(|number| number.name == name).ok_or_else(unknown)
 }

@@ -100,6 +100,7 @@ mod tests {
             ("stop_place_mm", "0", "episode.stop_place_mm: expected a positive number, or none, got 0"),
             ("travel_nats_per_mm", "inf", "episode.travel_nats_per_mm: expected a number, not negative, got inf"),
             ("n_draws", "many", "episode.n_draws: expected a whole number, not negative, got many"),
+            ("n_draws", "1\n2", "episode.n_draws: expected a whole number, not negative, got 1\\n2"),
         ] {
             let mut settings = Settings::default();
             assert_eq!(settings.set(name, text).unwrap_err().to_string(), said);
