@@ -2,6 +2,7 @@
 
 mod bench;
 mod capi;
+mod code;
 mod dds;
 mod demo;
 mod error;
