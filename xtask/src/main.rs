@@ -6,6 +6,7 @@ mod code;
 mod dds;
 mod demo;
 mod error;
+mod experiments;
 mod json;
 mod lab;
 mod live;
