@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::program::Program;
 
 /// The code that made something.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
 pub enum Code {
     /// A commit.
     Commit {
@@ -16,36 +18,32 @@ pub enum Code {
         /// Whether tracked files differed from it.
         dirty: bool,
     },
-    /// No commit can be named, for this reason.
-    Unknown(String),
+    /// No commit can be named.
+    Unknown {
+        /// The reason.
+        unknown: String,
+    },
 }
 
 impl Code {
     /// The code of the workspace in `root`, as git knows it. Without git, or without a repository of its own, it is
     /// unknown: no error, because results can be made of an archive as well.
     pub fn of(root: &Path) -> Self {
-        let git = |words: &str| {
-            let output = Program::new("git").words(words).command(root).output().map_err(|error| error.to_string())?;
-            let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim_end().to_owned();
-            if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stderr)) }
-        };
         let ask = || {
-            let prefix = git("rev-parse --show-prefix")?;
+            let prefix = git(root, "rev-parse --show-prefix")?;
             if !prefix.is_empty() {
                 return Err("the workspace is not the top of its repository".into());
             }
-            let commit = git("rev-parse --verify HEAD")?;
-            let changed = git("status --porcelain --untracked-files=no")?;
+            let commit = git(root, "rev-parse --verify HEAD")?;
+            let changed = git(root, "status --porcelain --untracked-files=no")?;
             Ok(Self::Commit { commit, dirty: !changed.is_empty() })
         };
-        ask().unwrap_or_else(|reason: String| {
-            Self::unknown(&format!("git: {}", reason.lines().next().unwrap_or("failed")))
-        })
+        ask().unwrap_or_else(|reason: String| Self::unknown(&format!("git: {reason}")))
     }
 
     /// No commit, for a reason.
     pub fn unknown(reason: &str) -> Self {
-        Self::Unknown(reason.into())
+        Self::Unknown { unknown: reason.into() }
     }
 
     /// The code of something that two made: the same, or unknown for a reason.
@@ -53,22 +51,25 @@ impl Code {
         if self == other { self } else { Self::unknown(reason) }
     }
 
-    /// Reads what [`Self::write`] left in a note.
+    /// The code that the note of a step says.
     pub fn read(note: &Value) -> Self {
-        match (note["code"]["commit"].as_str(), note["code"]["dirty"].as_bool(), note["code"]["unknown"].as_str()) {
-            (Some(commit), Some(dirty), _) => Self::Commit { commit: commit.into(), dirty },
-            (_, _, Some(reason)) => Self::Unknown(reason.into()),
-            _ => Self::unknown("no code is noted"),
-        }
+        Self::deserialize(&note["code"]).unwrap_or_else(|_| Self::unknown("no code is noted"))
     }
 
     /// Adds the code to a note, which is an object.
     pub fn write(&self, note: &mut Value) {
-        note["code"] = match self {
-            Self::Commit { commit, dirty } => json!({ "commit": commit, "dirty": dirty }),
-            Self::Unknown(reason) => json!({ "unknown": reason }),
-        };
+        note["code"] = json!(self);
     }
+}
+
+/// What git says of a folder; its first complaint where it fails.
+pub fn git(root: &Path, words: &str) -> std::result::Result<String, String> {
+    let output = Program::new("git").words(words).command(root).output().map_err(|error| error.to_string())?;
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim_end().to_owned();
+    if output.status.success() {
+        return Ok(text(&output.stdout));
+    }
+    Err(text(&output.stderr).lines().next().unwrap_or("no reason").into())
 }
 
 #[cfg(test)]
@@ -85,9 +86,9 @@ mod tests {
         let git = |words: &str| {
             Program::new("git").words("-c user.name=a -c user.email=a@b").words(words).output(&folder).unwrap()
         };
-        assert!(matches!(Code::of(&folder), Code::Unknown(reason) if reason.starts_with("git: ")));
+        assert!(matches!(Code::of(&folder), Code::Unknown { unknown } if unknown.starts_with("git: ")));
         git("init --quiet");
-        assert!(matches!(Code::of(&folder), Code::Unknown(_)), "no commit yet");
+        assert!(matches!(Code::of(&folder), Code::Unknown { .. }), "no commit yet");
         fs::write(folder.join("file"), "1").unwrap();
         git("add file");
         git("commit --quiet --message first");
@@ -111,6 +112,6 @@ mod tests {
             code.write(&mut note);
             assert_eq!(Code::read(&note), code);
         }
-        assert!(matches!(Code::read(&json!({ "command": "c" })), Code::Unknown(_)));
+        assert!(matches!(Code::read(&json!({ "command": "c" })), Code::Unknown { .. }));
     }
 }

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use crate::error::{Error, Result};
+use crate::figures::table::Table;
 use crate::reproduce::Part;
 use crate::workspace::Workspace;
 
@@ -25,8 +26,15 @@ pub struct Experiments {
     pub evaluations: Vec<Evaluation>,
     pub sensors: Vec<Sensor>,
     pub models: Vec<Trained>,
+    /// The first commit whose figures a table may have, where the table does not say.
+    pub since: String,
+    /// The documents' tables.
+    pub tables: Vec<Table>,
+    /// Curves of a picture that the page's program draws.
+    #[serde(rename = "picture")]
+    _picture: IgnoredAny,
     /// Sections of the page, which the page reads.
-    #[serde(rename = "sections", default)]
+    #[serde(rename = "sections")]
     _sections: IgnoredAny,
 }
 
@@ -149,6 +157,11 @@ impl Experiments {
     /// The calibration of this name.
     pub fn calibration(&self, name: &str) -> Result<&Calibration> {
         self.calibrations.iter().find(|of| of.name == name).ok_or_else(|| unknown("a calibration", name))
+    }
+
+    /// The table of this name.
+    pub fn table(&self, name: &str) -> Result<&Table> {
+        self.tables.iter().find(|table| table.name == name).ok_or_else(|| unknown("a table", name))
     }
 
     /// The number of episodes of an evaluation.

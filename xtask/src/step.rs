@@ -103,6 +103,11 @@ impl Step {
         self.work.to_string()
     }
 
+    /// Whether another step's product is among what it is made from.
+    pub fn is_made_of(&self, other: &Self) -> bool {
+        self.inputs.iter().any(|input| input.starts_with(&other.product))
+    }
+
     /// Runs what is left to do in the folder `out`; `title` names the step on the screen.
     fn run(&self, title: &str, out: &Path, notes: &mut Notes) -> Result<()> {
         let need = self.need(out, notes);

@@ -3,6 +3,8 @@
 mod parts;
 mod sensors;
 
+pub use parts::{Job, steps};
+
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -10,6 +12,7 @@ use serde::Deserialize;
 
 use crate::error::{Error, Result};
 use crate::experiments::{Amount, Experiments};
+use crate::figures;
 use crate::step;
 use crate::workspace::Workspace;
 
@@ -86,9 +89,22 @@ pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<()> {
     let amount = args.episodes.map_or(amount, |episodes| Amount { episodes, fewer: episodes, ..amount });
     let parts = if args.parts.is_empty() { Part::value_variants() } else { &args.parts };
     let real = workspace.root.join(&args.real);
-    let job = parts::Job { workspace, experiments, model: &model, amount, tuning_letters: args.tuning_letters, real };
-    step::run_all("reproduce", &parts::steps(&job, parts)?, workspace, &out)?;
+    let is_missing = |folder: &String| !real.join(folder).is_dir();
+    let without = experiments.sensors.iter().filter(|of| of.real.as_ref().is_some_and(is_missing));
+    let without: Vec<String> = without.map(|of| of.name.clone()).collect();
+    if !without.is_empty() && parts.contains(&Part::Sensors) {
+        println!("{} is skipped: {} has no images of it", without.join(", "), real.display());
+    }
+    let is_whole = *parts == *Part::value_variants() && amount == experiments.whole && without.is_empty();
+    let is_whole = is_whole && !args.tuning_letters && args.model.is_none();
+    let tuning_letters = args.tuning_letters;
+    let job = Job { amount, tuning_letters, real, without, ..Job::whole(workspace, experiments, &model) };
+    step::run_all("reproduce", &steps(&job, parts)?, workspace, &out)?;
     workspace.program("tactile-filter").words("reproduction . --out reproduction.html").run(&out)?;
     println!("{}", out.join("reproduction.html").display());
+    if is_whole {
+        return figures::remake(workspace, &out);
+    }
+    println!("{} stays as it is: it has figures of whole runs with the shipped model only", figures::FILE);
     Ok(())
 }

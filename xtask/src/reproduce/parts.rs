@@ -23,6 +23,16 @@ pub struct Job<'a> {
     pub tuning_letters: bool,
     /// Folder of real images.
     pub real: PathBuf,
+    /// Sensors that are left out, because their real images are missing.
+    pub without: Vec<String>,
+}
+
+impl<'a> Job<'a> {
+    /// Everything in full with a model.
+    pub fn whole(workspace: &'a Workspace, experiments: &'a Experiments, model: &'a Path) -> Self {
+        let (amount, tuning_letters, real, without) = (experiments.whole, false, PathBuf::new(), Vec::new());
+        Self { workspace, experiments, model, amount, tuning_letters, real, without }
+    }
 }
 
 /// Makes steps.
@@ -182,8 +192,8 @@ pub(super) mod tests {
     pub fn job(tuning_letters: bool) -> Job<'static> {
         let workspace = Box::leak(Box::new(Workspace { root: "/r".into(), target: "/t".into() }));
         let experiments: &Experiments = Box::leak(Box::new(Experiments::of_the_project()));
-        let (model, amount, real) = (Path::new("/m"), experiments.smoke, "/absent".into());
-        Job { workspace, experiments, model, amount, tuning_letters, real }
+        let (amount, without) = (experiments.smoke, vec!["fots-balls".into()]);
+        Job { amount, tuning_letters, without, ..Job::whole(workspace, experiments, Path::new("/m")) }
     }
 
     /// The names of the steps of a job.

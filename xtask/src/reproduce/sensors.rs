@@ -30,12 +30,11 @@ impl Maker<'_> {
     pub(super) fn sensors(&mut self) -> Result<()> {
         let job = self.job;
         for sensor in &job.experiments.sensors {
-            if let Some(folder) = sensor.real.as_ref().map(|folder| self.job.real.join(folder)) {
-                if !folder.is_dir() {
-                    println!("{} is skipped: {} is not there", sensor.name, folder.display());
-                    continue;
-                }
-                self.light_of_balls(&sensor.name, &folder);
+            if job.without.contains(&sensor.name) {
+                continue;
+            }
+            if let Some(folder) = &sensor.real {
+                self.light_of_balls(&sensor.name, &job.real.join(folder));
             }
             self.sensor(&sensor.name, &sensor.scene)?;
         }
