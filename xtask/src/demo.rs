@@ -6,7 +6,6 @@ use clap::Args;
 
 use crate::error::{Error, Result};
 use crate::live::live;
-use crate::reproduce::{BY_COSINE, FINE};
 use crate::step::{self, Step};
 use crate::workspace::Workspace;
 
@@ -15,6 +14,9 @@ const PAIRS: usize = 12_000;
 
 /// Episodes to evaluate: the protocol's.
 const EPISODES: usize = 500;
+
+/// A bank for touches anywhere, of pegs alone and compared by the cosine.
+const NO_AID: &str = "--views pegs --learn-from nothing --xy-step-mm 2 --theta-step-deg 15";
 
 /// The board of the paper's first table.
 const BOARD: &str = "alphabet-small";
@@ -89,7 +91,7 @@ fn evaluation(workspace: &Workspace, seed: u64, model: &Path) -> Vec<Step> {
     let pictures = data.clone().words("inspect pegs --sheet pegs.png");
     let bank = infer.clone().words("bank --model").arg(model).words("--data pegs --out pegs.bank");
     let fine = infer.words("bank --model").arg(model);
-    let fine = fine.words(format!("--scene {BOARD} --views pegs {BY_COSINE} {FINE} --seed {seed} --out fine.bank"));
+    let fine = fine.words(format!("--scene {BOARD} {NO_AID} --seed {seed} --out fine.bank"));
     let evaluate = |bank: &str, more: &str, out: &str| {
         let program = filter.clone().words("evaluate --model").arg(model);
         let program = program.words(format!("--bank {bank} --scene {BOARD} --episodes {EPISODES} {more} --out {out}"));

@@ -54,6 +54,16 @@ impl Error {
         Self::Invalid { what: what.into(), expected: expected.into(), got: got.into() }
     }
 
+    /// Says in which file or folder a value does not make sense.
+    pub fn within(self, path: impl AsRef<Path>) -> Self {
+        match self {
+            Self::Invalid { what, expected, got } => {
+                Self::Invalid { what: format!("{}: {what}", path.as_ref().display()), expected, got }
+            }
+            other => other,
+        }
+    }
+
     /// Attaches the path to an I/O error: `.map_err(Error::io(path))`.
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.as_ref().to_path_buf();

@@ -22,6 +22,11 @@ pub fn number(value: &Value, pointer: &str) -> Result<f64> {
     found(value, pointer, "a number", Value::as_f64)
 }
 
+/// A text at a JSON pointer.
+pub fn text(value: &Value, pointer: &str) -> Result<String> {
+    found(value, pointer, "a text", |value| value.as_str().map(String::from))
+}
+
 /// Entries of an array at a JSON pointer.
 pub fn entries<'a>(value: &'a Value, pointer: &str) -> Result<&'a [Value]> {
     found(value, pointer, "an array", |value| value.as_array().map(Vec::as_slice))

@@ -2,9 +2,12 @@
 
 mod bench;
 mod capi;
+mod code;
 mod dds;
 mod demo;
 mod error;
+mod experiments;
+mod figures;
 mod json;
 mod lab;
 mod live;
@@ -59,6 +62,9 @@ enum Chore {
         after_help = "Example:\n  cargo xtask reproduce --smoke\n  cargo xtask reproduce --part tables --part hard"
     )]
     Reproduce(reproduce::ReproduceArgs),
+    /// Write the figures of the documents' tables, from figures.json or from what reproduce left in a folder.
+    #[command(after_help = "Example:\n  cargo xtask figures --from reproduction")]
+    Figures(figures::FiguresArgs),
     /// A lab's recordings through the whole chain, simulated: with a robot's errors, as pictures and as bags.
     #[command(after_help = "Example:\n  cargo xtask lab --out lab")]
     Lab(lab::LabArgs),
@@ -107,6 +113,7 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Validate(args) => validate::validate(&workspace, args),
         Chore::Real(args) => real::real(&workspace, args),
         Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
+        Chore::Figures(args) => figures::figures(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),
         Chore::Wheel(args) => wheel::wheel(&workspace, args),

@@ -8,6 +8,7 @@ use std::time::{Instant, SystemTime};
 
 use serde_json::{Map, Value, json};
 
+use crate::code::Code;
 use crate::error::{Error, Result};
 use crate::json;
 use crate::program::{Program, Usage};
@@ -54,8 +55,10 @@ enum Need {
 /// Builds the programs and runs what is left to do of a chore's steps in a folder.
 pub fn run_all(chore: &str, steps: &[Step], workspace: &Workspace, out: &Path) -> Result<()> {
     let start = Instant::now();
-    let mut notes = Notes::open(out, chore)?;
+    let code = Code::of(&workspace.root);
+    let mut notes = Notes { code: code.clone(), ..Notes::open(out, chore)? };
     workspace.build()?;
+    notes.code = code.and(Code::of(&workspace.root), "changed while it was built");
     println!("everything below happens in {}; interrupted, the same command continues", out.display());
     for (n, step) in steps.iter().enumerate() {
         step.run(&format!("step {} of {}, {}", n + 1, steps.len(), step.name), out, &mut notes)?;
@@ -100,6 +103,11 @@ impl Step {
         self.work.to_string()
     }
 
+    /// Whether another step's product is among what it is made from.
+    pub fn is_made_of(&self, other: &Self) -> bool {
+        self.inputs.iter().any(|input| input.starts_with(&other.product))
+    }
+
     /// Runs what is left to do in the folder `out`; `title` names the step on the screen.
     fn run(&self, title: &str, out: &Path, notes: &mut Notes) -> Result<()> {
         let need = self.need(out, notes);
@@ -140,24 +148,26 @@ impl Step {
 struct Notes {
     path: PathBuf,
     steps: Map<String, Value>,
+    /// The code that runs the steps of this run.
+    code: Code,
 }
 
 impl Notes {
     /// Reads the notes of an earlier run of `chore`, kept in `chore.json`. A folder that holds something else is
-    /// refused, because steps remove what they make anew.
+    /// refused, because steps remove what they make anew. The code of this run is unknown at first.
     fn open(out: &Path, chore: &str) -> Result<Self> {
-        let path = out.join(chore).with_extension("json");
+        let (path, code) = (out.join(chore).with_extension("json"), Code::unknown("not asked for"));
         if path.exists() {
             let Value::Object(steps) = json::read(&path)? else {
                 return Err(Error::invalid(path.display().to_string(), "an object", "something else"));
             };
-            return Ok(Self { path, steps });
+            return Ok(Self { path, steps, code });
         }
         if fs::read_dir(out).map_err(Error::io(out))?.next().is_some() {
             let expected = format!("an empty folder or one that {chore} made");
             return Err(Error::invalid(out.display().to_string(), expected, "another"));
         }
-        Ok(Self { path, steps: Map::new() })
+        Ok(Self { path, steps: Map::new(), code })
     }
 
     /// Whether a run with the step's command line came to its end; `None` where there was none.
@@ -166,11 +176,18 @@ impl Notes {
         Some(note["finished"] == true)
     }
 
-    /// Notes that a step began or finished; one that continued an earlier run adds to its time.
+    /// Notes that a step began or finished, and of which code; one that continued an earlier run adds to its time.
     fn note(&mut self, step: &Step, finished: bool, usage: Usage) -> Result<()> {
-        let earlier = self.steps.get(&step.name).and_then(|note| note["seconds"].as_f64()).filter(|_| finished);
-        let (command, seconds) = (step.command(), earlier.unwrap_or(0.0) + usage.seconds);
-        let note = json!({ "command": command, "finished": finished, "seconds": seconds, "peak_mib": usage.peak_mib });
+        let earlier = self.steps.get(&step.name).filter(|_| finished);
+        let seconds = earlier.and_then(|note| note["seconds"].as_f64()).unwrap_or(0.0) + usage.seconds;
+        let code = match earlier {
+            Some(note) => Code::read(note).and(self.code.clone(), "begun and continued by different code"),
+            None => self.code.clone(),
+        };
+        let mut note = json!({
+            "command": step.command(), "finished": finished, "seconds": seconds, "peak_mib": usage.peak_mib
+        });
+        code.write(&mut note);
         self.steps.insert(step.name.clone(), note);
         let text = format!("{:#}\n", Value::Object(self.steps.clone()));
         let temporary = self.path.with_extension("json.tmp");
@@ -258,6 +275,24 @@ mod tests {
         let folder = Folder::new("other");
         write(folder.0.join("thesis.tex"), 0);
         assert!(Notes::open(&folder.0, "demo").is_err());
+    }
+
+    #[test]
+    fn a_note_says_which_code_made_it_and_a_run_continued_by_other_code_does_not_know() {
+        let folder = Folder::new("code");
+        let mut notes = Notes::open(&folder.0, "demo").unwrap();
+        let [one, other] = ["1", "2"].map(|commit| Code::Commit { commit: commit.repeat(40), dirty: false });
+        notes.code = one.clone();
+        notes.note(&step("a"), false, Usage::default()).unwrap();
+        notes.note(&step("a"), true, Usage::default()).unwrap();
+        let made_by = |notes: &Notes| Code::read(&notes.steps["a step"]);
+        assert_eq!(made_by(&notes), one);
+        notes = Notes { code: other.clone(), ..Notes::open(&folder.0, "demo").unwrap() };
+        assert_eq!(made_by(&notes), one, "what is there already keeps its code");
+        notes.note(&step("a"), true, Usage::default()).unwrap();
+        assert_eq!(made_by(&notes), Code::unknown("begun and continued by different code"));
+        notes.note(&step("a"), false, Usage::default()).unwrap();
+        assert_eq!(made_by(&notes), other, "made anew");
     }
 
     #[test]

@@ -3,13 +3,16 @@
 mod parts;
 mod sensors;
 
-pub use parts::{BY_COSINE, FINE};
+pub use parts::{Job, steps};
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use serde::Deserialize;
 
 use crate::error::{Error, Result};
+use crate::experiments::{Amount, Experiments};
+use crate::figures;
 use crate::step;
 use crate::workspace::Workspace;
 
@@ -40,7 +43,8 @@ pub struct ReproduceArgs {
 }
 
 /// A part that can be made on its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Part {
     /// Tables I and II, and informed against random touches.
     Tables,
@@ -70,28 +74,6 @@ pub enum Part {
     Tradeoff,
 }
 
-/// How much of everything.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Amount {
-    /// Episodes of the paper's protocol.
-    episodes: usize,
-    /// Episodes of what the paper does not have.
-    fewer: usize,
-    /// Assemblies.
-    trials: usize,
-    /// Episodes of each setting of the trade-off, and how many settings; all where there is no number.
-    of_settings: (usize, Option<usize>),
-    /// Whether models are trained to compare them.
-    trains: bool,
-}
-
-impl Amount {
-    /// The whole, in hours.
-    const WHOLE: Self = Self { episodes: 500, fewer: 300, trials: 200, of_settings: (200, None), trains: true };
-    /// Minutes.
-    const SMOKE: Self = Self { episodes: 24, fewer: 12, trials: 6, of_settings: (12, Some(8)), trains: false };
-}
-
 /// Runs what is left to do and writes the page.
 pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<()> {
     let folder = match (args.smoke, args.tuning_letters) {
@@ -102,13 +84,27 @@ pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<()> {
     let out = workspace.folder(args.out.as_deref(), Path::new(folder))?;
     let model = args.model.clone().unwrap_or_else(|| workspace.shipped_model());
     let model = model.canonicalize().map_err(Error::io(&model))?;
-    let amount = if args.smoke { Amount::SMOKE } else { Amount::WHOLE };
+    let experiments = &Experiments::read(workspace)?;
+    let amount = if args.smoke { experiments.smoke } else { experiments.whole };
     let amount = args.episodes.map_or(amount, |episodes| Amount { episodes, fewer: episodes, ..amount });
     let parts = if args.parts.is_empty() { Part::value_variants() } else { &args.parts };
     let real = workspace.root.join(&args.real);
-    let job = parts::Job { workspace, model: &model, amount, tuning_letters: args.tuning_letters, real };
-    step::run_all("reproduce", &parts::steps(&job, parts), workspace, &out)?;
+    let is_missing = |folder: &String| !real.join(folder).is_dir();
+    let without = experiments.sensors.iter().filter(|of| of.real.as_ref().is_some_and(is_missing));
+    let without: Vec<String> = without.map(|of| of.name.clone()).collect();
+    if !without.is_empty() && parts.contains(&Part::Sensors) {
+        println!("{} is skipped: {} has no images of it", without.join(", "), real.display());
+    }
+    let is_whole = *parts == *Part::value_variants() && amount == experiments.whole && without.is_empty();
+    let is_whole = is_whole && !args.tuning_letters && args.model.is_none();
+    let tuning_letters = args.tuning_letters;
+    let job = Job { amount, tuning_letters, real, without, ..Job::whole(workspace, experiments, &model) };
+    step::run_all("reproduce", &steps(&job, parts)?, workspace, &out)?;
     workspace.program("tactile-filter").words("reproduction . --out reproduction.html").run(&out)?;
     println!("{}", out.join("reproduction.html").display());
+    if is_whole {
+        return figures::remake(workspace, &out);
+    }
+    println!("{} stays as it is: it has figures of whole runs with the shipped model only", figures::FILE);
     Ok(())
 }

@@ -4,7 +4,8 @@
 use std::path::Path;
 
 use super::Part;
-use super::parts::{BY_COSINE, DEFAULT, FINE, Maker};
+use super::parts::Maker;
+use crate::error::Result;
 use crate::step::Step;
 
 /// Letters for evaluation.
@@ -16,31 +17,8 @@ const TUNING_LETTERS: &str = "MNOPQRSTUVWX";
 /// The sensor that every other is compared with.
 const OWN: &str = "default";
 
-/// The sensor that is calibrated on real presses, and their folder.
-const BALLS: (&str, &str) = ("fots-balls", "gelsight-ball-fots");
-
-/// The presses' ball, mm, and scale.
+/// The ball of the real presses, mm, and the scale.
 const OF_BALLS: &str = "--ball-mm 4.70 --px-per-mm 19.58";
-
-/// Each sensor's name, and what its scene says of it: all else is the default's.
-const SENSORS: [(&str, &str); 13] = [
-    (OWN, ""),
-    ("cmu-lamps", "light = \"cmu\""),
-    // The closed form of a Mini's lamps.
-    ("closed-form-lamps", "light = \"mini\""),
-    // 320 x 240 pixels of 1/19.58 mm, turned.
-    (BALLS.0, "calibration = \"fots-balls-light.toml\"\nfield_of_view_mm = [16.34, 12.26]"),
-    ("mini-sdk", "preset = \"gelsight-mini-sdk\""),
-    ("mini-taxim", "preset = \"gelsight-mini-taxim\""),
-    ("closer-view", "field_of_view_mm = [15.8, 12.2]"),
-    ("hard-gel", "gel_length_mm = 0.7"),
-    ("soft-gel", "gel_length_mm = 2.0"),
-    ("noisy-camera", "noise_counts = [5.4, 5.4, 7.5]\njpeg_quality = [25, 45]"),
-    ("half-exposure", "exposure = 0.5"),
-    // Four times what real presses of a ball leave (`LightField::FITTED`).
-    ("strong-light-field", "light_field = { linear_counts = 2.0, quadratic_counts = 2.4 }"),
-    ("worn-gel", "n_specks = 120\ntexture_mm = [0.02, 0.08]"),
-];
 
 /// Whether a sensor's light is another than the default's.
 fn is_other_light(lines: &str) -> bool {
@@ -49,26 +27,23 @@ fn is_other_light(lines: &str) -> bool {
 
 impl Maker<'_> {
     /// The steps of every sensor; of letters for evaluation those of other kinds of parts too.
-    pub(super) fn sensors(&mut self) {
-        let balls = self.job.real.join(BALLS.1);
-        for (name, lines) in SENSORS {
-            if name == BALLS.0 {
-                if !balls.is_dir() {
-                    println!("{name} is skipped: {} is not there", balls.display());
-                    continue;
-                }
-                self.light_of_balls(&balls);
+    pub(super) fn sensors(&mut self) -> Result<()> {
+        let job = self.job;
+        for sensor in &job.experiments.sensors {
+            if job.without.contains(&sensor.name) {
+                continue;
             }
-            self.sensor(name, lines);
+            if let Some(folder) = &sensor.real {
+                self.light_of_balls(&sensor.name, &job.real.join(folder));
+            }
+            self.sensor(&sensor.name, &sensor.scene)?;
         }
-        if !self.job.tuning_letters {
-            self.evaluations(Part::Sensors);
-        }
+        if self.job.tuning_letters { Ok(()) } else { self.evaluations(Part::Sensors) }
     }
 
     /// The light of the presses, turned so that they lie as a Mini's frames do; the circles are found.
-    fn light_of_balls(&mut self, folder: &Path) {
-        let [turned, pictures, light] = ["turned", "pictures", "light.toml"].map(|end| format!("{}-{end}", BALLS.0));
+    fn light_of_balls(&mut self, name: &str, folder: &Path) {
+        let [turned, pictures, light] = ["turned", "pictures", "light.toml"].map(|end| format!("{name}-{end}"));
         let program = self.program("tactile-data", "import").arg(folder.join("images")).words("--no-contact");
         let program = program.arg(folder.join("gelsight_bg.png"));
         let program = program.words(format!("--turn 90 --field-of-view-mm 16.34 12.26 --out {turned}"));
@@ -82,17 +57,18 @@ impl Maker<'_> {
     }
 
     /// The steps of one sensor: its scenes, its bank, its calibration, three evaluations.
-    fn sensor(&mut self, name: &str, lines: &str) {
+    fn sensor(&mut self, name: &str, lines: &str) -> Result<()> {
         let name = format!("sensor-{name}");
         let tuning = self.letters(&name, "-tuning", TUNING_LETTERS, lines);
-        let tuned = self.calibrate(&name, self.job.model, &tuning, true);
+        let tuned = self.calibrate_anywhere(&name, self.job.model, &tuning)?;
         // On letters for tuning the bank of the calibration is the one that is evaluated.
         let (scene, bank) = if self.job.tuning_letters {
             (tuning, format!("{name}-dev.bank"))
         } else {
             let (scene, bank) = (self.letters(&name, "", LETTERS, lines), format!("{name}.bank"));
             let program = self.program("tactile-infer", "bank --model").arg(self.job.model);
-            let program = program.words(format!("--scene {scene} --out {bank} --views pegs {FINE} {BY_COSINE}"));
+            let flags = self.job.experiments.expand("--views pegs $fine $cosine")?;
+            let program = program.words(format!("--scene {scene} --out {bank} {flags}"));
             self.add(Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene));
             (scene, bank)
         };
@@ -102,15 +78,15 @@ impl Maker<'_> {
             let lines = format!("{lines}\nlight_known = false");
             let [end, letters] = if self.job.tuning_letters { ["-tuning", TUNING_LETTERS] } else { ["", LETTERS] };
             let unknown = self.letters(&format!("{name}-unknown"), end, letters, &lines);
-            self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &unknown);
-            self.touch_anywhere(&format!("{name}-light-known"), model, &of_default, &scene);
+            self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &unknown)?;
+            self.touch_anywhere(&format!("{name}-light-known"), model, &of_default, &scene)?;
         } else {
-            self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &scene);
+            self.touch_anywhere(&format!("{name}-shipped"), model, &of_default, &scene)?;
         }
         if of_default != bank {
-            self.touch_anywhere(&format!("{name}-own-bank"), model, &bank, &scene);
+            self.touch_anywhere(&format!("{name}-own-bank"), model, &bank, &scene)?;
         }
-        self.touch_anywhere(&format!("{name}-calibrated"), &tuned, &bank, &scene);
+        self.touch_anywhere(&format!("{name}-calibrated"), &tuned, &bank, &scene)
     }
 
     /// Writes the scene of small letters under a sensor; returns its file.
@@ -125,13 +101,14 @@ impl Maker<'_> {
         file
     }
 
-    fn touch_anywhere(&mut self, name: &str, model: &Path, bank: &str, scene: &str) {
-        let episodes = self.job.amount.fewer;
+    fn touch_anywhere(&mut self, name: &str, model: &Path, bank: &str, scene: &str) -> Result<()> {
+        let (episodes, ways) = (self.job.amount.fewer, self.job.experiments.expand("$default")?);
         let program = self.program("tactile-filter", "evaluate --model").arg(model);
         let program = program.words(format!("--bank {bank} --scene {scene} --other-sensor --poses off-grid"));
-        let program = program.words(format!("--episodes {episodes} {DEFAULT} --out {name}"));
+        let program = program.words(format!("--episodes {episodes} {ways} --out {name}"));
         let step = Step::new(name, program, name).with_last("evaluation.json");
         self.add(step.needs(model).needs(bank).needs(scene));
+        Ok(())
     }
 }
 
@@ -143,8 +120,10 @@ mod tests {
     #[test]
     fn each_sensor_is_evaluated_in_every_way_that_it_differs_in() {
         for tuning_letters in [false, true] {
-            let names = names_of(&job(tuning_letters), &[Part::Sensors]);
-            for (sensor, _) in SENSORS.into_iter().filter(|(sensor, _)| *sensor != BALLS.0) {
+            let job = job(tuning_letters);
+            let names = names_of(&job, &[Part::Sensors]);
+            for sensor in job.experiments.sensors.iter().filter(|sensor| sensor.real.is_none()) {
+                let sensor = sensor.name.as_str();
                 let of = |end: &str| names.iter().any(|name| *name == format!("sensor-{sensor}-{end}"));
                 assert!(of("shipped") && of("calibrated") && of("own-bank") == (sensor != OWN), "{sensor}");
                 assert_eq!(
@@ -158,7 +137,7 @@ mod tests {
             assert!(at(bank).unwrap() < at("sensor-soft-gel-shipped").unwrap());
             // Parts that informed no choice stay out of development, and balls that are not there out of both.
             assert_eq!(at("parts-digits").is_some(), !tuning_letters);
-            assert!(names.iter().all(|name| !name.contains(BALLS.0)));
+            assert!(names.iter().all(|name| !name.contains("fots-balls")));
         }
     }
 }

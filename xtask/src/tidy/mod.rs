@@ -2,6 +2,7 @@
 //! lists what it found.
 
 mod documents;
+mod figures;
 mod packages;
 mod sources;
 
@@ -41,6 +42,7 @@ pub fn tidy(workspace: &Workspace) -> Result<()> {
     for path in &files {
         findings.extend(file(workspace, path)?);
     }
+    findings.extend(figures::check(workspace, &files)?);
     findings.extend(packages::layers(&workspace.packages()?));
     let tree = |of: &str| cargo().words(format!("tree {of} --prefix none --format {{p}}")).output(&workspace.root);
     let with_imports = "--workspace --features tactile-data/ros1,tactile-data/parquet --edges normal,build";

@@ -1,6 +1,7 @@
 //! Line charts over the number of touches, coloured by the page's style so that they follow its light or dark theme.
 
 use maud::{Markup, Render, html};
+use serde::Deserialize;
 
 use super::axes::{Area, Frame, path, px};
 use super::numbers::number;
@@ -37,7 +38,8 @@ impl Point {
 }
 
 /// The shape of a mark, so that curves differ without colour.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Marker {
     /// A disc.
     Circle,

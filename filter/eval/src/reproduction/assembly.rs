@@ -2,23 +2,21 @@
 
 use maud::html;
 
+use super::experiments::Section;
 use super::folder::Reproduction;
 use super::section::{Finding, met};
 use crate::assembly::{Assembly, Share, group_table};
 use crate::page::numbers::{capital, interval, number, percent, seeds};
 use crate::page::shell::figure;
 
-/// Its entry in the contents.
-const SHORT: &str = "Assembly";
 /// Share of trials in which every peg is to be in its hole.
 const AIM_SHARE: f64 = 0.95;
 /// Touches a hole is to take, median.
 const AIM_TOUCHES: f64 = 4.0;
 
 /// The section.
-pub fn finding(found: &Reproduction) -> Finding {
-    let title = "Assembly of M, L, T and F, and belief maps";
-    let Some(assembly) = &found.assembly else { return Finding::not_run(SHORT, title, "assembly") };
+pub fn finding(found: &Reproduction, section: &Section) -> Finding {
+    let Some(assembly) = &found.assembly else { return Finding::not_run(section, "assembly") };
     let line = verdict(assembly);
     let caption = html! {
         "In each trial a robot touches one hole after the other until the filter stops by its own rule, or at the touch limit; in "
@@ -32,7 +30,7 @@ pub fn finding(found: &Reproduction) -> Finding {
     };
     let table = group_table("Part", assembly.parts.iter().chain([&assembly.holes]));
     let body = html! { p { (capital(&line)) "." } (figure(table, caption)) };
-    Finding::new(SHORT, title, body, &line)
+    Finding::new(section, body, &line)
 }
 
 /// Against the two aims.
@@ -52,6 +50,7 @@ fn verdict(assembly: &Assembly) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::experiments::tests::section;
     use super::*;
     use crate::assembly::example;
     use maud::Render;
@@ -59,12 +58,12 @@ mod tests {
     #[test]
     fn an_aim_that_was_missed_is_said_to_be() {
         let found = Reproduction { assembly: Some(example()), ..Reproduction::default() };
-        let finding = finding(&found);
+        let finding = finding(&found, &section("Assembly"));
         // Two of four trials; Wilson's interval of 1/2 with n = 4: 15.0 to 85.0 %; median 3 touches.
         let expected = "Assembly: every peg in its hole in 2 of 4 trials, 50.0 % (15.0–85.0; aim 95 %: not met); \
                         median 3 touches a hole (aim at most 4: met)";
         assert_eq!(finding.line, expected);
         assert!(finding.section.render().0.contains("L&lt;"));
-        assert_eq!(super::finding(&Reproduction::default()).line, "Assembly: not run");
+        assert_eq!(super::finding(&Reproduction::default(), &section("Assembly")).line, "Assembly: not run");
     }
 }

@@ -188,6 +188,11 @@ pub fn table(heads: &[&str], groups: &[(&str, Vec<Line>)]) -> Markup {
     }
 }
 
+/// The poses that an evaluation touched.
+pub fn poses(evaluation: &Evaluation) -> Poses {
+    evaluation.rows.iter().find(|row| row.method == Method::Filter).map_or(Poses::OnGrid, |row| row.poses)
+}
+
 /// The rows of an evaluation in the paper's columns: Pixel, MoCo, then the filter at [`TOUCHES`].
 pub fn columns(evaluation: &Evaluation, poses: Poses) -> [Option<&Row>; 5] {
     let of = |method| evaluation.rows.iter().find(|row| row.method == method && row.poses == poses);

@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use super::experiments::{self, Section};
 use super::folder::Reproduction;
 use super::section::{Finding, not_run};
 use crate::page::curves::{Line, Marker, Point, chart, entry};
@@ -12,25 +13,17 @@ use crate::report::PaperNumbers;
 use crate::report::series::leading_filter;
 use crate::result::{Evaluation, Poses, Row};
 
-/// Folder, classes, class of the style and mark of a curve.
-const CURVES: [(&str, usize, &str, Marker); 3] = [
-    ("large-4", 4, "four", Marker::Triangle),
-    ("large-8", 8, "eight", Marker::Square),
-    ("large", 12, "twelve", Marker::Circle),
-];
-
-/// Its entry in the contents.
-const SHORT: &str = "4, 8, 12 classes";
-
 /// The section.
-pub fn finding(found: &Reproduction) -> Finding {
-    let title = "Accuracy against touches for 4, 8 and 12 classes";
-    let there: Vec<_> = CURVES.iter().filter_map(|of| Some((of, found.evaluation(of.0)?))).collect();
+pub fn finding(found: &Reproduction, section: &Section) -> Finding {
+    let there: Vec<_> = section.rows.iter().filter_map(|row| Some((row, found.evaluation(&row.of)?))).collect();
     if there.is_empty() {
-        return Finding::not_run(SHORT, title, "large-4");
+        return Finding::not_run(section, "large-4");
     }
-    let lines = there.iter().map(|(of, evaluation)| curve(evaluation, of.2, of.3));
-    let paper = there.iter().find(|(of, _)| of.1 == 12).map(|(_, evaluation)| PaperNumbers::of(evaluation));
+    let lines = there.iter().map(|(of, evaluation)| curve(evaluation, of));
+    let paper = there
+        .iter()
+        .find(|(_, evaluation)| evaluation.n_classes == 12)
+        .map(|(_, evaluation)| PaperNumbers::of(evaluation));
     let paper = paper.filter(|paper| !paper.rows.is_empty());
     let drawn: Vec<Line> = lines.chain(paper.as_ref().map(papers_points)).collect();
     let evaluations: Vec<&Evaluation> = there.iter().map(|(_, evaluation)| *evaluation).collect();
@@ -47,31 +40,34 @@ pub fn finding(found: &Reproduction) -> Finding {
         }
     };
     let caption = html! {
-        "The large board at recorded poses; for each hole the parts to choose from are its own and others drawn at random. Fewer "
-        "classes are easier; the curves should meet near 100\u{a0}%. Bands are 95\u{a0}% intervals. The paper prints this figure "
-        "without numbers: only its 12 classes, which are its Table II, can be compared with ours. Reports:"
-        @for (of, _) in &there { " " (found.report(of.0, of.0)) } "."
+        (section.caption)
+        @for (of, _) in &there { " " (found.report(&of.of, &of.of)) } "."
     };
     let body = html! {
         (figure(content, caption))
-        @for of in CURVES.iter().filter(|of| found.evaluation(of.0).is_none()) { (not_run(of.0)) }
+        @for row in section.rows.iter().filter(|row| found.evaluation(&row.of).is_none()) { (not_run(&row.of)) }
     };
     let at_three = |evaluation: &&Evaluation| {
         let share = row_at(evaluation, 3).map_or(f64::NAN, |row| row.accuracy);
         format!("{} classes {} %", evaluation.n_classes, percent(share))
     };
     let all: Vec<String> = evaluations.iter().map(at_three).collect();
-    Finding::new(SHORT, title, body, &format!("after 3 touches {}", all.join(", ")))
+    Finding::new(section, body, &format!("after 3 touches {}", all.join(", ")))
 }
 
 fn row_at(evaluation: &Evaluation, n_touches: usize) -> Option<&Row> {
     leading_filter(evaluation, Poses::OnGrid)?.at(n_touches)
 }
 
-fn curve(evaluation: &Evaluation, class: &str, marker: Marker) -> Line {
+fn curve(evaluation: &Evaluation, of: &experiments::Row) -> Line {
     let rows = leading_filter(evaluation, Poses::OnGrid).map_or(Vec::new(), |series| series.rows);
     let points = rows.iter().map(|row| Point::percent(row.n_touches, row.accuracy, row.accuracy_ci95)).collect();
-    Line { label: format!("{} classes", evaluation.n_classes), class: class.into(), marker, points }
+    Line {
+        label: format!("{} classes", evaluation.n_classes),
+        class: of.style.clone(),
+        marker: of.marker.unwrap_or(Marker::Circle),
+        points,
+    }
 }
 
 fn papers_points(paper: &PaperNumbers) -> Line {
@@ -103,6 +99,7 @@ fn numbers(evaluations: &[&Evaluation], paper: Option<&PaperNumbers>) -> Markup 
 #[cfg(test)]
 mod tests {
     use super::super::cell::tests::evaluation;
+    use super::super::experiments::tests::section;
     use super::super::folder::tests::of;
     use super::*;
     use maud::Render;
@@ -114,12 +111,13 @@ mod tests {
             ..evaluation("alphabet-large", 0.5, &[(1, 0.5), (3, accuracy)])
         };
         let found = of(&[("large", made(12, 0.9)), ("large-4", made(4, 0.98))]);
-        let finding = finding(&found);
+        let finding = finding(&found, &section("4, 8, 12 classes"));
         assert_eq!(finding.line, "4, 8, 12 classes: after 3 touches 4 classes 98.0 %, 12 classes 90.0 %");
         let html = finding.section.render().0;
         assert_eq!(html.matches(r#"<path class="band""#).count(), 2);
         assert!(html.contains("<td>58.7</td>") && html.contains("<code>large-8/</code>"));
-        let without = super::finding(&of(&[("large-4", made(4, 0.98))])).section.render().0;
+        let without =
+            super::finding(&of(&[("large-4", made(4, 0.98))]), &section("4, 8, 12 classes")).section.render().0;
         assert!(!without.contains("58.7") && !without.contains("the paper, 12"));
     }
 }

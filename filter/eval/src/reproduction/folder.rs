@@ -12,65 +12,17 @@ use maud::{Markup, html};
 use tactile_data::bounded_file::{self, Kind};
 use tactile_filter::budget::Tradeoff;
 
+use super::experiments::Experiments;
 use crate::assembly::Assembly;
 use crate::error::{Error, Result};
 use crate::result::{Evaluation, SCHEMA};
 
-/// The folders of evaluations, in the order of the page; those of robustness, sensors and other parts follow by name.
-const EVALUATIONS: [&str; 38] = [
-    "small",
-    "large",
-    "connectors",
-    "connectors-learnt",
-    "connectors-centred",
-    "small-cosine",
-    "large-cosine",
-    "outlines-cosine",
-    "small-anywhere",
-    "large-anywhere",
-    "large-4",
-    "large-8",
-    "small-hard",
-    "large-hard",
-    "small-absent",
-    "large-absent",
-    "small-anywhere-absent",
-    "known-small",
-    "known-large",
-    "known-outlines",
-    "known-connectors",
-    "known-small-hard",
-    "known-large-hard",
-    "known-small-absent",
-    "known-connectors-absent",
-    "small-own",
-    "strangers-small-own",
-    "look-alikes",
-    "look-alikes-own",
-    "strangers-alike",
-    "strangers-alike-own",
-    "new-outlines-own",
-    "strangers-outlines",
-    "strangers-outlines-own",
-    "connectors-fine",
-    "connectors-own",
-    "strangers-connectors",
-    "strangers-connectors-own",
-];
-
-/// What the name of a robustness row's folder begins with.
-pub(super) const ROBUST: &str = "robust-";
-
-/// The same of a sensor's folders.
-pub(super) const SENSOR: &str = "sensor-";
-
-/// The same of parts of other kinds.
-pub(super) const PARTS: &str = "parts-";
-
 /// All that was found in a folder.
 #[derive(Clone, Debug, Default)]
 pub struct Reproduction {
-    /// The evaluations by their folder's name, in the order of the page.
+    /// What the page shows.
+    pub(super) experiments: Experiments,
+    /// The evaluations by their folder's name, in the order of the experiments.
     pub(super) evaluations: Vec<(String, Evaluation)>,
     pub(super) assembly: Option<Assembly>,
     pub(super) tradeoff: Option<Tradeoff>,
@@ -104,10 +56,9 @@ impl Reproduction {
     pub fn load(folder: &Path, page: &Path) -> Result<Self> {
         let beside = page.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let absolute = |path: &Path| fs::canonicalize(path).map_err(Error::io(path));
-        let mut found = Self { way: way(&absolute(beside)?, &absolute(folder)?), ..Self::default() };
-        let mut names: Vec<String> = EVALUATIONS.map(String::from).into();
-        names.extend(folders_by_name(folder)?);
-        for name in names {
+        let (experiments, way) = (Experiments::read()?, way(&absolute(beside)?, &absolute(folder)?));
+        let mut found = Self { experiments, way, ..Self::default() };
+        for name in found.experiments.folders() {
             let path = folder.join(&name).join("evaluation.json");
             if let Some(evaluation) = read::<Evaluation>(&path, "an evaluation")? {
                 if evaluation.schema != SCHEMA {
@@ -157,20 +108,6 @@ impl Reproduction {
             self.pages.insert(page.into());
         }
     }
-}
-
-/// The names of the folders of robustness, sensors and other parts, sorted.
-fn folders_by_name(folder: &Path) -> Result<Vec<String>> {
-    let mut names = Vec::new();
-    for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
-        let entry = entry.map_err(Error::io(folder))?;
-        let name = entry.file_name();
-        let name = name.to_str().filter(|name| [ROBUST, SENSOR, PARTS].iter().any(|start| name.starts_with(start)));
-        let name = name.filter(|_| entry.path().is_dir());
-        names.extend(name.map(String::from));
-    }
-    names.sort_unstable();
-    Ok(names)
 }
 
 /// The text of a file; `None` where there is no such file.
@@ -225,28 +162,29 @@ pub(super) mod tests {
     /// What is loaded of some evaluations.
     pub fn of(evaluations: &[(&str, Evaluation)]) -> Reproduction {
         let evaluations = evaluations.iter().map(|(name, evaluation)| (name.to_string(), evaluation.clone()));
-        Reproduction { evaluations: evaluations.collect(), ..Reproduction::default() }
+        let experiments = Experiments::read().unwrap();
+        Reproduction { experiments, evaluations: evaluations.collect(), ..Reproduction::default() }
     }
 
     #[test]
     fn what_is_there_is_read_and_linked() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["robust-b", "small", "robust-a #1"] {
+        for name in ["robust-soft-gel", "small", "parts-digits"] {
             put(folder.path(), &format!("{name}/evaluation.json"), &published());
         }
-        put(folder.path(), "robust-a #1/report.html", &json!(""));
-        put(folder.path(), "robust-a #1.bank", &json!("no folder"));
+        put(folder.path(), "parts-digits/report.html", &json!(""));
+        put(folder.path(), "parts-digits.bank", &json!("no folder"));
         let step = json!({"s": {"command": "c", "finished": true, "seconds": 2.5}});
         put(folder.path(), "reproduce.json", &step);
         let found = Reproduction::load(folder.path(), &folder.path().join("page.html")).unwrap();
         let names: Vec<_> = found.evaluations.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!(names, ["small", "robust-a #1", "robust-b"]);
+        assert_eq!(names, ["small", "robust-soft-gel", "parts-digits"]);
         assert_eq!(found.steps["s"], Step { command: "c".into(), finished: true, seconds: 2.5, peak_mib: None });
-        assert_eq!(found.report("robust-a #1", "<a>").0, r#"<a href="robust-a%20%231/report.html">&lt;a&gt;</a>"#);
+        assert_eq!(found.report("parts-digits", "<a>").0, r#"<a href="parts-digits/report.html">&lt;a&gt;</a>"#);
         assert_eq!(found.report("small", "small").0, "small", "no page, no link");
-        let elsewhere = folder.path().join("robust-b/page.html");
+        let elsewhere = folder.path().join("robust-soft-gel/page.html");
         let found = Reproduction::load(folder.path(), &elsewhere).unwrap();
-        assert!(found.report("robust-a #1", "a").0.contains(r#"href="../robust-a%20"#));
+        assert!(found.report("parts-digits", "a").0.contains(r#"href="../parts-digits"#));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use maud::html;
 
 use super::cell::{Cell, Line, Tally, columns, papers, table};
+use super::experiments::Section;
 use super::folder::Reproduction;
 use super::section::{Finding, made_of, not_run};
 use crate::page::numbers::capital;
@@ -10,36 +11,25 @@ use crate::page::shell::figure;
 use crate::report::PaperNumbers;
 use crate::result::{Evaluation, Poses, Row};
 
-/// Its entry in the contents.
-const SHORT: &str = "Hard scenes";
-/// Folder and name of each board.
-const BOARDS: [(&str, &str); 2] = [("small-hard", "Small board"), ("large-hard", "Large board")];
-
 /// The section.
-pub fn finding(found: &Reproduction) -> Finding {
-    let title = "Hard scenes: what touches add where one is not enough";
-    let there: Vec<_> =
-        BOARDS.iter().filter_map(|(name, board)| Some((*name, *board, found.evaluation(name)?))).collect();
+pub fn finding(found: &Reproduction, section: &Section) -> Finding {
+    let there = section.rows.iter().filter_map(|row| Some((&row.of, row.text.concat(), found.evaluation(&row.of)?)));
+    let there: Vec<_> = there.collect();
     let missing = html! {
-        @for (name, _) in BOARDS.iter().filter(|(name, _)| found.evaluation(name).is_none()) { (not_run(name)) }
+        @for row in section.rows.iter().filter(|row| found.evaluation(&row.of).is_none()) { (not_run(&row.of)) }
     };
     if there.is_empty() {
-        return Finding::missing(SHORT, title, missing);
+        return Finding::missing(section, missing);
     }
     let groups: Vec<(&str, Vec<Line>)> =
-        there.iter().map(|(_, board, evaluation)| (*board, lines(evaluation).into())).collect();
+        there.iter().map(|(_, board, evaluation)| (board.as_str(), lines(evaluation).into())).collect();
     let verdicts: Vec<String> = groups
         .iter()
         .map(|(board, lines)| format!("{}: gains {}", board.to_lowercase(), Tally::of(&lines[1].cells).in_words()))
         .collect();
     let line = verdicts.join("; ");
     let caption = html! {
-        "The plain scenes are easier than the paper’s boards: one touch names far more of them. In these the sensor is made so noisy "
-        "that one touch of an earlier model named about as few as in the paper; the noise was chosen on letters that are not measured "
-        "here, and not chosen again, so that a later model may name more. The model is "
-        "calibrated on those letters, under the same sensor. Right parts and then the gain over one touch (MoCo, the paper’s and "
-        "ours): ours in bold, the paper’s in grey, our 95\u{a0}% interval below (Newcombe’s, of two shares, as if of different holes: "
-        "rather too wide). A scene that starts lower has more to gain: read both rows."
+        (section.caption)
         @for (name, _, evaluation) in &there { " " (found.report(name, name)) ": " (made_of(evaluation)) }
     };
     let body = html! {
@@ -47,7 +37,7 @@ pub fn finding(found: &Reproduction) -> Finding {
         (figure(table(&["MoCo, 1 touch", "3 touches", "5", "10"], &groups), caption))
         (missing)
     };
-    Finding::new(SHORT, title, body, &line)
+    Finding::new(section, body, &line)
 }
 
 /// Accuracy, and gain over one touch.
@@ -85,6 +75,7 @@ fn difference(later: &Row, first: &Row) -> (f64, [f64; 2]) {
 #[cfg(test)]
 mod tests {
     use super::super::cell::tests::evaluation;
+    use super::super::experiments::tests::section;
     use super::super::folder::tests::of;
     use super::*;
     use crate::statistics::share::wilson_95;
@@ -109,7 +100,7 @@ mod tests {
     #[test]
     fn the_gain_is_compared_with_the_papers() {
         let made = evaluation("alphabet-small-hard", 0.3, &[(1, 0.31), (3, 0.75), (5, 0.7), (10, 0.95)]);
-        let finding = finding(&of(&[("small-hard", made)]));
+        let finding = finding(&of(&[("small-hard", made)]), &section("Hard scenes"));
         // 45.0, 40.0 and 65.0 points, the paper's 42.2, 51.1 and 55.4, five points to each side.
         assert_eq!(finding.line, "Hard scenes: small board: gains 1 of 3 better than the paper, 1 equal, 1 worse");
         let html = finding.section.render().0;

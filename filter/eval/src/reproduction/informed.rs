@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 
+use super::experiments::{Row, Section};
 use super::folder::Reproduction;
 use super::section::{Finding, not_run};
 use crate::page::curves::{Line, Marker, chart, legend};
@@ -10,65 +11,55 @@ use crate::page::shell::figure;
 use crate::report::comparison::{clearly, points, range, table};
 use crate::result::{Choice, Comparison, Evaluation, Method};
 
-/// Folder, name, class of the style and mark of a curve; dashed (particle) where touched anywhere.
-const CURVES: [(&str, &str, &str, Marker); 4] = [
-    ("small", "small", "small-board", Marker::Circle),
-    ("large", "large", "large-board", Marker::Square),
-    ("small-anywhere", "small, anywhere", "small-board particle", Marker::Circle),
-    ("large-anywhere", "large, anywhere", "large-board particle", Marker::Square),
-];
-
-/// Its entry in the contents.
-const SHORT: &str = "Informed or random";
-
 /// Rules of chance, with what touches by them are called.
 const CHANCE: [(Choice, &str); 2] =
     [(Choice::Random, "random ones"), (Choice::RandomEdge, "random ones that should show an edge")];
 
-/// A board of [`CURVES`] with the leading rule minus one of chance.
-type Board<'a> = (&'a (&'static str, &'static str, &'static str, Marker), Vec<&'a Comparison>);
+/// A board with the leading rule minus one of chance.
+type Board<'a> = (&'a Row, Vec<&'a Comparison>);
 
 /// The section.
-pub fn finding(found: &Reproduction) -> Finding {
-    let title = "Informed against random touches";
-    let of_rule = |(chance, words)| Some((words, boards(found, chance))).filter(|(_, boards)| !boards.is_empty());
+pub fn finding(found: &Reproduction, section: &Section) -> Finding {
+    let of_rule =
+        |(chance, words)| Some((words, boards(found, section, chance))).filter(|(_, boards)| !boards.is_empty());
     let all: Vec<(&str, Vec<Board<'_>>)> = CHANCE.into_iter().filter_map(of_rule).collect();
-    let is_there = |name: &str| all.iter().flat_map(|(_, boards)| boards).any(|(there, _)| there.0 == name);
+    let is_there = |name: &str| all.iter().flat_map(|(_, boards)| boards).any(|(there, _)| there.of == name);
     let missing = html! {
-        @for of in CURVES.iter().filter(|of| !is_there(of.0)) {
-            @if found.evaluation(of.0).is_some() {
-                p.note { "Not run: " code { (of.0) "/" } " compares nothing with random." }
+        @for row in section.rows.iter().filter(|row| !is_there(&row.of)) {
+            @if found.evaluation(&row.of).is_some() {
+                p.note { "Not run: " code { (row.of) "/" } " compares nothing with random." }
             } @else {
-                (not_run(of.0))
+                (not_run(&row.of))
             }
         }
     };
     if all.is_empty() {
-        return Finding::missing(SHORT, title, missing);
+        return Finding::missing(section, missing);
     }
     let body = html! {
-        @for (words, boards) in &all { (against(words, boards)) }
+        @for (words, boards) in &all { (against(section, words, boards)) }
         (missing)
     };
     let in_short = |(words, boards): &(&str, Vec<Board<'_>>)| {
-        let at_three: Vec<String> = boards.iter().filter_map(|(of, comparisons)| at_three(of.1, comparisons)).collect();
+        let at_three: Vec<String> =
+            boards.iter().filter_map(|(of, comparisons)| at_three(&of.text.concat(), comparisons)).collect();
         format!("against {words} {}", at_three.join("; "))
     };
     let line: Vec<String> = all.iter().map(in_short).collect();
-    Finding::new(SHORT, title, body, &format!("after 3 touches {}", line.join("; ")))
+    Finding::new(section, body, &format!("after 3 touches {}", line.join("; ")))
 }
 
 /// Informed touches against those of one rule of chance.
-fn against(words: &str, boards: &[Board<'_>]) -> Markup {
-    let line = |((_, name, class, marker), comparisons): &Board<'_>| Line {
-        label: (*name).into(),
-        class: (*class).into(),
-        marker: *marker,
+fn against(section: &Section, words: &str, boards: &[Board<'_>]) -> Markup {
+    let line = |(row, comparisons): &Board<'_>| Line {
+        label: row.text.concat(),
+        class: row.style.clone(),
+        marker: row.marker.unwrap_or(Marker::Circle),
         points: points(comparisons),
     };
     let lines: Vec<Line> = boards.iter().map(line).collect();
     let columns: Vec<(String, &[&Comparison])> =
-        boards.iter().map(|(of, of_board)| (of.1.into(), &of_board[..])).collect();
+        boards.iter().map(|(of, of_board)| (of.text.concat(), &of_board[..])).collect();
     let every: Vec<&Comparison> = boards.iter().flat_map(|(_, comparisons)| comparisons.iter().copied()).collect();
     let title = format!("Informed minus {words}");
     let content = html! {
@@ -83,16 +74,14 @@ fn against(words: &str, boards: &[Board<'_>]) -> Markup {
     };
     html! {
         p { "Informed touches are, against " (words) ":" }
-        ul { @for (of, comparisons) in boards { li { (of.1) ": " (clearly(comparisons)) "." } } }
-        (figure(content, "The same holes from the same first touch, by the most informative touch and by chance; the accuracy of the one \
-            minus that of the other, with the 95\u{a0}% interval of the paired difference. Above zero informed touches are better; \
-            where the band contains zero, these episodes cannot decide. The paper has no number for this."))
+        ul { @for (of, comparisons) in boards { li { (of.text.concat()) ": " (clearly(comparisons)) "." } } }
+        (figure(content, &section.caption))
     }
 }
 
 /// The boards that compare the leading rule with one of chance.
-fn boards(found: &Reproduction, chance: Choice) -> Vec<Board<'_>> {
-    let all = CURVES.iter().filter_map(|of| Some((of, minus(found.evaluation(of.0)?, chance))));
+fn boards<'a>(found: &'a Reproduction, section: &'a Section, chance: Choice) -> Vec<Board<'a>> {
+    let all = section.rows.iter().filter_map(|row| Some((row, minus(found.evaluation(&row.of)?, chance))));
     all.filter(|(_, comparisons)| !comparisons.is_empty()).collect()
 }
 
@@ -115,6 +104,7 @@ fn at_three(name: &str, comparisons: &[&Comparison]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::super::cell::tests::evaluation;
+    use super::super::experiments::tests::section;
     use super::super::folder::tests::of;
     use super::*;
     use crate::result::Inference;
@@ -138,7 +128,7 @@ mod tests {
             comparison(Choice::Information, Choice::Random, 1, 0.0),
             comparison(Choice::Information, Choice::RandomEdge, 3, 0.0625),
         ];
-        let finding = finding(&of(&[("small", made.clone())]));
+        let finding = finding(&of(&[("small", made.clone())]), &section("Informed or random"));
         assert_eq!(
             finding.line,
             "Informed or random: after 3 touches against random ones small +12.5 points (+9.4 to +15.6); against random ones that \
@@ -147,7 +137,7 @@ mod tests {
         let html = finding.section.render().0;
         assert!(html.contains("clearly better after 3 touches") && !html.contains("50.0"));
         made.comparisons.clear();
-        let html = super::finding(&of(&[("small", made)])).section.render().0;
+        let html = super::finding(&of(&[("small", made)]), &section("Informed or random")).section.render().0;
         assert!(html.contains("<code>small/</code> compares nothing") && html.contains("<code>large/</code> is not"));
     }
 }

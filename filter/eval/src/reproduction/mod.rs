@@ -3,17 +3,16 @@
 //! [`Reproduction::load`] reads the folder, [`html`] makes the page, [`summary`] gives a line for each table. What is
 //! missing from the folder is shown as not run.
 
-mod absent;
 mod assembly;
 mod cell;
 mod classes;
+mod experiments;
 mod folder;
 mod hard;
 mod informed;
-mod known;
+mod list;
 mod page;
 mod picture;
-mod robust;
 mod section;
 mod sensors;
 mod speed;

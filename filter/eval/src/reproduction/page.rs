@@ -2,10 +2,11 @@
 
 use maud::{Markup, html};
 
+use super::experiments::Kind;
 use super::folder::Reproduction;
 use super::section::Finding;
-use super::tables::{CONNECTORS, LARGE, SMALL, tallies};
-use super::{absent, assembly, cell, classes, hard, informed, known, robust, sensors, speed, steps, tables};
+use super::tables::{on_grid, tallies};
+use super::{assembly, cell, classes, experiments, hard, informed, list, speed, steps, tables};
 use crate::page::numbers::{capital, interval, milliseconds, number, percent_sign};
 use crate::page::shell::{Section, page, tile};
 use crate::report::tradeoff;
@@ -23,21 +24,17 @@ pub fn summary(found: &Reproduction) -> Vec<String> {
 }
 
 fn all(found: &Reproduction) -> Vec<Finding> {
-    vec![
-        tables::finding(found, &SMALL),
-        tables::finding(found, &LARGE),
-        tables::finding(found, &CONNECTORS),
-        classes::finding(found),
-        informed::finding(found),
-        assembly::finding(found),
-        hard::finding(found),
-        robust::finding(found),
-        sensors::finding(found),
-        absent::finding(found),
-        known::finding(found),
-        speed::finding(found),
-        steps::finding(found),
-    ]
+    let finding = |section: &experiments::Section| match section.kind {
+        Kind::Paper => tables::finding(found, section),
+        Kind::Classes => classes::finding(found, section),
+        Kind::Informed => informed::finding(found, section),
+        Kind::Assembly => assembly::finding(found, section),
+        Kind::Hard => hard::finding(found, section),
+        Kind::List => list::finding(found, section),
+        Kind::Speed => speed::finding(found, section),
+        Kind::Steps => steps::finding(found, section),
+    };
+    found.experiments.sections.iter().map(finding).collect()
 }
 
 fn top(found: &Reproduction) -> Markup {
@@ -68,14 +65,16 @@ fn top(found: &Reproduction) -> Markup {
 const NOT_RUN: &str = "not run";
 
 fn board_tile(found: &Reproduction) -> Markup {
-    let boards = [&SMALL, &LARGE].map(|board| (board, found.evaluation(board.on_grid)));
+    let boards = found.experiments.papers().filter(|board| !board.one_touch);
+    let boards: Vec<_> = boards.map(|board| (board, on_grid(found, board))).collect();
     let run = boards.iter().filter_map(|(board, evaluation)| Some(tallies((*evaluation)?, board)));
     let (mut n_better, mut n, mut n_no_worse, mut n_errors) = (0, 0, 0, 0);
     for [accuracy, errors] in run {
         (n_better, n) = (n_better + accuracy.n_better, n + accuracy.n());
         (n_no_worse, n_errors) = (n_no_worse + errors.n() - errors.n_worse, n_errors + errors.n());
     }
-    let missing: Vec<&str> = boards.iter().filter(|(_, there)| there.is_none()).map(|(board, _)| board.name).collect();
+    let missing: Vec<&str> =
+        boards.iter().filter(|(_, there)| there.is_none()).map(|(board, _)| board.short.as_str()).collect();
     let figure = if n == 0 { NOT_RUN.into() } else { format!("{n_better} of {n}") };
     tile(
         figure,
@@ -90,8 +89,9 @@ fn board_tile(found: &Reproduction) -> Markup {
 }
 
 fn connectors_tile(found: &Reproduction) -> Markup {
-    let one = found.evaluation(CONNECTORS.on_grid).map(|evaluation| cell::columns(evaluation, Poses::OnGrid)[1]);
-    match one.flatten() {
+    let mut board = found.experiments.papers().filter(|board| board.one_touch);
+    let evaluation = board.next().and_then(|board| on_grid(found, board));
+    match evaluation.and_then(|evaluation| cell::columns(evaluation, Poses::OnGrid)[1]) {
         Some(row) => {
             let what =
                 format!("of connectors named by one touch ({}); the paper: 83.3\u{a0}%", interval(row.accuracy_ci95));
@@ -156,8 +156,8 @@ mod tests {
         let (html, lines) = (html(&some()), summary(&some()));
         assert_eq!((html.matches("<section id=").count(), lines.len()), (13, 13));
         let n_missing = lines.iter().filter(|line| line.ends_with("not run")).count();
-        // Tables II and III, classes, informed, robustness, sensors, unknown parts, known holes, speed.
-        assert_eq!(n_missing, 9, "{lines:#?}");
+        // Tables II and III, classes, informed, sensors, unknown parts, speed.
+        assert_eq!(n_missing, 7, "{lines:#?}");
         assert!(html.contains(r##"href="#every-step""##) && html.contains(r#"id="every-step""#));
     }
 

@@ -2,17 +2,11 @@
 
 use maud::html;
 
+use super::experiments::Row;
 use super::folder::Reproduction;
 use crate::page::curves::{Line, Marker, Point, chart, mark};
 use crate::report::PaperNumbers;
 use crate::result::{Choice, Inference, Method};
-
-/// Folder, what it is, class of the style and mark of each curve of ours, from the easiest start on.
-const CURVES: [(&str, &str, &str, Marker); 3] = [
-    ("small", "start at a recorded pose, cosine alone", "recorded", Marker::Circle),
-    ("small-anywhere", "start within 8 mm and 90° of the middle", "anywhere", Marker::Square),
-    ("parts-wide", "start within 16 mm, at every angle", "wide", Marker::Triangle),
-];
 
 /// The paper's curve is of recorded poses on a real robot.
 const PAPER: (&str, &str, Marker) = ("the paper: recorded poses, a real robot", "paper", Marker::Diamond);
@@ -25,16 +19,18 @@ const STYLE: &str = "text{font:11px system-ui,sans-serif;fill:#333}.end{text-anc
 
 /// The picture as an SVG file of its own; `None` where none of its evaluations was run.
 pub fn picture(found: &Reproduction) -> Option<String> {
-    let of_ours = |(folder, label, class, marker): &(&str, &str, &str, Marker)| {
-        let evaluation = found.evaluation(folder)?;
+    let of_ours = |row: &Row| {
+        let evaluation = found.evaluation(&row.of)?;
         let is_default = |method, inference, action| {
             (method, inference, action) == (Method::Filter, Inference::Exact, Choice::Information)
         };
         let rows = evaluation.rows.iter().filter(|row| is_default(row.method, row.inference, row.action));
         let points = rows.map(|row| Point::percent(row.n_touches, row.accuracy, row.accuracy_ci95)).collect();
-        Some(Line { label: (*label).into(), class: (*class).into(), marker: *marker, points })
+        let marker = row.marker.unwrap_or(Marker::Circle);
+        Some(Line { label: row.text.concat(), class: row.style.clone(), marker, points })
     };
-    let mut lines: Vec<Line> = CURVES.iter().filter_map(of_ours).filter(|line| !line.points.is_empty()).collect();
+    let mut lines: Vec<Line> =
+        found.experiments.picture.iter().filter_map(of_ours).filter(|line| !line.points.is_empty()).collect();
     if lines.is_empty() {
         return None;
     }

@@ -2,32 +2,34 @@
 
 use maud::{Markup, html};
 
+use super::experiments::Section;
 use crate::page::numbers::seeds;
-use crate::page::shell::Section;
+use crate::page::shell;
 use crate::result::Evaluation;
 
 /// A section and what it comes to.
 pub struct Finding {
     /// The section.
-    pub section: Section,
+    pub section: shell::Section,
     /// In a line for a terminal.
     pub line: String,
 }
 
 impl Finding {
-    /// A section that comes to `line`, under `short` in the contents.
-    pub fn new(short: &str, title: &str, body: Markup, line: &str) -> Self {
-        Self { section: Section::new(short, title, body), line: format!("{short}: {line}") }
+    /// A section that comes to `line`.
+    pub fn new(of: &Section, body: Markup, line: &str) -> Self {
+        let section = shell::Section::new(&of.short, &of.title, body);
+        Self { section, line: format!("{}: {line}", of.short) }
     }
 
     /// A section of which nothing was measured; `missing` says so.
-    pub fn missing(short: &str, title: &str, missing: Markup) -> Self {
-        Self::new(short, title, missing, "not run")
+    pub fn missing(of: &Section, missing: Markup) -> Self {
+        Self::new(of, missing, "not run")
     }
 
     /// A section of which nothing was measured; `name` is what would be in the folder.
-    pub fn not_run(short: &str, title: &str, name: &str) -> Self {
-        Self::missing(short, title, not_run(name))
+    pub fn not_run(of: &Section, name: &str) -> Self {
+        Self::missing(of, not_run(name))
     }
 }
 

@@ -6,13 +6,12 @@ use tactile_filter::budget::{Point, Setup, Tradeoff};
 use tactile_filter::choice::ActionRule;
 use tactile_infer::precision::Precision;
 
+use super::experiments::Section;
 use super::folder::Reproduction;
 use super::section::{Finding, met};
 use crate::page::numbers::{number, percent};
 use crate::report::tradeoff::{Verdict, planes, tiles, verdict};
 
-/// Its entry in the contents.
-const SHORT: &str = "Speed";
 /// Median and 99th percentile that a whole decision of the default setting is to take on one core, ms.
 const AIM_MS: [f64; 2] = [6.0, 12.0];
 /// How many times as fast as the best the fastest setting within two points of it is to be.
@@ -21,11 +20,10 @@ const AIM_FASTER: f64 = 5.0;
 const AIM_FRONTIER: (usize, usize, f64) = (40, 8, 20.0);
 
 /// The section.
-pub fn finding(found: &Reproduction) -> Finding {
-    let title = "Speed against accuracy";
-    let Some(tradeoff) = &found.tradeoff else { return Finding::not_run(SHORT, title, "tradeoff") };
+pub fn finding(found: &Reproduction, section: &Section) -> Finding {
+    let Some(tradeoff) = &found.tradeoff else { return Finding::not_run(section, "tradeoff") };
     let Some(verdict) = verdict(tradeoff) else {
-        return Finding::missing(SHORT, title, html! { p.note { "Not run: no setting was measured." } });
+        return Finding::missing(section, html! { p.note { "Not run: no setting was measured." } });
     };
     let model = found.evaluations.first().map(|(_, evaluation)| evaluation.model.sha256.as_str());
     let body = html! {
@@ -43,7 +41,7 @@ pub fn finding(found: &Reproduction) -> Finding {
             (tradeoff.n_episodes) " episodes of " (tradeoff.scene) ", timed on " (tradeoff.machine) "."
         }
     };
-    Finding::new(SHORT, title, body, &fastest(&verdict))
+    Finding::new(section, body, &fastest(&verdict))
 }
 
 /// The fastest setting near the best, in words.
@@ -100,6 +98,7 @@ fn default_setting<'a>(tradeoff: &'a Tradeoff, model_sha256: Option<&str>) -> Op
 
 #[cfg(test)]
 mod tests {
+    use super::super::experiments::tests::section;
     use super::*;
     use crate::report::tradeoff::tests::settings;
     use maud::Render;
@@ -139,7 +138,7 @@ mod tests {
     #[test]
     fn the_default_setting_is_compared_with_its_aims() {
         let found = Reproduction { tradeoff: Some(tradeoff()), ..Reproduction::default() };
-        let finding = finding(&found);
+        let finding = finding(&found, &section("Speed"));
         assert_eq!(
             finding.line,
             "Speed: 5.00 ms a decision within 2 points of the best (95.0 % against 96.0 %), 8.0 times as fast (aim 5: met)"

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use maud::{Markup, html};
 
+use super::experiments::Section;
 use super::folder::{Reproduction, Step};
 use super::section::Finding;
 use crate::page::numbers::{capital, number, seeds};
@@ -11,11 +12,8 @@ use crate::page::shell::figure;
 use crate::page::table::{cells, sortable};
 use crate::result::Evaluation;
 
-/// Its entry in the contents.
-const SHORT: &str = "Every step";
-
 /// The section.
-pub fn finding(found: &Reproduction) -> Finding {
+pub fn finding(found: &Reproduction, section: &Section) -> Finding {
     let models: BTreeSet<(&str, &str)> = models(found);
     let body = html! {
         @if found.steps.is_empty() {
@@ -29,8 +27,7 @@ pub fn finding(found: &Reproduction) -> Finding {
         dl { @for (name, sha256) in &models { dt { "Model " (name) } dd { code { (sha256) } } } }
         (of_evaluations(found))
     };
-    let title = "Every step, its command and its time";
-    Finding::new(SHORT, title, body, &total(found).unwrap_or_else(|| "time not known".into()))
+    Finding::new(section, body, &total(found).unwrap_or_else(|| "time not known".into()))
 }
 
 fn of_steps(found: &Reproduction) -> Markup {
@@ -102,6 +99,7 @@ fn of_evaluations(found: &Reproduction) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::super::cell::tests::evaluation;
+    use super::super::experiments::tests::section;
     use super::super::folder::tests::of;
     use super::*;
     use maud::Render;
@@ -110,10 +108,10 @@ mod tests {
     fn times_add_up_and_what_was_cut_short_is_said() {
         let step = |finished, seconds, peak_mib| Step { command: "a < b".into(), finished, seconds, peak_mib };
         let mut found = of(&[("small", evaluation("s", 0.5, &[]))]);
-        assert!(super::finding(&found).section.render().0.contains("reproduce.json"));
+        assert!(super::finding(&found, &section("Every step")).section.render().0.contains("reproduce.json"));
         found.steps.insert("one".into(), step(true, 3_599.5, Some(64.0)));
         found.steps.insert("two".into(), step(false, 61.0, None));
-        let finding = finding(&found);
+        let finding = finding(&found, &section("Every step"));
         assert_eq!(finding.line, "Every step: 1 of 2 steps done in 1 h 1 min, at most 64 MiB");
         let html = finding.section.render().0;
         assert!(html.contains("two<small>not finished</small>") && html.contains("a &lt; b"));
@@ -124,8 +122,20 @@ mod tests {
         let one = evaluation("s", 0.5, &[]);
         let mut other = one.clone();
         other.model.sha256 = "cd".into();
-        assert!(!finding(&of(&[("small", one.clone())])).section.render().0.contains("class=\"caution\""));
-        assert!(finding(&of(&[("small", one), ("large", other)])).section.render().0.contains("class=\"caution\""));
+        assert!(
+            !finding(&of(&[("small", one.clone())]), &section("Every step"))
+                .section
+                .render()
+                .0
+                .contains("class=\"caution\"")
+        );
+        assert!(
+            finding(&of(&[("small", one), ("large", other)]), &section("Every step"))
+                .section
+                .render()
+                .0
+                .contains("class=\"caution\"")
+        );
     }
 
     #[test]
