@@ -51,7 +51,9 @@ fn code_of(steps: &[Step], notes: &Value, name: &str) -> Result<Code> {
         let got = if note["finished"] == true { got } else { format!("{got}, not finished") };
         return Err(Error::invalid(name, format!("a whole run's `{expected}`"), got));
     }
-    let inputs = steps.iter().filter(|input| step.is_made_of(input));
+    // A preset may have the name of an evaluation: what a step is made of comes before it.
+    let earlier = steps.iter().take_while(|input| input.name != name);
+    let inputs = earlier.filter(|input| step.is_made_of(input));
     inputs.map(|input| Ok((input, code_of(steps, notes, &input.name)?))).try_fold(Code::read(note), |code, input| {
         let (input, of_input) = input?;
         Ok(code.and(of_input, &format!("{} was made by other code", input.name)))
