@@ -26,8 +26,6 @@ pub struct Experiments {
     pub evaluations: Vec<Evaluation>,
     pub sensors: Vec<Sensor>,
     pub models: Vec<Trained>,
-    /// The first commit whose figures a table may have, where the table does not say.
-    pub since: String,
     /// The documents' tables.
     pub tables: Vec<Table>,
     /// Curves of a picture that the page's program draws.

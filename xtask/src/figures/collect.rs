@@ -17,8 +17,14 @@ use crate::step::Step;
 use crate::workspace::Workspace;
 
 /// Takes every figure that a table has. Each must be of a step that finished with the command that the experiments give
-/// to a whole run, and so must all that it was made of.
-pub fn collect(workspace: &Workspace, experiments: &Experiments, folder: &Path) -> Result<Figures> {
+/// to a whole run, and so must all that it was made of. What the folder lacks stays as `before` has it.
+pub fn collect(
+    workspace: &Workspace,
+    experiments: &Experiments,
+    folder: &Path,
+    before: Option<Figures>,
+) -> Result<Figures> {
+    let mut before = before.map(|before| before.evaluations).unwrap_or_default();
     let notes = json::read(&folder.join("reproduce.json"))?;
     let model = workspace.shipped_model();
     let steps = steps(&Job::whole(workspace, experiments, &model), Part::value_variants())?;
@@ -30,6 +36,12 @@ pub fn collect(workspace: &Workspace, experiments: &Experiments, folder: &Path) 
     }
     let mut evaluations = BTreeMap::new();
     for (name, figures) in wanted {
+        if notes[&name].is_null()
+            && let Some(kept) = before.remove(&name).filter(|kept| kept.has(&figures))
+        {
+            evaluations.insert(name, kept);
+            continue;
+        }
         let code = code_of(&steps, &notes, &name).map_err(|error| error.within(folder))?;
         let path = folder.join(&name).join("evaluation.json");
         let evaluation = json::read(&path)?;

@@ -6,7 +6,7 @@ pub mod document;
 pub mod model;
 pub mod table;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,8 @@ const SCHEMA: &str = "tactile-filter/figures/1";
 /// What `cargo xtask figures` takes.
 #[derive(Args)]
 pub struct FiguresArgs {
-    /// Take the figures from this folder, which a whole `cargo xtask reproduce` made [default: those of figures.json]
+    /// Take the figures from this folder, which `cargo xtask reproduce` made with all episodes; evaluations that it lacks keep
+    /// their figures [default: all figures of figures.json]
     #[arg(long)]
     from: Option<PathBuf>,
 }
@@ -43,7 +44,7 @@ pub struct Figures {
 }
 
 /// The figures of an evaluation, and what made them.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluated {
     /// Episodes behind each figure.
     pub n_episodes: usize,
@@ -65,6 +66,13 @@ pub struct Figure {
     /// Bounds of its 95 % interval, where it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ci95: Option<[f64; 2]>,
+}
+
+impl Evaluated {
+    /// Whether it has all of some figures, each named by its way and itself.
+    fn has(&self, figures: &BTreeSet<(String, String)>) -> bool {
+        figures.iter().all(|(way, figure)| self.ways.get(way).is_some_and(|ways| ways.contains_key(figure)))
+    }
 }
 
 impl Figures {
@@ -117,12 +125,16 @@ pub fn figures(workspace: &Workspace, args: &FiguresArgs) -> Result<()> {
     }
 }
 
-/// Makes `figures.json` of a folder that a whole `cargo xtask reproduce` made, and the documents' tables of that.
+/// Makes `figures.json` of a folder that `cargo xtask reproduce` made, with as many episodes as a whole run, and the documents'
+/// tables of that. Evaluations that the folder lacks stay as they are, and are counted.
 pub fn remake(workspace: &Workspace, folder: &Path) -> Result<()> {
     let experiments = Experiments::read(workspace)?;
-    let figures = collect::collect(workspace, &experiments, folder)?;
+    let before = Figures::read(workspace).ok();
+    let old: BTreeMap<String, Evaluated> = before.as_ref().map(|of| of.evaluations.clone()).unwrap_or_default();
+    let figures = collect::collect(workspace, &experiments, folder, before)?;
     figures.write(workspace)?;
-    println!("{FILE}: {} evaluations", figures.evaluations.len());
+    let n_kept = figures.evaluations.iter().filter(|(name, of)| old.get(*name) == Some(of)).count();
+    println!("{FILE}: {} evaluations, {n_kept} as before", figures.evaluations.len());
     document::write_all(workspace, &experiments, &figures)
 }
 

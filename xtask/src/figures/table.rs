@@ -10,7 +10,8 @@ use crate::error::{Error, Result};
 #[serde(deny_unknown_fields)]
 pub struct Table {
     pub name: String,
-    since: Option<String>,
+    /// The first commit whose figures it may have; without one it claims nothing of the code that made them.
+    pub since: Option<String>,
     #[serde(default = "of_shipped")]
     pub is_of_shipped_model: bool,
     #[serde(default)]
@@ -59,11 +60,6 @@ pub fn shown(value: f64) -> String {
 }
 
 impl Table {
-    /// The first commit whose figures it may have; `default` where it does not say.
-    pub fn since<'a>(&'a self, default: &'a str) -> &'a str {
-        self.since.as_deref().unwrap_or(default)
-    }
-
     /// Every figure that it has.
     pub fn selected(&self) -> Result<Vec<Selected>> {
         let mut all = Vec::new();
@@ -169,6 +165,7 @@ pub(crate) mod tests {
     pub fn table() -> Table {
         let text = r#"
             name = "reach"
+            since = "bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb"
             join = "; "
             text = ["parts"]
             columns = [

@@ -45,7 +45,7 @@ pub fn check(workspace: &Workspace, files: &[String]) -> Result<Vec<Finding>> {
         let of = (since.to_owned(), commit.to_owned());
         ages.entry(of).or_insert_with(|| age(&workspace.root, since, commit)).clone()
     };
-    findings.extend(codes(&experiments.tables, &experiments.since, &figures, &mut age)?);
+    findings.extend(codes(&experiments.tables, &figures, &mut age)?);
     let unchecked = ages.into_values().find_map(|age| if let Age::Unchecked(why) = age { Some(why) } else { None });
     if let Some(why) = unchecked {
         println!("tidy: how old the figures are could not be checked: {why}");
@@ -98,16 +98,11 @@ fn models(tables: &[Table], figures: &Figures, shipped: &str) -> Result<Vec<Find
     Ok(findings)
 }
 
-/// Tables whose figures are of code that is not known, not committed, or too old.
-fn codes(
-    tables: &[Table],
-    since: &str,
-    figures: &Figures,
-    age: &mut dyn FnMut(&str, &str) -> Age,
-) -> Result<Vec<Finding>> {
+/// Tables that say since when their figures are, and have figures of code that is not known, not committed, or older.
+fn codes(tables: &[Table], figures: &Figures, age: &mut dyn FnMut(&str, &str) -> Age) -> Result<Vec<Finding>> {
     let mut findings = Vec::new();
     for table in tables {
-        let since = table.since(since);
+        let Some(since) = &table.since else { continue };
         let mut wrong: BTreeMap<String, Vec<&str>> = BTreeMap::new();
         for (name, evaluated) in of_table(table, figures)? {
             let what = match &evaluated.code {
@@ -214,8 +209,8 @@ mod tests {
 
     #[test]
     fn figures_of_code_that_is_unknown_uncommitted_or_old_are_found() {
-        let (tables, since) = ([table()], "b".repeat(40));
-        let found = |code: Code, age: Age| lines(codes(&tables, &since, &figures(&code), &mut |_, _| age.clone()));
+        let tables = [table()];
+        let found = |code: Code, age: Age| lines(codes(&tables, &figures(&code), &mut |_, _| age.clone()));
         let start = "filter/eval/figures.json:1: table reach: large and 1 more: of";
         for (code, age, expected) in [
             (Code::unknown("git: none"), Age::Newer, "code that is not known: git: none"),
@@ -228,6 +223,11 @@ mod tests {
         for age in [Age::Newer, Age::Unchecked("a shallow clone".into())] {
             assert!(found(committed(false), age).is_empty());
         }
+        // A table that says no commit claims nothing of the code.
+        let mut claims_nothing = table();
+        claims_nothing.since = None;
+        let unknown = figures(&Code::unknown("git: none"));
+        assert!(codes(&[claims_nothing], &unknown, &mut |_, _| Age::Older).unwrap().is_empty());
     }
 
     #[test]
