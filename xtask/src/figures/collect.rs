@@ -106,7 +106,8 @@ fn found(evaluation: &Value, way: &str, figure: &str) -> Result<Figure> {
         Ok(Figure { value: stops[field].as_f64().map(|value| rounded(scale * value)), ci95: None })
     };
     let of_row = |n: &str, field: &str, interval: &str, scale: f64| {
-        let is_it = |row: &&Value| is_of_way(row) && row["method"] == method && row["n_touches"].to_string() == n;
+        let is_it =
+            |row: &&Value| is_of_way(row) && row["method"] == method && row["n_touches"].as_u64() == n.parse().ok();
         let row = json::entries(evaluation, "/rows")?.iter().find(is_it).ok_or_else(missing)?;
         let value = row[field].as_f64().ok_or_else(missing)?;
         let bound = |at: usize| row[interval][at].as_f64().map(|bound| rounded(scale * bound));
