@@ -18,7 +18,7 @@ pub struct Estimate {
     /// Pose of the sensor now, around the likeliest state of that part.
     pub part_from_sensor: Se2,
     /// Pose of the sensor at its first touch: the mean around that state, or its recorded pose where
-    /// [`crate::EpisodeConfig::between_poses`] is off.
+    /// [`crate::Method::between_poses`] is off.
     pub part_from_first: Se2,
     /// The turns after which that part feels the same. Touch cannot tell the poses of
     /// `symmetry.twins(&part_from_sensor)` apart; insert at any of them.

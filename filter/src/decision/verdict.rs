@@ -100,7 +100,7 @@ pub enum Warning {
     LowSimilarity {
         /// The largest cosine of any edged touch with any recorded view.
         best: f32,
-        /// What [`crate::EpisodeConfig::low_similarity`] asks for.
+        /// What [`crate::TouchModel::low_similarity`] asks for.
         floor: f32,
     },
     /// Every touch was blank: no edge was ever seen.
