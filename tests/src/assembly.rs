@@ -53,7 +53,7 @@ fn a_task_that_cannot_be_done_is_refused_before_it_begins() {
         ("connectors", &[], "got the connector"),
         (&other_scene, &[], "bank: expected the scene's parts T L, got T X"),
         ("two.toml", &["--trials", "0"], "expected trials and seeds, got 0 trials"),
-        ("two.toml", &["--grasp-error-deg=-1"], "grasp-error-deg: expected 0 to 180, got -1"),
+        ("two.toml", &["--grasp-error", "0.5", "-1"], "grasp-error, degrees: expected 0 to 180, got -1"),
     ] {
         let ran = assemble(&sample, "pegs.bank", scene, &out, more);
         assert!(ran.failed().contains(word), "{ran:#?}");

@@ -73,7 +73,7 @@ impl<'a> Workcell<'a> {
             return Err(Error::invalid("assembly", "trials and seeds", got));
         }
         for (field, value, most) in
-            [("grasp-error-mm", task.grasp_error_mm, 100.0), ("grasp-error-deg", task.grasp_error_deg, 180.0)]
+            [("grasp-error, mm", task.grasp_error_mm, 100.0), ("grasp-error, degrees", task.grasp_error_deg, 180.0)]
         {
             if !(0.0..=most).contains(&value) {
                 return Err(Error::invalid(field, format!("0 to {most}"), value.to_string()));
@@ -333,8 +333,8 @@ mod tests {
         for (task, expected) in [
             (Task { n_trials: 0, ..task() }, "assembly: expected trials and seeds, got 0 trials of 2 seeds"),
             (Task { seeds: vec![], ..task() }, "assembly: expected trials and seeds, got 3 trials of 0 seeds"),
-            (held(-0.1), "grasp-error-mm: expected 0 to 100, got -0.1"),
-            (held(f64::NAN), "grasp-error-mm: expected 0 to 100, got NaN"),
+            (held(-0.1), "grasp-error, mm: expected 0 to 100, got -0.1"),
+            (held(f64::NAN), "grasp-error, mm: expected 0 to 100, got NaN"),
         ] {
             assert_eq!(refused(scene("ITL"), &whole, task), expected);
         }

@@ -8,12 +8,12 @@ use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
-use tactile_eval::Result;
 use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html, trial};
 use tactile_eval::fits::check_bank;
 use tactile_eval::holes::Holes;
 use tactile_eval::narrative::Board;
 use tactile_eval::result::{ModelRecord, Poses};
+use tactile_eval::{Error, Result};
 use tactile_filter::EpisodeConfig;
 use tactile_infer::{Bank, Model};
 
@@ -29,7 +29,7 @@ const NEVER: usize = usize::MAX;
 /// Name, find and fill every hole of a scene in simulation; write assembly.json and report.html.
 ///
 /// A peg is tried once the place is known to a quarter of the scene's clearance_mm along x and along y (a standard
-/// deviation; --set stop_place_mm=MM). Memory is linear in the parts, as that of evaluate.
+/// deviation; --set stop_place_mm=MM); with --set none_touches=4 a hole may be given up as none of the pegs on the table. Memory is linear in the parts, as that of evaluate.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors \
                         --bank four.bank --scene data/scenes/four-letters.toml --out assembly")]
@@ -48,15 +48,9 @@ pub struct Assemble {
     trials: usize,
     #[command(flatten, next_help_heading = "Trials")]
     seeds: Seeds,
-    /// A held peg is off by up to this in x and in y, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.5, help_heading = "Trials")]
-    grasp_error_mm: f64,
-    /// A held peg is turned by up to this, degrees
-    #[arg(long, value_name = "DEG", default_value_t = 1.0, help_heading = "Trials")]
-    grasp_error_deg: f64,
-    /// Let the robot give up a hole as none of the pegs on the table, though each has its peg there
-    #[arg(long, help_heading = "Trials")]
-    strangers: bool,
+    /// A held peg is off by up to this in x and in y, mm, and turned by up to this, degrees
+    #[arg(long, value_names = ["MM", "DEG"], allow_negative_numbers = true, default_values_t = [0.5, 1.0], help_heading = "Trials")]
+    grasp_error: Vec<f64>,
     #[command(flatten)]
     numbers: Numbers,
 }
@@ -102,10 +96,8 @@ impl Assemble {
         self.numbers.refuse(&["seed"], "--seeds, from which each trial has its own", "one")?;
         self.numbers.check_engines(&[Engine::Exact])?;
         let of_model = EpisodeConfig::of_side(model, Side::Hole).changed(|settings, model, _| {
-            if !self.strangers {
-                // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
-                model.none_touches = NEVER;
-            }
+            // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
+            model.none_touches = NEVER;
             // Two standard deviations are half of the play, and what the grasp leaves is as much again.
             let by_play = simulator.scene().clearance_mm / 4.0;
             settings.stop_place_mm = model.interpolation.is_cubic(bank.grid()).then_some(by_play);
@@ -118,12 +110,14 @@ impl Assemble {
         const HOLE_BYTES: f64 = 256.0;
         let n_bytes = self.trials as f64 * simulator.parts().len() as f64 * HOLE_BYTES;
         output::check_memory("--trials", self.trials, n_bytes)?;
-        Ok(Task {
-            n_trials: self.trials,
-            seeds: self.seeds.seeds.clone(),
-            grasp_error_mm: self.grasp_error_mm,
-            grasp_error_deg: self.grasp_error_deg,
-        })
+        let [grasp_error_mm, grasp_error_deg] = self.grasp_error[..] else {
+            return Err(Error::invalid(
+                "--grasp-error",
+                "two numbers, mm and degrees",
+                self.grasp_error.len().to_string(),
+            ));
+        };
+        Ok(Task { n_trials: self.trials, seeds: self.seeds.seeds.clone(), grasp_error_mm, grasp_error_deg })
     }
 }
 
