@@ -17,7 +17,7 @@ use crate::step::Step;
 use crate::workspace::Workspace;
 
 /// Takes every figure that a table has. Each must be of a step that finished with the command that the experiments give
-/// to a whole run, and so must all that it was made of. What the folder lacks stays as `before` has it.
+/// to a whole run, and so must all that it was made of. What the folder has not finished stays as `before` has it.
 pub fn collect(
     workspace: &Workspace,
     experiments: &Experiments,
@@ -36,7 +36,7 @@ pub fn collect(
     }
     let mut evaluations = BTreeMap::new();
     for (name, figures) in wanted {
-        if notes[&name].is_null()
+        if notes[&name]["finished"] != true
             && let Some(kept) = before.remove(&name).filter(|kept| kept.has(&figures))
         {
             evaluations.insert(name, kept);

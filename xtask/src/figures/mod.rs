@@ -161,6 +161,10 @@ mod tests {
         let line = r#"        "information": {"right 1":{"ci95":[85.3,90.9],"value":88.4},"wrong":{"value":null}},"#;
         assert!(text.lines().any(|of| of == line), "{text}");
         assert_eq!(Figures::parse(&text).unwrap(), figures);
+        let has = |way: &str, figure: &str| {
+            figures.evaluations["small"].has(&BTreeSet::from([(way.to_owned(), figure.to_owned())]))
+        };
+        assert!(has("random", "wrong") && !has("random", "right 2") && !has("paper", "wrong"));
         let error = Figures::parse(&text.replace("figures/1", "figures/0")).unwrap_err().to_string();
         assert!(error.starts_with("filter/eval/figures.json: schema: expected"), "{error}");
     }
