@@ -62,7 +62,7 @@ fn touchable(mut side: Relief, width_mm: f64) -> Relief {
 impl MazeParts {
     /// Numbers of the parts.
     pub(super) fn range(&self) -> Range<usize> {
-        self.first..self.first + self.n
+        self.first..self.first.saturating_add(self.n)
     }
 
     /// The part of a number.
