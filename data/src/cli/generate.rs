@@ -26,7 +26,7 @@ use tactile_data::{Error, Result};
                         --theta-step-deg 15 --out fine-pegs\n  \
                         tactile-data generate --scene maze --shard 2/4 --out maze-2")]
 pub struct Generate {
-    /// What to touch: the name of a preset, or a TOML file
+    /// What to touch: the name of a preset, or a TOML file; FILE.toml#24+12 touches parts 24 to 35 of its MAZE parts
     #[arg(long, value_name = "PRESET|FILE.toml")]
     scene: String,
     /// Simulate your sensor, as `calibrate` measured it, instead of the scene's

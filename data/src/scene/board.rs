@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::parts::Part;
+use super::part::Part;
 use crate::error::{Error, Result};
 use crate::shape::relief::rectangle;
 use crate::shape::{Raster, Shape};

@@ -1,15 +1,14 @@
 //! MAZE boards as a scene declares them.
 
-use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use super::side_shares::SideShares;
 use super::{SensorRange, is_zero};
 use crate::error::{Error, Result};
 use crate::random::{around_zero, frame_rng, uniform};
 use crate::sensor::SensorSpec;
 use crate::shape::maze::MazeSpec;
-use crate::shape::{Face, Layer, Relief, Rounding, Shape};
 use crate::touch::Side;
 
 /// A set of MAZE boards.
@@ -51,19 +50,6 @@ pub struct MazeBoards {
 /// The most boards of a scene: what is known of a board before it is touched takes about 1 kB of memory.
 const MOST_BOARDS: usize = 100_000;
 
-/// Least and greatest distance between a rim or shell and its core, mm.
-const CORE_INSET_MM: [f64; 2] = [0.2, 1.0];
-
-/// Least and greatest depth of a core below its rim or shell, mm.
-const CORE_DROP_MM: [f64; 2] = [0.0, 0.8];
-
-/// Least and greatest width of a rounded edge, mm, drawn log-uniformly: from a broken edge to a dome.
-const ROUNDING_MM: [f64; 2] = [0.3, 4.0];
-
-/// How far a rounded edge falls, as a share of its width, and at most, mm: what is deeper is hardly touched.
-const FALL_SHARE: [f64; 2] = [0.3, 1.0];
-const MOST_FALL_MM: f64 = 1.0;
-
 fn default_band() -> [f64; 2] {
     [0.25, 2.5]
 }
@@ -74,36 +60,10 @@ impl MazeBoards {
         frame_rng(seed ^ 0x6261_6e64, 2 * board as u64 + u64::from(side == Side::Peg))
     }
 
-    /// One side of a board whose pegs have the outline `walls`; its rim or shell and its rounding are drawn from
-    /// [`Self::band_rng`].
-    pub(super) fn side(&self, walls: Shape, side: Side, clearance_mm: f64, rng: &mut ChaCha8Rng) -> Relief {
-        let relief = self.banded(walls, side, clearance_mm, rng);
-        if rng.random::<f64>() >= self.rounded_share {
-            return relief;
-        }
-        let width_mm = uniform(rng, ROUNDING_MM.map(f64::ln)).exp();
-        let fall_mm = (width_mm * uniform(rng, FALL_SHARE)).min(MOST_FALL_MM);
-        relief.rounded(Rounding { width_mm, fall_mm })
-    }
-
-    fn banded(&self, walls: Shape, side: Side, clearance_mm: f64, rng: &mut ChaCha8Rng) -> Relief {
-        let whole = match side {
-            Side::Peg => Relief::peg(walls.clone()),
-            Side::Hole => Relief::hole(walls.clone(), clearance_mm),
-        };
-        if rng.random::<f64>() >= self.band_share {
-            return whole;
-        }
-        // Log-uniform: sheet metal is as common as a block's wall.
-        let band_mm = uniform(rng, self.band_mm.map(f64::ln)).exp();
-        let (inset_mm, drop_mm) = (uniform(rng, CORE_INSET_MM), uniform(rng, CORE_DROP_MM));
-        let mut relief = whole.banded(band_mm);
-        if rng.random::<f64>() < self.core_share {
-            // A shell's core begins where the shell ends.
-            let grow_mm = -inset_mm - if side == Side::Peg { band_mm } else { 0.0 };
-            relief.layers.push(Layer::Face(Face { grow_mm, drop_mm, ..Face::of(walls) }));
-        }
-        relief
+    /// How the sides of boards are drawn.
+    pub(super) fn side_shares(&self) -> SideShares {
+        let Self { band_share, band_mm, core_share, rounded_share, .. } = *self;
+        SideShares { band: band_share, band_mm, core: core_share, rounded: rounded_share }
     }
 
     /// The diagonal of the largest view that a sensor may have, mm.
@@ -185,6 +145,7 @@ mod tests {
     use crate::scene::{Parts, Scene};
     use crate::sensor::obstacle::{Cells, obstacle};
     use crate::shape::relief::rectangle;
+    use crate::shape::{Face, Layer, Relief, Rounding, Shape};
 
     fn boards(band_share: f64, core_share: f64) -> MazeBoards {
         let Parts::Maze(maze) = Scene::preset("maze").unwrap().parts else { panic!("maze boards") };
@@ -196,7 +157,7 @@ mod tests {
     }
 
     fn drawn(boards: &MazeBoards, board: usize, side: Side, clearance_mm: f64, seed: u64) -> Relief {
-        boards.side(wall(), side, clearance_mm, &mut MazeBoards::band_rng(seed, board, side))
+        boards.side_shares().side(wall(), side, clearance_mm, &mut MazeBoards::band_rng(seed, board, side))
     }
 
     #[test]

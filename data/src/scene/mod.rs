@@ -2,11 +2,14 @@
 
 mod board;
 mod maze_boards;
+mod maze_parts;
 mod origin;
+mod part;
 mod parts;
 mod preset;
 mod sensor_range;
 mod sensor_table;
+mod side_shares;
 
 use std::path::Path;
 
@@ -26,6 +29,7 @@ use crate::touch::Side;
 
 pub use board::Board;
 pub use maze_boards::MazeBoards;
+pub use maze_parts::MazeParts;
 pub use parts::{Connectors, Kit, Letters, Outlines, PartFile, Parts, Solids};
 pub use sensor_range::SensorRange;
 
@@ -73,9 +77,21 @@ fn default_fidelity() -> Fidelity {
 }
 
 impl Scene {
-    /// A preset, or a TOML file; paths in it start at its folder. Fails with the file, the line where it is
-    /// known, and the field that is wrong.
+    /// A preset, or a TOML file; paths in it start at its folder. `FILE.toml#24+12` takes parts 24 to 35 of its MAZE parts.
+    ///
+    /// # Errors
+    /// A scene that cannot be read or touched: the file, the line where it is known, and the field that is wrong. MAZE
+    /// parts that the scene does not have.
     pub fn load(preset_or_file: &str) -> Result<Self> {
+        match preset_or_file.rsplit_once('#') {
+            Some((whole, range)) if !Path::new(preset_or_file).exists() => {
+                Self::load_whole(whole)?.take(range).map_err(|e| e.within(preset_or_file))
+            }
+            _ => Self::load_whole(preset_or_file),
+        }
+    }
+
+    fn load_whole(preset_or_file: &str) -> Result<Self> {
         if let Some(scene) = Self::preset(preset_or_file) {
             return Ok(scene);
         }
@@ -92,6 +108,19 @@ impl Scene {
         let folder = path.parent().unwrap_or(Path::new(""));
         scene.start_at(folder).and_then(|()| scene.validate()).map_err(|e| e.within(preset_or_file))?;
         Ok(scene)
+    }
+
+    /// The same scene with some of its MAZE parts, `FIRST+N`.
+    fn take(mut self, range: &str) -> Result<Self> {
+        let numbers = range.split_once('+').and_then(|(first, n)| Some((first.parse().ok()?, n.parse().ok()?)));
+        let (first, n) =
+            numbers.ok_or_else(|| Error::invalid("parts", "#FIRST+N, such as #24+12", format!("#{range}")))?;
+        let Parts::Kit(Kit { maze_parts: Some(parts), .. }) = &mut self.parts else {
+            return Err(Error::invalid("parts", "maze_parts to take some from", "none"));
+        };
+        *parts = parts.take(first, n)?;
+        self.name = format!("{}#{range}", self.name);
+        Ok(self)
     }
 
     /// Has the paths of a scene start at `folder`, and reads the sensor's calibration.
@@ -151,6 +180,12 @@ impl Scene {
                     return Err(Error::invalid("parts", format!("at most {MOST_PARTS} parts"), needs));
                 }
                 kit.validate()?;
+                if let Some(MazeParts { play_mm: Some([least, _]), .. }) = kit.maze_parts
+                    && self.gauge_mm > least
+                {
+                    let expected = format!("0 to the least of parts.maze_parts.play_mm, {least} mm");
+                    return Err(Error::invalid("gauge_mm", expected, self.gauge_mm.to_string()));
+                }
                 let (names, parts) = (kit.names(), kit.parts(self.clearance_mm)?);
                 board.as_ref().map_or(Ok(()), |board| board.validate(&names, &parts))
             }
@@ -200,7 +235,7 @@ impl Scene {
             Parts::Kit(kit) => kit,
             Parts::Maze(boards) => {
                 let rng = &mut MazeBoards::band_rng(seed, part, side);
-                return Ok(vec![boards.side(self.shape(part, seed)?, side, self.clearance_mm, rng)]);
+                return Ok(vec![boards.side_shares().side(self.shape(part, seed)?, side, self.clearance_mm, rng)]);
             }
         };
         let own = kit.part(part, self.clearance_mm)?;

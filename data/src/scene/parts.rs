@@ -1,18 +1,20 @@
-//! The parts of a scene: letters, connectors, simple bodies, random outlines, the user's own files, or MAZE boards.
+//! The parts of a scene: letters, connectors, simple bodies, random outlines, MAZE parts, the user's own files, or MAZE
+//! boards.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::MazeBoards;
+use super::part::Part;
+use super::{MazeBoards, MazeParts};
 use crate::error::{Error, Result};
 use crate::printable::is_printable;
 use crate::shape::connector::Connector;
 use crate::shape::file::{self, FileScale, ending};
 use crate::shape::glyph::{Font, glyph_of};
 use crate::shape::heights::GreyScale;
-use crate::shape::{Relief, Shape, Solid, outline};
+use crate::shape::{Relief, Shape, Solid, maze_part, outline};
 use crate::touch::Side;
 
 /// The parts of a scene.
@@ -36,6 +38,8 @@ pub struct Kit {
     pub solids: Option<Solids>,
     /// Random closed outlines, one part each.
     pub outlines: Option<Outlines>,
+    /// Crops of MAZE boards, islands and outlines with rims, shells and rounded edges, one part each.
+    pub maze_parts: Option<MazeParts>,
     /// The user's own parts.
     pub files: Vec<PartFile>,
 }
@@ -115,21 +119,6 @@ pub struct PartFile {
     pub full_scale_mm: Option<f64>,
 }
 
-/// One part of a kit, with both its sides; all mm round its centre.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Part {
-    /// Outline of the peg.
-    pub outline: Shape,
-    /// What the hole's side takes of a board, before the clearance.
-    taken: Shape,
-    /// By how much the opening is widened on every side, mm.
-    pub clearance_mm: f64,
-    /// Whether the hole's side is mounted on the board instead of being a plate with an opening.
-    pub stands: bool,
-    peg: Relief,
-    hole: Relief,
-}
-
 /// Parts as a scene file has them.
 #[derive(Clone, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -142,6 +131,8 @@ struct Declared {
     solids: Option<Solids>,
     #[serde(skip_serializing_if = "Option::is_none")]
     outlines: Option<Outlines>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maze_parts: Option<MazeParts>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     files: Vec<PartFile>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -152,14 +143,12 @@ impl TryFrom<Declared> for Parts {
     type Error = Error;
 
     fn try_from(declared: Declared) -> Result<Self> {
-        let Declared { letters, connectors, solids, outlines, files, maze } = declared;
-        let kit = Kit { letters, connectors, solids, outlines, files };
+        let Declared { letters, connectors, solids, outlines, maze_parts, files, maze } = declared;
+        let kit = Kit { letters, connectors, solids, outlines, maze_parts, files };
         match maze {
             None => Ok(Self::Kit(kit)),
             Some(boards) if kit == Kit::default() => Ok(Self::Maze(boards)),
-            Some(_) => {
-                Err(Error::invalid("parts", "either maze or letters, connectors, solids, outlines and files", "both"))
-            }
+            Some(_) => Err(Error::invalid("parts", "either maze or other parts", "both")),
         }
     }
 }
@@ -167,8 +156,8 @@ impl TryFrom<Declared> for Parts {
 impl From<Parts> for Declared {
     fn from(parts: Parts) -> Self {
         match parts {
-            Parts::Kit(Kit { letters, connectors, solids, outlines, files }) => {
-                Self { letters, connectors, solids, outlines, files, maze: None }
+            Parts::Kit(Kit { letters, connectors, solids, outlines, maze_parts, files }) => {
+                Self { letters, connectors, solids, outlines, maze_parts, files, maze: None }
             }
             Parts::Maze(boards) => Self { maze: Some(boards), ..Self::default() },
         }
@@ -182,6 +171,7 @@ enum Origin<'a> {
     Connector(Connector),
     Solid(Solid),
     Outline(usize, Outlines),
+    MazePart(usize, MazeParts),
     File(usize, &'a PartFile),
 }
 
@@ -208,6 +198,7 @@ impl Origin<'_> {
                 let outline = outline::outline(seed, index, size_mm);
                 Ok(Part::extruded(outline.clone(), Relief::peg(outline), clearance_mm))
             }
+            Origin::MazePart(index, parts) => parts.part(index, clearance_mm),
             Origin::File(i, file) => file.part(&format!("parts.files[{i}]"), clearance_mm),
         }
     }
@@ -225,8 +216,10 @@ impl Kit {
         let connectors = self.connectors.iter().flat_map(|of| of.names.iter().map(|name| Origin::Connector(*name)));
         let solids = self.solids.iter().flat_map(|of| of.names.iter().map(|solid| Origin::Solid(*solid)));
         let outlines = self.outlines.iter().flat_map(|of| (0..of.n).map(move |index| Origin::Outline(index, *of)));
+        let maze_parts =
+            self.maze_parts.iter().flat_map(|of| of.range().map(move |index| Origin::MazePart(index, *of)));
         let files = self.files.iter().enumerate().map(|(i, file)| Origin::File(i, file));
-        letters.chain(connectors).chain(solids).chain(outlines).chain(files)
+        letters.chain(connectors).chain(solids).chain(outlines).chain(maze_parts).chain(files)
     }
 
     /// Names of the parts.
@@ -236,6 +229,7 @@ impl Kit {
             Origin::Connector(connector) => connector.name().to_owned(),
             Origin::Solid(solid) => solid.to_string(),
             Origin::Outline(index, _) => outline::name(index),
+            Origin::MazePart(index, _) => maze_part::name(index),
             Origin::File(_, file) => file.name.clone(),
         };
         self.origins().map(name).collect()
@@ -267,9 +261,16 @@ impl Kit {
         if let Some(outlines) = &self.outlines {
             outlines.validate()?;
         }
+        if let Some(parts) = &self.maze_parts {
+            parts.validate()?;
+        }
         let (names, mut known) = (self.names(), HashSet::new());
         if names.is_empty() {
-            return Err(Error::invalid("parts", "at least one letter, connector, solid, outline or file", "none"));
+            return Err(Error::invalid(
+                "parts",
+                "at least one letter, connector, solid, outline, MAZE part or file",
+                "none",
+            ));
         }
         for name in &names {
             if name.trim().is_empty() || !is_printable(name) {
@@ -288,40 +289,6 @@ impl Kit {
         files.flat_map(|file| std::iter::once(&mut file.peg).chain(&mut file.hole)).for_each(|path| {
             *path = folder.join(&*path);
         });
-    }
-}
-
-impl Part {
-    /// A part whose hole is a through opening of its outline.
-    fn extruded(outline: Shape, peg: Relief, clearance_mm: f64) -> Self {
-        let hole = Relief::hole(outline.clone(), clearance_mm);
-        Self { taken: outline.clone(), outline, clearance_mm, stands: false, peg, hole }
-    }
-
-    /// One of its sides.
-    pub fn side(self, side: Side) -> Relief {
-        match side {
-            Side::Peg => self.peg,
-            Side::Hole => self.hole,
-        }
-    }
-
-    /// What a peg goes into, and by how much it is widened on every side, mm; `None` where the hole's side
-    /// is mounted on the board.
-    pub fn opening(self) -> Option<(Shape, f64)> {
-        (!self.stands).then_some((self.taken, self.clearance_mm))
-    }
-
-    /// What peg and hole take of a board, before the clearance.
-    pub fn footprint(&self) -> Shape {
-        Shape { regions: self.outline.regions.iter().chain(&self.taken.regions).cloned().collect() }
-    }
-
-    /// Smallest box `[x_min, y_min, x_max, y_max]` round the footprint, mm.
-    pub fn bounds(&self) -> [f64; 4] {
-        let [x_min, y_min, x_max, y_max] = self.footprint().bounds();
-        let grow = self.clearance_mm;
-        [x_min - grow, y_min - grow, x_max + grow, y_max + grow]
     }
 }
 

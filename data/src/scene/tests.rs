@@ -405,6 +405,52 @@ fn letters_of_another_font_digits_and_outlines_are_parts() {
 }
 
 #[test]
+fn maze_parts_that_cannot_be_are_named_with_their_field() {
+    let written = Written::new();
+    let parts = |text: &str| format!("[parts.maze_parts]\nseed = 5\n{text}");
+    let good = "n = 12\nfirst = 24\nsize_mm = [8.0, 14.0]\nplay_mm = [0.1, 0.4]";
+    let scene = written.load(&format!("{LETTERS}\n{}", parts(good))).unwrap();
+    assert_eq!(scene.part_names()[1..4], ["B", "polygon-24", "star-25"]);
+    let scene = written.load(&parts(good)).unwrap();
+    assert!((0.1..=0.4).contains(&scene.opening(3).unwrap().1) && scene.clearance_mm == 0.15);
+    for (from, to, named) in [
+        ("n = 12", "n = 0", ["parts.maze_parts.n", "1 to 10000", "got 0"]),
+        ("first = 24", "first = 1000001", ["parts.maze_parts.first", "0 to 1000000", "1000001"]),
+        ("[8.0, 14.0]", "[14.0, 8.0]", ["parts.maze_parts.size_mm", "5 to 200 mm, in order", "14 to 8"]),
+        ("[8.0, 14.0]", "[nan, 14.0]", ["parts.maze_parts.size_mm", "in order", "NaN to 14"]),
+        ("[0.1, 0.4]", "[-0.1, 0.4]", ["parts.maze_parts.play_mm", "0 to 5 mm, in order", "-0.1 to 0.4"]),
+    ] {
+        written.refused(&parts(&good.replace(from, to)), &named);
+    }
+    written.refused(&format!("gauge_mm = 0.12\n{}", parts(good)), &["gauge_mm", "parts.maze_parts.play_mm, 0.1 mm"]);
+    let taken = |range: &str| Scene::load(&format!("{}{range}", written.at("scene.toml").display()));
+    written.load(&parts(good)).unwrap();
+    assert_eq!(taken("#2+1").unwrap().part_names(), ["gear-26"]);
+    for (range, named) in [
+        ("#0+13", "scene.toml#0+13: parts.maze_parts: expected N at least 1, FIRST + N at most 12, got 0+13"),
+        ("#12+1", "got 12+1"),
+        ("#3+0", "got 3+0"),
+        ("#3", "scene.toml#3: parts: expected #FIRST+N, such as #24+12, got #3"),
+        ("#a+b", "got #a+b"),
+        ("#-1+2", "got #-1+2"),
+        ("#18446744073709551615+2", "FIRST + N at most 12"),
+    ] {
+        let error = taken(range).unwrap_err().to_string();
+        assert!(error.contains(named) && !error.contains('\n'), "{error}");
+    }
+    let error = Scene::load("maze#0+12").unwrap_err().to_string();
+    assert_eq!(error, "maze#0+12: parts: expected maze_parts to take some from, got none");
+}
+
+#[test]
+fn a_file_whose_name_has_a_number_sign_is_read_as_it_is() {
+    let written = Written::new();
+    written.load(LETTERS).unwrap();
+    std::fs::rename(written.at("scene.toml"), written.at("scene#1+2")).unwrap();
+    assert_eq!(Scene::load(written.at("scene#1+2").to_str().unwrap()).unwrap().part_names(), ["A", "B"]);
+}
+
+#[test]
 fn a_wrong_file_of_a_part_is_named_with_its_field() {
     let written = Written::new();
     let svg = "<svg xmlns='http://www.w3.org/2000/svg' width='9mm' height='9mm' viewBox='0 0 9 9'>";

@@ -45,30 +45,34 @@ impl Default for MazeSpec {
 }
 
 /// One board: the walls of a random spanning tree on jittered nodes. Walls are the peg's face and the
-/// hole's opening. The same seed draws the same board.
+/// hole's opening. The same seed draws the same board, from stream 0 of its generator.
 pub fn maze(spec: &MazeSpec, seed: u64) -> Shape {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    draw(spec, &mut ChaCha8Rng::seed_from_u64(seed))
+}
+
+/// One board as [`maze`] draws it, from any generator.
+pub(super) fn draw(spec: &MazeSpec, rng: &mut ChaCha8Rng) -> Shape {
     // Log-uniform: as many fine boards as coarse ones in each octave.
     let pitch = spec.pitch_mm[0] * (spec.pitch_mm[1] / spec.pitch_mm[0]).powf(rng.random());
-    let width = pitch * uniform(&mut rng, spec.wall_share);
+    let width = pitch * uniform(rng, spec.wall_share);
     let n = (spec.side_mm / pitch).ceil() as usize + 1;
     let nodes: Vec<[f64; 2]> = (0..n * n)
         .map(|i| {
             [i % n, i / n].map(|k| {
-                let jitter = uniform(&mut rng, [-spec.node_jitter, spec.node_jitter]);
+                let jitter = uniform(rng, [-spec.node_jitter, spec.node_jitter]);
                 (k as f64 - 0.5 * (n - 1) as f64 + jitter) * pitch
             })
         })
         .collect();
     if rng.random_bool(spec.island_share) {
-        return islands(&nodes, pitch, &mut rng);
+        return islands(&nodes, pitch, rng);
     }
-    let kept = uniform(&mut rng, spec.kept_share);
-    let regions = tree(n, kept, &mut rng)
+    let kept = uniform(rng, spec.kept_share);
+    let regions = tree(n, kept, rng)
         .into_iter()
         .map(|(a, b)| {
-            let half_widths = [0, 1].map(|_| 0.5 * width * uniform(&mut rng, [0.7, 1.3]));
-            let bend = if rng.random_bool(spec.bent_share) { uniform(&mut rng, [-0.35, 0.35]) } else { 0.0 };
+            let half_widths = [0, 1].map(|_| 0.5 * width * uniform(rng, [0.7, 1.3]));
+            let bend = if rng.random_bool(spec.bent_share) { uniform(rng, [-0.35, 0.35]) } else { 0.0 };
             let round = rng.random_bool(0.5);
             vec![wall(nodes[a], nodes[b], half_widths, bend * pitch, round)]
         })

@@ -1,5 +1,6 @@
 //! The outlines of parts, in mm, and how they become rasters.
 
+mod clip;
 pub mod connector;
 pub mod crossing;
 mod curve;
@@ -11,6 +12,7 @@ pub mod heights;
 mod island;
 pub mod level_line;
 pub mod maze;
+pub mod maze_part;
 pub mod outline;
 pub mod raster;
 pub mod relief;
@@ -45,6 +47,14 @@ impl Shape {
         let low = |axis: usize| points().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
         let high = |axis: usize| points().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
         [low(0), low(1), high(0), high(1)]
+    }
+
+    /// The same shape centred on its own box, whose longer side is `long_mm`.
+    pub(crate) fn scaled_to(self, long_mm: f64) -> Self {
+        let [x_min, y_min, x_max, y_max] = self.bounds();
+        let scale = long_mm / (x_max - x_min).max(y_max - y_min);
+        let middle = [0.5 * (x_min + x_max), 0.5 * (y_min + y_max)];
+        self.map(|[x, y]| [scale * (x - middle[0]), scale * (y - middle[1])])
     }
 
     /// Moves every point.

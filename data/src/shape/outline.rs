@@ -55,7 +55,12 @@ impl Kind {
 pub fn outline(seed: u64, index: usize, size_mm: [f64; 2]) -> Shape {
     let rng = &mut frame_rng(seed, index as u64);
     let long_mm = uniform(rng, size_mm);
-    let contours = match Kind::of(index) {
+    outline_of(Kind::of(index), long_mm, rng)
+}
+
+/// An outline of a kind, centred on its own box, whose longer side is `long_mm`.
+pub(super) fn outline_of(kind: Kind, long_mm: f64, rng: &mut ChaCha8Rng) -> Shape {
+    let contours = match kind {
         Kind::Blob => vec![blob(rng)],
         Kind::Polygon => vec![polygon(rng)],
         Kind::Star => vec![star(rng)],
@@ -63,7 +68,7 @@ pub fn outline(seed: u64, index: usize, size_mm: [f64; 2]) -> Shape {
         Kind::NotchedRing => notched_ring(rng),
     };
     // Slender outlines are as common as round ones; a squeezed contour still does not cross itself.
-    let squeeze = match Kind::of(index) {
+    let squeeze = match kind {
         Kind::Blob | Kind::Polygon | Kind::Star => uniform(rng, [0.6, 1.0]),
         Kind::Gear | Kind::NotchedRing => 1.0,
     };
@@ -72,10 +77,7 @@ pub fn outline(seed: u64, index: usize, size_mm: [f64; 2]) -> Shape {
     let drawn = Shape { regions: vec![contours] }
         .map(|[x, y]| [x, squeeze * y])
         .map(|[x, y]| [cos * x - sin * y, sin * x + cos * y]);
-    let [x_min, y_min, x_max, y_max] = drawn.bounds();
-    let scale = long_mm / (x_max - x_min).max(y_max - y_min);
-    let middle = [0.5 * (x_min + x_max), 0.5 * (y_min + y_max)];
-    drawn.map(|[x, y]| [scale * (x - middle[0]), scale * (y - middle[1])])
+    drawn.scaled_to(long_mm)
 }
 
 /// Name of outline number `index`: `gear-3`.
