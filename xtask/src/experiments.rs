@@ -3,13 +3,45 @@
 use std::collections::BTreeMap;
 use std::fs;
 
+use clap::ValueEnum;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use crate::error::{Error, Result};
 use crate::figures::table::Table;
-use crate::reproduce::Part;
 use crate::workspace::Workspace;
+
+/// A part that can be made on its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Part {
+    /// Tables I and II, and informed against random touches.
+    Tables,
+    /// Table III.
+    Connectors,
+    /// Touches anywhere, at any angle.
+    Anywhere,
+    /// Letters searched in an area four times as large, at every angle.
+    Wide,
+    /// Fewer classes.
+    Classes,
+    /// A part that is not in the bank.
+    Absent,
+    /// The same anywhere with banks that know the holes, and with look-alikes; as the model comes and after ten touches.
+    Strangers,
+    /// Belief maps and assembly of M, L, T and F.
+    Assembly,
+    /// Scenes where one touch says as little as in the paper.
+    Hard,
+    /// Banks that know what the holes look like, not only the pegs.
+    KnownHoles,
+    /// Other lamps, gels, cameras, presses, and what does not belong to a part.
+    Robust,
+    /// The table of sensors, as it comes and calibrated, touched anywhere; and parts of other kinds.
+    Sensors,
+    /// Speed against accuracy.
+    Tradeoff,
+}
 
 /// The file, relative to the workspace.
 pub const FILE: &str = "filter/eval/experiments.toml";

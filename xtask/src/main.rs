@@ -112,7 +112,10 @@ fn run(chore: &Chore) -> Result<()> {
         Chore::Bench(bench) => bench::bench(&workspace, bench),
         Chore::Validate(args) => validate::validate(&workspace, args),
         Chore::Real(args) => real::real(&workspace, args),
-        Chore::Reproduce(args) => reproduce::reproduce(&workspace, args),
+        Chore::Reproduce(args) => {
+            let whole = reproduce::reproduce(&workspace, args)?;
+            figures::after(&workspace, whole.as_deref())
+        }
         Chore::Figures(args) => figures::figures(&workspace, args),
         Chore::Lab(args) => lab::lab(&workspace, args),
         Chore::Python(args) => python::python(&workspace, args),

@@ -6,13 +6,13 @@ use std::path::Path;
 use clap::ValueEnum;
 use serde_json::Value;
 
+use super::file::{Evaluated, Figure, Figures};
 use super::table::Selected;
-use super::{Evaluated, Figure, Figures};
 use crate::code::Code;
 use crate::error::{Error, Result};
-use crate::experiments::Experiments;
+use crate::experiments::{Experiments, Part};
 use crate::json;
-use crate::reproduce::{Job, Part, steps};
+use crate::reproduce::{Job, steps};
 use crate::step::Step;
 use crate::workspace::Workspace;
 

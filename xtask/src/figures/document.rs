@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::Figures;
+use super::file::Figures;
 use crate::error::{Error, Result};
 use crate::experiments::Experiments;
 use crate::workspace::Workspace;

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::{Figure, Figures};
+use super::file::{Figure, Figures};
 use crate::error::{Error, Result};
 
 /// A table; the experiments' file says what each entry is.

@@ -8,11 +8,9 @@ pub use parts::{Job, steps};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use serde::Deserialize;
 
 use crate::error::{Error, Result};
-use crate::experiments::{Amount, Experiments};
-use crate::figures;
+use crate::experiments::{Amount, Experiments, Part};
 use crate::step;
 use crate::workspace::Workspace;
 
@@ -42,40 +40,8 @@ pub struct ReproduceArgs {
     model: Option<PathBuf>,
 }
 
-/// A part that can be made on its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Part {
-    /// Tables I and II, and informed against random touches.
-    Tables,
-    /// Table III.
-    Connectors,
-    /// Touches anywhere, at any angle.
-    Anywhere,
-    /// Letters searched in an area four times as large, at every angle.
-    Wide,
-    /// Fewer classes.
-    Classes,
-    /// A part that is not in the bank.
-    Absent,
-    /// The same anywhere with banks that know the holes, and with look-alikes; as the model comes and after ten touches.
-    Strangers,
-    /// Belief maps and assembly of M, L, T and F.
-    Assembly,
-    /// Scenes where one touch says as little as in the paper.
-    Hard,
-    /// Banks that know what the holes look like, not only the pegs.
-    KnownHoles,
-    /// Other lamps, gels, cameras, presses, and what does not belong to a part.
-    Robust,
-    /// The table of sensors, as it comes and calibrated, touched anywhere; and parts of other kinds.
-    Sensors,
-    /// Speed against accuracy.
-    Tradeoff,
-}
-
-/// Runs what is left to do and writes the page.
-pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<()> {
+/// Runs what is left to do and writes the page; returns the folder where it was a whole run with the shipped model.
+pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<Option<PathBuf>> {
     let folder = match (args.smoke, args.tuning_letters) {
         (true, _) => "reproduction-smoke",
         (_, true) => "reproduction-tuning",
@@ -102,9 +68,5 @@ pub fn reproduce(workspace: &Workspace, args: &ReproduceArgs) -> Result<()> {
     step::run_all("reproduce", &steps(&job, parts)?, workspace, &out)?;
     workspace.program("tactile-filter").words("reproduction . --out reproduction.html").run(&out)?;
     println!("{}", out.join("reproduction.html").display());
-    if is_whole {
-        return figures::remake(workspace, &out);
-    }
-    println!("{} stays as it is: it has figures of whole runs with the shipped model only", figures::FILE);
-    Ok(())
+    Ok(is_whole.then_some(out))
 }

@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Part;
 use crate::error::Result;
-use crate::experiments::{Amount, Calibration, Experiments};
+use crate::experiments::{Amount, Calibration, Experiments, Part};
 use crate::program::Program;
 use crate::step::Step;
 use crate::workspace::Workspace;

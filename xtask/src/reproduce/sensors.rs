@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
-use super::Part;
 use super::parts::Maker;
 use crate::error::Result;
+use crate::experiments::Part;
 use crate::step::Step;
 
 /// Letters for evaluation.

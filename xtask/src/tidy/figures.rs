@@ -10,10 +10,10 @@ use clap::ValueEnum;
 use super::Finding;
 use crate::code::{Code, git};
 use crate::error::{Error, Result};
-use crate::experiments::{self, Experiments};
+use crate::experiments::{self, Experiments, Part};
 use crate::figures::table::Table;
 use crate::figures::{self, Evaluated, Figures, document, model};
-use crate::reproduce::{Job, Part, steps};
+use crate::reproduce::{Job, steps};
 use crate::workspace::Workspace;
 
 /// How old a commit is.

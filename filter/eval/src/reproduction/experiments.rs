@@ -175,7 +175,7 @@ impl Experiments {
 
     /// The folders of the evaluations, in the order of the file; then those of the sensors.
     pub fn folders(&self) -> Vec<String> {
-        let sensors = self.sensors.iter().flat_map(|sensor| super::sensors::folders(&sensor.name));
+        let sensors = self.sensors.iter().flat_map(|sensor| super::way::folders(&sensor.name));
         self.evaluations.iter().map(|of| of.name.clone()).chain(sensors).collect()
     }
 

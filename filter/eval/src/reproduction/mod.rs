@@ -18,6 +18,7 @@ mod sensors;
 mod speed;
 mod steps;
 mod tables;
+mod way;
 
 pub use folder::{Reproduction, Step};
 pub use page::{html, summary};

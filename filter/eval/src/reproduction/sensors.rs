@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::experiments::Row;
 use super::folder::Reproduction;
+use super::way::{Way, folders};
 use crate::report::series::{leading_filter, leading_stops};
 use crate::result::{Evaluation, Poses};
 
@@ -14,44 +15,6 @@ pub const SENSORS_SCHEMA: &str = "tactile-filter/sensors/1";
 
 /// The numbers of touches of the table for programs.
 const TOUCHES: [usize; 3] = [1, 3, 10];
-
-/// How much was done for a sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Way {
-    /// Nothing: the model as shipped, and a bank rendered under the default sensor; nothing is known of its light.
-    Shipped,
-    /// Its light is known, where it is another than the default's: pictures are brought under the lamps that the model
-    /// knows.
-    LightKnown,
-    /// A bank rendered under this sensor.
-    OwnBank,
-    /// The same, and the confidence calibrated on letters for tuning under this sensor.
-    Calibrated,
-}
-
-impl Way {
-    const ALL: [Self; 4] = [Self::Shipped, Self::LightKnown, Self::OwnBank, Self::Calibrated];
-
-    /// The end of its folder's name.
-    fn folder(self) -> &'static str {
-        match self {
-            Self::Shipped => "shipped",
-            Self::LightKnown => "light-known",
-            Self::OwnBank => "own-bank",
-            Self::Calibrated => "calibrated",
-        }
-    }
-
-    fn label(self) -> &'static str {
-        match self {
-            Self::Shipped => "as it comes",
-            Self::LightKnown => "its light known",
-            Self::OwnBank => "own bank",
-            Self::Calibrated => "calibrated",
-        }
-    }
-}
 
 /// The table for programs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -103,11 +66,6 @@ pub fn table(found: &Reproduction) -> Option<SensorTable> {
     let row = |(sensor, way, evaluation): (&str, Way, &Evaluation)| row(sensor, way, evaluation);
     let rows: Vec<SensorRow> = runs(found).filter_map(row).collect();
     (!rows.is_empty()).then(|| SensorTable { schema: SENSORS_SCHEMA.into(), rows })
-}
-
-/// The folders of a sensor, in the order of the ways.
-pub fn folders(sensor: &str) -> [String; 4] {
-    Way::ALL.map(|way| format!("sensor-{sensor}-{}", way.folder()))
 }
 
 /// The evaluations of sensors: in the experiments' order, each in the order of the ways.
