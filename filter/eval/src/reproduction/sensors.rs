@@ -101,7 +101,7 @@ fn row(sensor: &str, way: Way, evaluation: &Evaluation) -> Option<SensorRow> {
 pub fn rows(found: &Reproduction) -> Vec<Row> {
     let label = |name: &str| found.experiments.sensors.iter().find(|of| of.name == name).map(|of| of.label.clone());
     let row = |(sensor, way, _): (&str, Way, &Evaluation)| Row {
-        of: format!("sensor-{sensor}-{}", way.folder()),
+        of: way.folder_of(sensor),
         text: vec![label(sensor).unwrap_or_default(), way.label().into()],
         known: None,
         style: String::new(),

@@ -20,8 +20,12 @@ pub enum Way {
 impl Way {
     pub(super) const ALL: [Self; 4] = [Self::Shipped, Self::LightKnown, Self::OwnBank, Self::Calibrated];
 
-    /// The end of its folder's name.
-    fn folder(self) -> &'static str {
+    /// The folder of a sensor's evaluation.
+    pub(super) fn folder_of(self, sensor: &str) -> String {
+        format!("sensor-{sensor}-{}", self.ending())
+    }
+
+    fn ending(self) -> &'static str {
         match self {
             Self::Shipped => "shipped",
             Self::LightKnown => "light-known",
@@ -42,5 +46,5 @@ impl Way {
 
 /// The folders of a sensor, in the order of the ways.
 pub fn folders(sensor: &str) -> [String; 4] {
-    Way::ALL.map(|way| format!("sensor-{sensor}-{}", way.folder()))
+    Way::ALL.map(|way| way.folder_of(sensor))
 }
