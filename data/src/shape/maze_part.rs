@@ -1,6 +1,6 @@
 //! MAZE parts: crops of MAZE boards, islands, blobs, polygons, stars, gears and notched rings in turn.
 //!
-//! Unlike [`outline`](super::outline)s, crops and islands have several pieces and may look the same after a turn.
+//! Unlike [`outline`]s, crops and islands have several pieces and may look the same after a turn.
 
 use std::f64::consts::TAU;
 
