@@ -155,6 +155,9 @@ fn age(root: &Path, since: &str, commit: &str) -> Age {
         Ok(_) => return Age::Unchecked("not a repository of its own with its whole history".into()),
         Err(why) => return Age::Unchecked(format!("git: {why}")),
     }
+    if git(root, &format!("cat-file -e {since}^{{commit}}")).is_err() {
+        return Age::Unchecked(format!("the history does not go back to {since:.12}"));
+    }
     let is_ancestor =
         |older: &str, newer: &str| git(root, &format!("merge-base --is-ancestor {older} {newer}")).is_ok();
     match (is_ancestor(commit, "HEAD"), is_ancestor(since, commit)) {
@@ -258,6 +261,7 @@ mod tests {
         assert_eq!(age(&folder, &second, &first), Age::Older);
         assert_eq!(age(&folder, &first, &aside), Age::Foreign);
         assert_eq!(age(&folder, &first, &"0".repeat(40)), Age::Foreign);
+        assert!(matches!(age(&folder, &"0".repeat(40), &second), Age::Unchecked(_)));
         git(&format!("clone --quiet --depth 1 file://{} shallow", folder.display()));
         assert!(matches!(age(&folder.join("shallow"), &first, &second), Age::Unchecked(_)));
         remove(&folder).unwrap();
