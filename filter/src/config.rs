@@ -7,8 +7,9 @@ use tactile_infer::Model;
 use crate::belief::EngineConfig;
 use crate::belief::particle::ParticleConfig;
 use crate::choice::ActionRule;
-use crate::error::{Error, Result};
-use crate::limits;
+#[cfg(feature = "experiments")]
+use crate::error::Error;
+use crate::error::Result;
 use crate::settings::Settings;
 use crate::touch_model::TouchModel;
 
@@ -124,13 +125,62 @@ impl EpisodeConfig {
     pub fn validate(&self) -> Result<()> {
         self.settings.validate()?;
         self.model.validate()?;
-        if let EngineConfig::Particle(particle) = self.method.engine {
-            let share = particle.resample_share;
-            if !(0.0..=1.0).contains(&share) {
-                return Err(Error::config("episode.engine.resample_share", "0..=1", share.to_string()));
-            }
-            limits::check_moves(&particle)?;
+        match self.method.engine {
+            EngineConfig::Particle(particle) => particle.validate(),
+            EngineConfig::Exact => Ok(()),
         }
-        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(config: EpisodeConfig) -> String {
+        config.validate().map_or_else(|error| error.to_string(), |()| "nothing".into())
+    }
+
+    #[test]
+    fn what_takes_all_time_or_memory_is_refused_by_name() {
+        let set = |settings: Settings| EpisodeConfig { settings, ..EpisodeConfig::default() };
+        let particle = |n_particles, n_moves| {
+            let particle = ParticleConfig { n_particles, n_moves, ..ParticleConfig::default() };
+            EpisodeConfig::default().changed(|_, _, method| method.engine = EngineConfig::Particle(particle))
+        };
+        let of = Settings::default();
+        for (config, names) in [
+            (set(Settings { max_touches: 1001, ..of }), "episode.max_touches: expected 1 to 1000, got 1001"),
+            (set(Settings { max_touches: usize::MAX, ..of }), "episode.max_touches: expected 1 to 1000, got 18446"),
+            (set(Settings { max_touches: 0, ..of }), "episode.max_touches: expected 1 to 1000, got 0"),
+            (set(Settings { subdivisions: 5, ..of }), "episode.subdivisions: expected 1 to 4, got 5"),
+            (set(Settings { n_draws: usize::MAX, ..of }), "episode.n_draws: expected 1 to 100000"),
+            (set(Settings { n_suppositions: usize::MAX, ..of }), "episode.n_suppositions: expected 1 to 10000"),
+            (set(Settings { n_finalists: Some(0), ..of }), "episode.n_finalists: expected at least 1"),
+            (
+                set(Settings { n_draws: 100_000, ..of }),
+                "episode.n_draws, n_suppositions, n_finalists: expected at most 1e8 pairs",
+            ),
+            (particle(usize::MAX, 0), "episode.engine.n_particles: expected 1 to 1000000"),
+            (particle(250_000, 4), "episode.engine.n_particles, n_moves: expected at most 1e6"),
+            (particle(1, usize::MAX), "episode.engine.n_particles, n_moves: expected at most 1e6"),
+        ] {
+            let refused = refused(config);
+            assert!(refused.starts_with(names) && refused.len() < 200, "{names}: {refused}");
+        }
+    }
+
+    #[test]
+    fn alg_1_may_touch_as_often_as_any() {
+        let most = EpisodeConfig::paper().changed(|settings, _, _| settings.max_touches = 1_000);
+        assert_eq!(refused(most), "nothing");
+    }
+
+    #[test]
+    fn a_share_of_edge_outside_0_to_1_is_refused() {
+        for contact_threshold in [-0.1, 1.5, f32::NAN, f32::INFINITY] {
+            let config = EpisodeConfig::default().changed(|_, model, _| model.contact_threshold = contact_threshold);
+            let refused = refused(config);
+            assert!(refused.starts_with("touch_model.contact_threshold: expected 0..=1"), "{refused}");
+        }
     }
 }

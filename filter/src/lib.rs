@@ -40,7 +40,6 @@ mod decision;
 mod episode;
 mod error;
 pub mod likelihood;
-mod limits;
 mod number;
 mod record;
 #[cfg(feature = "runner")]

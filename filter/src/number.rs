@@ -2,6 +2,7 @@
 //!
 //! A table makes the struct that holds the numbers, its defaults, its check, and reading and writing by name.
 
+use std::fmt;
 use std::ops::RangeInclusive;
 
 use tactile_data::printable::printable;
@@ -62,23 +63,34 @@ impl<T> Number<T> {
     pub(crate) fn check(&self, table: &T, place: &str) -> Result<()> {
         match (self.number)(table) {
             Some(value) if !self.range.contains(value) => {
-                Err(self.refused(place, self.range.words, &(self.get)(table)))
+                Err(self.refused(place, &self.range.to_string(), &self.text(table)))
             }
             _ => Ok(()),
         }
     }
 
     fn refused(&self, place: &str, expected: &str, got: &str) -> Error {
-        let or_none = if self.is_optional { ", or none" } else { "" };
-        Error::config(format!("{place}.{}", self.name), format!("{expected}{or_none}"), printable(got))
+        Error::config(format!("{place}.{}", self.name), self.or_none(expected), printable(got))
+    }
+
+    fn or_none(&self, words: &str) -> String {
+        format!("{words}{}", if self.is_optional { ", or none" } else { "" })
+    }
+
+    /// What it may be, in words: its range, or none where it may be none.
+    pub fn allowed(&self) -> String {
+        self.or_none(&self.range.to_string())
+    }
+
+    /// Its value in a table, as text: the shortest that reads back to the same bits, or `none`.
+    pub fn text(&self, table: &T) -> String {
+        (self.get)(table)
     }
 
     /// Its row of a table in Markdown: name, unit, range, default, what it does.
     pub fn row(&self, defaults: &T) -> String {
-        let Self { name, unit, range, doc, .. } = self;
-        let or_none = if self.is_optional { ", or none" } else { "" };
-        let default = (self.get)(defaults);
-        format!("| `{name}` | {unit} | {}{or_none} | {default} | {} |", range.words, doc.trim())
+        let Self { name, unit, doc, .. } = self;
+        format!("| `{name}` | {unit} | {} | {} | {} |", self.allowed(), self.text(defaults), doc.trim())
     }
 }
 
@@ -94,8 +106,8 @@ pub(crate) fn find<T>(numbers: &'static [Number<T>], place: &str, name: &str) ->
 /// What a number may be.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Range {
-    /// In words.
-    pub words: &'static str,
+    /// In words; none where the bounds say it.
+    words: Option<&'static str>,
     bounds: RangeInclusive<f64>,
     is_open: [bool; 2],
 }
@@ -112,9 +124,13 @@ impl Range {
     pub(crate) const COUNT: Self = Self::closed("at least 1", 1.0, f64::MAX);
     pub(crate) const ANY: Self = Self::closed("any", f64::MIN, f64::MAX);
 
-    /// With both bounds.
-    pub(crate) const fn closed(words: &'static str, least: f64, most: f64) -> Self {
-        Self { words, bounds: least..=most, is_open: [false; 2] }
+    const fn closed(words: &'static str, least: f64, most: f64) -> Self {
+        Self { words: Some(words), bounds: least..=most, is_open: [false; 2] }
+    }
+
+    /// From 1 to a number.
+    pub(crate) const fn up_to(most: f64) -> Self {
+        Self { words: None, bounds: 1.0..=most, is_open: [false; 2] }
     }
 
     /// Whether a number is within.
@@ -122,6 +138,15 @@ impl Range {
         let [opens, closes] = self.is_open;
         let is_bound = opens && value == *self.bounds.start() || closes && value == *self.bounds.end();
         self.bounds.contains(&value) && !is_bound
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.words {
+            Some(words) => f.write_str(words),
+            None => write!(f, "{} to {}", self.bounds.start(), self.bounds.end()),
+        }
     }
 }
 
@@ -239,7 +264,7 @@ macro_rules! numbers {
             /// # Errors
             /// No number has the name.
             pub fn get(&self, name: &str) -> $crate::error::Result<String> {
-                $crate::number::find(Self::NUMBERS, Self::PLACE, name).map(|number| (number.get)(self))
+                $crate::number::find(Self::NUMBERS, Self::PLACE, name).map(|number| number.text(self))
             }
 
             /// Sets a number by its name, from such a text.

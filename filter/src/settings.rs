@@ -1,8 +1,31 @@
 //! What a user chooses, and nothing else: the numbers of an episode that neither a calibration nor a bank can know.
 
-use crate::error::Result;
-use crate::limits::{self, Effort, MAX_SUBDIVISIONS, MAX_TOUCHES};
+use tactile_data::number::short;
+
+use crate::error::{Error, Result};
 use crate::number::{Range, numbers};
+
+/// The most touches of an episode. Each keeps 5.4 bytes for each view of the bank: its cosine (4), what it shows (1)
+/// and the best of each line of places (0.4). In a bank of twelve large letters every 2 mm and 15 degrees, 68,796
+/// views, that is 0.37 MB a touch, so that these are 0.4 GB; the hundred touches that a patient robot makes are a tenth
+/// of it.
+const MAX_TOUCHES: f64 = 1_000.0;
+
+/// The most states between two recorded poses on each axis. States grow with its third power: in the bank of
+/// [`MAX_TOUCHES`] taking in one touch took up to 1.3 s with 8, on a busy machine 5.3 s, and 0.2 s with 4 (one core of
+/// a cloud machine). More than 2 brought no accuracy (`NOTES.md`).
+const MAX_SUBDIVISIONS: f64 = 4.0;
+
+/// The most pairs of a drawn and a supposed state that a decision weighs, over all motions that are judged by all draws
+/// and those of the first pass. A pair took 5 to 6 ns (1,000 draws, 1,000 suppositions and 24 finalists: 130 ms), so
+/// that a decision among [`MOTIONS`] takes at most 0.6 s. By default there are 2e5 of them.
+const MAX_PAIRS: f64 = 1e8;
+
+/// Motions that a robot is taken to offer; how many it really does is not known before.
+const MOTIONS: usize = 1_000;
+
+/// The first pass weighs a 36th of the pairs of draws and suppositions: a sixth of either.
+const FIRST_PASS: f64 = 36.0;
 
 numbers! {
     /// What a user chooses of an episode. Set it by field, or by name ([`Self::set`]), as the programs, the C and Python
@@ -16,7 +39,7 @@ numbers! {
         stop_place_mm: Option<f64> = None, "mm", Range::POSITIVE,
             Chosen: "the scene: `assemble` asks for a quarter of the play"; "a peg is inserted where the hole is not";
         /// Stop after this many touches (N_max), the first included.
-        max_touches: usize = 10, "", Range::closed("1 to 1000", 1.0, MAX_TOUCHES),
+        max_touches: usize = 10, "", Range::up_to(MAX_TOUCHES),
             Chosen: "the paper (Sec. V)"; "an episode need not end";
         /// A part explains the touches when its fit is at least this. None: any part explains any touches.
         none_fit: Option<f64> = Some(-2.5), "standard deviations", Range::NOT_POSITIVE,
@@ -26,16 +49,16 @@ numbers! {
         travel_nats_per_mm: f64 = 0.0, "nats/mm", Range::NOT_NEGATIVE,
             Chosen: "what a way costs is the robot's to say"; "a far touch is taken for a little more information";
         /// States drawn from the belief, against which a motion is judged.
-        n_draws: usize = 160, "", Range::closed("1 to 100000", 1.0, 1e5),
+        n_draws: usize = 160, "", Range::up_to(1e5),
             Chosen: "effort; a prototype"; "a motion is judged by chance";
         /// States supposed true in turn when a motion is judged.
-        n_suppositions: usize = 24, "", Range::closed("1 to 10000", 1.0, 1e4),
+        n_suppositions: usize = 24, "", Range::up_to(1e4),
             Chosen: "effort; random contours"; "a motion is judged by chance";
         /// Motions judged by all draws, the best of a first pass with a sixth of them. None: all motions.
         n_finalists: Option<usize> = Some(24), "", Range::COUNT,
             Chosen: "effort; a large board of an earlier model"; "every motion costs as much as the best ones";
         /// States between two recorded poses of a bank of 2 mm and 15 degrees, on each axis; no more of a finer bank.
-        subdivisions: usize = 2, "", Range::closed("1 to 4", 1.0, MAX_SUBDIVISIONS),
+        subdivisions: usize = 2, "", Range::up_to(MAX_SUBDIVISIONS),
             Chosen: "`147iljtfrkzy` in the letters' font; three bring no more"; "ten touches see farther than a bank's step";
         /// Seed of every random draw: same seed and touches, same numbers.
         seed: u64 = 1, "", Range::ANY,
@@ -48,19 +71,29 @@ impl Settings {
     /// Refuses numbers outside their ranges, and effort that takes more than a second for a decision.
     pub(crate) fn validate(&self) -> Result<()> {
         self.check_ranges()?;
-        limits::check_effort(self.effort())
+        let Self { n_draws, n_suppositions, n_finalists, .. } = *self;
+        let pairs = self.n_pairs();
+        if pairs <= MAX_PAIRS {
+            return Ok(());
+        }
+        let finalists = n_finalists.map_or("all motions".into(), |n| format!("{n} finalists"));
+        let got = format!("{n_draws} x {n_suppositions} for {finalists}, {} pairs", short(pairs.round()));
+        let expected = format!("at most {MAX_PAIRS:e} pairs of draws and suppositions among {MOTIONS} motions");
+        Err(Error::config("episode.n_draws, n_suppositions, n_finalists", expected, got))
     }
 
-    /// How well motions are judged.
-    pub(crate) fn effort(&self) -> Effort {
-        let Self { n_draws, n_suppositions, n_finalists, .. } = *self;
-        Effort { n_draws, n_suppositions, n_finalists }
+    /// The pairs that a decision weighs among [`MOTIONS`].
+    fn n_pairs(&self) -> f64 {
+        let motions = MOTIONS as f64;
+        let scored = self.n_finalists.map_or(motions, |n| (n as f64).min(motions) + motions / FIRST_PASS);
+        self.n_draws as f64 * self.n_suppositions as f64 * scored
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::EpisodeConfig;
     use proptest::prelude::*;
 
     #[test]
@@ -120,6 +153,18 @@ mod tests {
                 read.set(number.name, &settings.get(number.name).unwrap()).unwrap();
             }
             prop_assert_eq!(read, settings);
+        }
+    }
+
+    #[test]
+    fn what_is_used_and_measured_is_far_below() {
+        let of = Settings::default();
+        assert!(of.n_pairs() < MAX_PAIRS / 400.0, "{}", of.n_pairs());
+        // The richest settings that a trade-off measures.
+        for (n_draws, n_suppositions, n_finalists) in [(320, 48, Some(48)), (160, 24, None)] {
+            let settings = Settings { n_draws, n_suppositions, n_finalists, subdivisions: 3, ..of };
+            assert!(settings.n_pairs() < MAX_PAIRS / 20.0);
+            EpisodeConfig { settings, ..EpisodeConfig::default() }.validate().unwrap();
         }
     }
 

@@ -180,8 +180,7 @@ fn threads_that_share_a_config_get_an_answer_or_busy() {
 fn the_readme_and_the_header_list_the_settings() {
     let header = |number: &Number<Settings>| {
         let unit = if number.unit.is_empty() { String::new() } else { format!(", in {}", number.unit) };
-        let or_none = if number.is_optional { ", or none" } else { "" };
-        format!(" * - {}{unit}: {}{or_none}", number.name, number.range.words)
+        format!(" * - {}{unit}: {}", number.name, number.allowed())
     };
     let readme = |number: &Number<Settings>| number.row(&Settings::default());
     let (in_readme, in_header) = (include_str!("../README.md"), include_str!("../include/tactile_filter.h"));

@@ -4,7 +4,7 @@ use clap::Args;
 use tactile_eval::{Error, Result};
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::choice::ActionRule;
-use tactile_filter::{EpisodeConfig, Settings, TouchModel};
+use tactile_filter::{EpisodeConfig, Number, Settings, TouchModel};
 
 use super::arguments::Engine;
 
@@ -97,19 +97,20 @@ fn assignment(text: &str) -> std::result::Result<(String, String), String> {
 
 /// What may be set, for the help.
 fn names() -> String {
-    let list = |names: &mut dyn Iterator<Item = String>| names.collect::<Vec<_>>().join("\n  ");
-    let setting = |name: &str, words: &str, text: String| format!("{name} ({words}) [default: {text}]");
-    let (settings, model) = (Settings::default(), TouchModel::default());
-    let get = |found: tactile_filter::Result<String>| found.unwrap_or_default();
-    let of_user =
-        list(&mut Settings::numbers().iter().map(|n| setting(n.name, n.range.words, get(settings.get(n.name)))));
-    let of_model =
-        list(&mut TouchModel::numbers().iter().map(|n| setting(n.name, n.range.words, get(model.get(n.name)))));
+    let of_user = list(Settings::numbers(), &Settings::default());
+    let of_model = list(TouchModel::numbers(), &TouchModel::default());
     format!(
         "Set a number of the episode, as often as needed, such as --set max_touches=4. What a user chooses:\n  {of_user}\n\
          For experiments, what a calibration or a bank measures or what is fixed (default without a calibration):\n  \
          {of_model}\nand n_particles of the engines particle and paper"
     )
+}
+
+/// The numbers of a table, each on a line.
+fn list<T>(numbers: &[Number<T>], defaults: &T) -> String {
+    let line =
+        |number: &Number<T>| format!("{} ({}) [default: {}]", number.name, number.allowed(), number.text(defaults));
+    numbers.iter().map(line).collect::<Vec<_>>().join("\n  ")
 }
 
 #[cfg(test)]
