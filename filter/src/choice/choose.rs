@@ -13,7 +13,7 @@ use super::inputs::ChoiceInputs;
 use super::rule::ActionRule;
 use super::scorer::{Expected, Scorer};
 use crate::belief::Belief;
-use crate::config::EpisodeConfig;
+use crate::touch_model::TouchModel;
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,7 +80,7 @@ struct Chosen<'a> {
 
 fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Chosen<'a>> {
     let ChoiceInputs { config, belief, .. } = inputs;
-    let far = far_candidates(config, belief, inputs.candidates);
+    let far = far_candidates(inputs.model, belief, inputs.candidates);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let chance = *far.get(rng.random_range(0..far.len().max(1)))?;
     let by_chance = |sensor_from_next| Chosen { action: Action { sensor_from_next }, scored: Vec::new(), scorer: None };
@@ -137,14 +137,14 @@ fn score_again(scorer: &Scorer, candidate: &mut Scored) -> bool {
 const FULL_TURN_DEG: f64 = 360.0;
 
 /// The candidates apart from every earlier touch, by the smallest halving of the separation that leaves any.
-fn far_candidates(config: &EpisodeConfig, belief: &Belief, candidates: &[Se2]) -> Vec<Se2> {
+fn far_candidates(model: &TouchModel, belief: &Belief, candidates: &[Se2]) -> Vec<Se2> {
     let first_from_sensor = belief.first_from_sensor();
     let is_far = |candidate: &&Se2, share: f64| {
         let first_from_next = first_from_sensor * **candidate;
         belief.touches().iter().all(|touched| {
             let turn = wrap_angle(touched.first_from_sensor.theta_rad - first_from_next.theta_rad).to_degrees();
-            touched.first_from_sensor.distance_mm(&first_from_next) >= share * config.model.min_separation_mm
-                || turn.abs() >= share * config.model.min_separation_deg.unwrap_or(FULL_TURN_DEG)
+            touched.first_from_sensor.distance_mm(&first_from_next) >= share * model.min_separation_mm
+                || turn.abs() >= share * model.min_separation_deg.unwrap_or(FULL_TURN_DEG)
         })
     };
     // The tenth halving asks for 0.1 % of the separation: what is nearer is the same place.
@@ -159,11 +159,10 @@ fn far_candidates(config: &EpisodeConfig, belief: &Belief, candidates: &[Se2]) -
 pub(super) mod tests {
     use super::*;
     use crate::belief::EngineConfig;
-    use crate::config::Method;
+    use crate::config::{EpisodeConfig, Method};
     use crate::likelihood::TouchLikelihood;
     use crate::settings::Settings;
     use crate::touch::Observation;
-    use crate::touch_model::TouchModel;
     use tactile_data::grid::PoseGrid;
     use tactile_infer::Bank;
     use tactile_infer::rows::Rows;
@@ -197,7 +196,7 @@ pub(super) mod tests {
         choose(&inputs, seed, &mut || true).map(|action| action.sensor_from_next)
     }
 
-    /// Recorded poses, wherever a touch was made, by a rule.
+    /// Recorded poses, at places that were touched too, by a rule.
     fn any_place(rule: ActionRule) -> EpisodeConfig {
         EpisodeConfig {
             settings: Settings { n_suppositions: 1, n_finalists: Some(8), ..Settings::default() },

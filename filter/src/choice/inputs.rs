@@ -9,9 +9,9 @@ use crate::touch_model::TouchModel;
 
 /// What a choice is made in: what is believed, recorded and offered.
 pub struct ChoiceInputs<'a> {
-    /// Rule, effort, and how far touches keep apart.
+    /// Rule and effort.
     pub config: &'a EpisodeConfig,
-    /// What the belief was made with: the config's, in the metric of the bank.
+    /// What is measured or fixed: the config's, in the metric of the bank, as the belief was made with.
     pub model: &'a TouchModel,
     /// What is known of part and pose.
     pub belief: &'a Belief,

@@ -6,6 +6,7 @@
 mod choose;
 mod inputs;
 mod new_share;
+mod pairing;
 mod rule;
 mod scorer;
 

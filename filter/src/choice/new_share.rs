@@ -5,7 +5,7 @@ use crate::likelihood::TouchLikelihood;
 use crate::likelihood::evidence::Evidence;
 use crate::likelihood::shared_error::mismatch;
 
-/// How much of what a view tells is new. The network errs in the same way wherever an unknown part or sensor looks the
+/// How much of what a view tells is new. The network errs in the same way at all places where an unknown part or sensor looks the
 /// same, so the worse the touches so far match, the less is new in views that look like them.
 pub(super) struct NewShare<'a> {
     /// The touches that showed an edge.
