@@ -22,9 +22,8 @@ pub fn collect(
     workspace: &Workspace,
     experiments: &Experiments,
     folder: &Path,
-    before: Option<Figures>,
+    before: &BTreeMap<String, Evaluated>,
 ) -> Result<Figures> {
-    let mut before = before.map(|before| before.evaluations).unwrap_or_default();
     let notes = json::read(&folder.join("reproduce.json"))?;
     let model = workspace.shipped_model();
     let steps = steps(&Job::whole(workspace, experiments, &model), Part::value_variants())?;
@@ -37,9 +36,9 @@ pub fn collect(
     let mut evaluations = BTreeMap::new();
     for (name, figures) in wanted {
         if notes[&name]["finished"] != true
-            && let Some(kept) = before.remove(&name).filter(|kept| kept.has(&figures))
+            && let Some(kept) = before.get(&name).filter(|kept| kept.has(&figures))
         {
-            evaluations.insert(name, kept);
+            evaluations.insert(name, kept.clone());
             continue;
         }
         let code = code_of(&steps, &notes, &name).map_err(|error| error.within(folder))?;

@@ -7,7 +7,6 @@ mod file;
 pub mod model;
 pub mod table;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -50,11 +49,10 @@ pub fn after(workspace: &Workspace, whole: Option<&Path>) -> Result<()> {
 /// tables of that. Evaluations that the folder lacks stay as they are, and are counted.
 fn remake(workspace: &Workspace, folder: &Path) -> Result<()> {
     let experiments = Experiments::read(workspace)?;
-    let before = Figures::read(workspace).ok();
-    let old: BTreeMap<String, Evaluated> = before.as_ref().map(|of| of.evaluations.clone()).unwrap_or_default();
-    let figures = collect::collect(workspace, &experiments, folder, before)?;
+    let before = Figures::read(workspace).map(|figures| figures.evaluations).unwrap_or_default();
+    let figures = collect::collect(workspace, &experiments, folder, &before)?;
     figures.write(workspace)?;
-    let n_kept = figures.evaluations.iter().filter(|(name, of)| old.get(*name) == Some(of)).count();
+    let n_kept = figures.evaluations.iter().filter(|(name, of)| before.get(*name) == Some(of)).count();
     println!("{FILE}: {} evaluations, {n_kept} as before", figures.evaluations.len());
     document::write_all(workspace, &experiments, &figures)
 }
