@@ -74,7 +74,7 @@ pub fn name(index: usize) -> String {
 ///
 /// A MAZE board that is trained on is drawn from stream 0 of a generator ([`maze`](super::maze::maze)), a part from a
 /// later stream. Two streams of ChaCha have no block in common, also where two seeds are the same; so no part is cut from
-/// a board that is trained on, whatever the seeds are.
+/// a board that is trained on, for any seeds.
 pub(crate) fn part_rng(seed: u64, index: usize, usage: u64) -> ChaCha8Rng {
     frame_rng(seed ^ SEED, 1 + 3 * index as u64 + usage)
 }

@@ -124,7 +124,7 @@ impl Scene<'_> {
         to_cdr(&PointCloud2::of_floats(self.header(self.base), names, &points))
     }
 
-    /// Where on the likeliest part the sensor is, whatever its angle: 100 at the likeliest place. What is outside the
+    /// Where on the likeliest part the sensor is, at any angle: 100 at the likeliest place. What is outside the
     /// bank's area is left out.
     fn belief(&self, states: &[(Hypothesis, f64)]) -> OccupancyGrid {
         let grid = self.episode.belief().posterior().grid();
