@@ -116,7 +116,6 @@ impl Range {
     pub(crate) const SHARE: Self = Self::closed("0..=1", 0.0, 1.0);
     pub(crate) const COSINE: Self = Self::closed("-1..=1", -1.0, 1.0);
     pub(crate) const BELOW_ONE: Self = Self { is_open: [false, true], ..Self::closed("0 to below 1", 0.0, 1.0) };
-    pub(crate) const INSIDE: Self = Self { is_open: [true; 2], ..Self::closed("above 0 and below 1", 0.0, 1.0) };
     pub(crate) const POSITIVE: Self =
         Self { is_open: [true, false], ..Self::closed("a positive number", 0.0, f64::MAX) };
     pub(crate) const NOT_NEGATIVE: Self = Self::closed("a number, not negative", 0.0, f64::MAX);

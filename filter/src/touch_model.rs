@@ -16,31 +16,33 @@ use crate::number::{Range, numbers};
 numbers! {
     /// How similarities become probabilities, how touches share evidence, and what else is measured or fixed.
     pub struct TouchModel in "touch_model" {
-        /// tau: the difference of cosine that changes a probability by a factor e.
-        temperature: f64 = 0.03, "cosine", Range::POSITIVE,
-            Measured: "calibration; in a bank that learns the geometric mean of that, scaled, and the bank's own";
-            "one touch says too much, or nothing";
-        /// Share of the touches that look like any view rather than like their own: a slip, a crumb. It bounds what one
+        /// The log-odds that a touch was made at a view, where it is as rare as the average touch and as far from the view as
+        /// touches are from their own.
+        match_offset: f64 = 3.0, "nats", Range::ANY,
+            Measured: "fit"; "what nobody recorded is likelier than what was, or never likely";
+        /// How much a distance of 1 between touch and view costs, where a usual share of the touch is edge.
+        steepness: f64 = 24.0, "nats", Range::POSITIVE,
+            Measured: "fit"; "one touch says too much, or nothing";
+        /// By which power of its share of edge a touch is steeper.
+        steepness_by_edge: f64 = 0.27, "", Range::ANY,
+            Measured: "fit"; "a touch that shows hardly any edge is as sure as others";
+        /// How far touches are from their own views, in a bank that does not know it of its parts.
+        own_distance: f64 = 0.38, "", Range::POSITIVE,
+            Measured: "fit"; "what nobody recorded is likelier than what was, or never likely";
+        /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
-        outlier_share: f64 = 0.02, "", Range::BELOW_ONE,
-            Fixed: "T small, T large, T small rough, T connectors, outlines 77; a calibration may only raise it, since slips \
-                and crumbs are not among its touches"; "one bad touch rules the part out";
-        /// A view with a smaller share of edge pixels is blank. Zero: no view is blank.
+        outlier_share: f64 = 0.005, "", Range::BELOW_ONE,
+            Fixed: "slips and crumbs are not simulated"; "one bad touch rules the part out";
+        /// Alg. 1 as printed instead of all these: the log-likelihood is the cosine over this.
+        temperature: Option<f64> = None, "cosine", Range::POSITIVE,
+            Fixed: "T large, 2,000 episodes; the paper's method alone"; "Alg. 1 cannot be compared with";
+        /// A touch with a smaller share of edge pixels is blank: nothing was felt. Zero: no touch is blank.
         blank_share: f32 = BLANK_SHARE, "", Range::SHARE,
             Fixed: "network and bank are made with it"; "noise is taken for an edge";
-        /// Probability that hole and peg at one pose are both blank or both edged.
-        blank_agreement: f64 = 0.96, "", Range::INSIDE,
-            Fixed: "94 to 99 % at equal poses of a prototype; a calibration may only lower it"; "a wrong blank view rules a state out";
         /// Where the nearest recorded view is taken: how far from its pose it is still trusted wholly. No pose inside the
         /// recorded area is farther than 0.71 steps, so 1 trusts every view.
         nearest_tolerance: f64 = 0.25, "steps of the grid", Range::POSITIVE,
             Fixed: "not noted; coarse banks alone"; "a view is believed where it is not seen";
-        /// Where views are interpolated, one view in five outside the recorded area is as likely as a recorded one whose
-        /// cosine with an edged touch is this. The others, and all where it is none or views are not interpolated: as an
-        /// average recorded one, the same for every touch.
-        unknown_similarity: Option<f64> = Some(0.74), "cosine", Range::COSINE,
-            Measured: "5 standard deviations below the match, at most the warning's cosine";
-            "a touch whose view was not recorded speaks for the best of the recorded ones";
         /// What a part's fit is measured by ([`crate::Estimate::fit`]): the cosine of an edged touch with the view that it
         /// was made at, mean ...
         matched_mean: f64 = 0.94, "cosine", Range::COSINE,
@@ -83,9 +85,6 @@ numbers! {
         /// was halved.
         min_separation_deg: Option<f64> = None, "degrees", Range::NOT_NEGATIVE,
             Fixed: "not noted"; "a place is touched again at another angle before a new one";
-        /// delta_act: a motion counts only from those supposed states where it would show a larger share of edge pixels.
-        contact_threshold: f32 = 0.01, "", Range::SHARE,
-            Fixed: "as `blank_share`"; "the next touch is made where nothing is felt";
     }
     more {
         /// How views between recorded poses are judged.
@@ -101,12 +100,10 @@ impl TouchModel {
     /// that is best for Alg. 1: no outliers, no blank views, every view inside the recorded area trusted, any pose touched.
     pub fn paper() -> Self {
         Self {
-            temperature: PAPER_TEMPERATURE,
+            temperature: Some(PAPER_TEMPERATURE),
             outlier_share: 0.0,
-            blank_share: 0.0,
             nearest_tolerance: 1.0,
             interpolation: Interpolation::Nearest,
-            unknown_similarity: None,
             shared_error: 0.0,
             overlap_mm: 0.0,
             min_separation_mm: 0.0,
@@ -114,26 +111,28 @@ impl TouchModel {
         }
     }
 
-    /// The defaults with what was measured of a model where this side is touched, where it was. A model without a
+    /// The defaults with what was fitted and measured of a model where this side is touched, where it was. A model without a
     /// calibration for touched pegs is believed as for holes: measured, the two hardly differ (`infer/NOTES.md`).
-    ///
-    /// The share of outliers never falls below the default: few touches of a calibration have any.
     pub fn of_side(model: &Model, side: Side) -> Self {
-        let default = Self::default();
-        let Some(calibration) = calibration_of(model, side) else { return default };
-        let Spread { mean, sd } = calibration.matched.unwrap_or_else(|| matched_by_best(calibration, &default));
-        let matched = Spread { mean, sd: sd.max(LEAST_SD) };
+        let mut of_model = Self::default();
+        if let Some(odds) = model.match_odds(side) {
+            of_model = Self {
+                match_offset: odds.offset,
+                steepness: odds.steepness,
+                steepness_by_edge: odds.steepness_by_edge,
+                own_distance: odds.own_distance,
+                ..of_model
+            };
+        }
+        let Some(calibration) = calibration_of(model, side) else { return of_model };
+        let Spread { mean, sd } = calibration.matched.unwrap_or_else(|| matched_by_best(calibration, &of_model));
         Self {
-            temperature: calibration.temperature,
-            outlier_share: calibration.outlier_share.max(default.outlier_share),
-            blank_agreement: calibration.blank_agreement.clamp(0.5, default.blank_agreement),
-            unknown_similarity: Some(unknown_similarity(matched, calibration.low_similarity)),
-            matched_mean: matched.mean,
-            matched_sd: matched.sd,
+            matched_mean: mean,
+            matched_sd: sd.max(LEAST_SD),
             matched_shared: shared_variance(calibration),
             matched_views: calibration.views,
             low_similarity: calibration.low_similarity,
-            ..default
+            ..of_model
         }
     }
 
@@ -143,18 +142,15 @@ impl TouchModel {
     }
 
     /// The same where a bank compares embeddings in a metric of its own: what was measured by the cosine alone, scaled as the
-    /// bank's own touches are. Half of what these ask for counts, on a logarithmic scale: how much of it another sensor
-    /// leaves is not known (`NOTES.md`).
+    /// bank's own touches are. Half of that counts, on a logarithmic scale: how much of it another sensor leaves is not known
+    /// (`NOTES.md`).
     #[must_use]
     pub fn in_metric_of(&self, bank: &Bank) -> Self {
         let Some(metric) = bank.metric() else { return *self };
-        let scaled = |cosine: f64| (1.0 - metric.counted_scale() * (1.0 - cosine)).max(-1.0);
-        let calibrated = metric.counted_scale() * self.temperature;
+        let scale = metric.counted_scale();
         Self {
-            temperature: metric.measured().temperature.map_or(calibrated, |own| (own * calibrated).sqrt()),
-            unknown_similarity: self.unknown_similarity.map(scaled),
-            matched_mean: scaled(self.matched_mean),
-            matched_sd: metric.counted_scale() * self.matched_sd,
+            matched_mean: (1.0 - scale * (1.0 - self.matched_mean)).max(-1.0),
+            matched_sd: scale * self.matched_sd,
             ..*self
         }
     }
@@ -169,7 +165,7 @@ impl TouchModel {
         Overlap { mm: self.overlap_mm, deg: self.overlap_deg }
     }
 
-    /// Whether a view with this share of edge pixels is blank.
+    /// Whether a touch, or a view, with this share of edge pixels is blank.
     pub fn is_blank(&self, edge_share: f32) -> bool {
         edge_share < self.blank_share
     }
@@ -179,7 +175,7 @@ impl TouchModel {
 /// 5 and 10 touches at recorded poses, the columns of the paper's tables: on average 93.8 % of the large ones in 2,000
 /// episodes. Between 0.04 and 0.1 93 to 94 %, which chance explains; 92.3 at 0.03, 88.7 at 0.13. It names all of the
 /// small ones from 0.02 to 0.08.
-const PAPER_TEMPERATURE: f64 = 0.08;
+pub(crate) const PAPER_TEMPERATURE: f64 = 0.08;
 
 /// What was measured of a model where a side is touched; without it, what was measured where holes are.
 pub(crate) fn calibration_of(model: &Model, side: Side) -> Option<&Calibration> {
@@ -210,29 +206,3 @@ fn shared_variance(calibration: &Calibration) -> f64 {
 
 /// Few touches may agree by chance; cosines of no sensor lie nearer together.
 const LEAST_SD: f64 = 0.01;
-
-/// A recorded view whose cosine is so many standard deviations below that of the view touched is less likely than one that
-/// nobody recorded. With 4 more parts of the bank are taken for none of these (`NOTES.md`).
-const UNKNOWN_SDS: f64 = 5.0;
-
-/// The cosine as which a view counts that nobody recorded. Few touches of one sensor may lie near together, yet one in a
-/// hundred is below the low similarity: what is unknown is no likelier than those.
-fn unknown_similarity(matched: Spread, low_similarity: f32) -> f64 {
-    (matched.mean - UNKNOWN_SDS * matched.sd).min(f64::from(low_similarity)).max(-1.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_view_nobody_recorded_is_no_likelier_than_the_worst_match_in_a_hundred() {
-        // Over many sensors five standard deviations are far; of ten touches of one they are near.
-        for (mean, sd, low, unknown) in
-            [(0.907, 0.0386, 0.744, 0.714), (0.97, 0.01, 0.78, 0.78), (-0.9, 0.1, 0.5, -1.0)]
-        {
-            let found = unknown_similarity(Spread { mean, sd }, low);
-            assert!((found - unknown).abs() < 1e-6, "{found} {unknown}");
-        }
-    }
-}

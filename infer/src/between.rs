@@ -22,6 +22,8 @@ pub struct Around {
     pub indices: [usize; 4],
     /// Index of the nearest recorded place.
     pub nearest: usize,
+    /// How far the place is from the second of the four towards the third, 0..=1.
+    pub fraction: f32,
     /// Weights of the four, which sum to 1.
     pub weights: [f32; 4],
     /// How far outside the recorded area the place is, steps; negative before its beginning, 0 within.
@@ -38,6 +40,7 @@ impl Around {
         Self {
             indices: [-1, 0, 1, 2].map(|k: isize| low.saturating_add_signed(k).min(n - 1)),
             nearest: (inside + 0.5) as usize,
+            fraction: (inside - low as f64) as f32,
             weights: at_border(catmull_rom((inside - low as f64) as f32), low == 0, low + 2 >= n, n),
             outside: place - inside,
         }
@@ -50,9 +53,16 @@ impl Around {
         Self {
             indices: [n - 1, 0, 1, 2].map(|k| (low + k) % n),
             nearest: (place + 0.5) as usize % n,
+            fraction: (place - low as f64) as f32,
             weights: catmull_rom((place - low as f64) as f32),
             outside: 0.0,
         }
+    }
+
+    /// Half way from one of `n` places to the next.
+    pub(crate) fn half_way(index: usize, n: usize, goes_round: bool) -> Self {
+        let place = index as f64 + 0.5;
+        if goes_round { Self::on_circle(place, 0.0, 1.0, n) } else { Self::new(place, 0.0, 1.0, n) }
     }
 
     /// A place along x or y of a grid, mm.
@@ -79,6 +89,22 @@ impl Around {
     pub fn value(&self, at: impl Fn(usize) -> f32) -> f32 {
         let ([a, b, c, d], w) = (self.indices, &self.weights);
         w[0] * at(a) + w[1] * at(b) + w[2] * at(c) + w[3] * at(d)
+    }
+
+    /// The value between those at the two places around, on a line.
+    #[inline]
+    pub fn on_line(&self, at: impl Fn(usize) -> f32) -> f32 {
+        let ([_, low, high, _], share) = (self.indices, self.fraction);
+        if share == 0.0 { at(low) } else { (1.0 - share) * at(low) + share * at(high) }
+    }
+
+    /// How near the place is to the one half way between the two around, 1 there and 0 at either; and how much either counts
+    /// besides.
+    #[inline]
+    pub fn half_weights(&self) -> (f32, [f32; 2]) {
+        let near = 4.0 * self.fraction * (1.0 - self.fraction);
+        let half = near * near.sqrt();
+        (half, [(1.0 - half) * (1.0 - self.fraction), (1.0 - half) * self.fraction])
     }
 
     /// How the embedding interpolated along this axis gets its squared length from the cosines between the four: its

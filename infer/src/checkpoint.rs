@@ -9,6 +9,7 @@ use tactile_data::touch::Side;
 use crate::architecture::NetworkConfig;
 use crate::calibration::Calibration;
 use crate::error::{Error, Result};
+use crate::match_odds::MatchOdds;
 #[cfg(feature = "burn")]
 use crate::network::{Network, tensors_of};
 use crate::precision::Precision;
@@ -19,6 +20,9 @@ pub const SCHEMA: &str = "tactile-filter/checkpoint/2";
 
 /// The entries of the calibrations in a checkpoint: of touched holes and of touched pegs.
 const CALIBRATIONS: [&str; 2] = ["calibration", "peg_calibration"];
+
+/// The entries of the log-odds of a match in a checkpoint: of touched holes and of touched pegs.
+const MATCH_ODDS: [&str; 2] = ["match_odds", "peg_match_odds"];
 
 /// How a model came to be. Saved in its checkpoint, for people.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -52,6 +56,8 @@ pub struct Checkpoint {
     pub calibration: Option<Calibration>,
     /// The same where pegs are touched.
     pub peg_calibration: Option<Calibration>,
+    /// The log-odds of a match where holes and where pegs are touched, where they were fitted.
+    pub match_odds: [Option<MatchOdds>; 2],
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
     /// The format of the weights in the file. In memory, and in computing, they are f32 in any case.
@@ -68,6 +74,7 @@ impl Checkpoint {
             provenance,
             calibration: None,
             peg_calibration: None,
+            match_odds: [None, None],
             tensors: tensors_of(network),
             weights: Precision::F32,
         }
@@ -89,6 +96,11 @@ impl Checkpoint {
         for (name, calibration) in CALIBRATIONS.iter().zip([&self.calibration, &self.peg_calibration]) {
             if let Some(calibration) = calibration {
                 file.text.push(((*name).into(), to_json(calibration)?));
+            }
+        }
+        for (name, odds) in MATCH_ODDS.iter().zip(&self.match_odds) {
+            if let Some(odds) = odds {
+                file.text.push(((*name).into(), to_json(odds)?));
             }
         }
         file.save_as(path, SCHEMA, self.weights)?;
@@ -120,6 +132,13 @@ impl Checkpoint {
         }
     }
 
+    /// The checkpoint with the log-odds of a match where a side is touched.
+    #[must_use]
+    pub fn with_match_odds(mut self, side: Side, odds: MatchOdds) -> Self {
+        self.match_odds[usize::from(side == Side::Peg)] = Some(odds);
+        self
+    }
+
     /// Reads and checks a checkpoint: schema, checksum, sizes, and that its numbers are some that training gives.
     /// Returns it with the model's identity.
     pub fn load(path: &Path) -> Result<(Self, String)> {
@@ -136,8 +155,17 @@ impl Checkpoint {
         for (name, calibration) in CALIBRATIONS.iter().zip([&calibration, &peg_calibration]) {
             calibration.iter().try_for_each(Calibration::validate).map_err(|error| error.within(name))?;
         }
+        let mut take = |name| {
+            let entry = file.text.iter().position(|(key, _)| key == name).map(|at| file.text.swap_remove(at).1);
+            entry.map(|text| from_json(&text)).transpose()
+        };
+        let match_odds: [Option<MatchOdds>; 2] = [take(MATCH_ODDS[0])?, take(MATCH_ODDS[1])?];
         let config: NetworkConfig = from_json(file.text("config")?)?;
         config.validate()?;
+        for (name, odds) in MATCH_ODDS.iter().zip(&match_odds) {
+            let valid = odds.iter().try_for_each(|odds| odds.validate(config.dim));
+            valid.map_err(|error| error.within(name))?;
+        }
         let preprocessing: Preprocessing = from_json(file.text("preprocessing")?)?;
         preprocessing.validate()?;
         if preprocessing.input_px != config.input_px {
@@ -150,7 +178,8 @@ impl Checkpoint {
         if let Some(odd) = tensors.iter().find(|tensor| !tensor.values.iter().all(|value| value.is_finite())) {
             return Err(Error::invalid(&odd.name, "finite weights", "NaN or infinity"));
         }
-        Ok((Self { config, preprocessing, provenance, calibration, peg_calibration, tensors, weights }, sha256))
+        let of_file = Self { config, preprocessing, provenance, calibration, peg_calibration, match_odds, tensors, weights };
+        Ok((of_file, sha256))
     }
 }
 

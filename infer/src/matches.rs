@@ -6,6 +6,7 @@ use tactile_data::touch::Side;
 
 use crate::calibration::Spread;
 use crate::error::{Error, Result};
+use crate::match_odds::distance;
 
 /// How the edged touches of one side of one part match the views of a bank.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,6 +35,14 @@ impl Matches {
     pub fn of(&self, part: usize, side: Side) -> Option<PartMatch> {
         let of_side = if side == Side::Peg { &self.pegs } else { &self.holes };
         of_side.get(part).copied().flatten()
+    }
+
+    /// How far touches of one side are from the views that they are made at, the mean of all parts that are known; `None`
+    /// where none is.
+    pub fn own_distance(&self, side: Side) -> Option<f64> {
+        let of_side = if side == Side::Peg { &self.pegs } else { &self.holes };
+        let known: Vec<f64> = of_side.iter().flatten().map(|part| distance(part.matched.mean)).collect();
+        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
     }
 
     /// The matches of some of the parts, in their order.

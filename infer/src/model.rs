@@ -16,6 +16,7 @@ use crate::checkpoint::{Checkpoint, Provenance};
 use crate::device::DeviceKind;
 use crate::encoder::Encoder;
 use crate::error::{Error, Result};
+use crate::match_odds::MatchOdds;
 #[cfg(feature = "burn")]
 use crate::network::{Network, with_tensors};
 use crate::similarity::{dot, normalize_rows};
@@ -33,6 +34,8 @@ pub struct Model {
     provenance: Provenance,
     /// The calibrations for touched holes and for touched pegs.
     calibrations: [Option<Calibration>; 2],
+    /// The log-odds of a match, as these.
+    match_odds: [Option<MatchOdds>; 2],
     sha256: Arc<str>,
 }
 
@@ -95,6 +98,7 @@ impl Model {
             preprocessing: checkpoint.preprocessing,
             provenance: checkpoint.provenance,
             calibrations: [checkpoint.calibration, checkpoint.peg_calibration],
+            match_odds: checkpoint.match_odds,
             sha256: sha256.into(),
         };
         model.check_embeds().map_err(|error| error.within("network"))?;
@@ -156,6 +160,13 @@ impl Model {
     /// --side`).
     pub fn calibration(&self, side: Side) -> Option<&Calibration> {
         self.calibrations[usize::from(side == Side::Peg)].as_ref()
+    }
+
+    /// The log-odds of a match where this side is touched, where they were fitted; of a model without those for pegs the
+    /// ones for holes.
+    pub fn match_odds(&self, side: Side) -> Option<&MatchOdds> {
+        let [holes, pegs] = &self.match_odds;
+        pegs.as_ref().filter(|_| side == Side::Peg).or(holes.as_ref())
     }
 
     /// Sizes of the network.

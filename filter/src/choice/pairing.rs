@@ -6,66 +6,43 @@ use tactile_infer::Bank;
 
 use super::inputs::ChoiceInputs;
 use super::rule::ActionRule;
-use crate::likelihood::unrecorded;
-use crate::simd;
-use crate::touch_model::TouchModel;
+use crate::likelihood::Foreseen;
+use crate::touch_model::{PAPER_TEMPERATURE, TouchModel};
 
 /// How a recorded view counts against the view that would be touched.
 #[derive(Clone, Copy)]
 pub(super) struct Pairing<'a> {
-    rule: ActionRule,
     model: &'a TouchModel,
     bank: &'a Bank,
-    /// Temperature, what a view of any cosine adds, and agreement and disagreement of blank views, as they count together
-    /// with the touches made.
-    temperature: f64,
-    floor: f64,
-    agrees: f64,
-    disagrees: f64,
-    /// What [`Self::similarity`] is over edged views at random.
-    average: f64,
-    /// What a state whose view is unknown adds where an edged one would be seen.
-    unknown: f64,
+    by: By,
+}
+
+/// What views are compared by.
+#[derive(Clone, Copy)]
+enum By {
+    /// The paper's 1 / f_PP, at a temperature; `average` is over edged views at random.
+    Paper { temperature: f64, average: f64 },
+    /// The likelihood that the filter will weigh them by, to the power with which it counts together with the touches made:
+    /// of a touch as rare as those so far, in a bank whose touches are so far from their own views.
+    Odds { joint: f64, rarity: f64, own_distance: f64 },
 }
 
 impl<'a> Pairing<'a> {
     pub(super) fn new(inputs: &ChoiceInputs<'a>, rng: &mut ChaCha8Rng) -> Self {
         let ChoiceInputs { config, model, bank, belief, .. } = *inputs;
-        let joint = belief.joint_weight(1.0, None);
-        let TouchModel { temperature, outlier_share, blank_agreement, unknown_similarity, .. } = *model;
-        let mut pairing = Self {
-            rule: config.method.rule,
-            model,
-            bank,
-            temperature: temperature / joint,
-            floor: 0.0,
-            agrees: blank_agreement.powf(joint),
-            disagrees: (1.0 - blank_agreement).powf(joint),
-            average: 1.0,
-            unknown: 1.0,
-        };
-        let felt: Vec<f64> = belief.touches().iter().filter_map(|touch| touch.likelihood.mean_match()).collect();
-        if felt.is_empty() || config.method.rule == ActionRule::Paper {
-            pairing.average = pairing.mean_of_pairs(rng);
-            pairing.floor = outlier_share * pairing.average;
-        } else {
-            // What the filter measured matches by.
-            let mean = felt.iter().sum::<f64>() / felt.len() as f64;
-            pairing.average = mean.powf(joint);
-            pairing.floor = (outlier_share / (1.0 - outlier_share) * mean).powf(joint);
+        if config.method.rule == ActionRule::Paper {
+            let temperature = model.temperature.unwrap_or(PAPER_TEMPERATURE) / belief.joint_weight(1.0, None);
+            let pairing = Self { model, bank, by: By::Paper { temperature, average: 1.0 } };
+            let average = pairing.mean_of_pairs(rng);
+            return Self { by: By::Paper { temperature, average }, ..pairing };
         }
-        pairing.unknown = match (config.method.rule, unknown_similarity) {
-            (ActionRule::Paper, _) => pairing.average,
-            (_, Some(cosine)) if model.interpolation.is_cubic(bank.grid()) => {
-                (1.0 - unrecorded::blank_share(bank, model)).powf(joint)
-                    * unrecorded::likely(pairing.likely(cosine) / pairing.average)
-            }
-            _ => 1.0,
-        };
-        pairing
+        let felt = || belief.touches().iter().map(|touch| &touch.likelihood).filter(|touch| !touch.blank);
+        let rarity = felt().map(|touch| touch.rarity).sum::<f64>() / felt().count().max(1) as f64;
+        let own_distance = belief.touches().first().map_or(model.own_distance, |touch| touch.likelihood.own_distance);
+        Self { model, bank, by: By::Odds { joint: belief.joint_weight(1.0, None), rarity, own_distance } }
     }
 
-    /// The mean of [`Self::similarity`] over pairs of edged views; 1 where there is none.
+    /// The mean of what pairs of edged views count; 1 where there is none.
     fn mean_of_pairs(&self, rng: &mut ChaCha8Rng) -> f64 {
         /// Pairs sampled: the mean's relative error, some 6 %, moves no score by more.
         const N_SAMPLED: usize = 256;
@@ -76,72 +53,36 @@ impl<'a> Pairing<'a> {
             return 1.0;
         }
         let mut any = || edged[rng.random_range(0..edged.len())];
-        (0..N_SAMPLED).map(|_| self.similarity(any(), any())).sum::<f64>() / N_SAMPLED as f64
+        (0..N_SAMPLED).map(|_| self.ratios(&[any()], any())[0]).sum::<f64>() / N_SAMPLED as f64
     }
 
-    /// For the paper's rule 1 / f_PP, scaled so that it cannot overflow; else the filter's likelihood of
-    /// seeing one view where the other is recorded, without its blank part.
-    fn similarity(&self, row_a: usize, row_b: usize) -> f64 {
-        self.of_cosine(f64::from(self.bank.peg_similarity(row_a, row_b)).clamp(-1.0, 1.0))
+    /// What a state whose recorded view (row, trust) is `view` adds, where the row `touched` would be seen.
+    pub(super) fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
+        self.mixed(view.map(|(row, trust)| (self.ratios(&[row], touched)[0], trust)))
     }
 
-    /// [`Self::similarity`] of two rows of a cosine.
-    fn of_cosine(&self, cosine: f64) -> f64 {
-        match self.rule {
-            ActionRule::Paper => (-(cosine + 1.0) / self.temperature).exp(),
-            _ => self.likely(cosine),
-        }
-    }
-
-    /// [`Self::similarity`] of one row with some others.
-    fn similarities(&self, touched: usize, rows: &[usize]) -> Vec<f64> {
+    /// What states add whose views are these rows, where the row `touched` would be seen.
+    pub(super) fn ratios(&self, rows: &[usize], touched: usize) -> Vec<f64> {
         let cosines = self.bank.rows().cosines(touched, rows);
         let cosines = cosines.into_iter().map(|cosine| f64::from(cosine).clamp(-1.0, 1.0));
-        if self.rule == ActionRule::Paper {
-            return cosines.map(|cosine| self.of_cosine(cosine)).collect();
-        }
-        // As [`Self::likely`] finds each.
-        let logs: Vec<f64> = cosines.map(|cosine| (cosine - 1.0) / self.temperature).collect();
-        let mut likely = simd::powers(&logs, 0.0, 1.0);
-        likely.iter_mut().for_each(|likely| *likely += self.floor);
-        likely
-    }
-
-    /// The filter's likelihood of a view of this cosine, relative to its likelihood of the same view.
-    fn likely(&self, cosine: f64) -> f64 {
-        simd::power((cosine - 1.0) / self.temperature, 0.0, 1.0) + self.floor
-    }
-
-    /// What a state whose recorded view (row, trust) is `view` adds, where the edged row `touched` would be seen.
-    pub(super) fn value(&self, view: Option<(usize, f64)>, touched: usize) -> f64 {
-        self.mixed(view.map(|(row, trust)| (self.ratio(row, touched, self.similarity(row, touched)), trust)))
-    }
-
-    /// What states add whose views are these rows, where the edged row `touched` would be seen.
-    pub(super) fn ratios(&self, rows: &[usize], touched: usize) -> Vec<f64> {
-        let similarities = self.similarities(touched, rows);
-        rows.iter().zip(similarities).map(|(row, similarity)| self.ratio(*row, touched, similarity)).collect()
-    }
-
-    /// What a state whose view is the row `row` adds, where the edged row `touched` would be seen, by their similarity.
-    fn ratio(&self, row: usize, touched: usize, similarity: f64) -> f64 {
-        if self.rule == ActionRule::Paper {
-            return similarity;
-        }
-        let is_blank = |row: usize| self.model.is_blank(self.bank.edge_shares()[row]);
-        match (is_blank(row), is_blank(touched)) {
-            (false, false) => self.agrees * similarity / self.average,
-            (true, true) => self.agrees,
-            _ => self.disagrees,
+        match self.by {
+            // Scaled so that it cannot overflow.
+            By::Paper { temperature, .. } => cosines.map(|cosine| (-(cosine + 1.0) / temperature).exp()).collect(),
+            By::Odds { joint, rarity, own_distance } => {
+                let edge_share = self.bank.edge_shares()[touched];
+                Foreseen::new(self.model, [rarity, own_distance], edge_share, joint).likely(cosines)
+            }
         }
     }
 
-    /// What a state adds by the [`Self::ratio`] of its view and how far that is trusted; `None`: its view is unknown.
+    /// What a state adds by the ratio of its view and how far that is trusted; `None`: its view is unknown.
     pub(super) fn mixed(&self, view: Option<(f64, f64)>) -> f64 {
-        match (self.rule, view) {
-            (_, None) => self.unknown,
-            (ActionRule::Paper, Some((ratio, _))) => ratio,
-            (_, Some((ratio, trust))) => trust * ratio + (1.0 - trust) * self.unknown,
+        match (self.by, view) {
+            (By::Paper { average, .. }, None) => average,
+            (By::Paper { .. }, Some((ratio, _))) => ratio,
+            // As likely as the world.
+            (By::Odds { .. }, None) => 1.0,
+            (By::Odds { .. }, Some((ratio, trust))) => trust * ratio + (1.0 - trust),
         }
     }
 }

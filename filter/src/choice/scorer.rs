@@ -196,7 +196,7 @@ impl<'a> Scorer<'a> {
                 continue;
             };
             sums.n_supposed += 1.0;
-            if bank.edge_shares()[row] <= model.contact_threshold {
+            if bank.edge_shares()[row] <= model.blank_share {
                 continue;
             }
             sums.n_contacts += 1;

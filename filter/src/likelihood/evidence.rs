@@ -53,10 +53,9 @@ impl Evidence {
 
     /// log p(touch | state) is at most this for the states of a part at an angle.
     pub(crate) fn highest(&self, part: usize, views: &AngleViews) -> f64 {
-        let unknown = self.likelihood.log_unknown;
         let best_of_angles = self.likelihood.bounds(part).of_angles;
         let most = match views {
-            AngleViews::Between(lattice) if !lattice.has_known() => return unknown,
+            AngleViews::Between(lattice) if !lattice.has_known() => return 0.0,
             AngleViews::Between(lattice) => lattice.most(best_of_angles),
             AngleViews::Nearest(_) => best_of_angles.iter().copied().fold(-1.0, f32::max),
         };
@@ -64,7 +63,7 @@ impl Evidence {
     }
 
     /// Adds log p(touch | state) of the states of a part at an angle, `[n_places]`. `planes`: where views are interpolated
-    /// for a touch that is not blank, its cosines with the part's views, [`in_planes`].
+    /// its cosines with the part's views, [`in_planes`].
     pub(crate) fn add_block(
         &self,
         grid: &PoseGrid,
@@ -72,70 +71,59 @@ impl Evidence {
         seen: (&AngleViews, Option<&[f32]>),
         sums: &mut [f64],
     ) {
-        let unknown = self.likelihood.log_unknown;
         let first_row = part * grid.len();
         match seen {
             (AngleViews::Nearest(nearest), _) => {
                 for (sum, nearest) in sums.iter_mut().zip(nearest) {
-                    *sum += nearest.map_or(unknown, |Nearest { cell, trust }| {
+                    *sum += nearest.map_or(0.0, |Nearest { cell, trust }| {
                         self.log_trusted(self.likelihood.log_row(first_row + cell), trust)
                     });
                 }
             }
-            (AngleViews::Between(lattice), _) if !lattice.has_known() || self.weight == 0.0 => {
-                sums.iter_mut().for_each(|sum| *sum += unknown);
+            (AngleViews::Between(lattice), Some(planes)) if lattice.has_known() && self.weight > 0.0 => {
+                let matches = self.likelihood.on_lattice(lattice, part, planes);
+                self.add_between(first_row, lattice, &matches, sums);
             }
-            (AngleViews::Between(lattice), planes) => {
-                let matches = planes.map(|planes| self.likelihood.on_lattice(lattice, part, planes));
-                self.add_between(first_row, lattice, matches.as_ref(), sums);
-            }
+            // Nothing is known there.
+            (AngleViews::Between(_), _) => {}
         }
     }
 
-    /// Adds log p(touch | state) of the states of a lattice, for the part whose rows start at `first_row`. `matches`: that of
-    /// an edged touch at each of them, were the nearest view edged, too.
-    fn add_between(&self, first_row: usize, lattice: &LatticeWeights, matches: Option<&OnLattice>, sums: &mut [f64]) {
-        let unknown = self.likelihood.log_unknown;
+    /// Adds log p(touch | state) of the states of a lattice, for the part whose rows start at `first_row`, to which
+    /// `matches` is.
+    fn add_between(&self, first_row: usize, lattice: &LatticeWeights, matches: &OnLattice, sums: &mut [f64]) {
         let ([xs, ys], n_ys) = (lattice.inside(), lattice.n_ys());
-        let above_first: Vec<usize> = ys.clone().map(|y| lattice.cell(0, y) - lattice.cell(0, ys.start)).collect();
-        // What the states of a line count where an edged touch is an outlier, and how much a match counts; states that see
-        // the same line of views follow each other.
-        let (mut logs, mut counts, mut of_line) = (vec![unknown; n_ys], vec![0.0; n_ys], None);
-        for (x, sums) in sums.chunks_exact_mut(n_ys).enumerate() {
-            if !xs.contains(&x) {
-                sums.iter_mut().for_each(|sum| *sum += unknown);
+        let is_recorded = |place: usize| {
+            let cell = lattice.cell(place / n_ys, place % n_ys);
+            self.likelihood.is_recorded(first_row + cell)
+        };
+        let (outliers, weights) = (vec![self.weight * matches.log_outlier; ys.len()], vec![self.weight; ys.len()]);
+        for x in xs {
+            let line = x * n_ys..(x + 1) * n_ys;
+            if self.likelihood.lacks_views() {
+                let known = ys.clone().map(|y| x * n_ys + y).filter(|place| is_recorded(*place));
+                known.for_each(|place| sums[place] += self.weight * matches.at(place));
                 continue;
             }
-            let row = first_row + lattice.cell(x, ys.start);
-            if of_line.replace(row) != Some(row) {
-                for (y, above) in ys.clone().zip(&above_first) {
-                    let outlier = matches.filter(|_| self.likelihood.is_edged(row + above));
-                    logs[y] =
-                        self.counted(outlier.map_or_else(|| self.likelihood.log_row(row + above), |m| m.log_outlier));
-                    counts[y] = if outlier.is_some() { self.weight } else { 0.0 };
+            simd::add(&outliers, &mut sums[line.clone()][ys.clone()]);
+            if let Some(above) = matches.above_outlier(x) {
+                let window = matches.window[1].start.max(ys.start)..matches.window[1].end.min(ys.end);
+                if !window.is_empty() {
+                    let above = &above[window.start - matches.window[1].start..][..window.len()];
+                    simd::add_weighted(above, &weights[..window.len()], &mut sums[line][window]);
                 }
-            }
-            simd::add(&logs, sums);
-            if let Some((matches, above)) = matches.and_then(|matches| Some((matches, matches.above_outlier(x)?))) {
-                let ys = matches.window[1].clone();
-                simd::add_weighted(above, &counts[ys.clone()], &mut sums[ys]);
             }
         }
         for faded in lattice.faded() {
-            let row = first_row + faded.nearest.cell;
-            let log = match matches {
-                Some(matches) if self.likelihood.is_edged(row) => matches.at(faded.place),
-                _ => self.likelihood.log_row(row),
-            };
-            sums[faded.place] += self.counted(faded.mixed(log, unknown)) - unknown;
+            if self.likelihood.is_recorded(first_row + faded.nearest.cell) {
+                sums[faded.place] += self.weight * faded.mixed(matches.at(faded.place));
+            }
         }
     }
 
     /// The cosines with a part's views as [`Self::add_block`] needs them.
     pub(crate) fn planes(&self, grid: &PoseGrid, part: usize) -> Option<Vec<f32>> {
-        // A blank touch is like every blank view.
-        let is_matched = self.cubic && !self.likelihood.blank;
-        is_matched.then(|| in_planes(&self.likelihood.similarities[part * grid.len()..][..grid.len()], grid))
+        self.cubic.then(|| in_planes(&self.likelihood.similarities[part * grid.len()..][..grid.len()], grid))
     }
 
     /// Adds log p(touch | part and pose of the first touch) at every pose of a lattice, any x and y in mm and angles in
@@ -146,18 +134,17 @@ impl Evidence {
             let shifted = |places: &[f64], by: f64| places.iter().map(|mm| by + mm).collect::<Vec<_>>();
             let (xs, ys) = (shifted(xs, turned.x_mm), shifted(ys, turned.y_mm));
             let sums = sums[k..].iter_mut().step_by(thetas.len());
-            let unknown = self.likelihood.log_unknown;
             if self.cubic {
                 let lattice = LatticeWeights::at(grid, turned.theta_rad, &xs, &ys);
                 for (sum, seen) in sums.zip(self.likelihood.on_few(&lattice, part, grid.len())) {
-                    *sum += seen.map_or(unknown, |(Nearest { cell, trust }, similarity)| {
+                    *sum += seen.map_or(0.0, |(Nearest { cell, trust }, similarity)| {
                         self.log_seen(Seen { row: part * grid.len() + cell, similarity, trust })
                     });
                 }
             } else {
                 for (place, sum) in sums.enumerate() {
                     let pose = Se2::new(xs[place / ys.len()], ys[place % ys.len()], turned.theta_rad);
-                    *sum += self.seen(grid, part, &pose).map_or(unknown, |seen| self.log_seen(seen));
+                    *sum += self.seen(grid, part, &pose).map_or(0.0, |seen| self.log_seen(seen));
                 }
             }
         }
@@ -166,7 +153,7 @@ impl Evidence {
     /// log p(touch | part and pose of the first touch), as far as the touch counts.
     pub fn log_at(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
         let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor));
-        seen.map_or(self.likelihood.log_unknown, |seen| self.log_seen(seen))
+        seen.map_or(0.0, |seen| self.log_seen(seen))
     }
 
     /// How well the view at a pose matches an edged touch: how many standard deviations its cosine is above the
@@ -175,8 +162,6 @@ impl Evidence {
     pub fn standard_score(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> Option<f64> {
         /// The worst match.
         const LEAST: f64 = -6.0;
-        /// A blank view where an edge was felt: as bad as a wrong part's views are on average.
-        const MISMATCH: f64 = -3.0;
         if self.likelihood.blank {
             return None;
         }
@@ -186,7 +171,7 @@ impl Evidence {
             let Spread { mean, sd } = self.likelihood.expected(part);
             ((f64::from(seen.similarity) - mean) / sd).max(LEAST)
         };
-        is_known.then(|| if self.likelihood.is_edged(seen.row) { score() } else { MISMATCH })
+        is_known.then(score)
     }
 
     /// The view of a part from the sensor's pose; `None` where it is unknown.
@@ -207,15 +192,12 @@ impl Evidence {
 
     /// The log-likelihood of a view, or of a mix of it and an unknown one where it is trusted only in part.
     fn log_trusted(&self, log: f64, trust: f64) -> f64 {
-        let unknown = self.likelihood.log_unknown;
-        let log = if trust == 1.0 { log } else { log_mix(trust, log, unknown) };
-        self.counted(log)
+        self.counted(if trust == 1.0 { log } else { log_mix(trust, log, 0.0) })
     }
 
     /// A log-likelihood as far as the touch counts: what does not count says nothing, as an unknown view does.
     fn counted(&self, log: f64) -> f64 {
-        let unknown = self.likelihood.log_unknown;
-        unknown + self.weight * (log - unknown)
+        self.weight * log
     }
 }
 

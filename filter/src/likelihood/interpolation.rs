@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::between::{Around, is_fine};
-use tactile_infer::neighbours::Neighbours;
+use tactile_infer::neighbours::{Across, Neighbours};
 
 /// How a view between recorded poses is judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -105,20 +105,34 @@ impl ViewWeights {
     }
 
     /// The cosine with the view there, from the cosines with one part's recorded views, `[grid.len()]`: that with
-    /// their interpolated embedding, whose length is about the product of its lengths along each axis, through the
-    /// nearest recorded pose.
+    /// their interpolated embedding, whose length is about the product of its lengths along each axis, each between those
+    /// through the recorded poses around.
     pub fn cosine(&self, cosines: &[f32], neighbours: &Neighbours) -> f32 {
         self.directed(self.value(cosines), neighbours)
     }
 
     /// [`Self::cosine`] by the [`Self::value`] of the cosines.
-    pub(crate) fn directed(&self, value: f32, neighbours: &Neighbours) -> f32 {
+    fn directed(&self, value: f32, neighbours: &Neighbours) -> f32 {
         let n = self.strides[0] / self.strides[1];
         let [x, y, theta] = &self.axes;
-        let along_x = x.square(|x, k| neighbours.plane(0, k, theta.nearest)[x * n + y.nearest]);
-        let along_y = y.square(|y, k| neighbours.plane(1, k, theta.nearest)[y * n + x.nearest]);
-        let along_theta = theta.square(|theta, k| neighbours.plane(2, k, theta)[x.nearest * n + y.nearest]);
-        directed(value, along_x * along_theta * along_y)
+        let along_x = |y: usize| theta.on_line(|theta| x.square(|x, k| neighbours.plane(0, k, theta)[x * n + y]));
+        let along_y = |x: usize| theta.on_line(|theta| y.square(|y, k| neighbours.plane(1, k, theta)[y * n + x]));
+        let along_theta = |x: usize, y: usize| theta.square(|theta, k| neighbours.plane(2, k, theta)[x * n + y]);
+        let along_both = y.on_line(|y| along_x(y) * x.on_line(|x| along_theta(x, y)));
+        directed(value, along_both * x.on_line(along_y) * self.across(neighbours))
+    }
+
+    /// How much more the squared length is than the product of those along each axis, as a factor.
+    fn across(&self, neighbours: &Neighbours) -> f32 {
+        let n = self.strides[0] / self.strides[1];
+        let [[x, x_next], [y, y_next], [theta, theta_next]] = self.axes.map(|axis| [axis.indices[1], axis.indices[2]]);
+        let [(half_x, of_x), (half_y, of_y), (half_theta, of_theta)] = self.axes.map(|axis| axis.half_weights());
+        let at = |axes: Across, [x, y, theta]: [usize; 3]| neighbours.across(axes, theta).map_or(0.0, |of| of[x * n + y]);
+        let xy = of_theta[0] * at(Across::Xy, [x, y, theta]) + of_theta[1] * at(Across::Xy, [x, y, theta_next]);
+        let xy = xy + half_theta * at(Across::All, [x, y, theta]);
+        let x_theta = of_y[0] * at(Across::XTheta, [x, y, theta]) + of_y[1] * at(Across::XTheta, [x, y_next, theta]);
+        let y_theta = of_x[0] * at(Across::YTheta, [x, y, theta]) + of_x[1] * at(Across::YTheta, [x_next, y, theta]);
+        1.0 + half_x * half_y * xy + half_theta * (half_x * x_theta + half_y * y_theta)
     }
 
     /// The interpolated value of one part's `cells`, `[grid.len()]`.

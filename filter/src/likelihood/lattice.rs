@@ -1,5 +1,6 @@
 //! The states of one angle, interpolated together: one motion takes them to poses of one angle on a regular lattice.
 
+use std::borrow::Cow;
 use std::cell::OnceCell;
 use std::ops::Range;
 
@@ -7,7 +8,7 @@ use multiversion::multiversion;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::between::Around;
-use tactile_infer::neighbours::Neighbours;
+use tactile_infer::neighbours::{Across, Neighbours};
 
 use crate::likelihood::cosine_bounds::PartBounds;
 use crate::likelihood::interpolation::{Fading, ViewWeights, directed, trust};
@@ -47,7 +48,7 @@ fn squares_of<'a>(at: &Around, line: impl Fn((usize, usize)) -> &'a [f32], out: 
 /// A state's view between recorded ones counts as at most so much more like a touch than the best of its part's views
 /// on the lines of places around it, at the angles around it: no state need be looked at to know that it matches no
 /// better. With 0.1 as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
-const ABOVE_BEST: f32 = 0.1;
+const ABOVE_BEST: f32 = 0.2;
 
 /// The recorded places around a place that have more weight than rounding leaves at a recorded place; the nearest place
 /// represents the others.
@@ -96,9 +97,9 @@ pub(crate) struct Faded {
 }
 
 impl Faded {
-    /// log(trust e^log + (1 - trust) e^unknown).
-    pub fn mixed(&self, log: f64, unknown: f64) -> f64 {
-        if self.nearest.trust == 1.0 { log } else { unknown + self.log_rest + softplus(log - unknown + self.logit) }
+    /// log(trust e^log + 1 - trust): what is not known is at 0.
+    pub fn mixed(&self, log: f64) -> f64 {
+        if self.nearest.trust == 1.0 { log } else { self.log_rest + softplus(log + self.logit) }
     }
 }
 
@@ -126,9 +127,18 @@ impl LatticeWeights {
         ViewWeights::of([self.xs[x], self.ys[y], self.theta], self.strides)
     }
 
-    /// [`ViewWeights::value`] at all places, x slowest, of one part's `cells`, `[grid.len()]`: for few places near each
-    /// other, which share most of what is around them.
-    pub(crate) fn values_of_few(&self, cells: &[f32]) -> Vec<f32> {
+    /// [`ViewWeights::cosine`] at all places, x slowest, from the cosines with one part's views, `[grid.len()]`: for few places
+    /// near each other, which share most of what is around them. Without neighbours [`ViewWeights::value`].
+    pub(crate) fn cosines_of_few(&self, cells: &[f32], neighbours: Option<&Neighbours>) -> Vec<f32> {
+        let mut cosines = self.values_of_few(cells);
+        if let Some(neighbours) = neighbours {
+            let states = Window { theta: &self.theta, xs: &self.xs, ys: &self.ys, n: self.n_xy };
+            direct(states, &mut cosines, neighbours);
+        }
+        cosines
+    }
+
+    fn values_of_few(&self, cells: &[f32]) -> Vec<f32> {
         let ([of_x, of_y, _], n_ys) = (self.strides, self.ys.len());
         let (around_x, around_y) = (seen(&self.xs), seen(&self.ys));
         let at = |(x, y): (usize, usize)| self.theta.value(|theta| cells[x * of_x + y * of_y + theta]);
@@ -241,7 +251,7 @@ struct Window<'a> {
 impl Window<'_> {
     /// How many values [`Self::values`] and [`Self::direct`] keep on the way.
     fn n_on_the_way(&self) -> usize {
-        self.n * self.n + self.n * self.ys.len() + self.n + self.ys.len()
+        self.n * self.n + self.n * self.ys.len() + 2 * self.n + self.ys.len()
     }
 
     #[inline(always)]
@@ -265,27 +275,91 @@ impl Window<'_> {
     #[inline(always)]
     fn direct(self, cosines: &mut [f32], neighbours: &Neighbours, on_the_way: &mut [f32]) {
         let Self { theta, xs, ys, n } = self;
-        let (n_states, angle) = (ys.len(), theta.nearest);
+        let n_states = ys.len();
         // Squared lengths: along theta for each place of the views, along x and y for a state on that axis and a view on the other.
         let (along_theta, rest) = on_the_way.split_at_mut(n * n);
         let (of_ys, rest) = rest.split_at_mut(n * n_states);
-        let (of_places, of_states) = rest.split_at_mut(n);
+        let (of_places, rest) = rest.split_at_mut(n);
+        let (of_theta, of_states) = rest.split_at_mut(n);
         let seen = seen(xs);
         let seen = seen.start * n..seen.end * n;
         squares_of(theta, |(theta, k)| &neighbours.plane(2, k, theta)[seen.clone()], &mut along_theta[seen.clone()]);
-        let [of_x, of_y] = [0, 1].map(|axis| [1, 2, 3].map(|k| neighbours.plane(axis, k, angle)));
-        let of_y = |(y, k): (usize, usize)| &of_y[k - 1][y * n..][..n];
-        along_y(ys, of_places, of_ys, |y, out| squares_of(y, of_y, out));
+        let between = |axis: usize| [1, 2, 3].map(|k| between_angles(theta, |theta| neighbours.plane(axis, k, theta)));
+        let [of_x, of_y] = [between(0), between(1)];
+        along_y(ys, of_places, of_ys, |y, out| squares_of(y, |(y, k)| &of_y[k - 1][y * n..][..n], out));
+        let across = AcrossAtAngle::of(theta, neighbours);
+        let half_ys: Vec<_> = ys.iter().map(|y| (y.indices, y.half_weights())).collect();
         for (x, cosines) in xs.iter().zip(cosines.chunks_exact_mut(n_states)) {
             squares_of(x, |(x, k)| &of_x[k - 1][x * n..][..n], of_places);
-            of_places.iter_mut().zip(&along_theta[x.nearest * n..]).for_each(|(square, theta)| *square *= theta);
-            for ((square, y), along_y) in of_states.iter_mut().zip(ys).zip(&of_ys[x.nearest * n_states..]) {
-                *square = of_places[y.nearest] * along_y;
+            line_between(x, |x| &along_theta[x * n..][..n], of_theta);
+            of_places.iter_mut().zip(&*of_theta).for_each(|(square, theta)| *square *= theta);
+            line_between(x, |x| &of_ys[x * n_states..][..n_states], of_states);
+            for (square, y) in of_states.iter_mut().zip(ys) {
+                *square *= y.on_line(|y| of_places[y]);
+            }
+            if let Some(across) = &across {
+                across.add_along_x(x, n, [&mut *of_places, &mut *of_theta]);
+                for (square, ([_, low, high, _], (half, of))) in of_states.iter_mut().zip(&half_ys) {
+                    *square *= 1.0 + half * of_places[*low] + of[0] * of_theta[*low] + of[1] * of_theta[*high];
+                }
             }
             for (cosine, square) in cosines.iter_mut().zip(&*of_states) {
                 *cosine = directed(*cosine, *square);
             }
         }
+    }
+}
+
+/// How much more the squared lengths at one angle are than the products of those along each axis, as
+/// [`ViewWeights`] has it: planes, x slowest.
+struct AcrossAtAngle<'a> {
+    xy: Vec<f32>,
+    x_theta: Vec<f32>,
+    y_theta: &'a [f32],
+    half_theta: f32,
+}
+
+impl<'a> AcrossAtAngle<'a> {
+    fn of(theta: &Around, neighbours: &'a Neighbours) -> Option<Self> {
+        let ([_, low, high, _], (half, of)) = (theta.indices, theta.half_weights());
+        let plane = |axes, theta| neighbours.across(axes, theta);
+        let all = plane(Across::Xy, low)?.iter().zip(plane(Across::Xy, high)?).zip(plane(Across::All, low)?);
+        let xy = all.map(|((low, high), all)| of[0] * low + of[1] * high + half * all).collect();
+        let x_theta = plane(Across::XTheta, low)?.iter().map(|value| half * value).collect();
+        Some(Self { xy, x_theta, y_theta: plane(Across::YTheta, low)?, half_theta: half })
+    }
+
+    /// For a place along x, at each recorded place along y: what counts half way to the next one along y, and what there.
+    #[inline(always)]
+    fn add_along_x(&self, x: &Around, n: usize, [half_way, there]: [&mut [f32]; 2]) {
+        let ([_, low, high, _], (half, of)) = (x.indices, x.half_weights());
+        let line = |plane: &'a [f32], x: usize| &plane[x * n..][..n];
+        let of = of.map(|weight| weight * self.half_theta);
+        let thetas = line(self.y_theta, low).iter().zip(line(self.y_theta, high));
+        for ((out, xy), (low, high)) in half_way.iter_mut().zip(&self.xy[low * n..][..n]).zip(thetas) {
+            *out = half * xy + of[0] * low + of[1] * high;
+        }
+        there.iter_mut().zip(&self.x_theta[low * n..]).for_each(|(out, value)| *out = half * value);
+    }
+}
+
+/// What is between the planes at the two angles around an angle.
+#[inline(always)]
+fn between_angles<'a>(theta: &Around, plane: impl Fn(usize) -> &'a [f32]) -> Cow<'a, [f32]> {
+    let ([_, low, high, _], share) = (theta.indices, theta.fraction);
+    if share == 0.0 {
+        return Cow::Borrowed(plane(low));
+    }
+    let pairs = plane(low).iter().zip(plane(high));
+    Cow::Owned(pairs.map(|(low, high)| (1.0 - share) * low + share * high).collect())
+}
+
+/// [`Around::on_line`] of each value of a line at each index.
+#[inline(always)]
+fn line_between<'a>(at: &Around, line: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
+    let ([_, low, high, _], share) = (at.indices, at.fraction);
+    for (out, (low, high)) in out.iter_mut().zip(line(low).iter().zip(line(high))) {
+        *out = (1.0 - share) * low + share * high;
     }
 }
 
@@ -298,6 +372,12 @@ fn cosines(states: Window<'_>, planes: &[f32], neighbours: Option<&Neighbours>) 
         states.direct(&mut cosines, neighbours, &mut on_the_way);
     }
     cosines
+}
+
+/// [`Window::direct`], for the vector unit at hand.
+#[multiversion(targets("x86_64+avx2"))]
+fn direct(states: Window<'_>, cosines: &mut [f32], neighbours: &Neighbours) {
+    states.direct(cosines, neighbours, &mut vec![0.0; states.n_on_the_way()]);
 }
 
 /// The recorded places around some places along an axis.

@@ -14,8 +14,8 @@ mod overlap;
 pub(crate) mod shared_error;
 mod softplus;
 mod touch_likelihood;
-pub(crate) mod unrecorded;
 
+pub(crate) use match_model::Foreseen;
 pub(crate) use nearest::{Nearest, trusted};
 pub use overlap::Overlap;
 pub use touch_likelihood::TouchLikelihood;

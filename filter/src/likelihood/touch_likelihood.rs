@@ -1,15 +1,8 @@
-//! How likely one touch is at each recorded view: f_HP made into a probability.
+//! How likely one touch is at each recorded view: the log-odds that it was made there, against a touch of anything in the
+//! world of parts ([`tactile_infer::match_odds`]).
 //!
-//! A touch is two observations. Whether the view is blank (shows no edge) agrees with the bank's view
-//! at the true pose with probability `blank_agreement`. The picture of the edges is judged by the
-//! cosine `s` between hole query and peg key: `exp(s / temperature)` relative to its mean over the edged views says how
-//! much likelier the touch is there than anywhere, and two touches in a hundred (`outlier_share`) may look like any view,
-//! so that a likelihood is a mixture of that and 1, which says nothing. A blank view has no such picture: there the second
-//! factor is 1.
-//!
-//! Outside the recorded area the view is unknown. Where views are interpolated, four in five of those with an edge count as
-//! an average recorded one and the others as one of `unknown_similarity`: without these, a touch whose own view was not
-//! recorded would speak for the best of the recorded ones, even a poor one; without those, for a good one of the wrong part.
+//! Whatever was not recorded is of the world, at log-odds of 0, and so is a part that is not in the bank. A share of all
+//! touches (`outlier_share`) is of something else than it was meant for, so that one touch cannot rule a state out.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -28,8 +21,6 @@ use crate::likelihood::interpolation::ViewWeights;
 use crate::likelihood::lattice::LatticeWeights;
 use crate::likelihood::match_model::MatchModel;
 use crate::likelihood::nearest::Nearest;
-use crate::likelihood::unrecorded;
-use crate::simd;
 use crate::touch::Observation;
 use crate::touch_model::TouchModel;
 
@@ -41,18 +32,7 @@ const OTHER_PARTS: f64 = 0.0325;
 /// Where a touch may be no more than so many nats likelier than an outlier, it is one.
 const OUTLIER_NATS: f64 = 2e-3;
 
-/// What a row of the bank shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Shows {
-    /// An edge.
-    Edge,
-    /// No edge.
-    Nothing,
-    /// It was not recorded.
-    Unknown,
-}
-
-/// The log-likelihood of an edged touch at the states of a lattice, were the view nearest to each edged.
+/// The log-likelihood of a touch at the states of a lattice.
 #[derive(Clone, Debug)]
 pub(crate) struct OnLattice {
     /// Outside the window, where it is an outlier; finite.
@@ -79,25 +59,24 @@ impl OnLattice {
     }
 }
 
-/// The log-likelihood of one touch at each recorded view and between them, up to a constant of the touch.
+/// The log-likelihood of one touch at each recorded view and between them, against the world's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TouchLikelihood {
     /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
     pub similarities: Vec<f32>,
     /// The largest of them with each part's views at each angle.
     bounds: CosineBounds,
-    /// Outside the recorded area, where the view is unknown: the log of the likelihood of an edged or a blank view
-    /// (`NOTES.md`, "Between recorded poses").
-    pub log_unknown: f64,
-    /// The plain cosine with the edged view that it resembles most, -1..=1, in whichever metric the bank compares; -1 where no
-    /// view is edged.
+    /// The plain cosine with the recorded view that it resembles most, -1..=1, in whichever metric the bank compares; -1 where
+    /// nothing was recorded.
     pub best_cosine: f32,
-    /// The cosine that matches are measured from: the best, or an unknown view's where that is more.
-    reference: f32,
     /// Whether the touch showed no edge.
     pub blank: bool,
-    /// What each row of the bank shows, `[n_rows]`.
-    shows: Vec<Shows>,
+    /// How rare it is in the world, nats.
+    pub(crate) rarity: f64,
+    /// How far touches are from their own views in this bank.
+    pub(crate) own_distance: f64,
+    /// Which rows of the bank were recorded; `None`: all.
+    recorded: Option<Vec<bool>>,
     /// How well the touches of each part match its views, as far as the bank knows.
     matches: Arc<Matches>,
     /// What the bank's views are of.
@@ -105,62 +84,50 @@ pub struct TouchLikelihood {
     side: Side,
     /// How alike the bank's neighbouring views are, `[n_parts]`; `None` where none are interpolated.
     neighbours: Option<Arc<[Neighbours]>>,
-    /// Logs of the probabilities that blank and edged agree and that they do not.
-    log_agrees: f64,
-    log_disagrees: f64,
     model: MatchModel,
     config: TouchModel,
 }
 
 impl TouchLikelihood {
-    /// The two-part model of this module, by what is measured or fixed, in the bank's metric
-    /// ([`TouchModel::in_metric_of`]). A similarity that is not finite counts as the worst, -1.
+    /// The model of this module, by what is measured or fixed, in the bank's metric ([`TouchModel::in_metric_of`]). A
+    /// similarity that is not finite counts as the worst, -1.
     ///
     /// # Errors
-    /// A query of another length than the bank's rows, one with no finite similarity at all, or an
-    /// edge share that is not a number.
+    /// A query of another length than the bank's rows, one with no finite similarity at all, an edge share or a rarity
+    /// that is not a number.
     pub fn new(observation: &Observation, bank: &Bank, config: &TouchModel) -> Result<Self> {
         let similarities = cosines(observation, bank)?; // [n_rows]
-        let of_share = |share: &f32| if config.is_blank(*share) { Shows::Nothing } else { Shows::Edge };
-        let mut shows: Vec<Shows> = bank.edge_shares().iter().map(of_share).collect();
-        bank.missing().iter().for_each(|row| shows[*row] = Shows::Unknown);
-        let blank = config.is_blank(observation.edge_share);
-        let edged = || (0..shows.len()).filter(|row| shows[*row] == Shows::Edge);
-        let mut above_best: Vec<f64> = edged().map(|row| f64::from(similarities[row])).collect();
-        let best_similarity = simd::largest(&above_best).max(-1.0) as f32;
-        let best_row = edged().find(|row| similarities[*row] == best_similarity);
+        let recorded = (!bank.missing().is_empty()).then(|| {
+            let mut recorded = vec![true; similarities.len()];
+            bank.missing().iter().for_each(|row| recorded[*row] = false);
+            recorded
+        });
+        let known = || (0..similarities.len()).filter(|row| recorded.as_ref().is_none_or(|recorded| recorded[*row]));
+        let best_row = known().reduce(|best, row| if similarities[row] > similarities[best] { row } else { best });
         let best_cosine = best_row.map_or(-1.0, |row| bank.plain_cosine(&observation.query, row));
-        // Where no recorded view matches better than an unknown one, that is the best match.
-        let is_cubic = config.interpolation.is_cubic(bank.grid());
-        let unknown_similarity = config.unknown_similarity.filter(|_| is_cubic).map(|cosine| cosine as f32);
-        let reference = unknown_similarity.map_or(best_similarity, |unknown| unknown.max(best_similarity));
-        above_best.iter_mut().for_each(|similarity| *similarity -= f64::from(reference));
-        // A view outside the recorded area is one more that a touch may be made at.
-        let unknown_above_best = unknown_similarity.map(|unknown| f64::from(unknown - reference));
-        above_best.extend(unknown_above_best);
-        let model = MatchModel::new(config.temperature, config.outlier_share, above_best);
-        let unknown_is_blank = unrecorded::blank_share(bank, config);
-        let edged_unknown =
-            unknown_above_best.map_or(1.0, |above_best| unrecorded::likely(model.log(above_best).exp()));
-        let log_unknown =
-            if blank { unknown_is_blank.ln() } else { (1.0 - unknown_is_blank).ln() + edged_unknown.ln() };
-        let neighbours = is_cubic.then(|| bank.neighbours().clone());
+        let own_distance = bank.matches().own_distance(observation.side).unwrap_or(config.own_distance);
+        let rarity = f64::from(observation.rarity);
+        let model = match config.temperature {
+            Some(temperature) => {
+                let cosines: Vec<f64> = known().map(|row| f64::from(similarities[row])).collect();
+                MatchModel::of_cosines(temperature, &cosines)
+            }
+            None => MatchModel::of_odds(config, [rarity, own_distance], observation.edge_share),
+        };
+        let neighbours = config.interpolation.is_cubic(bank.grid()).then(|| bank.neighbours().clone());
         let bounds = CosineBounds::of(&similarities, bank.grid());
-        let (log_agrees, log_disagrees) = (config.blank_agreement.ln(), (1.0 - config.blank_agreement).ln());
         Ok(Self {
             similarities,
             bounds,
-            log_unknown,
             best_cosine,
-            reference,
-            blank,
-            shows,
+            blank: config.is_blank(observation.edge_share),
+            rarity,
+            own_distance,
+            recorded,
             matches: bank.matches().clone(),
             views: bank.views(),
             side: observation.side,
             neighbours,
-            log_agrees,
-            log_disagrees,
             model,
             config: *config,
         })
@@ -187,28 +154,14 @@ impl TouchLikelihood {
         }
     }
 
-    /// The mean of `exp((s - best) / tau)` over the views, 0..=1; `None` where the touch is blank.
-    pub(crate) fn mean_match(&self) -> Option<f64> {
-        (!self.blank).then_some(self.model.mean)
-    }
-
     /// The log-likelihood at one row of the bank; finite.
     pub fn log_row(&self, row: usize) -> f64 {
         self.log_between(self.similarities[row], row)
     }
 
-    /// The log-likelihood at a view of a given cosine, near one row of the bank that says whether it is
-    /// blank; about 0 where the touch says nothing.
+    /// The log-likelihood at a view of a given cosine near one row of the bank: 0 where that was not recorded.
     pub fn log_between(&self, similarity: f32, row: usize) -> f64 {
-        match (self.shows[row], self.blank) {
-            (Shows::Unknown, _) => self.log_unknown,
-            (Shows::Edge, true) | (Shows::Nothing, false) => self.log_disagrees,
-            (Shows::Nothing, true) => self.log_agrees,
-            (Shows::Edge, false) => {
-                let above = f64::from(similarity - self.reference);
-                self.log_agrees + self.model.log(above)
-            }
-        }
+        if self.is_recorded(row) { self.model.log(f64::from(similarity)) } else { 0.0 }
     }
 
     /// The cosine at a pose between the views of one part, whose rows start at `start`.
@@ -223,26 +176,25 @@ impl TouchLikelihood {
     /// [`Self::between`] at each place of a lattice of few places, x slowest, with the nearest view; `None` where the view
     /// is unknown.
     pub(crate) fn on_few(&self, lattice: &LatticeWeights, part: usize, n_cells: usize) -> Vec<Option<(Nearest, f32)>> {
-        let values = lattice.values_of_few(&self.similarities[part * n_cells..(part + 1) * n_cells]);
-        let at = |(place, value): (usize, f32)| {
+        let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[part]);
+        let cosines = lattice.cosines_of_few(&self.similarities[part * n_cells..(part + 1) * n_cells], neighbours);
+        let at = |(place, cosine): (usize, f32)| {
             let weights = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys())?;
-            let directed = |neighbours: &Arc<[Neighbours]>| weights.directed(value, &neighbours[part]);
-            let cosine = self.neighbours.as_ref().map_or(value, directed);
             Some((Nearest { cell: weights.cell, trust: weights.trust }, cosine))
         };
-        values.into_iter().enumerate().map(at).collect()
+        cosines.into_iter().enumerate().map(at).collect()
     }
 
-    /// The log-likelihood of an edged touch at the states of a lattice, as [`Self::log_between`] would find each near a row
-    /// that shows an edge, but for two: what is far above the recorded views around counts less
+    /// The log-likelihood at the states of a lattice, as [`Self::log_between`] would find each near a row that was recorded,
+    /// but for two: what is far above the recorded views around counts less
     /// ([`LatticeWeights::most_on_lines`]), and where that leaves less than [`OUTLIER_NATS`], the touch is an outlier.
     /// `planes` are the cosines with the part's views, [`in_planes`](crate::likelihood::lattice::in_planes).
     pub(crate) fn on_lattice(&self, lattice: &LatticeWeights, part: usize, planes: &[f32]) -> OnLattice {
         let bounds = self.bounds(part);
         // Without outliers the window is all there is.
-        let log_outlier = self.log_agrees + self.model.log_outlier();
-        let log_outlier = if log_outlier.is_finite() { log_outlier } else { self.log_unknown };
-        let least = (f64::from(self.reference) + self.model.above_outliers(OUTLIER_NATS)) as f32;
+        let log_outlier = self.model.log_outlier();
+        let log_outlier = if log_outlier.is_finite() { log_outlier } else { 0.0 };
+        let least = self.model.above_outliers(OUTLIER_NATS) as f32;
         let may_match = |most: &f32| *most >= least;
         let outlier = OnLattice { log_outlier, n_ys: lattice.n_ys(), window: [0..0, 0..0], above_outlier: Vec::new() };
         if !may_match(&lattice.most(bounds.of_angles)) {
@@ -257,13 +209,13 @@ impl TouchLikelihood {
             return outlier;
         }
         let neighbours = self.neighbours.as_ref().map(|neighbours| &neighbours[part]);
-        let mut above_best = lattice.cosines(planes, neighbours, [xs.clone(), ys.clone()]);
-        for (most_x, line) in most[0][xs.clone()].iter().zip(above_best.chunks_exact_mut(ys.len())) {
+        let mut cosines = lattice.cosines(planes, neighbours, [xs.clone(), ys.clone()]);
+        for (most_x, line) in most[0][xs.clone()].iter().zip(cosines.chunks_exact_mut(ys.len())) {
             for (cosine, most_y) in line.iter_mut().zip(&most[1][ys.clone()]) {
-                *cosine = cosine.min(most_x.min(*most_y)) - self.reference;
+                *cosine = cosine.min(most_x.min(*most_y));
             }
         }
-        let above_outlier = self.model.logs(above_best, self.log_agrees - log_outlier);
+        let above_outlier = self.model.logs(cosines, -log_outlier);
         OnLattice { above_outlier, window: [xs, ys], ..outlier }
     }
 
@@ -274,13 +226,9 @@ impl TouchLikelihood {
 
     /// The log-likelihood at no view is above this, where none has a larger cosine.
     pub(crate) fn highest(&self, most: f32) -> f64 {
-        if self.blank {
-            return self.log_unknown.max(self.log_agrees).max(self.log_disagrees);
-        }
         // Those of many states are found in f32, to so many nats.
         const ROUNDING: f64 = 1e-5;
-        let matched = self.log_agrees + self.model.log(f64::from(most - self.reference)) + ROUNDING;
-        self.log_unknown.max(self.log_disagrees).max(matched)
+        (self.model.log(f64::from(most)) + ROUNDING).max(0.0)
     }
 
     /// The settings it was made with.
@@ -288,14 +236,14 @@ impl TouchLikelihood {
         &self.config
     }
 
-    /// Whether the view of a row shows an edge.
-    pub fn is_edged(&self, row: usize) -> bool {
-        self.shows[row] == Shows::Edge
-    }
-
     /// Whether the view of a row was recorded.
     pub fn is_recorded(&self, row: usize) -> bool {
-        self.shows[row] != Shows::Unknown
+        self.recorded.as_ref().is_none_or(|recorded| recorded[row])
+    }
+
+    /// Whether the view of some row was not.
+    pub(crate) fn lacks_views(&self) -> bool {
+        self.recorded.is_some()
     }
 }
 
@@ -307,6 +255,9 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
     }
     if !(0.0..=1.0).contains(&observation.edge_share) {
         return Err(Error::observation("an edge share in 0..=1", observation.edge_share.to_string()));
+    }
+    if !observation.rarity.is_finite() {
+        return Err(Error::observation("a finite rarity", observation.rarity.to_string()));
     }
     // By its largest value first: the squares of long and short queries leave the range of f32.
     let largest = query.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));

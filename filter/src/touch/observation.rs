@@ -15,6 +15,10 @@ pub struct Observation {
     pub query: Vec<f32>,
     /// Share of the view that shows an edge, 0..=1.
     pub edge_share: f32,
+    /// How rare what is felt is in the world of parts, above the average touch, nats
+    /// ([`MatchOdds::rarity_of`](tactile_infer::match_odds::MatchOdds::rarity_of)); 0 where that is not known.
+    #[serde(default)]
+    pub rarity: f32,
     /// Which side was touched: an episode is of one.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
     pub side: Side,
@@ -29,7 +33,7 @@ pub struct Observation {
 impl Observation {
     /// An observation of a hole by its embedding alone: neither a frame nor a model is checked.
     pub fn new(query: Vec<f32>, edge_share: f32) -> Self {
-        Self { query, edge_share, side: Side::Hole, frame_hash: None, model_sha256: None }
+        Self { query, edge_share, rarity: 0.0, side: Side::Hole, frame_hash: None, model_sha256: None }
     }
 
     /// The same observation, of this side.

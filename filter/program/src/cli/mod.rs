@@ -4,7 +4,6 @@ mod arguments;
 mod assemble;
 mod budget;
 mod evaluate;
-mod extremes;
 mod failure;
 mod live;
 mod merge;
@@ -47,7 +46,6 @@ enum Command {
     Watch(watch::Watch),
     // For `cargo xtask bench` and `cargo xtask reproduce` alone.
     #[command(hide = true)]
-    Extremes(extremes::ExtremesArgs),
     #[command(hide = true)]
     Reproduction(reproduction::Reproduction),
 }
@@ -58,7 +56,6 @@ impl Cli {
         match self.command {
             Command::Assemble(assemble) => Ok(assemble.run()?),
             Command::Evaluate(evaluate) => Ok(evaluate.run()?),
-            Command::Extremes(extremes) => Ok(extremes.run()?),
             Command::Live(live) => live.run(),
             Command::Merge(merge) => Ok(merge.run()?),
             Command::Replay(replay) => replay.run(),
