@@ -61,7 +61,12 @@ impl Around {
 
     /// Half way from one of `n` places to the next.
     pub(crate) fn half_way(index: usize, n: usize, goes_round: bool) -> Self {
-        let place = index as f64 + 0.5;
+        Self::part_way(2 * index + 1, 2, n, goes_round)
+    }
+
+    /// The place so many parts of a step after the first of `n` places, where a step has so many parts.
+    pub(crate) fn part_way(parts: usize, of_step: usize, n: usize, goes_round: bool) -> Self {
+        let place = parts as f64 / of_step as f64;
         if goes_round { Self::on_circle(place, 0.0, 1.0, n) } else { Self::new(place, 0.0, 1.0, n) }
     }
 

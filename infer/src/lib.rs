@@ -51,6 +51,8 @@ pub mod error;
 mod forged;
 #[cfg(all(test, feature = "burn"))]
 mod fuzz;
+#[cfg(feature = "datasets")]
+pub mod fit;
 pub mod learn_from;
 pub mod match_odds;
 pub mod matches;

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! log p(touch | made at the view) / p(touch) = offset + rarity(touch) - steepness(e) (|q - k| - own)
-//! rarity(touch) = h . q + w l,   steepness(e) = s exp(a l),   l = ln((e + 0.003) / 0.05)
+//! rarity(touch) = h . q + w l - r,   steepness(e) = s exp(a l),   l = ln((e + 0.003) / 0.05)
 //! ```
 //!
 //! The distance `|q - k|` is the root of `2 (1 - cosine)`: errors of embeddings are spread as a Laplace distribution is, not as
@@ -39,6 +39,8 @@ pub struct MatchOdds {
     pub own_distance: f64,
     /// w: how much rarer a touch is, the more edge it shows, nats.
     pub rarity_by_edge: f64,
+    /// What the two terms of rarity come to in the average touch, nats; it is taken off.
+    pub usual_rarity: f64,
     /// h: how rare a touch is in the world by its embedding, nats; `[dim]`.
     pub rarity: Vec<f32>,
     /// Touches that it was fitted to.
@@ -55,7 +57,12 @@ impl MatchOdds {
 
     /// How rare a touch is in the world, above the average touch, nats. `query`: `[dim]`, of unit length.
     pub fn rarity_of(&self, query: &[f32], edge_share: f32) -> f64 {
-        f64::from(dot(&self.rarity, query)) + self.rarity_by_edge * Self::log_edge(edge_share)
+        self.rarity_at(query, Self::log_edge(edge_share))
+    }
+
+    /// The same by the logarithm of the share of edge.
+    pub(crate) fn rarity_at(&self, query: &[f32], log_edge: f64) -> f64 {
+        f64::from(dot(&self.rarity, query)) + self.rarity_by_edge * log_edge - self.usual_rarity
     }
 
     /// Refuses numbers that no fit gives, naming the field.
@@ -68,6 +75,7 @@ impl MatchOdds {
             ("offset", offset),
             ("steepness_by_edge", steepness_by_edge),
             ("rarity_by_edge", rarity_by_edge),
+            ("usual_rarity", self.usual_rarity),
             ("log_probability", log_probability),
         ] {
             check(field, "a finite number", value, value.is_finite())?;

@@ -5,6 +5,7 @@ mod bank;
 mod calibrate;
 mod convert;
 mod embed;
+mod fit;
 mod matching;
 mod speed;
 
@@ -59,6 +60,7 @@ enum Command {
     Embed(embed::EmbedArgs),
     Align(align::AlignArgs),
     Calibrate(calibrate::CalibrateArgs),
+    Fit(fit::FitArgs),
     /// Store a model's weights in another format: another model, with banks of its own.
     #[command(
         after_help = "Example:\n  tactile-infer convert --model model.safetensors --weights f16 --out half.safetensors"
@@ -153,6 +155,7 @@ impl Cli {
             Command::Bank(args) => args.run(),
             Command::Match(args) => args.run(),
             Command::Calibrate(args) => args.run(),
+Command::Fit(args) => args.run(),
             Command::Convert(args) => args.run(),
             Command::Align(args) => args.run(),
             Command::Speed(args) => args.run(),

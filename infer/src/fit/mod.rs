@@ -1,0 +1,100 @@
+//! Fits the log-odds of a match to touches whose parts and poses are known.
+//!
+//! In: a model, banks, touches. Out: [`MatchOdds`]. The numbers are those by which the touches are most probable: each at its own
+//! state among the states of twelve parts and the world, and of the world where its part or its pose is left out. So a match
+//! weighs as much as the best of the wrong views that a filter meets lets it.
+
+mod objective;
+mod sample;
+mod states;
+
+use argmin::core::{CostFunction, Executor, Gradient, State};
+use argmin::solver::linesearch::MoreThuenteLineSearch;
+use argmin::solver::quasinewton::LBFGS;
+
+use crate::error::{Error, Result};
+use crate::match_odds::MatchOdds;
+use objective::{N_FIRST, Objective};
+pub use sample::Samples;
+
+/// Fewer touches say too little of a hundred numbers.
+const FEWEST: usize = 1_000;
+
+/// Share of touches that are of something else than they were meant for: the filter's.
+pub const OUTLIER_SHARE: f64 = 0.005;
+
+/// Rounds of the optimiser; a hundred are usually enough.
+const MAX_ROUNDS: u64 = 300;
+
+/// Pairs of steps and differences that the optimiser remembers.
+const MEMORY: usize = 10;
+
+/// What the search begins with: offset, logarithm of the steepness, steepness by edge, rarity by edge.
+const START: [f64; N_FIRST] = [5.0, 3.0, 0.2, 0.0];
+
+/// The log-odds by which touches are most probable.
+///
+/// # Errors
+/// Fewer than a thousand touches, or touches that no finite numbers suit.
+pub fn fit(samples: &Samples) -> Result<MatchOdds> {
+    if samples.len() < FEWEST {
+        let expected = format!("{FEWEST} or more {}s within the banks' poses", samples.side);
+        return Err(Error::invalid("touches", expected, samples.len().to_string()));
+    }
+    let objective = Objective { samples: &samples.samples, outlier_share: OUTLIER_SHARE };
+    let start: Vec<f64> = START.into_iter().chain(vec![0.0; samples.dim]).collect();
+    let no_fit = |error: String| Error::invalid("touches", "some that finite numbers suit", error);
+    let solver = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
+    let found = Executor::new(Problem(objective), solver)
+        .configure(|state| state.param(start).max_iters(MAX_ROUNDS))
+        .run()
+        .map_err(|error| no_fit(error.to_string()))?;
+    let numbers = found.state().get_best_param().ok_or_else(|| no_fit("no numbers".into()))?;
+    Ok(odds(samples, numbers, found.state().get_best_cost()))
+}
+
+/// The numbers as a model keeps them: rarity is counted from the average touch.
+fn odds(samples: &Samples, numbers: &[f64], cost: f64) -> MatchOdds {
+    let rarity: Vec<f32> = numbers[N_FIRST..].iter().map(|value| *value as f32).collect();
+    let mut odds = MatchOdds {
+        offset: numbers[0],
+        steepness: numbers[1].exp(),
+        steepness_by_edge: numbers[2],
+        own_distance: mean(samples.own_distances.iter().find(|of| !of.is_empty()).map_or(&[], Vec::as_slice)),
+        rarity_by_edge: numbers[3],
+        usual_rarity: 0.0,
+        rarity,
+        n_touches: samples.len(),
+        log_probability: -cost,
+    };
+    let of_touches: Vec<f64> =
+        samples.samples.iter().map(|sample| odds.rarity_at(&sample.query, sample.log_edge)).collect();
+    odds.usual_rarity = mean(&of_touches);
+    odds.offset += odds.usual_rarity;
+    odds
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// The objective as the optimiser asks for it.
+struct Problem<'a>(Objective<'a>);
+
+impl CostFunction for Problem<'_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+
+    fn cost(&self, numbers: &Self::Param) -> std::result::Result<f64, argmin::core::Error> {
+        Ok(self.0.at(numbers).0)
+    }
+}
+
+impl Gradient for Problem<'_> {
+    type Param = Vec<f64>;
+    type Gradient = Vec<f64>;
+
+    fn gradient(&self, numbers: &Self::Param) -> std::result::Result<Vec<f64>, argmin::core::Error> {
+        Ok(self.0.at(numbers).1)
+    }
+}

@@ -1,0 +1,183 @@
+//! How probable touches are by log-odds of a match, and how that changes with each number.
+
+use rayon::prelude::*;
+
+use super::sample::{Kind, Sample};
+
+/// A touch counts half each as one of a part, and of a pose, that the bank lacks.
+const LEFT_OUT: f64 = 0.5;
+
+/// How strongly the directions of rarity are drawn to none: as if a touch of each had said so.
+const RIDGE: f64 = 1e-6;
+
+/// The mean negative log-probability of touches by the numbers
+/// `[offset, ln steepness, steepness by edge, rarity by edge, rarity...]`.
+///
+/// With a chance of one half each, a touch is of one of the bank's states, all equally likely, or of the world. It is at its own
+/// state where the bank has it, and of the world where its part, or its pose, is left out.
+pub(super) struct Objective<'a> {
+    pub samples: &'a [Sample],
+    /// Share of touches that are of something else.
+    pub outlier_share: f64,
+}
+
+/// Numbers before the rarity's.
+pub(super) const N_FIRST: usize = 4;
+
+impl Objective<'_> {
+    /// The value, and its derivative by each number.
+    pub fn at(&self, numbers: &[f64]) -> (f64, Vec<f64>) {
+        let n = self.samples.len() as f64;
+        let zero = || (0.0, vec![0.0; numbers.len()]);
+        let add = |(a, mut da): (f64, Vec<f64>), (b, db): (f64, Vec<f64>)| {
+            da.iter_mut().zip(db).for_each(|(a, b)| *a += b);
+            (a + b, da)
+        };
+        // In pieces of a fixed size, so that sums are the same on any number of threads.
+        let pieces: Vec<(f64, Vec<f64>)> = self
+            .samples
+            .par_chunks(64)
+            .map(|samples| samples.iter().fold(zero(), |sum, sample| add(sum, self.of_sample(sample, numbers))))
+            .collect();
+        let (sum, mut derivative) = pieces.into_iter().fold(zero(), add);
+        derivative.iter_mut().for_each(|value| *value /= n);
+        let ridge: f64 = numbers[N_FIRST..].iter().map(|h| RIDGE * h * h).sum();
+        derivative[N_FIRST..].iter_mut().zip(&numbers[N_FIRST..]).for_each(|(d, h)| *d += 2.0 * RIDGE * h);
+        (sum / n + ridge, derivative)
+    }
+
+    fn of_sample(&self, sample: &Sample, numbers: &[f64]) -> (f64, Vec<f64>) {
+        let [offset, log_steepness, by_edge, rarity_by_edge] = [0, 1, 2, 3].map(|at| numbers[at]);
+        let Sample { query, log_edge, own_distance, n_states: [n_all, n_others], seen } = sample;
+        let rarity: f64 = numbers[N_FIRST..].iter().zip(query).map(|(h, q)| h * f64::from(*q)).sum();
+        let steepness = (log_steepness + by_edge * log_edge).exp();
+        let level = offset + rarity + rarity_by_edge * log_edge;
+        let (log_outlier, log_rest) = (self.outlier_share.ln(), (-self.outlier_share).ln_1p());
+        // Of each state: its log-odds with how many it counts as, and the share of them that is no outlier.
+        let states: Vec<(f64, f64)> = seen
+            .iter()
+            .map(|seen| {
+                let match_log = log_rest + level - steepness * (seen.distance - own_distance);
+                let log = log_add(match_log, log_outlier);
+                (log + seen.log_count, (match_log - log).exp())
+            })
+            .collect();
+        let sum = |is_in: &dyn Fn(Kind) -> bool| {
+            let logs = states.iter().zip(seen).filter(|(_, seen)| is_in(seen.kind)).map(|((log, _), _)| *log);
+            logs.fold(f64::NEG_INFINITY, log_add)
+        };
+        let n_touched = seen.iter().filter(|seen| seen.kind == Kind::Touched).count() as f64;
+        let (all, touched) = (sum(&|_| true), sum(&|kind| kind == Kind::Touched));
+        let others = sum(&|kind| kind == Kind::Other);
+        let elsewhere = sum(&|kind| matches!(kind, Kind::Own | Kind::Other));
+        let [mean_all, mean_others, mean_elsewhere] = [all - n_all.ln(), others - n_others.ln(), elsewhere - n_all.ln()];
+        let world = |mean: f64| if mean.is_finite() { softplus(mean) } else { 0.0 };
+        let value = -(touched - n_touched.ln())
+            + world(mean_all)
+            + LEFT_OUT * (world(mean_others) + world(mean_elsewhere));
+        let [w_all, w_others, w_elsewhere] = [mean_all, mean_others, mean_elsewhere].map(logistic);
+        let mut derivative = vec![0.0; numbers.len()];
+        let (mut by_level, mut by_distance) = (0.0, 0.0);
+        for ((log, share), seen) in states.iter().zip(seen) {
+            let mut by_log = w_all * (log - all).exp();
+            if seen.kind == Kind::Touched {
+                by_log -= (log - touched).exp();
+            }
+            if seen.kind == Kind::Other && others.is_finite() {
+                by_log += LEFT_OUT * w_others * (log - others).exp();
+            }
+            if matches!(seen.kind, Kind::Own | Kind::Other) && elsewhere.is_finite() {
+                by_log += LEFT_OUT * w_elsewhere * (log - elsewhere).exp();
+            }
+            by_level += by_log * share;
+            by_distance += by_log * share * (seen.distance - own_distance);
+        }
+        derivative[0] = by_level;
+        derivative[1] = -steepness * by_distance;
+        derivative[2] = -steepness * by_distance * log_edge;
+        derivative[3] = by_level * log_edge;
+        derivative[N_FIRST..].iter_mut().zip(query).for_each(|(d, q)| *d = by_level * f64::from(*q));
+        (value, derivative)
+    }
+}
+
+/// log(e^a + e^b).
+fn log_add(a: f64, b: f64) -> f64 {
+    let (less, more) = (a.min(b), a.max(b));
+    if less > f64::NEG_INFINITY { more + (less - more).exp().ln_1p() } else { more }
+}
+
+fn softplus(z: f64) -> f64 {
+    z.max(0.0) + (-z.abs()).exp().ln_1p()
+}
+
+fn logistic(z: f64) -> f64 {
+    (1.0 + (-z).exp()).recip()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sample::Seen;
+    use super::*;
+
+    fn samples() -> Vec<Sample> {
+        let kinds = [Kind::Touched, Kind::Touched, Kind::Near, Kind::Own, Kind::Other, Kind::Other];
+        (0..70)
+            .map(|at| {
+                let noise = |k: usize| ((at * 31 + k * 17) % 23) as f64 / 23.0;
+                let seen = kinds.iter().enumerate().map(|(k, kind)| Seen {
+                    distance: 0.2 + 0.2 * k as f64 + 0.3 * noise(k),
+                    log_count: if k > 2 { 1.5 } else { 0.0 },
+                    kind: *kind,
+                });
+                Sample {
+                    query: vec![noise(7) as f32, noise(8) as f32],
+                    log_edge: noise(9) - 0.5,
+                    own_distance: 0.3,
+                    n_states: [20.0, 12.0],
+                    seen: seen.collect(),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn derivatives_are_differences() {
+        let samples = samples();
+        let objective = Objective { samples: &samples, outlier_share: 0.01 };
+        let numbers = [1.3, 1.7, 0.3, 0.4, -0.6, 0.9];
+        let (_, derivative) = objective.at(&numbers);
+        for at in 0..numbers.len() {
+            let moved = |by: f64| {
+                let mut moved = numbers;
+                moved[at] += by;
+                objective.at(&moved).0
+            };
+            let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            assert!((derivative[at] - difference).abs() < 1e-8, "{at}: {} {difference}", derivative[at]);
+        }
+    }
+
+    #[test]
+    fn a_value_is_its_definition() {
+        let samples = &samples()[..1];
+        let numbers = [1.3, 1.7, 0.3, 0.4, -0.6, 0.9];
+        let sample = &samples[0];
+        let odds = |seen: &Seen| {
+            let rarity = -0.6 * f64::from(sample.query[0]) + 0.9 * f64::from(sample.query[1]) + 0.4 * sample.log_edge;
+            let steepness = 1.7_f64.exp() * (0.3 * sample.log_edge).exp();
+            0.99 * (1.3 + rarity - steepness * (seen.distance - 0.3)).exp() + 0.01
+        };
+        let sum = |kinds: &[Kind]| {
+            let seen = sample.seen.iter().filter(|seen| kinds.contains(&seen.kind));
+            seen.map(|seen| odds(seen) * seen.log_count.exp()).sum::<f64>()
+        };
+        use Kind::{Near, Other, Own, Touched};
+        let present = sum(&[Touched]) / 2.0 / (1.0 + sum(&[Touched, Near, Own, Other]) / 20.0);
+        let [no_part, no_pose] = [sum(&[Other]) / 12.0, sum(&[Own, Other]) / 20.0].map(|mean| 1.0 / (1.0 + mean));
+        let by_hand = -(present.ln() + 0.5 * no_part.ln() + 0.5 * no_pose.ln());
+        let ridge = 1e-6 * (0.36 + 0.81);
+        let (found, _) = Objective { samples, outlier_share: 0.01 }.at(&numbers);
+        assert!((found - by_hand - ridge).abs() < 1e-12, "{found} {by_hand}");
+    }
+}
