@@ -8,6 +8,8 @@ mod objective;
 mod sample;
 mod states;
 
+use std::sync::{Mutex, PoisonError};
+
 use argmin::core::{CostFunction, Executor, Gradient, State};
 use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;
@@ -45,7 +47,7 @@ pub fn fit(samples: &Samples) -> Result<MatchOdds> {
     let start: Vec<f64> = START.into_iter().chain(vec![0.0; samples.dim]).collect();
     let no_fit = |error: String| Error::invalid("touches", "some that finite numbers suit", error);
     let solver = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
-    let found = Executor::new(Problem(objective), solver)
+    let found = Executor::new(Problem { objective, last: Mutex::new(None) }, solver)
         .configure(|state| state.param(start).max_iters(MAX_ROUNDS))
         .run()
         .map_err(|error| no_fit(error.to_string()))?;
@@ -78,15 +80,33 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// The objective as the optimiser asks for it.
-struct Problem<'a>(Objective<'a>);
+/// The objective as the optimiser asks for it: value and derivative at the same numbers, one after the other.
+struct Problem<'a> {
+    objective: Objective<'a>,
+    /// The last numbers, with both.
+    last: Mutex<Option<(Vec<f64>, f64, Vec<f64>)>>,
+}
+
+impl Problem<'_> {
+    fn at(&self, numbers: &[f64]) -> (f64, Vec<f64>) {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*last {
+            Some((known, value, derivative)) if known == numbers => (*value, derivative.clone()),
+            _ => {
+                let (value, derivative) = self.objective.at(numbers);
+                *last = Some((numbers.to_vec(), value, derivative.clone()));
+                (value, derivative)
+            }
+        }
+    }
+}
 
 impl CostFunction for Problem<'_> {
     type Param = Vec<f64>;
     type Output = f64;
 
     fn cost(&self, numbers: &Self::Param) -> std::result::Result<f64, argmin::core::Error> {
-        Ok(self.0.at(numbers).0)
+        Ok(self.at(numbers).0)
     }
 }
 
@@ -95,6 +115,6 @@ impl Gradient for Problem<'_> {
     type Gradient = Vec<f64>;
 
     fn gradient(&self, numbers: &Self::Param) -> std::result::Result<Vec<f64>, argmin::core::Error> {
-        Ok(self.0.at(numbers).1)
+        Ok(self.at(numbers).1)
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::sample::{Kind, Sample};
+use super::sample::{Kind, Sample, Seen};
 
 /// A touch counts half each as one of a part, and of a pose, that the bank lacks.
 const LEFT_OUT: f64 = 0.5;
@@ -20,6 +20,9 @@ pub(super) struct Objective<'a> {
     /// Share of touches that are of something else.
     pub outlier_share: f64,
 }
+
+/// No log-odds are more, on the way to those that are sought, nats.
+const HIGHEST: f64 = 600.0;
 
 /// Numbers before the rarity's.
 pub(super) const N_FIRST: usize = 4;
@@ -52,46 +55,35 @@ impl Objective<'_> {
         let rarity: f64 = numbers[N_FIRST..].iter().zip(query).map(|(h, q)| h * f64::from(*q)).sum();
         let steepness = (log_steepness + by_edge * log_edge).exp();
         let level = offset + rarity + rarity_by_edge * log_edge;
-        let (log_outlier, log_rest) = (self.outlier_share.ln(), (-self.outlier_share).ln_1p());
-        // Of each state: its log-odds with how many it counts as, and the share of them that is no outlier.
-        let states: Vec<(f64, f64)> = seen
-            .iter()
-            .map(|seen| {
-                let match_log = log_rest + level - steepness * (seen.distance - own_distance);
-                let log = log_add(match_log, log_outlier);
-                (log + seen.log_count, (match_log - log).exp())
-            })
-            .collect();
-        let sum = |is_in: &dyn Fn(Kind) -> bool| {
-            let logs = states.iter().zip(seen).filter(|(_, seen)| is_in(seen.kind)).map(|((log, _), _)| *log);
-            logs.fold(f64::NEG_INFINITY, log_add)
-        };
-        let n_touched = seen.iter().filter(|seen| seen.kind == Kind::Touched).count() as f64;
-        let (all, touched) = (sum(&|_| true), sum(&|kind| kind == Kind::Touched));
-        let others = sum(&|kind| kind == Kind::Other);
-        let elsewhere = sum(&|kind| matches!(kind, Kind::Own | Kind::Other));
-        let [mean_all, mean_others, mean_elsewhere] = [all - n_all.ln(), others - n_others.ln(), elsewhere - n_all.ln()];
-        let world = |mean: f64| if mean.is_finite() { softplus(mean) } else { 0.0 };
-        let value = -(touched - n_touched.ln())
-            + world(mean_all)
-            + LEFT_OUT * (world(mean_others) + world(mean_elsewhere));
-        let [w_all, w_others, w_elsewhere] = [mean_all, mean_others, mean_elsewhere].map(logistic);
-        let mut derivative = vec![0.0; numbers.len()];
-        let (mut by_level, mut by_distance) = (0.0, 0.0);
-        for ((log, share), seen) in states.iter().zip(seen) {
-            let mut by_log = w_all * (log - all).exp();
-            if seen.kind == Kind::Touched {
-                by_log -= (log - touched).exp();
-            }
-            if seen.kind == Kind::Other && others.is_finite() {
-                by_log += LEFT_OUT * w_others * (log - others).exp();
-            }
-            if matches!(seen.kind, Kind::Own | Kind::Other) && elsewhere.is_finite() {
-                by_log += LEFT_OUT * w_elsewhere * (log - elsewhere).exp();
-            }
-            by_level += by_log * share;
-            by_distance += by_log * share * (seen.distance - own_distance);
+        let at_own = level + (-self.outlier_share).ln_1p();
+        // Of each kind of state: the odds of all, and what they change by with the level and with the distance.
+        let mut sums = [Sums::default(); 4];
+        for Seen { distance, count, kind } in seen {
+            let off = distance - own_distance;
+            let matched = count * (at_own - steepness * off).min(HIGHEST).exp();
+            let sum = &mut sums[*kind as usize];
+            sum.odds += matched + count * self.outlier_share;
+            sum.by_level += matched;
+            sum.by_distance += matched * off;
+            sum.n += 1.0;
         }
+        let of = |kinds: &[Kind]| kinds.iter().fold(Sums::default(), |sum, kind| sum.and(sums[*kind as usize]));
+        let touched = of(&[Kind::Touched]);
+        // Each with the number of states that it is the mean of, and how much it counts.
+        let means = [
+            (of(&[Kind::Touched, Kind::Near, Kind::Own, Kind::Other]), n_all, 1.0),
+            (of(&[Kind::Other]), n_others, LEFT_OUT),
+            (of(&[Kind::Own, Kind::Other]), n_all, LEFT_OUT),
+        ];
+        let mut value = -(touched.odds / touched.n).ln();
+        let (mut by_level, mut by_distance) =
+            (-touched.by_level / touched.odds, -touched.by_distance / touched.odds);
+        for (sum, n, counts) in means.into_iter().filter(|(sum, ..)| sum.n > 0.0) {
+            value += counts * (sum.odds / n).ln_1p();
+            by_level += counts * sum.by_level / (n + sum.odds);
+            by_distance += counts * sum.by_distance / (n + sum.odds);
+        }
+        let mut derivative = vec![0.0; numbers.len()];
         derivative[0] = by_level;
         derivative[1] = -steepness * by_distance;
         derivative[2] = -steepness * by_distance * log_edge;
@@ -101,23 +93,28 @@ impl Objective<'_> {
     }
 }
 
-/// log(e^a + e^b).
-fn log_add(a: f64, b: f64) -> f64 {
-    let (less, more) = (a.min(b), a.max(b));
-    if less > f64::NEG_INFINITY { more + (less - more).exp().ln_1p() } else { more }
+/// Sums over states of one kind.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    odds: f64,
+    by_level: f64,
+    by_distance: f64,
+    n: f64,
 }
 
-fn softplus(z: f64) -> f64 {
-    z.max(0.0) + (-z.abs()).exp().ln_1p()
-}
-
-fn logistic(z: f64) -> f64 {
-    (1.0 + (-z).exp()).recip()
+impl Sums {
+    fn and(self, other: Self) -> Self {
+        Self {
+            odds: self.odds + other.odds,
+            by_level: self.by_level + other.by_level,
+            by_distance: self.by_distance + other.by_distance,
+            n: self.n + other.n,
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::sample::Seen;
     use super::*;
 
     fn samples() -> Vec<Sample> {
@@ -127,7 +124,7 @@ mod tests {
                 let noise = |k: usize| ((at * 31 + k * 17) % 23) as f64 / 23.0;
                 let seen = kinds.iter().enumerate().map(|(k, kind)| Seen {
                     distance: 0.2 + 0.2 * k as f64 + 0.3 * noise(k),
-                    log_count: if k > 2 { 1.5 } else { 0.0 },
+                    count: if k > 2 { 4.5 } else { 1.0 },
                     kind: *kind,
                 });
                 Sample {
@@ -170,7 +167,7 @@ mod tests {
         };
         let sum = |kinds: &[Kind]| {
             let seen = sample.seen.iter().filter(|seen| kinds.contains(&seen.kind));
-            seen.map(|seen| odds(seen) * seen.log_count.exp()).sum::<f64>()
+            seen.map(|seen| odds(seen) * seen.count).sum::<f64>()
         };
         use Kind::{Near, Other, Own, Touched};
         let present = sum(&[Touched]) / 2.0 / (1.0 + sum(&[Touched, Near, Own, Other]) / 20.0);

@@ -43,8 +43,8 @@ pub(super) enum Kind {
 pub(super) struct Seen {
     /// Distance of the embeddings.
     pub distance: f64,
-    /// Logarithm of how many states it is one of.
-    pub log_count: f64,
+    /// How many states it counts as.
+    pub count: f64,
     pub kind: Kind,
 }
 
@@ -202,7 +202,7 @@ fn see(grid: &PoseGrid, part: usize, states: &[f32], touch: &Touch) -> Vec<Seen>
     let mut others: Vec<usize> = others.to_vec();
     others.sort_unstable();
     let sampled: Vec<usize> = others.iter().skip(every / 2).step_by(every).copied().collect();
-    let log_count = (others.len() as f64 / sampled.len().max(1) as f64).ln();
+    let n_each = others.len() as f64 / sampled.len().max(1) as f64;
     let kind = |state: usize| {
         if part != touch.part {
             return Kind::Other;
@@ -211,14 +211,14 @@ fn see(grid: &PoseGrid, part: usize, states: &[f32], touch: &Touch) -> Vec<Seen>
         let turn = wrap_angle(pose.theta_rad - touch.pose.theta_rad).to_degrees().abs();
         if pose.distance_mm(&touch.pose) < LEFT_OUT[0] && turn < LEFT_OUT[1] { Kind::Near } else { Kind::Own }
     };
-    let seen = |state: &usize, log_count, kind| Seen {
+    let seen = |state: &usize, count, kind| Seen {
         distance: distance(f64::from(cosines[*state])),
-        log_count,
+        count,
         kind,
     };
-    let touched = touched.iter().map(|state| seen(state, 0.0, Kind::Touched));
-    let like = like.iter().map(|state| seen(state, 0.0, kind(*state)));
-    let sampled = sampled.iter().map(|state| seen(state, log_count, kind(*state)));
+    let touched = touched.iter().map(|state| seen(state, 1.0, Kind::Touched));
+    let like = like.iter().map(|state| seen(state, 1.0, kind(*state)));
+    let sampled = sampled.iter().map(|state| seen(state, n_each, kind(*state)));
     touched.chain(like).chain(sampled).collect()
 }
 
