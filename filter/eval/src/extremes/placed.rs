@@ -3,7 +3,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 
-use super::between::Evidence;
+use super::evidence::Evidence;
 use super::reference::{Pose, poses};
 
 /// Values of x in mm, y in mm and theta in radians.
@@ -15,9 +15,15 @@ const POWER: f64 = 0.3;
 /// A covariance is of the posterior as it is: its power by that one.
 pub const OF_COVARIANCE: f64 = 1.0 / POWER;
 
-/// The power of the posterior of all touches to which a pose is found: what an error of a log-likelihood is taken to.
-pub fn power(evidence: &Evidence) -> f64 {
+/// The power of the posterior of all touches to which a pose is found.
+fn power(evidence: &Evidence) -> f64 {
     POWER * evidence.joint
+}
+
+/// How far the log-likelihoods that were asked for, to that power, may be off.
+pub fn off(evidence: &Evidence) -> f64 {
+    let [off, largest] = evidence.largest.get();
+    POWER * (evidence.joint * off + evidence.joint_off * largest)
 }
 
 /// The mean pose around one, and the covariance of the posterior to that power there: by lattices of five points along each
