@@ -1,9 +1,9 @@
 //! Views between recorded ones from their definition, in f64 throughout: what users run, since banks are fine enough to
 //! be interpolated.
 //!
-//! The cosine is that with the embedding that splines make of the recorded ones, over its length. Its squared length is taken as
-//! a product of those along each axis, each between the recorded lines around, and is corrected by what it is half way along
-//! several axes, where it is found from the embedding itself.
+//! The cosine is that with the embedding that splines make of the recorded ones, over its length. Its squared length
+//! is taken as a product of those along each axis, each between the recorded lines around, and is corrected by what
+//! it is half way along several axes, where it is found from the embedding itself.
 
 use tactile_data::grid::PoseGrid;
 use tactile_filter::TouchModel;
@@ -15,7 +15,8 @@ use super::reference::U;
 /// Along an axis, how far views count between which a spline runs: its four points.
 const STEPS: usize = 3;
 
-/// The axes along which a place is half way, of which the squared length there is known: x and y, x and theta, y and theta, all.
+/// The axes along which a place is half way, of which the squared length there is known: x and y, x and theta, y and
+/// theta, all.
 const HALF_WAY: [[bool; 3]; 4] = [[true, true, false], [true, false, true], [false, true, true], [true; 3]];
 
 /// Parts of which nothing is known match with so much more variance than those calibrated on, a standard deviation.
@@ -41,8 +42,8 @@ pub struct Recorded {
     dim: usize,
     /// The cosine of each row with the one that is 1 to 3 steps further along each axis, `[axis][steps - 1][n_rows]`.
     further: [[Vec<f64>; STEPS]; 3],
-    /// By how much the squared length half way from each row is more than the product of those along each axis, relative to
-    /// that: `[n_rows]` for each of [`HALF_WAY`].
+    /// By how much the squared length half way from each row is more than the product of those along each axis,
+    /// relative to that: `[n_rows]` for each of [`HALF_WAY`].
     more: [Vec<f64>; 4],
 }
 
@@ -140,8 +141,8 @@ impl Recorded {
         pairs.map(|((a, wa), (b, wb))| wa * wb * cosine(*a, *b)).sum()
     }
 
-    /// The product of the squared lengths along each axis, each between those through the recorded places around: that along x
-    /// is multiplied by that along theta at each y around, that along y at the end.
+    /// The product of the squared lengths along each axis, each between those through the recorded places around:
+    /// that along x is multiplied by that along theta at each y around, that along y at the end.
     fn product(&self, part: usize, [x, y, theta]: &[Place; 3]) -> f64 {
         let of_x = |y: usize| theta.between(|theta| self.along(part, 0, x, [0, y, theta]));
         let of_y = |x: usize| theta.between(|theta| self.along(part, 1, y, [x, 0, theta]));
@@ -149,8 +150,8 @@ impl Recorded {
         y.between(|y| of_x(y) * x.between(|x| of_theta(x, y))) * x.between(of_y)
     }
 
-    /// By how much the squared length half way from a row along some axes is more than [`Self::product`], relative to that; at
-    /// most a half, and nothing where the grid ends.
+    /// By how much the squared length half way from a row along some axes is more than [`Self::product`], relative to
+    /// that; at most a half, and nothing where the grid ends.
     fn more_half_way(&self, row: usize, is_half: [bool; 3]) -> f64 {
         let (part, cell) = (row / self.grid.len(), row % self.grid.len());
         let [of, n] = [strides(&self.grid), counts(&self.grid)];
@@ -163,8 +164,8 @@ impl Recorded {
         (self.exact_square(part, &at) / self.product(part, &at) - 1.0).clamp(-0.5, 0.5)
     }
 
-    /// The same anywhere: that of each of [`HALF_WAY`], by how near the place is to half way along its axes, between the places
-    /// around along the others.
+    /// The same anywhere: that of each of [`HALF_WAY`], by how near the place is to half way along its axes, between
+    /// the places around along the others.
     fn more_at(&self, part: usize, at: &[Place; 3]) -> f64 {
         let mut sum = 0.0;
         for (is_half, more) in HALF_WAY.iter().zip(&self.more) {
@@ -206,12 +207,12 @@ impl Recorded {
         (on_lines(0, 1).min(on_lines(1, 0)) + 0.2).min(1.0)
     }
 
-    /// How far a cosine with a view between recorded ones may be off, where one with a recorded view is, by `cosine`, and one
-    /// between two of them, by `neighbours`.
+    /// How far a cosine with a view between recorded ones may be off, where one with a recorded view is, by `cosine`,
+    /// and one between two of them, by `neighbours`.
     ///
-    /// The value is a sum by the weights of three axes. The squared length is a product of three sums of cosines by pairs of
-    /// weights, and of one more than what the exact one half way is over such a product: relative errors add up. All are the
-    /// largest where embeddings are the shortest, half way between recorded views.
+    /// The value is a sum by the weights of three axes. The squared length is a product of three sums of cosines by
+    /// pairs of weights, and of one more than what the exact one half way is over such a product: relative errors add
+    /// up. All are the largest where embeddings are the shortest, half way between recorded views.
     pub fn error_between(&self, [cosine, neighbours]: [f64; 2]) -> f64 {
         let [mut along, mut product, mut square, mut factor] = [1.0_f64; 4];
         let n = counts(&self.grid);
@@ -334,6 +335,7 @@ mod tests {
         let cosines: Vec<f64> = recorded.unit.chunks_exact(6).map(|row| inner(row, &wide)).collect();
         let error = recorded.error_between([30.0 * U, 60.0 * U]);
         assert!(error < 1e-3, "{error}");
+        let mut without = 0.0_f64;
         for k in 0..400 {
             let [x, y, theta] = [0.754_877, 0.569_840, 0.430_160].map(|by| 2.0 * (by * f64::from(k)).fract() - 1.0);
             let (pose, at) = (Se2::from_degrees(4.0 * x, 4.0 * y, 30.0 * theta), place(4.0 * x, 4.0 * y, 30.0 * theta));
@@ -342,7 +344,11 @@ mod tests {
                 let of_library = weights.cosine(&found[part * SMALL.len()..], &bank.neighbours()[part]);
                 let off = (f64::from(of_library) - recorded.cosine(&cosines, part, &at)).abs();
                 assert!(off < error, "{x} {y} {theta}: {off} {error}");
+                let cosine = f64::from(of_library);
+                without = without.max((cosine - cosine * (1.0 + recorded.more_at(part, &at)).sqrt()).abs());
             }
         }
+        // Without what is more across axes it would be outside.
+        assert!(without > 2.0 * error, "{without} {error}");
     }
 }

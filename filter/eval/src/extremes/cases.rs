@@ -34,7 +34,8 @@ pub const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_h
 const SMALLEST: f64 = 1e-250;
 
 /// Where bounds come from: the rounding of cosines.
-pub const OF_COSINES: &str = "30 roundings of a cosine in f32 (Higham), by what the log-likelihood is at both ends of it, in each of the touches";
+pub const OF_COSINES: &str = "30 roundings of a cosine in f32 (Higham), by what the log-likelihood is at both ends of \
+    it, in each of the touches";
 
 /// K from 1 to 1e6 against the exact engine.
 pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
@@ -86,9 +87,9 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
 ///
 /// The estimate of a part's probability p is the mean of the indicator of a particle drawn by the weights, so that by
 /// Jensen's inequality its squared error is at most that of such a particle: r (1 - p)^2 + (1 - r) p^2 where r, the
-/// probability to draw that part, is between its probability q after the first touch, from which particles are drawn, and
-/// p. The mean of so many squares of 0..=1 exceeds its expectation by more than the last term once in 1000 times over all
-/// parts (Hoeffding 1963, Theorem 1).
+/// probability to draw that part, is between its probability q after the first touch, from which particles are drawn,
+/// and p. The mean of so many squares of 0..=1 exceeds its expectation by more than the last term once in 1000 times
+/// over all parts (Hoeffding 1963, Theorem 1).
 fn error_of_few(first: &[f64], last: &[f64], n_runs: u64) -> f64 {
     let square = |(q, p): (&f64, &f64)| {
         let with = |r: f64| r * (1.0 - p).powi(2) + (1.0 - r) * p.powi(2);
@@ -334,7 +335,8 @@ mod tests {
 
     #[test]
     fn one_particle_is_as_wrong_as_its_draw() {
-        // One of two parts, 1/4 probable at first and 3/4 at last: the other is drawn 3 times in 4, and then off by 3/4.
+        // One of two parts, 1/4 probable at first and 3/4 at last: the other is drawn 3 times in 4, and then off by
+        // 3/4.
         let square = 0.75 * 0.75_f64.powi(2) + 0.25 * 0.25_f64.powi(2);
         let n_runs = 1_000_000_000_000;
         assert!((error_of_few(&[0.25, 0.75], &[0.75, 0.25], n_runs) - square.sqrt()).abs() < 1e-5);

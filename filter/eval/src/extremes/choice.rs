@@ -88,8 +88,9 @@ struct Expectation<'a> {
     cosine_error: f64,
 }
 
-/// The likelihood of one view where another would be touched, as it counts together with the touches made: the touch will be
-/// as rare as those with an edge were, and as far from its own view as touches are, at a right angle to all views.
+/// The likelihood of one view where another would be touched, as it counts together with the touches made: the touch
+/// will be as rare as those with an edge were, and as far from its own view as touches are, at a right angle to all
+/// views.
 struct Model {
     config: TouchModel,
     rarity: f64,
@@ -115,7 +116,8 @@ impl Model {
         self.config.steepness * (self.config.steepness_by_edge * log_edge).exp()
     }
 
-    /// Of a view, by its cosine with the one touched, of which so much is edge; the power of a sum is taken as a sum of powers.
+    /// Of a view, by its cosine with the one touched, of which so much is edge; the power of a sum is taken as a sum
+    /// of powers.
     fn likely(&self, cosine: f64, edge_share: f32) -> f64 {
         let Self { config: TouchModel { match_offset, outlier_share, .. }, rarity, own, joint } = self;
         let distance = (2.0 - 2.0 * cosine + own * own).sqrt();
@@ -166,7 +168,8 @@ impl<'a> Expectation<'a> {
         self.recorded.is_recorded[row].then_some(row)
     }
 
-    /// What a state adds that would see a row, where another is touched; what nobody recorded is as likely as the world.
+    /// What a state adds that would see a row, where another is touched; what nobody recorded is as likely as the
+    /// world.
     fn value(&self, row: Option<usize>, touched: usize) -> f64 {
         let Some(row) = row else { return 1.0 };
         let at = |row: usize| &self.views.rows[row * DIM..(row + 1) * DIM];
@@ -195,7 +198,8 @@ impl<'a> Expectation<'a> {
             let values: Vec<f64> = seen.iter().map(|(row, _, _)| self.value(*row, touched)).collect();
             let all = values.iter().zip(&seen).map(|(value, (_, mass, _))| value * mass).sum::<f64>() / whole;
             let nats = self.new_shares[touched] * (self.value(Some(touched), touched) / all).ln();
-            // Of the likelihood where it is touched and of the mean, and of what is new: that of the touches' doubt and cosines.
+            // Of the likelihood where it is touched and of the mean, and of what is new: that of the touches' doubt
+            // and cosines.
             let of_likelihood = 2.0 * self.model.off(self.views.edge_shares[touched], self.cosine_error);
             of_rounding += mass / whole * (of_likelihood + (1.0 / 0.22 + 1.0) * self.cosine_error * nats.abs());
             (mean, square) = (mean + mass / whole * nats, square + mass / whole * nats * nats);

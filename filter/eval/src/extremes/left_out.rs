@@ -15,8 +15,8 @@ use crate::error::Result;
 /// Touches of a hole.
 const N_TOUCHES: usize = 10;
 
-/// The total variation after each of ten touches; of one hole, steep and flat, and of a hole whose later touches are those
-/// of another part, which the earlier ones ruled out.
+/// The total variation after each of ten touches; of one hole, steep and flat, and of a hole whose later touches are
+/// those of another part, which the earlier ones ruled out.
 pub fn cases(seed: u64) -> Result<Vec<Case>> {
     let grid = PoseGrid::SMALL;
     // Far from each other, whatever the grid.

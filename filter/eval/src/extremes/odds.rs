@@ -18,8 +18,8 @@ use crate::error::Result;
 const HALF_ROUNDING: f64 = 1.0 / 2048.0 + 3.4e-7;
 
 /// Where bounds come from that are not of [`OF_COSINES`]: the rounding of rows.
-const OF_ROWS: &str = "rows rounded to 11 bits (Cauchy and Schwarz), by what the log-likelihood is at both ends of the cosine, \
-    in each of the touches";
+const OF_ROWS: &str = "rows rounded to 11 bits (Cauchy and Schwarz), by what the log-likelihood is at both ends of the \
+    cosine, in each of the touches";
 
 const N_TOUCHES: usize = 3;
 
@@ -91,19 +91,20 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
         cases.push(turned(name, radians)?);
     }
     let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, N_TOUCHES, seed);
-    // Touches share no error: how much they do would follow from their best cosines, and times a million nats say nothing.
+    // Touches share no error: how much they do would follow from their best cosines, and times a million nats say
+    // nothing.
     let usual = TouchModel { shared_error: 0.0, ..Sample::model() };
     for outlier_share in [1e-300, 1e-9, 0.5, 1.0 - 1e-9] {
         let config = TouchModel { outlier_share, ..usual };
-        cases.push(of_sample(format!("a share of outliers of {outlier_share}"), &sample, &config, seed)?);
+        cases.push(of_sample(format!("a share of outliers of {outlier_share:?}"), &sample, &config, seed)?);
     }
     for own_distance in [1e-6, 0.1, 2.0, 100.0] {
         let config = TouchModel { own_distance, ..usual };
-        cases.push(of_sample(format!("touches {own_distance} from their own views"), &sample, &config, seed)?);
+        cases.push(of_sample(format!("touches {own_distance:?} from their own views"), &sample, &config, seed)?);
     }
     for match_offset in [-1e6, -100.0, 100.0, 1e6] {
         let config = TouchModel { match_offset, ..usual };
-        cases.push(of_sample(format!("an offset of {match_offset} nats"), &sample, &config, seed)?);
+        cases.push(of_sample(format!("an offset of {match_offset:?} nats"), &sample, &config, seed)?);
     }
     for steepness_by_edge in [-2.0, 0.0, 3.0] {
         let config = TouchModel { steepness_by_edge, ..usual };
@@ -114,7 +115,7 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
         for rarity in [-1e6, -100.0, 100.0, 1e6] {
             let touched = |observation: &Observation| Observation { rarity, ..observation.clone() };
             cases.push(of_sample(
-                format!("touches as rare as {rarity} nats{outliers}"),
+                format!("touches as rare as {rarity:?} nats{outliers}"),
                 &with(&sample, touched),
                 &config,
                 seed,
@@ -123,7 +124,12 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
     }
     for edge_share in [0.0, 1e-30, 0.003, 1.0] {
         let touched = |observation: &Observation| Observation { edge_share, ..observation.clone() };
-        cases.push(of_sample(format!("touches of which {edge_share} is edge"), &with(&sample, touched), &usual, seed)?);
+        cases.push(of_sample(
+            format!("touches of which {edge_share:?} is edge"),
+            &with(&sample, touched),
+            &usual,
+            seed,
+        )?);
     }
     Ok(cases)
 }

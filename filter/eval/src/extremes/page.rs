@@ -29,7 +29,9 @@ pub fn html(extremes: &Extremes) -> String {
     };
     let plots = html! {
         div.planes {
-            @for group in [Group::Steepness, Group::Temperature, Group::Particles, Group::Classes] { (plot(&extremes.cases, group)) }
+            @for group in [Group::Steepness, Group::Temperature, Group::Particles, Group::Classes] {
+                (plot(&extremes.cases, group))
+            }
         }
     };
     let caption = "Marks: measured errors. Dashed: bounds. A bank in f16 is compared with the f64 reference of its rounded rows and with \

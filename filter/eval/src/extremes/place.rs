@@ -31,10 +31,10 @@ impl Place {
         Self { nearest: if is_tie { Around::new(library, half, step, n).nearest } else { place.nearest }, ..place }
     }
 
-    /// Catmull and Rom's spline from its definition, so many steps from the first of `n` recorded values: Hermite's cubic
-    /// between two points, whose slopes are half the difference of their neighbours; beyond a border the parabola through the
-    /// last three points goes on, through two a line. At the border of a full turn too: where such a grid is to go round,
-    /// `before` and `after` are its other end's.
+    /// Catmull and Rom's spline from its definition, so many steps from the first of `n` recorded values: Hermite's
+    /// cubic between two points, whose slopes are half the difference of their neighbours; beyond a border the
+    /// parabola through the last three points goes on, through two a line. At the border of a full turn too: where
+    /// such a grid is to go round, `before` and `after` are its other end's.
     pub fn at(place: f64, n: usize) -> Self {
         let inside = place.clamp(0.0, (n - 1) as f64);
         let (nearest, outside) = (inside.round() as usize, place - inside);

@@ -96,7 +96,8 @@ fn compared(variant: &str, scene: &Scene) -> Result<Vec<Case>> {
 
 /// Class posterior, all states, best state and evidence.
 ///
-/// Each state's odds are off by `e^(2 off)` at most, so that no sum of probabilities is off by more than `tanh(off / 2)`.
+/// Each state's odds are off by `e^(2 off)` at most, so that no sum of probabilities is off by more than `tanh(off /
+/// 2)`.
 fn belief_cases(group: Group, variant: &str, episode: &Episode, posterior: &Posterior) -> Vec<Case> {
     let belief = episode.belief();
     let (left_out, n_cells) = (belief.posterior().left_out(), belief.posterior().grid().len());

@@ -11,8 +11,8 @@ use tactile_filter::TouchModel;
 /// Half a unit in the last place of f32, of 1.
 pub const U: f64 = 1.0 / (1 << 24) as f64;
 
-/// The largest error of a cosine of unit vectors of 128 f32s, by Higham's bound (n + 1) u for a sum of n roundings: 8 in a
-/// lane, 16 over the lanes, and 6 for length, scale and difference.
+/// The largest error of a cosine of unit vectors of 128 f32s, by Higham's bound (n + 1) u for a sum of n roundings: 8
+/// in a lane, 16 over the lanes, and 6 for length, scale and difference.
 pub const OF_COSINE: f64 = 30.0 * U;
 
 /// The filter finds ln(1 + e^z) of one state from a table, to within this.
@@ -150,9 +150,9 @@ impl Likelihood {
         }
     }
 
-    /// How far the filter's may be off there where its cosine is, by `error`. The log falls with the distance, so that it is
-    /// between those at both ends of what the cosine may be: its derivative by the cosine is `steepness / distance`, and at a
-    /// distance of 0 an error `u` is a distance of `sqrt(2 u)`.
+    /// How far the filter's may be off there where its cosine is, by `error`. The log falls with the distance, so
+    /// that it is between those at both ends of what the cosine may be: its derivative by the cosine is `steepness /
+    /// distance`, and at a distance of 0 an error `u` is a distance of `sqrt(2 u)`.
     pub fn off(&self, cosine: f64, error: f64) -> f64 {
         let log = self.log(cosine);
         let of_cosine = (self.log(cosine + error) - log).max(log - self.log(cosine - error));
@@ -198,12 +198,12 @@ impl Expected {
     }
 }
 
-/// What should be believed of a bank all of whose views were recorded, and which knows no matches; the view at a pose is that
-/// of the nearest recorded one. `error`: how far a cosine may be off.
+/// What should be believed of a bank all of whose views were recorded, and which knows no matches; the view at a pose
+/// is that of the nearest recorded one. `error`: how far a cosine may be off.
 ///
-/// A state's probability is its likelihood over the sum of all: either is off as the logs of the touches are. The power by
-/// which touches count together follows from the best cosines ([`error_of_power`]) and moves a probability by that times what
-/// touches tell between two states.
+/// A state's probability is its likelihood over the sum of all: either is off as the logs of the touches are. The
+/// power by which touches count together follows from the best cosines ([`error_of_power`]) and moves a probability
+/// by that times what touches tell between two states.
 pub fn expected(grid: &PoseGrid, touches: &[Touch], config: &TouchModel, error: f64) -> Expected {
     let recorded = poses(grid);
     let n_rows = touches.first().map_or(0, |touch| touch.cosines.len());
@@ -255,8 +255,8 @@ pub fn joint(n_touches: f64, bests: &[f64], config: &TouchModel) -> f64 {
     (1.0 + (config.shared_error * (1.0 + 5.0 * doubt(bests))).min(1.0) * (n_touches - 1.0).max(0.0)).recip()
 }
 
-/// How far [`joint`] may be off where the best cosines are, by `error`: it falls by five shares of error for each 0.22 that
-/// they fall.
+/// How far [`joint`] may be off where the best cosines are, by `error`: it falls by five shares of error for each
+/// 0.22 that they fall.
 pub fn error_of_power(joint: f64, n_touches: f64, config: &TouchModel, error: f64) -> f64 {
     joint * joint * (n_touches - 1.0).max(0.0) * config.shared_error * 5.0 / 0.22 * error
 }

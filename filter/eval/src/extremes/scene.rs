@@ -289,7 +289,8 @@ impl Scene {
         self.touches.iter().zip(queries).map(touch).collect()
     }
 
-    /// The cosine of a query with a row that is in the metric, as it was before: the metric's lower triangle solved for it.
+    /// The cosine of a query with a row that is in the metric, as it was before: the metric's lower triangle solved
+    /// for it.
     fn plain_cosine(&self, row: &[f32], query: &[f32]) -> f64 {
         let metric = if self.has_metric { Self::metric().ok() } else { None };
         let before: Vec<f64> = match metric {
@@ -321,11 +322,18 @@ mod tests {
         let model = Model::load(&path).unwrap();
         for side in [Side::Hole, Side::Peg] {
             let (here, of_model) = (shipped(side), TouchModel::of_side(&model, side));
-            let numbers = |c: &TouchModel| [c.matched_mean, c.matched_sd, c.matched_shared];
-            for (here, of_model) in numbers(&here).into_iter().zip(numbers(&of_model)) {
+            let numbers = |c: &TouchModel| {
+                let of_odds = [c.match_offset, c.steepness, c.steepness_by_edge, c.own_distance];
+                of_odds.into_iter().chain([c.matched_mean, c.matched_sd, c.matched_shared])
+            };
+            for (here, of_model) in numbers(&here).zip(numbers(&of_model)) {
                 assert!((here / of_model - 1.0).abs() < 1e-4, "{side:?}: {here}, not {of_model}");
             }
             let rest = |c: &TouchModel| TouchModel {
+                match_offset: 0.0,
+                steepness: 1.0,
+                steepness_by_edge: 0.0,
+                own_distance: 1.0,
                 matched_mean: 0.0,
                 matched_sd: 1.0,
                 matched_shared: 0.0,
