@@ -9,7 +9,6 @@ pub mod baselines;
 pub mod episodes;
 pub mod error;
 pub mod evaluate;
-#[cfg(any())]
 pub mod extremes;
 pub mod fits;
 pub mod hole;

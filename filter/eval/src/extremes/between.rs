@@ -1,22 +1,29 @@
 //! Views between recorded ones from their definition, in f64 throughout: what users run, since banks are fine enough to
 //! be interpolated.
 //!
-//! The cosine is that with the embedding that splines make of the recorded ones, whose length is the product of its
-//! lengths along each axis through the nearest recorded pose. All four are found from cosines with the recorded views
-//! and between them, which are f64: of a sum of embeddings, sums of inner products.
+//! The cosine is that with the embedding that splines make of the recorded ones, over its length. Its squared length
+//! is taken as a product of those along each axis, each between the recorded lines around, and is corrected by what
+//! it is half way along several axes, where it is found from the embedding itself.
 
 use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
 use tactile_filter::TouchModel;
-use tactile_infer::between::Around;
+use tactile_infer::calibration::Spread;
 
-use super::reference::{Logs, Pose, Touch, is_far, joint, log_sum, new_share, normalise, poses};
+use super::place::Place;
+use super::reference::U;
 
 /// Along an axis, how far views count between which a spline runs: its four points.
 const STEPS: usize = 3;
 
+/// The axes along which a place is half way, of which the squared length there is known: x and y, x and theta, y and
+/// theta, all.
+const HALF_WAY: [[bool; 3]; 4] = [[true, true, false], [true, false, true], [false, true, true], [true; 3]];
+
 /// Parts of which nothing is known match with so much more variance than those calibrated on, a standard deviation.
-pub const OTHER_PARTS: f64 = 0.0325;
+const OTHER_PARTS: f64 = 0.0325;
+
+/// The weights of a spline sum to this at most along an axis, by their sizes.
+const WEIGHTS: f64 = 1.25;
 
 /// The recorded views, and the settings that matches with them are judged by.
 pub struct Recorded {
@@ -24,72 +31,168 @@ pub struct Recorded {
     pub grid: PoseGrid,
     /// Number of parts.
     pub n_parts: usize,
-    /// Whether each row shows an edge, `[n_rows]`; `None` where it was not recorded.
-    pub shows: Vec<Option<bool>>,
+    /// Whether each row was recorded, `[n_rows]`.
+    pub is_recorded: Vec<bool>,
     /// As they are in the bank's metric.
     pub config: TouchModel,
+    /// How well the touches of each part match, as the bank knows it; empty where it does not.
+    pub matched: Vec<Spread>,
+    /// The rows, `[n_rows, dim]`, each of length 1.
+    unit: Vec<f64>,
+    dim: usize,
     /// The cosine of each row with the one that is 1 to 3 steps further along each axis, `[axis][steps - 1][n_rows]`.
     further: [[Vec<f64>; STEPS]; 3],
+    /// By how much the squared length half way from each row is more than the product of those along each axis,
+    /// relative to that: `[n_rows]` for each of [`HALF_WAY`].
+    more: [Vec<f64>; 4],
 }
 
 impl Recorded {
     /// Rows, `[n_rows, dim]`, of which those of each part are in the order of the grid's cells.
-    pub fn new(grid: PoseGrid, rows: &[f32], dim: usize, shows: Vec<Option<bool>>, config: TouchModel) -> Self {
-        let row = |at: usize| &rows[at * dim..(at + 1) * dim];
-        let products = |a: usize, b: usize| row(a).iter().zip(row(b)).map(|(a, b)| f64::from(*a) * f64::from(*b));
-        let inner = |a: usize, b: usize| products(a, b).sum::<f64>();
-        let lengths: Vec<f64> = (0..shows.len()).map(|at| inner(at, at).sqrt()).collect();
-        let (n, strides) = ([grid.n_xy(), grid.n_xy(), grid.n_theta()], strides(&grid));
+    pub fn new(grid: PoseGrid, rows: &[f32], dim: usize, is_recorded: Vec<bool>, config: TouchModel) -> Self {
+        let mut unit: Vec<f64> = rows.iter().map(|value| f64::from(*value)).collect();
+        for row in unit.chunks_exact_mut(dim) {
+            let length = inner(row, row).sqrt();
+            row.iter_mut().for_each(|value| *value /= length);
+        }
+        let n_rows = is_recorded.len();
+        let of = strides(&grid);
         let cosine = |at: usize, axis: usize, k: usize| {
-            let is_inside = at / strides[axis] % n[axis] + k < n[axis];
-            let further = at + k * strides[axis];
-            if is_inside { inner(at, further) / (lengths[at] * lengths[further]) } else { f64::NAN }
+            let further = at + k * of[axis];
+            let is_inside = at / of[axis] % counts(&grid)[axis] + k < counts(&grid)[axis];
+            if is_inside { inner(&unit[at * dim..][..dim], &unit[further * dim..][..dim]) } else { f64::NAN }
         };
         let further = [0, 1, 2].map(|axis: usize| {
-            [1, 2, 3].map(|k: usize| (0..shows.len()).map(|at| cosine(at, axis, k)).collect::<Vec<f64>>())
+            [1, 2, 3].map(|k: usize| (0..n_rows).map(|at| cosine(at, axis, k)).collect::<Vec<f64>>())
         });
-        Self { grid, n_parts: shows.len() / grid.len(), shows, config, further }
+        let (n_parts, more) = (n_rows / grid.len(), [const { Vec::new() }; 4]);
+        let recorded = Self { grid, n_parts, is_recorded, config, matched: Vec::new(), unit, dim, further, more };
+        let more = HALF_WAY.map(|is_half| (0..n_rows).map(|row| recorded.more_half_way(row, is_half)).collect());
+        Self { more, ..recorded }
+    }
+
+    /// How far touches are from their own views: as the bank knows, or else the settings.
+    pub fn own_distance(&self) -> f64 {
+        let sum = self.matched.iter().map(|matched| (2.0 - 2.0 * matched.mean).sqrt()).sum::<f64>();
+        if self.matched.is_empty() { self.config.own_distance } else { sum / self.matched.len() as f64 }
+    }
+
+    /// The cosine that is expected of a touch of a part, and its standard deviation.
+    pub fn expected(&self, part: usize) -> [f64; 2] {
+        let TouchModel { matched_mean, matched_sd, .. } = self.config;
+        match self.matched.get(part) {
+            Some(Spread { mean, sd }) => [mean.min(matched_mean), sd.max(matched_sd)],
+            None => [matched_mean, matched_sd.hypot(OTHER_PARTS)],
+        }
     }
 
     /// The row of a part nearest to a place.
     pub fn row(&self, part: usize, [x, y, theta]: &[Place; 3]) -> usize {
-        let of = strides(&self.grid);
-        part * self.grid.len() + x.nearest * of[0] + y.nearest * of[1] + theta.nearest * of[2]
+        part * self.grid.len() + self.cell([x.nearest, y.nearest, theta.nearest])
+    }
+
+    fn cell(&self, indices: [usize; 3]) -> usize {
+        indices.iter().zip(strides(&self.grid)).map(|(index, stride)| index * stride).sum()
+    }
+
+    /// The rows of a part around a place, and how much each counts.
+    fn around(&self, part: usize, [x, y, theta]: &[Place; 3]) -> Vec<(usize, f64)> {
+        let first = part * self.grid.len();
+        let mut rows = Vec::with_capacity(64);
+        for (x, wx) in &x.weights {
+            for (y, wy) in &y.weights {
+                let of_theta = theta.weights.iter();
+                rows.extend(of_theta.map(|(theta, wt)| (first + self.cell([*x, *y, *theta]), wx * wy * wt)));
+            }
+        }
+        rows
     }
 
     /// The cosine with the view of a part between the recorded ones, -1..=1, from those with all rows.
     pub fn cosine(&self, cosines: &[f64], part: usize, at: &[Place; 3]) -> f64 {
-        let (first, of) = (part * self.grid.len(), strides(&self.grid));
-        let mut inner = 0.0;
-        for (x, wx) in &at[0].weights {
-            for (y, wy) in &at[1].weights {
-                for (theta, wt) in &at[2].weights {
-                    inner += wx * wy * wt * cosines[first + x * of[0] + y * of[1] + theta * of[2]];
+        let value: f64 = self.around(part, at).into_iter().map(|(row, weight)| weight * cosines[row]).sum();
+        (value / self.square(part, at).max(0.09).sqrt()).clamp(-1.0, 1.0)
+    }
+
+    /// The squared length of the interpolated embedding, as it is taken.
+    fn square(&self, part: usize, at: &[Place; 3]) -> f64 {
+        self.product(part, at) * (1.0 + self.more_at(part, at))
+    }
+
+    /// The same, as it is.
+    fn exact_square(&self, part: usize, at: &[Place; 3]) -> f64 {
+        let mut sum = vec![0.0; self.dim];
+        for (row, weight) in self.around(part, at) {
+            let row = &self.unit[row * self.dim..][..self.dim];
+            sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
+        }
+        inner(&sum, &sum)
+    }
+
+    /// The squared length of the embedding interpolated along an axis alone, through a recorded place.
+    fn along(&self, part: usize, axis: usize, place: &Place, through: [usize; 3]) -> f64 {
+        let stride = strides(&self.grid)[axis];
+        let base = part * self.grid.len() + self.cell(through) - through[axis] * stride;
+        let cosine = |a: usize, b: usize| match a.abs_diff(b) {
+            0 => 1.0,
+            k => self.further[axis][k - 1][base + a.min(b) * stride],
+        };
+        let pairs = place.weights.iter().flat_map(|a| place.weights.iter().map(move |b| (a, b)));
+        pairs.map(|((a, wa), (b, wb))| wa * wb * cosine(*a, *b)).sum()
+    }
+
+    /// The product of the squared lengths along each axis, each between those through the recorded places around:
+    /// that along x is multiplied by that along theta at each y around, that along y at the end.
+    fn product(&self, part: usize, [x, y, theta]: &[Place; 3]) -> f64 {
+        let of_x = |y: usize| theta.between(|theta| self.along(part, 0, x, [0, y, theta]));
+        let of_y = |x: usize| theta.between(|theta| self.along(part, 1, y, [x, 0, theta]));
+        let of_theta = |x: usize, y: usize| self.along(part, 2, theta, [x, y, 0]);
+        y.between(|y| of_x(y) * x.between(|x| of_theta(x, y))) * x.between(of_y)
+    }
+
+    /// By how much the squared length half way from a row along some axes is more than [`Self::product`], relative to
+    /// that; at most a half, and nothing where the grid ends.
+    fn more_half_way(&self, row: usize, is_half: [bool; 3]) -> f64 {
+        let (part, cell) = (row / self.grid.len(), row % self.grid.len());
+        let [of, n] = [strides(&self.grid), counts(&self.grid)];
+        let indices = [0, 1, 2].map(|axis: usize| cell / of[axis] % n[axis]);
+        if (0..3).any(|axis| is_half[axis] && indices[axis] + 1 == n[axis]) {
+            return 0.0;
+        }
+        let place = |axis: usize| Place::at(indices[axis] as f64 + if is_half[axis] { 0.5 } else { 0.0 }, n[axis]);
+        let at = [0, 1, 2].map(place);
+        (self.exact_square(part, &at) / self.product(part, &at) - 1.0).clamp(-0.5, 0.5)
+    }
+
+    /// The same anywhere: that of each of [`HALF_WAY`], by how near the place is to half way along its axes, between
+    /// the places around along the others.
+    fn more_at(&self, part: usize, at: &[Place; 3]) -> f64 {
+        let mut sum = 0.0;
+        for (is_half, more) in HALF_WAY.iter().zip(&self.more) {
+            // Along each axis the places that count: one half way, or both around.
+            let along = |axis: usize| {
+                let Place { low, share, .. } = at[axis];
+                let near = (4.0 * share * (1.0 - share)).powf(1.5);
+                let rest = 1.0 - near;
+                let around = [(low, rest * (1.0 - share)), (low + 1, rest * share)];
+                if is_half[axis] { vec![(low, near)] } else { around.to_vec() }
+            };
+            for (x, wx) in along(0) {
+                for (y, wy) in along(1) {
+                    for (theta, wt) in along(2) {
+                        let weight = wx * wy * wt;
+                        let row = || part * self.grid.len() + self.cell([x, y, theta]);
+                        sum += if weight == 0.0 { 0.0 } else { weight * more[row()] };
+                    }
                 }
             }
         }
-        (inner / self.length(part, at).max(0.3)).clamp(-1.0, 1.0)
+        sum
     }
 
-    /// The length of the interpolated embedding.
-    pub fn length(&self, part: usize, at: &[Place; 3]) -> f64 {
-        let (row, of) = (self.row(part, at), strides(&self.grid));
-        let along = |axis: usize| {
-            let place = &at[axis];
-            let base = row - place.nearest * of[axis];
-            let cosine = |a: usize, b: usize| match a.abs_diff(b) {
-                0 => 1.0,
-                k => self.further[axis][k - 1][base + a.min(b) * of[axis]],
-            };
-            let pairs = place.weights.iter().flat_map(|a| place.weights.iter().map(move |b| (a, b)));
-            pairs.map(|((a, wa), (b, wb))| wa * wb * cosine(*a, *b)).sum::<f64>().sqrt()
-        };
-        along(0) * along(1) * along(2)
-    }
-
-    /// What a view may count with where all states are judged at once: 0.1 above the best of the recorded ones of its
+    /// What a view may count with where all states are judged at once: 0.2 above the best of the recorded ones of its
     /// part with an x that counts, and of those with such a y, at the angles that count.
-    fn most(&self, cosines: &[f64], part: usize, at: &[Place; 3]) -> f64 {
+    pub fn most(&self, cosines: &[f64], part: usize, at: &[Place; 3]) -> f64 {
         let (first, of, n) = (part * self.grid.len(), strides(&self.grid), self.grid.n_xy());
         let on_lines = |axis: usize, other: usize| {
             let mut best = -1.0_f64;
@@ -101,8 +204,41 @@ impl Recorded {
             }
             best
         };
-        (on_lines(0, 1).min(on_lines(1, 0)) + 0.1).min(1.0)
+        (on_lines(0, 1).min(on_lines(1, 0)) + 0.2).min(1.0)
     }
+
+    /// How far a cosine with a view between recorded ones may be off, where one with a recorded view is, by `cosine`,
+    /// and one between two of them, by `neighbours`.
+    ///
+    /// The value is a sum by the weights of three axes. The squared length is a product of three sums of cosines by
+    /// pairs of weights, and of one more than what the exact one half way is over such a product: relative errors add
+    /// up. All are the largest where embeddings are the shortest, half way between recorded views.
+    pub fn error_between(&self, [cosine, neighbours]: [f64; 2]) -> f64 {
+        let [mut along, mut product, mut square, mut factor] = [1.0_f64; 4];
+        let n = counts(&self.grid);
+        for row in 0..self.is_recorded.len() {
+            let (part, cell) = (row / self.grid.len(), row % self.grid.len());
+            let indices = [0, 1, 2].map(|axis: usize| cell / strides(&self.grid)[axis] % n[axis]);
+            let half = |axis: usize| Place::at((indices[axis] as f64 + 0.5).min((n[axis] - 1) as f64), n[axis]);
+            let at = [0, 1, 2].map(half);
+            along = (0..3).map(|axis| self.along(part, axis, &at[axis], indices)).fold(along, f64::min);
+            (product, square) = (product.min(self.product(part, &at)), square.min(self.square(part, &at)));
+            factor = self.more.iter().map(|more| 1.0 + more[row]).fold(factor, f64::max);
+        }
+        let of_product = 3.0 * WEIGHTS.powi(2) * (neighbours + 8.0 * U) / along;
+        let of_factor = WEIGHTS.powi(6) * (neighbours + 16.0 * U) / product + factor * of_product;
+        let relative = of_product + 2.0 * (of_factor + 8.0 * U);
+        WEIGHTS.powi(3) * (cosine + 12.0 * U) / square.sqrt() + 0.5 * relative
+    }
+}
+
+fn inner(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// How many places there are along x, y and theta.
+fn counts(grid: &PoseGrid) -> [usize; 3] {
+    [grid.n_xy(), grid.n_xy(), grid.n_theta()]
 }
 
 /// How many rows apart neighbours along x, y and theta are.
@@ -110,261 +246,109 @@ fn strides(grid: &PoseGrid) -> [usize; 3] {
     [grid.n_xy() * grid.n_theta(), grid.n_theta(), 1]
 }
 
-/// Where a value is among the recorded ones of an axis.
-#[derive(Clone, Debug)]
-pub struct Place {
-    /// The rows that count, and how much each does.
-    pub weights: Vec<(usize, f64)>,
-    /// The nearest.
-    pub nearest: usize,
-    /// Steps outside the recorded range.
-    pub outside: f64,
-}
-
-impl Place {
-    /// Catmull and Rom's spline from its definition: Hermite's cubic between two points, whose slopes are half the
-    /// difference of their neighbours; beyond a border the parabola through the last three points goes on, through two
-    /// a line. At the border of a full turn too: where such a grid is to go round, `before` and `after` are its other
-    /// end's.
-    ///
-    /// `library`: the value as the library computes it. Where two recorded values are equally near, which is the
-    /// nearest is a matter of rounding, and either is right: its choice counts.
-    fn new([value, library]: [f64; 2], half: f64, step: f64) -> Self {
-        let n = (2.0 * half / step).round() as usize + 1;
-        let place = (value + half) / step;
-        let inside = place.clamp(0.0, (n - 1) as f64);
-        let is_tie = (inside.fract() - 0.5).abs() < 1e-9;
-        let nearest = if is_tie { Around::new(library, half, step, n).nearest } else { inside.round() as usize };
-        let outside = place - inside;
-        if n == 1 {
-            return Self { weights: vec![(0, 1.0)], nearest, outside };
-        }
-        let low = (inside.floor() as usize).min(n - 2);
-        let t = inside - low as f64;
-        let weight = |of: usize| {
-            let at = |index: usize| f64::from(u8::from(index == of));
-            let beyond = |edge: usize, next: usize, last: usize| match n {
-                2 => 2.0 * at(edge) - at(next),
-                _ => 3.0 * at(edge) - 3.0 * at(next) + at(last),
-            };
-            let before = if low == 0 { beyond(0, 1, 2) } else { at(low - 1) };
-            let after = if low + 2 == n { beyond(n - 1, n - 2, n.saturating_sub(3)) } else { at(low + 2) };
-            let (from, to) = (at(low), at(low + 1));
-            let (from_slope, to_slope) = ((to - before) / 2.0, (after - from) / 2.0);
-            (2.0 * t.powi(3) - 3.0 * t * t + 1.0) * from
-                + (t.powi(3) - 2.0 * t * t + t) * from_slope
-                + (3.0 * t * t - 2.0 * t.powi(3)) * to
-                + (t.powi(3) - t * t) * to_slope
-        };
-        let around = low.saturating_sub(1)..(low + 3).min(n);
-        let weights = around.map(|index| (index, weight(index))).filter(|(_, weight)| *weight != 0.0).collect();
-        Self { weights, nearest, outside }
-    }
-
-    /// Along x, y and theta.
-    pub fn of_pose(grid: &PoseGrid, pose: &Pose, library: &Se2) -> [Self; 3] {
-        let degrees = pose.turn[1].atan2(pose.turn[0]).to_degrees();
-        let (half, step) = (grid.xy_half_mm, grid.xy_step_mm);
-        let [x, y] = [[pose.x, library.x_mm], [pose.y, library.y_mm]].map(|values| Self::new(values, half, step));
-        [x, y, Self::new([degrees, library.theta_deg()], grid.theta_half_deg, grid.theta_step_deg)]
-    }
-
-    /// The recorded values with more than a millionth of the weight; the nearest is one of them.
-    fn counting(&self) -> impl Iterator<Item = usize> + '_ {
-        let others = self.weights.iter().filter(|(index, weight)| weight.abs() > 1e-6 && *index != self.nearest);
-        others.map(|(index, _)| *index).chain([self.nearest])
-    }
-}
-
-/// How far a view is trusted: less and less outside the recorded area, and from one step on not at all.
-fn trust(at: &[Place; 3]) -> f64 {
-    let steps = at.iter().map(|place| place.outside.powi(2)).sum::<f64>().sqrt();
-    if steps > 1.0 { 0.0 } else { (-0.5 * (steps / 0.5).powi(2)).exp() }
-}
-
-/// A touch, judged by the recorded views.
-pub struct Judged {
-    /// The sensor's motion since the first touch.
-    now: Pose,
-    /// The same as the library composes it, for [`Place::new`].
-    moved: Se2,
-    /// What is new in it, 0..=1.
-    pub weight: f64,
-    /// The cosine with each row, `[n_rows]`.
-    pub cosines: Vec<f64>,
-    /// Whether it shows an edge.
-    pub is_edged: bool,
-    /// What matches are measured by.
-    pub logs: Logs,
-}
-
-/// All touches of an episode, judged.
-pub struct Evidence<'a> {
-    /// The recorded views.
-    pub recorded: &'a Recorded,
-    /// In order.
-    pub touches: Vec<Judged>,
-    /// The power to which the likelihood of each is taken.
-    pub joint: f64,
-}
-
-impl<'a> Evidence<'a> {
-    /// Judges touches.
-    pub fn new(recorded: &'a Recorded, touches: &[Touch]) -> Self {
-        let Recorded { grid, shows, config, .. } = recorded;
-        let mut judged: Vec<Judged> = Vec::new();
-        for touch in touches {
-            let last = judged.last();
-            let now = last.map_or(Pose::of(&touch.moved), |last| last.now.then(&Pose::of(&touch.moved)));
-            let moved = last.map_or(touch.moved, |last| last.moved * touch.moved);
-            let new = judged.iter().map(|before| new_share(&before.now, &now, config)).fold(1.0, f64::min);
-            let weight = if is_far(&now, config, grid) { 0.0 } else { new };
-            let logs = Logs::of(shows, grid, touch, config, config.unknown_similarity);
-            let is_edged = touch.edge_share >= config.blank_share;
-            judged.push(Judged { now, moved, weight, cosines: touch.cosines.clone(), is_edged, logs });
-        }
-        let bests: Vec<f64> = judged.iter().filter_map(|touch| touch.logs.best).collect();
-        let joint = joint(judged.iter().map(|touch| touch.weight).sum(), &bests, config);
-        Self { recorded, touches: judged, joint }
-    }
-
-    /// Where a touch was made on a part whose first touch was at a pose.
-    fn places(&self, touch: &Judged, first: &Pose, library: &Se2) -> [Place; 3] {
-        Place::of_pose(&self.recorded.grid, &first.then(&touch.now), &(*library * touch.moved))
-    }
-
-    /// The log-likelihood of a touch there. `is_capped`: where all states are judged at once a view counts no more than
-    /// its neighbours allow.
-    fn log_at(&self, touch: &Judged, part: usize, at: &[Place; 3], is_capped: bool) -> f64 {
-        let Recorded { shows, config, .. } = self.recorded;
-        let (row, trust, unknown) = (self.recorded.row(part, at), trust(at), touch.logs.unknown);
-        if trust == 0.0 || touch.weight == 0.0 {
-            return unknown;
-        }
-        let log = if shows[row] == Some(true) && touch.is_edged {
-            let cosine = self.recorded.cosine(&touch.cosines, part, at);
-            let most = if is_capped { self.recorded.most(&touch.cosines, part, at) } else { 1.0 };
-            config.blank_agreement.ln() + touch.logs.of_match(cosine.min(most), config)
-        } else {
-            touch.logs.of_row[row]
-        };
-        let mixed = log_sum(trust.ln() + log, (1.0 - trust).ln() + unknown);
-        unknown + touch.weight * (mixed - unknown)
-    }
-
-    /// The sum of the log-likelihoods of all touches, at any pose of the first.
-    pub fn log_of(&self, part: usize, first: &Pose, library: &Se2) -> f64 {
-        let log = |touch| self.log_at(touch, part, &self.places(touch, first, library), false);
-        self.touches.iter().map(log).sum()
-    }
-
-    /// The belief in all states.
-    pub fn posterior(&self, states: &PoseGrid) -> Posterior {
-        let mut logs = vec![0.0; self.recorded.n_parts * states.len()];
-        for (cell, first) in poses(states).iter().enumerate() {
-            for touch in &self.touches {
-                let at = self.places(touch, first, &states.pose(cell));
-                for (part, log) in logs.iter_mut().skip(cell).step_by(states.len()).enumerate() {
-                    *log += self.log_at(touch, part, &at, true);
-                }
-            }
-        }
-        logs.iter_mut().for_each(|log| *log *= self.joint);
-        let (first, n) = (logs[0], logs.len() as f64);
-        normalise(&mut logs);
-        // What normalising took off, and the mean over the states.
-        Posterior { log_evidence: first - logs[0] - n.ln(), logs, n_cells: states.len() }
-    }
-
-    /// How well a part at a pose of the first touch explains the edged ones: the mean of how many standard deviations
-    /// the cosine is above that of a true view, in standard deviations of such a mean.
-    pub fn fit(&self, part: usize, first: &Se2) -> Option<f64> {
-        let TouchModel { matched_mean, matched_sd, matched_shared, .. } = self.recorded.config;
-        let score = |touch: &Judged| {
-            let at = self.places(touch, &Pose::of(first), first);
-            let is_inside = at.iter().all(|place| place.outside.abs() < 1e-6);
-            let cosine = || self.recorded.cosine(&touch.cosines, part, &at);
-            let is_edged = self.recorded.shows[self.recorded.row(part, &at)].filter(|_| touch.is_edged && is_inside)?;
-            let score = if is_edged { (cosine() - matched_mean) / matched_sd.hypot(OTHER_PARTS) } else { -3.0 };
-            Some(score.max(-6.0))
-        };
-        let scores: Vec<f64> = self.touches.iter().filter_map(score).collect();
-        let n = scores.len() as f64;
-        let of_mean = (matched_shared + (1.0 - matched_shared) / n).sqrt();
-        (n > 0.0).then(|| scores.iter().sum::<f64>() / n / of_mean)
-    }
-}
-
-/// The probability of each state, and of all touches.
-pub struct Posterior {
-    /// Logs of the probabilities, `[n_parts, n_cells]`.
-    pub logs: Vec<f64>,
-    /// The log of the mean likelihood of all touches, as they count together, over all states.
-    pub log_evidence: f64,
-    n_cells: usize,
-}
-
-impl Posterior {
-    /// The probability of each part, `[n_parts]`.
-    pub fn of_parts(&self) -> Vec<f64> {
-        self.logs.chunks_exact(self.n_cells).map(|logs| logs.iter().map(|log| log.exp()).sum()).collect()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::extremes::reference::Pose;
+    use tactile_data::se2::Se2;
+
+    const SMALL: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
+
+    /// Of two parts, rows in six dimensions that change with the pose by so much a step.
+    fn recorded(change: f64) -> (Recorded, Vec<f32>) {
+        let value = |row: usize, i: usize| {
+            let pose = SMALL.pose(row % SMALL.len());
+            let phase = (i * i) as f64 + 0.9 * (row / SMALL.len()) as f64;
+            let turn = [pose.x_mm / 2.0, pose.y_mm / 2.0, pose.theta_deg() / 15.0];
+            let turn: f64 = turn.iter().zip([1.0, 0.7, 0.4]).map(|(at, of)| at * (of + 0.3 * i as f64).sin()).sum();
+            (phase + change * turn).sin() as f32
+        };
+        let rows: Vec<f32> = (0..2 * SMALL.len()).flat_map(|row| (0..6).map(move |i| value(row, i))).collect();
+        (Recorded::new(SMALL, &rows, 6, vec![true; 2 * SMALL.len()], TouchModel::default()), rows)
+    }
+
+    fn place(x: f64, y: f64, theta: f64) -> [Place; 3] {
+        Place::of_pose(&SMALL, &Pose::from_degrees(x, y, theta), &Se2::from_degrees(x, y, theta))
+    }
+
+    /// On recorded lines, and half way along any axes, lengths are those of the embeddings; elsewhere nearly.
+    #[test]
+    fn lengths_are_those_of_interpolated_embeddings() {
+        let (recorded, _) = recorded(0.5);
+        let apart = |at: &[Place; 3]| recorded.square(1, at) / recorded.exact_square(1, at) - 1.0;
+        for (x, y, theta) in [
+            (0.0, 2.0, -15.0),
+            (0.7, 2.0, -15.0),
+            (4.0, -3.1, 0.0),
+            (-2.0, 0.0, 22.0),
+            (1.0, -3.0, 15.0),
+            (1.0, 4.0, 7.5),
+            (-4.0, 3.0, -22.5),
+            (3.0, 1.0, 7.5),
+        ] {
+            assert!(apart(&place(x, y, theta)).abs() < 1e-12, "{x} {y} {theta}: {}", apart(&place(x, y, theta)));
+        }
+        let plain = |at: &[Place; 3]| recorded.product(1, at) / recorded.exact_square(1, at) - 1.0;
+        let anywhere: Vec<[Place; 3]> = (0..400)
+            .map(|k| [0.754_877, 0.569_840, 0.430_160].map(|by| 2.0 * (by * f64::from(k)).fract() - 1.0))
+            .map(|[x, y, theta]| place(4.0 * x, 4.0 * y, 30.0 * theta))
+            .collect();
+        let most = |of: &dyn Fn(&[Place; 3]) -> f64| anywhere.iter().map(|at| of(at).abs()).fold(0.0, f64::max);
+        assert!(most(&apart) < 0.5 * most(&plain), "{} {}", most(&apart), most(&plain));
+    }
 
     #[test]
-    fn the_spline_goes_through_its_points_and_follows_parabolas() {
-        for at in 0..=40 {
-            let place = 0.1 * f64::from(at) - 2.0;
-            let weights = Place::new([place; 2], 2.0, 1.0).weights;
-            let value: f64 = weights.iter().map(|(k, weight)| weight * (*k as f64 - 1.3).powi(2)).sum();
-            assert!((value - (place + 0.7).powi(2)).abs() < 1e-12, "{place}");
+    fn cosines_are_those_with_interpolated_embeddings() {
+        let (recorded, _) = recorded(0.5);
+        let query: Vec<f64> = (0..6).map(|i| (0.9 * f64::from(i)).cos()).collect();
+        let length = inner(&query, &query).sqrt();
+        let cosines: Vec<f64> = recorded.unit.chunks_exact(6).map(|row| inner(row, &query) / length).collect();
+        for at in [place(1.0, -3.0, 15.0), place(-3.0, 1.0, 7.5), place(0.0, 0.0, 4.0)] {
+            let mut sum = vec![0.0; 6];
+            for (row, weight) in recorded.around(1, &at) {
+                sum.iter_mut().zip(&recorded.unit[row * 6..]).for_each(|(sum, value)| *sum += weight * value);
+            }
+            let expected = inner(&sum, &query) / length / inner(&sum, &sum).sqrt();
+            assert!((recorded.cosine(&cosines, 1, &at) - expected).abs() < 1e-12);
         }
     }
 
-    /// By the embeddings themselves: summed with their weights, and measured.
+    /// The library's lengths are in f32.
     #[test]
-    fn cosines_are_those_with_interpolated_embeddings() {
-        const DIM: usize = 6;
-        let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
-        let mut rows: Vec<f32> = (0..2 * grid.len() * DIM).map(|i| ((i * i % 997) as f32 * 0.37).sin()).collect();
-        for row in rows.chunks_exact_mut(DIM) {
-            let length = row.iter().map(|value| value * value).sum::<f32>().sqrt();
-            row.iter_mut().for_each(|value| *value /= length);
+    fn the_librarys_cosines_are_within_their_error() {
+        use tactile_filter::likelihood::interpolation::ViewWeights;
+        let (recorded, mut rows) = recorded(0.5);
+        tactile_infer::similarity::normalize_rows(&mut rows, 6);
+        let names = vec!["A".into(), "B".into()];
+        let bank = tactile_infer::Bank::from_rows(
+            names,
+            SMALL,
+            tactile_infer::rows::Rows::new(6, rows).unwrap(),
+            vec![0.2; 2 * SMALL.len()],
+            "",
+        );
+        let bank = bank.unwrap();
+        let query = bank.row(140).into_owned();
+        let mut found = Vec::new();
+        bank.similarities(&query, &mut found);
+        let wide: Vec<f64> = query.iter().map(|value| f64::from(*value)).collect();
+        let cosines: Vec<f64> = recorded.unit.chunks_exact(6).map(|row| inner(row, &wide)).collect();
+        let error = recorded.error_between([30.0 * U, 60.0 * U]);
+        assert!(error < 1e-3, "{error}");
+        let mut without = 0.0_f64;
+        for k in 0..400 {
+            let [x, y, theta] = [0.754_877, 0.569_840, 0.430_160].map(|by| 2.0 * (by * f64::from(k)).fract() - 1.0);
+            let (pose, at) = (Se2::from_degrees(4.0 * x, 4.0 * y, 30.0 * theta), place(4.0 * x, 4.0 * y, 30.0 * theta));
+            let weights = ViewWeights::new(&SMALL, &pose).unwrap();
+            for part in 0..2 {
+                let of_library = weights.cosine(&found[part * SMALL.len()..], &bank.neighbours()[part]);
+                let off = (f64::from(of_library) - recorded.cosine(&cosines, part, &at)).abs();
+                assert!(off < error, "{x} {y} {theta}: {off} {error}");
+                let cosine = f64::from(of_library);
+                without = without.max((cosine - cosine * (1.0 + recorded.more_at(part, &at)).sqrt()).abs());
+            }
         }
-        let query: Vec<f64> = (0..DIM).map(|i| (0.9 * i as f64).cos()).collect();
-        let length = |vector: &[f64]| vector.iter().map(|value| value * value).sum::<f64>().sqrt();
-        let inner = |row: &[f32]| row.iter().zip(&query).map(|(a, b)| f64::from(*a) * b).sum::<f64>() / length(&query);
-        let cosines: Vec<f64> = rows.chunks_exact(DIM).map(inner).collect();
-        let shows = vec![Some(true); 2 * grid.len()];
-        let recorded = Recorded::new(grid, &rows, DIM, shows, TouchModel::default());
-        for (x, y, theta) in [(0.7, -1.1, 4.0), (3.9, 0.2, -28.0), (-4.0, 2.0, 0.0), (-3.1, -3.7, 22.0)] {
-            let pose = Pose::from_degrees(x, y, theta);
-            let at = Place::of_pose(&grid, &pose, &Se2::from_degrees(x, y, theta));
-            let one = |place: &Place| vec![(place.nearest, 1.0)];
-            let embedding = |[x, y, theta]: [&[(usize, f64)]; 3]| {
-                let mut sum = vec![0.0; DIM];
-                for (x, wx) in x {
-                    for (y, wy) in y {
-                        for (theta, wt) in theta {
-                            let row = &rows[(grid.len() + (x * 5 + y) * 5 + theta) * DIM..][..DIM];
-                            let weight = wx * wy * wt;
-                            sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * f64::from(*value));
-                        }
-                    }
-                }
-                sum
-            };
-            let [ones_x, ones_y, ones_theta] = [0, 1, 2].map(|axis: usize| one(&at[axis]));
-            let [wx, wy, wt] = [0, 1, 2].map(|axis: usize| at[axis].weights.as_slice());
-            let lengths = [[wx, &ones_y, &ones_theta], [&ones_x, wy, &ones_theta], [&ones_x, &ones_y, wt]];
-            let expected_length: f64 = lengths.into_iter().map(|weights| length(&embedding(weights))).product();
-            let sum: f64 = embedding([wx, wy, wt]).iter().zip(&query).map(|(a, b)| a * b).sum();
-            let expected = (sum / length(&query) / expected_length.max(0.3)).clamp(-1.0, 1.0);
-            assert!((recorded.cosine(&cosines, 1, &at) - expected).abs() < 1e-6, "{x} {y} {theta}");
-        }
+        // Without what is more across axes it would be outside.
+        assert!(without > 2.0 * error, "{without} {error}");
     }
 }

@@ -8,7 +8,11 @@ use crate::error::{Error, Result};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Group {
-    /// tau.
+    /// How much a distance between touch and view costs.
+    Steepness,
+    /// Distances, outliers and rarities.
+    Odds,
+    /// tau, of Alg. 1 as printed.
     Temperature,
     /// K.
     Particles,
@@ -32,10 +36,12 @@ pub enum Group {
 
 impl Group {
     /// All groups, in the order of the table.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::Production,
         Self::Precision,
         Self::Choice,
+        Self::Steepness,
+        Self::Odds,
         Self::Temperature,
         Self::Particles,
         Self::Classes,
@@ -48,7 +54,9 @@ impl Group {
     /// What a person calls it.
     pub fn title(self) -> &'static str {
         match self {
-            Self::Temperature => "Temperature of the likelihood",
+            Self::Steepness => "Steepness of the likelihood",
+            Self::Odds => "Distances, outliers and rarities",
+            Self::Temperature => "Temperature of Alg. 1 as printed",
             Self::Particles => "Number of particles",
             Self::Classes => "Number of parts",
             Self::Similarity => "Similarities, queries and rows",
@@ -64,10 +72,11 @@ impl Group {
     /// What [`Case::at`] counts.
     pub fn axis(self) -> &'static str {
         match self {
+            Self::Steepness => "nats a unit of distance",
             Self::Temperature => "temperature",
             Self::Particles => "particles",
             Self::Classes => "parts",
-            Self::Similarity | Self::Precision => "",
+            Self::Odds | Self::Similarity | Self::Precision => "",
             Self::Chain => "actions",
             Self::Wrap => "degrees",
             Self::LeftOut | Self::Production | Self::Choice => "touches",
@@ -177,9 +186,9 @@ mod tests {
 
     #[test]
     fn a_bound_above_one_says_nothing_and_is_no_secret() {
-        let says_nothing = |bound| Case::measured(Group::Temperature, "", "", 0.5, bound).says_nothing;
+        let says_nothing = |bound| Case::measured(Group::Steepness, "", "", 0.5, bound).says_nothing;
         assert_eq!([1e-9, 1.0, 1.1, f64::INFINITY, f64::NAN].map(says_nothing), [false, false, true, true, true]);
-        let case = Case::measured(Group::Temperature, "", "", 0.5, 3.0).by("rounding");
+        let case = Case::measured(Group::Steepness, "", "", 0.5, 3.0).by("rounding");
         assert!(case.holds && case.source == "rounding");
     }
 

@@ -6,12 +6,11 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
-use tactile_infer::precision::Precision;
 use tactile_infer::rows::Rows;
 
 use super::case::{Case, Group};
 use super::production::largest;
-use super::reference::{Pose, Touch, log_posterior};
+use super::reference::{Expected, OF_COSINE, Pose, Touch, expected};
 use super::sample::Sample;
 use crate::error::Result;
 use tactile_filter::Observation;
@@ -22,86 +21,27 @@ use tactile_filter::belief::{Belief, EngineConfig};
 use tactile_filter::likelihood::TouchLikelihood;
 
 /// Parts of the paper's boards, and length of an embedding.
-const N_PARTS: usize = 12;
-const DIM: usize = 128;
+pub const N_PARTS: usize = 12;
+pub const DIM: usize = 128;
 
 /// One pose at thirteen angles, the first and the last the same.
 const RING: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 180.0, theta_step_deg: 30.0 };
 
 /// One pose.
-const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
+pub const POINT: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
 
 /// States of a smaller probability are not compared: f64 ends at 1e-308.
 const SMALLEST: f64 = 1e-250;
 
-/// The largest error of a cosine of unit vectors of [`DIM`] f32s, by Higham's bound (n + 1) u for a sum of n
-/// roundings: 8 in a lane, 16 over the lanes, and 6 for length, scale and difference.
-const COSINE_ERROR: f64 = 30.0 / (1 << 24) as f64;
-
-/// How far the rounding of a row to f16 moves a cosine of unit vectors at most: 2^-11 of each value, sums of whose
-/// products are at most 1 (Cauchy and Schwarz), and 2^-25 for its smallest numbers times sqrt(128).
-const HALF_ROUNDING: f64 = 1.0 / 2048.0 + 3.4e-7;
-
-/// Where bounds come from: the rounding of cosines ...
-const OF_COSINES: &str = "30 roundings of a cosine in f32 (Higham), over the temperature, in each of the touches";
-
-/// ... and of rows.
-const OF_ROWS: &str = "rows rounded to 11 bits (Cauchy and Schwarz), over the temperature, in each of the touches";
-
-/// Rounding of logs in f64: 1e4 nats, 2e-16 each, over some additions.
-const LOG_ROUNDING: f64 = 1e-11;
-
-/// tau from 1e-4 to 1e4 in half decades, with and without a floor, in f32 and in f16.
-///
-/// A bank in f16 is compared with the reference twice: of its rounded rows, which leaves the arithmetic of the cosines,
-/// and of the rows before rounding, where the bound on the rounding's effect soon says nothing.
-pub fn temperatures(seed: u64) -> Result<Vec<Case>> {
-    let n_touches = 3;
-    let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, n_touches, seed);
-    let (bank, half_bank) = (sample.bank()?, sample.bank()?.with_precision(Precision::F16)?);
-    let rounded = Sample { rows: half_bank.rows().to_f32(), ..sample.clone() };
-    let kinds = [
-        ("f32 bank", &bank, &sample, COSINE_ERROR, OF_COSINES),
-        ("f16 bank, of its rows", &half_bank, &rounded, COSINE_ERROR, OF_COSINES),
-        ("f16 bank, of the rows before rounding", &half_bank, &sample, COSINE_ERROR + HALF_ROUNDING, OF_ROWS),
-    ];
-    let mut cases = Vec::new();
-    for (of_outliers, outlier_share) in [("", TouchModel::default().outlier_share), (", no outliers", 0.0)] {
-        for (name, bank, of_reference, cosine_error, source) in kinds {
-            for half_decades in -8..=8 {
-                let temperature = 10.0_f64.powf(f64::from(half_decades) / 2.0);
-                let config = TouchModel { temperature, outlier_share, ..TouchModel::default() };
-                let bound = rounding_bound(cosine_error, &config, n_touches);
-                let belief = sample.belief_with(bank, EngineConfig::Exact, seed, &config)?;
-                let error = relative_error(&belief, &of_reference.reference(&config));
-                let expected = "as in f64, to the rounding of the cosines";
-                let case = Case::measured(Group::Temperature, format!("{name}{of_outliers}"), expected, error, bound);
-                cases.push(case.at(temperature).by(source).right_part(names_truth(&belief)));
-            }
-        }
-    }
-    Ok(cases)
-}
-
-/// What the rounding of the cosines can do to a probability: each touch divides the match of a row by the mean
-/// match, and the states by their sum, and each of the four is off by `cosine_error / tau` at most. And how much error touches
-/// share follows from the cosines of the best matches: twenty shares of `shared_error` for a cosine of 1, which moves the power
-/// of the likelihoods by that square, of the states' and of their sum's, as much as a touch can tell of blankness and of a match.
-fn rounding_bound(cosine_error: f64, config: &TouchModel, n_touches: usize) -> f64 {
-    let TouchModel { temperature, outlier_share, blank_agreement, shared_error, .. } = *config;
-    let n = n_touches as f64;
-    let of_matches = 4.0 * n * cosine_error / temperature;
-    let most_told = (blank_agreement / (1.0 - blank_agreement)).ln() + (2.0 / temperature).min(-outlier_share.ln());
-    let power = (1.0 + shared_error * (n - 1.0)).recip();
-    let of_power = 2.0 * power * power * (n - 1.0) * 20.0 * shared_error * cosine_error * n * most_told;
-    (of_matches + of_power).exp_m1() + LOG_ROUNDING
-}
+/// Where bounds come from: the rounding of cosines.
+pub const OF_COSINES: &str = "30 roundings of a cosine in f32 (Higham), by what the log-likelihood is at both ends of \
+    it, in each of the touches";
 
 /// K from 1 to 1e6 against the exact engine.
 pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
-    /// So warm that several parts stay probable.
-    const WARM: f64 = 0.12;
-    let config = TouchModel { temperature: WARM, ..TouchModel::default() };
+    /// So flat that several parts stay probable.
+    const FLAT: f64 = 5.0;
+    let config = TouchModel { steepness: FLAT, ..Sample::model() };
     let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, 3, seed);
     let bank = sample.bank()?;
     let exact = sample.belief(EngineConfig::Exact, seed, &config)?;
@@ -147,9 +87,9 @@ pub fn particles(seed: u64, quick: bool) -> Result<Vec<Case>> {
 ///
 /// The estimate of a part's probability p is the mean of the indicator of a particle drawn by the weights, so that by
 /// Jensen's inequality its squared error is at most that of such a particle: r (1 - p)^2 + (1 - r) p^2 where r, the
-/// probability to draw that part, is between its probability q after the first touch, from which particles are drawn, and
-/// p. The mean of so many squares of 0..=1 exceeds its expectation by more than the last term once in 1000 times over all
-/// parts (Hoeffding 1963, Theorem 1).
+/// probability to draw that part, is between its probability q after the first touch, from which particles are drawn,
+/// and p. The mean of so many squares of 0..=1 exceeds its expectation by more than the last term once in 1000 times
+/// over all parts (Hoeffding 1963, Theorem 1).
 fn error_of_few(first: &[f64], last: &[f64], n_runs: u64) -> f64 {
     let square = |(q, p): (&f64, &f64)| {
         let with = |r: f64| r * (1.0 - p).powi(2) + (1.0 - r) * p.powi(2);
@@ -175,17 +115,14 @@ fn deviation_of_one(first: &[f64], last: &[f64], class_posterior: &[f64]) -> f64
 pub fn classes(seed: u64, quick: bool) -> Result<Vec<Case>> {
     let grid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
     let n_touches = 3;
-    let config = TouchModel::default();
+    let config = Sample::model();
     let mut cases = Vec::new();
     for decades in 0..=if quick { 3 } else { 4 } {
         let n_parts = 10_usize.pow(decades);
         let sample = Sample::draw(n_parts, grid, DIM, n_touches, seed);
         let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
-        let error = relative_error(&belief, &sample.reference(&config));
-        let bound = rounding_bound(COSINE_ERROR, &config, n_touches);
-        let expected = "as in f64, to the rounding of the cosines";
-        let case = Case::measured(Group::Classes, "exact engine", expected, error, bound);
-        cases.push(case.at(n_parts as f64).by(OF_COSINES).right_part(names_truth(&belief)));
+        let case = compared(Group::Classes, "exact engine", &belief, &sample.expected(&config, OF_COSINE));
+        cases.push(case.at(n_parts as f64).right_part(names_truth(&belief)));
     }
     Ok(cases)
 }
@@ -232,16 +169,26 @@ pub fn similarities() -> Result<Vec<Case>> {
     }
     cases.push(refused("a query too short", touched(vec![1.0], 0.2)));
     cases.push(refused("an edge share of NaN", touched(east.clone(), f32::NAN)));
-    for (name, temperature) in [("0", 0.0), ("NaN", f64::NAN), ("+inf", f64::INFINITY)] {
-        let config = TouchModel { temperature, ..config };
-        cases.push(refused(&format!("a temperature of {name}"), config.validate().map_err(Into::into)));
+    for (name, rarity) in [("NaN", f32::NAN), ("+inf", f32::INFINITY)] {
+        let observation = Observation { rarity, ..Observation::new(east.clone(), 0.2) };
+        let came = TouchLikelihood::new(&observation, &bank, &config).map(|_| ());
+        cases.push(refused(&format!("a rarity of {name}"), came.map_err(Into::into)));
+    }
+    for (name, value) in [("0", 0.0), ("NaN", f64::NAN), ("+inf", f64::INFINITY)] {
+        for (what, config) in [
+            ("a steepness", TouchModel { steepness: value, ..config }),
+            ("an own distance", TouchModel { own_distance: value, ..config }),
+            ("a temperature", TouchModel { temperature: Some(value), ..config }),
+        ] {
+            cases.push(refused(&format!("{what} of {name}"), config.validate().map_err(Into::into)));
+        }
     }
     Ok(cases)
 }
 
 /// `x` and `y` as the first two of sixteen values, eight times over, the whole of length `scale * |(x, y)|`: each
 /// fills a lane of the inner product.
-fn spread(x: f32, y: f32, scale: f32) -> Vec<f32> {
+pub fn spread(x: f32, y: f32, scale: f32) -> Vec<f32> {
     let share = if x.abs().max(y.abs()) > 1e30 { 1.0 } else { scale / 8.0_f32.sqrt() };
     (0..DIM).map(|at| share * [x, y].get(at % 16).copied().unwrap_or(0.0)).collect()
 }
@@ -253,21 +200,39 @@ fn point_bank(rows: &[Vec<f32>]) -> Result<Bank> {
 
 /// One touch of parts of one row each, against the reference by these cosines.
 fn by_hand(variant: &str, expected: &str, rows: &[Vec<f32>], query: Vec<f32>, cosines: &[f64]) -> Result<Case> {
-    let bank = point_bank(rows)?;
-    let config = TouchModel::default();
-    let first = TouchLikelihood::new(&Observation::new(query, 0.2), &bank, &config)?;
-    let belief = Belief::of_all_states(&bank, 1, first);
-    let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: cosines.to_vec(), plain: None };
-    let error = relative_error(&belief, &log_posterior(&POINT, bank.edge_shares(), &[touch], &config));
-    let bound = rounding_bound(COSINE_ERROR, &config, 1);
-    Ok(Case::measured(Group::Similarity, variant, expected, error, bound).by(OF_COSINES))
+    let observation = Observation::new(query, 0.2);
+    let case = of_one_touch((Group::Similarity, variant), rows, &observation, cosines, &TouchModel::default())?;
+    Ok(Case { expected: expected.into(), ..case })
+}
+
+/// The same of any group, touch and settings.
+pub fn of_one_touch(
+    (group, variant): (Group, &str),
+    rows: &[Vec<f32>],
+    observation: &Observation,
+    cosines: &[f64],
+    config: &TouchModel,
+) -> Result<Case> {
+    let belief =
+        Belief::of_all_states(&point_bank(rows)?, 1, TouchLikelihood::new(observation, &point_bank(rows)?, config)?);
+    let best = cosines.iter().copied().fold(-1.0, f64::max);
+    let &Observation { edge_share, rarity, .. } = observation;
+    let touch = Touch { moved: Se2::IDENTITY, edge_share, rarity, cosines: cosines.to_vec(), best };
+    Ok(compared(group, variant, &belief, &expected(&POINT, &[touch], config, OF_COSINE)))
+}
+
+/// A belief against the reference: the largest relative error of a state's probability.
+pub fn compared(group: Group, variant: impl Into<String>, belief: &Belief, reference: &Expected) -> Case {
+    let error = relative_error(belief, &reference.logs);
+    let expected = "as in f64, to the rounding of the cosines";
+    Case::measured(group, variant, expected, error, reference.relative()).by(OF_COSINES)
 }
 
 /// Ten thousand motions one after the other: the pose against whole degrees and a compensated sum, and the
 /// belief after as many touches.
 pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
-    /// So warm that ten thousand touches leave other states a probability that f64 can hold.
-    const WARM: f64 = 10.0;
+    /// So flat that ten thousand touches leave other states a probability that f64 can hold.
+    const FLAT: f64 = 5.0;
     let n_actions = if quick { 1_000 } else { 10_000 };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let steps: Vec<(f64, f64, i32)> = (0..n_actions)
@@ -287,14 +252,12 @@ pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
         at(Case::measured(Group::Chain, "drift of the place, mm", "the sum of the steps", drift_mm, bound_mm)),
         at(Case::measured(Group::Chain, "drift of the angle, degrees", "the sum of the turns", drift_deg, bound_deg)),
     ];
-    let config = TouchModel { temperature: WARM, blank_share: 0.0, overlap_mm: 0.0, ..TouchModel::default() };
+    let config = TouchModel { steepness: FLAT, overlap_mm: 0.0, ..Sample::model() };
     let sample = Sample::draw(2, RING, 32, n_actions, seed);
     let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
-    let error = relative_error(&belief, &sample.reference(&config));
-    let bound = rounding_bound(COSINE_ERROR, &config, n_actions);
-    let expected = "as in f64, to the rounding of the cosines";
-    let case = Case::measured(Group::Chain, "belief after as many touches", expected, error, bound);
-    cases.push(at(case.right_part(names_truth(&belief))).by(OF_COSINES));
+    let reference = sample.expected(&config, OF_COSINE);
+    let case = compared(Group::Chain, "belief after as many touches", &belief, &reference);
+    cases.push(case.at(n).right_part(names_truth(&belief)));
     Ok(cases)
 }
 
@@ -316,18 +279,15 @@ fn compensated(steps: &[(f64, f64, i32)]) -> ([f64; 2], i32) {
 
 /// Turns of about half a turn either way, and a hole turned by half a turn.
 pub fn wrap(seed: u64) -> Result<Vec<Case>> {
-    let config = TouchModel::default();
+    let config = Sample::model();
     let mut cases = Vec::new();
     for degrees in [180.0, -180.0, 540.0, 180.0 - 1e-9, 180.0 + 1e-9, -179.0, 179.0, 360.0, 36_000.0] {
         let first = Se2::from_degrees(0.0, 0.0, 180.0);
         let motions = [Se2::from_degrees(0.0, 0.0, degrees), Se2::from_degrees(0.3, -0.2, 91.0)];
         let sample = Sample::along(N_PARTS, RING, DIM, first, &motions, seed);
         let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
-        let error = relative_error(&belief, &sample.reference(&config));
-        let bound = rounding_bound(COSINE_ERROR, &config, sample.touches.len());
-        let expected = "as in f64 by matrices";
-        let case = Case::measured(Group::Wrap, "a turn of the sensor", expected, error, bound);
-        cases.push(case.at(degrees).by(OF_COSINES).right_part(names_truth(&belief)));
+        let case = compared(Group::Wrap, "a turn of the sensor", &belief, &sample.expected(&config, OF_COSINE));
+        cases.push(case.at(degrees).right_part(names_truth(&belief)));
         let truth = motions.iter().fold(Pose::from_degrees(0.0, 0.0, 180.0), |pose, moved| pose.then(&Pose::of(moved)));
         let mean = modes(belief.posterior(), &belief.first_from_sensor(), &|_| Symmetry::NONE)
             .first()
@@ -356,7 +316,7 @@ fn masses(belief: &Belief) -> Vec<f64> {
 }
 
 /// Whether the true part is the most probable, alone.
-fn names_truth(belief: &Belief) -> bool {
+pub fn names_truth(belief: &Belief) -> bool {
     let posterior = belief.posterior().by_part();
     let truth = posterior[Sample::TRUTH];
     posterior.iter().enumerate().all(|(part, probability)| part == Sample::TRUTH || *probability < truth)
@@ -375,7 +335,8 @@ mod tests {
 
     #[test]
     fn one_particle_is_as_wrong_as_its_draw() {
-        // One of two parts, 1/4 probable at first and 3/4 at last: the other is drawn 3 times in 4, and then off by 3/4.
+        // One of two parts, 1/4 probable at first and 3/4 at last: the other is drawn 3 times in 4, and then off by
+        // 3/4.
         let square = 0.75 * 0.75_f64.powi(2) + 0.25 * 0.25_f64.powi(2);
         let n_runs = 1_000_000_000_000;
         assert!((error_of_few(&[0.25, 0.75], &[0.75, 0.25], n_runs) - square.sqrt()).abs() < 1e-5);

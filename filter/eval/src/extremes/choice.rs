@@ -7,13 +7,14 @@ use std::sync::Arc;
 
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
-use tactile_filter::Episode;
+use tactile_filter::{Episode, TouchModel};
 use tactile_infer::precision::Precision;
 
-use super::between::{Evidence, Recorded};
+use super::between::Recorded;
 use super::case::{Case, Group};
+use super::evidence::Evidence;
 use super::production::{cosine_errors, kept_queries};
-use super::reference::{Pose, beyond_is_blank, doubt};
+use super::reference::{Pose, doubt};
 use super::scene::{DIM, GRID, Scene};
 use crate::error::Result;
 
@@ -41,9 +42,10 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
         let recorded = scene.recorded(&rows);
         let queries = scene.queries()?;
         let touches = scene.felt(&rows, &kept_queries(&scene, queries.clone()));
-        let evidence = Evidence::new(&recorded, &touches);
-        let [of_cosine, of_pair] = cosine_errors(&scene, &queries);
-        let expectation = Expectation::new(&episode, &evidence, &rows, of_cosine.max(of_pair));
+        let errors = cosine_errors(&scene, &queries);
+        let evidence = Evidence::new(&recorded, &touches, errors);
+        let views = Views { edge_shares: &scene.edge_shares, rows: &rows };
+        let expectation = Expectation::new(&episode, &evidence, views, errors[0].max(errors[1]));
         let side = if side == Side::Hole { "holes" } else { "pegs" };
         // Where the hole is recorded, between its poses: from some states the last two lead beyond the recorded area.
         let targets = [(3.1, 0.4, 7.0), (-2.3, 4.2, -31.0), (0.6, -5.7, 52.0), (-6.8, -1.9, 84.0)];
@@ -57,17 +59,26 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
             let variant = format!("{side}, {precision}: candidate {}", number + 1);
             let error = (got.unwrap_or(f64::NAN) - nats).abs();
             let case = Case::measured(Group::Choice, variant, "nats, the mean over all of the belief", error, bound);
-            let source = "four standard errors of the supposed states, one draw in 6,000 of each state, and rounding";
+            let source = "four standard errors of the supposed states and of the draws, and rounding";
             cases.push(case.at(n_touches as f64).by(source));
         }
     }
     Ok(cases)
 }
 
+/// What is compared with each other.
+#[derive(Clone, Copy)]
+struct Views<'a> {
+    /// The edge share of each row.
+    edge_shares: &'a [f32],
+    /// `[n_rows, DIM]`.
+    rows: &'a [f32],
+}
+
 /// The expected information in f64.
 struct Expectation<'a> {
     recorded: &'a Recorded,
-    rows: &'a [f32],
+    views: Views<'a>,
     /// Where the sensor is by each state that is believed, its part and its probability.
     states: Vec<(Pose, usize, f64)>,
     /// What is new of each row's view, `[n_rows]`.
@@ -77,43 +88,46 @@ struct Expectation<'a> {
     cosine_error: f64,
 }
 
-/// The likelihood of one view where another would be touched, as it counts together with the touches made.
+/// The likelihood of one view where another would be touched, as it counts together with the touches made: the touch
+/// will be as rare as those with an edge were, and as far from its own view as touches are, at a right angle to all
+/// views.
 struct Model {
-    temperature: f64,
-    average: f64,
-    floor: f64,
-    agrees: f64,
-    disagrees: f64,
-    unknown: f64,
+    config: TouchModel,
+    rarity: f64,
+    own: f64,
+    /// The power to which it counts.
+    joint: f64,
 }
 
 impl Model {
     /// Together with one more touch, all of it new.
     fn new(evidence: &Evidence) -> Self {
-        let config = &evidence.recorded.config;
-        let edged: Vec<_> = evidence.touches.iter().filter(|touch| touch.is_edged).collect();
-        let bests: Vec<f64> = edged.iter().filter_map(|touch| touch.logs.best).collect();
+        let config = evidence.recorded.config;
+        let edged: Vec<f64> =
+            evidence.touches.iter().filter(|touch| touch.is_edged).map(|touch| touch.rarity).collect();
         let n_counted = 1.0 + evidence.touches.iter().map(|touch| touch.weight).sum::<f64>();
-        let joint = super::reference::joint(n_counted, &bests, config);
-        let mean = edged.iter().map(|touch| touch.logs.log_mean.exp()).sum::<f64>() / edged.len() as f64;
-        let share = config.outlier_share;
-        let mut model = Self {
-            temperature: config.temperature / joint,
-            average: mean.powf(joint),
-            floor: (share / (1.0 - share) * mean).powf(joint),
-            agrees: config.blank_agreement.powf(joint),
-            disagrees: (1.0 - config.blank_agreement).powf(joint),
-            unknown: 0.0,
-        };
-        let is_edged = (1.0 - beyond_is_blank(&evidence.recorded.shows, &evidence.recorded.grid, config)).powf(joint);
-        // Four in five as an average row.
-        let alike = config.unknown_similarity.map_or(1.0, |cosine| model.likely(cosine) / model.average);
-        model.unknown = is_edged * (0.8 + 0.2 * alike);
-        model
+        let joint = super::reference::joint(n_counted, &evidence.bests, &config);
+        let rarity = edged.iter().sum::<f64>() / (edged.len() as f64).max(1.0);
+        Self { config, rarity, own: evidence.recorded.own_distance(), joint }
     }
 
-    fn likely(&self, cosine: f64) -> f64 {
-        ((cosine - 1.0) / self.temperature).exp() + self.floor
+    fn steepness(&self, edge_share: f32) -> f64 {
+        let log_edge = ((f64::from(edge_share) + 0.003) / 0.05).ln();
+        self.config.steepness * (self.config.steepness_by_edge * log_edge).exp()
+    }
+
+    /// Of a view, by its cosine with the one touched, of which so much is edge; the power of a sum is taken as a sum
+    /// of powers.
+    fn likely(&self, cosine: f64, edge_share: f32) -> f64 {
+        let Self { config: TouchModel { match_offset, outlier_share, .. }, rarity, own, joint } = self;
+        let distance = (2.0 - 2.0 * cosine + own * own).sqrt();
+        let odds = (match_offset + rarity - self.steepness(edge_share) * (distance - own)).exp();
+        ((1.0 - outlier_share) * odds).powf(*joint) + outlier_share.powf(*joint)
+    }
+
+    /// How far the log of that may be off where the cosine is, by `error`.
+    fn off(&self, edge_share: f32, error: f64) -> f64 {
+        self.joint * self.steepness(edge_share) * error / self.own
     }
 }
 
@@ -124,7 +138,7 @@ struct Expected {
 }
 
 impl<'a> Expectation<'a> {
-    fn new(episode: &Episode, evidence: &'a Evidence<'a>, rows: &'a [f32], cosine_error: f64) -> Self {
+    fn new(episode: &Episode, evidence: &'a Evidence<'a>, views: Views<'a>, cosine_error: f64) -> Self {
         let (belief, recorded) = (episode.belief(), evidence.recorded);
         let sensor = Pose::of(&belief.first_from_sensor());
         let placed = |(state, mass): (tactile_filter::belief::Hypothesis, f64)| {
@@ -133,10 +147,10 @@ impl<'a> Expectation<'a> {
         // A millionth of the belief in each is drawn once in ten.
         let states = belief.posterior().states_from(1e-8).into_iter().map(placed).collect();
         let edged: Vec<_> = evidence.touches.iter().filter(|touch| touch.is_edged).collect();
-        let bests: Vec<f64> = edged.iter().filter_map(|touch| touch.logs.best).collect();
         let most_alike = |row: usize| edged.iter().map(|touch| touch.cosines[row]).fold(0.0, f64::max);
-        let new_shares = (0..recorded.shows.len()).map(|row| 1.0 - doubt(&bests) * most_alike(row)).collect();
-        Self { recorded, rows, states, new_shares, model: Model::new(evidence), cosine_error }
+        let doubt = doubt(&evidence.bests);
+        let new_shares = (0..views.edge_shares.len()).map(|row| 1.0 - doubt * most_alike(row)).collect();
+        Self { recorded, views, states, new_shares, model: Model::new(evidence), cosine_error }
     }
 
     /// The recorded view nearest to a state's after a motion; `None` where none is within half a step on each axis.
@@ -151,49 +165,49 @@ impl<'a> Expectation<'a> {
         let theta = nearest(degrees, grid.theta_half_deg, grid.theta_step_deg);
         let cell = (x? * grid.n_xy() + y?) * grid.n_theta() + theta?;
         let row = part * grid.len() + cell;
-        self.recorded.shows[row].map(|_| row)
+        self.recorded.is_recorded[row].then_some(row)
     }
 
-    /// What a state adds that would see a row, where an edged one is touched.
+    /// What a state adds that would see a row, where another is touched; what nobody recorded is as likely as the
+    /// world.
     fn value(&self, row: Option<usize>, touched: usize) -> f64 {
-        let Some(row) = row else { return self.model.unknown };
-        let shows = |row: usize| self.recorded.shows[row] == Some(true);
-        match (shows(row), shows(touched)) {
-            (true, true) => {
-                let at = |row: usize| &self.rows[row * DIM..(row + 1) * DIM];
-                let cosine: f64 = at(row).iter().zip(at(touched)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-                self.model.agrees * self.model.likely(cosine.clamp(-1.0, 1.0)) / self.model.average
-            }
-            (false, false) => self.model.agrees,
-            _ => self.model.disagrees,
-        }
+        let Some(row) = row else { return 1.0 };
+        let at = |row: usize| &self.views.rows[row * DIM..(row + 1) * DIM];
+        let cosine: f64 = at(row).iter().zip(at(touched)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+        self.model.likely(cosine.clamp(-1.0, 1.0), self.views.edge_shares[touched])
     }
 
     fn of(&self, candidate: &Se2) -> Expected {
-        // States that see one view are one.
-        let mut seen: Vec<(Option<usize>, f64, usize)> = Vec::new();
+        // States that see one view are one; with the variance of how often they are drawn of so many.
+        let mut seen: Vec<(Option<usize>, f64, f64)> = Vec::new();
         for state in &self.states {
             let row = self.row(state, candidate);
+            // Drawn systematically it is the expected number, rounded up or down.
+            let variance = (N_DRAWS as f64 * state.2).min(0.25);
             match seen.iter_mut().find(|(other, _, _)| *other == row) {
-                Some((_, mass, n)) => (*mass, *n) = (*mass + state.2, *n + 1),
-                None => seen.push((row, state.2, 1)),
+                Some((_, mass, all)) => (*mass, *all) = (*mass + state.2, *all + variance),
+                None => seen.push((row, state.2, variance)),
             }
         }
         let whole: f64 = seen.iter().map(|(_, mass, _)| mass).sum();
-        let (mut mean, mut square, mut of_draws) = (0.0, 0.0, 0.0);
+        let (mut mean, mut square, mut of_draws, mut of_rounding) = (0.0, 0.0, 0.0, 0.0);
         for (row, mass, _) in &seen {
             // Contact is expected of edged views alone.
-            let Some(touched) = row.filter(|row| self.recorded.shows[*row] == Some(true)) else { continue };
+            let shows = |row: &usize| self.views.edge_shares[*row] > self.recorded.config.blank_share;
+            let Some(touched) = row.filter(shows) else { continue };
             let values: Vec<f64> = seen.iter().map(|(row, _, _)| self.value(*row, touched)).collect();
             let all = values.iter().zip(&seen).map(|(value, (_, mass, _))| value * mass).sum::<f64>() / whole;
             let nats = self.new_shares[touched] * (self.value(Some(touched), touched) / all).ln();
+            // Of the likelihood where it is touched and of the mean, and of what is new: that of the touches' doubt
+            // and cosines.
+            let of_likelihood = 2.0 * self.model.off(self.views.edge_shares[touched], self.cosine_error);
+            of_rounding += mass / whole * (of_likelihood + (1.0 / 0.22 + 1.0) * self.cosine_error * nats.abs());
             (mean, square) = (mean + mass / whole * nats, square + mass / whole * nats * nats);
-            // Systematically drawn, each state is drawn as often as it should be but for one.
-            let off = values.iter().zip(&seen).map(|(value, (_, _, n))| value * *n as f64);
-            of_draws += mass / whole * off.sum::<f64>() / N_DRAWS as f64 / all;
+            let of_drawn =
+                values.iter().zip(&seen).map(|(value, (_, _, variance))| value * value * variance).sum::<f64>();
+            of_draws += mass / whole * 4.0 * of_drawn.sqrt() / N_DRAWS as f64 / all;
         }
         let deviation = (square - mean * mean).max(0.0).sqrt();
-        let of_rounding = 4.0 * self.cosine_error / self.model.temperature;
         Expected { nats: mean, bound: 4.0 * deviation / (N_SUPPOSED as f64).sqrt() + of_draws + of_rounding + 1e-6 }
     }
 }

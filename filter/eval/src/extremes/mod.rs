@@ -4,8 +4,11 @@ mod between;
 mod case;
 mod cases;
 mod choice;
+mod evidence;
 mod left_out;
+mod odds;
 mod page;
+mod place;
 mod placed;
 mod plot;
 mod production;
@@ -23,7 +26,7 @@ pub use speed::Timing;
 use crate::error::Result;
 
 /// The version of the result's layout.
-pub const SCHEMA: &str = "tactile-filter/extremes/2";
+pub const SCHEMA: &str = "tactile-filter/extremes/3";
 
 /// All cases and what was measured of each.
 #[derive(Clone, Debug, Serialize)]
@@ -73,7 +76,9 @@ fn of_group(group: Group, seed: u64, quick: bool) -> Result<Vec<Case>> {
         Group::Production => production::cases(seed, quick),
         Group::Precision => production::precisions(seed),
         Group::Choice => choice::cases(seed),
-        Group::Temperature => cases::temperatures(seed),
+        Group::Steepness => odds::steepnesses(seed),
+        Group::Odds => odds::cases(seed),
+        Group::Temperature => odds::temperatures(seed),
         Group::Particles => cases::particles(seed, quick),
         Group::Classes => cases::classes(seed, quick),
         Group::Similarity => cases::similarities(),

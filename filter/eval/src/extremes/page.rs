@@ -29,7 +29,9 @@ pub fn html(extremes: &Extremes) -> String {
     };
     let plots = html! {
         div.planes {
-            @for group in [Group::Temperature, Group::Particles, Group::Classes] { (plot(&extremes.cases, group)) }
+            @for group in [Group::Steepness, Group::Temperature, Group::Particles, Group::Classes] {
+                (plot(&extremes.cases, group))
+            }
         }
     };
     let caption = "Marks: measured errors. Dashed: bounds. A bank in f16 is compared with the f64 reference of its rounded rows and with \
@@ -106,11 +108,11 @@ mod tests {
     fn the_page_has_each_verdict() {
         let came = Err::<(), _>(Error::invalid("touch", "a < b", "NaN"));
         let cases = vec![
-            Case::measured(Group::Temperature, "f32", "the same", 1e-7, 1e-6).at(0.01),
-            Case::measured(Group::Temperature, "f32", "the same", f64::NAN, 1e-6).at(0.1),
+            Case::measured(Group::Steepness, "f32", "the same", 1e-7, 1e-6).at(0.01),
+            Case::measured(Group::Steepness, "f32", "the same", f64::NAN, 1e-6).at(0.1),
             Case::refused(Group::Similarity, "a row with NaN", came),
             Case::measured(Group::Precision, "bf16", "the same", 0.2, 7.0).by("rows of 8 bits"),
-            Case::measured(Group::Temperature, "f16", "the same", 0.2, f64::INFINITY).at(0.01),
+            Case::measured(Group::Steepness, "f16", "the same", 0.2, f64::INFINITY).at(0.01),
         ];
         let timing = Timing { what: "update".into(), n: 3, p50_ms: 0.25, p99_ms: 1.5, target_ms: Some([0.5, 1.0]) };
         let html = html(&Extremes { schema: SCHEMA.into(), seed: 1, quick: false, cases, timings: vec![timing] });

@@ -3,7 +3,7 @@
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 
-use super::between::Evidence;
+use super::evidence::Evidence;
 use super::reference::{Pose, poses};
 
 /// Values of x in mm, y in mm and theta in radians.
@@ -15,13 +15,19 @@ const POWER: f64 = 0.3;
 /// A covariance is of the posterior as it is: its power by that one.
 pub const OF_COVARIANCE: f64 = 1.0 / POWER;
 
-/// The power of the posterior of all touches to which a pose is found: what an error of a log-likelihood is taken to.
-pub fn power(evidence: &Evidence) -> f64 {
+/// The power of the posterior of all touches to which a pose is found.
+fn power(evidence: &Evidence) -> f64 {
     POWER * evidence.joint
 }
 
-/// The mean pose around one, and the covariance of the posterior to that power there: by lattices of five points along each
-/// axis, one step either way, then 2.5 standard deviations around the mean, five times.
+/// How far the log-likelihoods that were asked for, to that power, may be off.
+pub fn off(evidence: &Evidence) -> f64 {
+    let [off, largest] = evidence.largest.get();
+    POWER * (evidence.joint * off + evidence.joint_off * largest)
+}
+
+/// The mean pose around one, and the covariance of the posterior to that power there: by lattices of five points
+/// along each axis, one step either way, then 2.5 standard deviations around the mean, five times.
 pub fn hill(evidence: &Evidence, part: usize, start: &Se2) -> (Three, [Three; 3]) {
     let PoseGrid { xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
     let spans = [xy_step_mm, xy_step_mm, theta_step_deg.to_radians()];
@@ -45,8 +51,8 @@ pub fn hill(evidence: &Evidence, part: usize, start: &Se2) -> (Three, [Three; 3]
     (centre, covariance)
 }
 
-/// The pose that is stated for a part: the mean of [`hill`], or where the posterior goes on beyond a step, as along a straight
-/// edge, the middle of it along the axes on which it does.
+/// The pose that is stated for a part: the mean of [`hill`], or where the posterior goes on beyond a step, as along a
+/// straight edge, the middle of it along the axes on which it does.
 pub fn stated(evidence: &Evidence, part: usize, start: &Se2) -> Three {
     let PoseGrid { xy_half_mm, xy_step_mm, theta_step_deg, .. } = evidence.recorded.grid;
     let steps = [xy_step_mm, xy_step_mm, theta_step_deg.to_radians()];
@@ -93,9 +99,9 @@ fn moments(points: &[(Three, f64)]) -> (Three, [Three; 3]) {
     (mean, spread)
 }
 
-/// The covariance of a part's pose around the pose that is stated: of the posterior within a box around it, and of how far the
-/// states' cells outside the box are from there, each as often as it is believed. `of_states`: the belief in each state of the
-/// part, `[n_states]`, of any sum.
+/// The covariance of a part's pose around the pose that is stated: of the posterior within a box around it, and of
+/// how far the states' cells outside the box are from there, each as often as it is believed. `of_states`: the belief
+/// in each state of the part, `[n_states]`, of any sum.
 pub fn covariance(evidence: &Evidence, part: usize, stated: &Se2, states: &PoseGrid, of_states: &[f64]) -> [Three; 3] {
     let (half, within) = around(evidence, part, stated);
     let steps = [states.xy_step_mm, states.xy_step_mm, states.theta_step_deg.to_radians()];
@@ -138,8 +144,8 @@ fn next_half(half: Three, moments: &[Three; 3], steps: Three, reach: Three) -> T
     })
 }
 
-/// Mean offset and second moments of the posterior from a pose, by eight by eight by eight points within `half` of it; along x and y those
-/// of each angle are shifted against those of the angle before.
+/// Mean offset and second moments of the posterior from a pose, by eight by eight by eight points within `half` of
+/// it; along x and y those of each angle are shifted against those of the angle before.
 fn within(evidence: &Evidence, part: usize, stated: &Se2, half: Three) -> (Three, [Three; 3]) {
     let mut points: Vec<(Three, f64)> = Vec::new();
     for index in 0..512 {

@@ -5,74 +5,19 @@ use std::sync::Arc;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_filter::Episode;
+use tactile_infer::calibration::Spread;
 use tactile_infer::precision::Precision;
 
-use super::between::{Evidence, OTHER_PARTS, Posterior};
 use super::case::{Case, Group};
+use super::evidence::{Evidence, Posterior};
 use super::placed;
-use super::scene::{DIM, GRID, SMALL_GRID, Scene, shortest};
+use super::reference::OF_COSINE;
+use super::scene::{DIM, GRID, SMALL_GRID, Scene};
 use crate::error::Result;
 
-/// Half a unit in the last place of f32, of 1.
-const U: f64 = 1.0 / (1 << 24) as f64;
-
-/// A cosine of unit vectors of [`DIM`] f32s: 8 roundings in a lane, 16 over the lanes, 6 for length, scale and
-/// difference.
-const OF_COSINE: f64 = 30.0 * U;
-
-/// A match that is no more than so many nats likelier than an outlier is taken for one, where all states are judged at
-/// once.
-const OF_OUTLIERS: f64 = 2e-3;
-
-/// Logs of many states are found in f32: a few units of 16 nats.
-const OF_LOGS: f64 = 16.0 * 8.0 * U;
-
-/// What an error of cosines does, in nats. Errors are bounds.
-#[derive(Clone, Copy, Debug)]
-pub struct Bounds {
-    /// The error of a cosine with a view between recorded ones.
-    between: f64,
-    /// The error of a state's log-likelihood of all touches, as they count together.
-    pub nats: f64,
-    /// The same where a pose is found, to the power that it is found to.
-    pose_nats: f64,
-}
-
-impl Bounds {
-    /// By the errors of a cosine with a recorded view and of one between two of them.
-    ///
-    /// The spline's weights sum to at most 1.25 an axis by their sizes. The length is a product of three, each the root
-    /// of a sum of cosines between views with weights of 1.25 squared. Matches are divided by a temperature and
-    /// measured from the best and by their mean; how much error touches share follows from the best, too: 20 shares for
-    /// a cosine of 1, on all that touches can tell.
-    pub fn of(evidence: &Evidence, [cosine, neighbours]: [f64; 2]) -> Self {
-        let config = &evidence.recorded.config;
-        let shortest = shortest(evidence);
-        let value = 1.25_f64.powi(3) * (cosine + 12.0 * U) / shortest;
-        let length = 3.0 * 1.25_f64.powi(2) * (neighbours + 8.0 * U) / (2.0 * shortest * shortest);
-        let between = value + length;
-        let n_counted: f64 = evidence.touches.iter().map(|touch| touch.weight).sum();
-        let agreement = config.blank_agreement;
-        let most_told =
-            (agreement / (1.0 - agreement) / config.outlier_share * evidence.recorded.shows.len() as f64).ln();
-        let of_touch = (between + 2.0 * cosine) / config.temperature + OF_LOGS;
-        let of_joint = evidence.joint.powi(2) * (n_counted - 1.0).max(0.0) * 20.0 * config.shared_error * cosine;
-        let of_power = of_joint * n_counted * most_told;
-        let nats = evidence.joint * n_counted * (of_touch + OF_OUTLIERS) + of_power;
-        let pose_nats = placed::power(evidence) * n_counted * of_touch + of_power;
-        Self { between, nats, pose_nats }
-    }
-
-    /// The error of probabilities, where some of the belief is left out: each state's odds are off by `e^(2 nats)` at
-    /// most, so that no sum of probabilities is off by more than `tanh(nats / 2)`.
-    pub fn share(&self, left_out: f64) -> f64 {
-        0.5 * self.nats + left_out
-    }
-}
-
 /// Where the bounds of this module come from.
-const SOURCE: &str = "rounding of cosines, weights and lengths over the temperature, 2e-3 nats a touch where a match is \
-    taken for an outlier, and what the belief says it left out";
+const SOURCE: &str = "rounding of cosines, weights and lengths by what the log-likelihood is at both ends of a cosine, \
+    2e-3 nats a touch where a match is taken for an outlier, and what the belief says it left out";
 
 /// All default settings, with each of the things that users meet.
 pub fn cases(seed: u64, quick: bool) -> Result<Vec<Case>> {
@@ -82,7 +27,13 @@ pub fn cases(seed: u64, quick: bool) -> Result<Vec<Case>> {
     scenes.push(("a learnt metric", Scene { has_metric: true, ..whole(10) }));
     let missing = (0..6 * GRID.len()).filter(|row| row * 7_919 % 20 == 3).collect();
     scenes.push(("one view in twenty missing", Scene { missing, ..whole(10) }));
-    scenes.push(("no view shows an edge", Scene { edge_shares: vec![0.0; 6 * GRID.len()], ..whole(10) }));
+    scenes.push(("no touch shows an edge", whole(10).with_touches(|touch| touch.edge_share = 0.0)));
+    scenes.push(("touches 100 nats rarer", whole(10).with_touches(|touch| touch.rarity += 100.0)));
+    scenes.push(("touches 100 nats commoner", whole(10).with_touches(|touch| touch.rarity -= 100.0)));
+    let matched = (0..6).map(|part| Spread { mean: 0.96 - 0.01 * f64::from(part), sd: 0.02 }).collect();
+    scenes.push(("a bank that knows its matches", Scene { matched, ..whole(10) }));
+    scenes.push(("no outliers", Scene { outlier_share: 0.0, ..whole(10) }));
+    scenes.push(("Alg. 1 as printed", Scene { temperature: Some(0.08), ..whole(10) }));
     scenes.push(("one part", Scene::draw(1, GRID, 10, seed)));
     let twins = twins(seed);
     scenes.push(("two equal parts", twins.clone()));
@@ -136,24 +87,21 @@ fn compared(variant: &str, scene: &Scene) -> Result<Vec<Case>> {
     let recorded = scene.recorded(&rows);
     let queries = scene.queries()?;
     let touches = scene.felt(&rows, &kept_queries(scene, queries.clone()));
-    let evidence = Evidence::new(&recorded, &touches);
+    let evidence = Evidence::new(&recorded, &touches, cosine_errors(scene, &queries));
     let posterior = evidence.posterior(episode.belief().posterior().grid());
-    let bounds = Bounds::of(&evidence, cosine_errors(scene, &queries));
-    let mut cases = belief_cases(Group::Production, variant, &episode, &posterior, &bounds);
-    cases.extend(pose_cases(variant, &episode, &evidence, &bounds));
+    let mut cases = belief_cases(Group::Production, variant, &episode, &posterior);
+    cases.extend(pose_cases(variant, &episode, &evidence));
     Ok(cases.into_iter().map(|case| case.at(scene.touches.len() as f64)).collect())
 }
 
 /// Class posterior, all states, best state and evidence.
-pub fn belief_cases(
-    group: Group,
-    variant: &str,
-    episode: &Episode,
-    posterior: &Posterior,
-    bounds: &Bounds,
-) -> Vec<Case> {
+///
+/// Each state's odds are off by `e^(2 off)` at most, so that no sum of probabilities is off by more than `tanh(off /
+/// 2)`.
+fn belief_cases(group: Group, variant: &str, episode: &Episode, posterior: &Posterior) -> Vec<Case> {
     let belief = episode.belief();
     let (left_out, n_cells) = (belief.posterior().left_out(), belief.posterior().grid().len());
+    let of_sum = 0.5 * posterior.off + left_out;
     let case = |quantity: &str, expected: &str, error: f64, bound: f64| {
         Case::measured(group, format!("{variant}: {quantity}"), expected, error, bound).by(SOURCE)
     };
@@ -167,15 +115,15 @@ pub fn belief_cases(
         belief.posterior().best(None).map_or(f64::NAN, |state| posterior.logs[state.part * n_cells + state.cell]);
     let of_evidence = (belief.log_evidence() - posterior.log_evidence).abs();
     vec![
-        case("parts", "each part's probability", of_parts, bounds.share(left_out)),
-        case("states", "the total variation of all states", of_states, bounds.share(left_out)),
-        case("best state", "as probable as the best, nats", best - named, 2.0 * bounds.nats),
-        case("evidence", "log p(touches), nats", of_evidence, bounds.nats + left_out / (1.0 - left_out)),
+        case("parts", "each part's probability", of_parts, of_sum),
+        case("states", "the total variation of all states", of_states, of_sum),
+        case("best state", "as probable as the best, nats", best - named, 2.0 * posterior.off),
+        case("evidence", "log p(touches), nats", of_evidence, posterior.off + left_out / (1.0 - left_out)),
     ]
 }
 
 /// The pose of the likeliest part, its covariance and its fit, given the belief, which [`belief_cases`] compares.
-fn pose_cases(variant: &str, episode: &Episode, evidence: &Evidence, bounds: &Bounds) -> Vec<Case> {
+fn pose_cases(variant: &str, episode: &Episode, evidence: &Evidence) -> Vec<Case> {
     let (estimate, belief) = (episode.estimate(), episode.belief());
     let (of_parts, states) = (belief.posterior().by_part(), belief.posterior().grid());
     let part = (0..of_parts.len()).fold(0, |best, part| if of_parts[part] > of_parts[best] { part } else { best });
@@ -198,19 +146,17 @@ fn pose_cases(variant: &str, episode: &Episode, evidence: &Evidence, bounds: &Bo
     let pose = &estimate.part_from_first;
     let shift = (pose.x_mm - x).hypot(pose.y_mm - y);
     let deviation = xx.max(yy).sqrt();
+    let pose_off = placed::off(evidence);
     let in_turn = "five lattices in turn, each off by what its weights are and what the one before moved it";
-    let of_pose = case("pose", "the mean of the hill, mm", shift, 20.0 * bounds.pose_nats * deviation + 1e-9);
+    let of_pose = case("pose", "the mean of the hill, mm", shift, 20.0 * pose_off * deviation + 1e-9);
     let of_spread = "of x, y and the angle, by the standard deviations";
     let mut cases = vec![
         of_pose.by(in_turn),
-        case("covariance", of_spread, covariance, 2.0 * placed::OF_COVARIANCE * bounds.pose_nats + 1e-9)
+        case("covariance", of_spread, covariance, 2.0 * placed::OF_COVARIANCE * pose_off + 1e-9)
             .by("twice what a weight is off, by the power that it is of"),
     ];
-    if let (Some(got), Some(expected)) = (estimate.fit, evidence.fit(part, pose)) {
-        let config = &evidence.recorded.config;
-        let of_mean = (config.matched_shared + (1.0 - config.matched_shared) / estimate.n_fitted as f64).sqrt();
-        let bound = bounds.between / config.matched_sd.hypot(OTHER_PARTS) / of_mean + 1e-9;
-        let case = case("fit", "at the same pose, standard deviations", (got - expected).abs(), bound);
+    if let (Some(got), Some([expected, off])) = (estimate.fit, evidence.fit(part, pose)) {
+        let case = case("fit", "at the same pose, standard deviations", (got - expected).abs(), off + 1e-9);
         cases.push(case.by("a cosine between views over the standard deviation of a match"));
     }
     cases
@@ -280,11 +226,10 @@ pub fn precisions(seed: u64) -> Result<Vec<Case>> {
         for (kind, rows, queries, errors) in kinds.into_iter().take(if precision == Precision::F32 { 1 } else { 2 }) {
             let recorded = scene.recorded(rows);
             let touches = scene.felt(rows, queries);
-            let evidence = Evidence::new(&recorded, &touches);
+            let evidence = Evidence::new(&recorded, &touches, errors);
             let posterior = evidence.posterior(episode.belief().posterior().grid());
-            let bounds = Bounds::of(&evidence, errors);
             let variant = format!("{precision}, {kind}");
-            cases.extend(belief_cases(Group::Precision, &variant, &episode, &posterior, &bounds));
+            cases.extend(belief_cases(Group::Precision, &variant, &episode, &posterior));
         }
     }
     Ok(cases)
@@ -308,7 +253,7 @@ mod tests {
     use tactile_filter::TouchModel;
     use tactile_filter::likelihood::interpolation::Interpolation;
 
-    /// The bounds are no wider than what they are to find: another likelihood, even by a twentieth of the temperature,
+    /// The bounds are no wider than what they are to find: another likelihood, even by a twentieth of the steepness,
     /// is outside them.
     #[test]
     fn a_filter_that_does_otherwise_is_outside_the_bounds() {
@@ -317,17 +262,17 @@ mod tests {
         let rows = bank.rows().to_f32();
         let recorded = scene.recorded(&rows);
         let queries = scene.queries().unwrap();
-        let evidence = Evidence::new(&recorded, &scene.felt(&rows, &queries));
-        let bounds = Bounds::of(&evidence, cosine_errors(&scene, &queries));
+        let evidence = Evidence::new(&recorded, &scene.felt(&rows, &queries), cosine_errors(&scene, &queries));
         let held = |change: &dyn Fn(&mut TouchModel)| {
             let config = scene.config().changed(|_, model, _| change(model));
             let episode = scene.episode(&bank, config).unwrap();
             let posterior = evidence.posterior(episode.belief().posterior().grid());
-            let cases = belief_cases(Group::Production, "", &episode, &posterior, &bounds);
+            let cases = belief_cases(Group::Production, "", &episode, &posterior);
             cases.into_iter().find(|case| case.variant.ends_with("states")).unwrap().holds
         };
         assert!(held(&|_| ()));
-        assert!(!held(&|model| model.temperature *= 1.05));
+        assert!(!held(&|model| model.steepness *= 1.05));
+        assert!(!held(&|model| model.own_distance *= 1.1));
         assert!(!held(&|model| model.interpolation = Interpolation::Nearest));
         assert!(!held(&|model| model.shared_error = 0.1));
     }

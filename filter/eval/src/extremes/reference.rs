@@ -8,16 +8,28 @@ use tactile_data::se2::Se2;
 
 use tactile_filter::TouchModel;
 
+/// Half a unit in the last place of f32, of 1.
+pub const U: f64 = 1.0 / (1 << 24) as f64;
+
+/// The largest error of a cosine of unit vectors of 128 f32s, by Higham's bound (n + 1) u for a sum of n roundings: 8
+/// in a lane, 16 over the lanes, and 6 for length, scale and difference.
+pub const OF_COSINE: f64 = 30.0 * U;
+
+/// The filter finds ln(1 + e^z) of one state from a table, to within this.
+const OF_TABLE: f64 = 4e-10;
+
 /// A touch as the reference sees it.
 pub struct Touch {
     /// The sensor's motion since the touch before.
     pub moved: Se2,
     /// Share of the view that shows an edge.
     pub edge_share: f32,
+    /// How rare it is in the world, nats.
+    pub rarity: f32,
     /// The cosine with each row of the bank, `[n_rows]`.
     pub cosines: Vec<f64>,
-    /// The same without the bank's metric; `None` where it has none.
-    pub plain: Option<Vec<f64>>,
+    /// Without the bank's metric, that with the recorded row of the largest of them; -1 where none was recorded.
+    pub best: f64,
 }
 
 /// A pose as a matrix: position in mm, and cosine and sine of its angle.
@@ -86,39 +98,149 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
     places.iter().flat_map(|x| places.iter().flat_map(|y| at(x, y)).collect::<Vec<_>>()).collect()
 }
 
-/// The probability of each state's log, `[n_states]`, normalised: of every part at every pose of the first touch.
+/// The log-likelihood of one touch at a view by their cosine, against that of a touch of anything in the world.
+pub enum Likelihood {
+    /// `ln((1 - outliers) e^z + outliers)` with `z = at_own - steepness (distance - own)`.
+    Odds {
+        /// Of a view as far from the touch as touches are from their own.
+        at_own: f64,
+        /// What a distance of 1 costs, nats.
+        steepness: f64,
+        /// How far touches are from their own views.
+        own: f64,
+        /// Share of the touches that are of something else.
+        outliers: f64,
+    },
+    /// Alg. 1 as printed: the cosine over a temperature, by the mean of its power over all recorded views.
+    Paper {
+        /// tau.
+        temperature: f64,
+        /// The cosine of which the power is the mean.
+        average: f64,
+    },
+}
+
+impl Likelihood {
+    /// `is_recorded`: whether each row was, `[n_rows]`. `own`: how far the bank's touches are from their own views.
+    pub fn of(touch: &Touch, is_recorded: &[bool], config: &TouchModel, own: f64) -> Self {
+        let Some(temperature) = config.temperature else {
+            let log_edge = ((f64::from(touch.edge_share) + 0.003) / 0.05).ln();
+            return Self::Odds {
+                at_own: config.match_offset + f64::from(touch.rarity),
+                steepness: config.steepness * (config.steepness_by_edge * log_edge).exp(),
+                own,
+                outliers: config.outlier_share,
+            };
+        };
+        let known = || touch.cosines.iter().zip(is_recorded).filter(|(_, is_recorded)| **is_recorded);
+        let best = known().map(|(cosine, _)| *cosine).fold(-1.0, f64::max);
+        let powers: Vec<f64> = known().map(|(cosine, _)| ((cosine - best) / temperature).exp()).collect();
+        let mean = if powers.is_empty() { 1.0 } else { powers.iter().sum::<f64>() / powers.len() as f64 };
+        Self::Paper { temperature, average: best + temperature * mean.ln() }
+    }
+
+    /// At a view of this cosine, which may be out of -1..=1 by an error.
+    pub fn log(&self, cosine: f64) -> f64 {
+        match self {
+            Self::Odds { at_own, steepness, own, outliers } => {
+                let distance = (2.0 - 2.0 * cosine).max(0.0).sqrt();
+                log_sum((1.0 - outliers).ln() + at_own - steepness * (distance - own), outliers.ln())
+            }
+            Self::Paper { temperature, average } => (cosine - average) / temperature,
+        }
+    }
+
+    /// How far the filter's may be off there where its cosine is, by `error`. The log falls with the distance, so
+    /// that it is between those at both ends of what the cosine may be: its derivative by the cosine is `steepness /
+    /// distance`, and at a distance of 0 an error `u` is a distance of `sqrt(2 u)`.
+    pub fn off(&self, cosine: f64, error: f64) -> f64 {
+        let log = self.log(cosine);
+        let of_cosine = (self.log(cosine + error) - log).max(log - self.log(cosine - error));
+        let of_mean = match self {
+            // No mean of powers is off by more than the largest.
+            Self::Paper { temperature, .. } => error / temperature,
+            Self::Odds { outliers, .. } => {
+                if *outliers > 0.0 {
+                    OF_TABLE
+                } else {
+                    0.0
+                }
+            }
+        };
+        // A few roundings of numbers as large as any that is added.
+        of_cosine + of_mean + 16.0 * f64::EPSILON * self.size()
+    }
+
+    /// The sum of the sizes of all that a log is added up from.
+    pub fn size(&self) -> f64 {
+        match self {
+            Self::Odds { at_own, steepness, own, outliers } => {
+                let log_outliers = if *outliers > 0.0 { outliers.ln() } else { 0.0 };
+                at_own.abs() + steepness * (2.0 + own) - (1.0 - outliers).ln() - log_outliers
+            }
+            Self::Paper { temperature, average } => (1.0 + average.abs()) / temperature,
+        }
+    }
+}
+
+/// The log of each state's probability, `[n_states]`, and how far the filter's may be off, nats.
+pub struct Expected {
+    /// Of every part at every pose of the first touch; the sum of the powers is 1.
+    pub logs: Vec<f64>,
+    /// Of each, at most.
+    pub off: f64,
+}
+
+impl Expected {
+    /// How far a probability may be off, relative to it.
+    pub fn relative(&self) -> f64 {
+        self.off.exp_m1() + 1e-11
+    }
+}
+
+/// What should be believed of a bank all of whose views were recorded, and which knows no matches; the view at a pose
+/// is that of the nearest recorded one. `error`: how far a cosine may be off.
 ///
-/// The view at a pose is that of the nearest recorded one.
-pub fn log_posterior(grid: &PoseGrid, edge_shares: &[f32], touches: &[Touch], config: &TouchModel) -> Vec<f64> {
+/// A state's probability is its likelihood over the sum of all: either is off as the logs of the touches are. The
+/// power by which touches count together follows from the best cosines ([`error_of_power`]) and moves a probability
+/// by that times what touches tell between two states.
+pub fn expected(grid: &PoseGrid, touches: &[Touch], config: &TouchModel, error: f64) -> Expected {
     let recorded = poses(grid);
-    let shows: Vec<Option<bool>> = edge_shares.iter().map(|share| Some(*share >= config.blank_share)).collect();
-    let mut logs = vec![0.0; edge_shares.len()];
-    let (mut first_from_sensor, mut n_touches, mut bests): (Vec<Pose>, f64, Vec<f64>) = (Vec::new(), 0.0, Vec::new());
+    let n_rows = touches.first().map_or(0, |touch| touch.cosines.len());
+    let (mut logs, mut offs, is_recorded) = (vec![0.0; n_rows], vec![0.0; n_rows], vec![true; n_rows]);
+    let (mut first_from_sensor, mut n_touches): (Vec<Pose>, f64) = (Vec::new(), 0.0);
     for touch in touches {
         let moved = Pose::of(&touch.moved);
         let now = first_from_sensor.last().map_or(Pose::from_degrees(0.0, 0.0, 0.0), |before| before.then(&moved));
-        let weight = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
-        n_touches += if is_far(&now, config, grid) { 0.0 } else { weight };
+        let new = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
+        let weight = if is_far(&now, config, grid) { 0.0 } else { new };
+        n_touches += weight;
         first_from_sensor.push(now);
-        let Logs { of_row, unknown, best, .. } = Logs::of(&shows, grid, touch, config, None);
-        bests.extend(best);
+        let likelihood = Likelihood::of(touch, &is_recorded, config, config.own_distance);
         for (cell, first) in recorded.iter().enumerate() {
-            let pose = first.then(&now);
-            let Some((seen, trust)) = nearest(grid, &recorded, &pose, config.nearest_tolerance) else {
-                logs.iter_mut().skip(cell).step_by(recorded.len()).for_each(|log| *log += unknown);
-                continue;
-            };
-            for (part, log) in logs.iter_mut().skip(cell).step_by(recorded.len()).enumerate() {
-                let row = of_row[part * recorded.len() + seen];
-                let mixed = log_sum(trust.ln() + row, (1.0 - trust).ln() + unknown);
-                *log += unknown + weight * (mixed - unknown);
+            // What nobody recorded is of the world, at 0.
+            let seen = nearest(grid, &recorded, &first.then(&now), config.nearest_tolerance);
+            let Some((seen, trust)) = seen else { continue };
+            for state in (cell..n_rows).step_by(recorded.len()) {
+                let cosine = touch.cosines[state - cell + seen];
+                logs[state] += weight * log_sum(trust.ln() + likelihood.log(cosine), (1.0 - trust).ln());
+                offs[state] += weight * likelihood.off(cosine, error) + f64::EPSILON * f64::abs(logs[state]);
             }
         }
     }
+    let bests = bests(touches, config);
     let joint = joint(n_touches, &bests, config);
+    let [least, most] = [f64::min, f64::max].map(|which| logs.iter().copied().fold(logs[0], which));
+    let off = 2.0 * joint * offs.iter().copied().fold(0.0, f64::max)
+        + error_of_power(joint, n_touches, config, 2.0 * error + U) * (most - least);
     logs.iter_mut().for_each(|log| *log *= joint);
     normalise(&mut logs);
-    logs
+    Expected { logs, off }
+}
+
+/// The best cosines of the touches that show an edge.
+pub fn bests(touches: &[Touch], config: &TouchModel) -> Vec<f64> {
+    touches.iter().filter(|touch| touch.edge_share >= config.blank_share).map(|touch| touch.best).collect()
 }
 
 /// Whether no recorded view is near, wherever the first touch was: the touch does not count.
@@ -133,20 +255,16 @@ pub fn joint(n_touches: f64, bests: &[f64], config: &TouchModel) -> f64 {
     (1.0 + (config.shared_error * (1.0 + 5.0 * doubt(bests))).min(1.0) * (n_touches - 1.0).max(0.0)).recip()
 }
 
+/// How far [`joint`] may be off where the best cosines are, by `error`: it falls by five shares of error for each
+/// 0.22 that they fall.
+pub fn error_of_power(joint: f64, n_touches: f64, config: &TouchModel, error: f64) -> f64 {
+    joint * joint * (n_touches - 1.0).max(0.0) * config.shared_error * 5.0 / 0.22 * error
+}
+
 /// How far the best cosines of the edged touches say that the network does not know what it is shown, 0..=1.
 pub fn doubt(bests: &[f64]) -> f64 {
     let mean = bests.iter().sum::<f64>() / bests.len() as f64;
     if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.22).clamp(0.0, 1.0) }
-}
-
-/// The probability that a view beyond the grid is blank: as its recorded border, at least a half.
-pub fn beyond_is_blank(shows: &[Option<bool>], grid: &PoseGrid, config: &TouchModel) -> f64 {
-    let poses = poses(grid);
-    let is_border = |pose: &Pose| (pose.x.abs().max(pose.y.abs()) - grid.xy_half_mm).abs() < 1e-9;
-    let border = shows.chunks_exact(poses.len()).flat_map(|of_part| of_part.iter().zip(&poses));
-    let border: Vec<bool> = border.filter(|(_, pose)| is_border(pose)).filter_map(|(is_edged, _)| *is_edged).collect();
-    let n_blank = border.iter().filter(|is_edged| !**is_edged).count();
-    (n_blank as f64 / (border.len() as f64).max(1.0)).min(config.blank_agreement).max(0.5)
 }
 
 /// Makes exp of the logs sum to 1.
@@ -154,72 +272,6 @@ pub fn normalise(logs: &mut [f64]) {
     let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = logs.iter().map(|log| (log - largest).exp()).sum();
     logs.iter_mut().for_each(|log| *log -= largest + sum.ln());
-}
-
-/// The log-likelihoods of a touch.
-pub struct Logs {
-    /// At each row: agreement about blankness, and among edged views the match relative to its mean; unknown where the
-    /// row was not recorded.
-    pub of_row: Vec<f64>,
-    /// Where the view is unknown: blank or not, and if not as an average row or as one of a given cosine.
-    pub unknown: f64,
-    /// The plain cosine with the edged row that is most like it, of a touch that shows an edge.
-    pub best: Option<f64>,
-    /// The cosine from which matches are measured.
-    pub reference: f64,
-    /// The log of the mean match.
-    pub log_mean: f64,
-}
-
-impl Logs {
-    /// `shows`: whether each row shows an edge, `[n_rows]`; `None` where it was not recorded.
-    pub fn of(
-        shows: &[Option<bool>],
-        grid: &PoseGrid,
-        touch: &Touch,
-        config: &TouchModel,
-        unknown: Option<f64>,
-    ) -> Self {
-        let is_edged = touch.edge_share >= config.blank_share;
-        let edged: Vec<f64> =
-            shows.iter().zip(&touch.cosines).filter(|(shows, _)| **shows == Some(true)).map(|(_, cos)| *cos).collect();
-        let best = edged.iter().copied().fold(-1.0, f64::max);
-        // Cosines are in f32.
-        let unknown = unknown.map(|cosine| f64::from(cosine as f32));
-        let reference = unknown.map_or(best, |unknown| unknown.max(best));
-        // No cosine is above the reference: the plain mean is safe. An unknown view is one more.
-        let alike = edged.into_iter().chain(unknown);
-        let powers: Vec<f64> = alike.map(|cosine| ((cosine - reference) / config.temperature).exp()).collect();
-        let log_mean = (powers.iter().sum::<f64>() / powers.len() as f64).ln();
-        let beyond_is_blank = beyond_is_blank(shows, grid, config);
-        let plain = touch.plain.as_ref().unwrap_or(&touch.cosines);
-        let is_best = |row: &usize| shows[*row] == Some(true) && touch.cosines[*row] == best;
-        let best = is_edged.then(|| (0..shows.len()).find(is_best).map_or(-1.0, |row| plain[row]));
-        let mut logs = Self { of_row: Vec::new(), unknown: 0.0, best, reference, log_mean };
-        logs.unknown = match is_edged {
-            false => beyond_is_blank.ln(),
-            // Four in five as an average row.
-            true => {
-                let likely = unknown.map_or(0.0, |one| (0.8 + 0.2 * logs.of_match(one, config).exp()).ln());
-                (1.0 - beyond_is_blank).ln() + likely
-            }
-        };
-        let agreement = config.blank_agreement;
-        let of_row = |(shows, cosine): (&Option<bool>, &f64)| match (shows, is_edged) {
-            (None, _) => logs.unknown,
-            (Some(true), true) => agreement.ln() + logs.of_match(*cosine, config),
-            (Some(false), false) => agreement.ln(),
-            _ => (1.0 - agreement).ln(),
-        };
-        logs.of_row = shows.iter().zip(&touch.cosines).map(of_row).collect();
-        logs
-    }
-
-    /// The log-likelihood of an edged touch at an edged view of this cosine, but for their agreement.
-    pub fn of_match(&self, cosine: f64, config: &TouchModel) -> f64 {
-        let share = config.outlier_share;
-        log_sum((1.0 - share).ln() + (cosine - self.reference) / config.temperature - self.log_mean, share.ln())
-    }
 }
 
 /// log(exp(a) + exp(b)), either of them -inf.
@@ -261,14 +313,28 @@ mod tests {
 
     #[test]
     fn two_parts_and_one_touch_by_hand() {
-        let config = TouchModel { temperature: 0.1, outlier_share: 0.01, ..TouchModel::default() };
-        let touch = Touch { moved: Se2::IDENTITY, edge_share: 0.2, cosines: vec![1.0, 0.8], plain: None };
-        let logs = log_posterior(&ONE_POSE, &[0.2, 0.2], &[touch], &config);
-        let (best, other) = (1.0, (-2.0_f64).exp());
-        let look = |alike: f64| 0.99 * alike / ((best + other) / 2.0) + 0.01;
-        let odds = look(best) / look(other);
-        assert!((logs[0] - logs[1] - odds.ln()).abs() < 1e-12);
+        let config = TouchModel { match_offset: 1.0, steepness: 2.0, outlier_share: 0.01, ..TouchModel::default() };
+        let config = TouchModel { steepness_by_edge: 0.5, own_distance: 0.3, ..config };
+        let (moved, cosines) = (Se2::IDENTITY, vec![1.0, 0.5]);
+        let touch = Touch { moved, edge_share: 0.197, rarity: 0.25, cosines, best: 1.0 };
+        let Expected { logs, .. } = expected(&ONE_POSE, &[touch], &config, 0.0);
+        // Four times the usual share: twice as steep. Distances of 0 and 1.
+        let likely = |distance: f64| 0.99 * (1.25 - 4.0 * (distance - 0.3)).exp() + 0.01;
+        // The share of edge is f32.
+        assert!((logs[0] - logs[1] - (likely(0.0) / likely(1.0)).ln()).abs() < 1e-6);
         assert!((logs[0].exp() + logs[1].exp() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_error_of_a_cosine_counts_by_steepness_over_distance_and_by_its_root_at_no_distance() {
+        let odds = Likelihood::Odds { at_own: 1.0, steepness: 20.0, own: 0.4, outliers: 0.0 };
+        assert!((odds.off(0.5, 1e-6) / (20.0 * 1e-6) - 1.0).abs() < 1e-3);
+        assert!((odds.off(1.0, 1e-6) / (20.0 * 2e-6_f64.sqrt()) - 1.0).abs() < 1e-3);
+        // Of an outlier next to nothing.
+        let outlier = Likelihood::Odds { at_own: -50.0, steepness: 20.0, own: 0.4, outliers: 0.01 };
+        assert!(outlier.off(0.5, 1e-6) < 2.0 * OF_TABLE);
+        let paper = Likelihood::Paper { temperature: 0.1, average: 0.3 };
+        assert!((paper.off(0.5, 1e-6) / 2e-5 - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use tactile_infer::Bank;
 use tactile_infer::rows::Rows;
 use tactile_infer::similarity::normalize_rows;
 
-use super::reference::{Touch, cosines, log_posterior};
+use super::reference::{Expected, Touch, cosines, expected};
 use crate::error::Result;
 use tactile_filter::Observation;
 use tactile_filter::TouchModel;
@@ -19,8 +19,14 @@ use tactile_filter::likelihood::TouchLikelihood;
 /// common to all, so that two rows have a cosine of about 0.5.
 const NOISE: f32 = 0.6;
 
-/// One cell in so many is blank, the same on each part: only matches separate parts, at any temperature.
+/// The distance of a touch from its row.
+const OWN_DISTANCE: f64 = 0.53;
+
+/// One cell in so many is blank, the same on each part.
 const BLANK_EVERY: usize = 9;
+
+/// How rare touches are, nats, a standard deviation.
+const RARITY: f32 = 2.0;
 
 /// Rows of a bank, and what was felt of the hole of part [`Sample::TRUTH`].
 #[derive(Clone, Debug)]
@@ -42,6 +48,11 @@ pub struct Sample {
 impl Sample {
     /// The true part.
     pub const TRUTH: usize = 0;
+
+    /// The defaults, but for how far touches are from their rows.
+    pub fn model() -> TouchModel {
+        TouchModel { own_distance: OWN_DISTANCE, ..TouchModel::default() }
+    }
 
     /// Random rows; the touches are within a tenth of a step of recorded poses of the true part, the first at one.
     pub fn draw(n_parts: usize, grid: PoseGrid, dim: usize, n_touches: usize, seed: u64) -> Self {
@@ -83,7 +94,9 @@ impl Sample {
             let noise = normals(dim, &mut rng);
             let felt = sample.rows[row * dim..(row + 1) * dim].iter().zip(noise);
             let query = felt.map(|(value, noise)| value + spread * noise).collect();
-            sample.touches.push((*moved, Observation::new(query, sample.edge_shares[row])));
+            let rarity = RARITY * normals(1, &mut rng)[0];
+            let observation = Observation { rarity, ..Observation::new(query, sample.edge_shares[row]) };
+            sample.touches.push((*moved, observation));
         }
         sample
     }
@@ -115,16 +128,15 @@ impl Sample {
         Ok(belief)
     }
 
-    /// What it should believe: each state's log-probability.
-    pub fn reference(&self, config: &TouchModel) -> Vec<f64> {
-        let touch = |(moved, seen): &(Se2, Observation)| Touch {
-            moved: *moved,
-            edge_share: seen.edge_share,
-            cosines: cosines(&self.rows, &seen.query),
-            plain: None,
+    /// What it should believe, where a cosine may be off by an error.
+    pub fn expected(&self, config: &TouchModel, error: f64) -> Expected {
+        let touch = |(moved, seen): &(Se2, Observation)| {
+            let cosines = cosines(&self.rows, &seen.query);
+            let best = cosines.iter().copied().fold(-1.0, f64::max);
+            Touch { moved: *moved, edge_share: seen.edge_share, rarity: seen.rarity, cosines, best }
         };
         let touches: Vec<Touch> = self.touches.iter().map(touch).collect();
-        log_posterior(&self.grid, &self.edge_shares, &touches, config)
+        expected(&self.grid, &touches, config, error)
     }
 }
 

@@ -11,13 +11,15 @@ use tactile_data::touch::Side;
 use tactile_filter::TouchModel;
 use tactile_filter::{Episode, EpisodeConfig, Observation};
 use tactile_infer::Bank;
+use tactile_infer::calibration::Spread;
+use tactile_infer::matches::{Matches, PartMatch};
 use tactile_infer::metric::{Measured, Metric};
 use tactile_infer::precision::Precision;
 use tactile_infer::rows::Rows;
 use tactile_infer::similarity::normalize_rows;
 
-use super::between::{Evidence, Place, Recorded};
-use super::reference::{Pose, Touch};
+use super::between::Recorded;
+use super::reference::Touch;
 use super::sample::normals;
 use crate::error::Result;
 
@@ -40,20 +42,16 @@ const APART: f64 = 0.4;
 /// Length of the noise on a touch, whose view has length 1.
 const NOISE: f64 = 0.4;
 
-/// The likelihood of the shipped model, calibrated where holes are touched and where pegs are.
+/// How rare touches are, nats, a standard deviation.
+const RARITY: f32 = 2.0;
+
+/// What a calibration measured of the shipped model where holes are touched and where pegs are.
 pub fn shipped(side: Side) -> TouchModel {
-    let [temperature, unknown, matched_mean, matched_sd, matched_shared] = match side {
-        Side::Hole => [0.023_207_944_168, 0.714_249_079, 0.907_186_679, 0.038_587_579_98, 0.190_727_7],
-        Side::Peg => [0.021_335_590_247, 0.786_556_07, 0.973_573_490_77, 0.015_544_131_685, 0.169_418_03],
+    let [matched_mean, matched_sd, matched_shared] = match side {
+        Side::Hole => [0.907_186_679, 0.038_587_579_98, 0.190_727_7],
+        Side::Peg => [0.973_573_490_77, 0.015_544_131_685, 0.169_418_03],
     };
-    TouchModel {
-        temperature,
-        unknown_similarity: Some(unknown),
-        matched_mean,
-        matched_sd,
-        matched_shared,
-        ..TouchModel::default()
-    }
+    TouchModel { matched_mean, matched_sd, matched_shared, ..TouchModel::default() }
 }
 
 /// A bank and the touches of a hole or of a peg of part [`Scene::TRUTH`].
@@ -71,6 +69,12 @@ pub struct Scene {
     pub has_metric: bool,
     /// How the rows are kept.
     pub precision: Precision,
+    /// How well the touches of each part match, as the bank knows it; empty where it does not.
+    pub matched: Vec<Spread>,
+    /// That of Alg. 1, where it is judged by that.
+    pub temperature: Option<f64>,
+    /// Share of the touches that are of something else.
+    pub outlier_share: f64,
     /// Which side is touched.
     pub side: Side,
     /// Each with the motion since the one before.
@@ -149,11 +153,34 @@ impl Scene {
             let felt = waves.view(Self::TRUTH, pose).into_iter().zip(normals(DIM, &mut rng));
             let query = felt.map(|(value, noise)| value + spread * noise).collect();
             let moved = last.replace(*pose).map_or(Se2::IDENTITY, |last| last.inverse() * *pose);
-            touches.push((moved, Observation::new(query, edge_share(Self::TRUTH, pose))));
+            let rarity = RARITY * normals(1, &mut rng)[0];
+            let observation = Observation { rarity, ..Observation::new(query, edge_share(Self::TRUTH, pose)) };
+            touches.push((moved, observation));
         }
-        let (missing, has_metric, precision, side) = (Vec::new(), false, Precision::I8, Side::Hole);
+        let (missing, matched) = (Vec::new(), Vec::new());
+        let TouchModel { temperature, outlier_share, .. } = TouchModel::default();
+        let (has_metric, precision, side) = (false, Precision::I8, Side::Hole);
         let part_from_sensor = last.unwrap_or(Se2::IDENTITY);
-        Self { grid, rows, edge_shares, missing, has_metric, precision, side, touches, part_from_sensor }
+        Self {
+            grid,
+            rows,
+            edge_shares,
+            missing,
+            has_metric,
+            precision,
+            matched,
+            temperature,
+            outlier_share,
+            side,
+            touches,
+            part_from_sensor,
+        }
+    }
+
+    /// The same with its touches changed.
+    pub fn with_touches(mut self, change: impl Fn(&mut Observation)) -> Self {
+        self.touches.iter_mut().for_each(|(_, observation)| change(observation));
+        self
     }
 
     /// Number of parts.
@@ -179,12 +206,20 @@ impl Scene {
         let rows = Rows::new(DIM, self.rows.clone())?;
         let bank = Bank::from_rows(names, self.grid, rows, self.edge_shares.clone(), "")?;
         let bank = if self.has_metric { bank.with_metric(Self::metric()?)? } else { bank };
-        Ok(bank.with_missing(self.missing.clone())?.with_precision(self.precision)?)
+        let known: Vec<_> = self.matched.iter().map(|matched| Some(PartMatch { matched: *matched })).collect();
+        let known = if known.is_empty() { vec![None; self.n_parts()] } else { known };
+        let matches = Matches { holes: known.clone(), pegs: known };
+        Ok(bank.with_missing(self.missing.clone())?.with_precision(self.precision)?.with_matches(matches)?)
+    }
+
+    fn model(&self) -> TouchModel {
+        let Self { temperature, outlier_share, .. } = *self;
+        TouchModel { temperature, outlier_share, ..shipped(self.side) }
     }
 
     /// The settings of an episode: all defaults but what the shipped model's calibration says.
     pub fn config(&self) -> EpisodeConfig {
-        EpisodeConfig::default().changed(|_, model, _| *model = shipped(self.side))
+        EpisodeConfig::default().changed(|_, model, _| *model = self.model())
     }
 
     /// An episode with all its touches, as a robot's program would run it.
@@ -197,31 +232,25 @@ impl Scene {
         Ok(episode)
     }
 
-    /// The likelihood in the bank's metric: numbers calibrated by the cosine are scaled by the root of how much less
-    /// touches are off, and the temperature is half way, by its logarithm, to the bank's own.
+    /// The settings in the bank's metric: numbers calibrated by the cosine are scaled by the root of how much less
+    /// touches are off.
     fn likelihood(&self) -> TouchModel {
-        let shipped = shipped(self.side);
+        let plain = self.model();
         if !self.has_metric {
-            return shipped;
+            return plain;
         }
-        let (scale, own) = (0.64_f64.sqrt(), 0.02);
-        let scaled = |cosine: f64| 1.0 - scale * (1.0 - cosine);
-        TouchModel {
-            temperature: (own * scale * shipped.temperature).sqrt(),
-            unknown_similarity: shipped.unknown_similarity.map(scaled),
-            matched_mean: scaled(shipped.matched_mean),
-            matched_sd: scale * shipped.matched_sd,
-            ..shipped
-        }
+        let scale = 0.64_f64.sqrt();
+        let (matched_mean, matched_sd) = (1.0 - scale * (1.0 - plain.matched_mean), scale * plain.matched_sd);
+        TouchModel { matched_mean, matched_sd, ..plain }
     }
 
     /// The recorded views as f64 has them: `rows` are the bank's as kept, or before they were rounded.
     pub fn recorded(&self, rows: &[f32]) -> Recorded {
-        let likelihood = self.likelihood();
-        let mut shows: Vec<Option<bool>> =
-            self.edge_shares.iter().map(|share| Some(*share >= likelihood.blank_share)).collect();
-        self.missing.iter().for_each(|row| shows[*row] = None);
-        Recorded::new(self.grid, rows, DIM, shows, likelihood)
+        let mut is_recorded = vec![true; self.edge_shares.len()];
+        self.missing.iter().for_each(|row| is_recorded[*row] = false);
+        let mut recorded = Recorded::new(self.grid, rows, DIM, is_recorded, self.likelihood());
+        recorded.matched.clone_from(&self.matched);
+        recorded
     }
 
     /// The rows before they were rounded, in the bank's metric.
@@ -250,49 +279,35 @@ impl Scene {
         let touch = |((moved, observation), query): (&(Se2, Observation), &Vec<f64>)| {
             let length = query.iter().map(|value| value * value).sum::<f64>().sqrt();
             let inner = |row: &[f32]| row.iter().zip(query).map(|(a, b)| f64::from(*a) * b).sum::<f64>();
-            let cosines = rows.chunks_exact(DIM).map(|row| (inner(row) / length).clamp(-1.0, 1.0)).collect();
-            let plain = self.has_metric.then(|| plain_cosines(rows, &observation.query));
-            Touch { moved: *moved, edge_share: observation.edge_share, cosines, plain }
+            let cosines: Vec<f64> = rows.chunks_exact(DIM).map(|row| (inner(row) / length).clamp(-1.0, 1.0)).collect();
+            let known = (0..cosines.len()).filter(|row| !self.missing.contains(row));
+            let best = known.max_by(|a, b| cosines[*a].total_cmp(&cosines[*b]));
+            let plain = |row: usize| self.plain_cosine(&rows[row * DIM..(row + 1) * DIM], &observation.query);
+            let &Observation { edge_share, rarity, .. } = observation;
+            Touch { moved: *moved, edge_share, rarity, cosines, best: best.map_or(-1.0, plain) }
         };
         self.touches.iter().zip(queries).map(touch).collect()
     }
-}
 
-/// The cosines of a query with rows that are in the metric, as they were before: the metric's lower triangle solved for
-/// them.
-fn plain_cosines(rows: &[f32], query: &[f32]) -> Vec<f64> {
-    let metric = Scene::metric().map(|metric| metric.matrix().iter().map(|v| f64::from(*v)).collect::<Vec<f64>>());
-    let metric = metric.unwrap_or_default();
-    let before = |row: &[f32]| {
-        let mut found = Vec::with_capacity(DIM);
-        for (line, value) in metric.chunks_exact(DIM).zip(row) {
-            let known: f64 = line.iter().zip(&found).map(|(a, b)| a * b).sum();
-            let next = (f64::from(*value) - known) / line[found.len()];
-            found.push(next);
-        }
-        found
-    };
-    let query: Vec<f64> = query.iter().map(|value| f64::from(*value)).collect();
-    let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let cosine = |row: Vec<f64>| inner(&row, &query) / (inner(&row, &row) * inner(&query, &query)).sqrt();
-    rows.chunks_exact(DIM).map(|row| cosine(before(row)).clamp(-1.0, 1.0)).collect()
-}
-
-/// The shortest interpolated embedding on the way between recorded views of a part: what a cosine's error is divided
-/// by.
-pub fn shortest(evidence: &Evidence) -> f64 {
-    let grid = evidence.recorded.grid;
-    let half = [0.5 * grid.xy_step_mm, 0.5 * grid.theta_step_deg];
-    let between = |cell: usize| {
-        let pose = grid.pose(cell);
-        let (x, y, theta) =
-            (pose.x_mm - half[0] * 0.999, pose.y_mm - half[0] * 0.999, pose.theta_deg() - half[1] * 0.999);
-        Place::of_pose(&grid, &Pose::from_degrees(x, y, theta), &Se2::from_degrees(x, y, theta))
-    };
-    let lengths = (0..grid.len()).map(between).flat_map(|at| {
-        (0..evidence.recorded.n_parts).map(move |part| evidence.recorded.length(part, &at)).collect::<Vec<f64>>()
-    });
-    lengths.fold(1.0, f64::min)
+    /// The cosine of a query with a row that is in the metric, as it was before: the metric's lower triangle solved
+    /// for it.
+    fn plain_cosine(&self, row: &[f32], query: &[f32]) -> f64 {
+        let metric = if self.has_metric { Self::metric().ok() } else { None };
+        let before: Vec<f64> = match metric {
+            None => row.iter().map(|value| f64::from(*value)).collect(),
+            Some(metric) => {
+                let mut found: Vec<f64> = Vec::with_capacity(DIM);
+                for (line, value) in metric.matrix().chunks_exact(DIM).zip(row) {
+                    let known: f64 = line.iter().zip(&found).map(|(a, b)| f64::from(*a) * b).sum();
+                    found.push((f64::from(*value) - known) / f64::from(line[found.len()]));
+                }
+                found
+            }
+        };
+        let query: Vec<f64> = query.iter().map(|value| f64::from(*value)).collect();
+        let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        (inner(&before, &query) / (inner(&before, &before) * inner(&query, &query)).sqrt()).clamp(-1.0, 1.0)
+    }
 }
 
 #[cfg(test)]
@@ -308,23 +323,17 @@ mod tests {
         for side in [Side::Hole, Side::Peg] {
             let (here, of_model) = (shipped(side), TouchModel::of_side(&model, side));
             let numbers = |c: &TouchModel| {
-                let unknown = c.unknown_similarity.unwrap();
-                [
-                    c.temperature,
-                    c.outlier_share,
-                    c.blank_agreement,
-                    unknown,
-                    c.matched_mean,
-                    c.matched_sd,
-                    c.matched_shared,
-                ]
+                let of_odds = [c.match_offset, c.steepness, c.steepness_by_edge, c.own_distance];
+                of_odds.into_iter().chain([c.matched_mean, c.matched_sd, c.matched_shared])
             };
-            for (here, of_model) in numbers(&here).into_iter().zip(numbers(&of_model)) {
+            for (here, of_model) in numbers(&here).zip(numbers(&of_model)) {
                 assert!((here / of_model - 1.0).abs() < 1e-4, "{side:?}: {here}, not {of_model}");
             }
             let rest = |c: &TouchModel| TouchModel {
-                temperature: 1.0,
-                unknown_similarity: None,
+                match_offset: 0.0,
+                steepness: 1.0,
+                steepness_by_edge: 0.0,
+                own_distance: 1.0,
                 matched_mean: 0.0,
                 matched_sd: 1.0,
                 matched_shared: 0.0,

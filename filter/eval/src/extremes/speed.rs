@@ -15,8 +15,8 @@ use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::belief::{Belief, EngineConfig};
 use tactile_filter::likelihood::TouchLikelihood;
 
-/// So warm that the belief, and with it the particles, are on hundreds of states, as after a robot's first touch.
-const WARM: f64 = 0.12;
+/// So flat that the belief, and with it the particles, are on hundreds of states, as after a robot's first touch.
+const FLAT: f64 = 5.0;
 
 /// Times of one thing done again and again.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -60,7 +60,7 @@ pub fn timings(seed: u64, quick: bool) -> Result<Vec<Timing>> {
 
 /// Times `n` updates by the sample's second touch, each of the same belief.
 fn time(n: usize, sample: &Sample, bank: &Bank, engine: EngineConfig) -> Result<Timing> {
-    let config = TouchModel { temperature: WARM, ..TouchModel::default() };
+    let config = TouchModel { steepness: FLAT, ..Sample::model() };
     let before = Belief::new(bank, engine, 1, 1, TouchLikelihood::new(&sample.touches[0].1, bank, &config)?);
     let (moved, touch): &(Se2, _) = &sample.touches[1];
     let mut times_ms = Vec::with_capacity(n);

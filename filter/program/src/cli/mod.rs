@@ -4,6 +4,7 @@ mod arguments;
 mod assemble;
 mod budget;
 mod evaluate;
+mod extremes;
 mod failure;
 mod live;
 mod merge;
@@ -46,6 +47,7 @@ enum Command {
     Watch(watch::Watch),
     // For `cargo xtask bench` and `cargo xtask reproduce` alone.
     #[command(hide = true)]
+    Extremes(extremes::ExtremesArgs),
     #[command(hide = true)]
     Reproduction(reproduction::Reproduction),
 }
@@ -56,6 +58,7 @@ impl Cli {
         match self.command {
             Command::Assemble(assemble) => Ok(assemble.run()?),
             Command::Evaluate(evaluate) => Ok(evaluate.run()?),
+            Command::Extremes(extremes) => Ok(extremes.run()?),
             Command::Live(live) => live.run(),
             Command::Merge(merge) => Ok(merge.run()?),
             Command::Replay(replay) => replay.run(),
