@@ -114,8 +114,8 @@ mod tests {
         // 0.047 and the noise are the usual share; 0.197 and the noise four times that; no edge is 0.06 of it.
         for (edge_share, times) in [(0.047, 1.0_f64), (0.197, 4.0), (0.0, 0.06), (0.997, 20.0)] {
             let found = MatchOdds::log_edge(edge_share);
-            // A share in f32 is off by 2^-25 of itself.
-            assert!((found - times.ln()).abs() < 3e-8, "{edge_share}: {found}");
+            // A share in f32 is off by at most 2^-24 of itself.
+            assert!((found - times.ln()).abs() < 6e-8, "{edge_share}: {found}");
         }
     }
 
