@@ -177,10 +177,10 @@ mod tests {
 
     #[test]
     fn a_share_of_edge_outside_0_to_1_is_refused() {
-        for contact_threshold in [-0.1, 1.5, f32::NAN, f32::INFINITY] {
-            let config = EpisodeConfig::default().changed(|_, model, _| model.contact_threshold = contact_threshold);
+        for blank_share in [-0.1, 1.5, f32::NAN, f32::INFINITY] {
+            let config = EpisodeConfig::default().changed(|_, model, _| model.blank_share = blank_share);
             let refused = refused(config);
-            assert!(refused.starts_with("touch_model.contact_threshold: expected 0..=1"), "{refused}");
+            assert!(refused.starts_with("touch_model.blank_share: expected 0..=1"), "{refused}");
         }
     }
 }

@@ -206,3 +206,79 @@ fn shared_variance(calibration: &Calibration) -> f64 {
 
 /// Few touches may agree by chance; cosines of no sensor lie nearer together.
 const LEAST_SD: f64 = 0.01;
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::touch::Sensor;
+    use tactile_data::frame::{Frame, Preprocessing};
+    use tactile_infer::DeviceKind;
+    use tactile_infer::architecture::NetworkConfig;
+    use tactile_infer::checkpoint::{Checkpoint, Provenance};
+    use tactile_infer::match_odds::MatchOdds;
+
+    /// A network that has learnt nothing, with what was fitted where holes are touched, and where pegs are.
+    fn model(of_sides: [Option<MatchOdds>; 2]) -> Model {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        Model::new(Checkpoint { match_odds: of_sides, ..checkpoint }, "of a test".into(), DeviceKind::Flex).unwrap()
+    }
+
+    fn odds(offset: f64) -> MatchOdds {
+        MatchOdds {
+            offset,
+            steepness: 17.5,
+            steepness_by_edge: 0.125,
+            own_distance: 0.3125,
+            rarity_by_edge: 0.5,
+            rarity: (0..6).map(|i| (i as f32 * 0.7).sin()).collect(),
+            n_touches: 100,
+            log_probability: 2.0,
+        }
+    }
+
+    #[test]
+    fn what_was_fitted_of_a_model_counts_and_without_it_the_defaults() {
+        let default = TouchModel::default();
+        let fitted = |match_offset| TouchModel {
+            match_offset,
+            steepness: 17.5,
+            steepness_by_edge: 0.125,
+            own_distance: 0.3125,
+            ..default
+        };
+        for (of_sides, expected) in [
+            ([None, None], [default; 2]),
+            ([Some(odds(2.5)), None], [fitted(2.5); 2]),
+            ([None, Some(odds(1.5))], [default, fitted(1.5)]),
+            ([Some(odds(2.5)), Some(odds(1.5))], [fitted(2.5), fitted(1.5)]),
+        ] {
+            let model = model(of_sides);
+            assert_eq!([Side::Hole, Side::Peg].map(|side| TouchModel::of_side(&model, side)), expected);
+            assert_eq!(TouchModel::of(&model), expected[0]);
+        }
+    }
+
+    #[test]
+    fn a_sensor_says_how_rare_a_touch_is_as_was_fitted_of_its_side() {
+        let frame =
+            |times: usize| Frame::new(16, 12, (0..3 * 16 * 12).map(|i| 60 + (times * i % 90) as u8).collect()).unwrap();
+        let observe = |of_sides: [Option<MatchOdds>; 2], side| {
+            let sensor = Sensor::new(Arc::new(model(of_sides)), &frame(1)).unwrap().of_side(side);
+            sensor.observe(&frame(7)).unwrap()
+        };
+        let other = MatchOdds { rarity_by_edge: -2.0, rarity: vec![0.25; 6], ..odds(1.5) };
+        for (side, of_side) in [(Side::Hole, odds(2.5)), (Side::Peg, other.clone())] {
+            let seen = observe([Some(odds(2.5)), Some(other.clone())], side);
+            let of_query: f64 =
+                of_side.rarity.iter().zip(&seen.query).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+            let of_edge = of_side.rarity_by_edge * ((f64::from(seen.edge_share) + 0.003) / 0.05).ln();
+            assert!((f64::from(seen.rarity) - of_query - of_edge).abs() < 1e-6, "{seen:?}");
+            assert!(seen.rarity != 0.0);
+            assert_eq!(observe([None, None], side).rarity, 0.0);
+        }
+    }
+}

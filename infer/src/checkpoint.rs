@@ -178,7 +178,8 @@ impl Checkpoint {
         if let Some(odd) = tensors.iter().find(|tensor| !tensor.values.iter().all(|value| value.is_finite())) {
             return Err(Error::invalid(&odd.name, "finite weights", "NaN or infinity"));
         }
-        let of_file = Self { config, preprocessing, provenance, calibration, peg_calibration, match_odds, tensors, weights };
+        let of_file =
+            Self { config, preprocessing, provenance, calibration, peg_calibration, match_odds, tensors, weights };
         Ok((of_file, sha256))
     }
 }

@@ -12,6 +12,7 @@ use crate::bank::{self, Bank};
 use crate::calibration::{Calibration, Prior, Spread};
 use crate::checkpoint::{self, Checkpoint, Provenance};
 use crate::device::DeviceKind;
+use crate::match_odds::MatchOdds;
 use crate::model::Model;
 use crate::precision::Precision;
 use crate::rows::Rows;
@@ -19,7 +20,7 @@ use crate::safefile::SafeFile;
 use crate::similarity::normalize_rows;
 use crate::views::Views;
 
-/// A model with a calibration of each side and a bank of it, each in a file of its own.
+/// A model with a calibration and match odds of each side and a bank of it, each in a file of its own.
 struct Whole {
     _folder: tempfile::TempDir,
     model: PathBuf,
@@ -51,12 +52,26 @@ const CALIBRATION: Calibration = Calibration {
     n_holes: 60,
 };
 
+fn odds() -> MatchOdds {
+    MatchOdds {
+        offset: 3.0,
+        steepness: 24.0,
+        steepness_by_edge: 0.27,
+        own_distance: 0.38,
+        rarity_by_edge: 0.5,
+        rarity: vec![0.1; 6],
+        n_touches: 100,
+        log_probability: 2.5,
+    }
+}
+
 impl Whole {
     fn new() -> Self {
         let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
         let network = config.init(3, &DeviceKind::Flex.tensor_device());
         let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
         let checkpoint = checkpoint.with_calibration(Side::Hole, CALIBRATION).with_calibration(Side::Peg, CALIBRATION);
+        let checkpoint = checkpoint.with_match_odds(Side::Hole, odds()).with_match_odds(Side::Peg, odds());
         let folder = tempfile::tempdir().unwrap();
         let [model, bank] = ["model", "bank"].map(|name| folder.path().join(name));
         let sha256 = checkpoint.save(&model).unwrap();
@@ -143,6 +158,26 @@ fn a_calibration_that_no_touches_give_is_refused_with_its_field() {
     ] {
         for value in values {
             for entry in ["calibration", "peg_calibration"] {
+                let error = whole.refused_model(|file| put(file, entry, at, value.clone()));
+                let named = if value.is_null() { "entries of this version" } else { at.split('/').nth(1).unwrap() };
+                assert!(error.contains(named) && (value.is_null() || error.contains(entry)), "{at} {value}: {error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn match_odds_that_no_touches_give_are_refused_with_their_field() {
+    let whole = Whole::new();
+    for (at, values) in [
+        ("/offset", vec![json!(null)]),
+        ("/steepness", vec![json!(0.0), json!(-24.0)]),
+        ("/own_distance", vec![json!(0.0), json!(-0.4)]),
+        ("/rarity", vec![json!([]), json!([0.1, 0.1, 0.1, 0.1, 0.1])]),
+        ("/rarity/2", vec![json!(null)]),
+    ] {
+        for value in values {
+            for entry in ["match_odds", "peg_match_odds"] {
                 let error = whole.refused_model(|file| put(file, entry, at, value.clone()));
                 let named = if value.is_null() { "entries of this version" } else { at.split('/').nth(1).unwrap() };
                 assert!(error.contains(named) && (value.is_null() || error.contains(entry)), "{at} {value}: {error}");

@@ -99,3 +99,86 @@ pub fn distance(cosine: f64) -> f64 {
 fn check(field: &str, expected: &str, got: f64, is_good: bool) -> Result<()> {
     if is_good { Ok(()) } else { Err(Error::invalid(field, expected, got.to_string())) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn odds() -> MatchOdds {
+        MatchOdds {
+            offset: 3.0,
+            steepness: 24.0,
+            steepness_by_edge: 0.25,
+            own_distance: 0.4,
+            rarity_by_edge: 0.5,
+            rarity: vec![2.0, -1.0, 0.5],
+            n_touches: 9,
+            log_probability: 1.5,
+        }
+    }
+
+    #[test]
+    fn edges_are_counted_from_a_usual_share_and_none_is_not_impossible() {
+        // 0.047 and the noise are the usual share; 0.197 and the noise four times that; no edge is 0.06 of it.
+        for (edge_share, times) in [(0.047, 1.0_f64), (0.197, 4.0), (0.0, 0.06), (0.997, 20.0)] {
+            let found = MatchOdds::log_edge(edge_share);
+            // A share in f32 is off by at most 2^-24 of itself.
+            assert!((found - times.ln()).abs() < 6e-8, "{edge_share}: {found}");
+        }
+    }
+
+    #[test]
+    fn rarity_is_linear_in_the_embedding_and_in_the_logarithm_of_the_edge() {
+        // 2 * 0.6 + 1 * 0.0 + 0.5 * 0.8 and 0.5 ln 4.
+        let found = odds().rarity_of(&[0.6, 0.0, 0.8], 0.197);
+        assert!((found - (1.6 + 0.5 * 4.0_f64.ln())).abs() < 3e-7, "{found}");
+        let found = odds().rarity_of(&[0.0, 1.0, 0.0], 0.047);
+        assert!((found + 1.0).abs() < 3e-7, "{found}");
+    }
+
+    #[test]
+    fn a_distance_is_that_of_the_two_vectors() {
+        for degrees in [0.0_f64, 1e-3, 30.0, 90.0, 179.0, 180.0] {
+            // The chord of the angle between them.
+            let chord = 2.0 * (degrees.to_radians() / 2.0).sin();
+            // A cosine of almost 1 is off by 1e-16, its distance by at most the root of twice that.
+            assert!((distance(degrees.to_radians().cos()) - chord).abs() < 2e-8, "{degrees}");
+        }
+        // Rounding makes cosines above 1.
+        assert_eq!(distance(1.0 + 1e-7), 0.0);
+    }
+
+    #[test]
+    fn numbers_that_no_fit_gives_are_refused_by_name() {
+        odds().validate(3).unwrap();
+        let refused = |change: &dyn Fn(&mut MatchOdds, f64), value: f64| {
+            let mut wrong = odds();
+            change(&mut wrong, value);
+            wrong.validate(3).err().map(|error| error.to_string())
+        };
+        type Set = fn(&mut MatchOdds, f64);
+        let numbers: [(&str, Set); 6] = [
+            ("offset", |odds, value| odds.offset = value),
+            ("steepness_by_edge", |odds, value| odds.steepness_by_edge = value),
+            ("rarity_by_edge", |odds, value| odds.rarity_by_edge = value),
+            ("log_probability", |odds, value| odds.log_probability = value),
+            ("steepness", |odds, value| odds.steepness = value),
+            ("own_distance", |odds, value| odds.own_distance = value),
+        ];
+        for (index, (field, set)) in numbers.into_iter().enumerate() {
+            let is_positive = index >= 4;
+            let expected = if is_positive { "a positive number" } else { "a finite number" };
+            for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let said = refused(&set, value).unwrap();
+                assert_eq!(said, format!("{field}: expected {expected}, got {value}"));
+            }
+            for value in [0.0, -1.0] {
+                assert_eq!(refused(&set, value).is_some(), is_positive, "{field}: {value}");
+            }
+        }
+        for rarity in [vec![], vec![1.0; 2], vec![1.0; 4], vec![1.0, f32::NAN, 0.0]] {
+            let said = MatchOdds { rarity, ..odds() }.validate(3).unwrap_err().to_string();
+            assert!(said.starts_with("rarity: expected 3 finite numbers, as an embedding has, got "), "{said}");
+        }
+    }
+}

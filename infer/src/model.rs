@@ -362,4 +362,43 @@ mod tests {
             assert_eq!(named, peg.is_some());
         }
     }
+    #[test]
+    fn each_side_has_match_odds_of_its_own_pegs_else_those_of_holes_and_the_model_stays_itself() {
+        let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = config.init(3, &DeviceKind::Flex.tensor_device());
+        let bare = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
+        let of = |offset: f64| MatchOdds {
+            offset,
+            steepness: 23.7,
+            steepness_by_edge: 0.27,
+            own_distance: 0.1 + 0.2,
+            rarity_by_edge: -1e-3,
+            rarity: (0..6).map(|i| (i as f32 * 0.7).sin()).collect(),
+            n_touches: 1234,
+            log_probability: 2.5,
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let identity = bare.save(&path).unwrap();
+        let of_hole = bare.clone().with_match_odds(Side::Hole, of(3.0));
+        for (checkpoint, stored, [hole, peg]) in [
+            (bare.clone(), [None, None], [None, None]),
+            (of_hole.clone(), [Some(3.0), None], [Some(3.0), Some(3.0)]),
+            (bare.with_match_odds(Side::Peg, of(2.0)), [None, Some(2.0)], [None, Some(2.0)]),
+            (of_hole.with_match_odds(Side::Peg, of(2.0)), [Some(3.0), Some(2.0)], [Some(3.0), Some(2.0)]),
+        ] {
+            assert_eq!(checkpoint.save(&path).unwrap(), identity);
+            let (read, sha256) = Checkpoint::load(&path).unwrap();
+            assert_eq!((read.match_odds, sha256), (stored.map(|offset| offset.map(of)), identity.clone()));
+            let model = Model::load(&path).unwrap();
+            assert_eq!(**model.sha256(), *identity);
+            let found = [Side::Hole, Side::Peg].map(|side| model.match_odds(side).cloned());
+            assert_eq!(found, [hole.map(of), peg.map(of)]);
+            // A file without match odds has no entry of them.
+            let bytes = std::fs::read(&path).unwrap();
+            let is_named = |name: &[u8]| bytes.windows(name.len()).any(|window| window == name);
+            assert_eq!(is_named(b"\"match_odds"), stored[0].is_some());
+            assert_eq!(is_named(b"peg_match_odds"), stored[1].is_some());
+        }
+    }
 }

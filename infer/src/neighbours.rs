@@ -152,7 +152,11 @@ impl Halves<'_> {
             if let (Some(x), Some(y), Some(_)) = (x, y, theta) {
                 let pair = |of: &[f32], at: usize, axis: usize| 0.5 * (of[at] + of[self.next(at, axis).unwrap_or(at)]);
                 let both = |y: usize| pair(&of_x, y, 2) * pair(&of_theta, y, 0);
-                set(Across::All, of_all[cell], 0.25 * (both(cell) + both(y)) * (pair(&of_y, cell, 2) + pair(&of_y, x, 2)));
+                set(
+                    Across::All,
+                    of_all[cell],
+                    0.25 * (both(cell) + both(y)) * (pair(&of_y, cell, 2) + pair(&of_y, x, 2)),
+                );
             }
         }
         across
@@ -196,5 +200,126 @@ impl Halves<'_> {
 
     fn squares(&self, embeddings: &[f32]) -> Vec<f32> {
         embeddings.chunks_exact(self.dim).map(|embedding| dot(embedding, embedding)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tactile_data::se2::Se2;
+
+    use super::*;
+    use crate::bank::Bank;
+
+    const DIM: usize = 16;
+    /// 5 x 5 x 5 poses.
+    const PART: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
+    /// 5 x 5 x 18 poses, which go round.
+    const RING: PoseGrid = PoseGrid { theta_half_deg: 180.0, theta_step_deg: 20.0, ..PART };
+
+    /// Embeddings of unit length that wave over places and angles, each value in a way of its own.
+    fn bank(grid: PoseGrid) -> Bank {
+        let value = |pose: &Se2, i: usize| {
+            let phase = |of: f64| (i as f64 * of).sin() * 3.0;
+            let place = 0.5 * (phase(1.3) / 3.0 * pose.x_mm + phase(2.1) / 3.0 * pose.y_mm) + phase(3.7);
+            let turns = f64::from(i as u32 % 3);
+            (place.sin() + (turns * pose.theta_rad + phase(5.3) + 0.2 * pose.x_mm).cos()) as f32
+        };
+        let embedding = |cell: usize| {
+            let values: Vec<f32> = (0..DIM).map(|i| value(&grid.pose(cell), i)).collect();
+            let length = dot(&values, &values).sqrt();
+            values.into_iter().map(move |value| value / length).collect::<Vec<_>>()
+        };
+        let rows = Rows::new(DIM, (0..grid.len()).flat_map(embedding).collect()).unwrap();
+        Bank::from_rows(vec!["only".into()], grid, rows, vec![0.3; grid.len()], "").unwrap()
+    }
+
+    /// The embedding interpolated at a pose, from all 64 around it.
+    fn square_at(bank: &Bank, pose: &Se2) -> f32 {
+        let embedding = bank.row_between(0, pose).unwrap();
+        dot(&embedding, &embedding)
+    }
+
+    /// The squared length half way along one axis from a view, by its definition.
+    fn half_way(bank: &Bank, cell: [usize; 3], steps: [f64; 3]) -> f32 {
+        let grid = bank.grid();
+        let [x, y, theta] = [0, 1, 2].map(|axis| cell[axis] as f64 + steps[axis]);
+        let place = |index: f64| index * grid.xy_step_mm - grid.xy_half_mm;
+        square_at(bank, &Se2::from_degrees(place(x), place(y), theta * grid.theta_step_deg - grid.theta_half_deg))
+    }
+
+    #[test]
+    fn what_is_across_makes_products_of_lengths_those_of_the_embeddings() {
+        for grid in [PART, RING] {
+            let bank = bank(grid);
+            let neighbours = &bank.neighbours()[0];
+            let (n, n_theta) = (grid.n_xy(), grid.n_theta());
+            let last = if grid.goes_round() { n_theta } else { n_theta - 1 };
+            let mut largest = [0.0_f32; 4];
+            for (x, y, theta) in
+                (0..n - 1).flat_map(|x| (0..n - 1).flat_map(move |y| (0..last).map(move |k| (x, y, k))))
+            {
+                let half = |at: [usize; 3], steps: [f64; 3]| half_way(&bank, at, steps);
+                let mean = |a: f32, b: f32| 0.5 * (a + b);
+                let [along_x, along_y, along_theta] = [[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 0.5]];
+                let cell = [x, y, theta];
+                let [next_x, next_y, next_theta] = [[x + 1, y, theta], [x, y + 1, theta], [x, y, theta + 1]];
+                let of = |steps, next| mean(half(cell, steps), half(next, steps));
+                let products = [
+                    (Across::Xy, [0.5, 0.5, 0.0], of(along_x, next_y) * of(along_y, next_x)),
+                    (Across::XTheta, [0.5, 0.0, 0.5], of(along_x, next_theta) * of(along_theta, next_x)),
+                    (Across::YTheta, [0.0, 0.5, 0.5], of(along_y, next_theta) * of(along_theta, next_y)),
+                ];
+                for (axes, steps, product) in products {
+                    let across = neighbours.across(axes, theta).unwrap()[x * n + y];
+                    largest[axes as usize] = largest[axes as usize].max(across.abs());
+                    let exact = half(cell, steps);
+                    // Sums of 16 products of 16 values in f32.
+                    assert!((product * (1.0 + across) - exact).abs() < 3e-6, "{axes:?} {cell:?}: {across} {exact}");
+                }
+                largest[3] = largest[3].max(neighbours.across(Across::All, theta).unwrap()[x * n + y].abs());
+            }
+            // Without it lengths would be off by so much.
+            assert!(largest.iter().all(|more| *more > 2e-3), "{largest:?}");
+        }
+    }
+
+    #[test]
+    fn cosines_of_embeddings_of_any_length_are_those_of_their_directions() {
+        let plain = bank(PART);
+        let longer = |cell: usize| plain.row(cell).iter().map(|value| 3.0 * value).collect::<Vec<_>>();
+        let rows = Rows::new(DIM, (0..PART.len()).flat_map(longer).collect()).unwrap();
+        let [short, long] = [plain.rows(), &rows].map(|rows| neighbours(&PART, rows).remove(0));
+        for theta in 0..PART.n_theta() {
+            for axis in 0..3 {
+                for k in 1..=3 {
+                    let pairs = short.plane(axis, k, theta).iter().zip(long.plane(axis, k, theta));
+                    pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-6, "{a} {b}"));
+                }
+            }
+            for axes in [Across::Xy, Across::XTheta, Across::YTheta, Across::All] {
+                let pairs = short.across(axes, theta).unwrap().iter().zip(long.across(axes, theta).unwrap());
+                pairs.for_each(|(a, b)| assert!((a - b).abs() < 3e-6, "{axes:?}: {a} {b}"));
+            }
+        }
+    }
+
+    #[test]
+    fn the_last_views_along_an_axis_have_nothing_across_it() {
+        let bank = bank(PART);
+        let (neighbours, n) = (&bank.neighbours()[0], PART.n_xy());
+        let at = |axes, [x, y, theta]: [usize; 3]| neighbours.across(axes, theta).unwrap()[x * n + y];
+        let last = n - 1;
+        for other in 0..n {
+            for axes in [Across::Xy, Across::XTheta, Across::All] {
+                assert_eq!(at(axes, [last, other, 0]), 0.0);
+            }
+            for axes in [Across::Xy, Across::YTheta, Across::All] {
+                assert_eq!(at(axes, [other, last, 0]), 0.0);
+            }
+            for axes in [Across::XTheta, Across::YTheta, Across::All] {
+                assert_eq!(at(axes, [other, other, PART.n_theta() - 1]), 0.0);
+            }
+        }
+        assert!(at(Across::YTheta, [last, 0, 0]) != 0.0 && at(Across::Xy, [0, 0, PART.n_theta() - 1]) != 0.0);
     }
 }

@@ -559,10 +559,7 @@ fn what_no_machine_holds_is_refused_at_once_with_what_it_needs() {
         ),
         (format!("{evaluate} --set n_draws=1000000000000"), ["episode.n_draws", "1000000000000", "1 to 100000"]),
         (format!("{evaluate} --set n_suppositions=1000000"), ["episode.n_suppositions", "1000000", "1 to 10000"]),
-        (
-            format!("{evaluate} --set temperature=-1e300"),
-            ["touch_model.temperature", "a positive number", "got -1e300"],
-        ),
+        (format!("{evaluate} --set steepness=-1e300"), ["touch_model.steepness", "a positive number", "got -1e300"]),
         (format!("replay {with} --data holes --max-touches 1000000"), ["max_touches", "1000000", "1 to 1000"]),
         (
             format!("assemble {with} --scene two.toml --out never --trials 1000000000000"),

@@ -100,25 +100,37 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
     let engine = prop_oneof![Just(EngineConfig::Exact), particle.prop_map(EngineConfig::Particle)];
     let rules = vec![ActionRule::Paper, ActionRule::Information, ActionRule::Random, ActionRule::RandomEdge];
     let rule = prop::sample::select(rules);
-    let action = (rule, 1..=20_usize, 1..=6_usize, 1..=8_usize, share(), 0.0..20.0_f64).prop_map(
-        |(rule, n_draws, n_suppositions, n_finalists, contact_threshold, min_separation_mm)| {
+    let action = (rule, 1..=20_usize, 1..=6_usize, 1..=8_usize, 0.0..20.0_f64).prop_map(
+        |(rule, n_draws, n_suppositions, n_finalists, min_separation_mm)| {
             EpisodeConfig::default().changed(|settings, model, method| {
                 settings.n_finalists = Some(n_finalists);
                 (settings.n_draws, settings.n_suppositions) = (n_draws, n_suppositions);
-                (model.contact_threshold, model.min_separation_mm) = (contact_threshold, min_separation_mm);
+                model.min_separation_mm = min_separation_mm;
                 method.rule = rule;
             })
         },
     );
-    let temperature =
-        prop_oneof![4 => 0.01..1.0_f64, 1 => prop::sample::select(vec![1e-300, 1e-4, 1e4, 1e300]), 1 => number()];
+    let any_positive = || prop_oneof![prop::sample::select(vec![1e-300, 1e-4, 1e4, 1e300]), number()];
+    let temperature = prop_oneof![
+        4 => Just(None), 1 => (0.01..1.0_f64).prop_map(Some), 1 => any_positive().prop_map(Some)
+    ];
+    let anything = || prop_oneof![prop::sample::select(vec![-1e300, -1e4, 0.0, 1e4, 1e300]), number()];
+    let offset = prop_oneof![4 => -5.0..10.0_f64, 1 => anything()];
+    let steepness = prop_oneof![4 => 1.0..100.0_f64, 1 => any_positive()];
+    let by_edge = prop_oneof![4 => -1.0..1.0_f64, 1 => anything()];
+    let own_distance = prop_oneof![4 => 0.05..1.0_f64, 1 => any_positive()];
     let floor = prop::sample::select(vec![0.0, 3e-4, 1e-300, 1.0]);
     let interpolation = prop::sample::select(vec![Interpolation::Auto, Interpolation::Nearest, Interpolation::Cubic]);
     let overlap = prop::sample::select(vec![0.0, 3.0, 1e-9, 1e9]);
     let tolerance = prop::sample::select(vec![0.25, 1.0, 1e-9, 1e9]);
-    let likelihood = (temperature, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
-        |(temperature, outlier_share, interpolation, overlap_mm, nearest_tolerance, blank_share)| TouchModel {
-            temperature,
+    let odds = (offset, steepness, by_edge, own_distance, temperature);
+    let likelihood = (odds, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
+        |(odds, outlier_share, interpolation, overlap_mm, nearest_tolerance, blank_share)| TouchModel {
+            match_offset: odds.0,
+            steepness: odds.1,
+            steepness_by_edge: odds.2,
+            own_distance: odds.3,
+            temperature: odds.4,
             outlier_share,
             interpolation,
             overlap_mm,
@@ -130,9 +142,9 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
     let stop_place_mm = prop::sample::select(vec![None, Some(1e-3), Some(2.0)]);
     (engine, action, likelihood, any::<bool>(), (0.0..=1.0_f64, stop_place_mm, 1..=5_usize), any::<u64>()).prop_map(
         |(engine, config, numbers, between_poses, (stop_probability, stop_place_mm, none_touches), seed)| {
-            let TouchModel { contact_threshold, min_separation_mm, .. } = config.model;
+            let min_separation_mm = config.model.min_separation_mm;
             config.changed(|settings, model, method| {
-                *model = TouchModel { contact_threshold, min_separation_mm, none_touches, ..numbers };
+                *model = TouchModel { min_separation_mm, none_touches, ..numbers };
                 (method.engine, method.between_poses) = (engine, between_poses);
                 (settings.stop_probability, settings.stop_place_mm) = (stop_probability, stop_place_mm);
                 settings.seed = seed;
@@ -148,7 +160,9 @@ fn touches(dim: usize) -> impl Strategy<Value = Vec<(Se2, Observation)>> {
         8 => length.prop_flat_map(|n| prop::collection::vec(value(), n)),
         2 => prop::collection::vec(unchecked(), dim),
     ];
-    let observation = (query, share()).prop_map(|(query, edge_share)| Observation::new(query, edge_share));
+    let rarity = prop_oneof![8 => -3.0..3.0_f32, 1 => value(), 1 => unchecked()];
+    let observation = (query, share(), rarity)
+        .prop_map(|(query, edge_share, rarity)| Observation { rarity, ..Observation::new(query, edge_share) });
     prop::collection::vec((motion(), observation), 1..6)
 }
 

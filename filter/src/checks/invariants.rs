@@ -62,7 +62,7 @@ proptest! {
         prop_assume!(length > 0.1);
         // Its cosine is -1, the others' above -0.99 * sqrt(3 / 3): without a floor e^(0.01 / 1e-4) behind.
         let opposite = touch[0].map(|value| -value / length);
-        let config = TouchModel { temperature: 1e-4, ..TouchModel::paper() };
+        let config = TouchModel { temperature: Some(1e-4), ..TouchModel::paper() };
         let cosines = rows.iter().map(|row| row.iter().zip(&touch[0]).map(|(a, b)| a * b).sum::<f32>() / length);
         prop_assume!(cosines.fold(-1.0, f32::max) > -0.9);
         let without = posterior(&rows, &[0.2; 4], &touch, &config);

@@ -98,69 +98,83 @@ mod tests {
     use crate::touch::Observation;
     use rand::SeedableRng;
 
-    /// What is made of a bank whose rows of one part all show edges, once one of them was touched.
-    fn with_pairing<T>(rule: ActionRule, model: &TouchModel, take: impl FnOnce(&Pairing, f64) -> T) -> T {
+    /// What is made of a bank whose rows all show edges, once one of them was touched.
+    fn with_pairing<T>(rule: ActionRule, model: &TouchModel, take: impl FnOnce(&Pairing) -> T) -> T {
         let bank = bank(0.2);
-        let touch = TouchLikelihood::new(&Observation::new(bank.row(2).into_owned(), 0.2), &bank, model).unwrap();
-        let mean = touch.mean_match().unwrap();
+        let touch = Observation { rarity: 0.75, ..Observation::new(bank.row(2).into_owned(), 0.2) };
+        let touch = TouchLikelihood::new(&touch, &bank, model).unwrap();
         let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
         let config = EpisodeConfig::default().changed(|_, _, method| method.rule = rule);
         let inputs = ChoiceInputs { config: &config, model, belief: &belief, bank: &bank, candidates: &[] };
-        take(&Pairing::new(&inputs, &mut ChaCha8Rng::seed_from_u64(1)), mean)
+        take(&Pairing::new(&inputs, &mut ChaCha8Rng::seed_from_u64(1)))
+    }
+
+    fn average(pairing: &Pairing) -> f64 {
+        let By::Paper { average, .. } = pairing.by else { panic!("not the paper's rule") };
+        average
     }
 
     #[test]
     fn the_papers_score_agrees_with_hand_arithmetic() {
-        let likelihood = TouchModel { temperature: 0.5, ..TouchModel::paper() };
-        with_pairing(ActionRule::Paper, &likelihood, |pairing, _| {
+        let model = TouchModel { temperature: Some(0.5), ..TouchModel::paper() };
+        with_pairing(ActionRule::Paper, &model, |pairing| {
             // 1 / exp(cos / tau), scaled by exp(-1 / tau): cosines -1, 0 and 1.
             for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
                 assert!((pairing.value(Some((row, 1.0)), 2) - (-(cosine + 1.0) / 0.5).exp()).abs() < 1e-6);
             }
-            assert_eq!(pairing.value(None, 2), pairing.average);
+            assert_eq!(pairing.value(None, 2), average(pairing));
+            // Of two rows at random 5 in 18 pairs are alike and 1 in 18 opposite.
+            let mean = (-4.0_f64).exp() * 5.0 / 18.0 + (-2.0_f64).exp() * 12.0 / 18.0 + 1.0 / 18.0;
+            // The standard error of the mean of 256 is 0.014; four of those.
+            assert!((average(pairing) - mean).abs() < 0.056, "{} {mean}", average(pairing));
         });
     }
 
     #[test]
+    fn the_papers_rule_has_its_own_temperature_where_the_model_has_none() {
+        let value = |temperature| {
+            let model = TouchModel { temperature, ..TouchModel::default() };
+            with_pairing(ActionRule::Paper, &model, |pairing| pairing.value(Some((1, 1.0)), 2))
+        };
+        assert_eq!(value(None), value(Some(PAPER_TEMPERATURE)));
+        assert!(value(None) != value(Some(2.0 * PAPER_TEMPERATURE)));
+    }
+
+    #[test]
     fn a_view_counts_as_the_filter_will_weigh_it_with_the_touch_made() {
-        let independent = TouchModel { shared_error: 0.0, temperature: 0.5, ..TouchModel::default() };
-        let value = |likelihood: &TouchModel, row| {
-            with_pairing(ActionRule::Information, likelihood, |pairing, mean| {
-                (pairing.value(Some((row, 1.0)), 2), mean)
-            })
+        let independent = TouchModel { shared_error: 0.0, steepness: 4.0, ..TouchModel::default() };
+        let value = |model: &TouchModel, row| {
+            with_pairing(ActionRule::Information, model, |pairing| pairing.value(Some((row, 1.0)), 2))
         };
         for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
-            let (got, mean) = value(&independent, row);
-            // Up to 1 - eps, which all share.
-            let by_hand = 0.96 * (((cosine - 1.0) / 0.5).exp() / mean + 0.02 / 0.98);
-            assert!((got - by_hand).abs() < 1e-6, "{got} {by_hand}");
+            let got = value(&independent, row);
+            // As rare as the touch made, as far from its own view as touches are, as edged as the view.
+            let steepness = 4.0 * (0.203_f64 / 0.05).powf(independent.steepness_by_edge);
+            let own = independent.own_distance;
+            let apart = (2.0 * (1.0 - cosine) + own * own).sqrt();
+            let by_hand = 0.995 * (3.75 - steepness * (apart - own)).exp() + 0.005;
+            assert!((got / by_hand - 1.0).abs() < 1e-6, "{got} {by_hand}");
             // Of two touches that share all of their error either counts as half a touch.
-            let alike = value(&TouchModel { shared_error: 1.0, outlier_share: 0.0, ..independent }, row).0;
-            let whole = value(&TouchModel { outlier_share: 0.0, ..independent }, row).0;
-            assert!((alike - whole.sqrt()).abs() < 1e-6, "{alike} {whole}");
+            let alike = value(&TouchModel { shared_error: 1.0, outlier_share: 0.0, ..independent }, row);
+            let whole = value(&TouchModel { outlier_share: 0.0, ..independent }, row);
+            assert!((alike / whole.sqrt() - 1.0).abs() < 1e-6, "{alike} {whole}");
         }
     }
 
     #[test]
-    fn an_unknown_view_is_worth_what_the_filter_takes_it_for_where_views_are_interpolated() {
-        let unknown = |rule, likelihood: &TouchModel| {
-            with_pairing(rule, likelihood, |pairing, _| (pairing.value(None, 2), pairing.average))
-        };
-        let fine = TouchModel {
-            interpolation: Interpolation::Cubic,
-            shared_error: 0.0,
-            unknown_similarity: Some(0.9),
-            ..TouchModel::default()
-        };
-        let (got, average) = unknown(ActionRule::Information, &fine);
-        // Edged in every second case.
-        let least_alike = ((-0.1 / fine.temperature).exp() + 0.02 / 0.98 * average) / average;
-        assert!((got - 0.5 * (0.8 + 0.2 * least_alike)).abs() < 1e-6 && got < 1.0, "{got}");
-        // An average one, where none are interpolated or nothing is known of them.
-        let coarse = TouchModel { interpolation: Interpolation::Nearest, ..fine };
-        let average_one = TouchModel { unknown_similarity: None, ..fine };
-        assert_eq!([coarse, average_one].map(|likelihood| unknown(ActionRule::Information, &likelihood).0), [1.0; 2]);
-        let (paper, average) = unknown(ActionRule::Paper, &fine);
-        assert_eq!(paper, average);
+    fn an_unknown_view_is_worth_the_world_and_what_is_half_trusted_half_of_it() {
+        for interpolation in [Interpolation::Cubic, Interpolation::Nearest] {
+            let model = TouchModel { interpolation, ..TouchModel::default() };
+            with_pairing(ActionRule::Information, &model, |pairing| {
+                let known = pairing.value(Some((2, 1.0)), 2);
+                assert_eq!(pairing.value(None, 2), 1.0);
+                assert!((pairing.value(Some((2, 0.25)), 2) - (0.25 * known + 0.75)).abs() < 1e-12 * known);
+            });
+            with_pairing(ActionRule::Paper, &model, |pairing| {
+                assert_eq!(pairing.value(None, 2), average(pairing));
+                // Alg. 1 trusts every view.
+                assert_eq!(pairing.value(Some((1, 0.25)), 2), pairing.value(Some((1, 1.0)), 2));
+            });
+        }
     }
 }

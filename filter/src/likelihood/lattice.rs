@@ -410,10 +410,48 @@ fn along_y(ys: &[Around], line: &mut [f32], found: &mut [f32], find: impl Fn(&Ar
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checks::synthetic::World;
     use proptest::prelude::*;
+    use rand::SeedableRng;
+    use rand::rngs::ChaCha8Rng;
 
     /// 9 x 9 x 13 poses.
     const FINE: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 90.0, theta_step_deg: 15.0 };
+
+    /// The same of a bank, whose lengths along several axes at once are not products of those along each.
+    #[test]
+    fn a_sheet_of_a_banks_cosines_is_its_stencils() {
+        let ring = PoseGrid { xy_half_mm: 4.0, theta_half_deg: 180.0, ..FINE };
+        for grid in [FINE, ring] {
+            let world = World::new(1, grid, 0.1, 0.02, 4);
+            let neighbours = &world.bank.neighbours()[0];
+            let mut rng = ChaCha8Rng::seed_from_u64(3);
+            let query = world.touch(0, &Se2::from_degrees(1.3, -0.4, 22.0), &mut rng).query;
+            let dot = |cell: usize| -> f32 { world.bank.row(cell).iter().zip(&query).map(|(a, b)| a * b).sum() };
+            let cells: Vec<f32> = (0..grid.len()).map(dot).collect();
+            let (planes, states) = (in_planes(&cells, &grid), grid.subdivided(2, 2));
+            for (x, y, degrees) in [(0.0, 0.0, 0.0), (1.3, -0.4, 7.5), (-2.2, 3.1, 38.0), (5.0, 1.0, 1.0)] {
+                let moved = Se2::from_degrees(x, y, degrees);
+                let mut n_known = 0;
+                for angle in 0..states.n_theta() {
+                    let lattice = LatticeWeights::of_states(&grid, &states, angle, &moved);
+                    let window = [0..lattice.xs.len(), 0..lattice.ys.len()];
+                    let sheet = lattice.cosines(&planes, Some(neighbours), window);
+                    let few = lattice.cosines_of_few(&cells, Some(neighbours));
+                    for (place, (sheet, few)) in sheet.into_iter().zip(few).enumerate() {
+                        let Some(weights) = lattice.weights(place / lattice.n_ys(), place % lattice.n_ys()) else {
+                            continue;
+                        };
+                        // In f32, in another order.
+                        let one = weights.cosine(&cells, neighbours);
+                        assert!((sheet - one).abs() < 1e-5 && (few - one).abs() < 1e-5, "{sheet} {few} {one}");
+                        n_known += 1;
+                    }
+                }
+                assert!(n_known > 100, "{n_known}");
+            }
+        }
+    }
 
     proptest! {
         /// All states of one angle at once, as one by one.

@@ -94,7 +94,6 @@ impl MatchModel {
         let more = log_outlier + more;
         cosines.into_iter().map(|log| more + f64::from(log)).collect()
     }
-
 }
 
 /// How likely views are where a touch is made at another one, as far as that is known beforehand: the touch will be as far from
@@ -147,3 +146,166 @@ impl Odds {
 /// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite
 /// views are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
 const LOWEST: f64 = -1e12;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Round numbers; four times the usual share of edge doubles the steepness.
+    fn model(outlier_share: f64) -> TouchModel {
+        TouchModel {
+            match_offset: 2.0,
+            steepness: 10.0,
+            steepness_by_edge: 0.5,
+            own_distance: f64::NAN,
+            outlier_share,
+            ..TouchModel::default()
+        }
+    }
+
+    /// Cosines whose distances are round: 0, 0.2, 0.4, 1 and 2.
+    const COSINES: [(f64, f64); 5] = [(1.0, 0.0), (0.98, 0.2), (0.92, 0.4), (0.5, 1.0), (-1.0, 2.0)];
+
+    /// Shares of edge and how steep a touch is that shows so much: usual with the noise, four times that, none at all.
+    const STEEPNESSES: [(f32, f64); 3] = [(0.047, 10.0), (0.197, 20.0), (0.0, 2.449_489_742_783)];
+
+    #[test]
+    fn the_odds_agree_with_hand_arithmetic() {
+        for (edge_share, steepness) in STEEPNESSES {
+            for (cosine, distance) in COSINES {
+                // Rare by 0.5, and as far from its own view as 0.3.
+                let odds = 2.0 + 0.5 - steepness * (distance - 0.3);
+                let found = MatchModel::of_odds(&model(0.0), [0.5, 0.3], edge_share).log(cosine);
+                // The share in f32 is off by 2^-25 of itself, the distance by 1e-16 over itself.
+                assert!((found - odds).abs() < 1e-6, "{edge_share} {cosine}: {found} {odds}");
+                let mixed = (0.9 * odds.exp() + 0.1).ln();
+                let found = MatchModel::of_odds(&model(0.1), [0.5, 0.3], edge_share).log(cosine);
+                assert!((found - mixed).abs() < 1e-6, "{edge_share} {cosine}: {found} {mixed}");
+            }
+        }
+    }
+
+    /// The odds at a distance, in probabilities and without the outliers: no logs.
+    fn odds_of(model: &TouchModel, [rarity, own]: [f64; 2], edge_share: f32, distance: f64) -> f64 {
+        let steepness = model.steepness * ((f64::from(edge_share) + 0.003) / 0.05).powf(model.steepness_by_edge);
+        (model.match_offset + rarity).exp() * (steepness * own).exp() / (steepness * distance).exp()
+    }
+
+    proptest! {
+        #[test]
+        fn many_in_f32_are_each_in_f64_which_is_its_definition(
+            offset in -2.0..6.0_f64, steepness in 1.0..60.0_f64, by_edge in 0.0..0.5_f64, own in 0.1..0.6_f64,
+            rarity in -3.0..3.0_f64, outlier_share in prop::sample::select(vec![0.0, 1e-9, 5e-3, 0.3]),
+            edge_share in 0.0..0.5_f32, cosines in prop::collection::vec(-1.0..=1.0_f32, 1..20), more in -5.0..5.0_f64,
+        ) {
+            let model = TouchModel {
+                match_offset: offset, steepness, steepness_by_edge: by_edge, outlier_share, ..TouchModel::default()
+            };
+            let seen = MatchModel::of_odds(&model, [rarity, own], edge_share);
+            let steep = steepness * ((f64::from(edge_share) + 0.003) / 0.05).powf(by_edge);
+            let log_outlier = outlier_share.max(f64::MIN_POSITIVE).ln();
+            let at_zero = offset + rarity + steep * own - log_outlier;
+            let many = seen.logs(cosines.clone(), more);
+            prop_assert_eq!(many.len(), cosines.len());
+            for (cosine, of_many) in cosines.into_iter().map(f64::from).zip(many) {
+                let one = seen.log(cosine);
+                // The chord of the angle.
+                let chord = 2.0 * (cosine.acos() / 2.0).sin();
+                let odds = odds_of(&model, [rarity, own], edge_share, chord);
+                let exact = ((1.0 - outlier_share) * odds + outlier_share).ln();
+                // The table of ln(1 + e^z) is exact to 4e-10; a chord by its angle to 1e-16 over its length.
+                prop_assert!((one - exact).abs() < 1e-9 + 1e-8 * steep, "{cosine}: {one} {exact}");
+                // In f32 the first term, the distance (three roundings and half of one), their product and their sum are
+                // each rounded by 2^-24 of themselves; the softplus adds 3e-7 and 1e-7 of itself.
+                let cost = steep * distance(cosine);
+                let rounded = (at_zero.abs() + 3.5 * cost + (at_zero - cost).abs()) * 2.0_f64.powi(-24);
+                let of_softplus = 3e-7 + 1e-7 * (one - log_outlier).abs();
+                let most = if outlier_share == 0.0 { 1e-12 } else { rounded + of_softplus + 1e-9 };
+                prop_assert!((of_many - more - one).abs() < most, "{cosine}: {of_many} {one}");
+            }
+        }
+
+        #[test]
+        fn an_outlier_share_bounds_what_one_touch_costs(
+            cosine in -1.0..=1.0_f64, steepness in 1.0..1e4_f64, outlier_share in 1e-6..0.5_f64,
+        ) {
+            let model = TouchModel { steepness, outlier_share, ..TouchModel::default() };
+            let seen = MatchModel::of_odds(&model, [0.0, 0.4], 0.1);
+            prop_assert!((seen.log_outlier() - outlier_share.ln()).abs() < 1e-12);
+            prop_assert!(seen.log(cosine) >= outlier_share.ln());
+            let without = MatchModel::of_odds(&TouchModel { outlier_share: 0.0, ..model }, [0.0, 0.4], 0.1);
+            prop_assert_eq!(without.log_outlier(), f64::NEG_INFINITY);
+            // The outliers' share is taken from the others.
+            prop_assert!((without.log(cosine) + (1.0 - outlier_share).ln()) <= seen.log(cosine) + 1e-9);
+        }
+
+        #[test]
+        fn below_a_cosine_a_touch_is_hardly_likelier_than_an_outlier(
+            steepness in 5.0..60.0_f64, outlier_share in 1e-4..0.1_f64, nats in 1e-3..2.0_f64, own in 0.1..0.6_f64,
+        ) {
+            let model = TouchModel { steepness, outlier_share, ..TouchModel::default() };
+            let seen = MatchModel::of_odds(&model, [0.0, own], 0.1);
+            let cosine = seen.above_outliers(nats);
+            prop_assert!(cosine <= 1.0);
+            if cosine > -1.0 {
+                // The table of ln(1 + e^z) is exact to 4e-10.
+                prop_assert!((seen.log(cosine) - seen.log_outlier() - nats).abs() < 1e-8);
+            } else {
+                prop_assert!(seen.log(-1.0) - seen.log_outlier() >= nats - 1e-8);
+            }
+        }
+
+        /// The power of a sum is taken as the sum of powers.
+        #[test]
+        fn what_is_foreseen_is_the_odds_of_a_touch_as_far_from_its_own_view_as_touches_are(
+            rarity in -3.0..3.0_f64, own in 0.1..0.6_f64, edge_share in 0.0..0.5_f32, joint in 0.1..=1.0_f64,
+            outlier_share in prop::sample::select(vec![0.0, 5e-3]), cosines in prop::collection::vec(-1.0..=1.0_f64, 1..9),
+        ) {
+            let model = TouchModel { outlier_share, ..TouchModel::default() };
+            let found = Foreseen::new(&model, [rarity, own], edge_share, joint).likely(cosines.iter().copied());
+            for (cosine, found) in cosines.into_iter().zip(found) {
+                // A touch at right angles to the way between the views is from the other one by Pythagoras.
+                let apart = (distance(cosine).powi(2) + own * own).sqrt();
+                let odds = (1.0 - outlier_share) * odds_of(&model, [rarity, own], edge_share, apart);
+                let expected = odds.powf(joint) + outlier_share.powf(joint);
+                prop_assert!((found / expected - 1.0).abs() < 1e-9, "{cosine}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_view_alike_is_foreseen_as_likely_as_touches_match_their_own() {
+        // e^(offset + rarity), however much a distance costs.
+        for steepness in [1.0, 30.0] {
+            let model = TouchModel { steepness, ..model(0.0) };
+            let found = Foreseen::new(&model, [-0.5, 0.3], 0.1, 1.0).likely([1.0, 1.0 + 1e-9].into_iter());
+            assert!(found.iter().all(|found| (found - 1.5_f64.exp()).abs() < 1e-12), "{found:?}");
+        }
+    }
+
+    /// Alg. 1 as printed: all that counts is the cosine over the temperature, and views at random average to 1.
+    #[test]
+    fn alg_1_is_the_power_of_the_cosine_over_its_mean() {
+        let cosines = [0.9, 0.3, -0.2, -1.0];
+        for temperature in [0.05, 0.5] {
+            let seen = MatchModel::of_cosines(temperature, &cosines);
+            let mean = cosines.iter().map(|cosine: &f64| (cosine / temperature).exp()).sum::<f64>() / 4.0;
+            for cosine in cosines {
+                let expected = cosine / temperature - mean.ln();
+                assert!((seen.log(cosine) - expected).abs() < 1e-12, "{cosine} {expected}");
+                let many = seen.logs(vec![cosine as f32], 0.5)[0];
+                // A cosine in f32 over the temperature.
+                assert!((many - 0.5 - expected).abs() < 6e-8 / temperature, "{cosine} {expected}");
+            }
+        }
+        let seen = MatchModel::of_cosines(0.05, &cosines);
+        assert_eq!([seen.log_outlier(), seen.above_outliers(0.1)], [f64::NEG_INFINITY; 2]);
+        // However cold, and however few: what is infinite cannot be weighed.
+        for cosines in [&cosines[..], &[]] {
+            for temperature in [f64::MIN_POSITIVE, 1e-300, 1e300] {
+                assert!(MatchModel::of_cosines(temperature, cosines).log(-1.0).is_finite());
+            }
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! How likely one touch is at each recorded view: the log-odds that it was made there, against a touch of anything in the
 //! world of parts ([`tactile_infer::match_odds`]).
 //!
-//! Whatever was not recorded is of the world, at log-odds of 0, and so is a part that is not in the bank. A share of all
+//! What was not recorded is of the world, at log-odds of 0, and so is a part that is not in the bank. A share of all
 //! touches (`outlier_share`) is of something else than it was meant for, so that one touch cannot rule a state out.
 
 use std::ops::Range;
@@ -298,25 +298,99 @@ mod tests {
         (0..seen.similarities.len()).map(|row| seen.log_row(row)).collect()
     }
 
-    /// The defaults but for round numbers.
+    /// The defaults but for round numbers: a touch that shows an edge on [`FOUR_TIMES`] costs 20 nats a distance of 1.
     fn round() -> TouchModel {
-        TouchModel { temperature: 0.1, outlier_share: 0.01, ..TouchModel::default() }
+        TouchModel {
+            match_offset: 2.0,
+            steepness: 10.0,
+            steepness_by_edge: 0.5,
+            own_distance: 0.3,
+            outlier_share: 0.01,
+            ..TouchModel::default()
+        }
+    }
+
+    /// A share of edge that is, with the noise, four times the usual one.
+    const FOUR_TIMES: f32 = 0.197;
+
+    /// Four rows by their cosines 1, 0.8, 0 and -1 with the first.
+    const ROWS: [[f32; 2]; 4] = [[1.0, 0.0], [0.8, 0.6], [0.0, 1.0], [-1.0, 0.0]];
+    const DISTANCES: [f64; 4] = [0.0, 0.632_455_532, std::f64::consts::SQRT_2, 2.0];
+
+    fn assert_close(found: &[f64], expected: &[f64], most: f64) {
+        let apart = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(found.len() == expected.len() && apart < most, "{found:?} {expected:?}");
     }
 
     #[test]
-    fn the_two_parts_multiply() {
-        let bank = bank(&[[1.0, 0.0], [0.8, 0.6], [1.0, 0.0]], &[0.2, 0.2, 0.0]);
-        let config = round();
-        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
-        let (best, other) = (1.0, (-2.0_f64).exp()); // cosines 1 and 0.8, tau 0.1, eps 0.01
-        let mean = (best + other) / 2.0;
-        let [best, other] = [best, other].map(|look| 0.99 * look / mean + 0.01);
-        let by_hand = [0.96 * best, 0.96 * other, 0.04];
-        for (log, expected) in log_rows(&seen).iter().zip(by_hand) {
-            // Cosines are f32: 6e-8 over a temperature of 0.1.
-            assert!((log.exp() - expected).abs() < 2e-6, "{} {expected}", log.exp());
+    fn the_odds_agree_with_hand_arithmetic_for_edged_and_for_blank_touches() {
+        let bank = bank(&ROWS, &[0.2, 0.0, 0.2, 0.2]);
+        // No edge is, with the noise, 0.06 of the usual share.
+        for (edge_share, steepness) in [(FOUR_TIMES, 20.0), (0.0, 10.0 * 0.06_f64.sqrt())] {
+            let seen = TouchLikelihood::new(&touch([1.0, 0.0], edge_share), &bank, &round()).unwrap();
+            assert_eq!(seen.blank, edge_share == 0.0);
+            let odds = |distance: f64| (2.0 - steepness * (distance - 0.3)).exp();
+            let by_hand = DISTANCES.map(|distance| (0.99 * odds(distance) + 0.01).ln());
+            // The cosine 0.8 is off by 1.2e-8, times a steepness of 20 over its distance.
+            assert_close(&log_rows(&seen), &by_hand, 1e-6);
         }
-        assert_eq!(seen.log_unknown, 0.5_f64.ln());
+    }
+
+    /// Blank or not, it counts as the world would show it.
+    #[test]
+    fn what_was_not_recorded_is_the_world() {
+        let whole = bank(&ROWS, &[0.2; 4]);
+        let lacking = whole.clone().with_missing(vec![0, 2]).unwrap();
+        for edge_share in [FOUR_TIMES, 0.0] {
+            for rarity in [0.0, -1.5] {
+                let observation = Observation { rarity, ..touch([1.0, 0.0], edge_share) };
+                let seen = |bank| TouchLikelihood::new(&observation, bank, &round()).unwrap();
+                let (whole, lacking) = (seen(&whole), seen(&lacking));
+                let expected = [0.0, log_rows(&whole)[1], 0.0, log_rows(&whole)[3]];
+                assert_eq!(log_rows(&lacking), expected);
+                assert_eq!([lacking.log_between(1.0, 2), lacking.log_between(-1.0, 0)], [0.0; 2]);
+                assert!(expected[1] != 0.0 && expected[3] != 0.0);
+                // Nor does it resemble what nobody recorded.
+                assert_eq!((whole.best_cosine, lacking.best_cosine), (1.0, 0.8));
+            }
+        }
+    }
+
+    #[test]
+    fn a_bank_that_knows_its_matches_says_how_far_touches_are_from_their_own_views() {
+        let part = |mean| Some(PartMatch { matched: Spread { mean, sd: 0.02 } });
+        // Distances of 0.2 and 0.4; of pegs nothing is known.
+        let holes = vec![part(0.98), None, part(0.92), None];
+        let known = bank(&ROWS, &[0.2; 4]).with_matches(Matches { holes, pegs: vec![None; 4] }).unwrap();
+        let model = TouchModel { outlier_share: 0.0, own_distance: 0.7, ..round() };
+        let logs = |bank: &Bank, side| {
+            let seen = TouchLikelihood::new(&touch([1.0, 0.0], FOUR_TIMES).of_side(side), bank, &model).unwrap();
+            (log_rows(&seen), seen.own_distance)
+        };
+        let by_hand = |own: f64| DISTANCES.map(|distance| 2.0 - 20.0 * (distance - own));
+        for (side, own) in [(Side::Hole, 0.3), (Side::Peg, 0.7)] {
+            let (found, found_own) = logs(&known, side);
+            assert!((found_own - own).abs() < 1e-12, "{found_own}");
+            assert_close(&found, &by_hand(own), 1e-6);
+        }
+        assert_close(&logs(&bank(&ROWS, &[0.2; 4]), Side::Hole).0, &by_hand(0.7), 1e-6);
+    }
+
+    #[test]
+    fn a_rare_touch_is_likelier_at_every_view_alike() {
+        let bank = bank(&ROWS, &[0.2; 4]);
+        let logs = |rarity: f32, outlier_share: f64| {
+            let observation = Observation { rarity, ..touch([1.0, 0.0], FOUR_TIMES) };
+            let model = TouchModel { outlier_share, ..round() };
+            log_rows(&TouchLikelihood::new(&observation, &bank, &model).unwrap())
+        };
+        for rarity in [1.5_f32, -2.25] {
+            let more: Vec<f64> = logs(0.0, 0.0).iter().map(|log| log + f64::from(rarity)).collect();
+            assert_close(&logs(rarity, 0.0), &more, 1e-12);
+            // Outliers are as rare as they are.
+            let mixed: Vec<f64> = more.iter().map(|log| (0.99 * log.exp() + 0.01).ln()).collect();
+            assert_close(&logs(rarity, 0.01), &mixed, 1e-8);
+        }
     }
 
     #[test]
@@ -357,41 +431,46 @@ mod tests {
     }
 
     #[test]
-    fn a_blank_touch_tells_blank_views_from_edged_ones_and_no_more() {
-        let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], &[0.0, 0.0, 0.2]);
-        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &TouchModel::default()).unwrap();
-        assert!(seen.blank);
-        assert_eq!(log_rows(&seen)[0], log_rows(&seen)[1]);
-        assert!((log_rows(&seen)[0] - log_rows(&seen)[2] - (0.96_f64 / 0.04).ln()).abs() < 1e-12);
-    }
-
-    #[test]
-    fn the_papers_likelihood_is_the_cosine_over_the_temperature() {
+    fn the_papers_likelihood_is_the_cosine_over_the_temperature_against_the_mean_of_all_views() {
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], &[0.0, 0.1, 0.2]);
-        let config = TouchModel { temperature: 0.1, ..TouchModel::paper() };
+        let config = TouchModel { temperature: Some(0.1), ..TouchModel::paper() };
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.0), &bank, &config).unwrap();
-        assert!((log_rows(&seen)[0] - log_rows(&seen)[1] - 10.0).abs() < 1e-5);
-        assert!((log_rows(&seen)[1] - log_rows(&seen)[2] - 10.0).abs() < 1e-5);
+        let mean = (10.0_f64.exp() + 1.0 + (-10.0_f64).exp()) / 3.0;
+        assert_close(&log_rows(&seen), &[10.0, 0.0, -10.0].map(|log| log - mean.ln()), 1e-9);
     }
 
     #[test]
     fn one_bad_match_costs_at_most_the_share_of_outliers() {
-        let bank = bank(&[[1.0, 0.0], [-1.0, 0.0]], &[0.2, 0.2]);
-        let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &round()).unwrap();
-        // Half of the views match: twice as likely as anywhere.
-        assert!((log_rows(&seen)[0] - log_rows(&seen)[1] - ((0.99 * 2.0 + 0.01) / 0.01_f64).ln()).abs() < 1e-6);
+        let bank = bank(&ROWS, &[0.2; 4]);
+        for steepness in [10.0, 1e3, 1e6] {
+            let model = TouchModel { steepness, ..round() };
+            let seen = TouchLikelihood::new(&touch([1.0, 0.0], FOUR_TIMES), &bank, &model).unwrap();
+            assert!(log_rows(&seen).iter().all(|log| *log >= 0.01_f64.ln()), "{:?}", log_rows(&seen));
+            // Two views apart it is no match at all.
+            assert!((log_rows(&seen)[3] - 0.01_f64.ln()).abs() < 1e-9);
+        }
     }
 
     #[test]
-    fn any_temperature_gives_finite_numbers() {
+    fn any_numbers_give_finite_ones() {
         let bank = bank(&[[1.0, 0.0], [-1.0, 0.0]], &[0.2, 0.2]);
-        for temperature in [1e-4, 1.0, 1e4] {
-            for outlier_share in [0.0, 0.01] {
-                let config = TouchModel { temperature, outlier_share, ..TouchModel::default() };
-                config.validate().unwrap();
-                let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &config).unwrap();
-                assert!(log_rows(&seen).iter().chain([&seen.log_unknown]).all(|log| log.is_finite()));
-                assert!(log_rows(&seen)[0] > log_rows(&seen)[1]);
+        let default = TouchModel::default();
+        for number in [1e-4, 1.0, 1e4] {
+            for model in [
+                TouchModel { temperature: Some(number), ..default },
+                TouchModel { steepness: number, ..default },
+                TouchModel { own_distance: number, ..default },
+                TouchModel { match_offset: -number, ..default },
+                TouchModel { match_offset: number, ..default },
+            ] {
+                for outlier_share in [0.0, 0.01] {
+                    let config = TouchModel { outlier_share, ..model };
+                    config.validate().unwrap();
+                    let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.2), &bank, &config).unwrap();
+                    assert!(log_rows(&seen).iter().all(|log| log.is_finite()), "{config:?}");
+                    // An outlier is as likely at either, where an offset or a distance leaves nothing else.
+                    assert!(log_rows(&seen)[0] >= log_rows(&seen)[1], "{config:?}");
+                }
             }
         }
     }
@@ -437,16 +516,11 @@ mod tests {
         };
         let shares = [0.2, 0.2, 0.0];
         let learnt = bank(&rows, &shares).with_metric(metric).unwrap();
-        let config = TouchModel { temperature: 0.05, unknown_similarity: Some(0.5), ..TouchModel::default() };
-        // Half of 0.64 on a logarithmic scale is 0.8, half way from 0.8 * 0.05 to 0.02 the root of their product.
+        let config = TouchModel::default();
+        // Half of 0.64 on a logarithmic scale is 0.8.
         let scaled = |cosine: f64| 1.0 - 0.8 * (1.0 - cosine);
-        let same = TouchModel {
-            temperature: (0.04_f64 * 0.02).sqrt(),
-            unknown_similarity: Some(scaled(0.5)),
-            matched_mean: scaled(config.matched_mean),
-            matched_sd: 0.8 * config.matched_sd,
-            ..config
-        };
+        let same =
+            TouchModel { matched_mean: scaled(config.matched_mean), matched_sd: 0.8 * config.matched_sd, ..config };
         let seen = TouchLikelihood::new(&touch([0.8, 0.6], 0.2), &learnt, &config.in_metric_of(&learnt)).unwrap();
         let turned = TouchLikelihood::new(&touch(by_hand([0.8, 0.6]), 0.2), &bank(&rows.map(by_hand), &shares), &same);
         let turned = turned.unwrap();
@@ -464,7 +538,12 @@ mod tests {
         let error = TouchLikelihood::new(&short, &bank, &TouchModel::default()).unwrap_err();
         assert_eq!(error.to_string(), "touch: expected a query of 2 values, as the bank's rows, got 1 values");
         assert!(TouchLikelihood::new(&touch([1.0, 0.0], f32::NAN), &bank, &TouchModel::default()).is_err());
-        let cold = TouchModel { temperature: 0.0, ..TouchModel::default() };
+        for rarity in [f32::NAN, f32::INFINITY] {
+            let odd = Observation { rarity, ..touch([1.0, 0.0], 0.2) };
+            let error = TouchLikelihood::new(&odd, &bank, &TouchModel::default()).unwrap_err();
+            assert_eq!(error.to_string(), format!("touch: expected a finite rarity, got {rarity}"));
+        }
+        let cold = TouchModel { temperature: Some(0.0), ..TouchModel::default() };
         assert!(cold.validate().unwrap_err().to_string().starts_with("touch_model.temperature: expected a positive"));
     }
 }

@@ -226,7 +226,7 @@ pub fn blend_six(constant: f32, weights: &[f32; 6], lines: [&[f32]; 6], out: &mu
 }
 
 for_units! {
-    /// ln(1 + e^z) of each value, to 3e-7 and 1e-7 of itself: what is left of a cosine in f32 divided by a temperature.
+    /// ln(1 + e^z) of each value, to 3e-7 and 1e-7 of itself: what rounding leaves of a distance in f32 times a steepness.
     ["x86_64+avx2"]
     softplus(values: &mut [f32]) {
         /// Below, e^z is less than that. Most views are so unlike a touch.

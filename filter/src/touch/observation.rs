@@ -82,3 +82,18 @@ pub(crate) fn check_motion(moved: &Se2) -> Result<()> {
     }
     Err(Error::Motion { x_mm, y_mm, theta_rad })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_observation_of_before_rarity_was_known_is_as_rare_as_the_average() {
+        let read = |json: &str| serde_json::from_str::<Observation>(json).unwrap();
+        let old = read(r#"{"query": [0.6, 0.8], "edge_share": 0.25}"#);
+        assert_eq!(old, Observation::new(vec![0.6, 0.8], 0.25));
+        assert_eq!(old.rarity, 0.0);
+        let rare = Observation { rarity: -1.25, ..old };
+        assert_eq!(read(&serde_json::to_string(&rare).unwrap()), rare);
+    }
+}

@@ -75,7 +75,14 @@ impl Sensor {
         let model_sha256 = Some(self.model.sha256().clone());
         let odds = self.model.match_odds(self.side);
         let rarity = odds.map_or(0.0, |odds| odds.rarity_of(&query, edge_share)) as f32;
-        Ok(Observation { query, edge_share, rarity, side: self.side, frame_hash: Some(hash(frame.rgb())), model_sha256 })
+        Ok(Observation {
+            query,
+            edge_share,
+            rarity,
+            side: self.side,
+            frame_hash: Some(hash(frame.rgb())),
+            model_sha256,
+        })
     }
 }
 

@@ -123,10 +123,10 @@ mod tests {
 
     #[test]
     fn numbers_are_set_by_name() {
-        let set = numbers(&["max_touches=4", "none_fit = none", "temperature=0.05", "n_particles=9"]);
+        let set = numbers(&["max_touches=4", "none_fit = none", "steepness=12.5", "temperature=none", "n_particles=9"]);
         let config = set.applied_to(EpisodeConfig::default()).unwrap();
         let by_hand = EpisodeConfig::default().changed(|settings, model, _| {
-            (settings.max_touches, settings.none_fit, model.temperature) = (4, None, 0.05);
+            (settings.max_touches, settings.none_fit, model.steepness) = (4, None, 12.5);
         });
         assert_eq!(config, by_hand);
         let EngineConfig::Particle(particle) = set.applied_to(EpisodeConfig::paper()).unwrap().method().engine else {
@@ -135,7 +135,8 @@ mod tests {
         assert_eq!(particle.n_particles, 9);
         let refused = |set: &str| numbers(&[set]).applied_to(EpisodeConfig::paper()).unwrap_err().to_string();
         assert!(refused("max_touchs=4").starts_with("episode.max_touchs: expected one of stop_probability, "));
-        assert_eq!(refused("temperature=-1"), "touch_model.temperature: expected a positive number, got -1");
+        assert_eq!(refused("steepness=-1"), "touch_model.steepness: expected a positive number, got -1");
+        assert_eq!(refused("temperature=-1"), "touch_model.temperature: expected a positive number, or none, got -1");
         assert_eq!(refused("n_particles=0"), "episode.engine.n_particles: expected 1 to 1000000, got 0");
         assert_eq!(refused("n_particles=x"), "episode.engine.n_particles: expected a whole number, got x");
         assert!(assignment("max_touches").is_err());
