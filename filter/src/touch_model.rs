@@ -18,17 +18,17 @@ numbers! {
     pub struct TouchModel in "touch_model" {
         /// The log-odds that a touch was made at a view, where it is as rare as the average touch and as far from the view as
         /// touches are from their own.
-        match_offset: f64 = 3.0, "nats", Range::ANY,
-            Measured: "fit"; "what nobody recorded is likelier than what was, or never likely";
+        match_offset: f64 = 12.4, "nats", Range::ANY,
+            Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
         /// How much a distance of 1 between touch and view costs, where a usual share of the touch is edge.
-        steepness: f64 = 24.0, "nats", Range::POSITIVE,
-            Measured: "fit"; "one touch says too much, or nothing";
+        steepness: f64 = 21.6, "nats", Range::POSITIVE,
+            Measured: "fit; without one, the shipped model's"; "one touch says too much, or nothing";
         /// By which power of its share of edge a touch is steeper.
-        steepness_by_edge: f64 = 0.27, "", Range::ANY,
-            Measured: "fit"; "a touch that shows hardly any edge is as sure as others";
+        steepness_by_edge: f64 = 0.22, "", Range::ANY,
+            Measured: "fit; without one, the shipped model's"; "a touch that shows hardly any edge is as sure as others";
         /// How far touches are from their own views, in a bank that does not know it of its parts.
-        own_distance: f64 = 0.38, "", Range::POSITIVE,
-            Measured: "fit"; "what nobody recorded is likelier than what was, or never likely";
+        own_distance: f64 = 0.4, "", Range::POSITIVE,
+            Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
         /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
         outlier_share: f64 = 0.005, "", Range::BELOW_ONE,

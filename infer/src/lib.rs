@@ -47,12 +47,12 @@ mod conv;
 pub mod device;
 pub mod encoder;
 pub mod error;
+#[cfg(feature = "datasets")]
+pub mod fit;
 #[cfg(all(test, feature = "burn"))]
 mod forged;
 #[cfg(all(test, feature = "burn"))]
 mod fuzz;
-#[cfg(feature = "datasets")]
-pub mod fit;
 pub mod learn_from;
 pub mod match_odds;
 pub mod matches;

@@ -45,7 +45,8 @@ pub struct MatchOdds {
     pub rarity: Vec<f32>,
     /// Touches that it was fitted to.
     pub n_touches: usize,
-    /// Their mean log-probability at the true poses, parts and poses that were left out counted as the world, nats.
+    /// How much more probable than by chance they are at their own states, less what it costs where their part or pose is left
+    /// out and they are the world's; mean, nats.
     pub log_probability: f64,
 }
 

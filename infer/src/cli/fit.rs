@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tactile_data::progress::reporter;
 use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::Side;
 use tactile_data::{output, program};
-use tactile_data::progress::reporter;
+use tactile_infer::Result;
 use tactile_infer::bank::Bank;
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::fit::{Samples, fit};
 use tactile_infer::match_odds::MatchOdds;
-use tactile_infer::Result;
 
 use super::{ModelArgs, print_json};
 
@@ -64,7 +64,8 @@ impl FitArgs {
         if self.json {
             return print_json(&odds);
         }
-        let MatchOdds { offset, steepness, steepness_by_edge, own_distance, rarity_by_edge, log_probability, .. } = odds;
+        let MatchOdds { offset, steepness, steepness_by_edge, own_distance, rarity_by_edge, log_probability, .. } =
+            odds;
         program::say(format_args!(
             "{}: {} touches, {log_probability:.4} nats each\n  offset {offset:.2}, steepness {steepness:.2}, by edge \
              {steepness_by_edge:.3}, own distance {own_distance:.3}, rarity by edge {rarity_by_edge:.2}",

@@ -155,7 +155,7 @@ impl Cli {
             Command::Bank(args) => args.run(),
             Command::Match(args) => args.run(),
             Command::Calibrate(args) => args.run(),
-Command::Fit(args) => args.run(),
+            Command::Fit(args) => args.run(),
             Command::Convert(args) => args.run(),
             Command::Align(args) => args.run(),
             Command::Speed(args) => args.run(),

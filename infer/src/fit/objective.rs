@@ -76,8 +76,7 @@ impl Objective<'_> {
             (of(&[Kind::Own, Kind::Other]), n_all, LEFT_OUT),
         ];
         let mut value = -(touched.odds / touched.n).ln();
-        let (mut by_level, mut by_distance) =
-            (-touched.by_level / touched.odds, -touched.by_distance / touched.odds);
+        let (mut by_level, mut by_distance) = (-touched.by_level / touched.odds, -touched.by_distance / touched.odds);
         for (sum, n, counts) in means.into_iter().filter(|(sum, ..)| sum.n > 0.0) {
             value += counts * (sum.odds / n).ln_1p();
             by_level += counts * sum.by_level / (n + sum.odds);

@@ -119,7 +119,8 @@ impl Samples {
         let mut seen: Vec<Vec<Seen>> = vec![Vec::new(); touches.len()];
         for part in 0..n_parts {
             let states = states_of(bank, part);
-            let of_group: Vec<usize> = (0..touches.len()).filter(|at| group(touches[*at].part) == group(part)).collect();
+            let of_group: Vec<usize> =
+                (0..touches.len()).filter(|at| group(touches[*at].part) == group(part)).collect();
             let found: Vec<Vec<Seen>> =
                 of_group.par_iter().map(|at| see(bank.grid(), part, &states, &touches[*at])).collect();
             of_group.into_iter().zip(found).for_each(|(at, found)| seen[at].extend(found));
@@ -139,8 +140,7 @@ impl Samples {
     /// The touches of a dataset within the bank's poses.
     fn touches(&self, model: &Model, bank: &Bank, dataset: &Dataset) -> Result<Vec<Touch>> {
         let name = &dataset.meta().name;
-        let frames: Vec<usize> =
-            (0..dataset.len()).filter(|at| dataset.touch(*at).side == Some(self.side)).collect();
+        let frames: Vec<usize> = (0..dataset.len()).filter(|at| dataset.touch(*at).side == Some(self.side)).collect();
         if frames.is_empty() {
             return Err(Error::invalid(name, format!("touches of {}s", self.side), "none"));
         }
@@ -152,7 +152,11 @@ impl Samples {
             let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
             let (Some(part), Some(pose)) = (known, touch.part_from_sensor) else {
                 let expected = format!("{}s of the bank's parts, with their poses", self.side);
-                return Err(Error::invalid(format!("{name}: index row {frame}"), expected, format!("{:?}", touch.part)));
+                return Err(Error::invalid(
+                    format!("{name}: index row {frame}"),
+                    expected,
+                    format!("{:?}", touch.part),
+                ));
             };
             if Around::pose(bank.grid(), &pose).iter().any(|axis| axis.outside != 0.0) {
                 continue;
@@ -211,11 +215,7 @@ fn see(grid: &PoseGrid, part: usize, states: &[f32], touch: &Touch) -> Vec<Seen>
         let turn = wrap_angle(pose.theta_rad - touch.pose.theta_rad).to_degrees().abs();
         if pose.distance_mm(&touch.pose) < LEFT_OUT[0] && turn < LEFT_OUT[1] { Kind::Near } else { Kind::Own }
     };
-    let seen = |state: &usize, count, kind| Seen {
-        distance: distance(f64::from(cosines[*state])),
-        count,
-        kind,
-    };
+    let seen = |state: &usize, count, kind| Seen { distance: distance(f64::from(cosines[*state])), count, kind };
     let touched = touched.iter().map(|state| seen(state, 1.0, Kind::Touched));
     let like = like.iter().map(|state| seen(state, 1.0, kind(*state)));
     let sampled = sampled.iter().map(|state| seen(state, n_each, kind(*state)));
@@ -226,9 +226,8 @@ fn see(grid: &PoseGrid, part: usize, states: &[f32], touch: &Touch) -> Vec<Seen>
 fn around(grid: &PoseGrid, pose: &Se2) -> Vec<usize> {
     let strides = grid.strides();
     let axes = Around::pose(grid, pose).map(|axis| [axis.indices[1], axis.indices[2]]);
-    let mut states: Vec<usize> = (0..8)
-        .map(|corner: usize| (0..3).map(|axis| axes[axis][corner >> axis & 1] * strides[axis]).sum())
-        .collect();
+    let mut states: Vec<usize> =
+        (0..8).map(|corner: usize| (0..3).map(|axis| axes[axis][corner >> axis & 1] * strides[axis]).sum()).collect();
     states.sort_unstable();
     states.dedup();
     states
