@@ -115,7 +115,7 @@ impl TouchModel {
     /// calibration for touched pegs is believed as for holes: measured, the two hardly differ (`infer/NOTES.md`).
     pub fn of_side(model: &Model, side: Side) -> Self {
         let mut of_model = Self::default();
-        if let Some(odds) = model.match_odds(side) {
+        if let Some(odds) = model.match_odds(side).or_else(|| model.match_odds(Side::Hole)) {
             of_model = Self {
                 match_offset: odds.offset,
                 steepness: odds.steepness,

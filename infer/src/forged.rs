@@ -59,6 +59,7 @@ fn odds() -> MatchOdds {
         steepness_by_edge: 0.27,
         own_distance: 0.38,
         rarity_by_edge: 0.5,
+        usual_rarity: 0.0,
         rarity: vec![0.1; 6],
         n_touches: 100,
         log_probability: 2.5,

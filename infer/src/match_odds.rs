@@ -112,6 +112,7 @@ mod tests {
             steepness_by_edge: 0.25,
             own_distance: 0.4,
             rarity_by_edge: 0.5,
+            usual_rarity: 0.0,
             rarity: vec![2.0, -1.0, 0.5],
             n_touches: 9,
             log_probability: 1.5,
