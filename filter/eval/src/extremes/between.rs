@@ -254,7 +254,7 @@ mod tests {
 
     const SMALL: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
 
-    /// Of two parts, rows in six dimensions that change with the pose by so much a step.
+    /// Rows of two parts in six dimensions that change with the pose by so much a step.
     fn recorded(change: f64) -> (Recorded, Vec<f32>) {
         let value = |row: usize, i: usize| {
             let pose = SMALL.pose(row % SMALL.len());

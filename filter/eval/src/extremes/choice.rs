@@ -116,8 +116,8 @@ impl Model {
         self.config.steepness * (self.config.steepness_by_edge * log_edge).exp()
     }
 
-    /// Of a view, by its cosine with the one touched, of which so much is edge; the power of a sum is taken as a sum
-    /// of powers.
+    /// How likely a view is, by its cosine with the one touched, of which so much is edge; the power of a sum is taken
+    /// as a sum of powers.
     fn likely(&self, cosine: f64, edge_share: f32) -> f64 {
         let Self { config: TouchModel { match_offset, outlier_share, .. }, rarity, own, joint } = self;
         let distance = (2.0 - 2.0 * cosine + own * own).sqrt();

@@ -102,7 +102,7 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
 pub enum Likelihood {
     /// `ln((1 - outliers) e^z + outliers)` with `z = at_own - steepness (distance - own)`.
     Odds {
-        /// Of a view as far from the touch as touches are from their own.
+        /// The log-odds of a view as far from the touch as touches are from their own.
         at_own: f64,
         /// What a distance of 1 costs, nats.
         steepness: f64,
@@ -185,9 +185,9 @@ impl Likelihood {
 
 /// The log of each state's probability, `[n_states]`, and how far the filter's may be off, nats.
 pub struct Expected {
-    /// Of every part at every pose of the first touch; the sum of the powers is 1.
+    /// The logs of every part at every pose of the first touch; the sum of the powers is 1.
     pub logs: Vec<f64>,
-    /// Of each, at most.
+    /// The largest error of any of them.
     pub off: f64,
 }
 

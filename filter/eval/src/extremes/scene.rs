@@ -71,7 +71,7 @@ pub struct Scene {
     pub precision: Precision,
     /// How well the touches of each part match, as the bank knows it; empty where it does not.
     pub matched: Vec<Spread>,
-    /// That of Alg. 1, where it is judged by that.
+    /// The temperature of Alg. 1, where it is judged by that.
     pub temperature: Option<f64>,
     /// Share of the touches that are of something else.
     pub outlier_share: f64,
