@@ -103,8 +103,8 @@ pub(crate) fn neighbours(grid: &PoseGrid, rows: &Rows) -> Vec<Neighbours> {
             if cosine.is_finite() { cosine.clamp(-1.0, 1.0) } else { 0.0 }
         };
         let mut unit = Vec::with_capacity(n_cells * rows.dim());
-        for row in part * n_cells..(part + 1) * n_cells {
-            let scale = if norms[row] > 0.0 { norms[row].recip() } else { 0.0 };
+        for (row, norm) in norms.iter().enumerate().skip(part * n_cells).take(n_cells) {
+            let scale = if *norm > 0.0 { norm.recip() } else { 0.0 };
             unit.extend(rows.row(row).iter().map(|value| scale * value));
         }
         let across = Halves { grid, dim: rows.dim() }.across(&unit).into();

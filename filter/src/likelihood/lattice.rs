@@ -47,7 +47,7 @@ fn squares_of<'a>(at: &Around, line: impl Fn((usize, usize)) -> &'a [f32], out: 
 
 /// A state's view between recorded ones counts as at most so much more like a touch than the best of its part's views
 /// on the lines of places around it, at the angles around it: no state need be looked at to know that it matches no
-/// better. With 0.1 as many parts are named as with 0.2, which takes twice as long (`NOTES.md`).
+/// better. 0.1 cuts sharp hills off, and 0.3 adds nothing to 0.2 (`NOTES.md`).
 const ABOVE_BEST: f32 = 0.2;
 
 /// The recorded places around a place that have more weight than rounding leaves at a recorded place; the nearest place

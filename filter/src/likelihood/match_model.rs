@@ -33,12 +33,12 @@ pub(crate) struct Odds {
 }
 
 impl MatchModel {
-    /// Of a touch with this rarity and share of edge, whose bank's touches are so far from their own views.
+    /// The model of a touch with this rarity and share of edge, whose bank's touches are so far from their own views.
     pub fn of_odds(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32) -> Self {
         Self::Odds(Odds::new(model, [rarity, own_distance], edge_share))
     }
 
-    /// Of Alg. 1, by the cosines with all views.
+    /// Alg. 1, by the cosines with all views.
     pub fn of_cosines(temperature: f64, cosines: &[f64]) -> Self {
         let best = simd::largest(cosines).max(-1.0);
         // Divided: the smallest temperatures have no reciprocal.

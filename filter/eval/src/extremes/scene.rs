@@ -51,7 +51,12 @@ pub fn shipped(side: Side) -> TouchModel {
         Side::Hole => [0.907_186_679, 0.038_587_579_98, 0.190_727_7],
         Side::Peg => [0.973_573_490_77, 0.015_544_131_685, 0.169_418_03],
     };
-    TouchModel { matched_mean, matched_sd, matched_shared, ..TouchModel::default() }
+    let [match_offset, steepness, steepness_by_edge, own_distance] = match side {
+        Side::Hole => [12.404_813_583_6, 21.620_910_395_8, 0.216_635_055_98, 0.397_873_368_53],
+        Side::Peg => [14.292_030_556_6, 25.485_404_394_5, 0.237_903_558_448, 0.199_976_685_688],
+    };
+    let matched = TouchModel { matched_mean, matched_sd, matched_shared, ..TouchModel::default() };
+    TouchModel { match_offset, steepness, steepness_by_edge, own_distance, ..matched }
 }
 
 /// A bank and the touches of a hole or of a peg of part [`Scene::TRUTH`].
