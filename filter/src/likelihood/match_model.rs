@@ -107,7 +107,7 @@ pub(crate) struct Foreseen {
 }
 
 impl Foreseen {
-    /// Of a touch with this rarity and share of edge, as [`MatchModel::of_odds`].
+    /// What is foreseen of a touch with this rarity and share of edge, as [`MatchModel::of_odds`].
     pub fn new(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32, joint: f64) -> Self {
         let odds = Odds::new(model, [rarity, own_distance], edge_share);
         Self { odds, own_square: own_distance * own_distance, joint }

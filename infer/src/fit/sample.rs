@@ -18,7 +18,7 @@ use crate::similarity::dot;
 /// A touch might be of so many parts: as many as a usual bank has.
 pub(super) const N_PARTS: usize = 12;
 
-/// Of each part the states most like a touch count one by one, and so many of the others for all of them.
+/// The states of a part that are most like a touch count one by one, and so many of the others for all of them.
 const N_LIKE: usize = 64;
 const N_OTHERS: usize = 24;
 
@@ -30,11 +30,11 @@ const LEFT_OUT: [f64; 2] = [6.0, 45.0];
 pub(super) enum Kind {
     /// One of the eight around its pose.
     Touched,
-    /// Of its part, near its pose.
+    /// A state of its part near its pose.
     Near,
-    /// Of its part, elsewhere.
+    /// Another of its part.
     Own,
-    /// Of another part.
+    /// A state of another part.
     Other,
 }
 
