@@ -27,7 +27,7 @@ numbers! {
         steepness_by_edge: f64 = 0.22, "", Range::ANY,
             Measured: "fit; without one, the shipped model's"; "a touch that shows hardly any edge is as sure as others";
         /// How far touches are from their own views, in a bank that does not know it of its parts.
-        own_distance: f64 = 0.4, "", Range::POSITIVE,
+        own_distance: f64 = 0.4, "", Range::DISTANCE,
             Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
         /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
@@ -234,6 +234,7 @@ mod tests {
             steepness_by_edge: 0.125,
             own_distance: 0.3125,
             rarity_by_edge: 0.5,
+            usual_rarity: 0.0,
             rarity: (0..6).map(|i| (i as f32 * 0.7).sin()).collect(),
             n_touches: 100,
             log_probability: 2.0,
