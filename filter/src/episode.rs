@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn more_touches_find_the_part_and_the_pose() {
         let world = World::new(8, GRID, 0.3, 0.05, 5);
-        let config = never_confident(5);
+        let config = EpisodeConfig { model: world.model(), ..never_confident(5) };
         let shares = accuracy(&world, &config, 40);
         assert!(shares[4] >= 0.9 && shares[4] > shares[0], "{shares:?}");
         let (_, estimate, start) = play(&world, &config, 2, 2);
@@ -425,11 +425,12 @@ mod tests {
     #[test]
     fn a_part_that_is_not_in_the_bank_is_none_of_these() {
         let world = World::new(6, GRID, 0.2, 0.02, 3);
+        let model = world.model();
         let reason = |bank: &Arc<Bank>, part: usize, seed: u64| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let mut pose = GRID.pose(rng.random_range(0..GRID.len()));
             // As 200 touches of this world match their own views.
-            let likelihood = TouchModel { matched_mean: 0.914, matched_sd: 0.035, ..TouchModel::default() };
+            let likelihood = TouchModel { matched_mean: 0.914, matched_sd: 0.035, ..model };
             let config = EpisodeConfig {
                 model: likelihood,
                 method: Method { between_poses: false, ..Method::default() },

@@ -27,7 +27,7 @@ numbers! {
         steepness_by_edge: f64 = 0.27, "", Range::ANY,
             Measured: "fit"; "a touch that shows hardly any edge is as sure as others";
         /// How far touches are from their own views, in a bank that does not know it of its parts.
-        own_distance: f64 = 0.38, "", Range::POSITIVE,
+        own_distance: f64 = 0.38, "", Range::DISTANCE,
             Measured: "fit"; "what nobody recorded is likelier than what was, or never likely";
         /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.

@@ -97,7 +97,6 @@ mod tests {
     use crate::belief::{Belief, EngineConfig};
     use crate::checks::synthetic::World;
     use crate::likelihood::TouchLikelihood;
-    use crate::touch_model::TouchModel;
 
     /// 9 x 9 x 7 poses.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
@@ -105,13 +104,14 @@ mod tests {
     #[test]
     fn the_pose_is_found_to_a_fraction_of_the_grids_step() {
         let world = World::new(3, GRID, 0.1, 0.02, 4);
+        let model = world.model();
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let (mut of_cell, mut refined) = ([0.0; 2], [0.0; 2]);
         for (part, truth) in [(0, [0.9, -1.1, 7.0]), (1, [-2.8, 3.1, -22.0]), (2, [3.0, 0.7, 37.0])] {
             let truth = Se2::from_degrees(truth[0], truth[1], truth[2]);
             let touch = |pose: &Se2, rng: &mut ChaCha8Rng| {
                 let observation = world.touch(part, pose, rng);
-                TouchLikelihood::new(&observation, &world.bank, &TouchModel::default()).unwrap()
+                TouchLikelihood::new(&observation, &world.bank, &model).unwrap()
             };
             let mut belief = Belief::new(&world.bank, EngineConfig::Exact, 1, 1, touch(&truth, &mut rng));
             let mut pose = truth;

@@ -156,9 +156,10 @@ mod tests {
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
 
-    /// A part whose views are alike where `x_of` says the same of two places along x, after a touch of it at the middle.
+    /// A part whose views are alike where `x_of` says the same of two places along x, after a touch of it at the middle, which
+    /// is as far from the view there as touches are.
     fn touched(x_of: impl Fn(f64) -> usize) -> Belief {
-        const DIM: usize = 48;
+        const DIM: usize = 49;
         let row = |cell: usize| {
             let pose = GRID.pose(cell);
             let mut row = vec![0.0_f32; DIM];
@@ -171,7 +172,11 @@ mod tests {
         let bank =
             Bank::from_rows(vec!["a".into()], GRID, Rows::new(DIM, rows).unwrap(), vec![0.3; GRID.len()], "").unwrap();
         let config = TouchModel { outlier_share: 1e-9, interpolation: Interpolation::Cubic, ..TouchModel::default() };
-        let touch = Observation::new(row(GRID.nearest(&Se2::IDENTITY).unwrap()), 0.3);
+        let mut query = row(GRID.nearest(&Se2::IDENTITY).unwrap());
+        // At right angles to all views: a distance of d is a tangent of d sqrt(1 - d^2 / 4) / (1 - d^2 / 2).
+        let square = config.own_distance.powi(2);
+        query[DIM - 1] = ((square * (1.0 - square / 4.0)).sqrt() / (1.0 - square / 2.0)) as f32;
+        let touch = Observation::new(query, 0.3);
         Belief::new(&bank, EngineConfig::Exact, 2, 1, TouchLikelihood::new(&touch, &bank, &config).unwrap())
     }
 

@@ -9,9 +9,13 @@ use rand::{RngExt, SeedableRng};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
+use tactile_infer::between::is_fine;
+use tactile_infer::match_odds::distance;
 use tactile_infer::rows::Rows;
+use tactile_infer::similarity::{dot, normalize_rows};
 
 use crate::touch::Observation;
+use crate::touch_model::TouchModel;
 
 /// Points of a view along each axis.
 const N_POINTS: usize = 8;
@@ -59,6 +63,33 @@ impl World {
         let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
         row.iter_mut().for_each(|value| *value += self.noise * normal());
         Observation::new(row.iter().map(|value| *value as f32).collect(), edge_share)
+    }
+
+    /// The default model but for the log-odds, fitted roughly: touches are from the nearest recorded view as far as here, a
+    /// nat is so much as they differ in that, and what is half way to any view is of the world. Where the grid is too coarse
+    /// for views between recorded ones, touches are made at recorded poses alone.
+    pub fn model(&self) -> TouchModel {
+        const N_TOUCHES: usize = 200;
+        let (grid, mut rng) = (self.bank.grid(), ChaCha8Rng::seed_from_u64(77));
+        let mut distances = || {
+            let (part, cell) = (rng.random_range(0..self.holes.len()), rng.random_range(0..grid.len()));
+            let mut pose = grid.pose(cell);
+            if is_fine(grid) {
+                let mut off = |step: f64| step * rng.random_range(-0.5..0.5);
+                let [x, y] = [pose.x_mm, pose.y_mm].map(|mm| mm + off(grid.xy_step_mm));
+                pose = Se2::from_degrees(x, y, pose.theta_deg() + off(grid.theta_step_deg));
+            }
+            let mut query = self.touch(part, &pose, &mut rng).query;
+            normalize_rows(&mut query, N_POINTS * N_POINTS);
+            let from = |row: usize| distance(f64::from(dot(&self.bank.row(row), &query)));
+            [from(part * grid.len() + cell), from(rng.random_range(0..self.holes.len() * grid.len()))]
+        };
+        let all: Vec<[f64; 2]> = (0..N_TOUCHES).map(|_| distances()).collect();
+        let mean = |of: &dyn Fn(&[f64; 2]) -> f64| all.iter().map(of).sum::<f64>() / N_TOUCHES as f64;
+        let [own_distance, other] = [0, 1].map(|which: usize| mean(&|distances| distances[which]));
+        let steepness = mean(&|distances| (distances[0] - own_distance).abs()).recip();
+        let match_offset = steepness * 0.5 * (other - own_distance);
+        TouchModel { match_offset, steepness, steepness_by_edge: 0.0, own_distance, ..TouchModel::default() }
     }
 
     /// The motions from a pose to every pose of the grid: what is recorded of the true hole.

@@ -243,7 +243,7 @@ mod tests {
         let world = World::new(3, grid, 0.1, 0.02, 4);
         let states = grid.subdivided(2, 2);
         let observation = world.touch(1, &Se2::from_degrees(5.2, -4.7, 9.0), &mut ChaCha8Rng::seed_from_u64(2));
-        let config = TouchModel { steepness: 60.0, interpolation: Interpolation::Cubic, ..TouchModel::default() };
+        let config = TouchModel { steepness: 30.0, interpolation: Interpolation::Cubic, ..world.model() };
         let likelihood = TouchLikelihood::new(&observation, &world.bank, &config).unwrap();
         let moved = Se2::from_degrees(1.7, -0.9, 21.0);
         let evidence = Evidence::of(&grid, moved, 1.0, likelihood);

@@ -146,11 +146,11 @@ impl ViewWeights {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checks::synthetic::World;
     use crate::likelihood::nearest::nearest_view;
     use proptest::prelude::*;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
+    use std::f64::consts::TAU;
 
     /// 3 x 3 x 3 = 27 poses.
     const COARSE: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
@@ -225,44 +225,66 @@ mod tests {
         }
     }
 
-    /// Against the embedding interpolated from all 64 around a pose: half way between recorded poses, along any axes, the
-    /// length is known; elsewhere it is off by some thousandths. Angles go round in one of the grids.
+    /// Parts whose embeddings, of unit length, are smooth over places and angles: each value is a sum of waves, none shorter
+    /// than 16 mm or half a turn.
+    fn smooth(grid: PoseGrid, rng: &mut ChaCha8Rng) -> tactile_infer::Bank {
+        const DIM: usize = 16;
+        let mut wave = || {
+            let (direction, turn) = (rng.random_range(0.0..TAU), f64::from(rng.random_range(-2..=2_i32)));
+            let number = rng.random_range(0.0..TAU / 16.0);
+            [number * f64::cos(direction), number * f64::sin(direction), turn, rng.random_range(0.0..TAU)]
+        };
+        let mut rows = Vec::new();
+        for _ in 0..2 {
+            let values: Vec<[[f64; 4]; 3]> = (0..DIM).map(|_| [(); 3].map(|()| wave())).collect();
+            for pose in (0..grid.len()).map(|cell| grid.pose(cell)) {
+                let of_wave = |[x, y, turn, phase]: &[f64; 4]| {
+                    (x * pose.x_mm + y * pose.y_mm + turn * pose.theta_rad + phase).cos() as f32
+                };
+                rows.extend(values.iter().map(|waves| waves.iter().map(of_wave).sum::<f32>()));
+            }
+        }
+        tactile_infer::similarity::normalize_rows(&mut rows, DIM);
+        let shares = vec![0.3; 2 * grid.len()];
+        let rows = tactile_infer::rows::Rows::new(DIM, rows).unwrap();
+        tactile_infer::Bank::from_rows(vec!["A".into(), "B".into()], grid, rows, shares, "").unwrap()
+    }
+
+    /// Against the embedding interpolated from all 64 around a pose: half way between recorded poses, along any axes, its
+    /// length is known; elsewhere to some thousandths. Angles go round in one of the grids.
     #[test]
     fn a_view_between_recorded_ones_has_the_length_of_its_interpolated_embedding() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
         let ring = PoseGrid { xy_half_mm: 4.0, theta_half_deg: 180.0, ..FINE };
-        for (grid, turns) in [(PoseGrid { theta_half_deg: 45.0, ..FINE }, 45.0), (ring, 180.0)] {
-            let world = World::new(2, grid, 0.1, 0.02, 4);
-            let (bank, mut rng) = (&world.bank, ChaCha8Rng::seed_from_u64(7));
-            let mut draw = |half: f64, is_anywhere: bool| {
-                let steps = rng.random_range(-half..half);
-                if is_anywhere { steps } else { (2.0 * steps).round() / 2.0 }
-            };
-            let (mut at_halves, mut anywhere, mut plain) = (0.0_f32, 0.0_f32, 0.0_f32);
+        for grid in [PoseGrid { theta_half_deg: 45.0, ..FINE }, ring] {
+            let bank = smooth(grid, &mut rng);
+            // How far all are off half way between recorded poses, at any pose, and without a length of their own.
+            let mut most = [0.0_f32; 3];
             for index in 0..600 {
                 let is_anywhere = index % 2 == 0;
-                let [x, y] = [(); 2].map(|()| 2.0 * draw(grid.xy_half_mm / 2.0, is_anywhere));
-                let pose = Se2::from_degrees(x, y, 15.0 * draw(turns / 15.0, is_anywhere));
-                let part = index / 2 % 2;
+                let [x, y, angle] =
+                    [grid.xy_half_mm / 2.0, grid.xy_half_mm / 2.0, grid.theta_half_deg / 15.0].map(|half| {
+                        let steps: f64 = rng.random_range(-half..half);
+                        if is_anywhere { steps } else { (2.0 * steps).round() / 2.0 }
+                    });
+                let (pose, part) = (Se2::from_degrees(2.0 * x, 2.0 * y, 15.0 * angle), index / 2 % 2);
                 let weights = ViewWeights::new(&grid, &pose).unwrap();
-                // Touched there, or at a recorded pose.
-                let touched = if index % 3 == 0 { grid.pose(index * 7919 % grid.len()) } else { pose };
-                let query = world.touch(part, &touched, &mut ChaCha8Rng::seed_from_u64(index as u64)).query;
-                let length = query.iter().map(|value| value * value).sum::<f32>().sqrt();
-                let query: Vec<f32> = query.iter().map(|value| value / length).collect();
+                // A touch like the recorded view nearest to it.
+                let mut query = bank.row(part * grid.len() + weights.cell).into_owned();
+                query.iter_mut().for_each(|value| *value += rng.random_range(-0.1..0.1));
+                let dim = query.len();
+                tactile_infer::similarity::normalize_rows(&mut query, dim);
                 let dot = |cell: usize| -> f32 {
                     bank.row(part * grid.len() + cell).iter().zip(&query).map(|(a, b)| a * b).sum()
                 };
                 let cosines: Vec<f32> = (0..grid.len()).map(dot).collect();
                 let exact = bank.cosine_at(&query, part, &pose).unwrap();
                 let apart = (weights.cosine(&cosines, &bank.neighbours()[part]) - exact).abs();
-                let most = if is_anywhere { &mut anywhere } else { &mut at_halves };
-                *most = most.max(apart);
-                plain = plain.max((weights.value(&cosines) - exact).abs());
+                let at = usize::from(is_anywhere);
+                most[at] = most[at].max(apart);
+                most[2] = most[2].max((weights.value(&cosines) - exact).abs());
             }
-            assert!(at_halves < 1e-4, "{at_halves}");
-            assert!(anywhere < 3e-3, "{anywhere}");
-            // Without a length of its own a view would be off by far more.
-            assert!(plain > 0.02, "{plain}");
+            assert!(most[0] < 1e-4 && most[1] < 3e-3 && most[2] > 0.02, "{most:?}");
         }
     }
 

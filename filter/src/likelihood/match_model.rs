@@ -122,7 +122,7 @@ impl Foreseen {
         let logs: Vec<f64> = cosines.map(log).collect();
         // No log is above that of the view itself.
         let most = log(1.0);
-        let (scale, outlier) = ((joint * most).exp(), (joint * odds.log_outlier).exp());
+        let (scale, outlier) = ((joint * most).min(MOST_FORESEEN).exp(), (joint * odds.log_outlier).exp());
         let mut likely = simd::powers(&logs, most, joint);
         likely.iter_mut().for_each(|likely| *likely = *likely * scale + outlier);
         likely
@@ -132,8 +132,9 @@ impl Foreseen {
 impl Odds {
     fn new(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32) -> Self {
         let steepness = model.steepness * (model.steepness_by_edge * MatchOdds::log_edge(edge_share)).exp();
+        let steepness = steepness.min(MOST);
         let (log_outlier, log_rest) = (model.outlier_share.ln(), (-model.outlier_share).ln_1p());
-        let at_zero = model.match_offset + rarity + steepness * own_distance;
+        let at_zero = (model.match_offset + rarity + steepness * own_distance).clamp(-MOST, MOST);
         Self { at_zero, steepness, log_outlier, log_rest }
     }
 
@@ -145,7 +146,13 @@ impl Odds {
 
 /// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite
 /// views are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
-const LOWEST: f64 = -1e12;
+const LOWEST: f64 = -MOST;
+
+/// No log-odds, and no steepness, are of more nats.
+const MOST: f64 = 1e12;
+
+/// No view is foreseen to be likelier than e to this many nats.
+const MOST_FORESEEN: f64 = 200.0;
 
 #[cfg(test)]
 mod tests {
