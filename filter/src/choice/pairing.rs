@@ -152,7 +152,7 @@ mod tests {
             let steepness = 4.0 * (0.203_f64 / 0.05).powf(independent.steepness_by_edge);
             let own = independent.own_distance;
             let apart = (2.0 * (1.0 - cosine) + own * own).sqrt();
-            let by_hand = 0.995 * (3.75 - steepness * (apart - own)).exp() + 0.005;
+            let by_hand = 0.995 * (independent.match_offset + 0.75 - steepness * (apart - own)).exp() + 0.005;
             assert!((got / by_hand - 1.0).abs() < 1e-6, "{got} {by_hand}");
             // Of two touches that share all of their error either counts as half a touch.
             let alike = value(&TouchModel { shared_error: 1.0, outlier_share: 0.0, ..independent }, row);

@@ -203,8 +203,10 @@ impl Evidence {
 
 /// log(trust e^a + (1 - trust) e^b), however far apart they are.
 fn log_mix(trust: f64, a: f64, b: f64) -> f64 {
+    // Weighed first: what is not trusted at all must not hide the other, however likely it is.
+    let (a, b) = (trust.ln() + a, (1.0 - trust).ln() + b);
     let most = a.max(b);
-    most + (trust * (a - most).exp() + (1.0 - trust) * (b - most).exp()).ln()
+    most + ((a - most).exp() + (b - most).exp()).ln()
 }
 
 /// The view of one part at a pose.
@@ -234,6 +236,7 @@ mod tests {
         assert!((log_mix(0.25, 1.0, -0.5) - (0.25 * 1.0_f64.exp() + 0.75 * (-0.5_f64).exp()).ln()).abs() < 1e-12);
         assert!((log_mix(0.25, 2e4, -0.5) - (2e4 + 0.25_f64.ln())).abs() < 1e-9);
         assert!((log_mix(0.25, -2e4, -0.5) - (0.75_f64.ln() - 0.5)).abs() < 1e-9);
+        assert_eq!([log_mix(0.0, 1e4, 0.0), log_mix(1.0, 0.0, 1e4)], [0.0; 2]);
     }
 
     /// Where a distance costs so much that a touch matches few views, it is an outlier where it cannot match.
