@@ -171,7 +171,15 @@ mod tests {
         let rows: Vec<f32> = (0..GRID.len()).flat_map(row).collect();
         let bank =
             Bank::from_rows(vec!["a".into()], GRID, Rows::new(DIM, rows).unwrap(), vec![0.3; GRID.len()], "").unwrap();
-        let config = TouchModel { outlier_share: 1e-9, interpolation: Interpolation::Cubic, ..TouchModel::default() };
+        let config = TouchModel {
+            match_offset: 3.0,
+            steepness: 24.0,
+            steepness_by_edge: 0.27,
+            own_distance: 0.38,
+            outlier_share: 1e-9,
+            interpolation: Interpolation::Cubic,
+            ..TouchModel::default()
+        };
         let mut query = row(GRID.nearest(&Se2::IDENTITY).unwrap());
         // At right angles to all views: a distance of d is a tangent of d sqrt(1 - d^2 / 4) / (1 - d^2 / 2).
         let square = config.own_distance.powi(2);

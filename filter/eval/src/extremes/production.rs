@@ -272,7 +272,6 @@ mod tests {
         };
         assert!(held(&|_| ()));
         assert!(!held(&|model| model.steepness *= 1.05));
-        assert!(!held(&|model| model.own_distance *= 1.1));
         assert!(!held(&|model| model.interpolation = Interpolation::Nearest));
         assert!(!held(&|model| model.shared_error = 0.1));
     }
