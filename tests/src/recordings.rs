@@ -81,11 +81,14 @@ fn a_bag_brings_back_every_byte_and_an_evaluation_of_it_says_the_same() {
         read_json(&at.join(out).join("evaluation.json"))
     };
     let [direct, from_bag] = [evaluate("a.bank", "holes", "x"), evaluate("b.bank", "holes-again", "y")];
-    // Poses of a bag are in metres and quaternions: equal but for the last bits.
-    let accuracies =
-        |of: &Value| of["rows"].as_array().unwrap().iter().map(|r| r["accuracy"].clone()).collect::<Vec<_>>();
+    // Poses of a bag are in metres and quaternions: equal but for the last bits. After a turn a view may be half way between two
+    // recorded ones, and these bits say which is the nearest; so the first touch alone is compared.
+    let accuracies = |of: &Value| {
+        let of_first = of["rows"].as_array().unwrap().iter().filter(|row| row["n_touches"] == 1);
+        of_first.map(|row| row["accuracy"].clone()).collect::<Vec<_>>()
+    };
     assert_eq!(accuracies(&direct), accuracies(&from_bag));
-    assert!(direct["rows"].as_array().unwrap().len() == 1 + 2 * 3);
+    assert!(accuracies(&direct).len() == 3 && direct["rows"].as_array().unwrap().len() == 1 + 2 * 3);
 }
 
 /// The steps of the banks of a trade-off, mm and degrees, without those that are there already.

@@ -83,18 +83,24 @@ fn mean(values: &[f64]) -> f64 {
 /// The objective as the optimiser asks for it: value and derivative at the same numbers, one after the other.
 struct Problem<'a> {
     objective: Objective<'a>,
-    /// The last numbers, with both.
-    last: Mutex<Option<(Vec<f64>, f64, Vec<f64>)>>,
+    last: Mutex<Option<Known>>,
+}
+
+/// Numbers that were asked about, with the value and the derivative there.
+struct Known {
+    numbers: Vec<f64>,
+    value: f64,
+    derivative: Vec<f64>,
 }
 
 impl Problem<'_> {
     fn at(&self, numbers: &[f64]) -> (f64, Vec<f64>) {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         match &*last {
-            Some((known, value, derivative)) if known == numbers => (*value, derivative.clone()),
+            Some(Known { numbers: known, value, derivative }) if known == numbers => (*value, derivative.clone()),
             _ => {
                 let (value, derivative) = self.objective.at(numbers);
-                *last = Some((numbers.to_vec(), value, derivative.clone()));
+                *last = Some(Known { numbers: numbers.to_vec(), value, derivative: derivative.clone() });
                 (value, derivative)
             }
         }
