@@ -110,6 +110,21 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
             })
         },
     );
+    let stop_place_mm = prop::sample::select(vec![None, Some(1e-3), Some(2.0)]);
+    (engine, action, touch_model(), any::<bool>(), (0.0..=1.0_f64, stop_place_mm, 1..=5_usize), any::<u64>()).prop_map(
+        |(engine, config, numbers, between_poses, (stop_probability, stop_place_mm, none_touches), seed)| {
+            let min_separation_mm = config.model.min_separation_mm;
+            config.changed(|settings, model, method| {
+                *model = TouchModel { min_separation_mm, none_touches, ..numbers };
+                (method.engine, method.between_poses) = (engine, between_poses);
+                (settings.stop_probability, settings.stop_place_mm) = (stop_probability, stop_place_mm);
+                settings.seed = seed;
+            })
+        },
+    )
+}
+
+fn touch_model() -> impl Strategy<Value = TouchModel> {
     let any_positive = || prop_oneof![prop::sample::select(vec![1e-300, 1e-4, 1e4, 1e300]), number()];
     let temperature = prop_oneof![
         4 => Just(None), 1 => (0.01..1.0_f64).prop_map(Some), 1 => any_positive().prop_map(Some)
@@ -124,7 +139,7 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
     let overlap = prop::sample::select(vec![0.0, 3.0, 1e-9, 1e9]);
     let tolerance = prop::sample::select(vec![0.25, 1.0, 1e-9, 1e9]);
     let odds = (offset, steepness, by_edge, own_distance, temperature);
-    let likelihood = (odds, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
+    (odds, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
         |(odds, outlier_share, interpolation, overlap_mm, nearest_tolerance, blank_share)| TouchModel {
             match_offset: odds.0,
             steepness: odds.1,
@@ -137,18 +152,6 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
             nearest_tolerance,
             blank_share,
             ..TouchModel::default()
-        },
-    );
-    let stop_place_mm = prop::sample::select(vec![None, Some(1e-3), Some(2.0)]);
-    (engine, action, likelihood, any::<bool>(), (0.0..=1.0_f64, stop_place_mm, 1..=5_usize), any::<u64>()).prop_map(
-        |(engine, config, numbers, between_poses, (stop_probability, stop_place_mm, none_touches), seed)| {
-            let min_separation_mm = config.model.min_separation_mm;
-            config.changed(|settings, model, method| {
-                *model = TouchModel { min_separation_mm, none_touches, ..numbers };
-                (method.engine, method.between_poses) = (engine, between_poses);
-                (settings.stop_probability, settings.stop_place_mm) = (stop_probability, stop_place_mm);
-                settings.seed = seed;
-            })
         },
     )
 }
