@@ -6,6 +6,7 @@ use tactile_data::touch::Side;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::calibration::{BLANK_SHARE, Calibration, Spread};
+use tactile_infer::match_odds::OUTLIER_SHARE;
 use tactile_infer::views::Views;
 
 use crate::error::Result;
@@ -31,7 +32,7 @@ numbers! {
             Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
         /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
-        outlier_share: f64 = 0.005, "", Range::BELOW_ONE,
+        outlier_share: f64 = OUTLIER_SHARE, "", Range::BELOW_ONE,
             Fixed: "slips and crumbs are not simulated"; "one bad touch rules the part out";
         /// Alg. 1 as printed instead of all these: the log-likelihood is the cosine over this.
         temperature: Option<f64> = None, "cosine", Range::POSITIVE,

@@ -147,19 +147,12 @@ impl Checkpoint {
     }
 
     fn of_file(mut file: SafeFile, weights: Precision) -> Result<(Self, String)> {
-        let mut take = |name| {
-            let entry = file.text.iter().position(|(key, _)| key == name).map(|at| file.text.swap_remove(at).1);
-            entry.map(|text| from_json(&text)).transpose()
-        };
-        let [calibration, peg_calibration]: [Option<Calibration>; 2] = [take(CALIBRATIONS[0])?, take(CALIBRATIONS[1])?];
+        let [calibration, peg_calibration]: [Option<Calibration>; 2] =
+            [take(&mut file, CALIBRATIONS[0])?, take(&mut file, CALIBRATIONS[1])?];
         for (name, calibration) in CALIBRATIONS.iter().zip([&calibration, &peg_calibration]) {
             calibration.iter().try_for_each(Calibration::validate).map_err(|error| error.within(name))?;
         }
-        let mut take = |name| {
-            let entry = file.text.iter().position(|(key, _)| key == name).map(|at| file.text.swap_remove(at).1);
-            entry.map(|text| from_json(&text)).transpose()
-        };
-        let match_odds: [Option<MatchOdds>; 2] = [take(MATCH_ODDS[0])?, take(MATCH_ODDS[1])?];
+        let match_odds: [Option<MatchOdds>; 2] = [take(&mut file, MATCH_ODDS[0])?, take(&mut file, MATCH_ODDS[1])?];
         let config: NetworkConfig = from_json(file.text("config")?)?;
         config.validate()?;
         for (name, odds) in MATCH_ODDS.iter().zip(&match_odds) {
@@ -182,6 +175,12 @@ impl Checkpoint {
             Self { config, preprocessing, provenance, calibration, peg_calibration, match_odds, tensors, weights };
         Ok((of_file, sha256))
     }
+}
+
+/// Takes a text entry out of a file, where it has it.
+fn take<T: for<'a> Deserialize<'a>>(file: &mut SafeFile, name: &str) -> Result<Option<T>> {
+    let entry = file.text.iter().position(|(key, _)| key == name).map(|at| file.text.swap_remove(at).1);
+    entry.map(|text| from_json(&text)).transpose()
 }
 
 pub(crate) fn to_json<T: Serialize>(value: &T) -> Result<String> {

@@ -25,6 +25,9 @@ const NOISE_SHARE: f64 = 0.003;
 /// A common share of edge pixels, from which shares are counted.
 const USUAL_SHARE: f64 = 0.05;
 
+/// Share of touches that are of something else than they were meant for: a slip, a crumb. The fit and the filter take the same.
+pub const OUTLIER_SHARE: f64 = 0.005;
+
 /// What was fitted of a model where one side is touched; stored in its checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -122,14 +122,13 @@ struct Halves<'a> {
 impl Halves<'_> {
     /// [`Neighbours::across`] of all views, from their embeddings of unit length, `[n_cells, dim]`.
     fn across(&self, unit: &[f32]) -> Vec<f32> {
-        let along_x = self.half_way(unit, 0);
-        let [of_x, of_y, of_theta] =
-            [self.squares(&along_x), self.squares(&self.half_way(unit, 1)), self.squares(&self.half_way(unit, 2))];
+        let [along_x, along_y, along_theta] = [0, 1, 2].map(|axis| self.half_way(unit, axis));
+        let [of_x, of_y, of_theta] = [&along_x, &along_y, &along_theta].map(|along| self.squares(along));
         let along_xy = self.half_way(&along_x, 1);
         let of_xy = self.squares(&along_xy);
         let of_all = self.squares(&self.half_way(&along_xy, 2));
         let of_x_theta = self.squares(&self.half_way(&along_x, 2));
-        let of_y_theta = self.squares(&self.half_way(&self.half_way(unit, 1), 2));
+        let of_y_theta = self.squares(&self.half_way(&along_y, 2));
         let (n, n_theta) = (self.grid.n_xy(), self.grid.n_theta());
         let mut across = vec![0.0; 4 * unit.len() / self.dim];
         for cell in 0..unit.len() / self.dim {

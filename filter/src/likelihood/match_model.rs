@@ -78,12 +78,10 @@ impl MatchModel {
 
     /// The same of many, in f32 where that is fine enough, each with `more` added.
     pub fn logs(self, mut cosines: Vec<f32>, more: f64) -> Vec<f64> {
-        let Self::Odds(odds) = self else {
-            return cosines.into_iter().map(|cosine| self.log(f64::from(cosine)) + more).collect();
+        let odds = match self {
+            Self::Odds(odds) if odds.log_outlier > f64::NEG_INFINITY => odds,
+            _ => return cosines.into_iter().map(|cosine| self.log(f64::from(cosine)) + more).collect(),
         };
-        if odds.log_outlier == f64::NEG_INFINITY {
-            return cosines.into_iter().map(|cosine| self.log(f64::from(cosine)) + more).collect();
-        }
         let Odds { at_zero, steepness, log_outlier, log_rest } = odds;
         let (at_zero, steepness) = ((at_zero + log_rest - log_outlier) as f32, steepness as f32);
         for cosine in &mut cosines {

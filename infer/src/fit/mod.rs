@@ -15,15 +15,12 @@ use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;
 
 use crate::error::{Error, Result};
-use crate::match_odds::MatchOdds;
+use crate::match_odds::{MatchOdds, OUTLIER_SHARE};
 use objective::{N_FIRST, Objective};
 pub use sample::Samples;
 
 /// Fewer touches say too little of a hundred numbers.
 const FEWEST: usize = 1_000;
-
-/// Share of touches that are of something else than they were meant for: the filter's.
-pub const OUTLIER_SHARE: f64 = 0.005;
 
 /// Rounds of the optimiser; a hundred are usually enough.
 const MAX_ROUNDS: u64 = 300;
