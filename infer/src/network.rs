@@ -6,7 +6,8 @@
 //! a global average would throw the pose away.
 
 use crate::architecture::{ConvLayer, NetworkConfig};
-use crate::conv;
+use crate::conv::op;
+pub use crate::conv::op::is_card;
 use crate::error::{Error, Result};
 use crate::safefile::NamedTensor;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
@@ -74,15 +75,18 @@ impl Encoder {
     /// `[n, 3, height, width]` -> `[n, dim]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<2> {
         let device = images.device();
-        // In training on the CPU by our own kernels: the same numbers but for rounding.
-        let is_ours = device.is_autodiff() && conv::op::is_supported(&device);
-        self.project(if is_ours { self.convolve_on_cpu(images) } else { self.convolve(images) })
+        // In training by our own kernels: the same numbers but for rounding.
+        match () {
+            () if device.is_autodiff() && op::is_card(&device) => self.project_on_card(self.convolve_ours(images)),
+            () if device.is_autodiff() && op::is_cpu(&device) => self.project(self.convolve_ours(images)),
+            () => self.project(self.convolve(images)),
+        }
     }
 
     /// By our own kernels: `[n, 3, height, width]` -> `[n, channels, rows, columns]`.
-    fn convolve_on_cpu(&self, images: Tensor<4>) -> Tensor<4> {
+    fn convolve_ours(&self, images: Tensor<4>) -> Tensor<4> {
         let x = images.permute([0, 2, 3, 1]); // [n, height, width, channels]
-        self.convs.iter().fold(x, |x, conv| conv.train_on_cpu(x)).permute([0, 3, 1, 2])
+        self.convs.iter().fold(x, |x, conv| conv.train(x)).permute([0, 3, 1, 2])
     }
 
     /// The same by burn's kernels, on any device.
@@ -94,6 +98,12 @@ impl Encoder {
         let x = x.flatten::<2>(1, 3); // [n, channels * rows * columns]
         let x = relu(self.norm_1.forward(self.project_1.forward(x)));
         self.norm_2.forward(self.project_2.forward(x))
+    }
+
+    /// The same by our own kernels on a graphics card.
+    fn project_on_card(&self, x: Tensor<4>) -> Tensor<2> {
+        let x = train_linear(x.flatten::<2>(1, 3), &self.project_1, &self.norm_1, true);
+        train_linear(x, &self.project_2, &self.norm_2, false)
     }
 }
 
@@ -108,6 +118,10 @@ pub struct Predictor {
 impl Predictor {
     /// `[n, dim]` -> `[n, dim]`.
     pub fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        let device = x.device();
+        if device.is_autodiff() && op::is_card(&device) {
+            return self.predict_2.forward(train_linear(x, &self.predict_1, &self.norm_1, true));
+        }
         self.predict_2.forward(relu(self.norm_1.forward(self.predict_1.forward(x))))
     }
 }
@@ -141,17 +155,39 @@ impl ConvBn {
     }
 
     /// By our own kernels, `[n, height, width, channels]`; the running statistics follow the batch's.
-    fn train_on_cpu(&self, x: Tensor<4>) -> Tensor<4> {
-        let norm = &self.norm;
-        let layer = conv::op::Layer { stride: self.conv.stride[0], adds_input: self.adds_input, epsilon: norm.epsilon };
-        let (out, mean, variance) =
-            conv::op::train_layer(x, self.conv.weight.val(), norm.gamma.val(), norm.beta.val(), layer);
-        for (running, batch) in [(&norm.running_mean, mean), (&norm.running_var, variance)] {
-            let old = running.value_sync().to_device(&out.device());
-            running.update((old * (1.0 - norm.momentum) + batch.detach() * norm.momentum).detach());
-        }
-        out
+    fn train(&self, x: Tensor<4>) -> Tensor<4> {
+        let joined = Joined { stride: self.conv.stride[0], adds_input: self.adds_input, rectifies: true };
+        train_layer(x, self.conv.weight.val(), &self.norm, joined)
     }
+}
+
+/// A linear layer, its batch normalisation and perhaps the rectifier, by our own kernels on a graphics card:
+/// `[n, n_in]` -> `[n, n_out]`.
+fn train_linear(x: Tensor<2>, linear: &Linear, norm: &BatchNorm, rectifies: bool) -> Tensor<2> {
+    let [n, n_in] = x.dims();
+    let joined = Joined { stride: 1, adds_input: false, rectifies };
+    train_layer(x.reshape([n, 1, 1, n_in]), linear.weight.val(), norm, joined).flatten::<2>(1, 3)
+}
+
+/// How a layer goes from its product with the weights to its output.
+struct Joined {
+    stride: usize,
+    adds_input: bool,
+    rectifies: bool,
+}
+
+/// A layer by our own kernels; the running statistics of its normalisation follow the batch's.
+fn train_layer<const D: usize>(x: Tensor<4>, weights: Tensor<D>, norm: &BatchNorm, joined: Joined) -> Tensor<4> {
+    let Joined { stride, adds_input, rectifies } = joined;
+    let layer = op::Layer { stride, adds_input, rectifies, epsilon: norm.epsilon, momentum: norm.momentum };
+    let device = x.device();
+    let running = [&norm.running_mean, &norm.running_var];
+    let [mean, variance] = running.map(|running| running.value_sync().to_device(&device));
+    let (out, followed) = op::train_layer(x, weights, [norm.gamma.val(), norm.beta.val(), mean, variance], layer);
+    for (running, new) in running.into_iter().zip(followed) {
+        running.update(new.detach());
+    }
+    out
 }
 
 /// Draws each matrix and kernel from N(0, 2 / fan-in) (He et al. 2015); vectors keep their ones and zeros.
@@ -331,7 +367,7 @@ mod tests {
             let largest = b.iter().fold(0.05_f32, |m, v| m.max(v.abs())); // some gradients are zero but for rounding
             a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-4 * largest)
         };
-        let (ours, burns) = (run(Encoder::convolve_on_cpu), run(Encoder::convolve));
+        let (ours, burns) = (run(Encoder::convolve_ours), run(Encoder::convolve));
         assert!(close(&ours.0, &burns.0), "{:?} {:?}", ours.0, burns.0);
         for (a, b) in ours.1.iter().zip(&burns.1) {
             assert!(close(&a.values, &b.values), "{} {:?} {:?}", a.name, a.values, b.values);

@@ -40,7 +40,7 @@ impl Augmentation {
     pub fn apply(&self, image: &TactileImage, size_px: [usize; 2], out: &mut Vec<f32>) {
         let taps = [0, 1].map(|axis| {
             let flip = [self.flip_x, self.flip_y][axis];
-            self.taps(image.size_px[axis], size_px[axis], self.offset[axis], flip)
+            self.taps(axis, image.size_px[axis], size_px[axis], flip)
         });
         let [width, height] = image.size_px;
         for plane in image.planes.chunks_exact(width * height) {
@@ -62,10 +62,15 @@ impl Augmentation {
         }
     }
 
-    /// Two sample positions along one axis for each output pixel.
-    fn taps(&self, n_in: usize, n_out: usize, offset: f32, flip: bool) -> Vec<Tap> {
+    /// Where the crop begins along an axis of `n_in` pixels, and how much of it there is, pixels.
+    pub fn crop(&self, axis: usize, n_in: usize) -> [f32; 2] {
         let span = self.scale * n_in as f32;
-        let start = offset * (n_in as f32 - span);
+        [self.offset[axis] * (n_in as f32 - span), span]
+    }
+
+    /// Two sample positions along one axis for each output pixel.
+    fn taps(&self, axis: usize, n_in: usize, n_out: usize, flip: bool) -> Vec<Tap> {
+        let [start, span] = self.crop(axis, n_in);
         let mut taps: Vec<Tap> = (0..2 * n_out)
             .map(|i| {
                 let place = start + span * (i as f32 + 0.5) / (2 * n_out) as f32 - 0.5;

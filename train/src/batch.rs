@@ -13,12 +13,22 @@ use crate::mating::Pair;
 use crate::pairs::Pairs;
 use crate::smooth_field::{self, Field};
 
-/// A pair, and how it is changed before it is trained on.
-struct Drawn {
-    pair: Pair,
-    augmentation: Augmentation,
+/// A training pair of a batch.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// Its number among the training pairs.
+    pub index: usize,
+    /// What is done to its pictures.
+    pub change: Change,
+}
+
+/// How a pair's pictures are changed before they are trained on.
+#[derive(Clone, Debug)]
+pub struct Change {
+    /// Crop and flips.
+    pub augmentation: Augmentation,
     /// A smooth field for the hole's picture and one for the peg's.
-    fields: Option<[Field; 2]>,
+    pub fields: Option<[Field; 2]>,
 }
 
 /// One batch in memory: `[n, 3, height, width]` each, row `i` of one mates with row `i` of the other.
@@ -33,17 +43,15 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// The batch as tensors `(holes, pegs)`, in `n` micro-batches of nearly equal size.
-    pub fn micro_batches(&self, n: usize, [width, height]: [usize; 2], device: &Device) -> Vec<(Tensor<4>, Tensor<4>)> {
+    /// The batch as tensors of holes, then pegs, `[2 n_m, 3, height, width]`, in `n` micro-batches of nearly equal size.
+    pub fn micro_batches(&self, n: usize, [width, height]: [usize; 2], device: &Device) -> Vec<Tensor<4>> {
         let length = 3 * width * height;
-        let tensor = |values: &[f32]| {
-            let n = values.len() / length;
-            Tensor::from_data(TensorData::new(values.to_vec(), [n, 3, height, width]), device)
-        };
         let bound = |i: usize| i * self.n_pairs / n * length;
         let part = |i: usize| {
             let range = bound(i)..bound(i + 1);
-            (tensor(&self.holes[range.clone()]), tensor(&self.pegs[range]))
+            let both = [&self.holes[range.clone()], &self.pegs[range]].concat();
+            let n = both.len() / length;
+            Tensor::from_data(TensorData::new(both, [n, 3, height, width]), device)
         };
         (0..n).map(part).collect()
     }
@@ -57,22 +65,28 @@ impl Pairs<'_> {
     /// mm and degrees away: the negatives that the filter must distinguish. Otherwise it is any pair. Blank pairs
     /// beyond `max_blank` are drawn again.
     pub fn batch(&self, config: &TrainConfig, step: usize) -> Result<Batch> {
+        let drawn = self.draw(config, step)?;
+        self.load(drawn.into_iter().map(|drawn| (self.training[drawn.index], drawn.change)).collect())
+    }
+
+    /// Which pairs a batch has, and how each is changed.
+    pub fn draw(&self, config: &TrainConfig, step: usize) -> Result<Vec<Drawn>> {
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         rng.set_stream(step as u64 + 1);
         let chosen = self.choose(config, &mut rng)?;
         let flips = config.flips != Flips::None;
         let drawn = chosen.iter().map(|index| {
             let augmentation = Augmentation::draw(&mut rng, config.min_crop, flips);
-            Drawn { pair: self.training[*index], augmentation, fields: None }
+            Drawn { index: *index, change: Change { augmentation, fields: None } }
         });
         let mut drawn: Vec<Drawn> = drawn.collect();
         // A stream of its own: what is drawn above does not depend on it.
         rng.set_stream(u64::MAX - step as u64);
         if config.field_counts > 0.0 {
             let mut field = || smooth_field::draw(&mut rng, config.field_counts, &self.preprocessing);
-            drawn.iter_mut().for_each(|drawn| drawn.fields = Some([field(), field()]));
+            drawn.iter_mut().for_each(|drawn| drawn.change.fields = Some([field(), field()]));
         }
-        self.load(&drawn)
+        Ok(drawn)
     }
 
     fn choose(&self, config: &TrainConfig, rng: &mut ChaCha8Rng) -> Result<Vec<usize>> {
@@ -112,14 +126,14 @@ impl Pairs<'_> {
 
     /// Pairs without augmentation, for validation.
     pub fn plain(&self, pairs: &[Pair]) -> Result<Batch> {
-        let plain = |pair: &Pair| Drawn { pair: *pair, augmentation: Augmentation::NONE, fields: None };
-        self.load(&pairs.iter().map(plain).collect::<Vec<_>>())
+        let plain = |pair: &Pair| (*pair, Change { augmentation: Augmentation::NONE, fields: None });
+        self.load(pairs.iter().map(plain).collect())
     }
 
-    fn load(&self, drawn: &[Drawn]) -> Result<Batch> {
+    fn load(&self, changed: Vec<(Pair, Change)>) -> Result<Batch> {
         let input_px = self.preprocessing.input_px;
-        let load = |drawn: &Drawn, side: Side| -> Result<Vec<f32>> {
-            let Drawn { pair, augmentation, fields } = drawn;
+        let load = |(pair, change): &(Pair, Change), side: Side| -> Result<Vec<f32>> {
+            let Change { augmentation, fields } = change;
             let image = self.background.tactile_image(&self.frame(pair, side))?;
             let mut values = Vec::with_capacity(3 * input_px[0] * input_px[1]);
             augmentation.apply(&image, input_px, &mut values);
@@ -131,11 +145,11 @@ impl Pairs<'_> {
             }
             Ok(values)
         };
-        let loaded = drawn
+        let loaded = changed
             .par_iter()
-            .map(|drawn| Ok((load(drawn, Side::Hole)?, load(drawn, Side::Peg)?)))
+            .map(|changed| Ok((load(changed, Side::Hole)?, load(changed, Side::Peg)?)))
             .collect::<Result<Vec<_>>>()?;
         let (holes, pegs): (Vec<_>, Vec<_>) = loaded.into_iter().unzip();
-        Ok(Batch { n_pairs: drawn.len(), holes: holes.concat(), pegs: pegs.concat() })
+        Ok(Batch { n_pairs: changed.len(), holes: holes.concat(), pegs: pegs.concat() })
     }
 }

@@ -4,15 +4,11 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 
-/// The Euclidean length of the gradient of all of a module's parameters. Not finite where a value is not, or where
-/// its square leaves f32.
-pub fn norm<M: Module>(module: &M, gradients: &GradientsParams) -> f64 {
+/// The length of the gradient over all parameters, `[1]`; `None` where none has a gradient.
+pub fn norm<M: Module>(module: &M, gradients: &GradientsParams) -> Option<Tensor<1>> {
     let mut squares = Squares { gradients, sums: Vec::new() };
     module.visit(&mut squares);
-    if squares.sums.is_empty() {
-        return 0.0;
-    }
-    f64::from(Tensor::cat(squares.sums, 0).sum().into_scalar::<f32>()).sqrt()
+    (!squares.sums.is_empty()).then(|| Tensor::cat(squares.sums, 0).sum().sqrt())
 }
 
 struct Squares<'a> {
@@ -39,6 +35,7 @@ mod tests {
         let out = linear.forward(Tensor::<2>::from_data([[3.0_f32, 4.0]], &device)).sum();
         // d(w . x)/dw = x: (3, 4), of length 5.
         let gradients = GradientsParams::from_grads(out.backward(), &linear);
-        assert!((norm(&linear, &gradients) - 5.0).abs() < 1e-6);
+        let norm = norm(&linear, &gradients).unwrap().into_scalar::<f32>();
+        assert!((norm - 5.0).abs() < 1e-6);
     }
 }

@@ -36,13 +36,20 @@
 
 mod augmentation;
 mod batch;
+#[cfg(feature = "wgpu")]
+mod card_frames;
 pub mod config;
 mod curve_page;
 mod divergence;
 pub mod error;
+mod feed;
 mod gradient;
 mod history;
 mod info_nce;
+#[cfg(feature = "wgpu")]
+mod lamb;
+#[cfg(feature = "wgpu")]
+pub mod launches;
 pub mod mating;
 mod moco;
 pub mod output_folder;

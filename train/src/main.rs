@@ -75,6 +75,11 @@ struct Cli {
     /// Print the outcome as JSON.
     #[arg(long)]
     json: bool,
+    /// With --device wgpu: write which kernels the card was given in a step, and how long each took by the card's own clock, as
+    /// CSV. Counts from step 32 on; the run is slower for it.
+    #[cfg(feature = "wgpu")]
+    #[arg(long, value_name = "FILE")]
+    kernels: Option<PathBuf>,
     /// Train nothing: write the batches of all steps to standard output, for another trainer. Each is its number n of pairs
     /// (u32), then n images of holes and n of pegs (f32, [3, height, width]), little-endian.
     #[arg(long, conflicts_with_all = ["json", "resume", "tune", "device"])]
@@ -134,13 +139,55 @@ fn run(cli: &Cli) -> Result<ExitCode> {
         resume: cli.resume,
         from: from.as_ref(),
     };
-    let outcome = train(&run, &|| stop.load(Ordering::Relaxed), &mut |event| display.show(event))?;
+    #[cfg(feature = "wgpu")]
+    let mut kernels = Kernels::new(cli.kernels.as_deref());
+    let mut show = |event: Event<'_>| {
+        #[cfg(feature = "wgpu")]
+        kernels.note(&event);
+        display.show(event);
+    };
+    let outcome = train(&run, &|| stop.load(Ordering::Relaxed), &mut show)?;
+    #[cfg(feature = "wgpu")]
+    kernels.write()?;
     print(&outcome, cli.json);
     if outcome.finished {
         return Ok(ExitCode::SUCCESS);
     }
     eprintln!("stopped after step {}; continue with --resume", outcome.step);
     Ok(ExitCode::FAILURE)
+}
+
+/// The kernels of a run's later steps.
+#[cfg(feature = "wgpu")]
+struct Kernels<'a> {
+    file: Option<&'a Path>,
+    launches: Option<tactile_train::launches::Launches>,
+    table: Option<String>,
+}
+
+#[cfg(feature = "wgpu")]
+impl<'a> Kernels<'a> {
+    /// By then every kernel is chosen and compiled.
+    const FIRST_STEP: usize = 32;
+
+    fn new(file: Option<&'a Path>) -> Self {
+        Self { file, launches: None, table: None }
+    }
+
+    fn note(&mut self, event: &Event<'_>) {
+        let Event::Step { step, n_steps, .. } = event else { return };
+        if self.file.is_some() && *step == Self::FIRST_STEP {
+            self.launches = Some(tactile_train::launches::Launches::count(true));
+        }
+        if step == n_steps {
+            self.table = self.launches.take().map(|launches| launches.table(n_steps - Self::FIRST_STEP));
+        }
+    }
+
+    fn write(self) -> Result<()> {
+        let (Some(file), Some(table)) = (self.file, self.table) else { return Ok(()) };
+        std::fs::write(file, table).map_err(Error::io(file))
+    }
 }
 
 /// The settings of a run that fine-tunes a model: its sizes where none are given, and small steps.

@@ -43,14 +43,14 @@ impl Moco {
         Ok(Self { online, momentum })
     }
 
-    /// Loss and gradients of a batch: symmetrised InfoNCE, `l(q_hole, k_peg) + l(q_peg, k_hole)`.
+    /// Loss `[1]` and gradients of a batch: symmetrised InfoNCE, `l(q_hole, k_peg) + l(q_peg, k_hole)`.
     ///
-    /// Each micro-batch is `(holes, pegs)` of `[n_m, 3, height, width]`, row `i` of one mating with row `i` of the
+    /// Each micro-batch is holes, then pegs, `[2 n_m, 3, height, width]`, row `i` of one half mating with row `i` of the
     /// other. It goes through the encoders by itself, with its own batch statistics; the loss joins all of them at
     /// their embeddings, so that every pair of the batch is a negative of every other; the gradient at the
     /// embeddings then goes back through each micro-batch (gradient caching, Gao et al. 2021).
-    pub fn gradients(&self, micro_batches: Vec<(Tensor<4>, Tensor<4>)>, temperature: f64) -> (f64, GradientsParams) {
-        let embedded: Vec<Embedded> = micro_batches.into_iter().map(|(holes, pegs)| self.embed(holes, pegs)).collect();
+    pub fn gradients(&self, micro_batches: Vec<Tensor<4>>, temperature: f64) -> (Tensor<1>, GradientsParams) {
+        let embedded: Vec<Embedded> = micro_batches.into_iter().map(|images| self.embed(images)).collect();
         let join = |side: usize, rows: fn(&Embedded) -> &Tensor<2>| {
             let halves = embedded.iter().map(|part| {
                 let n = rows(part).dims()[0] / 2;
@@ -61,7 +61,7 @@ impl Moco {
         let queries = [0, 1].map(|side| join(side, |part| &part.queries).detach().require_grad());
         let keys = [0, 1].map(|side| join(side, |part| &part.keys));
         let loss = symmetric_loss(&queries, &keys, temperature);
-        let value = f64::from(loss.clone().into_scalar::<f32>());
+        let value = loss.clone().inner();
         let mut at_embeddings = loss.backward();
 
         let [holes, pegs] = queries.map(|rows| rows.grad_remove(&mut at_embeddings));
@@ -79,9 +79,8 @@ impl Moco {
         (value, sum.grads())
     }
 
-    /// Holes and pegs through both encoders in one pass each. `[n, 3, h, w]` twice -> `[2n, dim]` twice.
-    fn embed(&self, holes: Tensor<4>, pegs: Tensor<4>) -> Embedded {
-        let images = Tensor::cat(vec![holes, pegs], 0); // [2n, 3, h, w]
+    /// Holes and pegs through both encoders in one pass each. `[2n, 3, h, w]` -> `[2n, dim]` twice.
+    fn embed(&self, images: Tensor<4>) -> Embedded {
         let keys = self.momentum.forward(images.clone()).detach();
         Embedded { queries: self.online.query(images), keys }
     }
@@ -129,6 +128,15 @@ impl ModuleVisitor for ByPath {
     }
 }
 
+/// `m slow + (1 - m) fast`.
+fn moving_average<const D: usize>(slow: Tensor<D>, fast: Tensor<D>, m: f64) -> Tensor<D> {
+    #[cfg(feature = "wgpu")]
+    if tactile_infer::network::is_card(&slow.device()) {
+        return crate::lamb::follow(slow, fast, 1.0 - m);
+    }
+    slow * m + fast * (1.0 - m)
+}
+
 struct Average {
     m: f64,
     online: HashMap<String, Box<dyn Any>>,
@@ -149,7 +157,7 @@ impl ModuleMapper for Average {
         let online = self.online.get(&self.path.join(".")).and_then(|tensor| tensor.downcast_ref::<Tensor<D>>());
         match online {
             Some(online) if !is_statistic => param.map(|old| {
-                let moved = old.inner() * self.m + online.clone() * (1.0 - self.m);
+                let moved = moving_average(old.inner(), online.clone(), self.m);
                 Tensor::from_inner(moved).set_require_grad(false)
             }),
             _ => param,
@@ -173,6 +181,10 @@ mod tests {
     fn images(seed: f32, device: &Device) -> Tensor<4> {
         let values: Vec<f32> = (0..4 * 3 * 12 * 16).map(|i| (seed * i as f32).sin()).collect();
         Tensor::from_data(TensorData::new(values, [4, 3, 12, 16]), device)
+    }
+
+    fn number(tensor: Tensor<1>) -> f64 {
+        f64::from(tensor.into_scalar::<f32>())
     }
 
     fn parameters(encoder: &Encoder) -> Vec<NamedTensor> {
@@ -217,13 +229,13 @@ mod tests {
     fn gradients_through_a_micro_batch_are_those_of_the_loss() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
-        let (holes, pegs) = (images(0.13, &device), images(0.29, &device));
-        let (value, gradients) = moco.gradients(vec![(holes.clone(), pegs.clone())], 0.2);
+        let both = Tensor::cat(vec![images(0.13, &device), images(0.29, &device)], 0);
+        let (value, gradients) = moco.gradients(vec![both.clone()], 0.2);
         // The same loss in one graph.
-        let part = moco.embed(holes, pegs);
+        let part = moco.embed(both);
         let half = |rows: &Tensor<2>, side: usize| rows.clone().narrow(0, side * 4, 4);
         let loss = symmetric_loss(&[0, 1].map(|s| half(&part.queries, s)), &[0, 1].map(|s| half(&part.keys, s)), 0.2);
-        assert!((f64::from(loss.clone().into_scalar::<f32>()) - value).abs() < 1e-6);
+        assert!((f64::from(loss.clone().into_scalar::<f32>()) - number(value)).abs() < 1e-6);
         let whole = GradientsParams::from_grads(loss.backward(), &moco.online);
         let (cached, whole) = (gradient(&moco, &gradients), gradient(&moco, &whole));
         assert!(cached.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 1e-5 * (1.0 + b.abs())));
@@ -234,15 +246,16 @@ mod tests {
     fn pairs_of_one_micro_batch_are_negatives_of_the_others() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
-        let part = |seed| (images(seed, &device), images(seed + 0.1, &device));
+        let part = |seed| Tensor::cat(vec![images(seed, &device), images(seed + 0.1, &device)], 0);
         let (value, _) = moco.gradients(vec![part(0.13), part(0.29)], 0.2);
-        let rows: Vec<Embedded> = [0.13, 0.29].map(part).map(|(h, p)| moco.embed(h, p)).into();
+        let rows: Vec<Embedded> = [0.13, 0.29].map(part).map(|both| moco.embed(both)).into();
         let side = |s: usize, of: fn(&Embedded) -> &Tensor<2>| {
             Tensor::cat(rows.iter().map(|r| of(r).clone().narrow(0, s * 4, 4)).collect(), 0)
         };
         let queries = [0, 1].map(|s| side(s, |r| &r.queries));
         let keys = [0, 1].map(|s| side(s, |r| &r.keys));
         let joined = f64::from(symmetric_loss(&queries, &keys, 0.2).into_scalar::<f32>());
+        let value = number(value);
         assert!((joined - value).abs() < 1e-5, "{joined} {value}");
     }
 
@@ -250,9 +263,10 @@ mod tests {
     fn no_gradient_reaches_the_copy() {
         let device = device();
         let moco = Moco::new(&CONFIG, 1, &device).unwrap();
-        let (_, gradients) = moco.gradients(vec![(images(0.13, &device), images(0.29, &device))], 0.2);
-        assert_eq!(crate::gradient::norm(&moco.momentum, &gradients), 0.0);
-        assert!(crate::gradient::norm(&moco.online, &gradients) > 0.0);
+        let (_, gradients) =
+            moco.gradients(vec![Tensor::cat(vec![images(0.13, &device), images(0.29, &device)], 0)], 0.2);
+        assert!(crate::gradient::norm(&moco.momentum, &gradients).is_none());
+        assert!(crate::gradient::norm(&moco.online, &gradients).is_some_and(|norm| number(norm) > 0.0));
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 const MAX_CURL_SHARE: f64 = 0.5;
 
 /// A 3 x 3 matrix and an offset, for normalised channel values.
-type Affine = [[f32; 4]; 3];
+pub type Affine = [[f32; 4]; 3];
 
 /// How the colours of a mirrored picture change.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,14 +76,19 @@ impl Relighting {
         self.lamps.map(|[x, y]| y.atan2(x).to_degrees().rem_euclid(180.0))
     }
 
+    /// How the colours of a picture change that was mirrored; `None` where it was not.
+    pub fn of_flips(&self, flip_x: bool, flip_y: bool) -> Option<&Affine> {
+        match (flip_x, flip_y) {
+            (false, false) => None,
+            (true, false) => Some(&self.flip_x),
+            (false, true) => Some(&self.flip_y),
+            (true, true) => Some(&self.both),
+        }
+    }
+
     /// Relights a picture that was mirrored: `[3, height, width]` normalised values, in place.
     pub fn apply(&self, flip_x: bool, flip_y: bool, planes: &mut [f32]) {
-        let affine = match (flip_x, flip_y) {
-            (false, false) => return,
-            (true, false) => &self.flip_x,
-            (false, true) => &self.flip_y,
-            (true, true) => &self.both,
-        };
+        let Some(affine) = self.of_flips(flip_x, flip_y) else { return };
         let (red, rest) = planes.split_at_mut(planes.len() / 3);
         let (green, blue) = rest.split_at_mut(rest.len() / 2);
         for ((r, g), b) in red.iter_mut().zip(green).zip(blue) {

@@ -5,20 +5,21 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
 use burn::module::Module;
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use tactile_data::store::Dataset;
 use tactile_infer::Model;
 use tactile_infer::architecture::NetworkConfig;
 use tactile_infer::calibration::Calibration;
 use tactile_infer::checkpoint::Provenance;
+use tactile_infer::network::is_card;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{Checkpoint, DeviceKind};
 
-use crate::batch::Batch;
 use crate::config::TrainConfig;
 use crate::curve_page::{CurvePage, Progress};
 use crate::divergence::{self, Divergence};
 use crate::error::{Error, Result};
+use crate::feed::{Feed, Prepared};
 use crate::gradient;
 use crate::history::{History, Row};
 use crate::output_folder::{CURVE, MODEL, OutputFolder, PAGE, SETTINGS, STATE};
@@ -186,52 +187,107 @@ fn steps(
     let device = results.run.device.tensor_device().autodiff();
     let mut timing = Timing::new(config.n_pairs, n_images(pairs) + results.run.tuning.map_or(0, Tuning::n_images));
     let first_step = state.step;
+    let feed = Feed::new(pairs, config, &device)?;
     std::thread::scope(|scope| {
         // One batch is made ahead while the step before it runs.
-        let (sender, batches) = sync_channel::<Result<Batch>>(1);
+        let (sender, batches) = sync_channel::<Result<Prepared>>(1);
+        let feed = &feed;
         scope.spawn(move || {
             for step in first_step..config.n_steps {
-                if sender.send(pairs.batch(config, step)).is_err() {
+                if sender.send(feed.prepare(step)).is_err() {
                     return; // The run stopped early.
                 }
             }
         });
+        let mut unread = Vec::new();
         while state.step < config.n_steps && !should_stop() {
             let started = Instant::now();
             let Some(batch) = next(&batches) else { break };
-            let micro_batches = batch?.micro_batches(config.n_micro_batches, config.network.input_px, &device);
+            let micro_batches = feed.micro_batches(&batch?, &device);
             let (loss, gradients) = state.moco.gradients(micro_batches, config.temperature);
             let gradient_norm = gradient::norm(&state.moco.online, &gradients);
-            results.check(state.step + 1, divergence::of_gradient(loss, gradient_norm))?;
             let learning_rate = learning_rate(state.step, config.n_warmup, config.n_steps, config.learning_rate);
             let momentum = encoder_momentum(state.step, config.n_steps, config.momentum);
             state.moco.online = state.optimizer.step(learning_rate, state.moco.online, gradients);
             state.moco = state.moco.follow(momentum);
             state.step += 1;
-            timing.step(started.elapsed().as_secs_f64());
+            unread.push(Made { step: state.step, loss, gradient_norm, learning_rate, momentum });
 
-            let step = state.step;
-            let pairs_per_second = timing.pairs_per_second();
-            let seconds_left = timing.seconds_left(step, config.n_steps, config.save_every);
-            on_event(Event::Step { step, n_steps: config.n_steps, loss, pairs_per_second, seconds_left });
-            let row = Row { step, loss, learning_rate, momentum, gradient_norm, pairs_per_second, validation: None };
-            if step.is_multiple_of(config.save_every) || step == config.n_steps {
-                let started = Instant::now();
-                results.checkpoint(&state, row, on_event)?;
-                timing.save(started.elapsed().as_secs_f64());
-            } else {
-                results.note(row)?;
-                results.check(step, divergence::of_steps(results.history.rows(), config))?;
+            let is_save = state.step.is_multiple_of(config.save_every) || state.step == config.n_steps;
+            if !is_save && unread.len() < steps_between_reads(&device) {
+                timing.step(started.elapsed().as_secs_f64());
+                continue;
             }
+            let read = Made::read(std::mem::take(&mut unread));
+            timing.step(started.elapsed().as_secs_f64());
+            let pairs_per_second = timing.pairs_per_second();
+            for row in read.into_iter().map(|row| Row { pairs_per_second, ..row }) {
+                let step = row.step;
+                results.check(step, divergence::of_gradient(row.loss, row.gradient_norm))?;
+                let seconds_left = timing.seconds_left(step, config.n_steps, config.save_every);
+                on_event(Event::Step { step, n_steps: config.n_steps, loss: row.loss, pairs_per_second, seconds_left });
+                if is_save && step == state.step {
+                    let started = Instant::now();
+                    results.checkpoint(&state, row, on_event)?;
+                    timing.save(started.elapsed().as_secs_f64());
+                } else {
+                    results.note(row)?;
+                    results.check(step, divergence::of_steps(results.history.rows(), config))?;
+                }
+            }
+        }
+        for row in Made::read(unread) {
+            results.check(row.step, divergence::of_gradient(row.loss, row.gradient_norm))?;
+            results.note(Row { pairs_per_second: timing.pairs_per_second(), ..row })?;
         }
         drop(batches);
         Ok(state)
     })
 }
 
+/// A step that was made, its numbers still where they were computed.
+struct Made {
+    step: usize,
+    loss: Tensor<1>,
+    gradient_norm: Option<Tensor<1>>,
+    learning_rate: f64,
+    momentum: f64,
+}
+
+impl Made {
+    /// The rows of the curve, all read at once; their speed is the caller's.
+    fn read(made: Vec<Self>) -> Vec<Row> {
+        if made.is_empty() {
+            return Vec::new();
+        }
+        let numbers = made.iter().flat_map(|made| {
+            let norm = made.gradient_norm.clone().map_or_else(|| made.loss.zeros_like(), Tensor::inner);
+            [made.loss.clone(), norm]
+        });
+        // f32 by construction.
+        let numbers = Tensor::cat(numbers.collect(), 0).into_data().try_into_vec::<f32>().unwrap_or_default();
+        let rows = made.iter().zip(numbers.chunks_exact(2)).map(|(made, numbers)| Row {
+            step: made.step,
+            loss: f64::from(numbers[0]),
+            learning_rate: made.learning_rate,
+            momentum: made.momentum,
+            gradient_norm: f64::from(numbers[1]),
+            pairs_per_second: 0.0,
+            validation: None,
+        });
+        rows.collect()
+    }
+}
+
+/// Steps whose numbers are read together. A graphics card works ahead of the program, and a reading waits for it.
+fn steps_between_reads(device: &Device) -> usize {
+    const ON_A_CARD: usize = 16;
+    if is_card(device) { ON_A_CARD } else { 1 }
+}
+
 /// The next batch; `None` after the last. A thread of a rayon pool helps to make it while it waits: a pool of one thread
 /// would wait for ever otherwise.
-fn next(batches: &Receiver<Result<Batch>>) -> Option<Result<Batch>> {
+fn next(batches: &Receiver<Result<Prepared>>) -> Option<Result<Prepared>> {
     const PATIENCE: Duration = Duration::from_micros(100);
     loop {
         match batches.recv_timeout(PATIENCE) {

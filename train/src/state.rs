@@ -31,6 +31,10 @@ impl State {
     pub fn new(config: &TrainConfig, device: &Device) -> Result<Self> {
         let optimizer = match config.optimizer {
             Optimizer::Adamw => AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(config.weight_decay).init(),
+            #[cfg(feature = "wgpu")]
+            Optimizer::Lamb if tactile_infer::network::is_card(device) => {
+                crate::lamb::CardLamb { weight_decay: config.weight_decay }.into()
+            }
             Optimizer::Lamb => LambConfig::new().with_weight_decay(config.weight_decay).init(),
         };
         Ok(Self { moco: Moco::new(&config.network, config.seed, device)?, optimizer, step: 0 })

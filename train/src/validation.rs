@@ -138,7 +138,8 @@ fn embed(network: &Network, pairs: &Pairs<'_>, board: &[Pair], device: &Device) 
     let (mut queries, mut keys) = (Vec::new(), Vec::new());
     for chunk in board.chunks(64) {
         let batch: Batch = pairs.plain(chunk)?;
-        for (holes, pegs) in batch.micro_batches(1, pairs.preprocessing.input_px, device) {
+        for both in batch.micro_batches(1, pairs.preprocessing.input_px, device) {
+            let (holes, pegs) = (both.clone().narrow(0, 0, chunk.len()), both.narrow(0, chunk.len(), chunk.len()));
             for (rows, tensor) in [(&mut queries, network.query(holes)), (&mut keys, network.key(pegs))] {
                 let values = tensor.into_data().try_into_vec::<f32>();
                 rows.extend(values.map_err(|e| Error::invalid("embedding", "f32", format!("{e:?}")))?);

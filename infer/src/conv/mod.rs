@@ -7,6 +7,8 @@
 mod axis;
 #[cfg(test)]
 mod bodies;
+#[cfg(feature = "wgpu")]
+mod card;
 #[cfg(feature = "burn")]
 mod norm;
 #[cfg(feature = "burn")]

@@ -1,5 +1,6 @@
 //! How fast and how sound the programs are, measured from outside.
 
+mod card;
 mod decision;
 mod sensor;
 mod table;
@@ -26,6 +27,12 @@ pub enum Bench {
     /// weights on the same batches, in turns. Needs Python 3.11 and PyPI.
     #[command(after_help = "Example:\n  cargo xtask bench twin --seeds 1,2,3")]
     Twin(twin::TwinArgs),
+    /// Our training step on a graphics card next to PyTorch's on the same card, batch by batch. Needs Python 3 with PyTorch for
+    /// the card.
+    #[command(
+        after_help = "Examples:\n  cargo xtask bench card --python python3\n  cargo xtask bench card --ours-alone"
+    )]
+    Card(card::CardArgs),
     /// Whole decisions on one core: what they take, and whether a budget's promise is kept.
     #[command(after_help = "Example:\n  cargo xtask bench decision")]
     Decision(decision::DecisionArgs),
@@ -43,8 +50,12 @@ pub enum Bench {
 
 /// Builds the programs and measures.
 pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
+    if let Bench::Card(args) = bench {
+        return card::card(workspace, args); // builds the programs for graphics cards
+    }
     workspace.build()?;
     match bench {
+        Bench::Card(_) => Ok(()),
         Bench::Sensor(args) => sensor::sensor(workspace, args),
         Bench::Training => training::training(workspace),
         Bench::Twin(args) => twin::twin(workspace, args),
