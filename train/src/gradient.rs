@@ -4,21 +4,41 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 
+#[cfg(feature = "wgpu")]
+use crate::lamb::SquareSums;
+
 /// The length of the gradient over all parameters, `[1]`; `None` where none has a gradient.
 pub fn norm<M: Module>(module: &M, gradients: &GradientsParams) -> Option<Tensor<1>> {
-    let mut squares = Squares { gradients, sums: Vec::new() };
+    let mut squares = Squares {
+        gradients,
+        sums: Vec::new(),
+        #[cfg(feature = "wgpu")]
+        on_card: SquareSums::default(),
+    };
     module.visit(&mut squares);
+    #[cfg(feature = "wgpu")]
+    if squares.sums.is_empty() {
+        return squares.on_card.length();
+    }
     (!squares.sums.is_empty()).then(|| Tensor::cat(squares.sums, 0).sum().sqrt())
 }
 
 struct Squares<'a> {
     gradients: &'a GradientsParams,
     sums: Vec<Tensor<1>>,
+    #[cfg(feature = "wgpu")]
+    on_card: SquareSums,
 }
 
 impl ModuleVisitor for Squares<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.sums.extend(self.gradients.get::<D>(param.id).map(|gradient| gradient.square().sum()));
+        let Some(gradient) = self.gradients.get::<D>(param.id) else { return };
+        #[cfg(feature = "wgpu")]
+        if tactile_infer::network::is_card(&gradient.device()) {
+            self.on_card.add(gradient.inner());
+            return;
+        }
+        self.sums.push(gradient.square().sum());
     }
 }
 

@@ -7,7 +7,7 @@ use std::fmt::Debug;
 
 use burn::backend::flex::FlexTensor;
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Backend, Dispatch, DispatchDevice, Flex, TensorMetadata, backend_extension};
+use burn::backend::{Backend, Dispatch, DispatchDevice, ExtensionType, Flex, TensorMetadata, backend_extension};
 use burn::tensor::{Device, Tensor, TensorData};
 #[cfg(feature = "wgpu")]
 use burn_cubecl::CubeBackend;
@@ -32,7 +32,7 @@ pub struct Layer {
 
 /// What goes into a layer: images `[n, h, w, n_in]`, weights `[n_out, n_in, k, k]` (on a card also `[n_in, n_out]`, a linear
 /// layer), the other four `[n_out]`.
-#[derive(Clone, Debug)]
+#[derive(ExtensionType)]
 pub struct Trained<B: Backend> {
     /// `[n, h, w, n_in]`.
     pub images: FloatTensor<B>,
@@ -49,7 +49,7 @@ pub struct Trained<B: Backend> {
 }
 
 /// What comes out: `[n, h', w', n_out]`, and the running statistics that have followed the batch's.
-#[derive(Clone, Debug)]
+#[derive(ExtensionType)]
 pub struct Normalised<B: Backend> {
     /// The layer's output.
     pub out: FloatTensor<B>,
@@ -90,16 +90,8 @@ pub trait Differentiable: Backend {
 #[cfg_attr(all(not(feature = "autodiff"), feature = "wgpu"), backend_extension(Flex, Cube))]
 #[cfg_attr(all(not(feature = "autodiff"), not(feature = "wgpu")), backend_extension(Flex))]
 pub trait LayerOps: Backend {
-    /// [`Trained`] and how they are joined -> [`Normalised`].
-    fn train_layer(
-        images: FloatTensor<Self>,
-        weights: FloatTensor<Self>,
-        gamma: FloatTensor<Self>,
-        beta: FloatTensor<Self>,
-        running_mean: FloatTensor<Self>,
-        running_variance: FloatTensor<Self>,
-        layer: Layer,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+    /// The layer of a batch, by the batch's own statistics.
+    fn train_layer(#[extension_type] trained: Trained<Self>, layer: Layer) -> Normalised<Self>;
 }
 
 /// Whether this is our CPU backend.
@@ -129,34 +121,20 @@ pub fn train_layer<const D: usize>(
     [gamma, beta, running_mean, running_variance]: [Tensor<1>; 4],
     layer: Layer,
 ) -> (Tensor<4>, [Tensor<1>; 2]) {
-    let (out, mean, variance) = <Dispatch as LayerOps>::train_layer(
-        images.into_dispatch(),
-        weights.into_dispatch(),
-        gamma.into_dispatch(),
-        beta.into_dispatch(),
-        running_mean.into_dispatch(),
-        running_variance.into_dispatch(),
-        layer,
-    );
-    (Tensor::from_dispatch(out), [Tensor::from_dispatch(mean), Tensor::from_dispatch(variance)])
+    let [gamma, beta, running_mean, running_variance] =
+        [gamma, beta, running_mean, running_variance].map(Tensor::into_dispatch);
+    let [images, weights] = [images.into_dispatch(), weights.into_dispatch()];
+    let trained = Trained { images, weights, gamma, beta, running_mean, running_variance };
+    let Normalised { out, running_mean, running_variance } = <Dispatch as LayerOps>::train_layer(trained, layer);
+    (Tensor::from_dispatch(out), [running_mean, running_variance].map(Tensor::from_dispatch))
 }
 
 /// The operation of a backend that can be differentiated, without gradients.
 macro_rules! layer_ops {
     ($backend:ty) => {
         impl LayerOps for $backend {
-            fn train_layer(
-                images: FloatTensor<Self>,
-                weights: FloatTensor<Self>,
-                gamma: FloatTensor<Self>,
-                beta: FloatTensor<Self>,
-                running_mean: FloatTensor<Self>,
-                running_variance: FloatTensor<Self>,
-                layer: Layer,
-            ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-                let trained = Trained { images, weights, gamma, beta, running_mean, running_variance };
-                let (Normalised { out, running_mean, running_variance }, _) = Self::forward(trained, layer);
-                (out, running_mean, running_variance)
+            fn train_layer(trained: Trained<Self>, layer: Layer) -> Normalised<Self> {
+                Self::forward(trained, layer).0
             }
         }
     };
@@ -297,15 +275,8 @@ mod gradient {
     }
 
     impl<B: Differentiable, C: CheckpointStrategy> LayerOps for Autodiff<B, C> {
-        fn train_layer(
-            images: FloatTensor<Self>,
-            weights: FloatTensor<Self>,
-            gamma: FloatTensor<Self>,
-            beta: FloatTensor<Self>,
-            running_mean: FloatTensor<Self>,
-            running_variance: FloatTensor<Self>,
-            layer: Layer,
-        ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+        fn train_layer(trained: Trained<Self>, layer: Layer) -> Normalised<Self> {
+            let Trained { images, weights, gamma, beta, running_mean, running_variance } = trained;
             let prepared = LayerGradient(PhantomData::<B>)
                 .prepare::<C>([images.node(), weights.node(), gamma.node(), beta.node()])
                 .compute_bound()
@@ -318,7 +289,8 @@ mod gradient {
                 OpsKind::Tracked(prepared) => prepared.finish(kept, out),
                 OpsKind::UnTracked(prepared) => prepared.finish(out),
             };
-            (out, FloatTensor::<Self>::new(running_mean), FloatTensor::<Self>::new(running_variance))
+            let [running_mean, running_variance] = [running_mean, running_variance].map(FloatTensor::<Self>::new);
+            Normalised { out, running_mean, running_variance }
         }
     }
 }

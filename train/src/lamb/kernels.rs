@@ -1,5 +1,7 @@
 //! LAMB's kernels: one cube of threads takes a block of a tensor's values at a time.
 
+#![allow(clippy::too_many_arguments, reason = "a kernel takes its buffers one by one")]
+
 use burn_cubecl::cubecl;
 use cubecl::prelude::*;
 
@@ -71,6 +73,21 @@ pub fn apply(weights: &[f32], update: &[f32], squares: &[f32], out: &mut [f32], 
     while at < out.len() {
         out[at] = weights[at] - update[at] * trust * rate;
         at += step;
+    }
+}
+
+/// The sum of squares of all values, by one cube, as number `at` of `sums`.
+#[cube(launch)]
+pub fn squares(values: &[f32], sums: &mut [f32], at: usize) {
+    let mut sum = 0.0f32;
+    let mut next = UNIT_POS as usize;
+    while next < values.len() {
+        sum += values[next] * values[next];
+        next += THREADS as usize;
+    }
+    let (sum, _) = over_cube(sum, 0.0f32);
+    if UNIT_POS == 0 {
+        sums[at] = sum;
     }
 }
 

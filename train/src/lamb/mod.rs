@@ -48,6 +48,9 @@ pub trait WeightOps: Backend {
         numbers: Numbers,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 
+    /// `sums` with the sum of the squares of all values as number `at`.
+    fn squares(values: FloatTensor<Self>, sums: FloatTensor<Self>, at: usize) -> FloatTensor<Self>;
+
     /// `slow (1 - share) + fast share`.
     fn follow(slow: FloatTensor<Self>, fast: FloatTensor<Self>, share: f64) -> FloatTensor<Self>;
 }
@@ -55,6 +58,31 @@ pub trait WeightOps: Backend {
 /// A moving average on a card: `slow (1 - share) + fast share`.
 pub fn follow<const D: usize>(slow: Tensor<D>, fast: Tensor<D>, share: f64) -> Tensor<D> {
     Tensor::from_dispatch(<Dispatch as WeightOps>::follow(slow.into_dispatch(), fast.into_dispatch(), share))
+}
+
+/// The sums of squares of tensors on a card, `[n]`.
+#[derive(Debug, Default)]
+pub struct SquareSums {
+    sums: Option<Tensor<1>>,
+    n: usize,
+}
+
+impl SquareSums {
+    /// Most tensors of a network.
+    const MOST: usize = 64;
+
+    /// Adds the sum of a tensor's squares.
+    pub fn add<const D: usize>(&mut self, values: Tensor<D>) {
+        let sums = self.sums.take().unwrap_or_else(|| Tensor::zeros([Self::MOST], &values.device()));
+        let (values, sums) = (values.into_dispatch(), sums.into_dispatch());
+        self.sums = Some(Tensor::from_dispatch(<Dispatch as WeightOps>::squares(values, sums, self.n % Self::MOST)));
+        self.n += 1;
+    }
+
+    /// The length of all together, `[1]`; `None` of no tensor.
+    pub fn length(self) -> Option<Tensor<1>> {
+        Some(self.sums?.sum().sqrt())
+    }
 }
 
 impl Optimizer for CardLamb {
@@ -131,6 +159,14 @@ impl WeightOps for CubeBackend {
             rate as f32,
         );
         (out, new_first, new_second)
+    }
+
+    fn squares(values: CubeTensor, sums: CubeTensor, at: usize) -> CubeTensor {
+        let values = into_contiguous(values);
+        let (count, cube) = (CubeCount::Static(1, 1, 1), CubeDim::new_1d(THREADS));
+        let (from, to) = (values.clone().into_buffer_arg(), sums.clone().into_buffer_arg());
+        kernels::squares::launch(&values.client, count, cube, from, to, at);
+        sums
     }
 
     fn follow(slow: CubeTensor, fast: CubeTensor, share: f64) -> CubeTensor {

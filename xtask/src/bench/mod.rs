@@ -2,6 +2,7 @@
 
 mod card;
 mod decision;
+mod runtimes;
 mod sensor;
 mod table;
 mod training;
@@ -33,6 +34,9 @@ pub enum Bench {
         after_help = "Examples:\n  cargo xtask bench card --python python3\n  cargo xtask bench card --ours-alone"
     )]
     Card(card::CardArgs),
+    /// The encoder on one core next to ONNX Runtime and tract: same network, in turns. Needs Python 3 and PyPI.
+    #[command(after_help = "Example:\n  cargo xtask bench runtimes")]
+    Runtimes,
     /// Whole decisions on one core: what they take, and whether a budget's promise is kept.
     #[command(after_help = "Example:\n  cargo xtask bench decision")]
     Decision(decision::DecisionArgs),
@@ -58,6 +62,7 @@ pub fn bench(workspace: &Workspace, bench: &Bench) -> Result<()> {
         Bench::Card(_) => Ok(()),
         Bench::Sensor(args) => sensor::sensor(workspace, args),
         Bench::Training => training::training(workspace),
+        Bench::Runtimes => runtimes::runtimes(workspace),
         Bench::Twin(args) => twin::twin(workspace, args),
         Bench::Decision(args) => decision::decision(workspace, args),
         Bench::Extremes { out, quick } => {

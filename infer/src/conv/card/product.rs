@@ -4,6 +4,8 @@
 //! share, and each thread keeps its values in registers. burn's own products are chosen by trying some fifteen kernels for each
 //! shape, which takes minutes at the first step; this one needs no choice.
 
+#![allow(clippy::too_many_arguments, reason = "a kernel takes its buffers one by one")]
+
 use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::cubecl::{self, calculate_cube_count_elemwise};
 use burn_cubecl::kernel::matmul::{MatmulStrategy, matmul};
