@@ -7,6 +7,7 @@ use tactile_infer::Model;
 use crate::belief::EngineConfig;
 use crate::belief::particle::ParticleConfig;
 use crate::choice::ActionRule;
+use crate::decision::SensorMatch;
 #[cfg(feature = "experiments")]
 use crate::error::Error;
 use crate::error::Result;
@@ -41,6 +42,9 @@ pub struct EpisodeConfig {
     pub settings: Settings,
     pub(crate) model: TouchModel,
     pub(crate) method: Method,
+    /// What the confident holes of this run have told of its sensor ([`crate::Episode::learn`]); nothing at first.
+    #[serde(skip_serializing_if = "SensorMatch::is_default")]
+    pub sensor: SensorMatch,
 }
 
 impl EpisodeConfig {
@@ -71,7 +75,14 @@ impl EpisodeConfig {
             },
             model: TouchModel::paper(),
             method: Method { engine, rule: ActionRule::Paper, between_poses: false },
+            sensor: SensorMatch::default(),
         }
+    }
+
+    /// The same where so much is known of the sensor.
+    #[must_use]
+    pub fn with_sensor(self, sensor: SensorMatch) -> Self {
+        Self { sensor, ..self }
     }
 
     /// What is measured or fixed.
@@ -125,6 +136,7 @@ impl EpisodeConfig {
     pub fn validate(&self) -> Result<()> {
         self.settings.validate()?;
         self.model.validate()?;
+        self.sensor.validate()?;
         match self.method.engine {
             EngineConfig::Particle(particle) => particle.validate(),
             EngineConfig::Exact => Ok(()),

@@ -9,7 +9,7 @@ use tactile_infer::Bank;
 use crate::belief::Belief;
 use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
-use crate::decision::{Asked, Estimate, RunnerUp, StopReason};
+use crate::decision::{Asked, Estimate, RunnerUp, SensorMatch, StopReason};
 use crate::error::{Error, Result};
 use crate::likelihood::TouchLikelihood;
 use crate::touch::{Observation, check_motion};
@@ -145,6 +145,13 @@ impl Episode {
     /// left.
     pub fn runner_up(&self) -> Option<RunnerUp> {
         self.asked().runner_up()
+    }
+
+    /// What is known of the sensor with this hole, where it is named with confidence now; else as it was. Give it to the next
+    /// episode of the run ([`EpisodeConfig::sensor`]), as long as gel and camera stay.
+    pub fn learn(&self) -> SensorMatch {
+        let sensor = self.config.sensor;
+        self.asked().confident().map_or(sensor, |scores| sensor.with(&self.config.model, scores))
     }
 
     fn asked(&self) -> Asked<'_> {
@@ -456,6 +463,43 @@ mod tests {
         };
         let (present, absent) = (n_strange(false), n_strange(true));
         assert!(present <= 2 && absent >= 20, "{present} of 24 in the bank, {absent} of 24 not in it");
+    }
+
+    #[test]
+    fn a_confident_hole_tells_of_the_sensor_and_the_next_is_judged_by_it() {
+        let world = World::new(4, GRID, 0.2, 0.02, 2);
+        let touches = |n: usize| {
+            let mut rng = ChaCha8Rng::seed_from_u64(1);
+            (0..n).map(|_| world.touch(0, &Se2::IDENTITY, &mut rng)).collect::<Vec<_>>()
+        };
+        let play = |config: EpisodeConfig, n: usize| {
+            let touches = touches(n);
+            let mut episode = Episode::begin(config, world.bank.clone(), &touches[0]).unwrap();
+            touches[1..].iter().for_each(|touch| episode.observe(Se2::IDENTITY, touch).unwrap());
+            episode
+        };
+        let config = EpisodeConfig {
+            model: TouchModel { matched_mean: 0.914, matched_sd: 0.035, ..world.model() },
+            method: Method { between_poses: false, ..Method::default() },
+            ..EpisodeConfig::default()
+        };
+        let unsure = config.changed(|settings, _, _| settings.stop_probability = 1.0);
+        assert_eq!(play(unsure, 4).learn(), SensorMatch::default());
+        let first = play(config, 4);
+        assert_eq!(first.stop_reason(), Some(StopReason::Confident));
+        let known = first.learn();
+        let (fit, n_fitted) = (first.estimate().fit.unwrap(), first.estimate().n_fitted as f64);
+        // The mean score lies on the side that the offset moved to.
+        assert!(known.n_holes == 1 && known.offset * fit > 0.0 && n_fitted == 4.0, "{known:?} {fit}");
+        let next = play(config.with_sensor(known), 4);
+        assert!(next.estimate().fit.unwrap().abs() < fit.abs());
+        assert_eq!(next.belief().posterior().by_part(), first.belief().posterior().by_part());
+        let text = serde_json::to_string(&next.record().unwrap()).unwrap();
+        let restored = Episode::restore(&serde_json::from_str(&text).unwrap(), world.bank.clone()).unwrap();
+        assert_eq!((restored.estimate(), restored.learn()), (next.estimate(), next.learn()));
+        assert_eq!(next.learn().n_holes, 2);
+        let wrong = config.with_sensor(SensorMatch { n_holes: 1, offset: f64::NAN, ..known });
+        assert!(wrong.validate().unwrap_err().to_string().starts_with("episode.sensor"));
     }
 
     #[test]

@@ -192,7 +192,7 @@ fn matched_by_best(calibration: &Calibration, default: &TouchModel) -> Spread {
 
 /// Share of the cosines' variance that the touches of one hole under one sensor have in common: the same print, the same
 /// network. On the tuning letters anywhere the mean of eight has a standard deviation of 0.015, each one of 0.034.
-const SHARED_VARIANCE: f64 = 0.1;
+pub(crate) const SHARED_VARIANCE: f64 = 0.1;
 
 /// The share with what sensors differ by, which all touches of one have in common.
 fn shared_variance(calibration: &Calibration) -> f64 {

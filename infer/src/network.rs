@@ -346,35 +346,65 @@ mod tests {
         assert_eq!(embed(&network), embed(&other));
     }
 
-    /// One step of training by our kernels and by burn's own: outputs, running statistics and every gradient.
+    /// What one step of training makes: output, running statistics and every gradient.
+    #[cfg(feature = "autodiff")]
+    struct Step {
+        out: Vec<f32>,
+        tensors: Vec<NamedTensor>,
+        gradients: Vec<Vec<f32>>,
+    }
+
+    #[cfg(feature = "autodiff")]
+    impl Step {
+        fn of(config: NetworkConfig, kind: DeviceKind, query: fn(&Network, Tensor<4>) -> Tensor<2>) -> Self {
+            let device = kind.tensor_device().autodiff();
+            let network = config.init(7, &device);
+            let [width, height] = config.input_px;
+            let values = (0..6 * 3 * width * height).map(|i| ((i * 37 % 101) as f32 - 50.0) / 30.0).collect::<Vec<_>>();
+            let out = query(&network, Tensor::from_data(TensorData::new(values, [6, 3, height, width]), &device));
+            let weights: Vec<f32> = (0..6 * config.dim).map(|i| (i as f32 * 1.3).cos()).collect();
+            let weights = Tensor::<2>::from_data(TensorData::new(weights, [6, config.dim]), &device);
+            let mut gradients = (out.clone() * weights).sum().backward();
+            let mut found = Vec::new();
+            network.visit(&mut CollectGradients { gradients: &mut gradients, found: &mut found });
+            Self { out: out.into_data().try_into_vec().unwrap(), tensors: tensors_of(&network), gradients: found }
+        }
+
+        fn assert_is(&self, other: &Self) {
+            let close = |a: &[f32], b: &[f32]| {
+                let largest = b.iter().fold(0.05_f32, |m, v| m.max(v.abs())); // some gradients are zero but for rounding
+                a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-4 * largest)
+            };
+            assert!(close(&self.out, &other.out), "{:?} {:?}", self.out, other.out);
+            for (a, b) in self.tensors.iter().zip(&other.tensors) {
+                assert!(close(&a.values, &b.values), "{} {:?} {:?}", a.name, a.values, b.values);
+            }
+            assert!(self.gradients.len() > 20 && self.gradients.len() == other.gradients.len());
+            for (a, b) in self.gradients.iter().zip(&other.gradients) {
+                assert!(close(a, b), "{a:?} {b:?}");
+            }
+        }
+    }
+
     #[cfg(feature = "autodiff")]
     #[test]
     fn our_kernels_train_as_burns_own_do() {
-        let run = |convolve: fn(&Encoder, Tensor<4>) -> Tensor<4>| {
-            let device = DeviceKind::Flex.tensor_device().autodiff();
-            let network = tiny().init(7, &device);
-            let Network { encoder, predictor } = &network;
-            let out = predictor.forward(encoder.project(convolve(encoder, image(4, &device))));
-            let weights: Vec<f32> = (0..24).map(|i| (i as f32 * 1.3).cos()).collect();
-            let weights = Tensor::<2>::from_data(TensorData::new(weights, [4, 6]), &device);
-            let mut gradients = (out.clone() * weights).sum().backward();
-            let mut found = Vec::new();
-            let mut collect = CollectGradients { gradients: &mut gradients, found: &mut found };
-            network.visit(&mut collect);
-            (out.into_data().try_into_vec::<f32>().unwrap(), tensors_of(&network), found)
+        let burns = |network: &Network, images| {
+            let Network { encoder, predictor } = network;
+            predictor.forward(encoder.project(encoder.convolve(images)))
         };
-        let close = |a: &[f32], b: &[f32]| {
-            let largest = b.iter().fold(0.05_f32, |m, v| m.max(v.abs())); // some gradients are zero but for rounding
-            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-4 * largest)
-        };
-        let (ours, burns) = (run(Encoder::convolve_ours), run(Encoder::convolve));
-        assert!(close(&ours.0, &burns.0), "{:?} {:?}", ours.0, burns.0);
-        for (a, b) in ours.1.iter().zip(&burns.1) {
-            assert!(close(&a.values, &b.values), "{} {:?} {:?}", a.name, a.values, b.values);
-        }
-        assert!(ours.2.len() > 20 && ours.2.len() == burns.2.len());
-        for (a, b) in ours.2.iter().zip(&burns.2) {
-            assert!(close(a, b), "{a:?} {b:?}");
+        Step::of(tiny(), DeviceKind::Flex, Network::query).assert_is(&Step::of(tiny(), DeviceKind::Flex, burns));
+    }
+
+    /// Widths of whole fours, and others, whose products burn makes.
+    #[cfg(all(feature = "autodiff", feature = "wgpu"))]
+    #[test]
+    fn our_kernels_train_on_a_card_as_on_the_cpu() {
+        let odd = NetworkConfig { input_px: [25, 17], width: 3, hidden: 30, dim: 10 };
+        let wide = NetworkConfig { input_px: [40, 30], width: 32, hidden: 256, dim: 128 };
+        for config in [tiny(), odd, wide] {
+            let [card, cpu] = [DeviceKind::Wgpu, DeviceKind::Flex].map(|kind| Step::of(config, kind, Network::query));
+            card.assert_is(&cpu);
         }
     }
 

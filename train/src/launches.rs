@@ -71,7 +71,7 @@ impl Launches {
         let mut table = "kernel,launches_a_step,microseconds_a_step\n".to_owned();
         for (kernel, launches, microseconds) in rows {
             // Writing to a string cannot fail.
-            drop(writeln!(table, "{kernel},{launches:.1},{microseconds:.1}"));
+            let _ = writeln!(table, "{kernel},{launches:.1},{microseconds:.1}");
         }
         table
     }

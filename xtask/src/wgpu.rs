@@ -18,6 +18,7 @@ pub fn wgpu(workspace: &Workspace) -> Result<()> {
     }
     let with_cards = "--release --workspace --exclude xtask --features tactile-tests/wgpu";
     workspace.cargo(&format!("build {with_cards}"))?;
+    workspace.cargo(&format!("test {with_cards} --lib on_a_card"))?;
     let filter = "--test workspace wgpu:: -- --nocapture --test-threads 1";
     workspace.cargo(&format!("test {with_cards} {filter}")).map(|_| ())
 }

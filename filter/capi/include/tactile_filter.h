@@ -671,6 +671,11 @@ enum tf_status tf_config_new(const struct tf_model *model,
 void tf_config_free(struct tf_config *config);
 
 /**
+ * Forgets what holes have told of the sensor (tf_episode_learn()): for a new gel or another camera.
+ */
+enum tf_status tf_config_forget_sensor(struct tf_config *config);
+
+/**
  * Changes a setting.
  * \param name   its name, UTF-8
  * \param value  its value as text, UTF-8: "4", "0.95", "none"
@@ -758,6 +763,16 @@ enum tf_status tf_episode_decide_within(const struct tf_episode *episode,
 enum tf_status tf_episode_estimate(const struct tf_episode *episode,
                                    struct tf_estimate *estimate,
                                    enum tf_stop *stop);
+
+/**
+ * Takes what this hole tells of the sensor into a config, where its part is named with confidence now: how well touches of
+ * this sensor match. Begin the next hole of the run with that config, as long as gel and camera stay;
+ * tf_config_forget_sensor() begins anew.
+ * \param n_holes  where the number of holes goes that have told so far; null is allowed
+ */
+enum tf_status tf_episode_learn(const struct tf_episode *episode,
+                                struct tf_config *config,
+                                uint32_t *n_holes);
 
 /**
  * The second most probable part now. Ask for it after TF_STOP_TOUCH_LIMIT and TF_STOP_NOTHING_TO_LEARN: the hole may

@@ -201,7 +201,11 @@ public:
         return detail::list<std::string>(ask, 1);
     }
 
+    // Forgets what holes have told of the sensor: for a new gel or another camera.
+    Done forget_sensor() { return detail::done(tf_config_forget_sensor(handle_.get())); }
+
     const tf_config *get() const { return handle_.get(); }
+    tf_config *get() { return handle_.get(); }
 
 private:
     friend class Model;
@@ -388,6 +392,14 @@ public:
         tf_estimate estimate{};
         const tf_status status = tf_episode_estimate(get(), &estimate, nullptr);
         return detail::give(status, estimate);
+    }
+
+    // Takes what this hole tells of the sensor into the config for the next; gives how many holes have told so far.
+    Result<std::uint32_t> learn(Config &config) const
+    {
+        std::uint32_t n_holes = 0;
+        const tf_status status = tf_episode_learn(get(), config.get(), &n_holes);
+        return detail::give(status, n_holes);
     }
 
     // Why to stop now; TF_STOP_NONE to go on.

@@ -3,7 +3,7 @@
 use std::ffi::c_char;
 use std::sync::{RwLock, RwLockReadGuard, RwLockWriteGuard};
 
-use tactile_filter::EpisodeConfig;
+use tactile_filter::{EpisodeConfig, SensorMatch};
 
 use crate::model::tf_model;
 use crate::pointer::{fill, free, get, give, text};
@@ -36,6 +36,12 @@ impl tf_config {
     fn write(&self) -> Result<RwLockWriteGuard<'_, EpisodeConfig>, Failure> {
         Ok(self.config.try_write()?)
     }
+
+    /// Takes in what is known of the sensor.
+    pub(crate) fn know(&self, sensor: SensorMatch) -> Result<(), Failure> {
+        self.write()?.sensor = sensor;
+        Ok(())
+    }
 }
 
 /// A copy of a config, checked as a whole.
@@ -65,6 +71,12 @@ pub unsafe extern "C" fn tf_config_new(model: *const tf_model, touched: u32, out
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_config_free(config: *mut tf_config) {
     unsafe { free(config) }
+}
+
+/// Forgets what holes have told of the sensor (tf_episode_learn()): for a new gel or another camera.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_config_forget_sensor(config: *mut tf_config) -> tf_status {
+    call(|| unsafe { get(config.cast_const(), "config")?.know(SensorMatch::default()) })
 }
 
 /// Changes a setting.

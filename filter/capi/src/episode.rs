@@ -143,6 +143,27 @@ pub unsafe extern "C" fn tf_episode_estimate(
     })
 }
 
+/// Takes what this hole tells of the sensor into a config, where its part is named with confidence now: how well touches of
+/// this sensor match. Begin the next hole of the run with that config, as long as gel and camera stay;
+/// tf_config_forget_sensor() begins anew.
+/// \param n_holes  where the number of holes goes that have told so far; null is allowed
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_episode_learn(
+    episode: *const tf_episode,
+    config: *mut tf_config,
+    n_holes: *mut u32,
+) -> tf_status {
+    call(|| unsafe {
+        let (episode, config) = (get(episode, "episode")?, get(config.cast_const(), "config")?);
+        let sensor = episode.read()?.learn();
+        config.know(sensor)?;
+        if !n_holes.is_null() {
+            out(n_holes, "n_holes")?.put(sensor.n_holes);
+        }
+        Ok(())
+    })
+}
+
 /// The second most probable part now. Ask for it after TF_STOP_TOUCH_LIMIT and TF_STOP_NOTHING_TO_LEARN: the hole may
 /// be that of either.
 /// \param runner_up  where it goes; its has_part is 0 where no other part is left

@@ -131,6 +131,7 @@ mod tests {
             n_classes,
             choose_ms: None,
             n_prints: 1,
+            n_earlier: 0,
             n_touches: 2,
         }
     }

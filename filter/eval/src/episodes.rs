@@ -13,7 +13,9 @@ use tactile_infer::safefile::write_whole;
 use crate::error::{Error, Result};
 use crate::evaluate::{Outcome, Scored};
 use crate::origins::Origins;
-use crate::result::{Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping, is_one, one};
+use crate::result::{
+    Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping, is_none, is_one, one,
+};
 use crate::summary::{self, Label};
 use tactile_filter::EpisodeConfig;
 
@@ -61,6 +63,9 @@ pub struct Setup {
     pub n_touches: usize,
     /// Where holes are touched.
     pub poses: Poses,
+    /// Holes of a run that were named with confidence before each episode.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub n_earlier: usize,
     /// Whether each hole's own part was taken out of the bank.
     pub absent: bool,
     /// Whether the holes were recorded; else they were simulated.
@@ -222,6 +227,7 @@ impl Episodes {
             n_prints: setup.n_prints,
             distinct_first_views: self.origins().distinct_first_views(),
             absent: setup.absent,
+            n_earlier: setup.n_earlier,
             recorded: setup.recorded,
             recorded_parts: setup.recorded_parts.clone(),
             side: setup.side,
@@ -265,6 +271,7 @@ mod tests {
                 n_episodes: 10,
                 seeds: vec![1],
                 n_prints: 1,
+                n_earlier: 0,
                 n_touches: 2,
                 poses: Poses::OnGrid,
                 absent: false,

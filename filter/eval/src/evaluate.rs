@@ -15,6 +15,7 @@ use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, Standin
 use tactile_infer::Bank;
 
 use crate::banks::Banks;
+use crate::earlier_holes::EarlierHoles;
 use crate::error::{Error, Result};
 pub use crate::hole::{Hole, observe};
 use crate::holes::Holes;
@@ -127,9 +128,10 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
         return Err(Error::invalid("sensor", format!("one that touches {touched}s"), format!("one of {seen}s")));
     }
     protocol.validate(run.holes, run.banks.whole())?;
-    let done = AtomicUsize::new(0);
+    let (done, earlier) = (AtomicUsize::new(0), EarlierHoles::default());
     let one = |index, bank: &Arc<Bank>| {
-        let outcome = run_one(run, bank, index, &mut |_, _, _, _| ());
+        let config = run.config.with_sensor(earlier.before(run, bank, index)?);
+        let outcome = run_one(&Run { config: &config, ..*run }, bank, index, &mut |_, _, _, _| ());
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, protocol.episodes.len());
         outcome
     };

@@ -6,6 +6,7 @@
 pub mod assembly;
 pub mod banks;
 pub mod baselines;
+mod earlier_holes;
 pub mod episodes;
 pub mod error;
 pub mod evaluate;

@@ -34,6 +34,8 @@ pub struct Protocol {
     pub n_prints: usize,
     /// Touches of each episode; the stopping rule is recorded and not obeyed, so that every curve is whole.
     pub n_touches: usize,
+    /// Holes of a run that were named with confidence before each episode: what they told of the sensor is known.
+    pub n_earlier: usize,
 }
 
 impl Protocol {
@@ -98,7 +100,18 @@ mod tests {
     fn protocol(n_prints: usize, poses: Poses) -> Protocol {
         let (seeds, episodes) = (vec![1, 2], 0..12);
         let (absent, n_classes, choose_ms) = (false, None, None);
-        Protocol { n_episodes: 12, episodes, seeds, poses, absent, n_classes, choose_ms, n_prints, n_touches: 2 }
+        Protocol {
+            n_episodes: 12,
+            episodes,
+            seeds,
+            poses,
+            absent,
+            n_classes,
+            choose_ms,
+            n_prints,
+            n_touches: 2,
+            n_earlier: 0,
+        }
     }
 
     #[test]

@@ -31,6 +31,9 @@ pub struct Evaluation {
     /// `None` where they began anywhere.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distinct_first_views: Option<usize>,
+    /// Holes of a run that were named with confidence before each episode: what they told of the sensor was known.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub n_earlier: usize,
     /// Whether each hole's own part was taken out of the bank: no answer is then right but "none of these".
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub absent: bool,
@@ -84,6 +87,10 @@ pub struct Evaluation {
 /// The number of prints where none is noted.
 pub(crate) fn one() -> usize {
     1
+}
+
+pub(crate) fn is_none(n: &usize) -> bool {
+    *n == 0
 }
 
 pub(crate) fn is_one(n: &usize) -> bool {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tactile_data::grid::PoseGrid;
 use tactile_data::recording::ros::messages::{Level, Text, Time, to_cdr};
 use tactile_data::se2::Se2;
-use tactile_filter::{Episode, Observation};
+use tactile_filter::{Episode, Observation, SensorMatch};
 use tactile_infer::{Bank, Model};
 
 use crate::camera::{Arrival, Camera, ClockFault, Kind};
@@ -50,6 +50,8 @@ pub struct Node {
     pending: Option<Pending>,
     running: Option<Running>,
     n_episodes: u64,
+    /// What the holes before have told of the sensor.
+    sensor: SensorMatch,
     /// Entropy (nats) and probability of the likeliest part after the latest touch.
     latest: Option<[f64; 2]>,
     n_refused: u64,
@@ -93,6 +95,7 @@ impl Node {
             pending: None,
             running: None,
             n_episodes: 0,
+            sensor: SensorMatch::default(),
             latest: None,
             n_refused: 0,
             n_cameras: None,
@@ -299,6 +302,9 @@ impl Node {
         match request {
             Request::Reset => {
                 let n_touches = self.n_touches();
+                if let Some(running) = self.running.as_ref().filter(|_| self.parameters.learn_sensor) {
+                    self.sensor = running.episode.learn();
+                }
                 (self.running, self.latest) = (None, None);
                 self.tool.reset();
                 if let Some(pending) = self.pending.take() {
@@ -426,7 +432,7 @@ impl Node {
         if let Some(running) = &mut self.running {
             return running.observe(base_from_sensor, self.parameters.tool.max_tilt_deg, observation).map(Some);
         }
-        let config = self.parameters.episode_config(&self.model, self.n_episodes)?;
+        let config = self.parameters.episode_config(&self.model, self.n_episodes)?.with_sensor(self.sensor);
         let episode = Episode::begin(config, Arc::clone(&self.bank), observation)?;
         self.n_episodes += 1;
         self.running = Some(Running { episode, base_from_first: base_from_sensor, base_from_sensor });

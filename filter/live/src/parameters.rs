@@ -29,6 +29,8 @@ pub struct Parameters {
     pub trigger: Trigger,
     /// Whether the first pictures are taken for the sensor at rest, without being asked.
     pub rest_at_start: bool,
+    /// Whether holes that are named with confidence tell how well touches of this sensor match, until the node ends.
+    pub learn_sensor: bool,
     /// Seconds that a touch may take to be observed, from the trigger on; 1.0 if not given.
     pub observe_timeout_s: Option<f64>,
     /// The camera.

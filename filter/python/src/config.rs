@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use tactile_data::number::short_numbers;
-use tactile_filter::{EpisodeConfig, Settings};
+use tactile_filter::{EpisodeConfig, SensorMatch, Settings};
 
 use crate::error::{ConfigError, InternalError};
 use crate::model::PyModel;
@@ -41,6 +41,17 @@ impl PyEpisodeConfig {
     #[pyo3(signature = (**settings))]
     fn replace(&self, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         changed(self.0, settings)
+    }
+
+    /// Holes that have told of the sensor so far (`Episode.learn`).
+    #[getter]
+    fn n_sensor_holes(&self) -> u32 {
+        self.0.sensor.n_holes
+    }
+
+    /// The same without what holes have told of the sensor: for a new gel or another camera.
+    fn without_sensor(&self) -> Self {
+        Self(self.0.with_sensor(SensorMatch::default()))
     }
 
     /// All settings by name.

@@ -108,6 +108,12 @@ impl PyEpisode {
         self.with(py, |episode| Ok(episode.stop_reason().map(name)))
     }
 
+    /// `config` with what this hole tells of the sensor, where its part is named with confidence now: how well touches of this
+    /// sensor match. Begin the next hole of the run with it, as long as gel and camera stay.
+    fn learn(&self, py: Python<'_>, config: &PyEpisodeConfig) -> PyResult<PyEpisodeConfig> {
+        Ok(PyEpisodeConfig(config.0.with_sensor(self.with(py, |episode| Ok(episode.learn()))?)))
+    }
+
     /// What is known now.
     fn estimate(&self, py: Python<'_>) -> PyResult<PyEstimate> {
         Ok(self.named(self.with(py, |episode| Ok(episode.estimate()))?))

@@ -6,6 +6,7 @@ use tactile_data::symmetry::Symmetry;
 use super::bayes::Belief;
 use crate::belief::hypothesis::Hypothesis;
 use crate::belief::refine::refine;
+use crate::decision::Scores;
 
 impl Belief {
     /// The pose of the first touch around a state, to below the grid's step: the mean of the belief there, however far it goes
@@ -20,14 +21,12 @@ impl Belief {
         }
     }
 
-    /// How well a part at a pose explains what was felt: the mean over the edged touches of
-    /// [`standard_score`](crate::likelihood::evidence::Evidence::standard_score), in standard deviations of such a mean, and of how many
-    /// touches it is; `None` where no edge was felt within the recorded area.
-    pub fn fit(&self, part: usize, part_from_first: &Se2) -> Option<(f64, usize)> {
+    /// How well a part at a pose matches what was felt: the mean over the edged touches of
+    /// [`standard_score`](crate::likelihood::evidence::Evidence::standard_score), and of how many touches it is; `None` where no edge was
+    /// felt within the recorded area.
+    pub(crate) fn scores(&self, part: usize, part_from_first: &Se2) -> Option<Scores> {
         let scores = self.touches.iter().filter_map(|touch| touch.standard_score(&self.views, part, part_from_first));
-        let (sum, n_fitted) = scores.fold((0.0, 0), |(sum, n), score| (sum + score, n + 1));
-        // By the standard deviation of the mean of scores that share a part of their variance.
-        let (shared, n) = (self.config().matched_shared, n_fitted as f64);
-        (n_fitted > 0).then(|| (sum / n / (shared + (1.0 - shared) / n).sqrt(), n_fitted))
+        let (sum, n) = scores.fold((0.0, 0), |(sum, n), score| (sum + score, n + 1));
+        (n > 0).then(|| Scores { mean: sum / n as f64, n })
     }
 }

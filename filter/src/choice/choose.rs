@@ -202,6 +202,7 @@ pub(super) mod tests {
             settings: Settings { n_suppositions: 1, n_finalists: Some(8), ..Settings::default() },
             model: TouchModel { min_separation_mm: 0.0, ..TouchModel::default() },
             method: Method { rule, between_poses: false, ..Method::default() },
+            ..EpisodeConfig::default()
         }
     }
 

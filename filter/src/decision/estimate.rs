@@ -64,7 +64,7 @@ impl Asked<'_> {
             symmetry: bank.symmetry(part),
             covariance,
             fit: placed.fit,
-            n_fitted: placed.n_fitted,
+            n_fitted: placed.n_fitted(),
             class_posterior: posterior.by_part().to_vec(),
             modes: modes(posterior, &first_from_sensor, &|part| bank.symmetry(part)),
             entropy_nats: posterior.entropy_nats(),

@@ -4,8 +4,11 @@
 //! how touches are weighed or chosen.
 
 mod estimate;
+mod sensor_match;
 mod verdict;
 
 pub use estimate::Estimate;
+pub(crate) use sensor_match::Scores;
+pub use sensor_match::SensorMatch;
 pub(crate) use verdict::Asked;
 pub use verdict::{RunnerUp, Standing, StopReason, Warning};

@@ -10,6 +10,7 @@ use tactile_infer::Bank;
 
 use crate::belief::{Belief, Hypothesis};
 use crate::config::EpisodeConfig;
+use crate::decision::Scores;
 
 /// Why an episode is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -154,9 +155,17 @@ pub(crate) struct Verdict {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Placed {
     pub(crate) part_from_first: Se2,
+    /// How its touches match, where any shows an edge ...
+    pub(crate) scores: Option<Scores>,
+    /// ... and that in standard deviations, as the sensor is known.
     pub(crate) fit: Option<f64>,
+}
+
+impl Placed {
     /// Touches that the fit is of.
-    pub(crate) n_fitted: usize,
+    pub(crate) fn n_fitted(&self) -> usize {
+        self.scores.map_or(0, |scores| scores.n)
+    }
 }
 
 /// What a verdict is about.
@@ -198,6 +207,12 @@ impl Asked<'_> {
         self.config.stop(&self.standing(probability, &placed, || self.covariance(part, &placed)))
     }
 
+    /// How the touches of the part match that is named with confidence; `None` where none is.
+    pub(crate) fn confident(self) -> Option<Scores> {
+        let verdict = self.verdict();
+        verdict.placed.scores.filter(|_| verdict.stop == Some(StopReason::Confident))
+    }
+
     /// The second most probable part, as the verdict has it.
     pub(crate) fn runner_up(self) -> Option<RunnerUp> {
         let (likeliest, _) = self.likeliest();
@@ -219,8 +234,9 @@ impl Asked<'_> {
         let refined = || self.belief.refine(state, &self.bank.symmetry(part));
         let is_between = self.config.method.between_poses;
         let part_from_first = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
-        let fitted = self.belief.fit(part, &part_from_first);
-        Placed { part_from_first, fit: fitted.map(|(fit, _)| fit), n_fitted: fitted.map_or(0, |(_, n)| n) }
+        let scores = self.belief.scores(part, &part_from_first);
+        let fit = scores.map(|scores| self.config.sensor.fit(&self.config.model, scores));
+        Placed { part_from_first, scores, fit }
     }
 
     fn covariance(self, part: usize, placed: &Placed) -> [[f64; 3]; 3] {
@@ -230,7 +246,7 @@ impl Asked<'_> {
 
     fn standing(self, probability: f64, placed: &Placed, covariance: impl FnOnce() -> [[f64; 3]; 3]) -> Standing {
         let place_mm2 = self.config.settings.stop_place_mm.map(|_| place_mm2(&covariance()));
-        let Placed { fit, n_fitted, .. } = *placed;
+        let (fit, n_fitted) = (placed.fit, placed.n_fitted());
         Standing { probability, fit, n_fitted, place_mm2, n_touches: self.belief.touches().len() }
     }
 

@@ -92,6 +92,10 @@ pub struct Evaluate {
     /// Choose each hole's part from K parts only: its own and others drawn at random [default: all of the bank]
     #[arg(long, value_name = "K", help_heading = "Episodes")]
     classes: Option<usize>,
+    /// Before each episode let a run of holes of the bank's parts be felt, until N are named with confidence: how well touches of
+    /// this sensor match is then known
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Episodes")]
+    earlier_holes: usize,
     /// Take each hole's own part out of the bank: how often is it recognised as none of these? A bank that learnt from
     /// its parts learns again without it, from its scene
     #[arg(long, help_heading = "Episodes")]
@@ -288,6 +292,7 @@ impl Evaluate {
             choose_ms: self.choose_ms,
             n_prints: self.prints,
             n_touches: self.touches,
+            n_earlier: self.earlier_holes,
         }
     }
 
@@ -355,6 +360,7 @@ impl Evaluate {
             n_touches: protocol.n_touches,
             poses: protocol.poses,
             absent: protocol.absent,
+            n_earlier: protocol.n_earlier,
             recorded: holes.is_recorded(),
             recorded_parts: holes.some_parts(),
             side: holes.side(),

@@ -203,6 +203,7 @@ impl TradeoffArgs {
             n_classes: None,
             choose_ms: None,
             n_prints: 1,
+            n_earlier: 0,
             n_touches: TOUCHES[TOUCHES.len() - 1],
         }
     }

@@ -201,6 +201,11 @@ class EpisodeConfig:
     def replace(self, **settings: Unpack[_Settings]) -> EpisodeConfig:
         """The same with some settings changed."""
     @property
+    def n_sensor_holes(self) -> int:
+        """Holes that have told of the sensor so far (`Episode.learn`)."""
+    def without_sensor(self) -> EpisodeConfig:
+        """The same without what holes have told of the sensor: for a new gel or another camera."""
+    @property
     def settings(self) -> _Settings:
         """All settings by name."""
     def __eq__(self, value: object, /) -> bool: ...
@@ -355,6 +360,12 @@ class Episode:
         """
     def stop_reason(self) -> _Reason | None:
         """Why to stop now, whatever could still be touched; `None` to go on."""
+    def learn(self, config: EpisodeConfig) -> EpisodeConfig:
+        """`config` with what this hole tells of the sensor, where its part is named with confidence now.
+
+        That is how well touches of this sensor match. Begin the next hole of the run with it, as long as gel and camera
+        stay.
+        """
     def estimate(self) -> Estimate:
         """What is known now."""
     def belief(self) -> Belief:
