@@ -10,7 +10,6 @@ use tactile_infer::match_odds::OUTLIER_SHARE;
 use tactile_infer::views::Views;
 
 use crate::error::Result;
-use crate::likelihood::Overlap;
 use crate::likelihood::interpolation::Interpolation;
 use crate::number::{Range, numbers};
 
@@ -54,19 +53,12 @@ numbers! {
         /// ... of whose square the touches of one hole have this share in common: the same print, the same sensor.
         matched_shared: f64 = SHARED_VARIANCE, "", Range::SHARE,
             Measured: "calibration over sensors; 0.1 of it is fixed (T small anywhere)"; "many touches refuse a present part";
-        /// Share of their error that the touches of one hole have in common where they match their views well: the same
-        /// print, the same network; up to six times as much, and at most 1, the worse their best matches are. Zero: all they
-        /// say is multiplied. Else n touches count as n / (1 + share (n - 1)), each likelihood taken to that power of n, as
-        /// the mean of n numbers of which any two correlate so much.
-        shared_error: f64 = 0.05, "", Range::SHARE,
-            Fixed: "T small, T large, T small over a wide area, both rough, T connectors, outlines 77; banks of pegs and of both \
-                sides"; "ten touches are surer than they are right";
-        /// Touches nearer than this share evidence; zero: all count as independent.
-        overlap_mm: f64 = 3.0, "mm", Range::NOT_NEGATIVE,
-            Fixed: "not noted; other settings of that time on T small and large"; "a touch made twice counts twice";
-        /// Touches at one place turned by less than this share evidence.
-        overlap_deg: f64 = 15.0, "degrees", Range::POSITIVE,
-            Fixed: "not noted; other settings of that time on T small and large"; "a touch made twice counts twice";
+        /// Touches so far from each other, or turned by a radian, have all but 1 / e of their error for themselves: the likelihood
+        /// of a touch is taken to the power of `1 - exp(-sqrt((d / shared_mm)^2 + turn^2))` by the earlier touch nearest to it.
+        /// Zero: all they say is multiplied.
+        shared_mm: f64 = 8.0, "mm", Range::NOT_NEGATIVE,
+            Fixed: "fitted: MAZE parts 0 to 11 and 36 to 47, banks of pegs and of both sides, four sensors each";
+            "ten touches are surer than they are right, and a touch made twice counts twice";
         /// To be confident the fit of `n` touches ([`crate::Estimate::n_fitted`]) must be at least
         /// `none_fit + fit_margin / sqrt(n)`. Large: parts that are not in the bank are recognised, at the price of touches.
         fit_margin: f64 = 4.6, "standard deviations", Range::NOT_NEGATIVE,
@@ -105,8 +97,7 @@ impl TouchModel {
             outlier_share: 0.0,
             nearest_tolerance: 1.0,
             interpolation: Interpolation::Nearest,
-            shared_error: 0.0,
-            overlap_mm: 0.0,
+            shared_mm: 0.0,
             min_separation_mm: 0.0,
             ..Self::default()
         }
@@ -159,11 +150,6 @@ impl TouchModel {
     /// Refuses numbers outside their ranges.
     pub fn validate(&self) -> Result<()> {
         self.check_ranges()
-    }
-
-    /// How touches share evidence.
-    pub fn overlap(&self) -> Overlap {
-        Overlap { mm: self.overlap_mm, deg: self.overlap_deg }
     }
 
     /// Whether a touch, or a view, with this share of edge pixels is blank.

@@ -13,7 +13,7 @@ use crate::belief::hypothesis::states_between;
 use crate::belief::posterior::Posterior;
 use crate::likelihood::TouchLikelihood;
 use crate::likelihood::evidence::Evidence;
-use crate::likelihood::shared_error::shared_error;
+use crate::likelihood::new_share;
 use crate::touch_model::TouchModel;
 
 /// The share of the belief that the exact engine may leave out after each touch, in states that cannot hold more of it
@@ -70,26 +70,26 @@ impl Belief {
         // Predict: each state moves by the motion that was made.
         let first_from_sensor = self.first_from_sensor() * *sensor_from_next;
         // Weigh by the touch, as far as it is new.
-        let (weight, before) = (self.new_share(&first_from_sensor), self.joint_weight(0.0, None));
+        let weight = self.new_share(&first_from_sensor);
         self.touches.push(Evidence::of(&self.views, first_from_sensor, weight, likelihood));
         let (states, n_parts) = (*self.posterior.grid(), self.posterior.by_part().len());
         self.posterior.release();
-        let powers = [before, self.joint_weight(0.0, None)];
-        let log_evidence = self.engine.weigh([&self.views, &states], &self.touches, powers);
+        let log_evidence = self.engine.weigh([&self.views, &states], &self.touches);
         // Summarise.
         self.posterior = self.engine.posterior(&states, n_parts);
         self.log_evidence += log_evidence;
         log_evidence
     }
 
-    /// The share of a touch there that no earlier one has: none where no recorded view can be seen.
-    fn new_share(&self, first_from_sensor: &Se2) -> f64 {
+    /// How much of a touch there is new after the touches made, 0..=1, the power to which its likelihood is taken; none where
+    /// no recorded view can be seen.
+    pub(crate) fn new_share(&self, first_from_sensor: &Se2) -> f64 {
         if self.is_beyond(first_from_sensor) {
             return 0.0;
         }
-        let overlap = self.config().overlap();
-        let new_share = |earlier: &Evidence| overlap.new_share(&earlier.first_from_sensor, first_from_sensor);
-        self.touches.iter().map(new_share).fold(1.0, f64::min)
+        let shared_mm = self.config().shared_mm;
+        let of = |earlier: &Evidence| new_share(shared_mm, &earlier.first_from_sensor, first_from_sensor);
+        self.touches.iter().map(of).fold(1.0, f64::min)
     }
 
     /// Whether no state sees a recorded view after a motion since the first touch: such a touch says nothing.
@@ -100,14 +100,6 @@ impl Belief {
         let diagonal_mm = 2.0 * std::f64::consts::SQRT_2 * xy_half_mm;
         let rim_mm = xy_step_mm * (8.0 * tolerance).max(2.0);
         first_from_sensor.x_mm.hypot(first_from_sensor.y_mm) > diagonal_mm + rim_mm
-    }
-
-    /// The power to which the likelihood of each touch is taken, 0..=1, with another one, as far as it is known, of
-    /// which `new_share` is new: [`TouchModel::shared_error`](crate::TouchModel::shared_error).
-    pub(crate) fn joint_weight(&self, new_share: f64, next: Option<&TouchLikelihood>) -> f64 {
-        let n_touches = self.touches.iter().map(|touch| touch.weight).sum::<f64>() + new_share;
-        let touches = self.touches.iter().map(|touch| &touch.likelihood).chain(next);
-        (1.0 + shared_error(self.config(), touches) * (n_touches - 1.0).max(0.0)).recip()
     }
 
     /// log p(all touches), up to the constants of [`TouchLikelihood`]: 0 says no more than chance, -inf

@@ -52,7 +52,7 @@ impl Engine {
             Start::Exact { allowed } => {
                 let layout = Layout::of(grids[1]);
                 let mut engine = Self::Exact(Exact::uniform(layout, n_parts * layout.n_angles, allowed));
-                let log_evidence = engine.weigh(grids, std::slice::from_ref(first), [1.0; 2]);
+                let log_evidence = engine.weigh(grids, std::slice::from_ref(first));
                 (engine, log_evidence)
             }
             Start::Particles { config, seed } => Self::draw(grids, config, seed, first),
@@ -69,18 +69,17 @@ impl Engine {
     }
 
     /// Bayes' rule (paper, Eq. 4) for the last of some touches; returns its log-evidence, up to the constant of
-    /// [`TouchLikelihood`](crate::likelihood::TouchLikelihood). `powers`: to which the likelihood of each touch was
-    /// taken before it, and to which that of each touch, itself too, is taken now.
-    pub fn weigh(&mut self, grids: [&PoseGrid; 2], touches: &[Evidence], powers: [f64; 2]) -> f64 {
+    /// [`TouchLikelihood`](crate::likelihood::TouchLikelihood).
+    pub fn weigh(&mut self, grids: [&PoseGrid; 2], touches: &[Evidence]) -> f64 {
         match self {
             Self::Exact(exact) => {
                 let mut blocks = Blocks::of(grids, touches);
                 let highest = blocks.highest();
-                exact.update(powers[1], &highest, &mut |block, touch, sums| blocks.add(block, touch, sums))
+                exact.update(&highest, &mut |block, touch, sums| blocks.add(block, touch, sums))
             }
             Self::Particles(particles) => {
                 let log_states = touches.last().map_or_else(Vec::new, |touch| log_states(grids, touch));
-                particles.weigh(grids[1], log_states, powers)
+                particles.weigh(grids[1], log_states)
             }
         }
     }
@@ -98,10 +97,9 @@ impl Engine {
 }
 
 impl Particles {
-    fn weigh(&mut self, states: &PoseGrid, log_states: Vec<f64>, [before, now]: [f64; 2]) -> f64 {
+    fn weigh(&mut self, states: &PoseGrid, log_states: Vec<f64>) -> f64 {
         let Self { particle, log_likelihoods } = self;
-        let earlier = |state| if now == before { 0.0 } else { (now - before) * log_score(log_likelihoods, state) };
-        let log_evidence = particle.update(|state| now * log_states[state] + earlier(state));
+        let log_evidence = particle.update(|state| log_states[state]);
         log_likelihoods.push(log_states);
         let n_cells = states.len();
         particle.rejuvenate(
@@ -109,8 +107,8 @@ impl Particles {
                 let cell = neighbour(states, state % n_cells, direction)?;
                 Some(state - state % n_cells + cell)
             },
-            |state| now * log_score(log_likelihoods, state),
-            |state| now * log_score(log_likelihoods, state) - log_likelihoods[0][state],
+            |state| log_score(log_likelihoods, state),
+            |state| log_score(&log_likelihoods[1..], state),
         );
         log_evidence
     }

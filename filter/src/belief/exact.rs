@@ -19,13 +19,13 @@ struct Judged {
     n_touches: usize,
     /// The largest of its states' sums over those touches.
     largest: f64,
-    /// The log of the sum over its states of the likelihood of all touches as they count together: this at most.
+    /// The log of the sum over its states of the likelihood of all touches, as far as each counts: this at most.
     most: f64,
     /// Probability of all its states, 0..=1; 0 where it is left out.
     share: f64,
-    /// Probability of its likeliest state, whose power is 1.
+    /// Probability of its likeliest state.
     scale: f64,
-    /// The sum over its states of power times its log, which is 0 or less.
+    /// The sum over its states of `p ln p`, which is 0 or less, where its likeliest state has a p of 1.
     log_sum: f64,
 }
 
@@ -39,9 +39,7 @@ pub struct Exact {
     /// log p(touches | state) of the touches judged there; shared with the posterior after the latest of them.
     sums: Arc<Vec<f64>>,
     n_touches: usize,
-    /// The power to which the likelihood of each touch is taken.
-    joint: f64,
-    /// log p(all touches) as they count together.
+    /// log p(all touches), as far as each counts.
     log_evidence: f64,
     left_out: f64,
 }
@@ -58,25 +56,19 @@ impl Exact {
             blocks: vec![block; n_blocks],
             sums: Arc::new(vec![0.0; n_states]),
             n_touches: 0,
-            joint: 1.0,
             log_evidence: 0.0,
             left_out: 0.0,
         }
     }
 
-    /// Bayes' rule (paper, Eq. 4) for one more touch; returns its log-evidence, log p(all touches) - log p(all before),
-    /// each as they count together.
+    /// Bayes' rule (paper, Eq. 4) for one more touch; returns its log-evidence, log p(touch | touches before).
     ///
-    /// `joint`: the power to which the likelihood of each touch is taken now, above 0.
     /// `highest`: the touch's log-likelihood in each block is at most this, `[n_blocks]`. `add` adds the
     /// log-likelihood, finite, of one touch to the sum of each state of a block.
-    pub fn update(&mut self, joint: f64, highest: &[f64], add: &mut dyn FnMut(usize, usize, &mut [f64])) -> f64 {
-        let of_earlier = joint / self.joint;
-        (self.joint, self.n_touches) = (joint, self.n_touches + 1);
-        // A sum of n powers p below 1 is at most n^(1 - p) times that power of the sum, one of powers above 1 at most that power.
-        let spread = (1.0 - of_earlier).max(0.0) * (self.layout.n_places as f64).ln();
+    pub fn update(&mut self, highest: &[f64], add: &mut dyn FnMut(usize, usize, &mut [f64])) -> f64 {
+        self.n_touches += 1;
         for (block, highest) in self.blocks.iter_mut().zip(highest) {
-            block.most = spread + of_earlier * block.most + joint * highest;
+            block.most += highest;
             (block.share, block.scale) = (0.0, 0.0);
         }
         let mut order: Vec<usize> = (0..self.blocks.len()).collect();
@@ -88,7 +80,7 @@ impl Exact {
         for at in &order[..n_judged] {
             let block = &mut self.blocks[*at];
             block.share = (block.most - log_judged).exp();
-            block.scale = (joint * block.largest - log_judged).exp();
+            block.scale = (block.largest - log_judged).exp();
         }
         self.normalize();
         let before = self.log_evidence;
@@ -131,8 +123,8 @@ impl Exact {
         (block.n_touches..self.n_touches).for_each(|touch| add(at, touch, sums));
         block.n_touches = self.n_touches;
         block.largest = simd::largest(sums);
-        let [sum, log_sum] = simd::sums_of_powers(sums, block.largest, self.joint);
-        (block.most, block.log_sum) = (self.joint * block.largest + sum.ln(), log_sum);
+        let [sum, log_sum] = simd::sums_of_powers(sums, block.largest);
+        (block.most, block.log_sum) = (block.largest + sum.ln(), log_sum);
     }
 
     fn states(&self, block: usize) -> Range<usize> {
@@ -148,7 +140,7 @@ impl Exact {
         let n_parts = self.blocks.len() / self.layout.n_angles;
         Weighed {
             blocks: self.blocks.iter().map(Judged::summary).collect(),
-            values: Values::Logs { logs: self.sums.clone(), power: self.joint },
+            values: Values::Logs(self.sums.clone()),
             best: (0..n_parts).map(|part| self.best(part)).collect(),
             left_out: self.left_out,
         }
@@ -194,24 +186,18 @@ mod tests {
     /// States of a block.
     const LENGTH: usize = 3;
 
-    /// Tables of p(touch | state) of some touches, and the power to which each is taken after as many.
+    /// Tables of p(touch | state) of some touches.
     struct Touches {
         tables: Vec<Vec<f64>>,
-        joint: Vec<f64>,
     }
 
     impl Touches {
-        fn new(tables: &[Vec<f64>], share: f64) -> Self {
-            let joint = (0..tables.len()).map(|index| 1.0 / (1.0 + share * index as f64)).collect();
-            Self { tables: tables.to_vec(), joint }
-        }
-
         /// Takes in the touch of an index; returns its log-evidence and the blocks judged for it or touches before.
         fn take_in(&self, exact: &mut Exact, index: usize) -> (f64, usize) {
             let largest = |block: &[f64]| block.iter().copied().fold(0.0, f64::max).ln();
             let highest: Vec<f64> = self.tables[index].chunks(LENGTH).map(largest).collect();
             let mut n_judged = 0;
-            let log_evidence = exact.update(self.joint[index], &highest, &mut |block, touch, sums| {
+            let log_evidence = exact.update(&highest, &mut |block, touch, sums| {
                 n_judged += 1;
                 let of_block = self.tables[touch].chunks(LENGTH).nth(block).unwrap();
                 sums.iter_mut().zip(of_block).for_each(|(sum, p)| *sum += p.ln());
@@ -222,9 +208,7 @@ mod tests {
         /// The posterior after so many touches by its definition, and the log of the mean over all states.
         fn posterior(&self, n_touches: usize) -> (Vec<f64>, f64) {
             let n_states = self.tables[0].len();
-            let product = |state: usize| -> f64 {
-                self.tables[..n_touches].iter().map(|table| table[state].powf(self.joint[n_touches - 1])).product()
-            };
+            let product = |state: usize| -> f64 { self.tables[..n_touches].iter().map(|table| table[state]).product() };
             let sum: f64 = (0..n_states).map(product).sum();
             ((0..n_states).map(|state| product(state) / sum).collect(), (sum / n_states as f64).ln())
         }
@@ -261,11 +245,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_posterior_of_all_states_is_the_normalised_product_of_powers(
-            tables in tables(0.01),
-            share in 0.0..1.0_f64,
-        ) {
-            let touches = Touches::new(&tables, share);
+        fn the_posterior_of_all_states_is_the_normalised_product(tables in tables(0.01)) {
+            let touches = Touches { tables: tables.clone() };
             let (mut exact, mut total) = (uniform(6, 0.0), 0.0);
             for index in 0..tables.len() {
                 total += touches.take_in(&mut exact, index).0;
@@ -280,18 +261,16 @@ mod tests {
             }
         }
 
-        /// Touches that contradict each other bring back what was left out. The powers are free: what touches share
-        /// falls where a later one matches better, and its power rises again.
+        /// Touches that contradict each other bring back what was left out.
         #[test]
         fn what_is_left_out_is_within_what_is_allowed(
             logs in tables(-9.0),
-            joint in prop::collection::vec(0.1..1.0_f64, 8),
             allowed in prop::sample::select(vec![1e-6, 1e-3, 0.05, 0.5]),
         ) {
             // From 1e-9 to 10: each touch alone rules states out.
             let tables: Vec<Vec<f64>> =
                 logs.iter().map(|table| table.iter().map(|log| 10.0_f64.powf(*log)).collect()).collect();
-            let touches = Touches { tables, joint };
+            let touches = Touches { tables };
             let mut exact = uniform(6, allowed);
             for index in 0..touches.tables.len() {
                 touches.take_in(&mut exact, index);
@@ -307,7 +286,7 @@ mod tests {
             least in 0.0..0.1_f64,
             most in 1..20_usize,
         ) {
-            let touches = Touches::new(&tables, 0.2);
+            let touches = Touches { tables: tables.clone() };
             let mut exact = uniform(6, 0.01);
             (0..tables.len()).for_each(|index| {
                 touches.take_in(&mut exact, index);
@@ -328,7 +307,7 @@ mod tests {
 
         #[test]
         fn states_are_drawn_as_often_as_they_are_probable(tables in tables(0.01), seed in any::<u64>()) {
-            let touches = Touches::new(&tables, 0.1);
+            let touches = Touches { tables: tables.clone() };
             let mut exact = uniform(6, 0.01);
             (0..tables.len()).for_each(|index| {
                 touches.take_in(&mut exact, index);
@@ -346,7 +325,7 @@ mod tests {
     #[test]
     fn a_block_that_cannot_matter_is_not_judged_until_it_may() {
         let table = |of_blocks: [f64; 2]| of_blocks.iter().flat_map(|p| [*p; LENGTH]).collect::<Vec<f64>>();
-        let touches = Touches::new(&[table([0.9, 1e-6]), table([0.9, 0.5]), table([1e-9, 0.9])], 0.0);
+        let touches = Touches { tables: vec![table([0.9, 1e-6]), table([0.9, 0.5]), table([1e-9, 0.9])] };
         let mut exact = uniform(2, 1e-3);
         assert_eq!([0, 1].map(|index| touches.take_in(&mut exact, index).1), [1, 1]);
         assert_eq!(exact.shares().collect::<Vec<_>>(), [1.0, 0.0]);
@@ -359,7 +338,7 @@ mod tests {
 
     #[test]
     fn the_evidence_is_the_average_likelihood() {
-        let touches = Touches::new(&[vec![0.2, 0.6, 0.4]], 0.0);
+        let touches = Touches { tables: vec![vec![0.2, 0.6, 0.4]] };
         let log_evidence = touches.take_in(&mut uniform(1, 0.0), 0).0;
         assert!((log_evidence - 0.4_f64.ln()).abs() < 1e-12);
     }

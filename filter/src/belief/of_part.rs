@@ -13,7 +13,7 @@ impl Belief {
     /// on from the state. `symmetry`: the part's.
     pub fn refine(&self, state: Hypothesis, symmetry: &Symmetry) -> Se2 {
         let start = self.posterior.grid().pose(state.cell);
-        let refined = refine(&self.views, &self.touches, self.joint_weight(0.0, None), state.part, &start);
+        let refined = refine(&self.views, &self.touches, state.part, &start);
         if refined.is_wide {
             self.middle(state.part, &refined.part_from_first, symmetry)
         } else {

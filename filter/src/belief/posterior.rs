@@ -31,8 +31,8 @@ pub(crate) struct Block {
 /// What the probability of each state comes from, `[n_blocks, length]`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Values {
-    /// `top e^(power (log - largest))`, with the block's `top` and `largest`: found where it is asked for.
-    Logs { logs: Arc<Vec<f64>>, power: f64 },
+    /// `top e^(log - largest)`, with the block's `top` and `largest`: found where it is asked for.
+    Logs(Arc<Vec<f64>>),
     /// The probability.
     Probabilities(Vec<f64>),
 }
@@ -220,8 +220,8 @@ impl Posterior {
     fn probabilities(&self, at: usize) -> Option<Cow<'_, [f64]>> {
         let Block { top, largest, .. } = self.blocks[at];
         (top > 0.0).then(|| match &self.values {
-            Values::Logs { logs, power } => {
-                let mut probabilities = simd::powers(&logs[self.range(at)], largest, *power);
+            Values::Logs(logs) => {
+                let mut probabilities = simd::powers(&logs[self.range(at)], largest, 1.0);
                 probabilities.iter_mut().for_each(|of_state| *of_state *= top);
                 probabilities.into()
             }
@@ -234,11 +234,11 @@ impl Posterior {
         let Block { top, largest, .. } = self.blocks[at];
         let states = self.range(at);
         match &self.values {
-            Values::Logs { logs, power } => {
+            Values::Logs(logs) => {
                 // Below, no state has so much: a billionth more than rounding takes.
-                let log_least = largest + ((least / top).ln() - 1e-9) / power;
+                let log_least = largest + (least / top).ln() - 1e-9;
                 let held = states.clone().zip(&logs[states]).filter(|(_, log)| **log >= log_least);
-                let weighed = held.map(|(state, log)| (state, top * simd::power(*log, largest, *power)));
+                let weighed = held.map(|(state, log)| (state, top * simd::power(*log, largest)));
                 taken.extend(weighed.filter(|(_, probability)| *probability >= least));
             }
             Values::Probabilities(probabilities) => {

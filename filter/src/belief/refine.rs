@@ -30,9 +30,9 @@ pub(crate) struct Refined {
 }
 
 /// The mean pose around `start`, a state's pose, under all touches: a lattice of one grid step either way,
-/// then finer ones around its mean. `joint_weight`: the power to which each touch's likelihood is taken. Deterministic;
+/// then finer ones around its mean. Deterministic;
 /// on a grid of one pose an axis it stays there.
-pub(crate) fn refine(grid: &PoseGrid, touches: &[Evidence], joint_weight: f64, part: usize, start: &Se2) -> Refined {
+pub(crate) fn refine(grid: &PoseGrid, touches: &[Evidence], part: usize, start: &Se2) -> Refined {
     let spans = steps_of(grid);
     let (mut centre, mut half, mut is_wide) = (*start, spans, false);
     for round in 0..N_ROUNDS {
@@ -43,8 +43,7 @@ pub(crate) fn refine(grid: &PoseGrid, touches: &[Evidence], joint_weight: f64, p
         touches.iter().for_each(|touch| touch.add_logs(grid, part, [&xs, &ys, &thetas], &mut sums));
         let [dx, dy, dt] = offsets;
         let at = |i: usize| [dx[i / N_POINTS / N_POINTS], dy[i / N_POINTS % N_POINTS], dt[i % N_POINTS]];
-        let scored: Vec<([f64; 3], f64)> =
-            sums.iter().enumerate().map(|(i, sum)| (at(i), joint_weight * sum)).collect();
+        let scored: Vec<([f64; 3], f64)> = sums.iter().enumerate().map(|(i, sum)| (at(i), *sum)).collect();
         if round == 0 {
             let (_, variance) = mean_and_variance(&scored, 1.0);
             is_wide = (0..3).any(|axis| N_DEVIATIONS * variance[axis].sqrt() > spans[axis]);
@@ -122,14 +121,6 @@ mod tests {
             }
             let best = belief.posterior().best(Some(part)).unwrap();
             let found = belief.refine(best, &Symmetry::NONE);
-            eprintln!(
-                "DBGR {} truth {truth:?} best {best:?} {:?} found {found:?} posterior {:?} truelog {:?} foundlog {:?}",
-                model.own_distance,
-                GRID.pose(best.cell),
-                belief.posterior().by_part(),
-                belief.touches().iter().map(|t| t.log_at(&GRID, part, &truth)).collect::<Vec<_>>(),
-                belief.touches().iter().map(|t| t.log_at(&GRID, part, &found)).collect::<Vec<_>>()
-            );
             let off = |pose: &Se2| {
                 [pose.distance_mm(&truth), wrap_angle(pose.theta_rad - truth.theta_rad).to_degrees().abs()]
             };
@@ -146,7 +137,7 @@ mod tests {
     #[test]
     fn a_grid_of_one_pose_stays_there() {
         let one = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 2.0, theta_half_deg: 0.0, theta_step_deg: 15.0 };
-        let found = refine(&one, &[], 1.0, 0, &Se2::IDENTITY);
+        let found = refine(&one, &[], 0, &Se2::IDENTITY);
         assert_eq!(found, Refined { part_from_first: Se2::IDENTITY, is_wide: false });
     }
 }

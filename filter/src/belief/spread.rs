@@ -106,11 +106,10 @@ impl Belief {
             }
             scored.extend(sums.iter().enumerate().map(|(i, sum)| ([xs[i / N_POINTS], ys[i % N_POINTS], theta], *sum)));
         }
-        let joint = self.joint_weight(0.0, None);
         let best = scored.iter().map(|(_, sum)| *sum).fold(f64::NEG_INFINITY, f64::max);
         let (mut all, mut mean, mut moments) = (0.0, [0.0; 3], [[0.0; 3]; 3]);
         for (offset, sum) in scored {
-            let (mass, off) = ((joint * (sum - best)).exp(), deviation(&moved(pose, offset), pose, symmetry));
+            let (mass, off) = ((sum - best).exp(), deviation(&moved(pose, offset), pose, symmetry));
             all += mass;
             (0..3).for_each(|axis| mean[axis] += mass * off[axis]);
             add_square(&mut moments, off, mass);

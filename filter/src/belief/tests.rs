@@ -77,9 +77,9 @@ fn log_states(belief: &Belief, touch: usize) -> Vec<f64> {
     crate::belief::blocks::log_states([&belief.views, belief.posterior().grid()], &evidence)
 }
 
-/// Touches that share no evidence, wherever they are, and no error.
+/// Touches that share no error, wherever they are.
 fn independent() -> TouchModel {
-    TouchModel { overlap_mm: 0.0, shared_error: 0.0, ..TouchModel::default() }
+    TouchModel { shared_mm: 0.0, ..TouchModel::default() }
 }
 
 fn run(bank: &Bank, engine: EngineConfig, touches: &[(Se2, Observation)], config: &TouchModel) -> Belief {
@@ -101,18 +101,18 @@ fn run_all(bank: &Bank, touches: &[(Se2, Observation)], config: &TouchModel) -> 
     belief
 }
 
-/// The power of each touch's likelihood: one of `n` by how much error they share, six times as much where the best rows
-/// have a cosine of 0.7 with the edged ones as where that is 0.92.
-fn joint(rows: &[Vec<f32>], touches: &[(Se2, Observation)], c: &TouchModel) -> f64 {
-    let cosine = |row: usize, touch: &Observation| {
-        rows[row].iter().zip(&touch.query).map(|(a, b)| f64::from(a * b)).sum::<f64>()
+/// The power of each touch's likelihood, by the earlier touch that shares most with it.
+fn powers(touches: &[(Se2, Observation)], c: &TouchModel) -> Vec<f64> {
+    let mut at = vec![Se2::IDENTITY];
+    for (moved, _) in &touches[1..] {
+        at.push(*at.last().unwrap() * *moved);
+    }
+    let share = |a: &Se2, b: &Se2| {
+        let (x, y) = ((a.x_mm - b.x_mm) / c.shared_mm, (a.y_mm - b.y_mm) / c.shared_mm);
+        let turn = (a.theta_rad - b.theta_rad).sin().atan2((a.theta_rad - b.theta_rad).cos());
+        1.0 - 1.0 / (x * x + y * y + turn * turn).sqrt().exp()
     };
-    let best = |touch: &Observation| (0..rows.len()).map(|row| cosine(row, touch)).fold(-1.0, f64::max);
-    let edged = touches.iter().map(|(_, touch)| touch).filter(|touch| touch.edge_share > 0.0);
-    let bests: Vec<f64> = edged.map(best).collect();
-    let mean = bests.iter().sum::<f64>() / bests.len().max(1) as f64;
-    let mismatch = if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.22).clamp(0.0, 1.0) };
-    1.0 / (1.0 + c.shared_error * (1.0 + 5.0 * mismatch) * (touches.len() - 1) as f64)
+    (0..at.len()).map(|now| at[..now].iter().map(|earlier| share(earlier, &at[now])).fold(1.0, f64::min)).collect()
 }
 
 /// The posterior straight from its definition, in f64 probabilities: no logs, no shared interpolation.
@@ -129,10 +129,12 @@ fn brute_force(rows: &[Vec<f32>], n_parts: usize, touches: &[(Se2, Observation)]
                 (c.match_offset + f64::from(touch.rarity)).exp() / (steepness * (chord - c.own_distance)).exp()
             };
             let likely = |row: &Vec<f32>| (1.0 - c.outlier_share) * odds(cosine(row)) + c.outlier_share;
-            rows.iter().map(likely).collect()
+            // Against what nobody recorded: the mean view, or the world.
+            let mean = rows.iter().map(likely).sum::<f64>() / rows.len() as f64;
+            rows.iter().map(|row| likely(row) / mean.max(1.0)).collect()
         })
         .collect();
-    let joint = joint(rows, touches, c);
+    let powers = powers(touches, c);
     let mut masses: Vec<f64> = (0..n_parts * N_CELLS)
         .map(|state| {
             let mut pose = GRID.pose(state % N_CELLS);
@@ -141,7 +143,6 @@ fn brute_force(rows: &[Vec<f32>], n_parts: usize, touches: &[(Se2, Observation)]
                 if index > 0 {
                     pose = pose * *moved;
                 }
-                // What nobody recorded is the world.
                 let average = 1.0;
                 let distance = |cell: usize| {
                     let recorded = GRID.pose(cell);
@@ -156,7 +157,7 @@ fn brute_force(rows: &[Vec<f32>], n_parts: usize, touches: &[(Se2, Observation)]
                         && apart(recorded.y_mm, pose.y_mm, 4.0)
                         && apart(recorded.theta_deg(), pose.theta_deg(), 30.0)
                 });
-                product *= match cell.filter(|_| inside) {
+                let likelihood = match cell.filter(|_| inside) {
                     None => average,
                     Some(cell) => {
                         let excess = (distance(cell) / c.nearest_tolerance - 1.0).max(0.0);
@@ -164,8 +165,9 @@ fn brute_force(rows: &[Vec<f32>], n_parts: usize, touches: &[(Se2, Observation)]
                         trust * likelihoods[index][state / N_CELLS * N_CELLS + cell] + (1.0 - trust) * average
                     }
                 };
+                product *= f64::powf(likelihood, powers[index]);
             }
-            product.powf(joint)
+            product
         })
         .collect();
     let sum: f64 = masses.iter().sum();
@@ -181,7 +183,7 @@ proptest! {
         let rows = unit_rows(3 * N_CELLS, seed);
         let bank = bank(&[&rows[..27], &rows[27..54], &rows[54..]]);
         let touches = touches(n_touches, seed);
-        let config = TouchModel { shared_error: 0.1, ..independent() };
+        let config = TouchModel { shared_mm: 5.0, ..independent() };
         let belief = run_all(&bank, &touches, &config);
         let expected = brute_force(&rows, 3, &touches, &config);
         for (got, expected) in masses_of(&belief).iter().zip(&expected) {

@@ -136,11 +136,11 @@ fn touch_model() -> impl Strategy<Value = TouchModel> {
     let own_distance = prop_oneof![4 => 0.05..1.0_f64, 1 => any_positive()];
     let floor = prop::sample::select(vec![0.0, 3e-4, 1e-300, 1.0]);
     let interpolation = prop::sample::select(vec![Interpolation::Auto, Interpolation::Nearest, Interpolation::Cubic]);
-    let overlap = prop::sample::select(vec![0.0, 3.0, 1e-9, 1e9]);
+    let shared = prop::sample::select(vec![0.0, 3.0, 1e-9, 1e9]);
     let tolerance = prop::sample::select(vec![0.25, 1.0, 1e-9, 1e9]);
     let odds = (offset, steepness, by_edge, own_distance, temperature);
-    (odds, floor, interpolation, overlap, tolerance, 0.0..0.5_f32).prop_map(
-        |(odds, outlier_share, interpolation, overlap_mm, nearest_tolerance, blank_share)| TouchModel {
+    (odds, floor, interpolation, shared, tolerance, 0.0..0.5_f32).prop_map(
+        |(odds, outlier_share, interpolation, shared_mm, nearest_tolerance, blank_share)| TouchModel {
             match_offset: odds.0,
             steepness: odds.1,
             steepness_by_edge: odds.2,
@@ -148,7 +148,7 @@ fn touch_model() -> impl Strategy<Value = TouchModel> {
             temperature: odds.4,
             outlier_share,
             interpolation,
-            overlap_mm,
+            shared_mm,
             nearest_tolerance,
             blank_share,
             ..TouchModel::default()

@@ -36,7 +36,7 @@ fn rows(n: usize) -> impl Strategy<Value = Vec<[f32; 3]>> {
 
 /// Touches at one place that all count.
 fn independent() -> TouchModel {
-    TouchModel { overlap_mm: 0.0, ..TouchModel::default() }
+    TouchModel { shared_mm: 0.0, ..TouchModel::default() }
 }
 
 proptest! {
@@ -93,7 +93,7 @@ proptest! {
                 .flat_map(|(exact, probability)| {
                     (0..3).map(move |symbol| {
                         let mut exact = exact.clone();
-                        exact.update(1.0, &[0.0], &mut |_, _, sums| {
+                        exact.update(&[0.0], &mut |_, _, sums| {
                             sums.iter_mut().zip(table).for_each(|(sum, state)| *sum += state[symbol].ln());
                         });
                         (exact, probability * table[truth][symbol])

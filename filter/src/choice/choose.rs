@@ -27,8 +27,8 @@ pub struct Action {
 pub struct Scored {
     /// The motion, one of those offered.
     pub sensor_from_next: Se2,
-    /// The more, the better. [`ActionRule::Information`]: the expected gain of the true state's log-probability, nats, of views
-    /// like touches that match badly less than that, less the price of the way. [`ActionRule::Paper`]: the sum
+    /// The more, the better. [`ActionRule::Information`]: the expected gain of the true state's log-probability, nats,
+    /// less the price of the way. [`ActionRule::Paper`]: the sum
     /// of 1 / f_PP, times exp(-1 / temperature).
     /// `None` where contact is expected from no supposed state; such a candidate is not chosen.
     pub score: Option<f64>,

@@ -5,7 +5,6 @@
 
 mod choose;
 mod inputs;
-mod new_share;
 mod pairing;
 mod rule;
 mod scorer;

@@ -6,7 +6,7 @@ use tactile_infer::Bank;
 
 use super::inputs::ChoiceInputs;
 use super::rule::ActionRule;
-use crate::likelihood::Foreseen;
+use crate::likelihood::{Felt, Foreseen, TouchLikelihood};
 use crate::touch_model::{PAPER_TEMPERATURE, TouchModel};
 
 /// How a recorded view counts against the view that would be touched.
@@ -22,24 +22,32 @@ pub(super) struct Pairing<'a> {
 enum By {
     /// The paper's 1 / f_PP, at a temperature; `average` is over edged views at random.
     Paper { temperature: f64, average: f64 },
-    /// The likelihood that the filter will weigh them by, to the power with which it counts together with the touches made:
-    /// of a touch as rare as those so far, in a bank whose touches are so far from their own views.
-    Odds { joint: f64, rarity: f64, own_distance: f64 },
+    /// The likelihood that the filter will weigh them by, of a touch like those so far, as far as that touch is new.
+    Odds { felt: Felt, new_share: f64 },
 }
 
 impl<'a> Pairing<'a> {
     pub(super) fn new(inputs: &ChoiceInputs<'a>, rng: &mut ChaCha8Rng) -> Self {
         let ChoiceInputs { config, model, bank, belief, .. } = *inputs;
         if config.method.rule == ActionRule::Paper {
-            let temperature = model.temperature.unwrap_or(PAPER_TEMPERATURE) / belief.joint_weight(1.0, None);
+            let temperature = model.temperature.unwrap_or(PAPER_TEMPERATURE);
             let pairing = Self { model, bank, by: By::Paper { temperature, average: 1.0 } };
             let average = pairing.mean_of_pairs(rng);
             return Self { by: By::Paper { temperature, average }, ..pairing };
         }
-        let felt = || belief.touches().iter().map(|touch| &touch.likelihood).filter(|touch| !touch.blank);
-        let rarity = felt().map(|touch| touch.rarity).sum::<f64>() / felt().count().max(1) as f64;
+        let edged = || belief.touches().iter().map(|touch| &touch.likelihood).filter(|touch| !touch.blank);
+        let mean = |of: fn(&TouchLikelihood) -> f64| edged().map(of).sum::<f64>() / edged().count().max(1) as f64;
         let own_distance = belief.touches().first().map_or(model.own_distance, |touch| touch.likelihood.own_distance);
-        Self { model, bank, by: By::Odds { joint: belief.joint_weight(1.0, None), rarity, own_distance } }
+        let felt = Felt { rarity: mean(|touch| touch.rarity), own_distance, unknown: mean(|touch| touch.unknown) };
+        Self { model, bank, by: By::Odds { felt, new_share: 1.0 } }
+    }
+
+    /// The same where so much of the touch would be new, 0..=1; the paper's rule does not ask.
+    pub(super) fn with_new_share(self, new_share: f64) -> Self {
+        match self.by {
+            By::Paper { .. } => self,
+            By::Odds { felt, .. } => Self { by: By::Odds { felt, new_share }, ..self },
+        }
     }
 
     /// The mean of what pairs of edged views count; 1 where there is none.
@@ -68,9 +76,9 @@ impl<'a> Pairing<'a> {
         match self.by {
             // Scaled so that it cannot overflow.
             By::Paper { temperature, .. } => cosines.map(|cosine| (-(cosine + 1.0) / temperature).exp()).collect(),
-            By::Odds { joint, rarity, own_distance } => {
+            By::Odds { felt, new_share } => {
                 let edge_share = self.bank.edge_shares()[touched];
-                Foreseen::new(self.model, [rarity, own_distance], edge_share, joint).likely(cosines)
+                Foreseen::new(self.model, felt, edge_share, new_share).likely(cosines)
             }
         }
     }
@@ -80,7 +88,6 @@ impl<'a> Pairing<'a> {
         match (self.by, view) {
             (By::Paper { average, .. }, None) => average,
             (By::Paper { .. }, Some((ratio, _))) => ratio,
-            // As likely as the world.
             (By::Odds { .. }, None) => 1.0,
             (By::Odds { .. }, Some((ratio, trust))) => trust * ratio + (1.0 - trust),
         }
@@ -93,7 +100,6 @@ mod tests {
     use super::*;
     use crate::belief::{Belief, EngineConfig};
     use crate::config::EpisodeConfig;
-    use crate::likelihood::TouchLikelihood;
     use crate::likelihood::interpolation::Interpolation;
     use crate::touch::Observation;
     use rand::SeedableRng;
@@ -142,27 +148,29 @@ mod tests {
 
     #[test]
     fn a_view_counts_as_the_filter_will_weigh_it_with_the_touch_made() {
-        let independent = TouchModel { shared_error: 0.0, steepness: 4.0, ..TouchModel::default() };
-        let value = |model: &TouchModel, row| {
-            with_pairing(ActionRule::Information, model, |pairing| pairing.value(Some((row, 1.0)), 2))
+        let model = TouchModel { steepness: 4.0, ..TouchModel::default() };
+        let value = |model: &TouchModel, new_share, row| {
+            let value = |pairing: &Pairing| pairing.with_new_share(new_share).value(Some((row, 1.0)), 2);
+            with_pairing(ActionRule::Information, model, value)
         };
+        // As rare as the touch made, as far from its own view as touches are, as edged as the view.
+        let steepness = 4.0 * (0.203_f64 / 0.05).powf(model.steepness_by_edge);
+        let own = model.own_distance;
+        let odds = |distance: f64| 0.995 * (model.match_offset + 0.75 - steepness * (distance - own)).exp();
+        // The touch made was at one of six rows of cosines 1, 0 (four times) and -1.
+        let unknown = (odds(0.0) + 4.0 * odds(2.0_f64.sqrt()) + odds(2.0)) / 6.0 + 0.005;
         for (row, cosine) in [(5, -1.0_f64), (1, 0.0), (2, 1.0)] {
-            let got = value(&independent, row);
-            // As rare as the touch made, as far from its own view as touches are, as edged as the view.
-            let steepness = 4.0 * (0.203_f64 / 0.05).powf(independent.steepness_by_edge);
-            let own = independent.own_distance;
             let apart = (2.0 * (1.0 - cosine) + own * own).sqrt();
-            let by_hand = 0.995 * (independent.match_offset + 0.75 - steepness * (apart - own)).exp() + 0.005;
-            assert!((got / by_hand - 1.0).abs() < 1e-6, "{got} {by_hand}");
-            // Of two touches that share all of their error either counts as half a touch.
-            let alike = value(&TouchModel { shared_error: 1.0, outlier_share: 0.0, ..independent }, row);
-            let whole = value(&TouchModel { outlier_share: 0.0, ..independent }, row);
-            assert!((alike / whole.sqrt() - 1.0).abs() < 1e-6, "{alike} {whole}");
+            let [odds, outliers] = [odds(apart) / unknown, 0.005 / unknown];
+            for new_share in [1.0, 0.5] {
+                let (got, by_hand) = (value(&model, new_share, row), odds.powf(new_share) + outliers.powf(new_share));
+                assert!((got / by_hand - 1.0).abs() < 1e-5, "{got} {by_hand}");
+            }
         }
     }
 
     #[test]
-    fn an_unknown_view_is_worth_the_world_and_what_is_half_trusted_half_of_it() {
+    fn an_unknown_view_is_worth_what_nobody_recorded_and_what_is_half_trusted_half_of_it() {
         for interpolation in [Interpolation::Cubic, Interpolation::Nearest] {
             let model = TouchModel { interpolation, ..TouchModel::default() };
             with_pairing(ActionRule::Information, &model, |pairing| {

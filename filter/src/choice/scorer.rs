@@ -6,14 +6,12 @@ use tactile_data::grid::NearestCell;
 use tactile_data::se2::Se2;
 
 use super::inputs::ChoiceInputs;
-use super::new_share::NewShare;
 use super::pairing::Pairing;
 use super::rule::ActionRule;
 use crate::belief::Hypothesis;
 use crate::likelihood::{Nearest, trusted};
 
-/// What a touch is expected to tell that is new, nats: how much the true state's log-probability is expected to grow, less
-/// where the view is like touches that match badly.
+/// What a touch is expected to tell that is new, nats: how much the true state's log-probability is expected to grow.
 /// Estimated from the same draws as the choice, so on the high side for the candidate chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
@@ -42,7 +40,6 @@ pub(super) struct Scorer<'a> {
     part_from_sensor: Vec<(Se2, [f64; 2])>,
     draws: Vec<Draw>,
     supposed: Vec<Draw>,
-    new_share: NewShare<'a>,
     cells: NearestCell,
     tolerance: f64,
 }
@@ -97,7 +94,6 @@ impl<'a> Scorer<'a> {
             pairing,
             draws: placed(draws),
             supposed: placed(supposed),
-            new_share: NewShare::of(inputs.config.method.rule, belief.touches()),
             part_from_sensor: cells.iter().map(stood).collect(),
             cells: NearestCell::on(bank.grid()),
             tolerance,
@@ -133,14 +129,12 @@ impl<'a> Scorer<'a> {
         let mut counts = vec![0.0; n_parts];
         self.draws.iter().for_each(|draw| counts[draw.hypothesis.part] += draw.count);
         let mut sums = vec![0.0; self.supposed.len() * n_parts];
-        let mut new_shares = vec![0.0; self.supposed.len()];
-        let report = |(truth, new_share): (usize, f64), draw: &Draw, value: f64| {
-            new_shares[truth] = new_share;
+        let report = |truth: usize, draw: &Draw, value: f64| {
             sums[truth * n_parts + draw.hypothesis.part] += value;
         };
         let Sums { total, n_supposed, n_contacts } = self.sum(candidate, report);
         let (mut part_nats, mut pair_nats) = (0.0, 0.0);
-        for ((truth, new_share), sums) in self.supposed.iter().zip(&new_shares).zip(sums.chunks_exact(n_parts)) {
+        for (truth, sums) in self.supposed.iter().zip(sums.chunks_exact(n_parts)) {
             let own = truth.hypothesis.part;
             let mean = |parts: &[usize]| {
                 let sum = |of: &[f64]| parts.iter().map(|part| of[*part]).sum::<f64>();
@@ -149,9 +143,9 @@ impl<'a> Scorer<'a> {
             let all: Vec<usize> = (0..n_parts).collect();
             // A supposed state without contact was not weighed: it gives no information.
             if mean(&[own]) > 0.0 {
-                part_nats += new_share * (mean(&[own]) / mean(&all)).ln();
+                part_nats += (mean(&[own]) / mean(&all)).ln();
                 let both = pair.filter(|pair| pair.contains(&own));
-                pair_nats += new_share * both.map_or(0.0, |both| (mean(&[own]) / mean(&both)).ln());
+                pair_nats += both.map_or(0.0, |both| (mean(&[own]) / mean(&both)).ln());
             }
         }
         (n_contacts > 0).then(|| Expected {
@@ -172,10 +166,11 @@ impl<'a> Scorer<'a> {
     }
 
     /// Weighs the views from the draws against the view from each supposed state. `report` is given each pair:
-    /// which supposed state and how much of its view is new, which draw, and how much it counts.
-    fn sum(&self, candidate: &Se2, mut report: impl FnMut((usize, f64), &Draw, f64)) -> Sums {
-        let ChoiceInputs { config, model, bank, .. } = *self.inputs;
+    /// which supposed state, which draw, and how much it counts.
+    fn sum(&self, candidate: &Se2, mut report: impl FnMut(usize, &Draw, f64)) -> Sums {
+        let ChoiceInputs { config, model, bank, belief, .. } = *self.inputs;
         let grid = bank.grid();
+        let pairing = self.pairing.with_new_share(belief.new_share(&(belief.first_from_sensor() * *candidate)));
         // The product of both motions, its sine and cosine at hand.
         let moved = |(pose, [sin, cos]): &(Se2, [f64; 2])| {
             let Se2 { x_mm: x, y_mm: y, theta_rad } = *candidate;
@@ -200,22 +195,22 @@ impl<'a> Scorer<'a> {
                 continue;
             }
             sums.n_contacts += 1;
-            let (ratios, new_share) = (rows.ratios(&self.pairing, row), self.new_share.new_share(row));
+            let ratios = rows.ratios(&pairing, row);
             let (mut sum, mut n_states) = (0.0, 0.0);
             for (draw, view) in self.draws.iter().zip(&of_draws) {
                 if config.method.rule == ActionRule::Paper && draw.hypothesis == truth.hypothesis {
                     continue; // S without s*
                 }
-                let value = draw.count * self.pairing.mixed(view.map(|(at, trust)| (ratios[at], trust)));
-                report((index, new_share), draw, value);
+                let value = draw.count * pairing.mixed(view.map(|(at, trust)| (ratios[at], trust)));
+                report(index, draw, value);
                 sum += value;
                 n_states += draw.count;
             }
             let of_truth = match config.method.rule {
-                ActionRule::Information => (self.pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
+                ActionRule::Information => (pairing.value(Some((row, trust)), row) * n_states / sum).ln(),
                 _ => sum,
             };
-            sums.total += new_share * of_truth;
+            sums.total += of_truth;
         }
         sums
     }
@@ -254,7 +249,7 @@ impl Rows {
     }
 }
 
-/// A candidate weighed: the sum over the supposed states of what is new, how many they are, and from how many it shows contact.
+/// A candidate weighed: the sum over the supposed states, how many they are, and from how many it shows contact.
 #[derive(Default)]
 struct Sums {
     total: f64,
@@ -285,7 +280,7 @@ mod tests {
         // Enough draws that rounding a third of them matters little.
         let config = EpisodeConfig::default().changed(|settings, model, method| {
             (settings.n_draws, settings.n_suppositions) = (3000, 3000);
-            (model.outlier_share, model.shared_error) = (0.0, 0.0);
+            (model.outlier_share, model.shared_mm) = (0.0, 0.0);
             method.between_poses = false;
         });
         let names: Vec<String> = (0..parts.len()).map(|part| part.to_string()).collect();

@@ -17,7 +17,7 @@ pub struct Evidence {
     pub first_from_sensor: Se2,
     /// The touch's likelihood at each row of the bank.
     pub likelihood: TouchLikelihood,
-    /// Share of its evidence that counts, 0..=1: less than 1 where it overlaps an earlier touch.
+    /// The power to which its likelihood is taken, 0..=1: how much of it was new after the touches before it.
     pub weight: f64,
     cubic: bool,
     tolerance: f64,
@@ -228,7 +228,6 @@ mod tests {
     use super::*;
     use crate::checks::synthetic::World;
     use crate::likelihood::interpolation::Interpolation;
-    use crate::likelihood::overlap::Overlap;
     use crate::touch_model::TouchModel;
 
     #[test]
@@ -272,16 +271,5 @@ mod tests {
             }
         }
         assert!(n_outliers > 100 && n_matches > 10, "{n_outliers} {n_matches}");
-    }
-
-    #[test]
-    fn what_is_new_of_a_touch_grows_with_its_distance() {
-        let overlap = Overlap { mm: 3.0, deg: 15.0 };
-        let share = |x: f64, deg: f64| overlap.new_share(&Se2::IDENTITY, &Se2::from_degrees(x, 0.0, deg));
-        assert_eq!(share(0.0, 0.0), 0.0);
-        // One width away on either axis: 1 - exp(-1/2).
-        assert!((share(3.0, 0.0) - 0.393_469_340).abs() < 1e-9 && (share(0.0, 15.0) - 0.393_469_340).abs() < 1e-9);
-        assert!(share(12.0, 0.0) > 0.999 && share(0.0, 180.0) > 0.999);
-        assert_eq!(Overlap { mm: 0.0, deg: 15.0 }.new_share(&Se2::IDENTITY, &Se2::IDENTITY), 1.0);
     }
 }

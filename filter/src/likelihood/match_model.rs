@@ -10,7 +10,7 @@ use crate::touch_model::TouchModel;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum MatchModel {
     /// The fitted log-odds against a touch of anything in the world, but for a share eps of all touches, which are of
-    /// something else than they were meant for: `log((1 - eps) e^odds + eps)`.
+    /// something else than they were meant for: `log((1 - eps) e^odds + eps)`, less what a touch of what nobody recorded has.
     Odds(Odds),
     /// Alg. 1 as printed: the cosine over a temperature, relative to the mean of its power over all views.
     Cosine {
@@ -27,7 +27,7 @@ pub(crate) struct Odds {
     /// At a distance of 0, and what it falls by with a distance of 1, nats.
     at_zero: f64,
     steepness: f64,
-    /// Logs of eps, -inf where it is 0, and of 1 - eps.
+    /// Logs of eps, -inf where it is 0, as it counts, and of 1 - eps.
     log_outlier: f64,
     log_rest: f64,
 }
@@ -38,12 +38,28 @@ impl MatchModel {
         Self::Odds(Odds::new(model, [rarity, own_distance], edge_share))
     }
 
+    /// The same against what nobody recorded, which has these log-odds.
+    pub fn against(self, unknown: f64) -> Self {
+        match self {
+            Self::Odds(odds) => Self::Odds(odds.against(unknown)),
+            Self::Cosine { .. } => self,
+        }
+    }
+
+    /// The log of the mean over views of what [`Self::log`] is the log of, but at least 0: of Alg. 1 it is 0.
+    pub fn log_mean(self, cosines: impl Iterator<Item = f32>) -> f64 {
+        match self {
+            Self::Odds(odds) => odds.log_mean(cosines).max(0.0),
+            Self::Cosine { .. } => 0.0,
+        }
+    }
+
     /// Alg. 1, by the cosines with all views.
     pub fn of_cosines(temperature: f64, cosines: &[f64]) -> Self {
         let best = simd::largest(cosines).max(-1.0);
         // Divided: the smallest temperatures have no reciprocal.
         let above_best: Vec<f64> = cosines.iter().map(|cosine| (cosine - best) / temperature).collect();
-        let [sum, _] = simd::sums_of_powers(&above_best, 0.0, 1.0);
+        let [sum, _] = simd::sums_of_powers(&above_best, 0.0);
         let mean = if cosines.is_empty() { 1.0 } else { (sum / cosines.len() as f64).max(f64::MIN_POSITIVE) };
         Self::Cosine { temperature, average: best + temperature * mean.ln() }
     }
@@ -94,34 +110,47 @@ impl MatchModel {
     }
 }
 
+/// What the touches made lead to expect of the next.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Felt {
+    /// How rare it is in the world, nats.
+    pub rarity: f64,
+    /// How far it is from its own view.
+    pub own_distance: f64,
+    /// The log-odds of what nobody recorded.
+    pub unknown: f64,
+}
+
 /// How likely views are where a touch is made at another one, as far as that is known beforehand: the touch will be as far from
 /// its own view as touches are, in a direction of its own.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Foreseen {
     odds: Odds,
     own_square: f64,
-    /// The power to which it counts together with the touches made.
-    joint: f64,
+    /// The power to which it is taken: how much of it is new.
+    new_share: f64,
 }
 
 impl Foreseen {
-    /// What is foreseen of a touch with this rarity and share of edge, as [`MatchModel::of_odds`].
-    pub fn new(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32, joint: f64) -> Self {
-        let odds = Odds::new(model, [rarity, own_distance], edge_share);
-        Self { odds, own_square: own_distance * own_distance, joint }
+    /// What is foreseen of a touch with this share of edge, as rare and as far from its own view as is said, against views that
+    /// nobody recorded; `new_share` of it is new.
+    pub fn new(model: &TouchModel, felt: Felt, edge_share: f32, new_share: f64) -> Self {
+        let Felt { rarity, own_distance, unknown } = felt;
+        let odds = Odds::new(model, [rarity, own_distance], edge_share).against(unknown);
+        Self { odds, own_square: own_distance * own_distance, new_share }
     }
 
     /// The likelihood at views by their cosines with the one touched. The power of a sum is taken as the sum of powers.
     pub fn likely(self, cosines: impl Iterator<Item = f64>) -> Vec<f64> {
-        let Self { odds, own_square, joint } = self;
+        let Self { odds, own_square, new_share } = self;
         let log = |cosine: f64| {
             odds.log_rest + odds.at_zero - odds.steepness * (2.0 * (1.0 - cosine).max(0.0) + own_square).sqrt()
         };
         let logs: Vec<f64> = cosines.map(log).collect();
         // No log is above that of the view itself.
         let most = log(1.0);
-        let (scale, outlier) = ((joint * most).min(MOST_FORESEEN).exp(), (joint * odds.log_outlier).exp());
-        let mut likely = simd::powers(&logs, most, joint);
+        let (scale, outlier) = ((new_share * most).min(MOST_FORESEEN).exp(), (new_share * odds.log_outlier).exp());
+        let mut likely = simd::powers(&logs, most, new_share);
         likely.iter_mut().for_each(|likely| *likely = *likely * scale + outlier);
         likely
     }
@@ -136,8 +165,27 @@ impl Odds {
         Self { at_zero, steepness, log_outlier, log_rest }
     }
 
+    fn against(self, unknown: f64) -> Self {
+        Self { at_zero: self.at_zero - unknown, log_outlier: self.log_outlier - unknown, ..self }
+    }
+
+    /// -inf of no views.
+    fn log_mean(self, cosines: impl Iterator<Item = f32>) -> f64 {
+        let logs: Vec<f64> = cosines.map(|cosine| -self.steepness * distance(f64::from(cosine))).collect();
+        let largest = simd::largest(&logs);
+        let [sum, _] = simd::sums_of_powers(&logs, largest);
+        if logs.is_empty() {
+            return f64::NEG_INFINITY;
+        }
+        self.or_outlier(self.log_rest + self.at_zero + largest + (sum / logs.len() as f64).ln())
+    }
+
     fn log(self, distance: f64) -> f64 {
-        let log = self.log_rest + self.at_zero - self.steepness * distance;
+        self.or_outlier(self.log_rest + self.at_zero - self.steepness * distance)
+    }
+
+    /// What has these log-odds, or is an outlier.
+    fn or_outlier(self, log: f64) -> f64 {
         if self.log_outlier > f64::NEG_INFINITY { self.log_outlier + softplus(log - self.log_outlier) } else { log }
     }
 }
@@ -264,16 +312,18 @@ mod tests {
         /// The power of a sum is taken as the sum of powers.
         #[test]
         fn what_is_foreseen_is_the_odds_of_a_touch_as_far_from_its_own_view_as_touches_are(
-            rarity in -3.0..3.0_f64, own in 0.1..0.6_f64, edge_share in 0.0..0.5_f32, joint in 0.1..=1.0_f64,
+            rarity in -3.0..3.0_f64, own in 0.1..0.6_f64, edge_share in 0.0..0.5_f32, share in 0.1..=1.0_f64,
+            unknown in 0.0..3.0_f64,
             outlier_share in prop::sample::select(vec![0.0, 5e-3]), cosines in prop::collection::vec(-1.0..=1.0_f64, 1..9),
         ) {
             let model = TouchModel { outlier_share, ..TouchModel::default() };
-            let found = Foreseen::new(&model, [rarity, own], edge_share, joint).likely(cosines.iter().copied());
+            let felt = Felt { rarity, own_distance: own, unknown };
+            let found = Foreseen::new(&model, felt, edge_share, share).likely(cosines.iter().copied());
             for (cosine, found) in cosines.into_iter().zip(found) {
                 // A touch at right angles to the way between the views is from the other one by Pythagoras.
                 let apart = (distance(cosine).powi(2) + own * own).sqrt();
                 let odds = (1.0 - outlier_share) * odds_of(&model, [rarity, own], edge_share, apart);
-                let expected = odds.powf(joint) + outlier_share.powf(joint);
+                let expected = (odds / unknown.exp()).powf(share) + (outlier_share / unknown.exp()).powf(share);
                 prop_assert!((found / expected - 1.0).abs() < 1e-9, "{cosine}: {found} {expected}");
             }
         }
@@ -284,9 +334,28 @@ mod tests {
         // e^(offset + rarity), however much a distance costs.
         for steepness in [1.0, 30.0] {
             let model = TouchModel { steepness, ..model(0.0) };
-            let found = Foreseen::new(&model, [-0.5, 0.3], 0.1, 1.0).likely([1.0, 1.0 + 1e-9].into_iter());
+            let felt = Felt { rarity: -0.5, own_distance: 0.3, unknown: 0.0 };
+            let found = Foreseen::new(&model, felt, 0.1, 1.0).likely([1.0, 1.0 + 1e-9].into_iter());
             assert!(found.iter().all(|found| (found - 1.5_f64.exp()).abs() < 1e-12), "{found:?}");
         }
+    }
+
+    #[test]
+    fn what_nobody_recorded_is_as_likely_as_the_mean_view_and_no_less_than_the_world() {
+        let seen = MatchModel::of_odds(&model(0.1), [0.5, 0.3], 0.047);
+        // Distances of 0.2, 1 and 2 by hand: 3.5 nats and outliers.
+        let likely = |distance: f64| 0.9 * (2.5 - 10.0 * (distance - 0.3)).exp() + 0.1;
+        let mean = (likely(0.2) + likely(1.0) + likely(2.0)) / 3.0;
+        let unknown = seen.log_mean([0.98, 0.5, -1.0].into_iter());
+        assert!((unknown - mean.ln()).abs() < 1e-6, "{unknown} {}", mean.ln());
+        let against = seen.against(unknown);
+        for (cosine, distance) in COSINES {
+            assert!((against.log(cosine) - (likely(distance) / mean).ln()).abs() < 1e-5);
+            assert!((against.logs(vec![cosine as f32], 0.5)[0] - 0.5 - against.log(cosine)).abs() < 1e-4);
+        }
+        assert!((against.above_outliers(0.1) - seen.above_outliers(0.1)).abs() < 1e-12);
+        // The world is likelier than views that do not match, and all there is where nothing was recorded.
+        assert_eq!([seen.log_mean([-1.0; 2].into_iter()), seen.log_mean(std::iter::empty())], [0.0; 2]);
     }
 
     /// Alg. 1 as printed: all that counts is the cosine over the temperature, and views at random average to 1.

@@ -10,12 +10,11 @@ pub mod interpolation;
 mod lattice;
 mod match_model;
 mod nearest;
-mod overlap;
-pub(crate) mod shared_error;
+mod new_share;
 mod softplus;
 mod touch_likelihood;
 
-pub(crate) use match_model::Foreseen;
+pub(crate) use match_model::{Felt, Foreseen};
 pub(crate) use nearest::{Nearest, trusted};
-pub use overlap::Overlap;
+pub(crate) use new_share::new_share;
 pub use touch_likelihood::TouchLikelihood;

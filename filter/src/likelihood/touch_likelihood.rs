@@ -1,8 +1,8 @@
 //! How likely one touch is at each recorded view: the log-odds that it was made there, against a touch of anything in the
 //! world of parts ([`tactile_infer::match_odds`]).
 //!
-//! What was not recorded is of the world, at log-odds of 0, and so is a part that is not in the bank. A share of all
-//! touches (`outlier_share`) is of something else than it was meant for, so that one touch cannot rule a state out.
+//! What was not recorded is as likely as the mean of the bank's views, and no less than the world; all is told against it. A share
+//! of all touches (`outlier_share`) is of something else than it was meant for, so that one touch cannot rule a state out.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -59,7 +59,7 @@ impl OnLattice {
     }
 }
 
-/// The log-likelihood of one touch at each recorded view and between them, against the world's.
+/// The log-likelihood of one touch at each recorded view and between them, against that of what nobody recorded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TouchLikelihood {
     /// The cosine with each row of the bank, `[n_rows]`, -1..=1.
@@ -75,6 +75,8 @@ pub struct TouchLikelihood {
     pub(crate) rarity: f64,
     /// How far touches are from their own views in this bank.
     pub(crate) own_distance: f64,
+    /// The log-odds of what nobody recorded, against the world: at least 0.
+    pub(crate) unknown: f64,
     /// Which rows of the bank were recorded; `None`: all.
     recorded: Option<Vec<bool>>,
     /// How well the touches of each part match its views, as far as the bank knows.
@@ -114,6 +116,7 @@ impl TouchLikelihood {
             }
             None => MatchModel::of_odds(config, [rarity, own_distance], observation.edge_share),
         };
+        let unknown = model.log_mean(known().map(|row| similarities[row]));
         let neighbours = config.interpolation.is_cubic(bank.grid()).then(|| bank.neighbours().clone());
         let bounds = CosineBounds::of(&similarities, bank.grid());
         Ok(Self {
@@ -123,12 +126,13 @@ impl TouchLikelihood {
             blank: config.is_blank(observation.edge_share),
             rarity,
             own_distance,
+            unknown,
             recorded,
             matches: bank.matches().clone(),
             views: bank.views(),
             side: observation.side,
             neighbours,
-            model,
+            model: model.against(unknown),
             config: *config,
         })
     }
@@ -298,6 +302,12 @@ mod tests {
         (0..seen.similarities.len()).map(|row| seen.log_row(row)).collect()
     }
 
+    /// Logs against that of their mean likelihood, or of the world's 0, if that is more.
+    fn against_mean(logs: &[f64]) -> Vec<f64> {
+        let mean = logs.iter().map(|log| log.exp()).sum::<f64>() / logs.len() as f64;
+        logs.iter().map(|log| log - mean.ln().max(0.0)).collect()
+    }
+
     /// The defaults but for round numbers: a touch that shows an edge on [`FOUR_TIMES`] costs 20 nats a distance of 1.
     fn round() -> TouchModel {
         TouchModel {
@@ -332,13 +342,13 @@ mod tests {
             let odds = |distance: f64| (2.0 - steepness * (distance - 0.3)).exp();
             let by_hand = DISTANCES.map(|distance| (0.99 * odds(distance) + 0.01).ln());
             // The cosine 0.8 is off by 1.2e-8, times a steepness of 20 over its distance.
-            assert_close(&log_rows(&seen), &by_hand, 1e-6);
+            assert_close(&log_rows(&seen), &against_mean(&by_hand), 1e-6);
         }
     }
 
-    /// Blank or not, it counts as the world would show it.
+    /// Blank or not; views that match hardly are less likely than the world.
     #[test]
-    fn what_was_not_recorded_is_the_world() {
+    fn what_was_not_recorded_is_as_likely_as_the_mean_of_what_was_or_the_world() {
         // Two parts at three angles.
         let grid = PoseGrid { theta_half_deg: 30.0, ..ONE_POSE };
         let rows = [[1.0, 0.0], [0.8, 0.6], [0.0, 1.0], [0.0, 1.0], [-1.0, 0.0], [0.6, 0.8]];
@@ -350,10 +360,14 @@ mod tests {
                 let observation = Observation { rarity, ..touch([1.0, 0.0], edge_share) };
                 let seen = |bank| TouchLikelihood::new(&observation, bank, &round()).unwrap();
                 let (whole, lacking) = (seen(&whole), seen(&lacking));
-                let mut expected = log_rows(&whole);
-                assert!(expected.iter().all(|log| *log != 0.0), "{expected:?}");
-                (expected[0], expected[2]) = (0.0, 0.0);
-                assert_eq!(log_rows(&lacking), expected);
+                let odds: Vec<f64> = log_rows(&whole).iter().map(|log| log + whole.unknown).collect();
+                let mut expected = vec![0.0; 6];
+                let known = [1, 3, 4, 5];
+                let against = against_mean(&known.map(|row: usize| odds[row]));
+                known.iter().zip(against).for_each(|(row, log)| expected[*row] = log);
+                assert_close(&log_rows(&lacking), &expected, 1e-8);
+                // Without an edge a distance costs little, and the mean view is likelier than the world.
+                assert_eq!(lacking.unknown > 0.0, edge_share == 0.0 && rarity == 0.0);
                 assert_eq!([lacking.log_between(1.0, 2), lacking.log_between(-1.0, 0)], [0.0; 2]);
                 // Nor does it resemble what nobody recorded.
                 assert_eq!((whole.best_cosine, lacking.best_cosine), (1.0, 0.8));
@@ -372,7 +386,7 @@ mod tests {
             let seen = TouchLikelihood::new(&touch([1.0, 0.0], FOUR_TIMES).of_side(side), bank, &model).unwrap();
             (log_rows(&seen), seen.own_distance)
         };
-        let by_hand = |own: f64| DISTANCES.map(|distance| 2.0 - 20.0 * (distance - own));
+        let by_hand = |own: f64| against_mean(&DISTANCES.map(|distance| 2.0 - 20.0 * (distance - own)));
         for (side, own) in [(Side::Hole, 0.3), (Side::Peg, 0.7)] {
             let (found, found_own) = logs(&known, side);
             assert!((found_own - own).abs() < 1e-12, "{found_own}");
@@ -387,7 +401,8 @@ mod tests {
         let logs = |rarity: f32, outlier_share: f64| {
             let observation = Observation { rarity, ..touch([1.0, 0.0], FOUR_TIMES) };
             let model = TouchModel { outlier_share, ..round() };
-            log_rows(&TouchLikelihood::new(&observation, &bank, &model).unwrap())
+            let seen = TouchLikelihood::new(&observation, &bank, &model).unwrap();
+            log_rows(&seen).iter().map(|log| log + seen.unknown).collect::<Vec<f64>>()
         };
         for rarity in [1.5_f32, -2.25] {
             let more: Vec<f64> = logs(0.0, 0.0).iter().map(|log| log + f64::from(rarity)).collect();
@@ -450,9 +465,10 @@ mod tests {
         for steepness in [10.0, 1e3, 1e6] {
             let model = TouchModel { steepness, ..round() };
             let seen = TouchLikelihood::new(&touch([1.0, 0.0], FOUR_TIMES), &bank, &model).unwrap();
-            assert!(log_rows(&seen).iter().all(|log| *log >= 0.01_f64.ln()), "{:?}", log_rows(&seen));
+            let outlier = 0.01_f64.ln() - seen.unknown;
+            assert!(log_rows(&seen).iter().all(|log| *log >= outlier - 1e-12), "{:?}", log_rows(&seen));
             // Two views apart it is no match at all.
-            assert!((log_rows(&seen)[3] - 0.01_f64.ln()).abs() < 1e-9);
+            assert!((log_rows(&seen)[3] - outlier).abs() < 1e-9);
         }
     }
 

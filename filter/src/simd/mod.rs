@@ -83,21 +83,21 @@ for_units! {
     }
 }
 
-/// One of [`powers`], to the same bits.
-pub fn power(value: f64, largest: f64, joint: f64) -> f64 {
-    exp(joint * (value - largest))
+/// One of [`powers`] of 1, to the same bits.
+pub fn power(value: f64, largest: f64) -> f64 {
+    exp(value - largest)
 }
 
 for_units! {
-    /// The sum of [`powers`], and the sum of each times its log, which is 0 or less. Of many states all touches say the
+    /// The sum of [`powers`] of 1, and the sum of each times its log, which is 0 or less. Of many states all touches say the
     /// same: where some values are those before, so are the powers.
     ["x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"]
-    sums_of_powers(values: &[f64], largest: f64, joint: f64) -> [f64; 2] {
+    sums_of_powers(values: &[f64], largest: f64) -> [f64; 2] {
         let (chunks, rest) = values.as_chunks::<N>();
         let (mut lanes, mut last, mut powers) = ([[0.0; N]; 2], [f64::NAN; N], [[0.0; N]; 2]);
         for chunk in chunks {
             if !(0..N).fold(true, |same, lane| same & (chunk[lane] == last[lane])) {
-                (0..N).for_each(|lane| [powers[0][lane], powers[1][lane]] = with_log(joint * (chunk[lane] - largest)));
+                (0..N).for_each(|lane| [powers[0][lane], powers[1][lane]] = with_log(chunk[lane] - largest));
                 last = *chunk;
             }
             (0..N).for_each(|lane| lanes[0][lane] += powers[0][lane]);
@@ -105,7 +105,7 @@ for_units! {
         }
         let mut sums = lanes.map(|lanes| lanes.iter().sum::<f64>());
         for value in rest {
-            let [power, with_log] = with_log(joint * (value - largest));
+            let [power, with_log] = with_log(value - largest);
             sums[0] += power;
             sums[1] += with_log;
         }
@@ -273,12 +273,12 @@ mod tests {
         #[test]
         fn powers_of_runs_are_summed_as_of_any(runs in prop::collection::vec((-30.0..0.0_f64, 1..40_usize), 1..9)) {
             let values: Vec<f64> = runs.iter().flat_map(|(value, n)| vec![*value; *n]).collect();
-            let exact: f64 = values.iter().map(|value| (0.7 * value).exp()).sum();
-            let logs: f64 = values.iter().map(|value| 0.7 * value * (0.7 * value).exp()).sum();
-            let [sum, log_sum] = sums_of_powers(&values, 0.0, 0.7);
+            let exact: f64 = values.iter().map(|value| value.exp()).sum();
+            let logs: f64 = values.iter().map(|value| value * value.exp()).sum();
+            let [sum, log_sum] = sums_of_powers(&values, 0.0);
             prop_assert!((sum / exact - 1.0).abs() < 1e-13 && (log_sum - logs).abs() < 1e-13 * exact, "{log_sum} {logs}");
-            let one_by_one: Vec<f64> = values.iter().map(|value| power(*value, 0.0, 0.7)).collect();
-            prop_assert_eq!(powers(&values, 0.0, 0.7), one_by_one);
+            let one_by_one: Vec<f64> = values.iter().map(|value| power(*value, 0.0)).collect();
+            prop_assert_eq!(powers(&values, 0.0, 1.0), one_by_one);
         }
 
         #[test]
@@ -327,8 +327,8 @@ mod tests {
     fn the_ends_are_exact_and_what_is_no_number_is_nothing() {
         assert_eq!([exp(0.0), exp(-709.0), exp(-1e300), exp(f64::NEG_INFINITY)], [1.0, 0.0, 0.0, 0.0]);
         assert_eq!(sum_of_positive(&[f64::INFINITY, f64::NAN, -1.0, 2.0]), 2.0);
-        assert_eq!(sums_of_powers(&[-1e300, 0.0, f64::NEG_INFINITY], 0.0, 1.0), [1.0, 0.0]);
-        assert_eq!(sums_of_powers(&[f64::NEG_INFINITY; 9], 0.0, 1.0), [0.0, 0.0]);
+        assert_eq!(sums_of_powers(&[-1e300, 0.0, f64::NEG_INFINITY], 0.0), [1.0, 0.0]);
+        assert_eq!(sums_of_powers(&[f64::NEG_INFINITY; 9], 0.0), [0.0, 0.0]);
         assert_eq!(largest(&[f64::NAN, -2.0, f64::NAN]), -2.0);
         assert_eq!(largest(&[f64::NAN; 9]), f64::NEG_INFINITY);
         let (mut logs, mut exps) = (vec![3.0, f64::NAN, f64::NEG_INFINITY], vec![7.0]);

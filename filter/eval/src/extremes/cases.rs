@@ -215,9 +215,8 @@ pub fn of_one_touch(
 ) -> Result<Case> {
     let belief =
         Belief::of_all_states(&point_bank(rows)?, 1, TouchLikelihood::new(observation, &point_bank(rows)?, config)?);
-    let best = cosines.iter().copied().fold(-1.0, f64::max);
     let &Observation { edge_share, rarity, .. } = observation;
-    let touch = Touch { moved: Se2::IDENTITY, edge_share, rarity, cosines: cosines.to_vec(), best };
+    let touch = Touch { moved: Se2::IDENTITY, edge_share, rarity, cosines: cosines.to_vec() };
     Ok(compared(group, variant, &belief, &expected(&POINT, &[touch], config, OF_COSINE)))
 }
 
@@ -252,7 +251,7 @@ pub fn chain(seed: u64, quick: bool) -> Result<Vec<Case>> {
         at(Case::measured(Group::Chain, "drift of the place, mm", "the sum of the steps", drift_mm, bound_mm)),
         at(Case::measured(Group::Chain, "drift of the angle, degrees", "the sum of the turns", drift_deg, bound_deg)),
     ];
-    let config = TouchModel { steepness: FLAT, overlap_mm: 0.0, ..Sample::model() };
+    let config = TouchModel { steepness: FLAT, shared_mm: 0.0, ..Sample::model() };
     let sample = Sample::draw(2, RING, 32, n_actions, seed);
     let belief = sample.belief(EngineConfig::Exact, seed, &config)?;
     let reference = sample.expected(&config, OF_COSINE);

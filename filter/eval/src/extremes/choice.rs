@@ -12,9 +12,9 @@ use tactile_infer::precision::Precision;
 
 use super::between::Recorded;
 use super::case::{Case, Group};
-use super::evidence::Evidence;
+use super::evidence::{Evidence, Judged};
 use super::production::{cosine_errors, kept_queries};
-use super::reference::{Pose, doubt};
+use super::reference::{Likelihood, Pose, new_share};
 use super::scene::{DIM, GRID, Scene};
 use crate::error::Result;
 
@@ -81,34 +81,35 @@ struct Expectation<'a> {
     views: Views<'a>,
     /// Where the sensor is by each state that is believed, its part and its probability.
     states: Vec<(Pose, usize, f64)>,
-    /// What is new of each row's view, `[n_rows]`.
-    new_shares: Vec<f64>,
+    /// Where the sensor was at each touch, since the first.
+    made: Vec<Pose>,
     model: Model,
     /// How far a cosine may be off.
     cosine_error: f64,
 }
 
-/// The likelihood of one view where another would be touched, as it counts together with the touches made: the touch
-/// will be as rare as those with an edge were, and as far from its own view as touches are, at a right angle to all
-/// views.
+/// The likelihood of one view where another would be touched, against that of what nobody recorded: the touch will be as
+/// rare as those with an edge were, what nobody recorded as likely, and it as far from its own view as touches are, at a
+/// right angle to all views.
 struct Model {
     config: TouchModel,
     rarity: f64,
+    unknown: f64,
     own: f64,
-    /// The power to which it counts.
-    joint: f64,
 }
 
 impl Model {
-    /// Together with one more touch, all of it new.
     fn new(evidence: &Evidence) -> Self {
         let config = evidence.recorded.config;
-        let edged: Vec<f64> =
-            evidence.touches.iter().filter(|touch| touch.is_edged).map(|touch| touch.rarity).collect();
-        let n_counted = 1.0 + evidence.touches.iter().map(|touch| touch.weight).sum::<f64>();
-        let joint = super::reference::joint(n_counted, &evidence.bests, &config);
-        let rarity = edged.iter().sum::<f64>() / (edged.len() as f64).max(1.0);
-        Self { config, rarity, own: evidence.recorded.own_distance(), joint }
+        let edged: Vec<_> = evidence.touches.iter().filter(|touch| touch.is_edged).collect();
+        let mean = |of: &dyn Fn(&Judged) -> f64| {
+            edged.iter().map(|touch| of(touch)).sum::<f64>() / (edged.len() as f64).max(1.0)
+        };
+        let unknown = mean(&|touch| match touch.likelihood {
+            Likelihood::Odds { unknown, .. } => unknown,
+            Likelihood::Paper { .. } => 0.0,
+        });
+        Self { config, rarity: mean(&|touch| touch.rarity), unknown, own: evidence.recorded.own_distance() }
     }
 
     fn steepness(&self, edge_share: f32) -> f64 {
@@ -116,18 +117,19 @@ impl Model {
         self.config.steepness * (self.config.steepness_by_edge * log_edge).exp()
     }
 
-    /// How likely a view is, by its cosine with the one touched, of which so much is edge; the power of a sum is taken
-    /// as a sum of powers.
-    fn likely(&self, cosine: f64, edge_share: f32) -> f64 {
-        let Self { config: TouchModel { match_offset, outlier_share, .. }, rarity, own, joint } = self;
+    /// How likely a view is, by its cosine with the one touched, of which so much is edge, as far as the touch is new; the
+    /// power of a sum is taken as a sum of powers.
+    fn likely(&self, cosine: f64, edge_share: f32, new: f64) -> f64 {
+        let Self { config: TouchModel { match_offset, outlier_share, .. }, rarity, unknown, own } = self;
         let distance = (2.0 - 2.0 * cosine + own * own).sqrt();
         let odds = (match_offset + rarity - self.steepness(edge_share) * (distance - own)).exp();
-        ((1.0 - outlier_share) * odds).powf(*joint) + outlier_share.powf(*joint)
+        ((1.0 - outlier_share) * odds / unknown.exp()).powf(new) + (outlier_share / unknown.exp()).powf(new)
     }
 
-    /// How far the log of that may be off where the cosine is, by `error`.
+    /// How far the log of that may be off where the cosine is, by `error`, and so those of the touches made, on which
+    /// what nobody recorded depends.
     fn off(&self, edge_share: f32, error: f64) -> f64 {
-        self.joint * self.steepness(edge_share) * error / self.own
+        2.0 * self.steepness(edge_share) * error / self.own
     }
 }
 
@@ -146,11 +148,8 @@ impl<'a> Expectation<'a> {
         };
         // A millionth of the belief in each is drawn once in ten.
         let states = belief.posterior().states_from(1e-8).into_iter().map(placed).collect();
-        let edged: Vec<_> = evidence.touches.iter().filter(|touch| touch.is_edged).collect();
-        let most_alike = |row: usize| edged.iter().map(|touch| touch.cosines[row]).fold(0.0, f64::max);
-        let doubt = doubt(&evidence.bests);
-        let new_shares = (0..views.edge_shares.len()).map(|row| 1.0 - doubt * most_alike(row)).collect();
-        Self { recorded, views, states, new_shares, model: Model::new(evidence), cosine_error }
+        let made = evidence.touches.iter().map(|touch| touch.now).collect();
+        Self { recorded, views, states, made, model: Model::new(evidence), cosine_error }
     }
 
     /// The recorded view nearest to a state's after a motion; `None` where none is within half a step on each axis.
@@ -168,13 +167,12 @@ impl<'a> Expectation<'a> {
         self.recorded.is_recorded[row].then_some(row)
     }
 
-    /// What a state adds that would see a row, where another is touched; what nobody recorded is as likely as the
-    /// world.
-    fn value(&self, row: Option<usize>, touched: usize) -> f64 {
+    /// What a state adds that would see a row, where another is touched and so much of the touch is new.
+    fn value(&self, row: Option<usize>, touched: usize, new: f64) -> f64 {
         let Some(row) = row else { return 1.0 };
         let at = |row: usize| &self.views.rows[row * DIM..(row + 1) * DIM];
         let cosine: f64 = at(row).iter().zip(at(touched)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-        self.model.likely(cosine.clamp(-1.0, 1.0), self.views.edge_shares[touched])
+        self.model.likely(cosine.clamp(-1.0, 1.0), self.views.edge_shares[touched], new)
     }
 
     fn of(&self, candidate: &Se2) -> Expected {
@@ -189,19 +187,20 @@ impl<'a> Expectation<'a> {
                 None => seen.push((row, state.2, variance)),
             }
         }
+        let now = self.made.last().map(|last| last.then(&Pose::of(candidate)));
+        let of = |before: &Pose| now.map_or(1.0, |now| new_share(before, &now, &self.recorded.config));
+        let new = self.made.iter().map(of).fold(1.0, f64::min);
         let whole: f64 = seen.iter().map(|(_, mass, _)| mass).sum();
         let (mut mean, mut square, mut of_draws, mut of_rounding) = (0.0, 0.0, 0.0, 0.0);
         for (row, mass, _) in &seen {
             // Contact is expected of edged views alone.
             let shows = |row: &usize| self.views.edge_shares[*row] > self.recorded.config.blank_share;
             let Some(touched) = row.filter(shows) else { continue };
-            let values: Vec<f64> = seen.iter().map(|(row, _, _)| self.value(*row, touched)).collect();
+            let values: Vec<f64> = seen.iter().map(|(row, _, _)| self.value(*row, touched, new)).collect();
             let all = values.iter().zip(&seen).map(|(value, (_, mass, _))| value * mass).sum::<f64>() / whole;
-            let nats = self.new_shares[touched] * (self.value(Some(touched), touched) / all).ln();
-            // Of the likelihood where it is touched and of the mean, and of what is new: that of the touches' doubt
-            // and cosines.
-            let of_likelihood = 2.0 * self.model.off(self.views.edge_shares[touched], self.cosine_error);
-            of_rounding += mass / whole * (of_likelihood + (1.0 / 0.22 + 1.0) * self.cosine_error * nats.abs());
+            let nats = (self.value(Some(touched), touched, new) / all).ln();
+            // Of the likelihood where it is touched and of the mean.
+            of_rounding += mass / whole * 2.0 * self.model.off(self.views.edge_shares[touched], self.cosine_error);
             (mean, square) = (mean + mass / whole * nats, square + mass / whole * nats * nats);
             let of_drawn =
                 values.iter().zip(&seen).map(|(value, (_, _, variance))| value * value * variance).sum::<f64>();

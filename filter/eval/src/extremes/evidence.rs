@@ -7,9 +7,7 @@ use tactile_data::se2::Se2;
 
 use super::between::Recorded;
 use super::place::{Place, trust};
-use super::reference::{
-    Likelihood, Pose, Touch, U, bests, error_of_power, is_far, joint, log_sum, new_share, normalise, poses,
-};
+use super::reference::{Likelihood, Pose, Touch, U, is_far, log_sum, new_share, normalise, poses};
 
 /// A match that is no more than so many nats likelier than an outlier is taken for one, where all states are judged at
 /// once.
@@ -18,10 +16,10 @@ const OF_OUTLIERS: f64 = 2e-3;
 /// A touch, judged by the recorded views.
 pub struct Judged {
     /// The sensor's motion since the first touch.
-    now: Pose,
+    pub now: Pose,
     /// The same as the library composes it, for [`Place::new`].
     moved: Se2,
-    /// What is new in it, 0..=1.
+    /// How much of it is new, 0..=1: the power to which its likelihood is taken.
     pub weight: f64,
     /// The cosine with each row, `[n_rows]`.
     pub cosines: Vec<f64>,
@@ -29,7 +27,8 @@ pub struct Judged {
     pub is_edged: bool,
     /// How rare it is, nats.
     pub rarity: f64,
-    likelihood: Likelihood,
+    /// How likely it is at a view.
+    pub likelihood: Likelihood,
 }
 
 /// All touches of an episode, judged.
@@ -38,16 +37,10 @@ pub struct Evidence<'a> {
     pub recorded: &'a Recorded,
     /// In order.
     pub touches: Vec<Judged>,
-    /// The best cosines of those that show an edge.
-    pub bests: Vec<f64>,
-    /// The power to which the likelihood of each is taken.
-    pub joint: f64,
-    /// How far that may be off.
-    pub joint_off: f64,
     /// How far a cosine between recorded views may be off.
     pub between_off: f64,
-    /// The largest error of the sums that [`Self::log_of`] was asked for, and their largest size, nats.
-    pub largest: Cell<[f64; 2]>,
+    /// The largest error of the sums that [`Self::log_of`] was asked for, nats.
+    pub largest_off: Cell<f64>,
 }
 
 /// A log-likelihood, and how far the filter's may be off.
@@ -72,11 +65,8 @@ impl<'a> Evidence<'a> {
             let (is_edged, rarity) = (touch.edge_share >= config.blank_share, f64::from(touch.rarity));
             judged.push(Judged { now, moved, weight, cosines: touch.cosines.clone(), is_edged, rarity, likelihood });
         }
-        let (bests, n_counted) = (bests(touches, config), judged.iter().map(|touch| touch.weight).sum());
-        let joint = joint(n_counted, &bests, config);
-        let joint_off = error_of_power(joint, n_counted, config, 2.0 * errors[0] + U);
-        let (between_off, largest) = (recorded.error_between(errors), Cell::default());
-        Self { recorded, touches: judged, bests, joint, joint_off, between_off, largest }
+        let (between_off, largest_off) = (recorded.error_between(errors), Cell::default());
+        Self { recorded, touches: judged, between_off, largest_off }
     }
 
     /// Where a touch was made on a part whose first touch was at a pose.
@@ -111,8 +101,7 @@ impl<'a> Evidence<'a> {
         let log = |touch| self.log_at(touch, part, &self.places(touch, first, library), false);
         let (sum, off) =
             self.touches.iter().map(log).fold((0.0, 0.0), |(sum, all), Log { log, off }| (sum + log, all + off));
-        let [largest_off, largest] = self.largest.get();
-        self.largest.set([largest_off.max(off), largest.max(f64::abs(sum))]);
+        self.largest_off.set(self.largest_off.get().max(off));
         sum
     }
 
@@ -128,9 +117,8 @@ impl<'a> Evidence<'a> {
                 }
             }
         }
-        let off = |Log { log, off }: &Log| self.joint * off + self.joint_off * log.abs();
-        let off = logs.iter().map(off).fold(0.0, f64::max);
-        let mut logs: Vec<f64> = logs.into_iter().map(|Log { log, .. }| self.joint * log).collect();
+        let off = logs.iter().map(|log| log.off).fold(0.0, f64::max);
+        let mut logs: Vec<f64> = logs.into_iter().map(|Log { log, .. }| log).collect();
         let (first, n) = (logs[0], logs.len() as f64);
         normalise(&mut logs);
         // What normalising took off, and the mean over the states.
@@ -160,7 +148,7 @@ pub struct Posterior {
     pub logs: Vec<f64>,
     /// How far the log-likelihood of a state may be off, nats.
     pub off: f64,
-    /// The log of the mean likelihood of all touches, as they count together, over all states.
+    /// The log of the mean likelihood of all touches, as far as each counts, over all states.
     pub log_evidence: f64,
     n_cells: usize,
 }

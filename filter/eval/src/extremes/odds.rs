@@ -91,9 +91,7 @@ pub fn cases(seed: u64) -> Result<Vec<Case>> {
         cases.push(turned(name, radians)?);
     }
     let sample = Sample::draw(N_PARTS, PoseGrid::SMALL, DIM, N_TOUCHES, seed);
-    // Touches share no error: how much they do would follow from their best cosines, and times a million nats say
-    // nothing.
-    let usual = TouchModel { shared_error: 0.0, ..Sample::model() };
+    let usual = Sample::model();
     for outlier_share in [1e-300, 1e-9, 0.5, 1.0 - 1e-9] {
         let config = TouchModel { outlier_share, ..usual };
         cases.push(of_sample(format!("a share of outliers of {outlier_share:?}"), &sample, &config, seed)?);

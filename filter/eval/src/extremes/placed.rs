@@ -15,15 +15,9 @@ const POWER: f64 = 0.3;
 /// A covariance is of the posterior as it is: its power by that one.
 pub const OF_COVARIANCE: f64 = 1.0 / POWER;
 
-/// The power of the posterior of all touches to which a pose is found.
-fn power(evidence: &Evidence) -> f64 {
-    POWER * evidence.joint
-}
-
 /// How far the log-likelihoods that were asked for, to that power, may be off.
 pub fn off(evidence: &Evidence) -> f64 {
-    let [off, largest] = evidence.largest.get();
-    POWER * (evidence.joint * off + evidence.joint_off * largest)
+    POWER * evidence.largest_off.get()
 }
 
 /// The mean pose around one, and the covariance of the posterior to that power there: by lattices of five points
@@ -39,7 +33,7 @@ pub fn hill(evidence: &Evidence, part: usize, start: &Se2) -> (Three, [Three; 3]
             let offsets = [offset(0, index / 25), offset(1, index / 5 % 5), offset(2, index % 5)];
             let [x, y, theta] = [0, 1, 2].map(|axis: usize| centre[axis] + offsets[axis]);
             let pose = Pose { x, y, turn: [theta.cos(), theta.sin()] };
-            points.push((offsets, power(evidence) * evidence.log_of(part, &pose, &Se2::new(x, y, theta))));
+            points.push((offsets, POWER * evidence.log_of(part, &pose, &Se2::new(x, y, theta))));
         }
         let largest = points.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
         points.iter_mut().for_each(|(_, log)| *log = (*log - largest).exp());
@@ -79,7 +73,7 @@ fn is_wide(evidence: &Evidence, part: usize, start: &Se2, steps: Three) -> bool 
         let theta = start.theta_rad + offsets[2];
         let [x, y] = [start.x_mm + offsets[0], start.y_mm + offsets[1]];
         let log = evidence.log_of(part, &Pose { x, y, turn: [theta.cos(), theta.sin()] }, &Se2::new(x, y, theta));
-        points.push((offsets, evidence.joint * log));
+        points.push((offsets, log));
     }
     let largest = points.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
     points.iter_mut().for_each(|(_, log)| *log = (*log - largest).exp());
@@ -156,7 +150,7 @@ fn within(evidence: &Evidence, part: usize, stated: &Se2, half: Three) -> (Three
         let offset = [0, 1, 2].map(|axis: usize| half[axis] * (places[axis] / 4.0 - 1.0));
         let [x, y, theta] = [stated.x_mm + offset[0], stated.y_mm + offset[1], stated.theta_rad + offset[2]];
         let pose = Pose { x, y, turn: [theta.cos(), theta.sin()] };
-        points.push((offset, power(evidence) * OF_COVARIANCE * evidence.log_of(part, &pose, &Se2::new(x, y, theta))));
+        points.push((offset, evidence.log_of(part, &pose, &Se2::new(x, y, theta))));
     }
     let largest = points.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
     let total: f64 = points.iter().map(|(_, log)| (log - largest).exp()).sum();

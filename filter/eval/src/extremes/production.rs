@@ -273,7 +273,7 @@ mod tests {
         assert!(held(&|_| ()));
         assert!(!held(&|model| model.steepness *= 1.05));
         assert!(!held(&|model| model.interpolation = Interpolation::Nearest));
-        assert!(!held(&|model| model.shared_error = 0.1));
+        assert!(!held(&|model| model.shared_mm *= 1.5));
     }
 
     #[test]

@@ -28,8 +28,6 @@ pub struct Touch {
     pub rarity: f32,
     /// The cosine with each row of the bank, `[n_rows]`.
     pub cosines: Vec<f64>,
-    /// Without the bank's metric, that with the recorded row of the largest of them; -1 where none was recorded.
-    pub best: f64,
 }
 
 /// A pose as a matrix: position in mm, and cosine and sine of its angle.
@@ -98,9 +96,9 @@ pub fn poses(grid: &PoseGrid) -> Vec<Pose> {
     places.iter().flat_map(|x| places.iter().flat_map(|y| at(x, y)).collect::<Vec<_>>()).collect()
 }
 
-/// The log-likelihood of one touch at a view by their cosine, against that of a touch of anything in the world.
+/// The log-likelihood of one touch at a view by their cosine, against that of what nobody recorded.
 pub enum Likelihood {
-    /// `ln((1 - outliers) e^z + outliers)` with `z = at_own - steepness (distance - own)`.
+    /// `ln((1 - outliers) e^z + outliers) - unknown` with `z = at_own - steepness (distance - own)`.
     Odds {
         /// The log-odds of a view as far from the touch as touches are from their own.
         at_own: f64,
@@ -110,6 +108,10 @@ pub enum Likelihood {
         own: f64,
         /// Share of the touches that are of something else.
         outliers: f64,
+        /// The same of what nobody recorded, against the world: the log of the mean over all recorded views, at least 0.
+        unknown: f64,
+        /// The largest cosine with a recorded view.
+        best: f64,
     },
     /// Alg. 1 as printed: the cosine over a temperature, by the mean of its power over all recorded views.
     Paper {
@@ -123,17 +125,18 @@ pub enum Likelihood {
 impl Likelihood {
     /// `is_recorded`: whether each row was, `[n_rows]`. `own`: how far the bank's touches are from their own views.
     pub fn of(touch: &Touch, is_recorded: &[bool], config: &TouchModel, own: f64) -> Self {
-        let Some(temperature) = config.temperature else {
-            let log_edge = ((f64::from(touch.edge_share) + 0.003) / 0.05).ln();
-            return Self::Odds {
-                at_own: config.match_offset + f64::from(touch.rarity),
-                steepness: config.steepness * (config.steepness_by_edge * log_edge).exp(),
-                own,
-                outliers: config.outlier_share,
-            };
-        };
         let known = || touch.cosines.iter().zip(is_recorded).filter(|(_, is_recorded)| **is_recorded);
         let best = known().map(|(cosine, _)| *cosine).fold(-1.0, f64::max);
+        let Some(temperature) = config.temperature else {
+            let log_edge = ((f64::from(touch.edge_share) + 0.003) / 0.05).ln();
+            let (at_own, outliers) = (config.match_offset + f64::from(touch.rarity), config.outlier_share);
+            let steepness = config.steepness * (config.steepness_by_edge * log_edge).exp();
+            let against = |unknown| Self::Odds { at_own, steepness, own, outliers, unknown, best };
+            let logs: Vec<f64> = known().map(|(cosine, _)| against(0.0).log(*cosine)).collect();
+            let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let mean = logs.iter().map(|log| (log - largest).exp()).sum::<f64>() / logs.len() as f64;
+            return against(if logs.is_empty() { 0.0 } else { (largest + mean.ln()).max(0.0) });
+        };
         let powers: Vec<f64> = known().map(|(cosine, _)| ((cosine - best) / temperature).exp()).collect();
         let mean = if powers.is_empty() { 1.0 } else { powers.iter().sum::<f64>() / powers.len() as f64 };
         Self::Paper { temperature, average: best + temperature * mean.ln() }
@@ -142,9 +145,9 @@ impl Likelihood {
     /// At a view of this cosine, which may be out of -1..=1 by an error.
     pub fn log(&self, cosine: f64) -> f64 {
         match self {
-            Self::Odds { at_own, steepness, own, outliers } => {
+            Self::Odds { at_own, steepness, own, outliers, unknown, .. } => {
                 let distance = (2.0 - 2.0 * cosine).max(0.0).sqrt();
-                log_sum((1.0 - outliers).ln() + at_own - steepness * (distance - own), outliers.ln())
+                log_sum((1.0 - outliers).ln() + at_own - steepness * (distance - own), outliers.ln()) - unknown
             }
             Self::Paper { temperature, average } => (cosine - average) / temperature,
         }
@@ -156,15 +159,12 @@ impl Likelihood {
     pub fn off(&self, cosine: f64, error: f64) -> f64 {
         let log = self.log(cosine);
         let of_cosine = (self.log(cosine + error) - log).max(log - self.log(cosine - error));
+        // No mean of powers is off by more than the largest.
         let of_mean = match self {
-            // No mean of powers is off by more than the largest.
             Self::Paper { temperature, .. } => error / temperature,
-            Self::Odds { outliers, .. } => {
-                if *outliers > 0.0 {
-                    OF_TABLE
-                } else {
-                    0.0
-                }
+            Self::Odds { outliers, best, .. } => {
+                let of_best = self.log(best + error) - self.log(best - error);
+                of_best + if *outliers > 0.0 { 2.0 * OF_TABLE } else { 0.0 }
             }
         };
         // A few roundings of numbers as large as any that is added.
@@ -174,7 +174,7 @@ impl Likelihood {
     /// The sum of the sizes of all that a log is added up from.
     pub fn size(&self) -> f64 {
         match self {
-            Self::Odds { at_own, steepness, own, outliers } => {
+            Self::Odds { at_own, steepness, own, outliers, .. } => {
                 let log_outliers = if *outliers > 0.0 { outliers.ln() } else { 0.0 };
                 at_own.abs() + steepness * (2.0 + own) - (1.0 - outliers).ln() - log_outliers
             }
@@ -201,24 +201,21 @@ impl Expected {
 /// What should be believed of a bank all of whose views were recorded, and which knows no matches; the view at a pose
 /// is that of the nearest recorded one. `error`: how far a cosine may be off.
 ///
-/// A state's probability is its likelihood over the sum of all: either is off as the logs of the touches are. The
-/// power by which touches count together follows from the best cosines ([`error_of_power`]) and moves a probability
-/// by that times what touches tell between two states.
+/// A state's probability is its likelihood over the sum of all: either is off as the logs of the touches are.
 pub fn expected(grid: &PoseGrid, touches: &[Touch], config: &TouchModel, error: f64) -> Expected {
     let recorded = poses(grid);
     let n_rows = touches.first().map_or(0, |touch| touch.cosines.len());
     let (mut logs, mut offs, is_recorded) = (vec![0.0; n_rows], vec![0.0; n_rows], vec![true; n_rows]);
-    let (mut first_from_sensor, mut n_touches): (Vec<Pose>, f64) = (Vec::new(), 0.0);
+    let mut first_from_sensor: Vec<Pose> = Vec::new();
     for touch in touches {
         let moved = Pose::of(&touch.moved);
         let now = first_from_sensor.last().map_or(Pose::from_degrees(0.0, 0.0, 0.0), |before| before.then(&moved));
         let new = first_from_sensor.iter().map(|before| new_share(before, &now, config)).fold(1.0, f64::min);
         let weight = if is_far(&now, config, grid) { 0.0 } else { new };
-        n_touches += weight;
         first_from_sensor.push(now);
         let likelihood = Likelihood::of(touch, &is_recorded, config, config.own_distance);
         for (cell, first) in recorded.iter().enumerate() {
-            // What nobody recorded is of the world, at 0.
+            // What nobody recorded is at 0.
             let seen = nearest(grid, &recorded, &first.then(&now), config.nearest_tolerance);
             let Some((seen, trust)) = seen else { continue };
             for state in (cell..n_rows).step_by(recorded.len()) {
@@ -228,43 +225,15 @@ pub fn expected(grid: &PoseGrid, touches: &[Touch], config: &TouchModel, error: 
             }
         }
     }
-    let bests = bests(touches, config);
-    let joint = joint(n_touches, &bests, config);
-    let [least, most] = [f64::min, f64::max].map(|which| logs.iter().copied().fold(logs[0], which));
-    let off = 2.0 * joint * offs.iter().copied().fold(0.0, f64::max)
-        + error_of_power(joint, n_touches, config, 2.0 * error + U) * (most - least);
-    logs.iter_mut().for_each(|log| *log *= joint);
+    let off = 2.0 * offs.iter().copied().fold(0.0, f64::max);
     normalise(&mut logs);
     Expected { logs, off }
-}
-
-/// The best cosines of the touches that show an edge.
-pub fn bests(touches: &[Touch], config: &TouchModel) -> Vec<f64> {
-    touches.iter().filter(|touch| touch.edge_share >= config.blank_share).map(|touch| touch.best).collect()
 }
 
 /// Whether no recorded view is near, wherever the first touch was: the touch does not count.
 pub fn is_far(first_from_sensor: &Pose, config: &TouchModel, grid: &PoseGrid) -> bool {
     let rim_mm = grid.xy_step_mm * (8.0 * config.nearest_tolerance).max(2.0);
     first_from_sensor.x.hypot(first_from_sensor.y) > 8.0_f64.sqrt() * grid.xy_half_mm + rim_mm
-}
-
-/// The power to which the likelihood of each touch is taken: touches that share an error count as fewer, the more so
-/// the less the best views of the edged ones are like them. `n_touches`: the sum of what is new in each.
-pub fn joint(n_touches: f64, bests: &[f64], config: &TouchModel) -> f64 {
-    (1.0 + (config.shared_error * (1.0 + 5.0 * doubt(bests))).min(1.0) * (n_touches - 1.0).max(0.0)).recip()
-}
-
-/// How far [`joint`] may be off where the best cosines are, by `error`: it falls by five shares of error for each
-/// 0.22 that they fall.
-pub fn error_of_power(joint: f64, n_touches: f64, config: &TouchModel, error: f64) -> f64 {
-    joint * joint * (n_touches - 1.0).max(0.0) * config.shared_error * 5.0 / 0.22 * error
-}
-
-/// How far the best cosines of the edged touches say that the network does not know what it is shown, 0..=1.
-pub fn doubt(bests: &[f64]) -> f64 {
-    let mean = bests.iter().sum::<f64>() / bests.len() as f64;
-    if bests.is_empty() { 0.0 } else { ((0.92 - mean) / 0.22).clamp(0.0, 1.0) }
 }
 
 /// Makes exp of the logs sum to 1.
@@ -280,14 +249,14 @@ pub fn log_sum(a: f64, b: f64) -> f64 {
     if high == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }
 
-/// The share of a touch's evidence that an earlier one did not give.
+/// The share of a touch that an earlier one did not tell: the power to which its likelihood is taken.
 pub fn new_share(before: &Pose, now: &Pose, config: &TouchModel) -> f64 {
-    if config.overlap_mm == 0.0 {
+    if config.shared_mm == 0.0 {
         return 1.0;
     }
-    let shift = (before.x - now.x).hypot(before.y - now.y) / config.overlap_mm;
-    let turn = before.turned_deg(now) / config.overlap_deg;
-    -(-0.5 * (shift * shift + turn * turn)).exp_m1()
+    let shift = (before.x - now.x).hypot(before.y - now.y) / config.shared_mm;
+    let turn = before.turned_deg(now).to_radians();
+    1.0 - (-(shift * shift + turn * turn).sqrt()).exp()
 }
 
 /// The recorded cell within half a step on each axis, by trying all, and how far it is trusted.
@@ -316,7 +285,7 @@ mod tests {
         let config = TouchModel { match_offset: 1.0, steepness: 2.0, outlier_share: 0.01, ..TouchModel::default() };
         let config = TouchModel { steepness_by_edge: 0.5, own_distance: 0.3, ..config };
         let (moved, cosines) = (Se2::IDENTITY, vec![1.0, 0.5]);
-        let touch = Touch { moved, edge_share: 0.197, rarity: 0.25, cosines, best: 1.0 };
+        let touch = Touch { moved, edge_share: 0.197, rarity: 0.25, cosines };
         let Expected { logs, .. } = expected(&ONE_POSE, &[touch], &config, 0.0);
         // Four times the usual share: twice as steep. Distances of 0 and 1.
         let likely = |distance: f64| 0.99 * (1.25 - 4.0 * (distance - 0.3)).exp() + 0.01;
@@ -327,12 +296,14 @@ mod tests {
 
     #[test]
     fn an_error_of_a_cosine_counts_by_steepness_over_distance_and_by_its_root_at_no_distance() {
-        let odds = Likelihood::Odds { at_own: 1.0, steepness: 20.0, own: 0.4, outliers: 0.0 };
-        assert!((odds.off(0.5, 1e-6) / (20.0 * 1e-6) - 1.0).abs() < 1e-3);
+        let odds = Likelihood::Odds { at_own: 1.0, steepness: 20.0, own: 0.4, outliers: 0.0, unknown: 0.5, best: -1.0 };
+        // And both ends of the best view's, here at a distance of 2, by which what nobody recorded is found.
+        assert!((odds.off(0.5, 1e-6) / (20.0 * 1e-6 + 10.0 * 2e-6) - 1.0).abs() < 1e-3);
         assert!((odds.off(1.0, 1e-6) / (20.0 * 2e-6_f64.sqrt()) - 1.0).abs() < 1e-3);
         // Of an outlier next to nothing.
-        let outlier = Likelihood::Odds { at_own: -50.0, steepness: 20.0, own: 0.4, outliers: 0.01 };
-        assert!(outlier.off(0.5, 1e-6) < 2.0 * OF_TABLE);
+        let outlier =
+            Likelihood::Odds { at_own: -50.0, steepness: 20.0, own: 0.4, outliers: 0.01, unknown: 0.5, best: -1.0 };
+        assert!(outlier.off(0.5, 1e-6) < 3.0 * OF_TABLE);
         let paper = Likelihood::Paper { temperature: 0.1, average: 0.3 };
         assert!((paper.off(0.5, 1e-6) / 2e-5 - 1.0).abs() < 1e-6);
     }

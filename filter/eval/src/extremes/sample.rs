@@ -132,8 +132,7 @@ impl Sample {
     pub fn expected(&self, config: &TouchModel, error: f64) -> Expected {
         let touch = |(moved, seen): &(Se2, Observation)| {
             let cosines = cosines(&self.rows, &seen.query);
-            let best = cosines.iter().copied().fold(-1.0, f64::max);
-            Touch { moved: *moved, edge_share: seen.edge_share, rarity: seen.rarity, cosines, best }
+            Touch { moved: *moved, edge_share: seen.edge_share, rarity: seen.rarity, cosines }
         };
         let touches: Vec<Touch> = self.touches.iter().map(touch).collect();
         expected(&self.grid, &touches, config, error)

@@ -285,33 +285,10 @@ impl Scene {
             let length = query.iter().map(|value| value * value).sum::<f64>().sqrt();
             let inner = |row: &[f32]| row.iter().zip(query).map(|(a, b)| f64::from(*a) * b).sum::<f64>();
             let cosines: Vec<f64> = rows.chunks_exact(DIM).map(|row| (inner(row) / length).clamp(-1.0, 1.0)).collect();
-            let known = (0..cosines.len()).filter(|row| !self.missing.contains(row));
-            let best = known.max_by(|a, b| cosines[*a].total_cmp(&cosines[*b]));
-            let plain = |row: usize| self.plain_cosine(&rows[row * DIM..(row + 1) * DIM], &observation.query);
             let &Observation { edge_share, rarity, .. } = observation;
-            Touch { moved: *moved, edge_share, rarity, cosines, best: best.map_or(-1.0, plain) }
+            Touch { moved: *moved, edge_share, rarity, cosines }
         };
         self.touches.iter().zip(queries).map(touch).collect()
-    }
-
-    /// The cosine of a query with a row that is in the metric, as it was before: the metric's lower triangle solved
-    /// for it.
-    fn plain_cosine(&self, row: &[f32], query: &[f32]) -> f64 {
-        let metric = if self.has_metric { Self::metric().ok() } else { None };
-        let before: Vec<f64> = match metric {
-            None => row.iter().map(|value| f64::from(*value)).collect(),
-            Some(metric) => {
-                let mut found: Vec<f64> = Vec::with_capacity(DIM);
-                for (line, value) in metric.matrix().chunks_exact(DIM).zip(row) {
-                    let known: f64 = line.iter().zip(&found).map(|(a, b)| f64::from(*a) * b).sum();
-                    found.push((f64::from(*value) - known) / f64::from(line[found.len()]));
-                }
-                found
-            }
-        };
-        let query: Vec<f64> = query.iter().map(|value| f64::from(*value)).collect();
-        let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        (inner(&before, &query) / (inner(&before, &before) * inner(&query, &query)).sqrt()).clamp(-1.0, 1.0)
     }
 }
 

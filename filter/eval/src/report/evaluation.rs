@@ -275,7 +275,7 @@ fn charts(series: &[Series], title: &str, paper: &[PaperRow]) -> Markup {
         "Right parts: higher is better; bands and bars are 95 % intervals. Errors: lower is better; they are those of \
         the episodes that name the right part: a mean far above its median is made by few episodes that are far off. Pixel is left \
         out there. Pixel and MoCo: the part of the most similar recorded picture or embedding. “Particles, the paper’s action \
-        rule” of the engine “paper” is Alg. 1 as printed, at a temperature of its own (0.03 unless the command says another), not \
+        rule” of the engine “paper” is Alg. 1 as printed, at a temperature of its own (0.08 unless the command says another), not \
         at the one that was measured of this model for the other filters. The stopping rule is off, so that every episode counts \
         at every number of touches.",
     )
