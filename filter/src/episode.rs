@@ -436,8 +436,8 @@ mod tests {
         let reason = |bank: &Arc<Bank>, part: usize, seed: u64| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let mut pose = GRID.pose(rng.random_range(0..GRID.len()));
-            // As 200 touches of this world match their own views.
-            let likelihood = TouchModel { matched_mean: 0.914, matched_sd: 0.035, ..model };
+            // As 200 touches of this world match their own views; they share no error.
+            let likelihood = TouchModel { matched_mean: 0.914, matched_sd: 0.035, shared_mm: 0.0, ..model };
             let config = EpisodeConfig {
                 model: likelihood,
                 method: Method { between_poses: false, ..Method::default() },
