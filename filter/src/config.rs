@@ -42,7 +42,7 @@ pub struct EpisodeConfig {
     pub settings: Settings,
     pub(crate) model: TouchModel,
     pub(crate) method: Method,
-    /// What the confident holes of this run have told of its sensor ([`crate::Episode::learn`]); nothing at first.
+    /// What was learnt of the sensor from the confident holes of this run ([`crate::Episode::learn`]); nothing at first.
     #[serde(skip_serializing_if = "SensorMatch::is_default")]
     pub sensor: SensorMatch,
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::touch_model::{SHARED_VARIANCE, TouchModel};
 
-/// How far the mean cosine of a sensor may lie from that of the simulated ones: one real Mini lies so far (pegs; `NOTES.md`).
+/// How far the mean cosine of a sensor may be from that of the simulated ones: one real Mini is so far off (pegs; `NOTES.md`).
 const OFFSET_COSINE: f64 = 0.027;
 
 /// Shape of the prior of a sensor's own variance: that of seven drawn sensors on MAZE parts differs by 0.7 of its mean.
@@ -19,7 +19,7 @@ const SHAPE: f64 = 4.0;
 /// A hole tells at most of an offset of so many standard deviations: a wrong name costs little.
 const MOST: f64 = 3.0;
 
-/// What the confident holes of a run have told of its sensor; none at first. A new gel or another camera begins anew, with
+/// What was learnt of a sensor from the confident holes of a run; nothing at first. A new gel or another camera begins anew, with
 /// the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

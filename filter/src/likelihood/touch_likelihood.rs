@@ -1,7 +1,7 @@
 //! How likely one touch is at each recorded view: the log-odds that it was made there, against a touch of anything in the
 //! world of parts ([`tactile_infer::match_odds`]).
 //!
-//! What was not recorded is as likely as the mean of the bank's views, and no less than the world; all is told against it. A share
+//! What was not recorded is as likely as the mean of the bank's views, and no less than the world; all is measured against it. A share
 //! of all touches (`outlier_share`) is of something else than it was meant for, so that one touch cannot rule a state out.
 
 use std::ops::Range;
