@@ -27,8 +27,8 @@ pub struct Estimate {
     /// as far as they are away and as often as they are believed ([`Self::modes`] has each on its own); zeros for a recorded
     /// pose.
     pub covariance: [[f64; 3]; 3],
-    /// How well that part explains what was felt ([`Belief::fit`](crate::belief::Belief::fit)): how many standard deviations
-    /// the edged touches look more like its views than the touches of a part that is there do on average; `None` where no
+    /// How well that part explains what was felt ([`crate::SensorMatch`]): how many standard deviations the edged touches
+    /// look more like its views than the touches of a part that is there do on average; `None` where no
     /// edge was felt.
     pub fit: Option<f64>,
     /// Touches that this is of: with an edge, and made within the recorded area if that part is there.
