@@ -40,6 +40,8 @@ pub mod between;
 #[cfg(feature = "datasets")]
 pub mod calibrate;
 pub mod calibration;
+#[cfg(feature = "wgpu")]
+pub mod card;
 pub mod checkpoint;
 // Gradients are for training alone.
 #[cfg_attr(not(feature = "autodiff"), allow(dead_code))]

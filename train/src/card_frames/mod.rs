@@ -7,12 +7,11 @@ use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl::calculate_cube_count_elemwise;
-use burn_cubecl::cubecl::prelude::CubeDim;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 use rayon::prelude::*;
 use tactile_data::touch::Side;
+use tactile_infer::card::threads;
 
 use crate::batch::{Change, Drawn};
 use crate::error::Result;
@@ -146,11 +145,10 @@ impl FrameOps for CubeBackend {
         among: Among,
     ) -> CubeTensor {
         let [frames, picks, parameters, images] = [frames, picks, parameters, images].map(into_contiguous);
-        let n = images.meta.num_elements() / 3;
-        let cube = CubeDim::new(&images.client, n);
+        let (count, cube) = threads(&images, images.meta.num_elements() / 3);
         kernels::augment::launch(
             &images.client,
-            calculate_cube_count_elemwise(&images.client, n, cube),
+            count,
             cube,
             frames.into_buffer_arg(),
             picks.into_buffer_arg(),

@@ -5,15 +5,13 @@ mod kernels;
 
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
-use burn::optim::{Lamb, LambState};
-use burn::optim::{LearningRate, Optimizer};
+use burn::optim::{Lamb, LambState, LearningRate, Optimizer};
 use burn::tensor::{Device, Tensor};
 use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl::calculate_cube_count_elemwise;
 use burn_cubecl::cubecl::prelude::{CubeCount, CubeDim};
 use burn_cubecl::kernel::into_contiguous;
-use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
 use burn_cubecl::tensor::CubeTensor;
+use tactile_infer::card::{like, one_a_value};
 
 use kernels::{MAX_CUBES, THREADS};
 
@@ -172,11 +170,10 @@ impl WeightOps for CubeBackend {
     fn follow(slow: CubeTensor, fast: CubeTensor, share: f64) -> CubeTensor {
         let [slow, fast] = [slow, fast].map(into_contiguous);
         let out = like(&slow, slow.meta.shape());
-        let n = out.meta.num_elements();
-        let cube = CubeDim::new(&out.client, n);
+        let (count, cube) = one_a_value(&out);
         kernels::follow::launch(
             &out.client,
-            calculate_cube_count_elemwise(&out.client, n, cube),
+            count,
             cube,
             slow.into_buffer_arg(),
             fast.into_buffer_arg(),
@@ -185,9 +182,4 @@ impl WeightOps for CubeBackend {
         );
         out
     }
-}
-
-/// Room for values next to another tensor's.
-fn like(tensor: &CubeTensor, shape: &[usize]) -> CubeTensor {
-    empty_device_contiguous_dtype(tensor.client.clone(), tensor.device.clone(), shape.to_vec().into(), tensor.dtype)
 }

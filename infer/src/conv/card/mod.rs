@@ -5,15 +5,15 @@
 mod kernels;
 mod product;
 
-use burn_cubecl::cubecl::calculate_cube_count_elemwise;
 use burn_cubecl::cubecl::prelude::{CubeCount, CubeDim};
 use burn_cubecl::ops::{permute, reshape};
 use burn_cubecl::tensor::CubeTensor;
 use burn_cubecl::{CubeBackend, kernel::into_contiguous};
 
 use super::op::{Differentiable, Gradients, Layer, Normalised, Trained};
+use crate::card::{like, one_a_value, threads};
 use kernels::{Geometry, LANES, ROWS};
-use product::{like, product};
+use product::product;
 
 /// Most blocks of rows that a sum is made of.
 const MAX_BLOCKS: usize = 128;
@@ -35,7 +35,6 @@ pub struct Kept {
     out: CubeTensor,
     /// `[4, n_out]`: mean, 1 / deviation, factor and summand of each channel.
     numbers: CubeTensor,
-    is_linear: bool,
 }
 
 impl Differentiable for CubeBackend {
@@ -43,31 +42,29 @@ impl Differentiable for CubeBackend {
 
     fn forward(trained: Trained<Self>, layer: Layer) -> (Normalised<Self>, Kept) {
         let Trained { images, weights, gamma, beta, running_mean, running_variance } = trained;
-        let is_linear = weights.meta.num_dims() == 2;
         let images = into_contiguous(images);
         let [gamma, beta, running_mean, running_variance] =
             [gamma, beta, running_mean, running_variance].map(into_contiguous);
         let geometry = geometry(&images, &weights, layer);
         let weights = into_contiguous(weights);
-        let n = weights.meta.shape()[if is_linear { 1 } else { 0 }];
-        let matrix = if is_linear { weights.clone() } else { matrix(&weights, n, geometry, false) };
+        let n = gamma.meta.num_elements();
+        let matrix = if is_linear(&weights) { weights.clone() } else { matrix(&weights, n, geometry, false) };
         let rows = rows(&images, geometry);
         let [m, k] = [rows.meta.shape()[0], rows.meta.shape()[1]];
 
         let before = product(&rows, false, &matrix, [m, k, n]);
         let sums = sums(&before);
-        let (count, cube) = channels_in_cubes(n, 1);
-        let block = rows_a_block(m) as u32;
-        let by_blocks = channels_in_cubes(n, m.div_ceil(rows_a_block(m)));
+        let (count, cube) = channels_in_cubes(n, m.div_ceil(rows_a_block(m)));
         kernels::moments::launch(
             &before.client,
-            by_blocks.0,
-            by_blocks.1,
+            count,
+            cube,
             before.clone().into_buffer_arg(),
             sums.clone().into_buffer_arg(),
-            block,
+            rows_a_block(m) as u32,
             n,
         );
+        let (count, cube) = channels_in_cubes(n, 1);
         let (numbers, new_mean, new_variance) = (like(&before, &[4, n]), like(&before, &[n]), like(&before, &[n]));
         kernels::norm::launch(
             &before.client,
@@ -103,11 +100,11 @@ impl Differentiable for CubeBackend {
             layer.rectifies,
         );
         let normalised = Normalised { out: out.clone(), running_mean: new_mean, running_variance: new_variance };
-        (normalised, Kept { layer, geometry, images, rows, weights, before, out, numbers, is_linear })
+        (normalised, Kept { layer, geometry, images, rows, weights, before, out, numbers })
     }
 
     fn gradients(kept: Kept, out_gradient: CubeTensor, images_too: bool) -> Gradients<Self> {
-        let Kept { layer, geometry: g, images, rows, weights, before, out, numbers, is_linear } = kept;
+        let Kept { layer, geometry: g, images, rows, weights, before, out, numbers } = kept;
         let out_gradient = into_contiguous(out_gradient);
         let [m, k] = [rows.meta.shape()[0], rows.meta.shape()[1]];
         let n = before.meta.shape()[1];
@@ -158,9 +155,9 @@ impl Differentiable for CubeBackend {
         );
 
         let of_matrix = product(&rows, true, &gradient, [k, m, n]);
-        let of_weights = if is_linear { of_matrix } else { as_weights(&of_matrix, &weights, n, g) };
+        let of_weights = if is_linear(&weights) { of_matrix } else { as_weights(&of_matrix, &weights, n, g) };
         let images = images_too.then(|| {
-            let turned = match is_linear {
+            let turned = match is_linear(&weights) {
                 true => into_contiguous(permute(weights, &[1, 0])),
                 false => matrix(&weights, n, g, true),
             };
@@ -185,6 +182,11 @@ impl Differentiable for CubeBackend {
         });
         Gradients { images, weights: of_weights, gamma, beta }
     }
+}
+
+/// Whether these are the weights of a linear layer, `[n_in, n_out]`.
+fn is_linear(weights: &CubeTensor) -> bool {
+    weights.meta.num_dims() == 2
 }
 
 /// The geometry of a layer over `[n, height, width, channels]`.
@@ -259,15 +261,4 @@ fn rows_a_block(n_rows: usize) -> usize {
 fn channels_in_cubes(n_channels: usize, n_blocks: usize) -> (CubeCount, CubeDim) {
     let columns = (n_channels as u32).div_ceil(LANES);
     (CubeCount::Static(columns, n_blocks as u32, 1), CubeDim::new_2d(LANES, ROWS))
-}
-
-/// A thread for each value.
-fn one_a_value(tensor: &CubeTensor) -> (CubeCount, CubeDim) {
-    threads(tensor, tensor.meta.num_elements())
-}
-
-/// So many threads, on a tensor's card.
-fn threads(tensor: &CubeTensor, n: usize) -> (CubeCount, CubeDim) {
-    let cube = CubeDim::new(&tensor.client, n);
-    (calculate_cube_count_elemwise(&tensor.client, n, cube), cube)
 }

@@ -6,12 +6,13 @@
 
 #![allow(clippy::too_many_arguments, reason = "a kernel takes its buffers one by one")]
 
+use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::cubecl::{self, calculate_cube_count_elemwise};
 use burn_cubecl::kernel::matmul::{MatmulStrategy, matmul};
-use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
 use burn_cubecl::ops::{permute, reshape};
 use burn_cubecl::tensor::CubeTensor;
+
+use crate::card::{like, one_a_value};
 
 /// Rows of a tile.
 const TILE_M: usize = 128;
@@ -72,14 +73,8 @@ pub fn product(a: &CubeTensor, turned: bool, b: &CubeTensor, [m, k, n]: [usize; 
         return reshape(out, [m, n].into());
     }
     let sum = like(a, &[m, n]);
-    let cube = CubeDim::new(&sum.client, m * n);
-    add_parts::launch(
-        &sum.client,
-        calculate_cube_count_elemwise(&sum.client, m * n, cube),
-        cube,
-        out.into_buffer_arg(),
-        sum.clone().into_buffer_arg(),
-    );
+    let (count, cube) = one_a_value(&sum);
+    add_parts::launch(&sum.client, count, cube, out.into_buffer_arg(), sum.clone().into_buffer_arg());
     sum
 }
 
@@ -89,11 +84,6 @@ fn any_product(a: &CubeTensor, turned: bool, b: &CubeTensor, shape: [usize; 2]) 
     let (out, dtype) = (like(a, &shape), a.dtype);
     #[expect(clippy::expect_used, reason = "shapes agree by construction, and burn's plainest kernel takes any")]
     matmul(meant, b.clone(), Some(out), MatmulStrategy::default(), dtype).expect("matrices of agreeing shapes")
-}
-
-/// Room for values next to another tensor's.
-pub fn like(tensor: &CubeTensor, shape: &[usize]) -> CubeTensor {
-    empty_device_contiguous_dtype(tensor.client.clone(), tensor.device.clone(), shape.to_vec().into(), tensor.dtype)
 }
 
 /// The sum of a product's parts.
