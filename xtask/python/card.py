@@ -13,9 +13,8 @@ import time
 
 import torch
 
-from network import Encoder, Predictor, config_of, load
+from network import Encoder, Predictor, config_of, info_nce, load
 from pytorch import pair_gflop
-from torch.nn import functional as F
 
 CARD = torch.device("cuda")
 
@@ -32,11 +31,6 @@ def timed(step, seconds):
         torch.cuda.synchronize()
         n += 10
     return (time.perf_counter() - start) / n
-
-
-def info_nce(queries, keys, tau):
-    logits = F.normalize(queries) @ F.normalize(keys).T / tau
-    return 2 * tau * F.cross_entropy(logits, torch.arange(len(logits), device=CARD))
 
 
 def training_step(path, n_pairs, mixed, compiles):

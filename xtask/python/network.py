@@ -104,4 +104,4 @@ def save(like, path, encoder, predictor):
 
 def info_nce(queries, keys, tau):
     logits = F.normalize(queries) @ F.normalize(keys).T / tau
-    return 2 * tau * F.cross_entropy(logits, torch.arange(len(logits)))
+    return 2 * tau * F.cross_entropy(logits, torch.arange(len(logits), device=logits.device))

@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::{Outcome, Scored};
 use crate::origins::Origins;
 use crate::result::{
-    Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping, is_none, is_one, one,
+    Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping, is_one, is_zero, one,
 };
 use crate::summary::{self, Label};
 use tactile_filter::EpisodeConfig;
@@ -64,7 +64,7 @@ pub struct Setup {
     /// Where holes are touched.
     pub poses: Poses,
     /// Holes of a run that were named with confidence before each episode.
-    #[serde(default, skip_serializing_if = "is_none")]
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub n_earlier: usize,
     /// Whether each hole's own part was taken out of the bank.
     pub absent: bool,

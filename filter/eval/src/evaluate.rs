@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 pub use crate::hole::{Hole, observe};
 use crate::holes::Holes;
 pub use crate::protocol::Protocol;
-use crate::result::Poses;
+use crate::result::{Poses, is_zero};
 
 /// What an episode knew after one of its touches, against the truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -92,10 +92,6 @@ impl Outcome {
         let (part, print, first_view) = (hole.part_index(), hole.print(), hole.first_view());
         Self { part, print, first_view, ..Self::default() }
     }
-}
-
-fn is_zero(n: &usize) -> bool {
-    *n == 0
 }
 
 /// Who watches an episode: called after each touch with what was touched, seen and believed.

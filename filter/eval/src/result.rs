@@ -32,7 +32,7 @@ pub struct Evaluation {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distinct_first_views: Option<usize>,
     /// Holes of a run that were named with confidence before each episode: what they told of the sensor was known.
-    #[serde(default, skip_serializing_if = "is_none")]
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub n_earlier: usize,
     /// Whether each hole's own part was taken out of the bank: no answer is then right but "none of these".
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -89,7 +89,7 @@ pub(crate) fn one() -> usize {
     1
 }
 
-pub(crate) fn is_none(n: &usize) -> bool {
+pub(crate) fn is_zero(n: &usize) -> bool {
     *n == 0
 }
 
