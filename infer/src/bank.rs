@@ -37,6 +37,8 @@ pub(crate) const POSE_TOLERANCE: (f64, f64) = (0.5, 2.0);
 pub struct Bank {
     parts: Vec<String>,
     grid: PoseGrid,
+    /// Those of its poses at which a part may be touched first.
+    start: PoseGrid,
     /// As the metric has them.
     rows: Rows,
     metric: Option<Arc<Metric>>,
@@ -112,6 +114,7 @@ impl Bank {
         let (matches, views) = (Arc::default(), Views::Pegs);
         Ok(Self {
             parts,
+            start: grid,
             grid,
             rows,
             metric: None,
@@ -151,6 +154,20 @@ impl Bank {
             return Err(Error::invalid("bank", format!("a recorded view of part {}", self.parts[part]), "none"));
         }
         Ok(Self { missing, ..self })
+    }
+
+    /// The same bank, some of whose poses are not where a part is touched first: what is there is seen by later touches alone.
+    ///
+    /// # Errors
+    /// Poses that are not a part of the bank's.
+    pub fn with_start(self, start: PoseGrid) -> Result<Self> {
+        let has_its_steps = (start.xy_step_mm, start.theta_step_deg) == (self.grid.xy_step_mm, self.grid.theta_step_deg);
+        let is_within = start.xy_half_mm <= self.grid.xy_half_mm && start.theta_half_deg <= self.grid.theta_half_deg;
+        start.validate()?;
+        if !has_its_steps || !is_within {
+            return Err(Error::invalid("start", format!("poses among {:?}", self.grid), format!("{start:?}")));
+        }
+        Ok(Self { start, ..self })
     }
 
     /// The same bank, with what its touches were made of.
@@ -247,7 +264,8 @@ impl Bank {
         }
         let matches = Arc::new(self.matches.of_parts(parts));
         let metric = self.metric.clone();
-        Ok(Self { views: self.views, metric, origin, missing, symmetries, matches, neighbours, ..some })
+        let (views, start) = (self.views, self.start);
+        Ok(Self { views, start, metric, origin, missing, symmetries, matches, neighbours, ..some })
     }
 
     /// The bank without one part, by its index. A metric stays as that part, too, taught it: a
@@ -278,9 +296,14 @@ impl Bank {
         &self.parts
     }
 
-    /// The poses at which each part was touched.
+    /// The poses at which each part was recorded.
     pub fn grid(&self) -> &PoseGrid {
         &self.grid
+    }
+
+    /// The poses among them at which a part may be touched first; later touches may be at any of [`Self::grid`].
+    pub fn start(&self) -> &PoseGrid {
+        &self.start
     }
 
     /// Length of a row.

@@ -96,8 +96,9 @@ impl SceneBank<'_> {
     pub fn learner(&self, kept: Option<&Path>, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Learner> {
         let Self { model, scene, views, learn_from, seed } = *self;
         let simulator = Simulator::new(scene.clone(), seed)?;
-        let reach = self.reach()?;
-        let planned = plan(scene, &[Side::Peg], Places::EachPose, seed)?;
+        let (start, reach) = (self.reach()?, self.recorded()?);
+        let turned = Scene { reach: Some(reach), ..scene.clone() };
+        let planned = plan(&turned, &[Side::Peg], Places::EachPose, seed)?;
         let background = model.background(&simulator.no_contact(seed))?.lit_by(&scene.sensor.known_lamps())?;
         let (n_parts, done) = (simulator.parts().len(), AtomicUsize::new(0));
         let of_part = |part: usize| -> Result<PartViews> {
@@ -119,12 +120,25 @@ impl SceneBank<'_> {
             edge_shares.extend_from_slice(&of_part.edge_shares);
         }
         let (parts, rows) = (simulator.parts().to_vec(), Rows::new(model.dim(), rows)?);
-        let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?;
+        let bank = Bank::of_rows(parts, reach, rows, edge_shares, model.sha256().clone())?.with_start(start)?;
         let bank = bank.with_views(views).with_origin(scene.origin());
         of_geometry(model, bank, &simulator, Learning { from: learn_from, seed })
     }
 
-    /// The poses at which each part is touched.
+    /// The poses at which views are recorded. Of pegs alone, as a robot records them, those of the reach. What is simulated is
+    /// turned as far as two angles of the reach differ: a first touch at one and a later one at the other are seen by any part.
+    fn recorded(&self) -> Result<PoseGrid> {
+        let reach = self.reach()?;
+        if self.views.is_pegs() {
+            return Ok(reach);
+        }
+        let widest = (2.0 * reach.theta_half_deg).min(180.0);
+        // As many steps as there are of a half turn, at most.
+        let theta_half_deg = (widest / reach.theta_step_deg + 1e-6).floor() * reach.theta_step_deg;
+        Ok(PoseGrid { theta_half_deg: theta_half_deg.max(reach.theta_half_deg), ..reach })
+    }
+
+    /// The poses at which each part is touched first.
     fn reach(&self) -> Result<PoseGrid> {
         let expected = "a reach: the poses at which each peg is touched";
         self.scene.reach.ok_or_else(|| Error::invalid(&self.scene.name, expected, "none"))

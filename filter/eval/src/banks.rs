@@ -54,7 +54,7 @@ impl Banks {
         protocol: &Protocol,
         work: impl Fn(usize, &Arc<Bank>) -> Result<T> + Sync,
     ) -> Result<Vec<T>> {
-        let hole = |index| protocol.hole(holes, self.whole.grid(), index);
+        let hole = |index| protocol.hole(holes, self.whole.start(), index);
         if !self.absent {
             return threads::each(protocol.episodes.clone(), |index| work(index, &self.of(&hole(index))?));
         }
@@ -148,7 +148,7 @@ mod tests {
             let seen = banks.each(holes, &protocol, note).unwrap();
             assert_eq!(seen.iter().map(|(index, _)| *index).collect::<Vec<_>>(), (3..40).collect::<Vec<_>>());
             for (index, parts) in seen {
-                let hole = protocol.hole(holes, whole.grid(), index);
+                let hole = protocol.hole(holes, whole.start(), index);
                 assert_eq!((parts.len(), parts.contains(&hole.part().to_owned())), (n_expected, !absent), "{index}");
             }
         }

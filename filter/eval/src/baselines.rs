@@ -47,7 +47,7 @@ pub fn pixel(
 
 /// The hole of an episode and its first touch.
 fn first_touch<'a>(holes: Holes<'a>, bank: &Bank, protocol: &Protocol, index: usize) -> Result<(Hole<'a>, Frame)> {
-    let mut hole = protocol.hole(holes, bank.grid(), index);
+    let mut hole = protocol.hole(holes, bank.start(), index);
     let frame = hole.touch()?;
     Ok((hole, frame))
 }

@@ -55,7 +55,7 @@ fn learnt(run: &Run<'_>, bank: &Arc<Bank>, of_run: usize) -> Result<SensorMatch>
     let mut sensor = run.config.sensor;
     let end = sensor.n_holes as usize + n;
     for index in 0..TRIES * n {
-        let mut hole = protocol.hole(run.holes, bank.grid(), index);
+        let mut hole = protocol.hole(run.holes, bank.start(), index);
         if !bank.parts().iter().any(|part| part == hole.part()) {
             continue;
         }
@@ -64,7 +64,7 @@ fn learnt(run: &Run<'_>, bank: &Arc<Bank>, of_run: usize) -> Result<SensorMatch>
             .with_sensor(sensor)
             .changed(|_, _, method| method.between_poses = protocol.poses == Poses::OffGrid);
         let mut episode = Episode::begin(config, bank.clone(), &run.sensor.observe(&hole.touch()?)?)?;
-        while let Decision::Touch(action) = episode.decide(&hole.reach(bank.grid(), protocol.poses))? {
+        while let Decision::Touch(action) = episode.decide(&hole.reach(bank.start(), protocol.poses))? {
             let moved = hole.go(&action);
             episode.observe(moved, &run.sensor.observe(&hole.touch()?)?)?;
         }

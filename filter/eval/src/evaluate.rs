@@ -141,7 +141,7 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
 /// A touch that cannot be made or seen.
 pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) -> Result<Outcome> {
     let Run { holes, sensor, config, protocol, .. } = *run;
-    let mut hole = protocol.hole(holes, bank.grid(), index);
+    let mut hole = protocol.hole(holes, bank.start(), index);
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = config.changed(|settings, _, method| {
         settings.stop_probability = 1.0;
@@ -162,7 +162,7 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
         let place_mm2 = config.settings.stop_place_mm.and(estimate.standing().place_mm2);
         outcome.scored.push(Scored { place_mm2, ..score(&estimate, bank, &hole) });
         watch(&hole, &frame, &episode, &estimate);
-        let reach = hole.reach(bank.grid(), protocol.poses);
+        let reach = hole.reach(bank.start(), protocol.poses);
         let started = Instant::now();
         let in_time = || protocol.choose_ms.is_none_or(|ms| started.elapsed().as_secs_f64() * 1e3 < ms);
         let (decision, select) = timed(|| episode.decide_while(&reach, &mut { in_time }));
@@ -199,7 +199,7 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
         named: hole.index_of(&estimate.part),
         normalised_error: normalised_error(estimate, hole),
-        ..score_pose(&estimate.part, estimate.part_from_first, bank.grid(), hole)
+        ..score_pose(&estimate.part, estimate.part_from_first, bank.start(), hole)
     }
 }
 

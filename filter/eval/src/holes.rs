@@ -215,8 +215,8 @@ impl<'a> Holes<'a> {
     /// The poses that a scene says its holes may be touched at; of a recording, those of the bank.
     pub fn reach(&self, bank: &Bank) -> PoseGrid {
         match self {
-            Self::Simulated(simulator, _) => simulator.scene().reach.unwrap_or(*bank.grid()),
-            Self::Recorded(_) => *bank.grid(),
+            Self::Simulated(simulator, _) => simulator.scene().reach.unwrap_or(*bank.start()),
+            Self::Recorded(_) => *bank.start(),
         }
     }
 

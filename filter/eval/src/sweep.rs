@@ -164,13 +164,13 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
     let label =
         Label { method: Method::Filter, inference: Inference::None, action: Choice::None, poses: protocol.poses };
     let reach = match protocol.poses {
-        Poses::OnGrid => *bank.grid(),
+        Poses::OnGrid => *bank.start(),
         Poses::OffGrid => holes.reach(&bank),
     };
     let (decisions, pace_ms) = on_one_core(|| {
         let mut decisions = Vec::new();
         for index in 0..TIMED.min(protocol.n_episodes) {
-            let of_hole = banks.of(&protocol.hole(*holes, bank.grid(), index))?;
+            let of_hole = banks.of(&protocol.hole(*holes, bank.start(), index))?;
             let outcome = run_one(&run, &of_hole, index, &mut |_, _, _, _| ())?;
             // After the last touch nothing is chosen.
             let whole = outcome.times.iter().filter(|times| times.select > 0.0);

@@ -85,7 +85,7 @@ impl Node {
         }
         let collecting = parameters.rest_at_start.then(|| Collecting::new(0, i64::MAX));
         Ok(Self {
-            reach: parameters.reach(bank.grid())?,
+            reach: parameters.reach(bank.start())?,
             now_ns: i64::MIN,
             camera: Camera::new(&parameters.camera),
             tool: Tool::new(&parameters.tool)?,

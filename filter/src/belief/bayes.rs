@@ -52,7 +52,7 @@ impl Belief {
     }
 
     fn begin(bank: &Bank, subdivisions: usize, start: Start, first: TouchLikelihood) -> Self {
-        let (views, states, n_parts) = (*bank.grid(), states_between(bank.grid(), subdivisions), bank.parts().len());
+        let (views, states, n_parts) = (*bank.grid(), states_between(bank.start(), subdivisions), bank.parts().len());
         let first = Evidence::of(&views, Se2::IDENTITY, 1.0, first);
         let (engine, log_evidence) = Engine::begin([&views, &states], n_parts, start, &first);
         let posterior = engine.posterior(&states, n_parts);

@@ -37,14 +37,14 @@ impl Layout {
 /// The bank's steps at which states are as many a step as was asked for, mm and degrees.
 const COARSE: [f64; 2] = [2.0, 15.0];
 
-/// Where the first touch may be, with views recorded at the poses of a grid: so many states a step on each axis, at least one,
+/// Where the first touch may be, with views recorded at some poses: so many states a step on each axis, at least one,
 /// but no nearer than a bank of 2 mm and 15 degrees would have them. A bank that is finer than that has its views nearer,
 /// not its states.
-pub(crate) fn states_between(views: &PoseGrid, subdivisions: usize) -> PoseGrid {
+pub(crate) fn states_between(start: &PoseGrid, subdivisions: usize) -> PoseGrid {
     let times = |step: f64, coarse: f64| {
         ((step * subdivisions as f64 / coarse - 1e-6).ceil() as usize).clamp(1, subdivisions.max(1))
     };
-    views.subdivided(times(views.xy_step_mm, COARSE[0]), times(views.theta_step_deg, COARSE[1]))
+    start.subdivided(times(start.xy_step_mm, COARSE[0]), times(start.theta_step_deg, COARSE[1]))
 }
 
 #[cfg(test)]

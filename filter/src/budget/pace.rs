@@ -58,7 +58,8 @@ impl Pace<'_> {
         };
         let grid = self.bank.grid();
         let part = rng.random_range(0..self.bank.parts().len());
-        let first = grid.pose(rng.random_range(0..grid.len()));
+        let start = self.bank.start();
+        let first = start.pose(rng.random_range(0..start.len()));
         let mut part_from_sensor = first;
         let mut episode: Option<Episode> = None;
         let mut moved = None;

@@ -143,7 +143,7 @@ impl Setup {
 
     /// Megabytes (10^6 bytes) that an episode of `n_touches` holds: weights, bank, tables of each touch and belief.
     pub fn memory_mb(&self, n_parameters: usize, bank: &Bank, n_touches: usize) -> Result<f64> {
-        let finer = states_between(bank.grid(), self.subdivisions);
+        let finer = states_between(bank.start(), self.subdivisions);
         finer.validate().map_err(|e| Error::config("subdivisions", "a grid of states", e.to_string()))?;
         let n_states = bank.parts().len() * finer.len();
         // Rows, edge shares and nine cosines of neighbours; a cosine for each row of each touch; log-weight and

@@ -41,6 +41,8 @@ pub(super) struct Scorer<'a> {
     draws: Vec<Draw>,
     supposed: Vec<Draw>,
     cells: NearestCell,
+    /// The cells of those of them at which parts are touched first.
+    start: NearestCell,
     tolerance: f64,
 }
 
@@ -96,6 +98,7 @@ impl<'a> Scorer<'a> {
             supposed: placed(supposed),
             part_from_sensor: cells.iter().map(stood).collect(),
             cells: NearestCell::on(bank.grid()),
+            start: NearestCell::on(bank.start()),
             tolerance,
         }
     }
@@ -183,14 +186,13 @@ impl<'a> Scorer<'a> {
         let (mut rows, of_draws) = Rows::of(self.draws.iter().map(view));
         let mut sums = Sums::default();
         for (index, truth) in self.supposed.iter().enumerate() {
-            let Some((row, trust)) = view(truth) else {
-                // What is not recorded gives no information.
-                // Where every candidate leads to a recorded pose of the true part, a supposition that it leads out of is wrong.
-                let is_wrong = !config.method.between_poses && near(truth).is_none();
-                sums.n_supposed += if is_wrong { 0.0 } else { 1.0 };
+            // Where every candidate leads to a pose at which parts are touched first, a supposition that it leads elsewhere is wrong.
+            if !config.method.between_poses && self.start.of(&moved(&self.part_from_sensor[truth.pose])).is_none() {
                 continue;
-            };
+            }
             sums.n_supposed += 1.0;
+            // What is not recorded gives no information.
+            let Some((row, trust)) = view(truth) else { continue };
             if bank.edge_shares()[row] <= model.blank_share {
                 continue;
             }

@@ -157,6 +157,9 @@ impl Bank {
             ("grid".into(), to_json(&self.grid)?),
             ("model_sha256".into(), self.model_sha256.to_string()),
         ];
+        if self.start != self.grid {
+            text.push(("start".into(), to_json(&self.start)?));
+        }
         if *self.matches != Matches::default() {
             text.push(("matches".into(), to_json(&*self.matches)?));
         }
@@ -283,6 +286,7 @@ impl Loaded {
     fn bank(self, file: &Opened) -> Result<Bank> {
         let parts: Vec<String> = from_json(text_of(&file.text, "parts")?)?;
         let grid: PoseGrid = from_json(text_of(&file.text, "grid")?)?;
+        let start: Option<PoseGrid> = text_of(&file.text, "start").ok().map(from_json).transpose()?;
         let model_sha256: Arc<str> = text_of(&file.text, "model_sha256")?.into();
         let symmetries: Vec<Symmetry> = from_json(text_of(&file.text, "symmetries")?)?;
         let origin = text_of(&file.text, "origin").ok().map(from_json).transpose()?;
@@ -304,6 +308,10 @@ impl Loaded {
         };
         let bank = Bank { origin, views, metric, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
         check_lengths(&bank)?;
+        let bank = match start {
+            Some(start) => bank.with_start(start)?,
+            None => bank,
+        };
         match matches {
             Some(matches) => bank.with_matches(matches),
             None => Ok(bank),

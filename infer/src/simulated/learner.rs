@@ -66,7 +66,7 @@ impl Learner {
             let expected = format!("the parts of the scene {}, {}", scene.name, scene.part_names().join(" "));
             return Err(Error::invalid("bank", expected, bank.parts().join(" ")));
         }
-        let scene = Scene { reach: Some(*bank.grid()), ..scene.clone() };
+        let scene = Scene { reach: Some(*bank.start()), ..scene.clone() };
         let again = SceneBank { model, scene: &scene, views: bank.views(), learn_from: from, seed };
         let Self { bank: plain, touches, learning } = again.learner(None, progress)?;
         let symmetries = (0..bank.parts().len()).map(|part| bank.symmetry(part)).collect();

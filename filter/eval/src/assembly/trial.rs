@@ -32,7 +32,7 @@ fn touch(workcell: &Workcell<'_>, moment: &Moment<'_>, rest: &Background) -> Res
     let (parts, in_hand) = (workcell.simulator().parts(), moment.bank);
     let index = |name: &String| parts.iter().position(|part| part == name);
     // Pegs that are in are believed nowhere.
-    let n_places = in_hand.grid().n_xy().pow(2);
+    let n_places = in_hand.start().n_xy().pow(2);
     let mut belief = vec![0.0; parts.len() * n_places];
     let of_parts = places(moment.episode.belief(), in_hand);
     for (name, places) in in_hand.parts().iter().zip(of_parts.chunks_exact(n_places)) {

@@ -87,7 +87,7 @@ impl<'a> Workcell<'a> {
             let expected = format!("the scene's parts {}", parts.join(" "));
             return Err(Error::invalid("bank", expected, bank.parts().join(" ")));
         }
-        let reach = scene.reach.unwrap_or(*bank.grid());
+        let reach = scene.reach.unwrap_or(*bank.start());
         Ok(Self { simulator, sensor, bank, config, task, reach, pegs, openings })
     }
 
@@ -161,7 +161,7 @@ impl<'a> Workcell<'a> {
         let mut started = Instant::now();
         let mut episode = Episode::begin(config, bank.clone(), &observe(self.sensor, &frame)?)?;
         loop {
-            let decision = episode.decide(&hole.reach(bank.grid(), Poses::OffGrid))?;
+            let decision = episode.decide(&hole.reach(bank.start(), Poses::OffGrid))?;
             decision_ms.push(started.elapsed().as_secs_f64() * 1e3);
             watch(&Moment { hole: &hole, frame: &frame, episode: &episode, bank })?;
             let action = match decision {

@@ -63,7 +63,7 @@ pub fn play_again(run: &Run<'_>, picks: &[Pick]) -> Result<Vec<Narrative>> {
     let run = Run { protocol: &protocol, ..*run };
     let rest = shown_background(&run.holes.at_rest(&run.protocol.seeds))?;
     let play = |pick: &Pick| {
-        let bank = run.banks.of(&protocol.hole(run.holes, run.banks.whole().grid(), pick.index))?;
+        let bank = run.banks.of(&protocol.hole(run.holes, run.banks.whole().start(), pick.index))?;
         let mut recorder = Recorder::new(run, &rest, pick);
         let mut recorded = Ok(());
         run_one(&run, &bank, pick.index, &mut |hole, frame, episode, estimate| {
@@ -111,7 +111,7 @@ impl<'a> Recorder<'a> {
             self.narrative.stop = format!("more than {:.0} % sure", 100.0 * config.settings.stop_probability);
         }
         let goes_on = !self.is_over && estimate.n_touches < protocol.n_touches;
-        let candidates = if goes_on { hole.reach(bank.grid(), protocol.poses) } else { Vec::new() };
+        let candidates = if goes_on { hole.reach(bank.start(), protocol.poses) } else { Vec::new() };
         let (rule, n_candidates) = (config.method().rule, candidates.len());
         self.narrative.touches.push(NarrativeTouch {
             part_from_sensor: hole.part_from_sensor(),

@@ -105,7 +105,7 @@ impl Board {
         };
         Ok(Self {
             parts: holes.parts().iter().enumerate().map(part).collect::<Result<_>>()?,
-            grid: *bank.grid(),
+            grid: *bank.start(),
             field_of_view_mm: holes.field_of_view_mm(),
         })
     }
@@ -148,7 +148,7 @@ pub(crate) fn shown_background(at_rest: &Frame) -> Result<Background> {
 
 /// Probability of each recorded place of the first touch, `[part, x, y]`, summed over the angle.
 pub(crate) fn places(belief: &Belief, bank: &Bank) -> Vec<f64> {
-    let grid = bank.grid();
+    let grid = bank.start();
     let n_places = grid.n_xy().pow(2);
     let mut places = vec![0.0; n_places * bank.parts().len()];
     for (hypothesis, mass) in belief.posterior().states() {

@@ -75,7 +75,7 @@ impl Assemble {
             clearance_mm: simulator.scene().clearance_mm,
             model: ModelRecord::of(&model),
             device: self.inputs.device.to_string(),
-            recorded: *bank.grid(),
+            recorded: *bank.start(),
             command: Some(command_line()),
         };
         let assembly = Assembly::of(run, &task, simulator.parts(), &trials);

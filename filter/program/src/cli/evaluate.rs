@@ -181,7 +181,7 @@ impl Evaluate {
         let mut promise = None;
         if self.budget.is_given() {
             let between_poses = protocol.poses == Poses::OffGrid;
-            let reach = if between_poses { holes.reach(&bank) } else { *bank.grid() };
+            let reach = if between_poses { holes.reach(&bank) } else { *bank.start() };
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, &no_contact);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             let base = self.config(Engine::Exact, ActionRule::Information, model)?;

@@ -75,7 +75,7 @@ impl Replay {
         let mut config = self.budget.limited(self.numbers.applied_to(self.engine.config(&model, side))?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
-            let (reach, between_poses) = (*bank.grid(), config.method().between_poses);
+            let (reach, between_poses) = (*bank.start(), config.method().between_poses);
             let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
             (bank, config, _) = self.budget.choose(&task, &config)?;
         }
