@@ -583,7 +583,7 @@ mod tests {
         let [holes, pegs] = [LearnFrom::Hole, LearnFrom::Peg].map(|from| {
             let dim = bank.dim();
             let unit = (0..dim * dim).map(|at| f32::from(u8::from(at % (dim + 1) == 0))).collect();
-            let measured = Measured { error_scale: 1.0, temperature: None };
+            let measured = Measured { error_scale: 1.0 };
             let metric = Metric::new(dim, unit, measured).unwrap().with_learning(Learning { from, seed: 1 });
             bank.clone().with_metric(metric).unwrap()
         });

@@ -6,8 +6,8 @@ use crate::error::{Error, Result};
 use crate::number::{Range, numbers};
 
 /// The most touches of an episode. Each keeps 5.4 bytes for each view of the bank: its cosine (4), what it shows (1)
-/// and the best of each line of places (0.4). In a bank of twelve large letters every 2 mm and 15 degrees, 68,796
-/// views, that is 0.37 MB a touch, so that these are 0.4 GB; the hundred touches that a patient robot makes are a tenth
+/// and the best of each line of places (0.4). In a bank of twelve large letters every 2 mm and 15 degrees all the way
+/// round, 127,008 views, that is 0.69 MB a touch, so that these are 0.7 GB; the hundred touches that a patient robot makes are a tenth
 /// of it.
 const MAX_TOUCHES: f64 = 1_000.0;
 

@@ -117,7 +117,8 @@ impl TouchModel {
             };
         }
         let Some(calibration) = calibration_of(model, side) else { return of_model };
-        let Spread { mean, sd } = calibration.matched.unwrap_or_else(|| matched_by_best(calibration, &of_model));
+        let default = Spread { mean: of_model.matched_mean, sd: of_model.matched_sd };
+        let Spread { mean, sd } = calibration.matched.unwrap_or(default);
         Self {
             matched_mean: mean,
             matched_sd: sd.max(LEAST_SD),
@@ -167,13 +168,6 @@ pub(crate) const PAPER_TEMPERATURE: f64 = 0.08;
 /// What was measured of a model where a side is touched; without it, what was measured where holes are.
 pub(crate) fn calibration_of(model: &Model, side: Side) -> Option<&Calibration> {
     model.calibration(side).or_else(|| model.calibration(Side::Hole))
-}
-
-/// The cosine with the view touched, of a calibration made before that was measured. It says which best cosine 99 in 100
-/// touches reach: of normal cosines, 2.33 standard deviations below the mean.
-fn matched_by_best(calibration: &Calibration, default: &TouchModel) -> Spread {
-    let sd = calibration.gap.map_or(default.matched_sd, |gap| gap.sd.max(default.matched_sd));
-    Spread { mean: (f64::from(calibration.low_similarity) + 2.33 * sd).min(default.matched_mean), sd }
 }
 
 /// Share of the cosines' variance that the touches of one hole under one sensor have in common: the same print, the same

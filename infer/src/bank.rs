@@ -534,7 +534,7 @@ mod tests {
 
     #[test]
     fn a_bank_with_a_metric_compares_in_it_and_comes_back() {
-        let measured = Measured { error_scale: 0.7, temperature: Some(0.02) };
+        let measured = Measured { error_scale: 0.7 };
         // Twice the second value, and the third with a share of the first.
         let mut matrix = vec![0.0; 36];
         (0..6).for_each(|i| matrix[7 * i] = if i == 1 { 2.0 } else { 1.0 });
@@ -566,6 +566,29 @@ mod tests {
             assert_ne!(kept.sha256().unwrap(), plain.sha256().unwrap());
             assert_eq!(kept.with_parts(&[2, 0]).unwrap().metric(), Some(&metric));
             assert!(kept.with_metric(metric).unwrap_err().to_string().contains("rows without a metric"));
+        }
+    }
+
+    #[test]
+    fn where_parts_are_touched_first_is_kept() {
+        let start = PoseGrid { theta_half_deg: 0.0, ..GRID };
+        let whole = bank(vec![0.2; 9], "mine").unwrap();
+        assert_eq!(whole.start(), &GRID);
+        let kept = whole.clone().with_start(start).unwrap();
+        assert_eq!((kept.start(), kept.grid()), (&start, &GRID));
+        assert_ne!(kept.sha256().unwrap(), whole.sha256().unwrap());
+        assert_eq!(kept.with_parts(&[2, 0]).unwrap().start(), &start);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bank");
+        kept.save(&path).unwrap();
+        assert_eq!(Bank::load(&path, &model()).unwrap(), kept);
+        for odd in [
+            PoseGrid { theta_half_deg: 60.0, ..GRID },
+            PoseGrid { xy_half_mm: 4.0, ..GRID },
+            PoseGrid { theta_step_deg: 15.0, ..GRID },
+            PoseGrid { theta_half_deg: f64::NAN, ..GRID },
+        ] {
+            assert!(whole.clone().with_start(odd).is_err(), "{odd:?}");
         }
     }
 

@@ -8,26 +8,12 @@ use crate::views::Views;
 /// A view with a smaller share of edge pixels is blank.
 pub const BLANK_SHARE: f32 = 0.01;
 
-/// A likelihood fitted to a model and to the side that is touched: stored in its checkpoint. What is said of holes here
-/// is said of the touched pegs where it is of [`Side::Peg`](tactile_data::touch::Side::Peg).
+/// What touches of a side match like, as a model sees them: stored in its checkpoint. What is said of holes here is said of
+/// the touched pegs where it is of [`Side::Peg`](tactile_data::touch::Side::Peg).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
-    /// tau: the difference of cosine that changes a probability by a factor e.
-    pub temperature: f64,
-    /// Share of the touches that look like any view rather than like their own.
-    pub outlier_share: f64,
-    /// Probability that a hole and the nearest recorded peg are both blank or both edged.
-    pub blank_agreement: f64,
     /// 99 in 100 holes with an edge reach this cosine with some recorded peg.
     pub low_similarity: f32,
-    /// Mean negative log-probability of the recorded poses around the true one, nats.
-    pub nll_nats: f64,
-    /// The same where every recorded pose is equally likely.
-    pub chance_nats: f64,
-    /// How far the cosine with the view that was touched is below the best with any; `None` in models calibrated before
-    /// it was measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gap: Option<Spread>,
     /// The cosine with the view that was touched, interpolated where the bank is fine enough for it
     /// ([`Bank::cosine_at`](crate::Bank::cosine_at)); `None` in models calibrated before it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -50,22 +36,14 @@ impl Calibration {
     /// Refuses numbers that no touches give, naming the field.
     ///
     /// # Errors
-    /// A temperature that is not positive, shares outside 0..=1, a cosine outside -1..=1, numbers that are not finite.
+    /// A cosine outside -1..=1, a negative spread, numbers that are not finite.
     pub fn validate(&self) -> Result<()> {
-        let Self { temperature, outlier_share, blank_agreement, low_similarity, .. } = *self;
-        let Self { gap, matched, between_sensors, nll_nats, chance_nats, .. } = *self;
-        check("temperature", "a positive number", temperature, temperature.is_finite() && temperature > 0.0)?;
-        check("outlier_share", "0 to below 1", outlier_share, (0.0..1.0).contains(&outlier_share))?;
-        check("blank_agreement", "0..=1", blank_agreement, (0.0..=1.0).contains(&blank_agreement))?;
+        let Self { low_similarity, matched, between_sensors, .. } = *self;
         let low = f64::from(low_similarity);
         check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
-        for (field, nats) in [("nll_nats", nll_nats), ("chance_nats", chance_nats)] {
-            check(field, "a finite number", nats, nats.is_finite())?;
-        }
-        for (field, spread) in [("gap", gap), ("matched", matched)] {
-            let Some(Spread { mean, sd }) = spread else { continue };
-            check(field, "a finite mean", mean, mean.is_finite())?;
-            check(field, "a finite deviation, not negative", sd, sd.is_finite() && sd >= 0.0)?;
+        if let Some(Spread { mean, sd }) = matched {
+            check("matched", "a finite mean", mean, mean.is_finite())?;
+            check("matched", "a finite deviation, not negative", sd, sd.is_finite() && sd >= 0.0)?;
         }
         let between = between_sensors.unwrap_or(0.0);
         check("between_sensors", "a finite number, not negative", between, between.is_finite() && between >= 0.0)?;
@@ -80,11 +58,7 @@ impl Calibration {
     pub fn as_prior(&self, n_touches: f64) -> Prior {
         let own = Prior {
             n_touches,
-            temperature: self.temperature,
-            outlier_share: self.outlier_share,
-            blank_agreement: self.blank_agreement,
             low_similarity: self.low_similarity,
-            gap: self.gap,
             matched: self.matched,
             between_sensors: self.between_sensors,
             views: self.views,
@@ -98,17 +72,8 @@ impl Calibration {
 pub struct Prior {
     /// How many touches it counts as much as; not negative.
     pub n_touches: f64,
-    /// The temperature.
-    pub temperature: f64,
-    /// The share of outliers.
-    pub outlier_share: f64,
-    /// How often blank and edged agree.
-    pub blank_agreement: f64,
     /// The cosine that 99 in 100 edged touches reach.
     pub low_similarity: f32,
-    /// How far the view that was touched is below the best.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gap: Option<Spread>,
     /// The cosine with the view that was touched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
@@ -123,20 +88,8 @@ pub struct Prior {
 impl Prior {
     /// What was known, in the place of what a calibration says.
     fn as_calibration(&self, of: &Calibration) -> Calibration {
-        let Self { n_touches: _, temperature, outlier_share, blank_agreement, low_similarity, .. } = *self;
-        let Self { gap, matched, between_sensors, views, .. } = *self;
-        Calibration {
-            temperature,
-            outlier_share,
-            blank_agreement,
-            low_similarity,
-            gap,
-            matched,
-            between_sensors,
-            views,
-            prior: None,
-            ..*of
-        }
+        let Self { n_touches: _, low_similarity, matched, between_sensors, views } = *self;
+        Calibration { low_similarity, matched, between_sensors, views, prior: None, ..*of }
     }
 }
 

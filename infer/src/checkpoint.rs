@@ -109,7 +109,7 @@ impl Checkpoint {
 
     /// The checkpoint with its weights rounded to another format: another model, whose banks are its own. Scales,
     /// offsets and running statistics (tensors of one axis) stay f32: they are few, and a small variance would
-    /// vanish. The calibrations stay: rounding moves a cosine by less than a tenth of its temperature.
+    /// vanish. What was measured stays: rounding changes a log-odds by less than a tenth.
     ///
     /// # Errors
     /// A weight beyond the format's range, by the name of its tensor; i8, which weights are not kept in.

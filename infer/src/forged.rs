@@ -28,23 +28,13 @@ struct Whole {
 }
 
 const CALIBRATION: Calibration = Calibration {
-    temperature: 0.02,
-    outlier_share: 1e-3,
-    blank_agreement: 0.9,
     low_similarity: 0.7,
-    nll_nats: 1.0,
-    chance_nats: 2.0,
-    gap: Some(Spread { mean: 0.01, sd: 0.02 }),
     matched: Some(Spread { mean: 0.9, sd: 0.03 }),
     between_sensors: Some(0.01),
     views: Views::Pegs,
     prior: Some(Prior {
         n_touches: 100.0,
-        temperature: 0.03,
-        outlier_share: 1e-3,
-        blank_agreement: 0.9,
         low_similarity: 0.7,
-        gap: None,
         matched: None,
         between_sensors: None,
         views: Views::Pegs,
@@ -147,15 +137,11 @@ fn a_model_whose_weights_embed_nothing_is_refused() {
 fn a_calibration_that_no_touches_give_is_refused_with_its_field() {
     let whole = Whole::new();
     for (at, values) in [
-        ("/temperature", vec![json!(0.0), json!(-0.02), json!(null)]),
-        ("/outlier_share", vec![json!(-0.1), json!(1.0)]),
-        ("/blank_agreement", vec![json!(1.5)]),
-        ("/low_similarity", vec![json!(-2.0), json!(1e30)]),
-        ("/nll_nats", vec![json!(null)]),
-        ("/gap/sd", vec![json!(-1.0)]),
+        ("/low_similarity", vec![json!(-2.0), json!(1e30), json!(null)]),
+        ("/matched/sd", vec![json!(-1.0)]),
         ("/between_sensors", vec![json!(-1.0)]),
         ("/prior/n_touches", vec![json!(-1.0)]),
-        ("/prior/temperature", vec![json!(0.0)]),
+        ("/prior/low_similarity", vec![json!(2.0)]),
     ] {
         for value in values {
             for entry in ["calibration", "peg_calibration"] {

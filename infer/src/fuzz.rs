@@ -114,8 +114,8 @@ fn check_model(model: &Model) -> std::result::Result<(), TestCaseError> {
         let square: f32 = rows.iter().map(|value| value * value).sum();
         prop_assert!(square == 0.0 || (square - 1.0).abs() < 1e-4);
     }
-    let temperatures = [Side::Hole, Side::Peg].map(|side| model.calibration(side).map(|of| of.temperature));
-    prop_assert!(temperatures.iter().flatten().all(|temperature| *temperature > 0.0 && temperature.is_finite()));
+    let lows = [Side::Hole, Side::Peg].map(|side| model.calibration(side).map(|of| of.low_similarity));
+    prop_assert!(lows.iter().flatten().all(|low| (-1.0..=1.0).contains(low)));
     Ok(())
 }
 

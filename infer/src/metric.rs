@@ -30,22 +30,19 @@ pub struct Metric {
     learning: Option<Learning>,
 }
 
-/// What a bank's own touches have in its metric.
+/// What a bank's own touches have in its metric. A file of before says more.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Measured {
     /// How far the cosine of a touch with its view is from 1, relative to the cosine alone. Positive.
     pub error_scale: f64,
-    /// The temperature at which cosines tell best which part was touched, in a bank that has parts to tell apart. Positive.
-    pub temperature: Option<f64>,
 }
 
 impl Metric {
     /// A metric by its matrix and what was measured in it.
     ///
     /// # Errors
-    /// A matrix that is not `[dim, dim]`, not finite, not lower triangular, or not above zero on its diagonal, and numbers
-    /// that are not positive.
+    /// A matrix that is not `[dim, dim]`, not finite, not lower triangular, or not above zero on its diagonal, and a scale that is
+    /// not positive.
     pub fn new(dim: usize, matrix: Vec<f32>, measured: Measured) -> Result<Self> {
         let is_triangular = |(row, values): (usize, &[f32])| {
             values[row] > 0.0 && values.iter().all(|v| v.is_finite()) && values[row + 1..].iter().all(|v| *v == 0.0)
@@ -54,9 +51,8 @@ impl Metric {
             let expected = format!("a lower triangular matrix [{dim}, {dim}], above zero on its diagonal");
             return Err(Error::invalid("metric", expected, format!("{} values", matrix.len())));
         }
-        let Measured { error_scale, temperature } = measured;
-        if ![error_scale, temperature.unwrap_or(1.0)].iter().all(|number| number.is_finite() && *number > 0.0) {
-            return Err(Error::invalid("metric", "positive numbers", format!("{measured:?}")));
+        if !(measured.error_scale.is_finite() && measured.error_scale > 0.0) {
+            return Err(Error::invalid("metric", "a positive scale of errors", format!("{measured:?}")));
         }
         Ok(Self { dim, matrix: matrix.into(), measured, learning: None })
     }
@@ -131,7 +127,7 @@ pub fn by_cosine(metric: Option<&Metric>, cosine: f32) -> f32 {
 mod tests {
     use super::*;
 
-    const MEASURED: Measured = Measured { error_scale: 0.49, temperature: Some(0.02) };
+    const MEASURED: Measured = Measured { error_scale: 0.49 };
 
     #[test]
     fn matrices_and_numbers_that_are_none_are_refused() {
@@ -142,12 +138,8 @@ mod tests {
         for matrix in [[1.0, 0.1, 0.5, 2.0], [0.0, 0.0, 0.5, 2.0], [1.0, 0.0, f32::NAN, 2.0], [1.0, 0.0, 0.5, -2.0]] {
             assert!(new(matrix, MEASURED).unwrap_err().to_string().starts_with("metric: expected a lower triangular"));
         }
-        for measured in [
-            Measured { error_scale: 0.0, ..MEASURED },
-            Measured { error_scale: f64::NAN, ..MEASURED },
-            Measured { temperature: Some(-0.1), ..MEASURED },
-        ] {
-            assert!(new([1.0, 0.0, 0.5, 2.0], measured).is_err());
+        for error_scale in [0.0, -0.1, f64::NAN] {
+            assert!(new([1.0, 0.0, 0.5, 2.0], Measured { error_scale }).is_err());
         }
         assert!(Metric::new(2, vec![1.0; 3], MEASURED).is_err());
     }

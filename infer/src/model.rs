@@ -327,17 +327,11 @@ mod tests {
         let config = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
         let network = config.init(3, &DeviceKind::Flex.tensor_device());
         let bare = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
-        let of = |temperature: f64| Calibration {
-            temperature,
-            outlier_share: 1e-3,
-            blank_agreement: 0.9,
-            low_similarity: 0.7,
-            nll_nats: 1.0,
-            chance_nats: 2.0,
+        let of = |low_similarity: f32| Calibration {
+            low_similarity,
             matched: None,
             between_sensors: None,
             views: Views::Pegs,
-            gap: None,
             prior: None,
             n_holes: 60,
         };

@@ -4,7 +4,6 @@
 pub mod density;
 pub mod learner;
 mod matches;
-mod temperature;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -324,6 +323,32 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn what_is_simulated_is_turned_as_far_as_two_angles_of_the_reach_differ() {
+        let (scene, model) = scene_and_model();
+        let recorded = |theta_half_deg, theta_step_deg| {
+            let reach = scene.reach.map(|reach| PoseGrid { theta_half_deg, theta_step_deg, ..reach });
+            let scene = Scene { reach, ..scene.clone() };
+            let of = |views| SceneBank { views, ..by_cosine(&model, &scene) }.recorded().unwrap();
+            assert_eq!(Some(of(Views::Pegs)), reach);
+            let turned = of(Views::Both);
+            turned.validate().unwrap();
+            assert_eq!(Some(PoseGrid { theta_half_deg, ..turned }), reach);
+            turned.theta_half_deg
+        };
+        // No angle twice: 7 steps of 25 degrees are the last below half a turn.
+        for (half, step, expected) in [
+            (0.0, 15.0, 0.0),
+            (20.0, 5.0, 40.0),
+            (90.0, 15.0, 180.0),
+            (90.0, 7.5, 180.0),
+            (180.0, 30.0, 180.0),
+            (100.0, 25.0, 175.0),
+        ] {
+            assert!((recorded(half, step) - expected).abs() < 1e-9, "{half} {step}");
+        }
+    }
+
+    #[test]
     fn a_bank_that_was_begun_goes_on_with_what_it_lacks() {
         let (scene, model) = scene_and_model();
         let job =
@@ -376,6 +401,12 @@ pub(crate) mod tests {
         assert_eq!([pegs.views(), both.views()], [Views::Pegs, Views::Both]);
         assert_eq!(both.with_parts(&[1]).unwrap().views(), Views::Both);
         let folder = tempfile::tempdir().unwrap();
+        // Pegs as a robot records them, at 45 degrees to either side; what is simulated as far as two of them differ.
+        let reach = scene.reach.unwrap();
+        let turned = PoseGrid { theta_half_deg: 90.0, ..reach };
+        assert_eq!([pegs.grid(), pegs.start(), both.grid(), both.start()], [&reach, &reach, &turned, &reach]);
+        let scene = Scene { reach: Some(turned), ..scene.clone() };
+        let pegs = SceneBank { scene: &scene, ..by_cosine }.make(None, &|_, _| ()).unwrap();
         let dataset = touches(&scene, Side::Hole, 5 ^ HOLES, &folder.path().join("holes"));
         let background = model.background(&Simulator::new(scene, 5).unwrap().no_contact(5)).unwrap();
         let mut n_middle = 0;

@@ -42,12 +42,12 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     }
     the_light_is_the_stand_in_s(&at.join("out/yours/sensor.toml"));
     // What counts is said.
-    assert!(said.contains("touches with an edge, and as much as 20 from before"), "{said}");
+    assert!(said.contains("touches with an edge, and as much as 2 from before"), "{said}");
     let shipped = Checkpoint::load(&workspace().join("infer/models/maze-small.safetensors")).unwrap().0;
     let mine = Checkpoint::load(&at.join("out/yours/model.safetensors")).unwrap().0;
     let (before, after) = (shipped.calibration.unwrap(), mine.calibration.unwrap());
-    assert_eq!(after.prior.unwrap(), before.as_prior(20.0));
-    assert!((5..=12).contains(&after.n_holes) && after.temperature != before.temperature, "{after:?}");
+    assert_eq!(after.prior.unwrap(), before.as_prior(2.0));
+    assert!((5..=12).contains(&after.n_holes) && after.matched != before.matched, "{after:?}");
     let evaluation: Value =
         serde_json::from_slice(&fs::read(at.join("out/yours/worth/evaluation.json")).unwrap()).unwrap();
     assert_eq!(evaluation["recorded"], Value::from(true));

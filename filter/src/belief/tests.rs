@@ -101,6 +101,31 @@ fn run_all(bank: &Bank, touches: &[(Se2, Observation)], config: &TouchModel) -> 
     belief
 }
 
+/// Where a part is touched first is known beforehand; what is recorded beyond is seen by later touches.
+#[test]
+fn a_narrower_start_is_what_is_believed_of_the_whole_given_that_the_part_is_there() {
+    let rows = unit_rows(2 * N_CELLS, 6);
+    let whole = bank(&[&rows[..N_CELLS], &rows[N_CELLS..]]);
+    let start = PoseGrid { xy_half_mm: 0.0, theta_half_deg: 0.0, ..GRID };
+    for start in [start, PoseGrid { theta_half_deg: 30.0, ..start }, PoseGrid { xy_half_mm: 4.0, ..start }] {
+        let narrow = whole.clone().with_start(start).unwrap();
+        let touches = touches(4, 9);
+        let [of_whole, of_narrow] = [&whole, &narrow].map(|bank| run_all(bank, &touches, &TouchModel::default()));
+        assert_eq!(of_narrow.posterior().grid(), &start);
+        let (masses, given) = (masses_of(&of_whole), masses_of(&of_narrow));
+        let cells: Vec<usize> = (0..start.len()).map(|cell| GRID.nearest(&start.pose(cell)).unwrap()).collect();
+        let there: Vec<f64> = (0..2).flat_map(|part| cells.iter().map(move |cell| part * N_CELLS + cell))
+            .map(|state| masses[state]).collect();
+        let sum: f64 = there.iter().sum();
+        for (given, there) in given.iter().zip(&there) {
+            assert!((given - there / sum).abs() < 1e-9, "{given} {there} {sum}");
+        }
+        // And their evidence: the states there are all there are beforehand.
+        let share = sum * (2 * N_CELLS) as f64 / (2 * start.len()) as f64;
+        assert!((of_narrow.log_evidence() - of_whole.log_evidence() - share.ln()).abs() < 1e-9);
+    }
+}
+
 /// The power of each touch's likelihood, by the earlier touch that shares most with it.
 fn powers(touches: &[(Se2, Observation)], c: &TouchModel) -> Vec<f64> {
     let mut at = vec![Se2::IDENTITY];

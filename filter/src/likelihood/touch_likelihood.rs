@@ -528,7 +528,7 @@ mod tests {
     /// A bank with a metric judges as one whose rows, and a touch, were turned by hand.
     #[test]
     fn a_metric_is_what_it_makes_of_rows_and_touches() {
-        let measured = Measured { error_scale: 0.64, temperature: Some(0.02) };
+        let measured = Measured { error_scale: 0.64 };
         let metric = Metric::new(2, vec![1.0, 0.0, 0.75, 3.0], measured).unwrap();
         let rows = [[1.0, 0.0], [0.6, 0.8], [-0.28, 0.96]];
         let by_hand = |[x, y]: [f32; 2]| {

@@ -8,18 +8,9 @@ const ONE_IN_100: f64 = 2.326;
 /// So many touches show by themselves which cosine 99 in 100 reach.
 const ENOUGH: usize = 100;
 
-/// How much of a prior's touches count for gaps and best cosines: they differ from sensor to sensor by several times, the
-/// temperature by a quarter, so that what is known of one sensor says less of them (`NOTES.md`).
-const SHARE: f64 = 0.1;
-
-/// The spread of values together with a tenth of the prior's touches, as if those had been values of the spread that
-/// `known` takes from it.
-pub(super) fn pooled(
-    values: &[f64],
-    prior: Option<&Prior>,
-    known: impl Fn(&Prior) -> Option<Spread>,
-) -> Option<Spread> {
-    let before = prior.and_then(|prior| known(prior).map(|spread| (n_counted(prior), spread)));
+/// The spread of values together with the prior's touches, as if those had been values of the spread that it has.
+pub(super) fn pooled(values: &[f64], prior: Option<&Prior>) -> Option<Spread> {
+    let before = prior.and_then(|prior| prior.matched.map(|spread| (prior.n_touches, spread)));
     let Some((weight, before)) = before else { return (!values.is_empty()).then(|| Spread::from_values(values)) };
     if values.is_empty() {
         return Some(before);
@@ -33,7 +24,7 @@ pub(super) fn pooled(
 
 /// The cosine that 99 in 100 touches reach, by their best cosines. From fewer than a hundred it is the cosine below
 /// which the next touch falls with a chance of one in a hundred, if the best cosines are normally distributed; the
-/// prior's value counts as a tenth of its touches.
+/// prior's value counts as its touches.
 pub(super) fn low_similarity(bests: &[f32], prior: Option<&Prior>) -> Option<f32> {
     let mut sorted = bests.to_vec();
     sorted.sort_by(f32::total_cmp);
@@ -43,13 +34,8 @@ pub(super) fn low_similarity(bests: &[f32], prior: Option<&Prior>) -> Option<f32
     let n = bests.len() as f64;
     let own = if bests.len() >= ENOUGH { f64::from(least) } else { next_of_100(bests).unwrap_or(f64::from(least)) };
     let before = f64::from(prior.low_similarity);
-    let n_before = n_counted(prior);
+    let n_before = prior.n_touches;
     Some(((n_before * before + n * own) / (n_before + n)).clamp(-1.0, 1.0) as f32)
-}
-
-/// How many touches of a prior count here.
-pub(super) fn n_counted(prior: &Prior) -> f64 {
-    SHARE * prior.n_touches
 }
 
 /// Below this the next of normal values falls with a chance of one in a hundred; `None` of fewer than three.
@@ -80,12 +66,8 @@ mod tests {
     fn prior(n_touches: f64) -> Prior {
         Prior {
             n_touches,
-            temperature: 0.03,
-            outlier_share: 1e-5,
-            blank_agreement: 0.96,
             low_similarity: 0.7,
-            gap: Some(Spread { mean: 2.0, sd: 1.0 }),
-            matched: None,
+            matched: Some(Spread { mean: 2.0, sd: 1.0 }),
             between_sensors: None,
             views: Views::Pegs,
         }
@@ -95,12 +77,12 @@ mod tests {
     fn a_spread_with_a_prior_is_that_of_all_values_together() {
         // By hand: 1, 2 and 6 have a mean of 3 and squares of 4, 1 and 9 from it.
         assert_eq!(Spread::from_values(&[1.0, 2.0, 6.0]), Spread { mean: 3.0, sd: (14.0_f64 / 3.0).sqrt() });
-        // Values of mean 2 and spread 1, as a tenth of the prior's forty touches would be: 1, 3, 1, 3.
+        // Values of mean 2 and spread 1, as the prior's four touches would be: 1, 3, 1, 3.
         let all = Spread::from_values(&[1.0, 3.0, 1.0, 3.0, 1.0, 2.0, 6.0]);
-        let both = pooled(&[1.0, 2.0, 6.0], Some(&prior(40.0)), |prior| prior.gap).unwrap();
+        let both = pooled(&[1.0, 2.0, 6.0], Some(&prior(4.0))).unwrap();
         assert!((both.mean - all.mean).abs() < 1e-12 && (both.sd - all.sd).abs() < 1e-12, "{both:?} {all:?}");
-        assert_eq!(pooled(&[], Some(&prior(40.0)), |prior| prior.gap), prior(40.0).gap);
-        assert_eq!(pooled(&[], None, |prior| prior.gap), None);
+        assert_eq!(pooled(&[], Some(&prior(4.0))), prior(4.0).matched);
+        assert_eq!(pooled(&[], None), None);
     }
 
     #[test]
@@ -112,15 +94,15 @@ mod tests {
 
     #[test]
     fn the_low_end_of_few_is_below_them_and_drawn_to_the_prior() {
-        assert_eq!(low_similarity(&[], Some(&prior(100.0))), Some(0.7));
+        assert_eq!(low_similarity(&[], Some(&prior(10.0))), Some(0.7));
         let ten: Vec<f32> = (0..10).map(|i| 0.80 + 0.01 * i as f32).collect();
         // Mean 0.845, sample deviation 0.0303: 0.845 - 2.82 x 0.0303 x 1.049 = 0.755, half way to 0.7.
-        let low = low_similarity(&ten, Some(&prior(100.0))).unwrap();
+        let low = low_similarity(&ten, Some(&prior(10.0))).unwrap();
         assert!((low - 0.728).abs() < 0.002, "{low}");
         assert_eq!(low_similarity(&ten, None), Some(0.80));
         let many: Vec<f32> = (0..400).map(|i| 0.5 + 0.001 * i as f32).collect();
-        // 400 of its own and a tenth of the prior's 100.
-        let low = low_similarity(&many, Some(&prior(100.0))).unwrap();
+        // 400 of its own and the prior's ten.
+        let low = low_similarity(&many, Some(&prior(10.0))).unwrap();
         assert!((f64::from(low) - (400.0 * 0.504 + 7.0) / 410.0).abs() < 1e-6, "{low}");
     }
 }

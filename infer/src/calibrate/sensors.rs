@@ -1,6 +1,6 @@
 //! The cosine with the view that was touched: how far it differs within one sensor, and from one sensor to the next.
 
-use super::sample::{n_counted, pooled};
+use super::sample::pooled;
 use crate::calibration::{Prior, Spread};
 
 /// The cosine with the view touched under a sensor that may be any.
@@ -25,8 +25,8 @@ impl Matched {
             return Some(Self::over(&seen));
         }
         let own = seen.first().map_or(&[][..], |values| values.as_slice());
-        let all = pooled(own, prior, |prior| prior.matched)?;
-        let between = prior.and_then(|prior| prior.between_sensors.map(|between| (between, n_counted(prior))));
+        let all = pooled(own, prior)?;
+        let between = prior.and_then(|prior| prior.between_sensors.map(|between| (between, prior.n_touches)));
         let left = |(between, n_known): (f64, f64)| match own.len() {
             0 => between,
             n => between.min(all.sd / (n as f64 + n_known).sqrt()),
@@ -56,12 +56,8 @@ mod tests {
 
     fn prior(between_sensors: Option<f64>) -> Prior {
         Prior {
-            n_touches: 20.0,
-            temperature: 0.03,
-            outlier_share: 1e-4,
-            blank_agreement: 0.95,
+            n_touches: 2.0,
             low_similarity: 0.7,
-            gap: None,
             matched: Some(Spread { mean: 0.92, sd: 0.05 }),
             between_sensors,
             views: Views::Pegs,
@@ -86,7 +82,7 @@ mod tests {
         let prior = prior(Some(0.03));
         let none = Matched::from_touches(&[Vec::new()], Some(&prior)).unwrap();
         assert_eq!(none, Matched { all: prior.matched.unwrap(), between: Some(0.03) });
-        // Two values 0.84 and 0.88 and a tenth of twenty touches of 0.92 and 0.05: a mean of 0.89 and a variance of
+        // Two values 0.84 and 0.88 and two touches of 0.92 and 0.05: a mean of 0.89 and a variance of
         // (2 x 0.0004 + 2 x 0.0025) / 4 + 0.03^2 = 0.00235, and as the standard error of four half its root, 0.02424.
         let two = Matched::from_touches(&[vec![0.84, 0.88]], Some(&prior)).unwrap();
         assert!((two.all.mean - 0.89).abs() < 1e-12 && (two.all.sd.powi(2) - 0.002_35).abs() < 1e-12, "{two:?}");
@@ -100,7 +96,7 @@ mod tests {
     #[test]
     fn where_sensors_were_not_compared_touches_are_pooled_as_one() {
         let values = vec![0.84, 0.88];
-        let pooled = pooled(&values, Some(&prior(None)), |prior| prior.matched).unwrap();
+        let pooled = pooled(&values, Some(&prior(None))).unwrap();
         assert_eq!(Matched::from_touches(&[values], Some(&prior(None))), Some(Matched { all: pooled, between: None }));
         assert_eq!(Matched::from_touches(&[], None), None);
     }

@@ -8,7 +8,7 @@ use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::{Side, instead_of};
 use tactile_data::{output, program};
 use tactile_infer::bank::Bank;
-use tactile_infer::calibrate::{Calibrated, Choice, Gain, Judgement, PRIOR_TOUCHES, Touches, calibrate};
+use tactile_infer::calibrate::{Choice, Judgement, PRIOR_TOUCHES, Touches, calibrate};
 use tactile_infer::calibration::{Calibration, Prior, Spread};
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::model::Model;
@@ -16,11 +16,10 @@ use tactile_infer::{Error, Result};
 
 use super::{ModelArgs, print_json};
 
-/// Measure how far the model's cosines can be believed, on parts for tuning, and store it with the model.
+/// Measure how well touches match the views that they are made at, on parts for tuning, and store it with the model.
 ///
-/// What the model knows of that already counts as twenty touches, and as two for how well views match, which differs most
-/// from sensor to sensor: ten touches of your own move it as far as they can tell. A model without a calibration needs
-/// fifty.
+/// What the model knows of that already counts as two touches, since it differs much from sensor to sensor: ten touches of your own
+/// move it as far as they can tell. A model without a calibration needs fifty.
 #[derive(Args)]
 #[command(
     after_help = "Example:\n  tactile-infer calibrate --model model/model.safetensors --bank dev.bank --holes dev-holes"
@@ -41,7 +40,7 @@ pub struct CalibrateArgs {
     /// Write the calibrated checkpoint here [default: into the model's own file, whose identity stays the same]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// How many touches the model's own calibration counts as (for how well views match, a tenth); 0 forgets it
+    /// How many touches the model's own calibration counts as; 0 forgets it
     #[arg(long, value_name = "N", default_value_t = PRIOR_TOUCHES, help_heading = "Few touches")]
     prior_touches: f64,
     /// Use only so many of the holes of a dataset, evenly spread
@@ -60,9 +59,6 @@ pub struct CalibrateArgs {
 struct Report {
     #[serde(flatten)]
     calibration: Calibration,
-    temperature_interval: [f64; 2],
-    gap_interval: Option<[f64; 2]>,
-    gain: Option<Gain>,
     judged: Option<Judged>,
 }
 
@@ -91,22 +87,21 @@ impl CalibrateArgs {
             let choice = Choice { side: self.side, ..Choice::default() };
             Touches::new(&model, &bank, &Dataset::open(path)?, choice)
         });
-        let found = calibrate(&touches, prior.as_ref())?;
-        let judged = others.transpose()?.and_then(|others| judged(&others, &found.calibration));
+        let calibration = calibrate(&touches, prior.as_ref())?;
+        let judged = others.transpose()?.and_then(|others| judged(&others, &calibration));
         let (checkpoint, _) = Checkpoint::load(path)?;
-        checkpoint.with_calibration(self.side, found.calibration).save(out)?;
+        checkpoint.with_calibration(self.side, calibration).save(out)?;
         if self.json {
-            let Calibrated { calibration, temperature_interval, gap_interval, gain } = found;
-            return print_json(&Report { calibration, temperature_interval, gap_interval, gain, judged });
+            return print_json(&Report { calibration, judged });
         }
-        program::say(format_args!("{}: {}", out.display(), text(&found)));
+        program::say(format_args!("{}: {}", out.display(), text(&calibration)));
         if let Some(Judged { n_holes, before, after }) = judged {
-            let before = before.map_or(String::new(), |before| format!("{:.3} nats before, ", before.nll_nats));
-            println!(
-                "  by {n_holes} other holes: {before}{:.3} after; {:.1} % of them below the low cosine",
-                after.nll_nats,
-                100.0 * after.low_share
-            );
+            let low = |of: &Judgement| format!("{:.1}", 100.0 * of.low_share);
+            let before = before.map_or(String::new(), |before| format!("{} -> ", low(&before)));
+            let own = after.matched.map_or(String::new(), |Spread { mean, sd }| {
+                format!("; the cosine with the view touched is {mean:.3}, standard deviation {sd:.3}")
+            });
+            println!("  of {n_holes} other holes {before}{} % are below the low cosine{own}", low(&after));
         }
         Ok(())
     }
@@ -153,67 +148,27 @@ impl CalibrateArgs {
 }
 
 fn judged(others: &Touches, calibration: &Calibration) -> Option<Judged> {
-    let Calibration { temperature, outlier_share, low_similarity, prior, .. } = *calibration;
-    let before = prior.and_then(|prior| others.judge(prior.temperature, prior.outlier_share, prior.low_similarity));
-    let after = others.judge(temperature, outlier_share, low_similarity)?;
-    Some(Judged { n_holes: others.len(), before, after })
+    let before = calibration.prior.and_then(|prior| others.judge(prior.low_similarity));
+    Some(Judged { n_holes: others.len(), before, after: others.judge(calibration.low_similarity)? })
 }
 
-/// A calibration before and after, and what it is worth.
-fn text(found: &Calibrated) -> String {
-    let Calibrated { calibration, temperature_interval: [low, high], gap_interval, gain } = found;
-    let Calibration {
-        temperature,
-        outlier_share,
-        blank_agreement,
-        low_similarity,
-        n_holes,
-        gap,
-        matched,
-        between_sensors,
-        prior,
-        ..
-    } = calibration;
+/// A calibration, and what was known before it.
+fn text(calibration: &Calibration) -> String {
+    let Calibration { low_similarity, n_holes, matched, between_sensors, prior, .. } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
-    let mut text = format!("{n_holes} touches with an edge{counted}\n");
-    text += &format!(
-        "  temperature {}{temperature:.4} (95 % {low:.4} to {high:.4}), share of outliers {}{outlier_share:.1e}\n",
-        before(&|prior| format!("{:.4}", prior.temperature)),
-        before(&|prior| format!("{:.1e}", prior.outlier_share))
-    );
-    text += &format!(
-        "  blank agreement {}{blank_agreement:.3}; 99 in 100 holes reach cosine {}{low_similarity:.2}\n",
-        before(&|prior| format!("{:.3}", prior.blank_agreement)),
-        before(&|prior| format!("{:.2}", prior.low_similarity))
-    );
-    text += &format!(
-        "  {:.3} nats to find the pose by one touch ({:.2} by chance)",
-        calibration.nll_nats, calibration.chance_nats
-    );
-    if let (Some(Spread { mean, sd }), Some([low, high])) = (gap, gap_interval) {
-        let was = |prior: &Prior| prior.gap.map_or("unknown".into(), |gap| format!("{:.3}", gap.mean));
+    let low = before(&|prior| format!("{:.2}", prior.low_similarity));
+    let mut text = format!("{n_holes} touches with an edge{counted}\n  99 in 100 reach cosine {low}{low_similarity:.2}");
+    if let Some(Spread { mean, sd }) = matched {
+        let was = |prior: &Prior| prior.matched.map_or("unknown".into(), |matched| format!("{:.3}", matched.mean));
         text += &format!(
-            "\n  the view touched is {}{mean:.3} (95 % {low:.3} to {high:.3}) below the best, standard deviation {sd:.3}",
+            "\n  the cosine with the view touched is {}{mean:.3}, standard deviation {sd:.3}",
             before(&was)
         );
     }
-    if let Some(Spread { mean, sd }) = matched {
-        let was = |prior: &Prior| prior.matched.map_or("unknown".into(), |matched| format!("{:.3}", matched.mean));
-        text += &format!("\n  the cosine with it is {}{mean:.3}, standard deviation {sd:.3}", before(&was));
-    }
     if let Some(between) = between_sensors {
         text += &format!(", of it {between:.3} from sensor to sensor");
-    }
-    if let Some(Gain { before_nats, after_nats, standard_error }) = gain {
-        let difference = after_nats - before_nats;
-        text += &format!(
-            "\n  touches left out in turn: {before_nats:.3} nats before, {after_nats:.3} after: {difference:+.3} \
-             (95 % {:+.3} to {:+.3})",
-            difference - 1.96 * standard_error,
-            difference + 1.96 * standard_error
-        );
     }
     text
 }

@@ -6,7 +6,7 @@ use super::{Measured, Metric};
 
 impl Measured {
     /// Nothing yet.
-    const NOTHING: Self = Self { error_scale: 1.0, temperature: None };
+    const NOTHING: Self = Self { error_scale: 1.0 };
 }
 
 /// A touch's embedding and the view that it was made at, `[dim]` each, of any length.

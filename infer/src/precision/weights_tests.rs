@@ -97,13 +97,15 @@ fn cosines(queries: &[Vec<f64>], keys: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// The shipped network. In f32 sums of up to 2,560 products in ten layers, each rounded to 6e-8; rounded weights by the
-/// promise of [`Checkpoint::with_weights`]: a tenth of the temperature, which both references are held to.
+/// promise of [`Checkpoint::with_weights`], which both references are held to: a tenth of a log-odds of a usual touch, whose distance
+/// `d` from its own view changes by `-1 / d` of the cosine.
 #[test]
-fn cosines_of_rounded_weights_are_within_a_tenth_of_the_temperature() {
+fn cosines_of_rounded_weights_change_log_odds_by_less_than_a_tenth() {
     const N_IMAGES: usize = 7;
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/maze-small.safetensors");
     let (exact, _) = Checkpoint::load(&path).unwrap();
-    let promised = 0.1 * exact.calibration.as_ref().unwrap().temperature;
+    let odds = exact.match_odds[0].as_ref().unwrap();
+    let promised = 0.1 * odds.own_distance / odds.steepness;
     let images: Vec<Vec<f32>> = (0..N_IMAGES).map(|number| image(number, exact.config.input_px)).collect();
     let wide = |checkpoint: &Checkpoint| {
         let all: Vec<[Vec<f64>; 2]> = images.iter().map(|image| Wide(checkpoint).embed(image)).collect();

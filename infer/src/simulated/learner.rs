@@ -1,7 +1,7 @@
 //! A bank of a scene before it learns to compare embeddings: it can learn from all of its parts, or without one of
 //! them.
 //!
-//! A bank that only leaves out the rows of a part still knows it: its metric, temperature and expected matches were
+//! A bank that only leaves out the rows of a part still knows it: its metric and expected matches were
 //! learnt from that part's touches, too. A part that is to be a stranger is left out before anything is learnt. Every
 //! part is touched once, however often one is left out.
 
@@ -95,7 +95,7 @@ impl Learner {
 
     /// A bank of some of the parts once it has learnt from them, and says how.
     fn taught(&self, bank: Bank, parts: &[usize], learning: Option<Learning>) -> Result<Bank> {
-        let learnt = self.touches.of_parts(parts).learn(&bank, self.learning.from.sides())?;
+        let learnt = self.touches.of_parts(parts).learn(bank.dim(), self.learning.from.sides());
         let bank = bank.with_matches(learnt.matches)?;
         match (learnt.metric, learning) {
             (Some(metric), Some(learning)) => bank.with_metric(metric.with_learning(learning)),
@@ -154,7 +154,7 @@ mod tests {
         let known = learner(&model, &scene, "KLM");
         for (part, letters) in ["OLM", "KOM", "KLO"].into_iter().enumerate() {
             let other = learner(&model, &scene, letters);
-            // The same to the bit: rows, metric, temperature, matches, symmetries, neighbours.
+            // The same to the bit: rows, metric, matches, symmetries, neighbours.
             assert_eq!(known.without(part).unwrap(), other.without(part).unwrap(), "{letters}");
             // To leave out its rows alone leaves what it taught.
             let [known, other] = [&known, &other].map(|of| of.whole().unwrap().without(part).unwrap());

@@ -15,16 +15,11 @@ use crate::metric::{Measured, Metric, Pair};
 use crate::model::Model;
 use crate::threads;
 
-use super::temperature::Tried;
-
 /// Touches of each side of each part.
 const N_TOUCHES: u64 = 64;
 
 /// Fewer edged ones say too little.
 const ENOUGH: usize = 16;
-
-/// The temperature is found from so many touches of all parts.
-const N_JUDGED: usize = 512;
 
 /// Touches that a bank made of its own parts: of their holes and of their pegs.
 #[derive(Debug)]
@@ -72,18 +67,15 @@ impl OwnTouches {
 }
 
 impl OfParts<'_> {
-    /// What the touches say, made at the views of a bank of just these parts that compares by the cosine alone. The
-    /// metric is learnt from the touches of some sides.
+    /// What the touches say, made at the views of a bank of just these parts that compares embeddings, `[dim]`, by the cosine
+    /// alone. The metric is learnt from the touches of some sides.
     ///
     /// What a touch matches like is measured in the metric that the other half of the touches gives: one that it taught
     /// itself would flatter it.
-    ///
-    /// # Errors
-    /// Values that leave the range of f32.
-    pub fn learn(&self, bank: &Bank, from: &[Side]) -> Result<Learnt> {
+    pub fn learn(&self, dim: usize, from: &[Side]) -> Learnt {
         let place = |side: Side| usize::from(side == Side::Peg);
         let learnt: Vec<&[&Touches]> = from.iter().map(|side| &*self.sides[place(*side)]).collect();
-        let halves = [1, 0].map(|half| metric_of(bank.dim(), &learnt, |touch| touch % 2 == half));
+        let halves = [1, 0].map(|half| metric_of(dim, &learnt, |touch| touch % 2 == half));
         // Without one of them there is no metric at all.
         let halves = if let [Some(odd), Some(even)] = halves { Some([odd, even]) } else { None };
         let in_other_half = |touches: &&Touches| {
@@ -91,22 +83,18 @@ impl OfParts<'_> {
             touches.iter().enumerate().map(|(touch, pair)| pair.cosine(halves(touch))).collect()
         };
         let cosines = self.sides.each_ref().map(|parts| parts.iter().map(in_other_half).collect::<Vec<Vec<f64>>>());
-        let metric = match &halves {
-            Some(halves) => {
-                let of_learnt = from.iter().flat_map(|side| &cosines[place(*side)]).flatten();
-                let error: f64 = of_learnt.map(|cosine| 1.0 - cosine).sum();
-                let touches = learnt.iter().flat_map(|parts| parts.iter().copied().flatten());
-                let plain: f64 = touches.map(|pair| 1.0 - pair.cosine(None)).sum();
-                let error_scale = if plain > 0.0 && error > 0.0 { error / plain } else { 1.0 };
-                let measured = Measured { error_scale, temperature: temperature(bank, &learnt, halves)? };
-                metric_of(bank.dim(), &learnt, |_| true).map(|metric| metric.with_measured(measured))
-            }
-            None => None,
-        };
+        let metric = halves.as_ref().and_then(|_| metric_of(dim, &learnt, |_| true)).map(|metric| {
+            let of_learnt = from.iter().flat_map(|side| &cosines[place(*side)]).flatten();
+            let error: f64 = of_learnt.map(|cosine| 1.0 - cosine).sum();
+            let touches = learnt.iter().flat_map(|parts| parts.iter().copied().flatten());
+            let plain: f64 = touches.map(|pair| 1.0 - pair.cosine(None)).sum();
+            let error_scale = if plain > 0.0 && error > 0.0 { error / plain } else { 1.0 };
+            metric.with_measured(Measured { error_scale })
+        });
         let spread =
             |cosines: Vec<f64>| (cosines.len() >= ENOUGH).then(|| PartMatch { matched: Spread::from_values(&cosines) });
         let [holes, pegs] = cosines.map(|parts| parts.into_iter().map(spread).collect());
-        Ok(Learnt { matches: Matches { holes, pegs }, metric })
+        Learnt { matches: Matches { holes, pegs }, metric }
     }
 }
 
@@ -118,22 +106,6 @@ fn metric_of(dim: usize, sides: &[&[&Touches]], is_chosen: impl Fn(usize) -> boo
         chosen.push(touches.filter(|(touch, _)| is_chosen(*touch)).map(|(_, pair)| pair).collect());
     }
     Metric::of_touches(dim, &chosen)
-}
-
-/// The temperature at which the touches of each half tell their parts best, in the metric that the other half gives.
-fn temperature(bank: &Bank, sides: &[&[&Touches]], halves: &[Metric; 2]) -> Result<Option<f64>> {
-    let (edged, n_cells, mut tried) = (bank.edged_rows(), bank.grid().len(), Tried::new());
-    for (half, metric) in halves.iter().enumerate() {
-        let parts = sides.iter().flat_map(|parts| parts.iter().enumerate());
-        let touches = parts
-            .flat_map(|(part, touches)| touches.iter().skip(half).step_by(2).map(move |pair| (part, pair)))
-            .collect::<Vec<(usize, &Pair)>>();
-        let stride = (2 * touches.len()).div_ceil(N_JUDGED).max(1);
-        let judged = touches.iter().step_by(stride);
-        let judged: Vec<_> = judged.map(|(part, pair)| (*part, metric.apply(&pair.touch))).collect();
-        tried.add(&judged, (&metric.rows(bank.rows())?, &edged, n_cells));
-    }
-    Ok(tried.best())
 }
 
 /// Touches the parts of a bank.

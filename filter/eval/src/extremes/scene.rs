@@ -202,7 +202,7 @@ impl Scene {
                 matrix[at * DIM + at - 1] = 0.25;
             }
         }
-        Ok(Metric::new(DIM, matrix, Measured { error_scale: 0.64, temperature: Some(0.02) })?)
+        Ok(Metric::new(DIM, matrix, Measured { error_scale: 0.64 })?)
     }
 
     /// The bank of its rows.
