@@ -92,6 +92,8 @@ pub mod store;
 pub mod suggest;
 pub mod symmetry;
 pub mod touch;
+#[cfg(feature = "sim")]
+pub mod touch_map;
 pub mod whole_file;
 
 pub use error::{Error, FrameFault, Result};

@@ -86,6 +86,19 @@ impl Simulator {
         &self.parts
     }
 
+    /// What draws the boards.
+    pub fn board_seed(&self) -> u64 {
+        self.board_seed
+    }
+
+    /// The sensor that feels one side of a part: the scene's own, or what was drawn for a MAZE board.
+    ///
+    /// # Panics
+    /// Where there is no such part.
+    pub fn sensor_of(&self, part: usize, side: Side) -> &SensorSpec {
+        self.sensor(part, side).0
+    }
+
     /// The turns after which a part's peg looks the same: its pose is then known only up to them.
     pub fn symmetry(&self, part: usize) -> Symmetry {
         let peg = || self.scene.reliefs(part, Side::Peg, self.board_seed).ok()?.into_iter().next();

@@ -283,6 +283,7 @@ fn no_program_writes_over_what_it_reads() {
         ),
         ("tactile-infer bank --model model.safetensors --data pegs --out pegs/frames.npy", ["frames.npy", own]),
         ("tactile-infer bank --model model.safetensors --scene two.toml --out two.toml", ["two.toml", own]),
+        ("tactile-infer bank --model model.safetensors --scene two.toml#0+1 --out two.toml", ["two.toml", own]),
         (
             "tactile-infer convert --model model.safetensors --weights f16 --out model.safetensors",
             ["model.safeten", own],

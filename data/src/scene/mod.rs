@@ -83,11 +83,19 @@ impl Scene {
     /// A scene that cannot be read or touched: the file, the line where it is known, and the field that is wrong. MAZE
     /// parts that the scene does not have.
     pub fn load(preset_or_file: &str) -> Result<Self> {
+        let file = Self::file_of(preset_or_file);
+        let whole = Self::load_whole(file)?;
+        match preset_or_file[file.len()..].strip_prefix('#') {
+            Some(range) => whole.take(range).map_err(|e| e.within(preset_or_file)),
+            None => Ok(whole),
+        }
+    }
+
+    /// The preset or file that [`Self::load`] reads: without the parts that are taken of it.
+    pub fn file_of(preset_or_file: &str) -> &str {
         match preset_or_file.rsplit_once('#') {
-            Some((whole, range)) if !Path::new(preset_or_file).exists() => {
-                Self::load_whole(whole)?.take(range).map_err(|e| e.within(preset_or_file))
-            }
-            _ => Self::load_whole(preset_or_file),
+            Some((whole, _)) if !Path::new(preset_or_file).exists() => whole,
+            _ => preset_or_file,
         }
     }
 

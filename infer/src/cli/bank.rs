@@ -97,7 +97,7 @@ impl FromStr for Declared {
 impl BankArgs {
     pub fn run(&self) -> Result<()> {
         let data_files = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
-        let scene_file = self.scene.as_ref().map(PathBuf::from);
+        let scene_file = self.scene.as_ref().map(|scene| PathBuf::from(Scene::file_of(scene)));
         let read = scene_file.into_iter().chain(self.calibration.clone()).chain([self.model.path.clone()]);
         let _lock = output::prepare_file(&self.out, data_files.chain(read))?;
         let model = self.model.load()?;

@@ -61,25 +61,28 @@ pub fn follow<const D: usize>(slow: Tensor<D>, fast: Tensor<D>, share: f64) -> T
 /// The sums of squares of tensors on a card, `[n]`.
 #[derive(Debug, Default)]
 pub struct SquareSums {
-    sums: Option<Tensor<1>>,
+    /// The last one has places left.
+    blocks: Vec<Tensor<1>>,
     n: usize,
 }
 
 impl SquareSums {
-    /// Most tensors of a network.
-    const MOST: usize = 64;
+    /// Tensors of a block.
+    const BLOCK: usize = 64;
 
     /// Adds the sum of a tensor's squares.
     pub fn add<const D: usize>(&mut self, values: Tensor<D>) {
-        let sums = self.sums.take().unwrap_or_else(|| Tensor::zeros([Self::MOST], &values.device()));
+        let at = self.n % Self::BLOCK;
+        let last = if at == 0 { None } else { self.blocks.pop() };
+        let sums = last.unwrap_or_else(|| Tensor::zeros([Self::BLOCK], &values.device()));
         let (values, sums) = (values.into_dispatch(), sums.into_dispatch());
-        self.sums = Some(Tensor::from_dispatch(<Dispatch as WeightOps>::squares(values, sums, self.n % Self::MOST)));
+        self.blocks.push(Tensor::from_dispatch(<Dispatch as WeightOps>::squares(values, sums, at)));
         self.n += 1;
     }
 
     /// The length of all together, `[1]`; `None` of no tensor.
     pub fn length(self) -> Option<Tensor<1>> {
-        Some(self.sums?.sum().sqrt())
+        (!self.blocks.is_empty()).then(|| Tensor::cat(self.blocks, 0).sum().sqrt())
     }
 }
 

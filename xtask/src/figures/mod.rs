@@ -49,7 +49,9 @@ pub fn after(workspace: &Workspace, whole: Option<&Path>) -> Result<()> {
 /// tables of that. Evaluations that the folder lacks stay as they are, and are counted.
 fn remake(workspace: &Workspace, folder: &Path) -> Result<()> {
     let experiments = Experiments::read(workspace)?;
-    let before = Figures::read(workspace).map(|figures| figures.evaluations).unwrap_or_default();
+    // A file that is damaged is an error: what it held would be lost.
+    let is_there = workspace.root.join(FILE).exists();
+    let before = if is_there { Figures::read(workspace)?.evaluations } else { Default::default() };
     let figures = collect::collect(workspace, &experiments, folder, &before)?;
     figures.write(workspace)?;
     let n_kept = figures.evaluations.iter().filter(|(name, of)| before.get(*name) == Some(of)).count();

@@ -12,6 +12,7 @@ use tactile_data::output;
 use tactile_data::output_lock::OutputLock;
 use tactile_data::printable::printable_json;
 use tactile_data::program;
+use tactile_data::scene::Scene;
 use tactile_data::touch::Side;
 use tactile_eval::fits;
 use tactile_eval::holes::Holes;
@@ -57,7 +58,7 @@ impl Inputs {
 
     /// The files that they are read from, and the scene's: none of them may be written.
     pub fn files<'a>(&'a self, scene: &'a str) -> [&'a Path; 3] {
-        [&self.model, &self.bank, Path::new(scene)]
+        [&self.model, &self.bank, Path::new(Scene::file_of(scene))]
     }
 }
 

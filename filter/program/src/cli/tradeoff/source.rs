@@ -64,7 +64,7 @@ impl SourceArgs {
     pub fn files(&self) -> Vec<PathBuf> {
         let datasets = self.pegs.iter().chain(&self.holes);
         let files: Vec<PathBuf> = datasets.flat_map(|data| store::FILES.map(|file| data.join(file))).collect();
-        if files.is_empty() { vec![PathBuf::from(&self.scene)] } else { files }
+        if files.is_empty() { vec![PathBuf::from(Scene::file_of(&self.scene))] } else { files }
     }
 }
 
