@@ -161,7 +161,8 @@ impl Bank {
     /// # Errors
     /// Poses that are not a part of the bank's.
     pub fn with_start(self, start: PoseGrid) -> Result<Self> {
-        let has_its_steps = (start.xy_step_mm, start.theta_step_deg) == (self.grid.xy_step_mm, self.grid.theta_step_deg);
+        let has_its_steps =
+            (start.xy_step_mm, start.theta_step_deg) == (self.grid.xy_step_mm, self.grid.theta_step_deg);
         let is_within = start.xy_half_mm <= self.grid.xy_half_mm && start.theta_half_deg <= self.grid.theta_half_deg;
         start.validate()?;
         if !has_its_steps || !is_within {

@@ -29,7 +29,7 @@ pub struct Encoder {
 
 /// A convolution with its normalisation, skip and rectifier.
 #[derive(Clone, Debug)]
-struct Layer {
+pub(crate) struct Layer {
     conv: Conv,
     packed: Packed,
     shift: Vec<f32>,
@@ -38,7 +38,7 @@ struct Layer {
 
 /// A linear layer with its normalisation and rectifier.
 #[derive(Clone, Debug)]
-struct Dense {
+pub(crate) struct Dense {
     n_in: usize,
     panels: Panels,
     shift: Vec<f32>,
@@ -51,21 +51,14 @@ impl Encoder {
     /// # Errors
     /// A tensor that is missing or of another size, values that are not finite, and variances below zero.
     pub fn new(config: &NetworkConfig, tensors: &[NamedTensor]) -> Result<Self> {
-        let tensors = Tensors(tensors.iter().map(|t| (t.name.as_str(), t.values.as_slice())).collect());
+        let tensors = Tensors::of(tensors);
         let [width, height] = config.input_px;
         let mut size = [height, width];
         let mut layers = Vec::new();
         for layer in config.conv_layers() {
-            let ConvLayer { name, n_in, n_out, kernel, stride, adds_input } = layer;
-            let conv = Conv { n_in, n_out, kernel, stride, size };
-            let name = format!("encoder.{name}");
-            let mut weights = tensors.get(&format!("{name}.conv.weight"), n_in * n_out * kernel * kernel)?.to_vec();
-            let [scale, shift] = tensors.norm(&format!("{name}.norm"), n_out)?;
-            for (weights, scale) in weights.chunks_exact_mut(n_in * kernel * kernel).zip(&scale) {
-                weights.iter_mut().for_each(|weight| *weight *= scale);
-            }
-            layers.push(Layer { conv, packed: conv.pack(&weights), shift, adds_input });
-            size = conv.out_size();
+            let layer = Layer::new(&tensors, &format!("encoder.{}", layer.name), &layer, size)?;
+            size = layer.conv.out_size();
+            layers.push(layer);
         }
         let [n_pixels, n_channels] = [size[0] * size[1], 2 * config.width];
         // The checkpoint's order is [channel, pixel], as PyTorch flattens; ours is [pixel, channel].
@@ -95,14 +88,7 @@ impl Encoder {
 
     /// `[n, 3, height, width]` -> `[n, dim]`, not normalised: what `Network::key` gives.
     pub fn key(&self, images: &[f32]) -> Vec<f32> {
-        let [height, width] = self.size;
-        let n_pixels = height * width;
-        let mut x: Vec<f32> = vec![0.0; images.len()];
-        for (out, image) in x.chunks_exact_mut(3 * n_pixels).zip(images.chunks_exact(3 * n_pixels)) {
-            for (at, pixel) in out.chunks_exact_mut(3).enumerate() {
-                pixel.iter_mut().enumerate().for_each(|(c, value)| *value = image[c * n_pixels + at]);
-            }
-        }
+        let x = pixel_by_pixel::<3>(images, self.size);
         let x = self.layers.iter().fold(x, |x, layer| layer.forward(&x));
         self.project.iter().fold(x, |x, layer| layer.forward(&x))
     }
@@ -113,8 +99,38 @@ impl Encoder {
     }
 }
 
+/// `[n, C, height, width]` -> `[n, height, width, C]`.
+pub(crate) fn pixel_by_pixel<const C: usize>(images: &[f32], [height, width]: [usize; 2]) -> Vec<f32> {
+    let n_pixels = height * width;
+    let mut x = vec![0.0; images.len()];
+    for (out, image) in x.chunks_exact_mut(C * n_pixels).zip(images.chunks_exact(C * n_pixels)) {
+        for (at, pixel) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
+            pixel.iter_mut().enumerate().for_each(|(c, value)| *value = image[c * n_pixels + at]);
+        }
+    }
+    x
+}
+
 impl Layer {
-    fn forward(&self, images: &[f32]) -> Vec<f32> {
+    /// The layer of this name for images of a size, height and width.
+    pub(crate) fn new(tensors: &Tensors<'_>, name: &str, layer: &ConvLayer, size: [usize; 2]) -> Result<Self> {
+        let ConvLayer { n_in, n_out, kernel, stride, adds_input, .. } = *layer;
+        let conv = Conv { n_in, n_out, kernel, stride, size };
+        let mut weights = tensors.get(&format!("{name}.conv.weight"), n_in * n_out * kernel * kernel)?.to_vec();
+        let [scale, shift] = tensors.norm(&format!("{name}.norm"), n_out)?;
+        for (weights, scale) in weights.chunks_exact_mut(n_in * kernel * kernel).zip(&scale) {
+            weights.iter_mut().for_each(|weight| *weight *= scale);
+        }
+        Ok(Self { conv, packed: conv.pack(&weights), shift, adds_input })
+    }
+
+    /// Height and width of its output, and its channels.
+    pub(crate) fn out_size(&self) -> ([usize; 2], usize) {
+        (self.conv.out_size(), self.shift.len())
+    }
+
+    /// `[n, height, width, n_in]` -> `[n, rows, columns, n_out]`.
+    pub(crate) fn forward(&self, images: &[f32]) -> Vec<f32> {
         let n = self.shift.len();
         self.conv.forward(images, &self.packed, |at, out| {
             if self.adds_input {
@@ -130,7 +146,7 @@ impl Layer {
 
 impl Dense {
     /// A layer from `[n_in, n_out]` weights whose row for input `at` is row `row(at)`.
-    fn new(
+    pub(crate) fn new(
         tensors: &Tensors<'_>,
         name: &str,
         norm: Option<&str>,
@@ -152,11 +168,17 @@ impl Dense {
         Ok(Self { n_in, panels, shift, is_rectified: false })
     }
 
+    /// The same without a normalisation, but with these added to its outputs.
+    pub(crate) fn with_bias(self, bias: &[f32]) -> Self {
+        Self { shift: bias.to_vec(), ..self }
+    }
+
     fn rectified(self) -> Self {
         Self { is_rectified: true, ..self }
     }
 
-    fn forward(&self, rows: &[f32]) -> Vec<f32> {
+    /// `[n, n_in]` -> `[n, n_out]`.
+    pub(crate) fn forward(&self, rows: &[f32]) -> Vec<f32> {
         let n_out = self.shift.len();
         let mut out = vec![0.0; rows.len() / self.n_in * n_out];
         let least = if self.is_rectified { 0.0 } else { f32::NEG_INFINITY };
@@ -172,10 +194,14 @@ impl Dense {
 }
 
 /// The tensors of a checkpoint by name.
-struct Tensors<'a>(BTreeMap<&'a str, &'a [f32]>);
+pub(crate) struct Tensors<'a>(BTreeMap<&'a str, &'a [f32]>);
 
 impl<'a> Tensors<'a> {
-    fn get(&self, name: &str, length: usize) -> Result<&'a [f32]> {
+    pub(crate) fn of(tensors: &'a [NamedTensor]) -> Self {
+        Self(tensors.iter().map(|t| (t.name.as_str(), t.values.as_slice())).collect())
+    }
+
+    pub(crate) fn get(&self, name: &str, length: usize) -> Result<&'a [f32]> {
         let found = self.0.get(name).copied().filter(|values| values.len() == length);
         let found = found.ok_or_else(|| {
             let got = self.0.get(name).map_or("nothing".to_owned(), |values| format!("{} values", values.len()));

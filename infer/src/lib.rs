@@ -56,6 +56,7 @@ mod forged;
 #[cfg(all(test, feature = "burn"))]
 mod fuzz;
 pub mod learn_from;
+pub mod maps;
 pub mod match_odds;
 pub mod matches;
 #[cfg(feature = "datasets")]

@@ -135,7 +135,7 @@ pub struct ConvBn {
 }
 
 impl ConvBn {
-    fn new(layer: &ConvLayer, device: &Device) -> Self {
+    pub(crate) fn new(layer: &ConvLayer, device: &Device) -> Self {
         let pad = layer.kernel / 2;
         Self {
             conv: Conv2dConfig::new([layer.n_in, layer.n_out], [layer.kernel; 2])
@@ -146,6 +146,15 @@ impl ConvBn {
             norm: BatchNormConfig::new(layer.n_out).init(device),
             adds_input: layer.adds_input,
         }
+    }
+
+    /// In training by our own kernels, else by burn's: `[n, height, width, channels]`.
+    pub(crate) fn forward_nhwc(&self, x: Tensor<4>) -> Tensor<4> {
+        let device = x.device();
+        if device.is_autodiff() && (op::is_cpu(&device) || op::is_card(&device)) {
+            return self.train(x);
+        }
+        self.forward(x.permute([0, 3, 1, 2])).permute([0, 2, 3, 1])
     }
 
     /// By burn's kernels, on any device: `[n, channels, height, width]`.
@@ -191,8 +200,8 @@ fn train_layer<const D: usize>(x: Tensor<4>, weights: Tensor<D>, norm: &BatchNor
 }
 
 /// Draws each matrix and kernel from N(0, 2 / fan-in) (He et al. 2015); vectors keep their ones and zeros.
-struct DrawWeights {
-    rng: ChaCha8Rng,
+pub(crate) struct DrawWeights {
+    pub(crate) rng: ChaCha8Rng,
 }
 
 impl ModuleMapper for DrawWeights {

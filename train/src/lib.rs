@@ -50,6 +50,7 @@ mod info_nce;
 mod lamb;
 #[cfg(feature = "wgpu")]
 pub mod launches;
+pub mod maps;
 pub mod mating;
 mod moco;
 pub mod output_folder;

@@ -13,6 +13,7 @@ use tactile_data::progress::Progress;
 use tactile_data::store::Dataset;
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_train::config::{Preset, TrainConfig};
+use tactile_train::maps::{MapJudgement, MapOutcome, MapRun, MapTraining, train_maps};
 use tactile_train::output_folder::OutputFolder;
 use tactile_train::pairs::{Pairs, n_training};
 use tactile_train::run::{Event, Outcome, Run, train};
@@ -68,6 +69,10 @@ struct Cli {
     /// Continue from the state in --out, with the settings it began with.
     #[arg(long)]
     resume: bool,
+    /// Train the network that draws maps of touches instead, from pictures as this model sees them, on a simulated dataset:
+    /// OUT/maps.safetensors. Of the settings it takes steps, batch, seed, width, input_px, learning_rate and save_every.
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["from", "resume", "tune", "write_batches", "preset"])]
+    maps: Option<PathBuf>,
     /// Measure at each save how many holes of parts that are not trained on find their peg: a dataset of pegs on a grid
     /// of poses and one of holes of the same parts.
     #[arg(long, num_args = 2, value_names = ["PEGS", "HOLES"])]
@@ -89,9 +94,10 @@ struct Cli {
 fn main() -> ExitCode {
     keep_memory();
     let cli = Cli::parse();
-    program::run(|| match cli.write_batches {
-        true => write_batches(&cli).map(|()| ExitCode::SUCCESS),
-        false => run(&cli),
+    program::run(|| match &cli.maps {
+        _ if cli.write_batches => write_batches(&cli).map(|()| ExitCode::SUCCESS),
+        Some(model) => run_maps(&cli, model),
+        None => run(&cli),
     })
 }
 
@@ -124,11 +130,7 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     let config = fine_tuned(settings.resolve(n_training(&dataset, within))?, &settings, from.as_ref());
     let parts = cli.tune.iter().map(|path| Dataset::open(path)).collect::<tactile_data::Result<Vec<Dataset>>>()?;
     let tuning = if let [pegs, holes] = &parts[..] { Some(Tuning::new(pegs, holes)?) } else { None };
-    let stop = Arc::new(AtomicBool::new(false));
-    let asked = Arc::clone(&stop);
-    ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed))
-        .map_err(|e| Error::invalid("ctrl-C handler", "one in this process", e.to_string()))?;
-
+    let stop = stop_on_ctrl_c()?;
     let mut display = Display { progress: Progress::new("steps"), last: None };
     let run = Run {
         dataset: &dataset,
@@ -155,6 +157,52 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     }
     eprintln!("stopped after step {}; continue with --resume", outcome.step);
     Ok(ExitCode::FAILURE)
+}
+
+/// Trains the network that draws maps.
+fn run_maps(cli: &Cli, model: &Path) -> Result<ExitCode> {
+    let training = &MapTraining::of(&settings(cli)?)?;
+    let device: DeviceKind = cli.device.parse()?;
+    let inputs = [Some(cli.data.as_path()), Some(model), cli.config.as_deref()];
+    let out = &OutputFolder::claim(&cli.out, &inputs.into_iter().flatten().collect::<Vec<_>>())?;
+    let (model, _) = &Checkpoint::load(model)?;
+    let dataset = &Dataset::open(&cli.data)?;
+    let stop = stop_on_ctrl_c()?;
+    let progress = Progress::new("steps");
+    let mut show = |step: usize, loss: f64, found: Option<MapJudgement>| {
+        progress.on_bar(step, training.n_steps, &format!("loss {loss:.3}"));
+        if let Some(found) = found {
+            progress.line(&format!("step {step}: loss {loss:.3}, {}", said_of_maps(&found)));
+        }
+    };
+    let run = MapRun { dataset, model, training, device, out };
+    let MapOutcome { file, step, judgement } = train_maps(&run, &|| stop.load(Ordering::Relaxed), &mut show)?;
+    if cli.json {
+        let json = serde_json::json!({ "maps": file, "step": step, "judgement": judgement });
+        println!("{}", printable_json(&json.to_string()));
+    } else {
+        program::say(format_args!("{}: {step} steps, {}", file.display(), said_of_maps(&judgement)));
+    }
+    Ok(if step == training.n_steps { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// How well maps are drawn, in a line.
+fn said_of_maps(found: &MapJudgement) -> String {
+    let MapJudgement { distance_mm, inside, contact, nats } = found;
+    format!(
+        "held-out boards: {distance_mm:.2} mm off the outline, {:.1} % inside or outside, {:.1} % contact, {nats:.3} nats a place",
+        100.0 * inside,
+        100.0 * contact
+    )
+}
+
+/// Set once ctrl-C is pressed.
+fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = Arc::clone(&stop);
+    ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed))
+        .map_err(|e| Error::invalid("ctrl-C handler", "one in this process", e.to_string()))?;
+    Ok(stop)
 }
 
 /// The kernels of a run's later steps.

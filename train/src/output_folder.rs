@@ -45,12 +45,14 @@ impl OutputFolder {
 }
 
 /// What a run writes.
-pub(crate) const FILES: [&str; 5] = [MODEL, STATE, SETTINGS, CURVE, PAGE];
+pub(crate) const FILES: [&str; 6] = [MODEL, STATE, SETTINGS, CURVE, PAGE, MAPS];
 pub(crate) const MODEL: &str = "model.safetensors";
 pub(crate) const STATE: &str = "state.safetensors";
 pub(crate) const SETTINGS: &str = "train.toml";
 pub(crate) const CURVE: &str = "curve.csv";
 pub(crate) const PAGE: &str = "curve.html";
+/// The network that draws maps, of a run of its own.
+pub(crate) const MAPS: &str = "maps.safetensors";
 
 impl Drop for OutputFolder {
     fn drop(&mut self) {

@@ -157,8 +157,7 @@ mod tests {
     #[test]
     fn a_bank_that_learnt_from_the_absent_part_is_refused() {
         let names = ["A", "B", "C"].map(String::from);
-        let metric =
-            Metric::new(2, vec![1.0, 0.0, 0.3, 2.0], Measured { error_scale: 0.7 }).unwrap();
+        let metric = Metric::new(2, vec![1.0, 0.0, 0.3, 2.0], Measured { error_scale: 0.7 }).unwrap();
         let learnt = Arc::new(bank(&names).with_metric(metric).unwrap());
         let new = |bank: &Arc<Bank>, absent| Banks::new(bank.clone(), &protocol(absent, None), None);
         let error = new(&learnt, true).unwrap_err().to_string();

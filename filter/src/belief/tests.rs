@@ -114,8 +114,10 @@ fn a_narrower_start_is_what_is_believed_of_the_whole_given_that_the_part_is_ther
         assert_eq!(of_narrow.posterior().grid(), &start);
         let (masses, given) = (masses_of(&of_whole), masses_of(&of_narrow));
         let cells: Vec<usize> = (0..start.len()).map(|cell| GRID.nearest(&start.pose(cell)).unwrap()).collect();
-        let there: Vec<f64> = (0..2).flat_map(|part| cells.iter().map(move |cell| part * N_CELLS + cell))
-            .map(|state| masses[state]).collect();
+        let there: Vec<f64> = (0..2)
+            .flat_map(|part| cells.iter().map(move |cell| part * N_CELLS + cell))
+            .map(|state| masses[state])
+            .collect();
         let sum: f64 = there.iter().sum();
         for (given, there) in given.iter().zip(&there) {
             assert!((given - there / sum).abs() < 1e-9, "{given} {there} {sum}");

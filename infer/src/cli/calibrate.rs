@@ -159,13 +159,12 @@ fn text(calibration: &Calibration) -> String {
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
     let low = before(&|prior| format!("{:.2}", prior.low_similarity));
-    let mut text = format!("{n_holes} touches with an edge{counted}\n  99 in 100 reach cosine {low}{low_similarity:.2}");
+    let mut text =
+        format!("{n_holes} touches with an edge{counted}\n  99 in 100 reach cosine {low}{low_similarity:.2}");
     if let Some(Spread { mean, sd }) = matched {
         let was = |prior: &Prior| prior.matched.map_or("unknown".into(), |matched| format!("{:.3}", matched.mean));
-        text += &format!(
-            "\n  the cosine with the view touched is {}{mean:.3}, standard deviation {sd:.3}",
-            before(&was)
-        );
+        text +=
+            &format!("\n  the cosine with the view touched is {}{mean:.3}, standard deviation {sd:.3}", before(&was));
     }
     if let Some(between) = between_sensors {
         text += &format!(", of it {between:.3} from sensor to sensor");

@@ -6,6 +6,7 @@ mod calibrate;
 mod convert;
 mod embed;
 mod fit;
+mod map;
 mod matching;
 mod speed;
 
@@ -58,6 +59,11 @@ enum Command {
         after_help = "Example:\n  tactile-infer embed touch.png --model model/model.safetensors --no-contact rest.png"
     )]
     Embed(embed::EmbedArgs),
+    /// Draw what a touch shows of its part: how far each place is from the outline of the peg, and what touches the gel.
+    #[command(
+        after_help = "Example:\n  tactile-infer map touch.png --maps maps/maps.safetensors --no-contact rest.png --out map.png"
+    )]
+    Map(map::MapArgs),
     Align(align::AlignArgs),
     Calibrate(calibrate::CalibrateArgs),
     Fit(fit::FitArgs),
@@ -152,6 +158,7 @@ impl Cli {
     pub fn run(&self) -> Result<()> {
         match &self.command {
             Command::Embed(args) => args.run(),
+            Command::Map(args) => args.run(),
             Command::Bank(args) => args.run(),
             Command::Match(args) => args.run(),
             Command::Calibrate(args) => args.run(),

@@ -1,0 +1,137 @@
+//! `tactile-infer map`: what the network that draws maps sees in a touch.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use tactile_data::calibrate::Calibration;
+use tactile_data::frame::{Background, Frame};
+use tactile_data::touch::Side;
+use tactile_data::touch_map::FARTHEST_MM;
+use tactile_data::{output, picture, program};
+use tactile_infer::maps::{DrawnMap, MapDrawer, MapFile};
+use tactile_infer::{Error, Result};
+
+use super::{print_json, side};
+
+#[derive(Args)]
+pub struct MapArgs {
+    /// Picture of a touch, PNG or JPEG, of the size of the no-contact frame
+    #[arg(value_name = "IMAGE")]
+    image: PathBuf,
+    /// The network, written by tactile-train --maps
+    #[arg(long, value_name = "FILE")]
+    maps: PathBuf,
+    /// Picture of the sensor at rest, from the same camera; the network sees the difference from it
+    #[arg(long, value_name = "IMAGE")]
+    no_contact: PathBuf,
+    /// The sensor's light over these pictures, as `tactile-data calibrate` measured it [default: a GelSight Mini's]
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
+    /// The side that is touched
+    #[arg(long, value_name = "SIDE", default_value_t, value_parser = side())]
+    side: Side,
+    /// Draw the touch, the distance to the peg's outline (blue inside, red outside, pale where it is not sure) and what touches the
+    /// gel (dark), side by side
+    #[arg(long, value_name = "FILE.png")]
+    out: Option<PathBuf>,
+    /// Print the map as JSON, rows from the top
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `--json` prints, `[height, width]` each.
+#[derive(Serialize)]
+struct Map<'a> {
+    size_px: [usize; 2],
+    mm_per_px: [f64; 2],
+    distance_mm: &'a [f32],
+    error_mm: &'a [f32],
+    inside: &'a [f32],
+    contact: &'a [f32],
+}
+
+/// Pixels of the picture for each of the map.
+const ENLARGED: usize = 8;
+
+impl MapArgs {
+    /// Draws and prints.
+    pub fn run(&self) -> Result<()> {
+        if self.out.is_none() && !self.json {
+            return Err(Error::invalid("map", "--out FILE.png, --json, or both", "neither"));
+        }
+        let inputs = [&self.image, &self.no_contact, &self.maps].into_iter().chain(&self.calibration);
+        let _lock = self.out.as_ref().map(|path| output::check_file(path, inputs)).transpose()?;
+        let file = MapFile::load(&self.maps)?;
+        let drawer = MapDrawer::new(&file).map_err(|error| error.within(self.maps.display()))?;
+        let rest = &self.no_contact;
+        let background = Background::new(&picture::read(rest)?, &file.preprocessing);
+        let background = background.map_err(|error| Error::from(error).within(rest.display()))?;
+        let calibration = self.calibration.as_ref().map(Calibration::load).transpose()?;
+        let background = background.lit_by(&calibration.map(|of| of.light.response()))?;
+        let frame = picture::read(&self.image)?;
+        let seen = background.tactile_image(&frame).map_err(|error| Error::from(error).within(self.image.display()))?;
+        for map in drawer.draw(std::slice::from_ref(&seen), self.side)? {
+            if let Some(out) = &self.out {
+                picture::write_png(out, &side_by_side(&frame, &map)?)?;
+                program::say(format_args!("{}: {}", out.display(), said(&map)));
+            }
+            if self.json {
+                let DrawnMap { size_px, distance_mm, error_mm, inside, contact } = &map;
+                let mm_per_px = [0, 1].map(|axis| file.preprocessing.field_of_view_mm[axis] / size_px[axis] as f64);
+                print_json(&Map { size_px: *size_px, mm_per_px, distance_mm, error_mm, inside, contact })?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A map in a line.
+fn said(map: &DrawnMap) -> String {
+    let share = |values: &[f32]| 100.0 * values.iter().sum::<f32>() / values.len() as f32;
+    let mut errors = map.error_mm.clone();
+    errors.sort_by(f32::total_cmp);
+    format!(
+        "{:.0} % of the view is inside the peg's outline, {:.0} % touches the gel; the outline is known to {:.2} mm (median)",
+        share(&map.inside),
+        share(&map.contact),
+        errors[errors.len() / 2]
+    )
+}
+
+/// The touch, the distance and the contact.
+fn side_by_side(frame: &Frame, map: &DrawnMap) -> Result<Frame> {
+    let size = map.size_px.map(|n| ENLARGED * n);
+    let touch = picture::resize(frame, size)?;
+    let [width, height] = size;
+    let mut rgb = Vec::with_capacity(9 * width * height);
+    for row in 0..height {
+        rgb.extend_from_slice(&touch.rgb()[3 * row * width..3 * (row + 1) * width]);
+        let at = |column: usize| row / ENLARGED * map.size_px[0] + column / ENLARGED;
+        rgb.extend((0..width).flat_map(|column| of_distance(map.distance_mm[at(column)], map.error_mm[at(column)])));
+        rgb.extend((0..width).flat_map(|column| [(255.0 * (1.0 - 0.85 * map.contact[at(column)])) as u8; 3]));
+    }
+    Ok(Frame::new(3 * width, height, rgb)?)
+}
+
+/// Black at the outline, blue inside, red outside; the paler, the less sure it is.
+fn of_distance(mm: f32, error_mm: f32) -> [u8; 3] {
+    let far = (mm.abs() / FARTHEST_MM as f32).min(1.0).sqrt();
+    let colour = if mm < 0.0 { [0.25, 0.5, 1.0] } else { [1.0, 0.45, 0.3] };
+    let sure = 1.0 / (1.0 + error_mm);
+    colour.map(|value| (255.0 * (sure * value * far + (1.0 - sure) * 0.9)) as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inside_is_blue_outside_red_the_outline_dark_and_doubt_pale() {
+        let [inside, outside, outline] = [-2.0, 2.0, 0.0].map(|mm| of_distance(mm, 0.05));
+        assert!(inside[2] > 2 * inside[0] && outside[0] > 2 * outside[2], "{inside:?} {outside:?}");
+        assert!(outline.iter().all(|value| *value < 30), "{outline:?}");
+        let doubt = of_distance(-2.0, 3.0);
+        assert!(doubt[0] > inside[0] + 80, "{doubt:?}");
+    }
+}

@@ -1,0 +1,235 @@
+//! The trained network on the CPU without tensors, as [`crate::encoder`] is: normalisations folded into the weights, the weights
+//! packed once.
+
+use tactile_data::frame::TactileImage;
+use tactile_data::touch::Side;
+
+use super::{Drawn, LOG_ERRORS, MapConfig, MapFile, N_DRAWN, N_SEEN, StageLayers, side_value};
+use crate::encoder::{Dense, Layer, Tensors, pixel_by_pixel};
+use crate::error::{Error, Result};
+
+/// Draws maps of touches.
+#[derive(Clone, Debug)]
+pub struct MapDrawer {
+    config: MapConfig,
+    down: Vec<[Layer; 2]>,
+    up: Vec<[Layer; 2]>,
+    draw: Dense,
+}
+
+/// A map that was drawn, `[height, width]` each, rows from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnMap {
+    /// Width and height, pixels.
+    pub size_px: [usize; 2],
+    /// The distance to the outline of the peg, mm, negative inside.
+    pub distance_mm: Vec<f32>,
+    /// The mean error that is expected of it, mm.
+    pub error_mm: Vec<f32>,
+    /// The probability that a place is inside the outline, 0..=1.
+    pub inside: Vec<f32>,
+    /// The probability that it touches the gel, 0..=1.
+    pub contact: Vec<f32>,
+}
+
+impl MapDrawer {
+    /// Folds the tensors of a file.
+    ///
+    /// # Errors
+    /// A tensor that is missing or of another size, values that are not finite, and variances below zero.
+    pub fn new(file: &MapFile) -> Result<Self> {
+        let MapFile { config, tensors, .. } = file;
+        let tensors = Tensors::of(tensors);
+        let [width, height] = config.input_px;
+        let mut size = [height, width];
+        let stage = |name: &str, layers: &StageLayers, size: [usize; 2]| -> Result<[Layer; 2]> {
+            let change = Layer::new(&tensors, &format!("{name}.change"), &layers.change, size)?;
+            let refine = Layer::new(&tensors, &format!("{name}.refine"), &layers.refine, change.out_size().0)?;
+            Ok([change, refine])
+        };
+        let [of_down, of_up] = config.stages();
+        let (mut down, mut sizes) = (Vec::new(), Vec::new());
+        for (at, layers) in of_down.iter().enumerate() {
+            down.push(stage(&format!("down.{at}"), layers, size)?);
+            size = down[at][1].out_size().0;
+            sizes.push(size);
+        }
+        sizes.pop();
+        let up = of_up.iter().zip(sizes.iter().rev()).enumerate();
+        let up = up.map(|(at, (layers, size))| stage(&format!("up.{at}"), layers, *size)).collect::<Result<_>>()?;
+        let draw = Dense::new(&tensors, "draw", None, [config.width, N_DRAWN], |at| at)?;
+        Ok(Self { config: *config, down, up, draw: draw.with_bias(tensors.get("draw.bias", N_DRAWN)?) })
+    }
+
+    /// The sizes of the network.
+    pub fn config(&self) -> &MapConfig {
+        &self.config
+    }
+
+    /// Draws what touches of a side show.
+    ///
+    /// # Errors
+    /// A picture of another size than the network's.
+    pub fn draw(&self, images: &[TactileImage], side: Side) -> Result<Vec<DrawnMap>> {
+        let [width, height] = self.config.input_px;
+        let mut seen = Vec::with_capacity(images.len() * N_SEEN * width * height);
+        for image in images {
+            if image.size_px != self.config.input_px {
+                let got = format!("{:?}", image.size_px);
+                return Err(Error::invalid("picture", format!("{:?} pixels", self.config.input_px), got));
+            }
+            seen.extend_from_slice(&image.planes);
+            seen.resize(seen.len() + width * height, side_value(side));
+        }
+        let drawn = self.forward(&pixel_by_pixel::<N_SEEN>(&seen, [height, width]));
+        Ok(drawn.chunks_exact(N_DRAWN * width * height).map(|map| DrawnMap::of(self.config.input_px, map)).collect())
+    }
+
+    /// `[n, height, width, N_SEEN]` -> `[n, height, width, N_DRAWN]`.
+    fn forward(&self, images: &[f32]) -> Vec<f32> {
+        let stage = |[change, refine]: &[Layer; 2], x: &[f32]| refine.forward(&change.forward(x));
+        let mut seen: Vec<Vec<f32>> = Vec::with_capacity(self.down.len());
+        for layers in &self.down {
+            seen.push(stage(layers, seen.last().map_or(images, Vec::as_slice)));
+        }
+        let mut x = seen.pop().unwrap_or_default();
+        let mut below = self.down.last();
+        for layers in &self.up {
+            // As many sizes up as down.
+            let (Some(before), Some([_, last])) = (seen.pop(), below) else { break };
+            let (size, n_below) = last.out_size();
+            let (full, n_here) = layers[1].out_size();
+            x = stage(layers, &joined((&x, size, n_below), (&before, full, n_here)));
+            below = Some(layers);
+        }
+        self.draw.forward(&x)
+    }
+}
+
+/// Values by pixel, the height and width of their images, and the channels of a pixel.
+type Pixels<'a> = (&'a [f32], [usize; 2], usize);
+
+/// Each pixel of the smaller images as two by two, cut to the size of the larger ones, with their channels after it.
+fn joined((small, [rows, columns], n_small): Pixels<'_>, (large, [height, width], n_large): Pixels<'_>) -> Vec<f32> {
+    let n_images = large.len() / (height * width * n_large);
+    let mut out = Vec::with_capacity(n_images * height * width * (n_small + n_large));
+    for at in 0..n_images * height * width {
+        let (image, row, column) = (at / (height * width), at / width % height, at % width);
+        let below = (image * rows + row / 2) * columns + column / 2;
+        out.extend_from_slice(&small[below * n_small..][..n_small]);
+        out.extend_from_slice(&large[at * n_large..][..n_large]);
+    }
+    out
+}
+
+impl DrawnMap {
+    fn of(size_px: [usize; 2], values: &[f32]) -> Self {
+        let of = |what: Drawn, value: &dyn Fn(f32) -> f32| {
+            values.chunks_exact(N_DRAWN).map(|place| value(place[what as usize])).collect::<Vec<f32>>()
+        };
+        let probability = |odds: f32| (1.0 + (-odds).exp()).recip();
+        Self {
+            size_px,
+            distance_mm: of(Drawn::Distance, &|mm| mm),
+            error_mm: of(Drawn::LogError, &|log| log.clamp(LOG_ERRORS[0], LOG_ERRORS[1]).exp()),
+            inside: of(Drawn::Inside, &probability),
+            contact: of(Drawn::Contact, &probability),
+        }
+    }
+}
+
+#[cfg(all(test, feature = "burn"))]
+mod tests {
+    use burn::tensor::{Tensor, TensorData};
+    use tactile_data::frame::Preprocessing;
+
+    use super::*;
+    use crate::device::DeviceKind;
+    use crate::maps::MapProvenance;
+    use crate::network::{tensors_of, with_tensors};
+
+    /// A file of a network with statistics that are not those of a fresh one, of sizes that halve unevenly.
+    fn file() -> MapFile {
+        let config = MapConfig { input_px: [21, 18], width: 5 };
+        let mut tensors = tensors_of(&config.init(3, &DeviceKind::Flex.tensor_device()));
+        for tensor in tensors.iter_mut().filter(|t| t.shape.len() == 1) {
+            let is_variance = tensor.name.ends_with("var");
+            for (i, value) in tensor.values.iter_mut().enumerate() {
+                *value = if is_variance { 0.5 + 0.1 * i as f32 } else { (i as f32 + tensor.name.len() as f32).sin() };
+            }
+        }
+        let preprocessing = Preprocessing::counts(config.input_px);
+        MapFile { config, preprocessing, provenance: MapProvenance { steps: 7, ..Default::default() }, tensors }
+    }
+
+    fn images(n: usize) -> Vec<TactileImage> {
+        let plane = |image: usize| (0..3 * 21 * 18).map(move |i| ((i + 91 * image) as f32 * 0.7).sin()).collect();
+        (0..n).map(|image| TactileImage { size_px: [21, 18], planes: plane(image), edge_share: 0.1 }).collect()
+    }
+
+    #[test]
+    fn a_map_is_the_burn_networks_but_for_rounding() {
+        let (file, device, images) = (file(), DeviceKind::Flex.tensor_device(), images(3));
+        let network = with_tensors(file.config.init(4, &device), file.tensors.clone()).unwrap();
+        for side in [Side::Hole, Side::Peg] {
+            let seen = images.iter().flat_map(|image| image.planes.iter().copied().chain([side_value(side); 21 * 18]));
+            let seen = Tensor::from_data(TensorData::new(seen.collect::<Vec<f32>>(), [3, N_SEEN, 18, 21]), &device);
+            let expected = network.forward(seen).into_data().try_into_vec::<f32>().unwrap();
+            let largest = expected.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+            let found = MapDrawer::new(&file).unwrap().draw(&images, side).unwrap();
+            assert_eq!((found.len(), found[1].contact.len()), (3, 21 * 18));
+            for (at, expected) in expected.chunks_exact(N_DRAWN).enumerate() {
+                let (map, place) = (&found[at / (21 * 18)], at % (21 * 18));
+                let odds = |probability: f32| (probability / (1.0 - probability)).ln();
+                // Sums of some hundred products in fourteen layers, each rounded to 6e-8 of the largest.
+                let tolerance = 1e-4 * largest;
+                assert!((map.distance_mm[place] - expected[0]).abs() < tolerance, "{place}");
+                let log_error = expected[1].clamp(LOG_ERRORS[0], LOG_ERRORS[1]);
+                assert!((map.error_mm[place].ln() - log_error).abs() < tolerance, "{place}");
+                // A probability near 1 is rounded to 6e-8.
+                for (found, expected) in [(map.inside[place], expected[2]), (map.contact[place], expected[3])] {
+                    let rounded = 1e-7 * (1.0 + expected.abs().exp());
+                    assert!(expected.abs() > 10.0 || (odds(found) - expected).abs() < tolerance + rounded, "{place}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_file_comes_back_in_f16_and_what_does_not_fit_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("maps.safetensors");
+        let file = file();
+        file.save(&path).unwrap();
+        let loaded = MapFile::load(&path).unwrap();
+        assert_eq!(
+            (loaded.config, &loaded.preprocessing, &loaded.provenance),
+            (file.config, &file.preprocessing, &file.provenance)
+        );
+        loaded.save(&path).unwrap();
+        assert_eq!(MapFile::load(&path).unwrap(), loaded);
+        let [exact, rounded] =
+            [&file, &loaded].map(|of| MapDrawer::new(of).unwrap().draw(&images(1), Side::Hole).unwrap());
+        let off =
+            exact[0].distance_mm.iter().zip(&rounded[0].distance_mm).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let largest = exact[0].distance_mm.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+        assert!(off > 0.0 && off < 0.01 * largest, "{off} {largest}");
+
+        let mut lacking = loaded.clone();
+        lacking.tensors.retain(|tensor| tensor.name != "up.1.refine.norm.beta");
+        assert!(MapDrawer::new(&lacking).unwrap_err().to_string().contains("up.1.refine.norm.beta"));
+        let mut odd = loaded;
+        odd.preprocessing.input_px = [20, 18];
+        odd.save(&path).unwrap();
+        assert!(MapFile::load(&path).unwrap_err().to_string().contains("preprocessing.input_px"));
+        let other = TactileImage { size_px: [40, 30], planes: vec![0.0; 3_600], edge_share: 0.0 };
+        assert!(
+            MapDrawer::new(&file)
+                .unwrap()
+                .draw(&[other], Side::Peg)
+                .unwrap_err()
+                .to_string()
+                .contains("[21, 18] pixels")
+        );
+    }
+}

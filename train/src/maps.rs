@@ -1,0 +1,382 @@
+//! Trains the network that draws a touch's map: from the touch's picture, as the encoder sees it, to what the simulator knows is
+//! in view ([`tactile_data::touch_map`]).
+
+use std::path::PathBuf;
+use std::sync::mpsc::sync_channel;
+
+use burn::module::Module;
+use burn::optim::{AdamWConfig, GradientsParams};
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
+use serde::Serialize;
+use tactile_data::frame::{Background, Preprocessing};
+use tactile_data::scene::Scene;
+use tactile_data::se2::Se2;
+use tactile_data::simulator::Simulator;
+use tactile_data::store::Dataset;
+use tactile_data::touch_map::{FARTHEST_MM, TouchMaps};
+use tactile_infer::maps::network::MapNetwork;
+use tactile_infer::maps::{Drawn, LOG_ERRORS, MapConfig, MapFile, MapProvenance, N_DRAWN, N_SEEN, side_value};
+use tactile_infer::network::tensors_of;
+use tactile_infer::{Checkpoint, DeviceKind};
+
+use crate::error::{Error, Result};
+use crate::output_folder::{MAPS, OutputFolder};
+use crate::schedule::learning_rate;
+use crate::settings::Settings;
+
+/// Frames of held-out boards that progress is measured on.
+const N_JUDGED: usize = 512;
+
+/// What is trained, and how much.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapTraining {
+    /// The network.
+    pub network: MapConfig,
+    /// Steps.
+    pub n_steps: usize,
+    /// Touches of a step.
+    pub batch: usize,
+    /// Peak learning rate of AdamW.
+    pub learning_rate: f64,
+    /// Draws weights and batches.
+    pub seed: u64,
+    /// Steps between two saves, each after a look at the held-out boards.
+    pub save_every: usize,
+}
+
+impl Default for MapTraining {
+    /// A quarter of an hour on two cores.
+    fn default() -> Self {
+        let network = MapConfig { input_px: [40, 30], width: 16 };
+        Self { network, n_steps: 6_000, batch: 64, learning_rate: 3e-3, seed: 1, save_every: 500 }
+    }
+}
+
+impl MapTraining {
+    /// The defaults, but for what the settings say.
+    ///
+    /// # Errors
+    /// A setting that says nothing to a network that draws maps, or is out of range.
+    pub fn of(settings: &Settings) -> Result<Self> {
+        let Settings { steps, batch, seed, width, input_px, learning_rate, save_every, .. } = *settings;
+        let known = Settings { steps, batch, seed, width, input_px, learning_rate, save_every, ..Settings::default() };
+        if *settings != known {
+            let expected = "steps, batch, seed, width, input_px, learning_rate and save_every alone";
+            return Err(Error::invalid("settings of --maps", expected, "others"));
+        }
+        let of = Self::default();
+        let network =
+            MapConfig { input_px: input_px.unwrap_or(of.network.input_px), width: width.unwrap_or(of.network.width) };
+        network.validate()?;
+        let training = Self {
+            network,
+            n_steps: steps.unwrap_or(of.n_steps),
+            batch: batch.unwrap_or(of.batch),
+            learning_rate: learning_rate.unwrap_or(of.learning_rate),
+            seed: seed.unwrap_or(of.seed),
+            save_every: save_every.unwrap_or(of.save_every),
+        };
+        for (name, n) in [("steps", training.n_steps), ("save_every", training.save_every)] {
+            if n == 0 {
+                return Err(Error::invalid(name, "one or more", "0"));
+            }
+        }
+        if !(2..=4_096).contains(&training.batch) {
+            return Err(Error::invalid("batch", "2 to 4096 touches", training.batch.to_string()));
+        }
+        if !(training.learning_rate > 0.0 && training.learning_rate < 1.0) {
+            return Err(Error::invalid("learning_rate", "above 0 and below 1", training.learning_rate.to_string()));
+        }
+        Ok(training)
+    }
+}
+
+/// How well maps are drawn of boards that were not trained on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct MapJudgement {
+    /// Mean error of the distance where it is less than the farthest, mm.
+    pub distance_mm: f64,
+    /// Share of places whose side of the outline is right.
+    pub inside: f64,
+    /// Share of places told right to touch or not.
+    pub contact: f64,
+    /// Mean of the loss, nats a place.
+    pub nats: f64,
+}
+
+/// The touches of a dataset with their maps.
+struct Touches<'a> {
+    dataset: &'a Dataset,
+    background: Background,
+    maps: TouchMaps<'a>,
+    /// Of each frame its part in the simulator.
+    parts: Vec<usize>,
+    size_px: [usize; 2],
+}
+
+/// Pictures and what is to be drawn of them.
+struct MapBatch {
+    n: usize,
+    /// `[n, N_SEEN, height, width]`.
+    images: Vec<f32>,
+    /// `[n, height, width, 3]`: distance, inside, contact.
+    targets: Vec<f32>,
+}
+
+impl<'a> Touches<'a> {
+    fn new(
+        dataset: &'a Dataset,
+        simulator: &'a Simulator,
+        background: Background,
+        size_px: [usize; 2],
+    ) -> Result<Self> {
+        let part = |frame: usize| {
+            let touch = dataset.touch(frame);
+            let part = touch.part.as_ref().and_then(|part| simulator.parts().iter().position(|name| name == part));
+            part.filter(|_| touch.side.is_some() && touch.part_from_sensor.is_some()).ok_or_else(|| {
+                let expected = "a part of the scene, a side and a pose";
+                Error::invalid(format!("{}: frame {frame}", dataset.meta().name), expected, format!("{touch:?}"))
+            })
+        };
+        let parts = (0..dataset.len()).map(part).collect::<Result<_>>()?;
+        Ok(Self { dataset, background, maps: TouchMaps::new(simulator), parts, size_px })
+    }
+
+    /// Some frames.
+    fn batch(&self, frames: &[usize]) -> Result<MapBatch> {
+        let one = |frame: &usize| -> Result<(Vec<f32>, Vec<f32>)> {
+            let touch = self.dataset.touch(*frame);
+            // Looked at when the touches were read.
+            let (side, pose) = (touch.side.unwrap_or_default(), touch.part_from_sensor.unwrap_or(Se2::IDENTITY));
+            let image = self.background.tactile_image(&self.dataset.frame(*frame))?;
+            let map = self.maps.of(self.parts[*frame], side, &pose, self.size_px)?;
+            let places = map.distance_mm.iter().zip(&map.contact);
+            let target = places.flat_map(|(mm, contact)| [*mm, if *mm < 0.0 { 1.0 } else { 0.0 }, *contact]).collect();
+            let mut seen = image.planes;
+            seen.resize(N_SEEN * self.size_px[0] * self.size_px[1], side_value(side));
+            Ok((seen, target))
+        };
+        let made = frames.par_iter().map(one).collect::<Result<Vec<_>>>()?;
+        let (images, targets): (Vec<_>, Vec<_>) = made.into_iter().unzip();
+        Ok(MapBatch { n: frames.len(), images: images.concat(), targets: targets.concat() })
+    }
+}
+
+impl MapBatch {
+    fn tensors(&self, [width, height]: [usize; 2], device: &Device) -> (Tensor<4>, Tensor<4>) {
+        let images = TensorData::new(self.images.clone(), [self.n, N_SEEN, height, width]);
+        let targets = TensorData::new(self.targets.clone(), [self.n, height, width, 3]);
+        (Tensor::from_data(images, device), Tensor::from_data(targets, device))
+    }
+}
+
+/// One of the values of each place, `[n, height, width, 1]`.
+fn value(maps: &Tensor<4>, at: usize) -> Tensor<4> {
+    let [n, height, width, _] = maps.dims();
+    maps.clone().slice([0..n, 0..height, 0..width, at..at + 1])
+}
+
+/// `ln(1 + e^x) - share x`: what it costs to say log-odds `x` where a share is right.
+fn surprise(odds: Tensor<4>, share: Tensor<4>) -> Tensor<4> {
+    let size = odds.clone().abs();
+    relu(odds.clone()) + size.neg().exp().log1p() - share * odds
+}
+
+/// The mean cost of maps, nats a place, `[1]`: of the distance as a Laplace variable's, of inside and contact as coins'.
+fn loss(maps: Tensor<4>, targets: Tensor<4>) -> Tensor<1> {
+    let log_error = value(&maps, Drawn::LogError as usize).clamp(LOG_ERRORS[0], LOG_ERRORS[1]);
+    let off = (value(&maps, Drawn::Distance as usize) - value(&targets, 0)).abs();
+    let distance = off * log_error.clone().neg().exp() + log_error;
+    let inside = surprise(value(&maps, Drawn::Inside as usize), value(&targets, 1));
+    let contact = surprise(value(&maps, Drawn::Contact as usize), value(&targets, 2));
+    (distance + inside + contact).mean()
+}
+
+/// The inputs of a run and its output folder.
+#[derive(Clone, Copy, Debug)]
+pub struct MapRun<'a> {
+    /// Simulated touches, with their scene and seed.
+    pub dataset: &'a Dataset,
+    /// Maps are drawn from pictures as this model sees them.
+    pub model: &'a Checkpoint,
+    /// How.
+    pub training: &'a MapTraining,
+    /// Where to compute.
+    pub device: DeviceKind,
+    /// Folder for `maps.safetensors`.
+    pub out: &'a OutputFolder,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MapOutcome {
+    /// The file that was written last.
+    pub file: PathBuf,
+    /// Steps made.
+    pub step: usize,
+    /// Of that file.
+    pub judgement: MapJudgement,
+}
+
+/// Trains on the boards of a simulated dataset that are not held out. `should_stop` is asked before each step; where it returns
+/// true the run saves and returns. `on_step` is given each step's number and loss, and after a save what it is worth.
+///
+/// # Errors
+/// A folder with maps in it, a dataset that does not say what was simulated, a loss that is not finite, a file that cannot be
+/// written.
+pub fn train_maps(
+    run: &MapRun<'_>,
+    should_stop: &dyn Fn() -> bool,
+    on_step: &mut dyn FnMut(usize, f64, Option<MapJudgement>),
+) -> Result<MapOutcome> {
+    let MapRun { dataset, model, training, device, out } = *run;
+    let file = out.file(MAPS);
+    if file.exists() {
+        return Err(Error::invalid(file.display().to_string(), "an empty --out", "the maps of an earlier run"));
+    }
+    let meta = dataset.meta();
+    let simulated = || Error::invalid(&meta.name, "a simulated dataset, which says its scene and seed", "another");
+    let (scene, seed) = (meta.scene.clone().ok_or_else(simulated)?, meta.seed.ok_or_else(simulated)?);
+    let scene: Scene = serde_json::from_value(scene).map_err(|_| simulated())?;
+    let simulator = Simulator::new(scene, seed)?;
+    let size_px = training.network.input_px;
+    let mut preprocessing = model.preprocessing.clone();
+    preprocessing.input_px = size_px;
+    let touches = Touches::new(dataset, &simulator, dataset.background(&preprocessing)?, size_px)?;
+    let is_held_out = |frame: &usize| meta.held_out.contains(&simulator.parts()[touches.parts[*frame]]);
+    let (held_out, trained): (Vec<usize>, Vec<usize>) = (0..dataset.len()).partition(is_held_out);
+    if trained.is_empty() || held_out.is_empty() {
+        return Err(Error::invalid(
+            &meta.name,
+            "boards to train on and boards held out",
+            format!("{:?}", meta.held_out),
+        ));
+    }
+    let judged: Vec<usize> = held_out.iter().step_by(held_out.len().div_ceil(N_JUDGED)).copied().collect();
+    let device = device.open()?.autodiff();
+    let mut network = training.network.init(training.seed, &device);
+    let mut optimizer = AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(1e-4).init();
+    let mut last = None;
+    std::thread::scope(|scope| {
+        let (sender, batches) = sync_channel::<Result<MapBatch>>(2);
+        let (touches, trained) = (&touches, &trained);
+        let results = Results { run, touches, judged, preprocessing, device: device.clone().inner() };
+        scope.spawn(move || {
+            for step in 0..training.n_steps {
+                let mut rng = ChaCha8Rng::seed_from_u64(training.seed);
+                rng.set_stream(step as u64 + 1);
+                let frames: Vec<usize> =
+                    (0..training.batch).map(|_| trained[rng.random_range(0..trained.len())]).collect();
+                if sender.send(touches.batch(&frames)).is_err() {
+                    return;
+                }
+            }
+        });
+        let mut made = 0;
+        while made < training.n_steps && !should_stop() {
+            let Ok(batch) = batches.recv() else { break };
+            let step = made + 1;
+            let (images, targets) = batch?.tensors(size_px, &device);
+            let cost = loss(network.forward(images), targets);
+            let gradients = GradientsParams::from_grads(cost.backward(), &network);
+            let warmup = (training.n_steps / 20).max(1);
+            let rate = learning_rate(step - 1, warmup, training.n_steps, training.learning_rate);
+            network = optimizer.step(rate, network, gradients);
+            let cost = f64::from(cost.into_scalar::<f32>());
+            if !cost.is_finite() {
+                let (seen, advice) = (format!("a loss of {cost}"), "a smaller learning_rate");
+                return Err(Error::Diverged { step, seen, advice, kept: last.map(|(step, _)| step) });
+            }
+            made = step;
+            let is_save = step == training.n_steps || step.is_multiple_of(training.save_every);
+            let found = if is_save { Some(results.save(&network, step)?) } else { None };
+            last = found.map(|found| (step, found)).or(last);
+            on_step(step, cost, found);
+        }
+        let judgement = match last {
+            Some((step, judgement)) if step == made => judgement,
+            _ => results.save(&network, made)?,
+        };
+        Ok(MapOutcome { file: file.clone(), step: made, judgement })
+    })
+}
+
+/// What a run writes.
+struct Results<'a> {
+    run: &'a MapRun<'a>,
+    touches: &'a Touches<'a>,
+    /// Frames of held-out boards.
+    judged: Vec<usize>,
+    preprocessing: Preprocessing,
+    device: Device,
+}
+
+impl Results<'_> {
+    /// Looks at the held-out boards and writes the network.
+    fn save(&self, network: &MapNetwork, steps: usize) -> Result<MapJudgement> {
+        let network = network.valid();
+        let judgement = judge(&network, self.touches, &self.judged, &self.device)?;
+        let MapTraining { network: config, batch, seed, .. } = *self.run.training;
+        let (dataset, distance_mm) = (self.run.dataset.meta().name.clone(), judgement.distance_mm);
+        let provenance = MapProvenance { steps, batch, seed, dataset, distance_mm };
+        let preprocessing = self.preprocessing.clone();
+        MapFile { config, preprocessing, provenance, tensors: tensors_of(&network) }.save(&self.run.out.file(MAPS))?;
+        Ok(judgement)
+    }
+}
+
+fn judge(network: &MapNetwork, touches: &Touches<'_>, frames: &[usize], device: &Device) -> Result<MapJudgement> {
+    let mut sums = MapJudgement::default();
+    let (mut n_near, mut n_places) = (0.0, 0.0);
+    for frames in frames.chunks(64) {
+        let batch = touches.batch(frames)?;
+        let (images, targets) = batch.tensors(touches.size_px, device);
+        let maps = network.forward(images);
+        let nats = f64::from(loss(maps.clone(), targets).into_scalar::<f32>());
+        // f32 by construction.
+        let maps = maps.into_data().try_into_vec::<f32>().unwrap_or_default();
+        for (drawn, target) in maps.chunks_exact(N_DRAWN).zip(batch.targets.chunks_exact(3)) {
+            if f64::from(target[0].abs()) < FARTHEST_MM {
+                sums.distance_mm += f64::from((drawn[Drawn::Distance as usize] - target[0]).abs());
+                n_near += 1.0;
+            }
+            sums.inside += f64::from(u8::from((drawn[Drawn::Inside as usize] > 0.0) == (target[1] > 0.5)));
+            sums.contact += f64::from(u8::from((drawn[Drawn::Contact as usize] > 0.0) == (target[2] > 0.5)));
+            n_places += 1.0;
+        }
+        sums.nats += nats * batch.targets.len() as f64 / 3.0;
+    }
+    Ok(MapJudgement {
+        distance_mm: sums.distance_mm / f64::max(n_near, 1.0),
+        inside: sums.inside / n_places,
+        contact: sums.contact / n_places,
+        nats: sums.nats / n_places,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tensor(values: Vec<f32>, n: usize) -> Tensor<4> {
+        let places = values.len() / n;
+        Tensor::from_data(TensorData::new(values, [1, 1, places, n]), &DeviceKind::Flex.tensor_device())
+    }
+
+    #[test]
+    fn the_loss_agrees_with_hand_arithmetic() {
+        // 0.5 mm off with an expected error of e^-1 mm; inside at odds of e^2 to 1, a third touches at even odds.
+        let found =
+            loss(tensor(vec![1.5, -1.0, 2.0, 0.0], 4), tensor(vec![1.0, 1.0, 1.0 / 3.0], 3)).into_scalar::<f32>();
+        let expected = 0.5 * 1.0_f64.exp() - 1.0 + (1.0 + (-2.0_f64).exp()).ln() + 2.0_f64.ln();
+        assert!((f64::from(found) - expected).abs() < 1e-5, "{found} {expected}");
+        // Far beyond what can be told, either way.
+        let found =
+            loss(tensor(vec![0.0, 50.0, -200.0, 200.0], 4), tensor(vec![0.0, 0.0, 1.0], 3)).into_scalar::<f32>();
+        assert!((found - LOG_ERRORS[1]).abs() < 1e-5, "{found}");
+    }
+}
