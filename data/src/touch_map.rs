@@ -37,9 +37,48 @@ pub struct TouchMap {
 #[derive(Debug)]
 pub struct TouchMaps<'a> {
     simulator: &'a Simulator,
-    outlines: Vec<OnceLock<Result<Raster>>>,
-    /// How deep each side of each part reaches into the gel, mm.
-    sides: Vec<[OnceLock<Result<Raster>>; 2]>,
+    outlines: Vec<OnceLock<Result<Grid<i16>>>>,
+    /// Where each side of each part touches the gel.
+    sides: Vec<[OnceLock<Result<Grid<bool>>>; 2]>,
+}
+
+/// A raster of small values: a set of boards has hundreds of them. Distances are kept in micrometres.
+#[derive(Debug)]
+struct Grid<T> {
+    n: usize,
+    cells: Vec<T>,
+}
+
+impl<T> Grid<T> {
+    fn of(raster: &Raster, value: impl Fn(f32) -> T) -> Self {
+        Self { n: raster.n, cells: raster.values.iter().copied().map(value).collect() }
+    }
+
+    /// The place of a cell's centre along an axis, in cells; beyond the border the border is repeated.
+    fn place(&self, mm: f64) -> f64 {
+        (mm / CELL_MM + 0.5 * self.n as f64 - 0.5).clamp(0.0, (self.n - 1) as f64)
+    }
+}
+
+const MICROMETRES: f32 = 1e3;
+
+impl Grid<i16> {
+    /// Between the four cells round a place, mm.
+    fn between(&self, place_mm: [f64; 2]) -> f32 {
+        let [x, y] = place_mm.map(|mm| self.place(mm));
+        let [left, top] = [x, y].map(|v| (v as usize).min(self.n.saturating_sub(2)));
+        let [across, down] = [x - left as f64, y - top as f64].map(|share| share as f32);
+        let cell = |dy: usize, dx: usize| f32::from(self.cells[(top + dy) * self.n + left + dx]);
+        let line = |dy: usize| (1.0 - across) * cell(dy, 0) + across * cell(dy, 1);
+        ((1.0 - down) * line(0) + down * line(1)) / MICROMETRES
+    }
+}
+
+impl Grid<bool> {
+    fn nearest(&self, place_mm: [f64; 2]) -> bool {
+        let [x, y] = place_mm.map(|mm| self.place(mm).round() as usize);
+        self.cells[y * self.n + x]
+    }
 }
 
 impl<'a> TouchMaps<'a> {
@@ -65,12 +104,18 @@ impl<'a> TouchMaps<'a> {
         let (scene, seed) = (self.simulator.scene(), self.simulator.board_seed());
         let spec = self.simulator.sensor_of(part, side);
         let cells = Cells { half_mm: scene.half_extent_mm(), cell_mm: CELL_MM };
-        let outline = || Ok(Raster::distance(&scene.shape(part, seed)?, cells.half_mm, CELL_MM, FARTHEST_MM));
-        let depth = || Ok(obstacle(&scene.reliefs(part, side, seed)?, side, cells, None, spec.depth_mm));
+        let outline = || {
+            let distance = Raster::distance(&scene.shape(part, seed)?, cells.half_mm, CELL_MM, FARTHEST_MM);
+            Ok(Grid::of(&distance, |mm| (mm * MICROMETRES).round() as i16))
+        };
+        let touching = || {
+            let depth = obstacle(&scene.reliefs(part, side, seed)?, side, cells, None, spec.depth_mm);
+            Ok(Grid::of(&depth, |mm| mm > 0.0))
+        };
         let outline = self.outlines[part].get_or_init(outline);
-        let depth = self.sides[part][usize::from(side == Side::Peg)].get_or_init(depth);
-        let (outline, depth) = match (outline, depth) {
-            (Ok(outline), Ok(depth)) => (outline, depth),
+        let touching = self.sides[part][usize::from(side == Side::Peg)].get_or_init(touching);
+        let (outline, touching) = match (outline, touching) {
+            (Ok(outline), Ok(touching)) => (outline, touching),
             (Err(e), _) | (_, Err(e)) => {
                 return Err(Error::invalid(name, "a part that can be pressed", e.to_string()));
             }
@@ -86,35 +131,15 @@ impl<'a> TouchMaps<'a> {
         for row in 0..height {
             for column in 0..width {
                 let (column, row) = (column as f64, row as f64);
-                distance_mm.push(between(outline, place(column + 0.5, row + 0.5)));
+                distance_mm.push(outline.between(place(column + 0.5, row + 0.5)));
                 let look = |n: usize| (n as f64 + 0.5) / LOOKS as f64;
                 let looks = (0..LOOKS * LOOKS).map(|n| place(column + look(n % LOOKS), row + look(n / LOOKS)));
-                let n_touching = looks.filter(|place| depth.values[nearest(depth, *place)] > 0.0).count();
+                let n_touching = looks.filter(|place| touching.nearest(*place)).count();
                 contact.push(n_touching as f32 / (LOOKS * LOOKS) as f32);
             }
         }
         Ok(TouchMap { size_px, distance_mm, contact })
     }
-}
-
-/// The place of a cell's centre on an axis of a raster, in cells; beyond its border the border is repeated.
-fn in_cells(raster: &Raster, mm: f64) -> f64 {
-    (mm / raster.cell_mm + 0.5 * raster.n as f64 - 0.5).clamp(0.0, (raster.n - 1) as f64)
-}
-
-fn nearest(raster: &Raster, place_mm: [f64; 2]) -> usize {
-    let [x, y] = place_mm.map(|mm| in_cells(raster, mm).round() as usize);
-    y * raster.n + x
-}
-
-/// Between the four cells round a place.
-fn between(raster: &Raster, place_mm: [f64; 2]) -> f32 {
-    let [x, y] = place_mm.map(|mm| in_cells(raster, mm));
-    let [left, top] = [x, y].map(|v| (v as usize).min(raster.n.saturating_sub(2)));
-    let [across, down] = [x - left as f64, y - top as f64].map(|share| share as f32);
-    let cell = |dy: usize, dx: usize| raster.values[(top + dy) * raster.n + left + dx];
-    let line = |dy: usize| (1.0 - across) * cell(dy, 0) + across * cell(dy, 1);
-    (1.0 - down) * line(0) + down * line(1)
 }
 
 #[cfg(test)]

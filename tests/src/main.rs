@@ -9,6 +9,7 @@ mod divergence;
 mod filter;
 mod infer;
 mod live;
+mod maps;
 mod readme;
 mod recordings;
 mod train;
