@@ -29,6 +29,10 @@ numbers! {
         /// How far touches are from their own views, in a bank that does not know it of its parts.
         own_distance: f64 = 0.4, "", Range::DISTANCE,
             Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
+        /// By which power of that over its own a bank's distances count: where touches are far from their own views, under a
+        /// rough sensor, a distance says less.
+        distance_by_own: f64 = 0.7, "", Range::ANY,
+            Measured: "fit; without one, the shipped model's"; "a rough sensor's touches say too much";
         /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
         outlier_share: f64 = OUTLIER_SHARE, "", Range::BELOW_ONE,
@@ -113,6 +117,7 @@ impl TouchModel {
                 steepness: odds.steepness,
                 steepness_by_edge: odds.steepness_by_edge,
                 own_distance: odds.own_distance,
+                distance_by_own: odds.distance_by_own,
                 ..of_model
             };
         }

@@ -48,6 +48,7 @@ fn odds() -> MatchOdds {
         steepness: 24.0,
         steepness_by_edge: 0.27,
         own_distance: 0.38,
+        distance_by_own: 0.5,
         rarity_by_edge: 0.5,
         usual_rarity: 0.0,
         rarity: vec![0.1; 6],

@@ -5,13 +5,14 @@
 //! metric:
 //!
 //! ```text
-//! log p(touch | made at the view) / p(touch) = offset + rarity(touch) - steepness(e) (|q - k| - own)
+//! log p(touch | made at the view) / p(touch) = offset + rarity(touch) - steepness(e) ((usual / own)^g |q - k| - usual)
 //! rarity(touch) = h . q + w l - r,   steepness(e) = s exp(a l),   l = ln((e + 0.003) / 0.05)
 //! ```
 //!
 //! The distance `|q - k|` is the root of `2 (1 - cosine)`: errors of embeddings are spread as a Laplace distribution is, not as
 //! a normal one, so that a logarithm linear in the distance explains touches better than one linear in the cosine, which is its
-//! square. `own` is how far touches are from their own views on average, in this bank. How rare a touch is in the world is
+//! square. `own` is how far touches are from their own views on average, in this bank; where that is more than usual, under a rough
+//! sensor, distances count for less. How rare a touch is in the world is
 //! linear in its embedding as the network gives it. What nobody recorded, and a part that is not in the bank, are the world: log-odds of 0.
 
 use serde::{Deserialize, Serialize};
@@ -38,8 +39,11 @@ pub struct MatchOdds {
     pub steepness: f64,
     /// a: how much steeper, the more edge the touch shows.
     pub steepness_by_edge: f64,
-    /// Mean distance of edged touches from their own views in a bank of pegs that are compared by the cosine alone.
+    /// Mean distance of edged touches from their own views in a bank of pegs that are compared by the cosine alone: the usual one.
     pub own_distance: f64,
+    /// g: by which power of the usual distance over its own a bank's distances count.
+    #[serde(default)]
+    pub distance_by_own: f64,
     /// w: how much rarer a touch is, the more edge it shows, nats.
     pub rarity_by_edge: f64,
     /// What the two terms of rarity come to in the average touch, nats; it is taken off.
@@ -75,10 +79,12 @@ impl MatchOdds {
     /// Numbers that are not finite, a steepness or an own distance that is not positive, a rarity of another length.
     pub fn validate(&self, dim: usize) -> Result<()> {
         let Self { offset, steepness, steepness_by_edge, own_distance, rarity_by_edge, log_probability, .. } = *self;
+        let distance_by_own = self.distance_by_own;
         for (field, value) in [
             ("offset", offset),
             ("steepness_by_edge", steepness_by_edge),
             ("rarity_by_edge", rarity_by_edge),
+            ("distance_by_own", distance_by_own),
             ("usual_rarity", self.usual_rarity),
             ("log_probability", log_probability),
         ] {
@@ -114,6 +120,7 @@ mod tests {
             steepness: 24.0,
             steepness_by_edge: 0.25,
             own_distance: 0.4,
+            distance_by_own: 0.5,
             rarity_by_edge: 0.5,
             usual_rarity: 0.0,
             rarity: vec![2.0, -1.0, 0.5],

@@ -365,6 +365,7 @@ mod tests {
             steepness: 23.7,
             steepness_by_edge: 0.27,
             own_distance: 0.1 + 0.2,
+            distance_by_own: 0.5,
             rarity_by_edge: -1e-3,
             usual_rarity: 0.0,
             rarity: (0..6).map(|i| (i as f32 * 0.7).sin()).collect(),

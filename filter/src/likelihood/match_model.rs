@@ -88,7 +88,7 @@ impl MatchModel {
     pub fn log(self, cosine: f64) -> f64 {
         match self {
             Self::Odds(odds) => odds.log(distance(cosine)),
-            Self::Cosine { temperature, average } => ((cosine - average) / temperature).max(LOWEST),
+            Self::Cosine { temperature, average } => ((cosine - average) / temperature).clamp(-MOST, MOST),
         }
     }
 
@@ -159,9 +159,14 @@ impl Foreseen {
 impl Odds {
     fn new(model: &TouchModel, [rarity, own_distance]: [f64; 2], edge_share: f32) -> Self {
         let steepness = model.steepness * (model.steepness_by_edge * MatchOdds::log_edge(edge_share)).exp();
-        let steepness = steepness.min(MOST);
+        let usual = model.own_distance;
+        let counted = (usual / own_distance).powf(model.distance_by_own);
+        // Of a bank whose touches are at their own views, say, or infinitely far: as usual.
+        let counted = if counted.is_finite() { counted } else { 1.0 };
+        let at_usual = (steepness * usual).min(MOST);
+        let steepness = (steepness * counted).min(MOST);
         let (log_outlier, log_rest) = (model.outlier_share.ln(), (-model.outlier_share).ln_1p());
-        let at_zero = (model.match_offset + rarity + steepness * own_distance).clamp(-MOST, MOST);
+        let at_zero = (model.match_offset + rarity + at_usual).clamp(-MOST, MOST);
         Self { at_zero, steepness, log_outlier, log_rest }
     }
 
@@ -190,11 +195,9 @@ impl Odds {
     }
 }
 
-/// A match is never impossible, however cold the temperature: what is infinite cannot be weighed, nats. Two opposite
-/// views are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
-const LOWEST: f64 = -MOST;
-
-/// No log-odds, and no steepness, are of more nats.
+/// No log-odds, and no steepness, are of more nats either way: what is infinite cannot be weighed. However cold the temperature a
+/// match is never impossible, and a view between recorded ones that is more like a touch than the best of them is not certain. Two
+/// opposite views are 2e4 apart at the coldest temperature that a cosine in f32 can bear.
 const MOST: f64 = 1e12;
 
 /// No view is foreseen to be likelier than e to this many nats.
@@ -211,7 +214,8 @@ mod tests {
             match_offset: 2.0,
             steepness: 10.0,
             steepness_by_edge: 0.5,
-            own_distance: f64::NAN,
+            own_distance: 0.3,
+            distance_by_own: 1.5,
             outlier_share,
             ..TouchModel::default()
         }
@@ -239,6 +243,22 @@ mod tests {
         }
     }
 
+    /// Where touches are four times as far from their own views as usual, a distance counts an eighth.
+    #[test]
+    fn a_rough_sensors_distances_count_for_less() {
+        for (own, counted) in [(0.3, 1.0), (1.2, 0.125), (0.075, 8.0)] {
+            for (cosine, distance) in COSINES {
+                let odds = 2.0 - 10.0 * (counted * distance - 0.3);
+                let found = MatchModel::of_odds(&model(0.0), [0.0, own], 0.047).log(cosine);
+                // The share in f32 is off by 2^-25 of itself.
+                assert!((found - odds).abs() < 1e-6 * counted.max(1.0), "{own} {cosine}: {found} {odds}");
+            }
+        }
+        // No bank has touches at their own views; were it so, they would count as usual.
+        let usual = MatchModel::of_odds(&model(0.0), [0.0, 0.3], 0.047).log(0.5);
+        assert_eq!(MatchModel::of_odds(&model(0.0), [0.0, 0.0], 0.047).log(0.5), usual);
+    }
+
     /// The odds at a distance, in probabilities and without the outliers: no logs.
     fn odds_of(model: &TouchModel, [rarity, own]: [f64; 2], edge_share: f32, distance: f64) -> f64 {
         let steepness = model.steepness * ((f64::from(edge_share) + 0.003) / 0.05).powf(model.steepness_by_edge);
@@ -253,7 +273,8 @@ mod tests {
             edge_share in 0.0..0.5_f32, cosines in prop::collection::vec(-1.0..=1.0_f32, 1..20), more in -5.0..5.0_f64,
         ) {
             let model = TouchModel {
-                match_offset: offset, steepness, steepness_by_edge: by_edge, outlier_share, ..TouchModel::default()
+                match_offset: offset, steepness, steepness_by_edge: by_edge, own_distance: own, outlier_share,
+                ..TouchModel::default()
             };
             let seen = MatchModel::of_odds(&model, [rarity, own], edge_share);
             let steep = steepness * ((f64::from(edge_share) + 0.003) / 0.05).powf(by_edge);
@@ -316,7 +337,7 @@ mod tests {
             unknown in 0.0..3.0_f64,
             outlier_share in prop::sample::select(vec![0.0, 5e-3]), cosines in prop::collection::vec(-1.0..=1.0_f64, 1..9),
         ) {
-            let model = TouchModel { outlier_share, ..TouchModel::default() };
+            let model = TouchModel { outlier_share, own_distance: own, ..TouchModel::default() };
             let felt = Felt { rarity, own_distance: own, unknown };
             let found = Foreseen::new(&model, felt, edge_share, share).likely(cosines.iter().copied());
             for (cosine, found) in cosines.into_iter().zip(found) {
@@ -378,7 +399,8 @@ mod tests {
         // However cold, and however few: what is infinite cannot be weighed.
         for cosines in [&cosines[..], &[]] {
             for temperature in [f64::MIN_POSITIVE, 1e-300, 1e300] {
-                assert!(MatchModel::of_cosines(temperature, cosines).log(-1.0).is_finite());
+                let seen = MatchModel::of_cosines(temperature, cosines);
+                assert!(seen.log(-1.0).is_finite() && seen.log(1.0).is_finite());
             }
         }
     }

@@ -381,12 +381,13 @@ mod tests {
         // Distances of 0.2 and 0.4; of pegs nothing is known.
         let holes = vec![part(0.98), None, part(0.92), None];
         let known = bank(&ROWS, &[0.2; 4]).with_matches(Matches { holes, pegs: vec![None; 4] }).unwrap();
-        let model = TouchModel { outlier_share: 0.0, own_distance: 0.7, ..round() };
+        let model = TouchModel { outlier_share: 0.0, own_distance: 0.7, distance_by_own: 1.0, ..round() };
         let logs = |bank: &Bank, side| {
             let seen = TouchLikelihood::new(&touch([1.0, 0.0], FOUR_TIMES).of_side(side), bank, &model).unwrap();
             (log_rows(&seen), seen.own_distance)
         };
-        let by_hand = |own: f64| against_mean(&DISTANCES.map(|distance| 2.0 - 20.0 * (distance - own)));
+        // Counted by the power 1 of 0.7 over its own.
+        let by_hand = |own: f64| against_mean(&DISTANCES.map(|distance| 2.0 - 20.0 * (0.7 / own * distance - 0.7)));
         for (side, own) in [(Side::Hole, 0.3), (Side::Peg, 0.7)] {
             let (found, found_own) = logs(&known, side);
             assert!((found_own - own).abs() < 1e-12, "{found_own}");

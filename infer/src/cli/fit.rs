@@ -64,11 +64,11 @@ impl FitArgs {
         if self.json {
             return print_json(&odds);
         }
-        let MatchOdds { offset, steepness, steepness_by_edge, own_distance, rarity_by_edge, log_probability, .. } =
-            odds;
+        let MatchOdds { offset, steepness, steepness_by_edge, own_distance, distance_by_own, .. } = odds;
+        let MatchOdds { rarity_by_edge, log_probability, .. } = odds;
         program::say(format_args!(
             "{}: {} touches, {log_probability:.4} nats each\n  offset {offset:.2}, steepness {steepness:.2}, by edge \
-             {steepness_by_edge:.3}, own distance {own_distance:.3}, rarity by edge {rarity_by_edge:.2}",
+             {steepness_by_edge:.3}, own distance {own_distance:.3}, by own {distance_by_own:.3}, rarity by edge {rarity_by_edge:.2}",
             out.display(),
             odds.n_touches
         ));

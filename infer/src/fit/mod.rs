@@ -28,8 +28,8 @@ const MAX_ROUNDS: u64 = 300;
 /// Pairs of steps and differences that the optimiser remembers.
 const MEMORY: usize = 10;
 
-/// What the search begins with: offset, logarithm of the steepness, steepness by edge, rarity by edge.
-const START: [f64; N_FIRST] = [5.0, 3.0, 0.2, 0.0];
+/// What the search begins with: offset, logarithm of the steepness, steepness by edge, rarity by edge, distance by own.
+const START: [f64; N_FIRST] = [5.0, 3.0, 0.2, 0.0, 0.0];
 
 /// The log-odds by which touches are most probable.
 ///
@@ -40,7 +40,8 @@ pub fn fit(samples: &Samples) -> Result<MatchOdds> {
         let expected = format!("{FEWEST} or more {}s within the banks' poses", samples.side);
         return Err(Error::invalid("touches", expected, samples.len().to_string()));
     }
-    let objective = Objective { samples: &samples.samples, outlier_share: OUTLIER_SHARE };
+    let usual_distance = usual_distance(samples);
+    let objective = Objective { samples: &samples.samples, outlier_share: OUTLIER_SHARE, usual_distance };
     let start: Vec<f64> = START.into_iter().chain(vec![0.0; samples.dim]).collect();
     let no_fit = |error: String| Error::invalid("touches", "some that finite numbers suit", error);
     let solver = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
@@ -59,7 +60,8 @@ fn odds(samples: &Samples, numbers: &[f64], cost: f64) -> MatchOdds {
         offset: numbers[0],
         steepness: numbers[1].exp(),
         steepness_by_edge: numbers[2],
-        own_distance: mean(samples.own_distances.iter().find(|of| !of.is_empty()).map_or(&[], Vec::as_slice)),
+        own_distance: usual_distance(samples),
+        distance_by_own: numbers[4],
         rarity_by_edge: numbers[3],
         usual_rarity: 0.0,
         rarity,
@@ -71,6 +73,11 @@ fn odds(samples: &Samples, numbers: &[f64], cost: f64) -> MatchOdds {
     odds.usual_rarity = mean(&of_touches);
     odds.offset += odds.usual_rarity;
     odds
+}
+
+/// Of the banks of pegs that are compared by the cosine alone, where there are any.
+fn usual_distance(samples: &Samples) -> f64 {
+    mean(samples.own_distances.iter().find(|of| !of.is_empty()).map_or(&[], Vec::as_slice))
 }
 
 fn mean(values: &[f64]) -> f64 {

@@ -11,7 +11,7 @@ const LEFT_OUT: f64 = 0.5;
 const RIDGE: f64 = 1e-6;
 
 /// The mean negative log-probability of touches by the numbers
-/// `[offset, ln steepness, steepness by edge, rarity by edge, rarity...]`.
+/// `[offset, ln steepness, steepness by edge, rarity by edge, distance by own, rarity...]`.
 ///
 /// With a chance of one half each, a touch is of one of the bank's states, all equally likely, or of the world. It is at its own
 /// state where the bank has it, and of the world where its part, or its pose, is left out.
@@ -19,13 +19,15 @@ pub(super) struct Objective<'a> {
     pub samples: &'a [Sample],
     /// Share of touches that are of something else.
     pub outlier_share: f64,
+    /// The usual distance of touches from their own views.
+    pub usual_distance: f64,
 }
 
 /// No log-odds are more, on the way to those that are sought, nats.
 const HIGHEST: f64 = 600.0;
 
 /// Numbers before the rarity's.
-pub(super) const N_FIRST: usize = 4;
+pub(super) const N_FIRST: usize = 5;
 
 impl Objective<'_> {
     /// The value, and its derivative by each number.
@@ -50,21 +52,25 @@ impl Objective<'_> {
     }
 
     fn of_sample(&self, sample: &Sample, numbers: &[f64]) -> (f64, Vec<f64>) {
-        let [offset, log_steepness, by_edge, rarity_by_edge] = [0, 1, 2, 3].map(|at| numbers[at]);
+        let [offset, log_steepness, by_edge, rarity_by_edge, by_own] = [0, 1, 2, 3, 4].map(|at| numbers[at]);
         let Sample { query, log_edge, own_distance, n_states: [n_all, n_others], seen } = sample;
         let rarity: f64 = numbers[N_FIRST..].iter().zip(query).map(|(h, q)| h * f64::from(*q)).sum();
         let steepness = (log_steepness + by_edge * log_edge).exp();
         let level = offset + rarity + rarity_by_edge * log_edge;
         let at_own = level + (-self.outlier_share).ln_1p();
+        let log_own = (self.usual_distance / own_distance).ln();
+        let scale = (by_own * log_own).exp();
         // Of each kind of state: the odds of all, and what they change by with the level and with the distance.
         let mut sums = [Sums::default(); 4];
         for Seen { distance, count, kind } in seen {
-            let off = distance - own_distance;
+            let counted = scale * distance;
+            let off = counted - self.usual_distance;
             let matched = count * (at_own - steepness * off).min(HIGHEST).exp();
             let sum = &mut sums[*kind as usize];
             sum.odds += matched + count * self.outlier_share;
             sum.by_level += matched;
             sum.by_distance += matched * off;
+            sum.by_counted += matched * counted;
             sum.n += 1.0;
         }
         let of = |kinds: &[Kind]| kinds.iter().fold(Sums::default(), |sum, kind| sum.and(sums[*kind as usize]));
@@ -76,17 +82,20 @@ impl Objective<'_> {
             (of(&[Kind::Own, Kind::Other]), n_all, LEFT_OUT),
         ];
         let mut value = -(touched.odds / touched.n).ln();
-        let (mut by_level, mut by_distance) = (-touched.by_level / touched.odds, -touched.by_distance / touched.odds);
+        let [mut by_level, mut by_distance, mut by_counted] =
+            [touched.by_level, touched.by_distance, touched.by_counted].map(|sum| -sum / touched.odds);
         for (sum, n, counts) in means.into_iter().filter(|(sum, ..)| sum.n > 0.0) {
             value += counts * (sum.odds / n).ln_1p();
             by_level += counts * sum.by_level / (n + sum.odds);
             by_distance += counts * sum.by_distance / (n + sum.odds);
+            by_counted += counts * sum.by_counted / (n + sum.odds);
         }
         let mut derivative = vec![0.0; numbers.len()];
         derivative[0] = by_level;
         derivative[1] = -steepness * by_distance;
         derivative[2] = -steepness * by_distance * log_edge;
         derivative[3] = by_level * log_edge;
+        derivative[4] = -steepness * by_counted * log_own;
         derivative[N_FIRST..].iter_mut().zip(query).for_each(|(d, q)| *d = by_level * f64::from(*q));
         (value, derivative)
     }
@@ -98,6 +107,7 @@ struct Sums {
     odds: f64,
     by_level: f64,
     by_distance: f64,
+    by_counted: f64,
     n: f64,
 }
 
@@ -107,6 +117,7 @@ impl Sums {
             odds: self.odds + other.odds,
             by_level: self.by_level + other.by_level,
             by_distance: self.by_distance + other.by_distance,
+            by_counted: self.by_counted + other.by_counted,
             n: self.n + other.n,
         }
     }
@@ -140,8 +151,8 @@ mod tests {
     #[test]
     fn derivatives_are_differences() {
         let samples = samples();
-        let objective = Objective { samples: &samples, outlier_share: 0.01 };
-        let numbers = [1.3, 1.7, 0.3, 0.4, -0.6, 0.9];
+        let objective = Objective { samples: &samples, outlier_share: 0.01, usual_distance: 0.4 };
+        let numbers = [1.3, 1.7, 0.3, 0.4, 0.7, -0.6, 0.9];
         let (_, derivative) = objective.at(&numbers);
         for at in 0..numbers.len() {
             let moved = |by: f64| {
@@ -157,12 +168,12 @@ mod tests {
     #[test]
     fn a_value_is_its_definition() {
         let samples = &samples()[..1];
-        let numbers = [1.3, 1.7, 0.3, 0.4, -0.6, 0.9];
+        let numbers = [1.3, 1.7, 0.3, 0.4, 0.7, -0.6, 0.9];
         let sample = &samples[0];
         let odds = |seen: &Seen| {
             let rarity = -0.6 * f64::from(sample.query[0]) + 0.9 * f64::from(sample.query[1]) + 0.4 * sample.log_edge;
             let steepness = 1.7_f64.exp() * (0.3 * sample.log_edge).exp();
-            0.99 * (1.3 + rarity - steepness * (seen.distance - 0.3)).exp() + 0.01
+            0.99 * (1.3 + rarity - steepness * ((4.0_f64 / 3.0).powf(0.7) * seen.distance - 0.4)).exp() + 0.01
         };
         let sum = |kinds: &[Kind]| {
             let seen = sample.seen.iter().filter(|seen| kinds.contains(&seen.kind));
@@ -173,7 +184,7 @@ mod tests {
         let [no_part, no_pose] = [sum(&[Other]) / 12.0, sum(&[Own, Other]) / 20.0].map(|mean| 1.0 / (1.0 + mean));
         let by_hand = -(present.ln() + 0.5 * no_part.ln() + 0.5 * no_pose.ln());
         let ridge = 1e-6 * (0.36 + 0.81);
-        let (found, _) = Objective { samples, outlier_share: 0.01 }.at(&numbers);
+        let (found, _) = Objective { samples, outlier_share: 0.01, usual_distance: 0.4 }.at(&numbers);
         assert!((found - by_hand - ridge).abs() < 1e-12, "{found} {by_hand}");
     }
 }

@@ -114,7 +114,12 @@ impl Model {
 
     fn steepness(&self, edge_share: f32) -> f64 {
         let log_edge = ((f64::from(edge_share) + 0.003) / 0.05).ln();
-        self.config.steepness * (self.config.steepness_by_edge * log_edge).exp()
+        self.counted() * self.config.steepness * (self.config.steepness_by_edge * log_edge).exp()
+    }
+
+    /// What a distance counts as, by how far the bank's touches are from their own views.
+    fn counted(&self) -> f64 {
+        (self.config.own_distance / self.own).powf(self.config.distance_by_own)
     }
 
     /// How likely a view is, by its cosine with the one touched, of which so much is edge, as far as the touch is new; the
@@ -122,7 +127,8 @@ impl Model {
     fn likely(&self, cosine: f64, edge_share: f32, new: f64) -> f64 {
         let Self { config: TouchModel { match_offset, outlier_share, .. }, rarity, unknown, own } = self;
         let distance = (2.0 - 2.0 * cosine + own * own).sqrt();
-        let odds = (match_offset + rarity - self.steepness(edge_share) * (distance - own)).exp();
+        let usual = self.config.own_distance / self.counted();
+        let odds = (match_offset + rarity - self.steepness(edge_share) * (distance - usual)).exp();
         ((1.0 - outlier_share) * odds / unknown.exp()).powf(new) + (outlier_share / unknown.exp()).powf(new)
     }
 

@@ -130,7 +130,10 @@ impl Likelihood {
         let Some(temperature) = config.temperature else {
             let log_edge = ((f64::from(touch.edge_share) + 0.003) / 0.05).ln();
             let (at_own, outliers) = (config.match_offset + f64::from(touch.rarity), config.outlier_share);
-            let steepness = config.steepness * (config.steepness_by_edge * log_edge).exp();
+            // Distances count by how far the bank's touches are from their own views, against the usual.
+            let counted = (config.own_distance / own).powf(config.distance_by_own);
+            let steepness = counted * config.steepness * (config.steepness_by_edge * log_edge).exp();
+            let own = config.own_distance / counted;
             let against = |unknown| Self::Odds { at_own, steepness, own, outliers, unknown, best };
             let logs: Vec<f64> = known().map(|(cosine, _)| against(0.0).log(*cosine)).collect();
             let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
