@@ -18,20 +18,20 @@ numbers! {
     pub struct TouchModel in "touch_model" {
         /// The log-odds that a touch was made at a view, where it is as rare as the average touch and as far from the view as
         /// touches are from their own.
-        match_offset: f64 = 12.4, "nats", Range::ANY,
+        match_offset: f64 = 11.3, "nats", Range::ANY,
             Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
         /// How much a distance of 1 between touch and view costs, where a usual share of the touch is edge.
-        steepness: f64 = 21.6, "nats", Range::POSITIVE,
+        steepness: f64 = 20.8, "nats", Range::POSITIVE,
             Measured: "fit; without one, the shipped model's"; "one touch says too much, or nothing";
         /// By which power of its share of edge a touch is steeper.
-        steepness_by_edge: f64 = 0.22, "", Range::ANY,
+        steepness_by_edge: f64 = 0.21, "", Range::ANY,
             Measured: "fit; without one, the shipped model's"; "a touch that shows hardly any edge is as sure as others";
         /// How far touches are from their own views, in a bank that does not know it of its parts.
         own_distance: f64 = 0.4, "", Range::DISTANCE,
             Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
         /// By which power of that over its own a bank's distances count: where touches are far from their own views, under a
         /// rough sensor, a distance says less.
-        distance_by_own: f64 = 0.7, "", Range::ANY,
+        distance_by_own: f64 = 0.42, "", Range::ANY,
             Measured: "fit; without one, the shipped model's"; "a rough sensor's touches say too much";
         /// Share of the touches that are of something else than they were meant for: a slip, a crumb. It bounds what one
         /// touch can cost a state, to the log of it. Zero: one bad match can rule a state out for good.
@@ -219,6 +219,7 @@ mod tests {
             steepness: 17.5,
             steepness_by_edge: 0.125,
             own_distance: 0.3125,
+            distance_by_own: 0.625,
             rarity_by_edge: 0.5,
             usual_rarity: 0.0,
             rarity: (0..6).map(|i| (i as f32 * 0.7).sin()).collect(),
@@ -235,6 +236,7 @@ mod tests {
             steepness: 17.5,
             steepness_by_edge: 0.125,
             own_distance: 0.3125,
+            distance_by_own: 0.625,
             ..default
         };
         for (of_sides, expected) in [

@@ -4,7 +4,7 @@
 //! Ronneberger et al. 2015). All of it is convolutions by our own kernels, `[n, height, width, channels]`.
 
 use burn::module::Module;
-use burn::nn::{Linear, LinearConfig};
+use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::{Device, Tensor};
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
@@ -20,7 +20,9 @@ impl MapConfig {
             refine: ConvBn::new(&layers.refine, device),
         };
         let [down, up] = self.stages().map(|stages| stages.iter().map(stage).collect());
-        let network = MapNetwork { down, up, draw: LinearConfig::new(self.width, N_DRAWN).init(device) };
+        // Matrices are drawn below; its own draws would follow no seed.
+        let draw = LinearConfig::new(self.width, N_DRAWN).with_initializer(Initializer::Zeros).init(device);
+        let network = MapNetwork { down, up, draw };
         network.map(&mut DrawWeights { rng: ChaCha8Rng::seed_from_u64(seed) })
     }
 }
