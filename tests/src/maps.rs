@@ -62,7 +62,7 @@ fn a_run_learns_stops_and_says_what_it_cannot_train_on() {
     let dataset = Dataset::open(&sample.folder().join("maze")).unwrap();
     let (model, _) = Checkpoint::load(&sample.folder().join("model/model.safetensors")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let network = MapConfig { input_px: [20, 15], width: 4 };
+    let network = MapConfig { input_px: [24, 18], width: 4 };
     let training = MapTraining { network, n_steps: 60, batch: 8, save_every: 1_000, ..MapTraining::default() };
     let train = |name: &str, dataset: &Dataset, stop_after: usize| {
         let out = OutputFolder::claim(&folder.path().join(name), &[]).unwrap();

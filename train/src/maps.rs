@@ -234,6 +234,7 @@ pub fn train_maps(
     on_step: &mut dyn FnMut(usize, f64, Option<MapJudgement>),
 ) -> Result<MapOutcome> {
     let MapRun { dataset, model, training, device, out } = *run;
+    training.network.validate()?;
     let file = out.file(MAPS);
     if file.exists() {
         return Err(Error::invalid(file.display().to_string(), "an empty --out", "the maps of an earlier run"));

@@ -391,7 +391,8 @@ mod tests {
         for (side, own) in [(Side::Hole, 0.3), (Side::Peg, 0.7)] {
             let (found, found_own) = logs(&known, side);
             assert!((found_own - own).abs() < 1e-12, "{found_own}");
-            assert_close(&found, &by_hand(own), 1e-6);
+            // The share in f32 is off by 2^-25 of itself, and a power of it costs up to 65 nats.
+            assert_close(&found, &by_hand(own), 4e-6);
         }
         assert_close(&logs(&bank(&ROWS, &[0.2; 4]), Side::Hole).0, &by_hand(0.7), 1e-6);
     }
