@@ -2,7 +2,7 @@
 //! in view ([`tactile_data::touch_map`]).
 
 use std::path::PathBuf;
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{SyncSender, sync_channel};
 
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams};
@@ -146,6 +146,31 @@ impl<'a> Touches<'a> {
         Ok(Self { dataset, background, maps: TouchMaps::new(simulator), parts, size_px })
     }
 
+    /// The frames of boards that are trained on, and some of those that are held out.
+    fn split(&self) -> Result<[Vec<usize>; 2]> {
+        let meta = self.dataset.meta();
+        let is_held_out =
+            |frame: &usize| self.dataset.touch(*frame).part.as_ref().is_some_and(|part| meta.held_out.contains(part));
+        let (held_out, trained): (Vec<usize>, Vec<usize>) = (0..self.dataset.len()).partition(is_held_out);
+        if trained.is_empty() || held_out.is_empty() {
+            let got = format!("{:?}", meta.held_out);
+            return Err(Error::invalid(&meta.name, "boards to train on and boards held out", got));
+        }
+        Ok([trained, held_out.iter().step_by(held_out.len().div_ceil(N_JUDGED)).copied().collect()])
+    }
+
+    /// Makes the batches of a run, each drawn from its step alone, until nobody wants them.
+    fn draw(&self, training: &MapTraining, frames: &[usize], batches: &SyncSender<Result<MapBatch>>) {
+        for step in 0..training.n_steps {
+            let mut rng = ChaCha8Rng::seed_from_u64(training.seed);
+            rng.set_stream(step as u64 + 1);
+            let drawn: Vec<usize> = (0..training.batch).map(|_| frames[rng.random_range(0..frames.len())]).collect();
+            if batches.send(self.batch(&drawn)).is_err() {
+                return;
+            }
+        }
+    }
+
     /// Some frames.
     fn batch(&self, frames: &[usize]) -> Result<MapBatch> {
         let one = |frame: &usize| -> Result<(Vec<f32>, Vec<f32>)> {
@@ -248,16 +273,7 @@ pub fn train_maps(
     let mut preprocessing = model.preprocessing.clone();
     preprocessing.input_px = size_px;
     let touches = Touches::new(dataset, &simulator, dataset.background(&preprocessing)?, size_px)?;
-    let is_held_out = |frame: &usize| meta.held_out.contains(&simulator.parts()[touches.parts[*frame]]);
-    let (held_out, trained): (Vec<usize>, Vec<usize>) = (0..dataset.len()).partition(is_held_out);
-    if trained.is_empty() || held_out.is_empty() {
-        return Err(Error::invalid(
-            &meta.name,
-            "boards to train on and boards held out",
-            format!("{:?}", meta.held_out),
-        ));
-    }
-    let judged: Vec<usize> = held_out.iter().step_by(held_out.len().div_ceil(N_JUDGED)).copied().collect();
+    let [trained, judged] = touches.split()?;
     let device = device.open()?.autodiff();
     let mut network = training.network.init(training.seed, &device);
     let mut optimizer = AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(1e-4).init();
@@ -266,17 +282,7 @@ pub fn train_maps(
         let (sender, batches) = sync_channel::<Result<MapBatch>>(2);
         let (touches, trained) = (&touches, &trained);
         let results = Results { run, touches, judged, preprocessing, device: device.clone().inner() };
-        scope.spawn(move || {
-            for step in 0..training.n_steps {
-                let mut rng = ChaCha8Rng::seed_from_u64(training.seed);
-                rng.set_stream(step as u64 + 1);
-                let frames: Vec<usize> =
-                    (0..training.batch).map(|_| trained[rng.random_range(0..trained.len())]).collect();
-                if sender.send(touches.batch(&frames)).is_err() {
-                    return;
-                }
-            }
-        });
+        scope.spawn(move || touches.draw(training, trained, &sender));
         let mut made = 0;
         while made < training.n_steps && !should_stop() {
             let Ok(batch) = batches.recv() else { break };
