@@ -12,7 +12,7 @@ use crate::shape::Raster;
 use crate::simulator::Simulator;
 use crate::touch::Side;
 
-/// Distances are told up to so far, mm: the reach of a letter's stroke, and a third of what a Mini shows.
+/// Distances are given up to so far, mm: the reach of a letter's stroke, and a third of what a Mini shows.
 pub const FARTHEST_MM: f64 = 3.0;
 
 /// Side of a cell in which parts are kept, mm: a fifth of a map's at 40 x 30 pixels.

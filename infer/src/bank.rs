@@ -37,7 +37,7 @@ pub(crate) const POSE_TOLERANCE: (f64, f64) = (0.5, 2.0);
 pub struct Bank {
     parts: Vec<String>,
     grid: PoseGrid,
-    /// Those of its poses at which a part may be touched first.
+    /// The poses among them at which a part may be touched first.
     start: PoseGrid,
     /// As the metric has them.
     rows: Rows,

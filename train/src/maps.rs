@@ -102,7 +102,7 @@ pub struct MapJudgement {
     pub distance_mm: f64,
     /// Share of places whose side of the outline is right.
     pub inside: f64,
-    /// Share of places told right to touch or not.
+    /// Share of places where contact is right.
     pub contact: f64,
     /// Mean of the loss, nats a place.
     pub nats: f64,
@@ -113,7 +113,7 @@ struct Touches<'a> {
     dataset: &'a Dataset,
     background: Background,
     maps: TouchMaps<'a>,
-    /// Of each frame its part in the simulator.
+    /// The part of each frame, in the simulator.
     parts: Vec<usize>,
     size_px: [usize; 2],
 }
@@ -243,7 +243,7 @@ pub struct MapOutcome {
     pub file: PathBuf,
     /// Steps made.
     pub step: usize,
-    /// Of that file.
+    /// What that file is worth.
     pub judgement: MapJudgement,
 }
 

@@ -75,7 +75,7 @@ fn odds(samples: &Samples, numbers: &[f64], cost: f64) -> MatchOdds {
     odds
 }
 
-/// Of the banks of pegs that are compared by the cosine alone, where there are any.
+/// The mean of the banks of pegs that are compared by the cosine alone, where there are any.
 fn usual_distance(samples: &Samples) -> f64 {
     mean(samples.own_distances.iter().find(|of| !of.is_empty()).map_or(&[], Vec::as_slice))
 }
