@@ -57,7 +57,7 @@ pub const LOG_ERRORS: [f32; 2] = [-3.5, 1.5];
 /// How often a picture is halved.
 const HALVINGS: usize = 3;
 
-/// What a network is given for the side, all over the picture: a wall that stands out and one that stands back look alike.
+/// What a network is given for the side, all over the picture: what is raised and what is sunk look alike.
 pub fn side_value(side: Side) -> f32 {
     if side == Side::Peg { 1.0 } else { -1.0 }
 }
