@@ -79,12 +79,11 @@ impl MatchOdds {
     /// Numbers that are not finite, a steepness or an own distance that is not positive, a rarity of another length.
     pub fn validate(&self, dim: usize) -> Result<()> {
         let Self { offset, steepness, steepness_by_edge, own_distance, rarity_by_edge, log_probability, .. } = *self;
-        let distance_by_own = self.distance_by_own;
         for (field, value) in [
             ("offset", offset),
             ("steepness_by_edge", steepness_by_edge),
             ("rarity_by_edge", rarity_by_edge),
-            ("distance_by_own", distance_by_own),
+            ("distance_by_own", self.distance_by_own),
             ("usual_rarity", self.usual_rarity),
             ("log_probability", log_probability),
         ] {

@@ -381,7 +381,7 @@ mod tests {
             loss(tensor(vec![1.5, -1.0, 2.0, 0.0], 4), tensor(vec![1.0, 1.0, 1.0 / 3.0], 3)).into_scalar::<f32>();
         let expected = 0.5 * 1.0_f64.exp() - 1.0 + (1.0 + (-2.0_f64).exp()).ln() + 2.0_f64.ln();
         assert!((f64::from(found) - expected).abs() < 1e-5, "{found} {expected}");
-        // Far beyond what can be told, either way.
+        // Far beyond what is kept, either way.
         let found =
             loss(tensor(vec![0.0, 50.0, -200.0, 200.0], 4), tensor(vec![0.0, 0.0, 1.0], 3)).into_scalar::<f32>();
         assert!((found - LOG_ERRORS[1]).abs() < 1e-5, "{found}");
