@@ -18,20 +18,19 @@ use super::{ModelArgs, print_json};
 /// Fit the log-odds of a match, by which the filter weighs a touch, and store them with the model.
 ///
 /// The touches are of parts that are neither trained on nor evaluated, made anywhere, best under several sensors. Each is
-/// compared with the banks' first twelve parts, the next twelve, and so on.
+/// compared with its bank's first twelve parts, the next twelve, and so on.
 #[derive(Args)]
 #[command(
-    after_help = "Example:\n  tactile-infer fit --model model/model.safetensors --bank parts.bank --holes holes holes-2"
+    after_help = "Example:\n  tactile-infer fit --model model/model.safetensors --touches parts.bank=holes,holes-2 rough.bank=rough-holes"
 )]
 pub struct FitArgs {
     #[command(flatten)]
     model: ModelArgs,
-    /// Bank of the parts, simulated, at most 2.5 mm and 20 degrees a step; several, of pegs and of both sides: the numbers suit all
-    #[arg(long, value_name = "FILE", required = true, num_args = 1..)]
-    bank: Vec<PathBuf>,
-    /// Datasets of touches of the same parts, between the recorded poses: holes, or with --side peg pegs; one for each sensor
-    #[arg(long, value_name = "DIR", required = true, num_args = 1..)]
-    holes: Vec<PathBuf>,
+    /// A simulated bank, at most 2.5 mm and 20 degrees a step, and datasets of touches of its parts between the recorded poses:
+    /// holes, or with --side peg pegs; one dataset for each sensor. Several, of pegs, of both sides, of a rough sensor: the
+    /// numbers suit all
+    #[arg(long, value_name = "BANK=DIR,...", required = true, num_args = 1.., value_parser = of_bank)]
+    touches: Vec<OfBank>,
     /// Which side is touched: each has numbers of its own
     #[arg(long, value_name = "SIDE", default_value_t, value_parser = super::side())]
     side: Side,
@@ -43,18 +42,35 @@ pub struct FitArgs {
     json: bool,
 }
 
+/// A bank, and the datasets whose touches are compared with it.
+#[derive(Clone, Debug)]
+struct OfBank {
+    bank: PathBuf,
+    datasets: Vec<PathBuf>,
+}
+
+fn of_bank(text: &str) -> std::result::Result<OfBank, String> {
+    let expected = || format!("expected a bank and datasets of its touches, as parts.bank=holes,holes-2, got {text:?}");
+    let (bank, datasets) = text.split_once('=').ok_or_else(expected)?;
+    let datasets: Vec<PathBuf> = datasets.split(',').map(PathBuf::from).collect();
+    let is_named = |path: &PathBuf| !path.as_os_str().is_empty();
+    let bank = PathBuf::from(bank);
+    if is_named(&bank) && datasets.iter().all(is_named) { Ok(OfBank { bank, datasets }) } else { Err(expected()) }
+}
+
 impl FitArgs {
     /// Fits, and writes the model.
     pub fn run(&self) -> Result<()> {
         let path = &self.model.path;
         let out = self.out.as_ref().unwrap_or(path);
-        let files = self.holes.iter().flat_map(|data| FILES.map(|file| data.join(file)));
+        let datasets = self.touches.iter().flat_map(|of| &of.datasets);
+        let files = datasets.flat_map(|data| FILES.map(|file| data.join(file)));
         // The numbers may be written into the model that they are of.
-        let _lock = output::prepare_file(out, files.chain(self.bank.iter().cloned()))?;
+        let _lock = output::prepare_file(out, files.chain(self.touches.iter().map(|of| of.bank.clone())))?;
         let model = self.model.load()?;
-        let datasets = self.holes.iter().map(|path| Ok(Dataset::open(path)?)).collect::<Result<Vec<_>>>()?;
         let mut samples = Samples::new(&model, self.side);
-        for path in &self.bank {
+        for OfBank { bank: path, datasets } in &self.touches {
+            let datasets = datasets.iter().map(|path| Ok(Dataset::open(path)?)).collect::<Result<Vec<_>>>()?;
             let bank = Bank::load(path, &model)?;
             samples.add(&model, &bank, &datasets, &reporter("parts")).map_err(|error| error.within(path.display()))?;
         }
