@@ -16,6 +16,7 @@ use tactile_data::touch::Side;
 
 use crate::calibration::BLANK_SHARE;
 use crate::error::{Error, Result};
+use crate::maps::mosaic::Mosaics;
 use crate::matches::Matches;
 use crate::metric::Metric;
 use crate::neighbours::{Neighbours, neighbours};
@@ -50,6 +51,7 @@ pub struct Bank {
     origin: Option<Origin>,
     symmetries: Vec<Symmetry>,
     matches: Arc<Matches>,
+    mosaics: Option<Arc<Mosaics>>,
     neighbours: Arc<[Neighbours]>,
 }
 
@@ -125,6 +127,7 @@ impl Bank {
             origin,
             symmetries,
             matches,
+            mosaics: None,
             neighbours,
         })
     }
@@ -204,6 +207,18 @@ impl Bank {
         Ok(Self { matches: Arc::new(matches), ..self })
     }
 
+    /// The same bank, with a map of each part, by which touches can be verified.
+    ///
+    /// # Errors
+    /// Another number of parts.
+    pub fn with_mosaics(self, mosaics: Mosaics) -> Result<Self> {
+        if mosaics.n_parts() != self.parts.len() {
+            let expected = format!("one of each of {} parts", self.parts.len());
+            return Err(Error::invalid("mosaics", expected, mosaics.n_parts().to_string()));
+        }
+        Ok(Self { mosaics: Some(Arc::new(mosaics)), ..self })
+    }
+
     /// The same bank, whose embeddings are compared in a metric of its own instead of by the cosine alone.
     ///
     /// # Errors
@@ -265,8 +280,9 @@ impl Bank {
         }
         let matches = Arc::new(self.matches.of_parts(parts));
         let metric = self.metric.clone();
+        let mosaics = self.mosaics.as_ref().map(|mosaics| Arc::new(mosaics.of_parts(parts)));
         let (views, start) = (self.views, self.start);
-        Ok(Self { views, start, metric, origin, missing, symmetries, matches, neighbours, ..some })
+        Ok(Self { views, start, metric, origin, missing, symmetries, matches, mosaics, neighbours, ..some })
     }
 
     /// The bank without one part, by its index. A metric stays as that part, too, taught it: a
@@ -285,6 +301,11 @@ impl Bank {
     /// How embeddings are compared; `None`: by their cosine alone.
     pub fn metric(&self) -> Option<&Metric> {
         self.metric.as_deref()
+    }
+
+    /// A map of each part, where the bank has them.
+    pub fn mosaics(&self) -> Option<&Mosaics> {
+        self.mosaics.as_deref()
     }
 
     /// What its views are of.

@@ -82,6 +82,7 @@ pub mod similarity;
 pub mod simulated;
 mod symmetry;
 pub mod threads;
+pub mod touches_of_bank;
 pub mod views;
 
 pub use bank::Bank;

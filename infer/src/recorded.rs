@@ -1,5 +1,7 @@
 //! A bank from a dataset of recorded or simulated peg touches.
 
+pub mod mosaics;
+
 use rayon::prelude::*;
 use tactile_data::frame::{Background, Frame, TactileImage};
 use tactile_data::grid::PoseGrid;

@@ -4,6 +4,7 @@
 pub mod density;
 pub mod learner;
 mod matches;
+pub mod mosaics;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};

@@ -13,6 +13,7 @@ mod maps;
 mod readme;
 mod recordings;
 mod train;
+mod verifier;
 #[cfg(feature = "wgpu")]
 mod wgpu;
 mod your_sensor;

@@ -62,7 +62,9 @@ pub mod settings;
 mod smooth_field;
 mod state;
 mod timing;
+pub mod training;
 pub mod tuning;
 pub mod validation;
+pub mod verifier;
 
 pub use error::{Error, Result};

@@ -9,9 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Parser;
 use tactile_data::printable::printable_json;
 use tactile_data::program;
-use tactile_data::progress::Progress;
+use tactile_data::progress::{Progress, reporter};
 use tactile_data::store::Dataset;
-use tactile_infer::{Checkpoint, DeviceKind};
+use tactile_infer::maps::{MapDrawer, MapFile};
+use tactile_infer::touches_of_bank::TouchesOfBank;
+use tactile_infer::{Bank, Checkpoint, DeviceKind, Model};
 use tactile_train::config::{Preset, TrainConfig};
 use tactile_train::maps::{MapJudgement, MapOutcome, MapRun, MapTraining, train_maps};
 use tactile_train::output_folder::OutputFolder;
@@ -20,6 +22,9 @@ use tactile_train::run::{Event, Outcome, Run, train};
 use tactile_train::settings::{HELP, Settings};
 use tactile_train::tuning::Tuning;
 use tactile_train::validation::Validation;
+use tactile_train::verifier::{
+    LaidTouches, VerifierJudgement, VerifierOutcome, VerifierRun, VerifierTraining, train_verifier,
+};
 use tactile_train::{Error, Result};
 
 /// Trains the part-mating model on a dataset of hole and peg pairs.
@@ -33,8 +38,8 @@ use tactile_train::{Error, Result};
 )]
 struct Cli {
     /// Dataset of pairs, made by `tactile-data generate --scene maze` or imported.
-    #[arg(long)]
-    data: PathBuf,
+    #[arg(long, required_unless_present = "verifier")]
+    data: Option<PathBuf>,
     /// Folder for model.safetensors, state.safetensors, train.toml, curve.csv and curve.html.
     #[arg(long)]
     out: PathBuf,
@@ -73,6 +78,16 @@ struct Cli {
     /// OUT/maps.safetensors. Of the settings it takes steps, batch, seed, width, input_px, learning_rate and save_every.
     #[arg(long, value_name = "MODEL", conflicts_with_all = ["from", "resume", "tune", "write_batches", "preset"])]
     maps: Option<PathBuf>,
+    /// Train the network that judges where touches were made instead, for the network of these maps: OUT/maps.safetensors, with
+    /// both. --model and --touches say on what.
+    #[arg(long, value_name = "MAPS", requires_all = ["model", "touches"], conflicts_with_all = ["data", "maps", "from", "resume"])]
+    verifier: Option<PathBuf>,
+    /// With --verifier: embeds the touches.
+    #[arg(long, value_name = "FILE", requires = "verifier")]
+    model: Option<PathBuf>,
+    /// With --verifier: a bank with maps (tactile-infer bank --maps), and datasets of touches of its parts.
+    #[arg(long, value_name = "BANK=DIR,...", num_args = 1.., requires = "verifier")]
+    touches: Vec<TouchesOfBank>,
     /// Measure at each save how many holes of parts that are not trained on find their peg: a dataset of pegs on a grid
     /// of poses and one of holes of the same parts.
     #[arg(long, num_args = 2, value_names = ["PEGS", "HOLES"])]
@@ -91,13 +106,23 @@ struct Cli {
     write_batches: bool,
 }
 
+impl Cli {
+    /// The dataset, without which nothing but a verifier is trained.
+    fn data(&self) -> &Path {
+        self.data.as_deref().unwrap_or(Path::new(""))
+    }
+}
+
 fn main() -> ExitCode {
     keep_memory();
     let cli = Cli::parse();
     program::run(|| match &cli.maps {
         _ if cli.write_batches => write_batches(&cli).map(|()| ExitCode::SUCCESS),
         Some(model) => run_maps(&cli, model),
-        None => run(&cli),
+        None => match (&cli.verifier, &cli.model) {
+            (Some(maps), Some(model)) => run_verifier(&cli, maps, model),
+            _ => run(&cli),
+        },
     })
 }
 
@@ -122,11 +147,11 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     let within = settings.resolve(1)?.mating();
     let device: DeviceKind = cli.device.parse()?;
     let config_file = cli.config.as_ref().filter(|_| !cli.resume);
-    let inputs = [Some(&cli.data), config_file, cli.from.as_ref()].into_iter().flatten().chain(&cli.tune);
+    let inputs = [cli.data.as_ref(), config_file, cli.from.as_ref()].into_iter().flatten().chain(&cli.tune);
     let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
     let out = OutputFolder::claim(&cli.out, &inputs)?;
     let from = cli.from.as_deref().map(Checkpoint::load).transpose()?.map(|(checkpoint, _)| checkpoint);
-    let dataset = Dataset::open(&cli.data)?;
+    let dataset = Dataset::open(cli.data())?;
     let config = fine_tuned(settings.resolve(n_training(&dataset, within))?, &settings, from.as_ref());
     let parts = cli.tune.iter().map(|path| Dataset::open(path)).collect::<tactile_data::Result<Vec<Dataset>>>()?;
     let tuning = if let [pegs, holes] = &parts[..] { Some(Tuning::new(pegs, holes)?) } else { None };
@@ -163,10 +188,10 @@ fn run(cli: &Cli) -> Result<ExitCode> {
 fn run_maps(cli: &Cli, model: &Path) -> Result<ExitCode> {
     let training = &MapTraining::of(&settings(cli)?)?;
     let device: DeviceKind = cli.device.parse()?;
-    let inputs = [Some(cli.data.as_path()), Some(model), cli.config.as_deref()];
+    let inputs = [cli.data.as_deref(), Some(model), cli.config.as_deref()];
     let out = &OutputFolder::claim(&cli.out, &inputs.into_iter().flatten().collect::<Vec<_>>())?;
     let (model, _) = &Checkpoint::load(model)?;
-    let dataset = &Dataset::open(&cli.data)?;
+    let dataset = &Dataset::open(cli.data())?;
     let stop = stop_on_ctrl_c()?;
     let progress = Progress::new("steps");
     let mut show = |step: usize, loss: f64, found: Option<MapJudgement>| {
@@ -193,6 +218,54 @@ fn said_of_maps(found: &MapJudgement) -> String {
         "held-out boards: {distance_mm:.2} mm off the outline, {:.1} % inside or outside, {:.1} % contact, {nats:.3} nats a place",
         100.0 * inside,
         100.0 * contact
+    )
+}
+
+/// Trains the network that judges where touches were made.
+fn run_verifier(cli: &Cli, maps: &Path, model: &Path) -> Result<ExitCode> {
+    let training = &VerifierTraining::of(&settings(cli)?)?;
+    let device: DeviceKind = cli.device.parse()?;
+    let read = cli.touches.iter().flat_map(|of| of.datasets.iter().chain([&of.bank])).map(PathBuf::as_path);
+    let out =
+        &OutputFolder::claim(&cli.out, &read.chain([maps, model]).chain(cli.config.as_deref()).collect::<Vec<_>>())?;
+    // Before the touches are drawn, which takes minutes.
+    out.new_maps()?;
+    let (model, maps) = (Model::load(model)?, &MapFile::load(maps)?);
+    let drawer = MapDrawer::new(maps)?;
+    let mut touches = LaidTouches::new(&model, &drawer, training.seed);
+    for TouchesOfBank { bank: path, datasets } in &cli.touches {
+        let datasets = datasets.iter().map(|path| Dataset::open(path)).collect::<tactile_data::Result<Vec<_>>>()?;
+        let bank = Bank::load(path, &model)?;
+        touches.add(&bank, &datasets, &reporter("touches"))?;
+    }
+    let touches = &touches;
+    let stop = stop_on_ctrl_c()?;
+    let progress = Progress::new("steps");
+    let mut show = |step: usize, loss: f64, found: Option<VerifierJudgement>| {
+        progress.on_bar(step, training.n_steps, &format!("loss {loss:.3}"));
+        if let Some(found) = found {
+            progress.line(&format!("step {step}: loss {loss:.3}, {}", said_of_verifier(&found)));
+        }
+    };
+    let run = VerifierRun { touches, maps, training, device, out };
+    let VerifierOutcome { file, step, judgement } = train_verifier(&run, &|| stop.load(Ordering::Relaxed), &mut show)?;
+    if cli.json {
+        let json = serde_json::json!({ "maps": file, "step": step, "judgement": judgement });
+        println!("{}", printable_json(&json.to_string()));
+    } else {
+        program::say(format_args!("{}: {step} steps, {}", file.display(), said_of_verifier(&judgement)));
+    }
+    Ok(if step == training.n_steps { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// How well touches are judged, in a line.
+fn said_of_verifier(found: &VerifierJudgement) -> String {
+    let VerifierJudgement { nats, right, right_by_cosine, told_apart } = found;
+    format!(
+        "held-out parts: {:.1} % named by one touch (by the cosine {:.1}), told from what is not there {:.3}, {nats:.3} nats",
+        100.0 * right,
+        100.0 * right_by_cosine,
+        told_apart
     )
 }
 
@@ -252,7 +325,7 @@ fn fine_tuned(config: TrainConfig, given: &Settings, from: Option<&Checkpoint>) 
 
 /// Writes the batches of a run to standard output.
 fn write_batches(cli: &Cli) -> Result<()> {
-    let dataset = Dataset::open(&cli.data)?;
+    let dataset = Dataset::open(cli.data())?;
     let settings = settings(cli)?;
     let config = settings.resolve(n_training(&dataset, settings.resolve(1)?.mating()))?;
     let pairs = Pairs::new(&dataset, &config)?;

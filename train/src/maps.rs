@@ -26,74 +26,13 @@ use tactile_infer::{Checkpoint, DeviceKind};
 use crate::error::{Error, Result};
 use crate::output_folder::{MAPS, OutputFolder};
 use crate::schedule::learning_rate;
-use crate::settings::Settings;
+use crate::training::Training;
 
 /// Frames of held-out boards that progress is measured on.
 const N_JUDGED: usize = 512;
 
-/// What is trained, and how much.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MapTraining {
-    /// The network.
-    pub network: MapConfig,
-    /// Steps.
-    pub n_steps: usize,
-    /// Touches of a step.
-    pub batch: usize,
-    /// Peak learning rate of AdamW.
-    pub learning_rate: f64,
-    /// Draws weights and batches.
-    pub seed: u64,
-    /// Steps between two saves, each after a look at the held-out boards.
-    pub save_every: usize,
-}
-
-impl Default for MapTraining {
-    /// A quarter of an hour on two cores.
-    fn default() -> Self {
-        let network = MapConfig { input_px: [40, 30], width: 16 };
-        Self { network, n_steps: 6_000, batch: 64, learning_rate: 3e-3, seed: 1, save_every: 500 }
-    }
-}
-
-impl MapTraining {
-    /// The defaults, but for what the settings say.
-    ///
-    /// # Errors
-    /// A setting that says nothing to a network that draws maps, or is out of range.
-    pub fn of(settings: &Settings) -> Result<Self> {
-        let Settings { steps, batch, seed, width, input_px, learning_rate, save_every, .. } = *settings;
-        let known = Settings { steps, batch, seed, width, input_px, learning_rate, save_every, ..Settings::default() };
-        if *settings != known {
-            let expected = "steps, batch, seed, width, input_px, learning_rate and save_every alone";
-            return Err(Error::invalid("settings of --maps", expected, "others"));
-        }
-        let of = Self::default();
-        let network =
-            MapConfig { input_px: input_px.unwrap_or(of.network.input_px), width: width.unwrap_or(of.network.width) };
-        network.validate()?;
-        let training = Self {
-            network,
-            n_steps: steps.unwrap_or(of.n_steps),
-            batch: batch.unwrap_or(of.batch),
-            learning_rate: learning_rate.unwrap_or(of.learning_rate),
-            seed: seed.unwrap_or(of.seed),
-            save_every: save_every.unwrap_or(of.save_every),
-        };
-        for (name, n) in [("steps", training.n_steps), ("save_every", training.save_every)] {
-            if n == 0 {
-                return Err(Error::invalid(name, "one or more", "0"));
-            }
-        }
-        if !(2..=4_096).contains(&training.batch) {
-            return Err(Error::invalid("batch", "2 to 4096 touches", training.batch.to_string()));
-        }
-        if !(training.learning_rate > 0.0 && training.learning_rate < 1.0) {
-            return Err(Error::invalid("learning_rate", "above 0 and below 1", training.learning_rate.to_string()));
-        }
-        Ok(training)
-    }
-}
+/// The network that draws, and how much it is trained.
+pub type MapTraining = Training<MapConfig>;
 
 /// How well maps are drawn of boards that were not trained on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -260,10 +199,7 @@ pub fn train_maps(
 ) -> Result<MapOutcome> {
     let MapRun { dataset, model, training, device, out } = *run;
     training.network.validate()?;
-    let file = out.file(MAPS);
-    if file.exists() {
-        return Err(Error::invalid(file.display().to_string(), "an empty --out", "the maps of an earlier run"));
-    }
+    let file = out.new_maps()?;
     let meta = dataset.meta();
     let simulated = || Error::invalid(&meta.name, "a simulated dataset, which says its scene and seed", "another");
     let (scene, seed) = (meta.scene.clone().ok_or_else(simulated)?, meta.seed.ok_or_else(simulated)?);
@@ -331,7 +267,8 @@ impl Results<'_> {
         let (dataset, distance_mm) = (self.run.dataset.meta().name.clone(), judgement.distance_mm);
         let provenance = MapProvenance { steps, batch, seed, dataset, distance_mm };
         let preprocessing = self.preprocessing.clone();
-        MapFile { config, preprocessing, provenance, tensors: tensors_of(&network) }.save(&self.run.out.file(MAPS))?;
+        let file = MapFile { config, preprocessing, provenance, verifier: None, tensors: tensors_of(&network) };
+        file.save(&self.run.out.file(MAPS))?;
         Ok(judgement)
     }
 }

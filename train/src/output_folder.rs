@@ -38,6 +38,18 @@ impl OutputFolder {
         Ok(Self { path: path.to_path_buf(), lock: Some(lock), made })
     }
 
+    /// The maps that a run is to write.
+    ///
+    /// # Errors
+    /// Maps that are there already.
+    pub fn new_maps(&self) -> Result<PathBuf> {
+        let file = self.file(MAPS);
+        if file.exists() {
+            return Err(Error::invalid(file.display().to_string(), "an empty --out", "the maps of an earlier run"));
+        }
+        Ok(file)
+    }
+
     /// A file of the run.
     pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)

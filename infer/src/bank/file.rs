@@ -9,12 +9,14 @@ use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 use std::sync::Arc;
 
+use half::f16;
 use tactile_data::grid::PoseGrid;
 use tactile_data::symmetry::Symmetry;
 
 use super::{Bank, SCHEMA};
 use crate::checkpoint::{from_json, to_json};
 use crate::error::{Error, Result};
+use crate::maps::mosaic::Mosaics;
 use crate::matches::Matches;
 use crate::metric::Metric;
 use crate::model::Model;
@@ -30,6 +32,7 @@ const ROWS: &str = "rows";
 const EDGE_SHARES: &str = "edge_shares";
 const SCALES: &str = "scales";
 const METRIC: &str = "metric";
+const MOSAICS: &str = "mosaics";
 
 /// Name of the text entry with what was measured in a metric.
 const MEASURED: &str = "metric_measured";
@@ -48,11 +51,12 @@ struct Content<'b> {
     scales: Option<Vec<f32>>,
     /// A metric's matrix, `[dim, dim]`.
     metric: Option<&'b [f32]>,
+    mosaics: Option<&'b Mosaics>,
 }
 
 impl<'b> Content<'b> {
-    fn new(rows: &'b Rows, edge_shares: &'b [f32], metric: Option<&'b [f32]>) -> Self {
-        Self { rows, edge_shares, scales: rows.scales(), metric }
+    fn new(rows: &'b Rows, edge_shares: &'b [f32], metric: Option<&'b [f32]>, mosaics: Option<&'b Mosaics>) -> Self {
+        Self { rows, edge_shares, scales: rows.scales(), metric, mosaics }
     }
 
     fn n_rows(&self) -> usize {
@@ -65,6 +69,7 @@ impl<'b> Content<'b> {
         let mut entries = vec![(EDGE_SHARES, Precision::F32, vec![n])];
         entries.extend(self.metric.map(|_| (METRIC, Precision::F32, vec![self.rows.dim(); 2])));
         entries.extend(self.scales.as_ref().map(|_| (SCALES, Precision::F32, vec![n])));
+        entries.extend(self.mosaics.map(|mosaics| (MOSAICS, Precision::F16, mosaics.shape().to_vec())));
         entries.push((ROWS, precision, vec![n, self.rows.dim()]));
         entries
     }
@@ -80,6 +85,7 @@ impl<'b> Content<'b> {
         file.write_all(&bytes(self.edge_shares))?;
         file.write_all(&bytes(self.metric.unwrap_or_default()))?;
         file.write_all(&bytes(self.scales.as_deref().unwrap_or_default()))?;
+        file.write_all(&self.mosaics.map_or(Vec::new(), Mosaics::bytes))?;
         self.parts(n_cells).try_for_each(|part| file.write_all(&self.rows.bytes(part)))
     }
 
@@ -93,6 +99,10 @@ impl<'b> Content<'b> {
         if let Some(metric) = self.metric {
             hash.begin(METRIC, &[self.rows.dim(); 2]);
             hash.values(metric);
+        }
+        if let Some(mosaics) = self.mosaics {
+            hash.begin(MOSAICS, &mosaics.shape());
+            hash.values(mosaics.values());
         }
         hash.begin(ROWS, &[n, self.rows.dim()]);
         self.parts(n_cells).for_each(|part| hash.values(&precision.from_bytes(&self.rows.bytes(part))));
@@ -147,7 +157,7 @@ impl Bank {
     }
 
     fn content(&self) -> Content<'_> {
-        Content::new(&self.rows, &self.edge_shares, self.metric().map(Metric::matrix))
+        Content::new(&self.rows, &self.edge_shares, self.metric().map(Metric::matrix), self.mosaics())
     }
 
     /// The text of all that an episode's numbers depend on.
@@ -209,11 +219,24 @@ fn check_lengths(bank: &Bank) -> Result<()> {
     }
 }
 
+fn read_mosaics(file: &mut Opened) -> Result<Mosaics> {
+    let found = file.entry(MOSAICS)?;
+    let (Precision::F16, [n_parts, n, across, n_values]) = (found.0, &found.1[..]) else {
+        return Err(Error::invalid(MOSAICS, "values [parts, n, n, 5] of f16", format!("{:?} of {}", found.1, found.0)));
+    };
+    let shape = [*n_parts, *n, *across, *n_values];
+    let values = file.read(MOSAICS, |reader| {
+        read_values(reader, shape.iter().product(), |bytes| f16::from_le_bytes(bytes).to_f32())
+    })?;
+    Mosaics::new(shape, values)
+}
+
 /// The tensors of a bank's file as they were read.
 struct Loaded {
     rows: Rows,
     edge_shares: Vec<f32>,
     metric: Option<Vec<f32>>,
+    mosaics: Option<Mosaics>,
 }
 
 impl Loaded {
@@ -240,8 +263,9 @@ impl Loaded {
         let edge_shares = values(EDGE_SHARES, vec![n])?;
         let scales = if precision == Precision::I8 { values(SCALES, vec![n])? } else { Vec::new() };
         let metric = has_metric.then(|| values(METRIC, vec![dim; 2])).transpose()?;
+        let mosaics = if file.names().iter().any(|name| name == MOSAICS) { Some(read_mosaics(file)?) } else { None };
         let rows = file.read(ROWS, |reader| Rows::read([n, dim], precision, scales, reader))?;
-        let loaded = Self { rows, edge_shares, metric };
+        let loaded = Self { rows, edge_shares, metric, mosaics };
         let mut expected: Vec<&str> = loaded.content().entries().iter().map(|(name, ..)| *name).collect();
         expected.sort_unstable();
         if file.names() != expected {
@@ -251,7 +275,7 @@ impl Loaded {
     }
 
     fn content(&self) -> Content<'_> {
-        Content::new(&self.rows, &self.edge_shares, self.metric.as_deref())
+        Content::new(&self.rows, &self.edge_shares, self.metric.as_deref(), self.mosaics.as_ref())
     }
 
     /// Compares the checksum of the whole with what the file states, and where they differ the checksums of its parts.
@@ -307,6 +331,10 @@ impl Loaded {
             None => None,
         };
         let bank = Bank { origin, views, metric, ..bank }.with_symmetries(symmetries)?.lacking(missing)?;
+        let bank = match self.mosaics {
+            Some(mosaics) => bank.with_mosaics(mosaics)?,
+            None => bank,
+        };
         check_lengths(&bank)?;
         let bank = match start {
             Some(start) => bank.with_start(start)?,

@@ -17,11 +17,15 @@ use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_infer::between::is_fine;
 use tactile_infer::learn_from::LearnFrom;
+use tactile_infer::maps::MapDrawer;
+use tactile_infer::maps::mosaic::CELL_MM;
 use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
+use tactile_infer::recorded::mosaics::mosaics_of_dataset;
 use tactile_infer::recorded::parts_on_grid;
 use tactile_infer::simulated::SceneBank;
 use tactile_infer::simulated::density::{ALLOWED, Lost};
+use tactile_infer::simulated::mosaics::mosaics_of_scene;
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
 
 use super::{ModelArgs, PosesArgs, embed_pegs, learn_from, precision, views};
@@ -48,6 +52,10 @@ pub struct BankArgs {
     /// by chance; from nothing they are compared by the cosine alone, as in the paper [default: hole]
     #[arg(long, value_name = "SIDE", requires = "scene", conflicts_with = "data", value_parser = learn_from())]
     learn_from: Option<LearnFrom>,
+    /// A map of each part, too, stitched from touches of its peg as this network draws them (`tactile-train --maps`): by it
+    /// touches are verified
+    #[arg(long, value_name = "FILE")]
+    maps: Option<PathBuf>,
     /// The bank file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -98,9 +106,11 @@ impl BankArgs {
     pub fn run(&self) -> Result<()> {
         let data_files = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
         let scene_file = self.scene.as_ref().map(|scene| PathBuf::from(Scene::file_of(scene)));
-        let read = scene_file.into_iter().chain(self.calibration.clone()).chain([self.model.path.clone()]);
+        let read = scene_file.into_iter().chain(self.calibration.clone()).chain(self.maps.clone());
+        let read = read.chain([self.model.path.clone()]);
         let _lock = output::prepare_file(&self.out, data_files.chain(read))?;
         let model = self.model.load()?;
+        let drawer = self.maps.as_deref().map(MapDrawer::load).transpose()?;
         let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
         let finish = |bank: Bank| -> Result<()> {
             let bank = self.symmetries.iter().try_fold(bank.with_precision(self.rows)?, declare)?;
@@ -112,12 +122,25 @@ impl BankArgs {
             let scene = self.touched_scene(&model)?;
             let job = self.job(&model, &scene);
             let kept = with_ending(&self.out, ".parts");
-            finish(job.make(Some(&kept), &reporter("touches"))?)?;
+            let bank = job.make(Some(&kept), &reporter("touches"))?;
+            finish(match &drawer {
+                Some(drawer) => {
+                    bank.with_mosaics(mosaics_of_scene(drawer, &scene, self.seed, &reporter("touches"))?)?
+                }
+                None => bank,
+            })?;
             return job.forget(&kept);
         };
         let dataset = Dataset::open(data)?;
         check_declared(&self.symmetries, &parts_on_grid(&dataset, self.poses.poses()?)?)?;
-        finish(embed_pegs(&model, &dataset, &self.poses)?)
+        let bank = embed_pegs(&model, &dataset, &self.poses)?;
+        finish(match &drawer {
+            Some(drawer) => {
+                let mosaics = mosaics_of_dataset(drawer, &dataset, bank.parts(), &reporter("touches"))?;
+                bank.with_mosaics(mosaics)?
+            }
+            None => bank,
+        })
     }
 
     fn job<'a>(&self, model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {
@@ -202,6 +225,10 @@ fn print_bank(path: &Path, bank: &Bank) {
         bank.rows().n_bytes() as f64 / 1e6,
         if bank.views().is_pegs() { "pegs" } else { "pegs and their holes" }
     ));
+    if let Some(mosaics) = bank.mosaics() {
+        let [_, n, ..] = mosaics.shape();
+        println!("a map of each part, {0:.1} x {0:.1} mm", n as f64 * CELL_MM);
+    }
     if let Some(metric) = bank.metric() {
         let share = metric.measured().error_scale;
         println!("learnt from its own touches: they are {share:.2} as far from their views as by the cosine alone");

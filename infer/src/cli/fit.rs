@@ -12,6 +12,7 @@ use tactile_infer::bank::Bank;
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::fit::{Samples, fit};
 use tactile_infer::match_odds::MatchOdds;
+use tactile_infer::touches_of_bank::TouchesOfBank;
 
 use super::{ModelArgs, print_json};
 
@@ -29,8 +30,8 @@ pub struct FitArgs {
     /// A simulated bank, at most 2.5 mm and 20 degrees a step, and datasets of touches of its parts between the recorded poses:
     /// holes, or with --side peg pegs; one dataset for each sensor. Several, of pegs, of both sides, of a rough sensor: the
     /// numbers suit all
-    #[arg(long, value_name = "BANK=DIR,...", required = true, num_args = 1.., value_parser = of_bank)]
-    touches: Vec<OfBank>,
+    #[arg(long, value_name = "BANK=DIR,...", required = true, num_args = 1..)]
+    touches: Vec<TouchesOfBank>,
     /// Which side is touched: each has numbers of its own
     #[arg(long, value_name = "SIDE", default_value_t, value_parser = super::side())]
     side: Side,
@@ -40,22 +41,6 @@ pub struct FitArgs {
     /// Print the numbers as JSON
     #[arg(long)]
     json: bool,
-}
-
-/// A bank, and the datasets whose touches are compared with it.
-#[derive(Clone, Debug)]
-struct OfBank {
-    bank: PathBuf,
-    datasets: Vec<PathBuf>,
-}
-
-fn of_bank(text: &str) -> std::result::Result<OfBank, String> {
-    let expected = || format!("expected a bank and datasets of its touches, as parts.bank=holes,holes-2, got {text:?}");
-    let (bank, datasets) = text.split_once('=').ok_or_else(expected)?;
-    let datasets: Vec<PathBuf> = datasets.split(',').map(PathBuf::from).collect();
-    let is_named = |path: &PathBuf| !path.as_os_str().is_empty();
-    let bank = PathBuf::from(bank);
-    if is_named(&bank) && datasets.iter().all(is_named) { Ok(OfBank { bank, datasets }) } else { Err(expected()) }
 }
 
 impl FitArgs {
@@ -69,7 +54,7 @@ impl FitArgs {
         let _lock = output::prepare_file(out, files.chain(self.touches.iter().map(|of| of.bank.clone())))?;
         let model = self.model.load()?;
         let mut samples = Samples::new(&model, self.side);
-        for OfBank { bank: path, datasets } in &self.touches {
+        for TouchesOfBank { bank: path, datasets } in &self.touches {
             let datasets = datasets.iter().map(|path| Ok(Dataset::open(path)?)).collect::<Result<Vec<_>>>()?;
             let bank = Bank::load(path, &model)?;
             samples.add(&model, &bank, &datasets, &reporter("parts")).map_err(|error| error.within(path.display()))?;

@@ -9,7 +9,7 @@ use tactile_data::frame::{Background, Frame};
 use tactile_data::touch::Side;
 use tactile_data::touch_map::FARTHEST_MM;
 use tactile_data::{output, picture, program};
-use tactile_infer::maps::{DrawnMap, MapDrawer, MapFile};
+use tactile_infer::maps::{DrawnMap, MapDrawer};
 use tactile_infer::{Error, Result};
 
 use super::{print_json, side};
@@ -62,10 +62,9 @@ impl MapArgs {
         }
         let inputs = [&self.image, &self.no_contact, &self.maps].into_iter().chain(&self.calibration);
         let _lock = self.out.as_ref().map(|path| output::check_file(path, inputs)).transpose()?;
-        let file = MapFile::load(&self.maps)?;
-        let drawer = MapDrawer::new(&file).map_err(|error| error.within(self.maps.display()))?;
+        let drawer = MapDrawer::load(&self.maps)?;
         let rest = &self.no_contact;
-        let background = Background::new(&picture::read(rest)?, &file.preprocessing);
+        let background = Background::new(&picture::read(rest)?, drawer.preprocessing());
         let background = background.map_err(|error| Error::from(error).within(rest.display()))?;
         let calibration = self.calibration.as_ref().map(Calibration::load).transpose()?;
         let background = background.lit_by(&calibration.map(|of| of.light.response()))?;
@@ -78,7 +77,7 @@ impl MapArgs {
             }
             if self.json {
                 let DrawnMap { size_px, distance_mm, error_mm, inside, contact } = &map;
-                let mm_per_px = [0, 1].map(|axis| file.preprocessing.field_of_view_mm[axis] / size_px[axis] as f64);
+                let mm_per_px = [0, 1].map(|axis| drawer.view_mm()[axis] / size_px[axis] as f64);
                 print_json(&Map { size_px: *size_px, mm_per_px, distance_mm, error_mm, inside, contact })?;
             }
         }
@@ -115,7 +114,7 @@ fn side_by_side(frame: &Frame, map: &DrawnMap) -> Result<Frame> {
 }
 
 /// Black at the outline, blue inside, red outside; the paler, the less sure it is.
-fn of_distance(mm: f32, error_mm: f32) -> [u8; 3] {
+pub(super) fn of_distance(mm: f32, error_mm: f32) -> [u8; 3] {
     let far = (mm.abs() / FARTHEST_MM as f32).min(1.0).sqrt();
     let colour = if mm < 0.0 { [0.25, 0.5, 1.0] } else { [1.0, 0.45, 0.3] };
     let sure = 1.0 / (1.0 + error_mm);

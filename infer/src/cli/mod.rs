@@ -8,6 +8,7 @@ mod embed;
 mod fit;
 mod map;
 mod matching;
+mod mosaics;
 mod speed;
 
 use std::path::PathBuf;
@@ -64,6 +65,7 @@ enum Command {
         after_help = "Example:\n  tactile-infer map touch.png --maps maps/maps.safetensors --no-contact rest.png --out map.png"
     )]
     Map(map::MapArgs),
+    Mosaics(mosaics::MosaicsArgs),
     Align(align::AlignArgs),
     Calibrate(calibrate::CalibrateArgs),
     Fit(fit::FitArgs),
@@ -159,6 +161,7 @@ impl Cli {
         match &self.command {
             Command::Embed(args) => args.run(),
             Command::Map(args) => args.run(),
+            Command::Mosaics(args) => args.run(),
             Command::Bank(args) => args.run(),
             Command::Match(args) => args.run(),
             Command::Calibrate(args) => args.run(),

@@ -1,7 +1,9 @@
 //! The trained network on the CPU without tensors, as [`crate::encoder`] is: normalisations folded into the weights, the weights
 //! packed once.
 
-use tactile_data::frame::TactileImage;
+use std::path::Path;
+
+use tactile_data::frame::{Preprocessing, TactileImage};
 use tactile_data::touch::Side;
 
 use super::{Drawn, LOG_ERRORS, MapConfig, MapFile, N_DRAWN, N_SEEN, StageLayers, side_value};
@@ -12,6 +14,7 @@ use crate::error::{Error, Result};
 #[derive(Clone, Debug)]
 pub struct MapDrawer {
     config: MapConfig,
+    preprocessing: Preprocessing,
     down: Vec<[Layer; 2]>,
     up: Vec<[Layer; 2]>,
     draw: Dense,
@@ -38,7 +41,7 @@ impl MapDrawer {
     /// # Errors
     /// A tensor that is missing or of another size, values that are not finite, and variances below zero.
     pub fn new(file: &MapFile) -> Result<Self> {
-        let MapFile { config, tensors, .. } = file;
+        let MapFile { config, tensors, preprocessing, .. } = file;
         let tensors = Tensors::of(tensors);
         let [width, height] = config.input_px;
         let mut size = [height, width];
@@ -58,12 +61,31 @@ impl MapDrawer {
         let up = of_up.iter().zip(sizes.iter().rev()).enumerate();
         let up = up.map(|(at, (layers, size))| stage(&format!("up.{at}"), layers, *size)).collect::<Result<_>>()?;
         let draw = Dense::new(&tensors, "draw", None, [config.width, N_DRAWN], |at| at)?;
-        Ok(Self { config: *config, down, up, draw: draw.with_bias(tensors.get("draw.bias", N_DRAWN)?) })
+        let draw = draw.with_bias(tensors.get("draw.bias", N_DRAWN)?);
+        Ok(Self { config: *config, preprocessing: preprocessing.clone(), down, up, draw })
+    }
+
+    /// Folds the tensors of the file at a path.
+    ///
+    /// # Errors
+    /// As [`MapFile::load`] and [`Self::new`].
+    pub fn load(path: &Path) -> Result<Self> {
+        Self::new(&MapFile::load(path)?).map_err(|error| error.within(path.display()))
     }
 
     /// The sizes of the network.
     pub fn config(&self) -> &MapConfig {
         &self.config
+    }
+
+    /// How frames become its pictures.
+    pub fn preprocessing(&self) -> &Preprocessing {
+        &self.preprocessing
+    }
+
+    /// Width and height of what a picture shows, mm.
+    pub fn view_mm(&self) -> [f64; 2] {
+        self.preprocessing.field_of_view_mm
     }
 
     /// Draws what touches of a side show.
@@ -123,6 +145,12 @@ fn joined((small, [rows, columns], n_small): Pixels<'_>, (large, [height, width]
 }
 
 impl DrawnMap {
+    /// The middle of a pixel about the middle of the view, mm; `at` counts by rows. `view_mm`: width and height.
+    pub fn place_mm(&self, at: usize, view_mm: [f64; 2]) -> [f64; 2] {
+        let pixel = [at % self.size_px[0], at / self.size_px[0]];
+        [0, 1].map(|axis| ((pixel[axis] as f64 + 0.5) / self.size_px[axis] as f64 - 0.5) * view_mm[axis])
+    }
+
     fn of(size_px: [usize; 2], values: &[f32]) -> Self {
         let of = |what: Drawn, value: &dyn Fn(f32) -> f32| {
             values.chunks_exact(N_DRAWN).map(|place| value(place[what as usize])).collect::<Vec<f32>>()
@@ -141,7 +169,6 @@ impl DrawnMap {
 #[cfg(all(test, feature = "burn"))]
 mod tests {
     use burn::tensor::{Tensor, TensorData};
-    use tactile_data::frame::Preprocessing;
 
     use super::*;
     use crate::device::DeviceKind;
@@ -159,7 +186,8 @@ mod tests {
             }
         }
         let preprocessing = Preprocessing::counts(config.input_px);
-        MapFile { config, preprocessing, provenance: MapProvenance { steps: 7, ..Default::default() }, tensors }
+        let provenance = MapProvenance { steps: 7, ..Default::default() };
+        MapFile { config, preprocessing, provenance, verifier: None, tensors }
     }
 
     fn images(n: usize) -> Vec<TactileImage> {

@@ -2,9 +2,12 @@
 //! touches the gel, each with how sure that is. What is to be drawn is [`tactile_data::touch_map`]; an embedding says that two
 //! touches are alike, maps say where they differ.
 
+pub mod align;
 mod drawer;
+pub mod mosaic;
 #[cfg(feature = "burn")]
 pub mod network;
+pub mod verifier;
 
 use std::path::Path;
 
@@ -18,6 +21,7 @@ use crate::error::{Error, Result};
 use crate::precision::Precision;
 use crate::safefile::{NamedTensor, SafeFile};
 pub use drawer::{DrawnMap, MapDrawer};
+use verifier::VerifierConfig;
 
 /// The version of the file's layout.
 pub const SCHEMA: &str = "tactile-filter/maps/1";
@@ -130,6 +134,8 @@ pub struct MapFile {
     pub preprocessing: Preprocessing,
     /// Where it comes from.
     pub provenance: MapProvenance,
+    /// The network that judges where touches were made, where there is one; its tensors begin with `verifier`.
+    pub verifier: Option<VerifierConfig>,
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
 }
@@ -144,11 +150,14 @@ impl MapFile {
         for tensor in tensors.iter_mut().filter(|tensor| tensor.shape.len() > 1) {
             Precision::F16.round_all(&tensor.name, &mut tensor.values)?;
         }
-        let text = vec![
+        let mut text = vec![
             ("config".into(), to_json(&self.config)?),
             ("preprocessing".into(), to_json(&self.preprocessing)?),
             ("provenance".into(), to_json(&self.provenance)?),
         ];
+        if let Some(verifier) = &self.verifier {
+            text.push(("verifier".into(), to_json(verifier)?));
+        }
         SafeFile { tensors, blobs: Vec::new(), text }.save_as(path, SCHEMA, Precision::F16)
     }
 
@@ -163,12 +172,14 @@ impl MapFile {
         let config: MapConfig = text("config").and_then(from_json).map_err(within)?;
         let preprocessing: Preprocessing = text("preprocessing").and_then(from_json).map_err(within)?;
         let provenance = text("provenance").and_then(from_json).map_err(within)?;
+        let verifier: Option<VerifierConfig> = text("verifier").ok().map(from_json).transpose().map_err(within)?;
         config.validate().map_err(within)?;
+        verifier.map_or(Ok(()), |verifier| verifier.validate()).map_err(within)?;
         preprocessing.validate().map_err(|error| within(error.into()))?;
         if preprocessing.input_px != config.input_px {
             let got = format!("{:?}", preprocessing.input_px);
             return Err(within(Error::invalid("preprocessing.input_px", format!("{:?}", config.input_px), got)));
         }
-        Ok(Self { config, preprocessing, provenance, tensors: file.tensors })
+        Ok(Self { config, preprocessing, provenance, verifier, tensors: file.tensors })
     }
 }

@@ -1,0 +1,399 @@
+//! A map of a whole part, stitched from the maps of its pegs' touches at their poses: what a touch is laid over to see whether
+//! it was made there. Recorded pegs need no drawing for it.
+
+use half::f16;
+use tactile_data::se2::Se2;
+use tactile_data::touch_map::FARTHEST_MM;
+
+use super::DrawnMap;
+use crate::error::{Error, Result};
+use crate::precision::Precision;
+
+/// Side of a cell, mm: two thirds of a map's at 40 x 30 pixels.
+pub const CELL_MM: f64 = 0.3;
+
+/// Values of a cell.
+pub const N_VALUES: usize = 5;
+
+/// Which of them are the error and the number of touches.
+const ERROR: usize = 3;
+const N_SEEN: usize = 4;
+
+/// More cells along a side than any part has: 150 mm.
+const MOST_CELLS: usize = 512;
+
+/// What a mosaic says of a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// The distance to the outline of the peg, mm, negative inside.
+    pub distance_mm: f32,
+    /// The probability that the place is inside the outline, 0..=1.
+    pub inside: f32,
+    /// The probability that the peg touches the gel there, 0..=1.
+    pub contact: f32,
+    /// The error that is expected of the distance, mm: what the touches state of it, and how far they are apart.
+    pub error_mm: f32,
+    /// How many touches showed it.
+    pub n_seen: f32,
+}
+
+/// The distance at a place, and how it changes along x and y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Slope {
+    pub distance_mm: f64,
+    pub by_xy: [f64; 2],
+    pub error_mm: f64,
+}
+
+/// The mosaics of a bank's parts, all of one size, about each part's own origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mosaics {
+    n: usize,
+    /// `[n_parts, n, n, N_VALUES]`: rows from the top, distance, inside, contact, error and how often a cell was seen.
+    values: Vec<f32>,
+}
+
+/// The mosaic of one part.
+#[derive(Clone, Copy, Debug)]
+pub struct Mosaic<'a> {
+    n: usize,
+    /// `[n, n, N_VALUES]`.
+    values: &'a [f32],
+}
+
+/// Lays the maps of a part's touches over each other.
+#[derive(Clone, Debug)]
+pub struct Stitcher {
+    n: usize,
+    sums: Vec<Sums>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    /// Of the distances, each by how sure it is.
+    weights: f64,
+    distances: f64,
+    squares: f64,
+    insides: f64,
+    contacts: f64,
+    n: f64,
+}
+
+impl Stitcher {
+    /// Of a part that reaches as far from its origin, mm.
+    pub fn new(half_mm: f64) -> Self {
+        let n = (2.0 * half_mm / CELL_MM).ceil().clamp(2.0, MOST_CELLS as f64) as usize;
+        Self { n, sums: vec![Sums::default(); n * n] }
+    }
+
+    /// Adds a touch of the peg: its map, of a view as wide and high, mm.
+    pub fn add(&mut self, map: &DrawnMap, view_mm: [f64; 2], part_from_sensor: &Se2) {
+        let [width, height] = map.size_px;
+        let sensor_from_part = part_from_sensor.inverse();
+        let reach = 0.5 * view_mm[0].hypot(view_mm[1]);
+        let cells = |mm: f64| {
+            let cell = |mm: f64| (mm / CELL_MM + 0.5 * self.n as f64).clamp(0.0, self.n as f64) as usize;
+            cell(mm - reach)..cell(mm + reach + CELL_MM)
+        };
+        let (rows, columns) = (cells(part_from_sensor.y_mm), cells(part_from_sensor.x_mm));
+        for row in rows {
+            for column in columns.clone() {
+                let at = sensor_from_part.apply([column, row].map(|cell| middle(self.n, cell)));
+                let place = [0, 1].map(|axis| (at[axis] / view_mm[axis] + 0.5) * map.size_px[axis] as f64 - 0.5);
+                let is_seen = (0..2).all(|axis| (0.0..=(map.size_px[axis] - 1) as f64).contains(&place[axis]));
+                if !is_seen {
+                    continue;
+                }
+                let corners = Corners::of(place, [width, height]);
+                let between = |values: &[f32]| f64::from(corners.between(|at| values[at]));
+                let weight = between(&map.error_mm).powi(-2);
+                let sum = &mut self.sums[row * self.n + column];
+                sum.weights += weight;
+                let mm = between(&map.distance_mm);
+                sum.distances += weight * mm;
+                sum.squares += weight * mm * mm;
+                sum.insides += between(&map.inside);
+                sum.contacts += between(&map.contact);
+                sum.n += 1.0;
+            }
+        }
+    }
+
+    /// `[n, n, N_VALUES]`.
+    fn values(&self) -> impl Iterator<Item = f32> {
+        self.sums.iter().flat_map(|sum| {
+            if sum.n == 0.0 {
+                return [FARTHEST_MM as f32, 0.0, 0.0, FARTHEST_MM as f32, 0.0];
+            }
+            let mm = sum.distances / sum.weights;
+            let apart = (sum.squares / sum.weights - mm * mm).max(0.0);
+            // What one touch gets wrong the next does, too: their mean is no surer than one of them.
+            let error = (apart + sum.n / sum.weights).sqrt();
+            [mm, sum.insides / sum.n, sum.contacts / sum.n, error, sum.n].map(|value| value as f32)
+        })
+    }
+}
+
+/// The middle of a cell along an axis of `n`, mm.
+fn middle(n: usize, cell: usize) -> f64 {
+    (cell as f64 + 0.5 - 0.5 * n as f64) * CELL_MM
+}
+
+/// Four values round a place in a raster, and how much each counts.
+#[derive(Clone, Copy, Debug)]
+struct Corners {
+    at: [usize; 4],
+    across: f32,
+    down: f32,
+}
+
+impl Corners {
+    /// `place`: column and row, within the raster of `width` and `height`.
+    fn of(place: [f64; 2], [width, height]: [usize; 2]) -> Self {
+        let [left, top] = [(place[0], width), (place[1], height)].map(|(v, n)| (v as usize).min(n.saturating_sub(2)));
+        let first = top * width + left;
+        let at = [first, first + 1, first + width, first + width + 1];
+        Self { at, across: (place[0] - left as f64) as f32, down: (place[1] - top as f64) as f32 }
+    }
+
+    fn between(&self, value: impl Fn(usize) -> f32) -> f32 {
+        let [a, b, c, d] = self.at.map(value);
+        (1.0 - self.down) * ((1.0 - self.across) * a + self.across * b)
+            + self.down * ((1.0 - self.across) * c + self.across * d)
+    }
+}
+
+impl Mosaics {
+    /// Of all parts, one stitcher each.
+    ///
+    /// # Errors
+    /// None, or of several sizes; values that are not finite or beyond the range of f16.
+    pub fn stitched(parts: &[Stitcher]) -> Result<Self> {
+        let n = parts.first().map_or(0, |part| part.n);
+        Self::new([parts.len(), n, n, N_VALUES], parts.iter().flat_map(Stitcher::values).collect())
+    }
+
+    /// From values `[n_parts, n, n, N_VALUES]`, which are rounded to f16, as a file keeps them.
+    ///
+    /// # Errors
+    /// A shape that mosaics do not have; distances, shares or numbers that no touches give.
+    pub fn new(shape: [usize; 4], mut values: Vec<f32>) -> Result<Self> {
+        let [n_parts, n, across, n_values] = shape;
+        let is_size = (2..=MOST_CELLS).contains(&n) && across == n && n_values == N_VALUES;
+        if !is_size || n_parts == 0 || values.len() != n_parts * n * n * N_VALUES {
+            let expected = format!("[parts, n, n, {N_VALUES}] values, n at most {MOST_CELLS}");
+            return Err(Error::invalid("mosaics", expected, format!("{shape:?}")));
+        }
+        Precision::F16.round_all("mosaics", &mut values)?;
+        let is_odd = |cell: &[f32]| {
+            let far = 2.0 * FARTHEST_MM as f32;
+            !((-far..=far).contains(&cell[0])
+                && cell[1..3].iter().all(|share| (0.0..=1.0).contains(share))
+                && cell[3] > 0.0
+                && cell[4] >= 0.0
+                && cell[3..].iter().all(|value| value.is_finite()))
+        };
+        match values.chunks_exact(N_VALUES).position(is_odd) {
+            Some(at) => {
+                let (part, cell) = (at / (n * n), at % (n * n));
+                let what = format!("mosaics: part {part}, cell {cell}");
+                let got = format!("{:?}", &values[at * N_VALUES..][..N_VALUES]);
+                Err(Error::invalid(what, "a distance, two shares, an error and a number of touches", got))
+            }
+            None => Ok(Self { n, values }),
+        }
+    }
+
+    /// Number of parts.
+    pub fn n_parts(&self) -> usize {
+        self.values.len() / (self.n * self.n * N_VALUES)
+    }
+
+    /// `[n_parts, n, n, N_VALUES]`.
+    pub fn shape(&self) -> [usize; 4] {
+        [self.n_parts(), self.n, self.n, N_VALUES]
+    }
+
+    /// Rows from the top: distance, inside, contact, error and how often a cell was seen.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The values as a file has them: f16, little endian.
+    pub(crate) fn bytes(&self) -> Vec<u8> {
+        self.values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect()
+    }
+
+    /// The mosaic of a part; `part` is below [`Self::n_parts`].
+    pub fn of(&self, part: usize) -> Mosaic<'_> {
+        let n_of_part = self.n * self.n * N_VALUES;
+        Mosaic { n: self.n, values: &self.values[part * n_of_part..(part + 1) * n_of_part] }
+    }
+
+    /// The mosaics of some of the parts, in their order.
+    pub(crate) fn of_parts(&self, parts: &[usize]) -> Self {
+        let values = parts.iter().flat_map(|part| self.of(*part).values.iter().copied()).collect();
+        Self { n: self.n, values }
+    }
+}
+
+impl Mosaic<'_> {
+    /// Cells along a side.
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// A cell, by its column and row, each below [`Self::n`]: the place about the part's origin, mm, and what is there.
+    pub fn cell(&self, column: usize, row: usize) -> ([f64; 2], Place) {
+        let values = &self.values[(row * self.n + column) * N_VALUES..][..N_VALUES];
+        let [distance_mm, inside, contact, error_mm, n_seen] = [0, 1, 2, 3, 4].map(|at| values[at]);
+        ([column, row].map(|cell| middle(self.n, cell)), Place { distance_mm, inside, contact, error_mm, n_seen })
+    }
+
+    /// What is at a place of the part, mm; `None` where no touch showed it.
+    pub fn at(&self, place_mm: [f64; 2]) -> Option<Place> {
+        let corners = self.corners(place_mm)?;
+        let value = |which: usize| corners.between(|at| self.values[at * N_VALUES + which]);
+        let [distance_mm, inside, contact, error_mm, n_seen] = [0, 1, 2, 3, 4].map(value);
+        Some(Place { distance_mm, inside, contact, error_mm, n_seen })
+    }
+
+    /// The distance at a place and how it changes.
+    pub(super) fn slope(&self, place_mm: [f64; 2]) -> Option<Slope> {
+        let corners = self.corners(place_mm)?;
+        let [a, b, c, d] = corners.at.map(|at| f64::from(self.values[at * N_VALUES]));
+        let (across, down) = (f64::from(corners.across), f64::from(corners.down));
+        let [top, bottom] = [a + across * (b - a), c + across * (d - c)];
+        let by_x = (1.0 - down) * (b - a) + down * (d - c);
+        let by_xy = [by_x, bottom - top].map(|by_cell| by_cell / CELL_MM);
+        let error_mm = f64::from(corners.between(|at| self.values[at * N_VALUES + ERROR]));
+        Some(Slope { distance_mm: top + down * (bottom - top), by_xy, error_mm })
+    }
+
+    /// The four cells round a place, where all were seen.
+    fn corners(&self, place_mm: [f64; 2]) -> Option<Corners> {
+        let place = place_mm.map(|mm| mm / CELL_MM + 0.5 * self.n as f64 - 0.5);
+        let is_within = place.iter().all(|at| (0.0..=(self.n - 1) as f64).contains(at));
+        let corners = is_within.then(|| Corners::of(place, [self.n, self.n]))?;
+        corners.at.iter().all(|at| self.values[at * N_VALUES + N_SEEN] > 0.0).then_some(corners)
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub const VIEW_MM: [f64; 2] = [18.6, 14.3];
+    const SIZE_PX: [usize; 2] = [40, 30];
+
+    /// Distance from an ellipse-like shape of no symmetry: smooth, so that what lies between cells is known.
+    pub fn outline([x, y]: [f64; 2]) -> f64 {
+        (x.hypot(1.6 * y) - 5.0 + 0.25 * x + 0.1 * (0.5 * y + 0.2 * x).sin()).clamp(-FARTHEST_MM, FARTHEST_MM)
+    }
+
+    /// What a perfect drawer would draw of [`outline`] touched at a pose.
+    pub fn map(part_from_sensor: &Se2, error_mm: f32) -> DrawnMap {
+        let n = SIZE_PX[0] * SIZE_PX[1];
+        let (distance_mm, inside) = (vec![0.0; n], vec![0.0; n]);
+        let mut map =
+            DrawnMap { size_px: SIZE_PX, error_mm: vec![error_mm; n], contact: Vec::new(), inside, distance_mm };
+        for at in 0..n {
+            let mm = outline(part_from_sensor.apply(map.place_mm(at, VIEW_MM))) as f32;
+            (map.distance_mm[at], map.inside[at]) = (mm, if mm < 0.0 { 1.0 } else { 0.0 });
+        }
+        DrawnMap { contact: map.inside.clone(), ..map }
+    }
+
+    /// Of a part touched all over.
+    pub fn mosaics() -> Mosaics {
+        let mut stitcher = Stitcher::new(15.0);
+        for at in 0..25 {
+            let [x, y] = [at % 5, at / 5].map(|step| 3.0 * f64::from(step) - 6.0);
+            let pose = Se2::from_degrees(x, y, 37.0 * f64::from(at));
+            stitcher.add(&map(&pose, 0.1), VIEW_MM, &pose);
+        }
+        Mosaics::stitched(&[stitcher]).unwrap()
+    }
+
+    #[test]
+    fn touches_become_the_map_of_the_part() {
+        let mosaics = mosaics();
+        let mosaic = mosaics.of(0);
+        assert_eq!(mosaics.shape(), [1, 100, 100, 5]);
+        let (mut n_seen, mut most) = (0, 0.0_f64);
+        for (column, row) in (0..100).flat_map(|row| (0..100).map(move |column| (column, row))) {
+            let (place, of_cell) = mosaic.cell(column, row);
+            assert!((place[0] - (column as f64 - 49.5) * 0.3).abs() < 1e-12);
+            if of_cell.n_seen == 0.0 {
+                assert!(place[0].hypot(place[1]) > 6.0, "{place:?}");
+                continue;
+            }
+            n_seen += 1;
+            // Where it is cut off its slope breaks.
+            if outline(place).abs() < 2.8 {
+                most = most.max((f64::from(of_cell.distance_mm) - outline(place)).abs());
+            }
+        }
+        // Between pixels of 0.47 mm a smooth distance bends by some hundredths, most where it is sharpest, in the middle.
+        assert!(n_seen > 4_000 && most < 0.15, "{n_seen} {most}");
+        let at = mosaic.at([1.234, -2.345]).unwrap();
+        assert!((f64::from(at.distance_mm) - outline([1.234, -2.345])).abs() < 0.03);
+        assert!(mosaic.at([14.9, 14.9]).is_none() && mosaic.at([1e9, f64::NAN]).is_none());
+    }
+
+    #[test]
+    fn a_slope_is_the_difference_of_values() {
+        let mosaics = mosaics();
+        let mosaic = mosaics.of(0);
+        let value = |place: [f64; 2]| mosaic.slope(place).unwrap().distance_mm;
+        for place in [[1.21, -2.33], [4.47, 0.52], [-3.05, 2.9]] {
+            let found = mosaic.slope(place).unwrap();
+            assert!((f64::from(mosaic.at(place).unwrap().distance_mm) - found.distance_mm).abs() < 1e-5);
+            for axis in 0..2 {
+                let moved = |by: f64| {
+                    let mut moved = place;
+                    moved[axis] += by;
+                    value(moved)
+                };
+                let expected = (moved(1e-4) - moved(-1e-4)) / 2e-4;
+                assert!((found.by_xy[axis] - expected).abs() < 1e-4, "{place:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_surer_touch_counts_more() {
+        let mut stitcher = Stitcher::new(15.0);
+        let [right, wrong] = [Se2::IDENTITY, Se2::from_degrees(1.0, 0.0, 0.0)];
+        stitcher.add(&map(&right, 0.1), VIEW_MM, &right);
+        stitcher.add(&map(&wrong, 1.0), VIEW_MM, &right);
+        let mosaics = Mosaics::stitched(&[stitcher]).unwrap();
+        let place = [3.9, 1.05];
+        let [a, b] = [outline(place), outline(wrong.apply(place))];
+        let expected = (100.0 * a + b) / 101.0;
+        let found = f64::from(mosaics.of(0).at(place).unwrap().distance_mm);
+        assert!((found - expected).abs() < 0.02 && (a - b).abs() > 0.5, "{found} {expected}");
+        // They are apart by (a - b), a hundred to one, and state errors whose mean square is 2 / (100 + 1).
+        let error = ((a - b).powi(2) * 100.0 / 101.0_f64.powi(2) + 2.0 / 101.0).sqrt();
+        let stated = f64::from(mosaics.of(0).at(place).unwrap().error_mm);
+        assert!((stated - error).abs() < 0.02, "{stated} {error}");
+    }
+
+    #[test]
+    fn what_no_touches_give_is_refused() {
+        let values = |of: [f32; 5]| [of, of, of, of].concat();
+        let good = [1.0, 0.5, 0.0, 0.2, 3.0];
+        assert!(Mosaics::new([1, 2, 2, 5], values(good)).is_ok());
+        for (at, value) in [(0, 7.0), (1, 1.5), (2, -0.1), (3, 0.0), (3, f32::INFINITY), (4, f32::NAN), (4, -1.0)] {
+            let mut wrong = good;
+            wrong[at] = value;
+            let said = Mosaics::new([1, 2, 2, 5], values(wrong)).unwrap_err().to_string();
+            assert!(said.starts_with("mosaics: part 0, cell 0: expected a distance"), "{said}");
+        }
+        for shape in [[1, 2, 3, 5], [2, 2, 2, 5], [1, 2, 2, 4], [0, 2, 2, 5], [1, 1, 1, 5]] {
+            assert!(Mosaics::new(shape, values(good)).is_err(), "{shape:?}");
+        }
+        assert!(Mosaics::stitched(&[]).is_err());
+        assert!(Mosaics::stitched(&[Stitcher::new(3.0), Stitcher::new(4.0)]).is_err());
+    }
+}

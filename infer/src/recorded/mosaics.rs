@@ -1,0 +1,48 @@
+//! The mosaics of recorded pegs: no drawing of the parts is needed for them.
+
+use rayon::prelude::*;
+use tactile_data::frame::TactileImage;
+use tactile_data::store::Dataset;
+use tactile_data::touch::Side;
+
+use super::{Peg, pegs};
+use crate::error::{Error, Result};
+use crate::maps::MapDrawer;
+use crate::maps::mosaic::{Mosaics, Stitcher};
+
+/// Touches that are drawn at a time.
+const AT_ONCE: usize = 64;
+
+/// Stitches the maps of all touches of a dataset's pegs, for the parts of a bank, in its order. `progress`: touches done, and all.
+///
+/// # Errors
+/// A dataset without pegs, or without one of a part; a peg whose part or pose is not known; frames that cannot be drawn.
+pub fn mosaics_of_dataset(
+    drawer: &MapDrawer,
+    dataset: &Dataset,
+    parts: &[String],
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Mosaics> {
+    let pegs = pegs(dataset)?;
+    let background = dataset.background(drawer.preprocessing())?;
+    let view_mm = drawer.view_mm();
+    let farthest = pegs.iter().map(|peg| peg.pose.x_mm.abs().max(peg.pose.y_mm.abs())).fold(0.0, f64::max);
+    let mut stitchers = vec![Stitcher::new(farthest + 0.5 * view_mm[0].hypot(view_mm[1])); parts.len()];
+    let mut n_of_part = vec![0; parts.len()];
+    for (done, some) in pegs.chunks(AT_ONCE).enumerate() {
+        progress(done * AT_ONCE, pegs.len());
+        let see = |peg: &Peg<'_>| Ok(background.tactile_image(&dataset.frame(peg.frame))?);
+        let images = some.par_iter().map(see).collect::<Result<Vec<TactileImage>>>()?;
+        for (map, peg) in drawer.draw(&images, Side::Peg)?.iter().zip(some) {
+            if let Some(part) = parts.iter().position(|part| part == peg.part) {
+                stitchers[part].add(map, view_mm, &peg.pose);
+                n_of_part[part] += 1;
+            }
+        }
+    }
+    progress(pegs.len(), pegs.len());
+    match n_of_part.iter().position(|n| *n == 0) {
+        Some(part) => Err(Error::invalid(&dataset.meta().name, format!("touches of part {}", parts[part]), "none")),
+        None => Mosaics::stitched(&stitchers),
+    }
+}

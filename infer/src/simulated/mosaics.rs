@@ -1,0 +1,61 @@
+//! The mosaics of a scene's parts: their pegs touched all over, and the maps of these touches stitched.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use tactile_data::frame::{Background, TactileImage};
+use tactile_data::generate::{Places, plan, render};
+use tactile_data::grid::PoseGrid;
+use tactile_data::scene::Scene;
+use tactile_data::simulator::Simulator;
+use tactile_data::touch::Side;
+
+use crate::error::{Error, Result};
+use crate::maps::MapDrawer;
+use crate::maps::mosaic::{Mosaics, Stitcher};
+use crate::threads;
+
+/// Pegs are touched at most so far apart, mm and degrees: each place some twenty times, from all sides.
+const STEPS: [f64; 2] = [4.0, 45.0];
+
+/// Sets these touches apart from a bank's.
+const MOSAICS: u64 = 0x6d6f_7361_6963_0000;
+
+/// Touches the pegs of a scene within its reach and stitches the maps of them. `progress`: touches done, and all.
+///
+/// # Errors
+/// A scene without a reach, or that cannot be touched, or whose frames cannot be drawn.
+pub fn mosaics_of_scene(
+    drawer: &MapDrawer,
+    scene: &Scene,
+    seed: u64,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Mosaics> {
+    let reach = scene.reach.ok_or_else(|| Error::invalid(&scene.name, "a reach: where pegs are touched", "none"))?;
+    let xy_step_mm = match reach.xy_half_mm {
+        0.0 => reach.xy_step_mm,
+        half => half / (half / STEPS[0]).ceil(),
+    };
+    let poses = PoseGrid { xy_step_mm, theta_half_deg: 180.0, theta_step_deg: STEPS[1], ..reach };
+    let seed = seed ^ MOSAICS;
+    let simulator = Simulator::new(scene.clone(), seed)?;
+    let planned = plan(&Scene { reach: Some(poses), ..scene.clone() }, &[Side::Peg], Places::EachPose, seed)?;
+    let background = Background::new(&simulator.no_contact(seed), drawer.preprocessing())?;
+    let background = background.lit_by(&scene.sensor.known_lamps())?;
+    let (view_mm, done) = (drawer.view_mm(), AtomicUsize::new(0));
+    let half_mm = reach.xy_half_mm + 0.5 * view_mm[0].hypot(view_mm[1]);
+    let stitch = |part: usize| -> Result<Stitcher> {
+        let first = part * poses.len();
+        let touches = &planned[first..first + poses.len()];
+        let frames = render(&simulator, seed, first, touches)?;
+        let images = frames.par_iter().map(|frame| background.tactile_image(frame));
+        let images = images.collect::<tactile_data::Result<Vec<TactileImage>>>()?;
+        let mut stitcher = Stitcher::new(half_mm);
+        for (map, touch) in drawer.draw(&images, Side::Peg)?.iter().zip(touches) {
+            stitcher.add(map, view_mm, &touch.part_from_sensor);
+        }
+        progress(done.fetch_add(touches.len(), Ordering::Relaxed) + touches.len(), planned.len());
+        Ok(stitcher)
+    };
+    Mosaics::stitched(&threads::each(0..simulator.parts().len(), stitch)?)
+}
