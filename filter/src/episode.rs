@@ -5,6 +5,8 @@ use std::sync::Arc;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
+use tactile_infer::maps::align::Drawing;
+use tactile_infer::maps::mosaic::Mosaics;
 
 use crate::belief::Belief;
 use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
@@ -45,6 +47,7 @@ impl Episode {
     pub fn begin(config: EpisodeConfig, bank: Arc<Bank>, observation: &Observation) -> Result<Self> {
         config.validate()?;
         observation.check_model(bank.model_sha256())?;
+        observation.check_map()?;
         let model = config.model.in_metric_of(&bank);
         let first = TouchLikelihood::new(observation, &bank, &model)?;
         let between = config.method.between_poses && config.model.interpolation.is_cubic(bank.grid());
@@ -67,6 +70,7 @@ impl Episode {
     pub fn observe(&mut self, moved: Se2, observation: &Observation) -> Result<()> {
         check_motion(&moved)?;
         observation.check_model(self.bank.model_sha256())?;
+        observation.check_map()?;
         if let Some((_, before)) = self.touches.last() {
             observation.check_follows(before, &moved)?;
         }
@@ -136,9 +140,33 @@ impl Episode {
         self.asked().stop()
     }
 
-    /// What is known now.
+    /// What is known now. Where the bank has maps of its parts and the sensor drew the touches', the place is found by them.
     pub fn estimate(&self) -> Estimate {
-        self.asked().estimate()
+        let estimate = self.asked().estimate();
+        match self.bank.mosaics() {
+            Some(mosaics) if self.config.method.between_poses => self.placed_by_maps(mosaics, estimate),
+            _ => estimate,
+        }
+    }
+
+    /// The same estimate, its touches laid together over the map of the part that it names.
+    fn placed_by_maps(&self, mosaics: &Mosaics, estimate: Estimate) -> Estimate {
+        let made = self.belief.touches().iter().map(|touched| touched.first_from_sensor);
+        let drawn = made.zip(&self.touches).filter_map(|(first_from_sensor, (_, observation))| {
+            observation.map.as_deref().map(|map| Drawing { map, first_from_sensor })
+        });
+        let drawn: Vec<Drawing<'_>> = drawn.collect();
+        let part = self.bank.parts().iter().position(|part| *part == estimate.part);
+        match part {
+            Some(part) if !drawn.is_empty() => {
+                let symmetry = self.bank.symmetry(part);
+                let (place, covariance) =
+                    self.belief.placed_by_maps(part, &estimate.part_from_first, &symmetry, &drawn, &mosaics.of(part));
+                let part_from_sensor = place * self.belief.first_from_sensor();
+                Estimate { part_from_first: place, part_from_sensor, covariance, ..estimate }
+            }
+            _ => estimate,
+        }
     }
 
     /// The second most probable part now, as [`Self::estimate`] has it, without the rest of it; `None` where no other part is

@@ -1,11 +1,22 @@
 //! Maps of whole parts and the network that judges by them, from pegs to a picture and a file.
 
 use std::fs;
+use std::sync::Arc;
 
 use serde_json::Value;
+use tactile_data::grid::PoseGrid;
 use tactile_data::picture;
-use tactile_infer::maps::MapFile;
+use tactile_data::scene::{Kit, Parts, Scene};
+use tactile_data::se2::Se2;
+use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
+use tactile_data::touch_map::{TouchMap, TouchMaps};
+use tactile_filter::{Episode, EpisodeConfig, Estimate, Observation, Sensor};
+use tactile_infer::maps::mosaic::{Mosaics, Stitcher};
 use tactile_infer::maps::verifier::{Verifier, VerifierConfig};
+use tactile_infer::maps::{DrawnMap, MapFile};
+use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
 use tactile_tests::programs::run;
 use tactile_tests::samples::Sample;
@@ -57,6 +68,16 @@ fn parts_have_maps_and_a_network_learns_to_judge_by_them() {
     let drawn = picture::read(&at.join("two.png")).unwrap();
     assert_eq!([drawn.width_px(), drawn.height_px()], [4 * 105, 4 * 105]);
     assert!(picture(&["--part", "Q"]).failed().contains("one of T X"));
+    // An evaluation draws its touches, too; a bank without maps is of no use to it.
+    let evaluate = |bank: &str| {
+        let two = sample.at("two.toml");
+        let given = ["evaluate", "--model", &model, "--bank", bank, "--scene", &two, "--maps", maps, "--episodes", "2"];
+        let more =
+            ["--touches", "2", "--engines", "exact", "--actions", "random", "--stories", "0", "--out", "evaluation"];
+        run("tactile-filter", at, &[&given[..], &more].concat())
+    };
+    evaluate("two.bank").done();
+    assert!(evaluate(&sample.at("pegs.bank")).failed().contains("a bank with a map of each part"));
     let mut content = fs::read(at.join("two.bank")).unwrap();
     let last = content.len() - 1 - bank.n_rows() * bank.dim();
     content[last] ^= 1;
@@ -91,4 +112,63 @@ fn parts_have_maps_and_a_network_learns_to_judge_by_them() {
     assert!(after.tensors.len() > before.tensors.len() && before.tensors.iter().all(|of| after.tensors.contains(of)));
     let verifier = Verifier::new(&after).unwrap().unwrap();
     assert_eq!(verifier.config(), &VerifierConfig { width: 2, bound: 8.0 });
+}
+
+/// The maps that a perfect network would draw.
+fn perfect(maps: &TouchMaps<'_>, side: Side, pose: &Se2, view_mm: [f64; 2]) -> DrawnMap {
+    let TouchMap { size_px, distance_mm, contact } = maps.of(1, side, pose, [40, 30]).unwrap();
+    let inside = distance_mm.iter().map(|mm| if *mm < 0.0 { 1.0 } else { 0.0 }).collect();
+    DrawnMap { size_px, view_mm, error_mm: vec![0.1; distance_mm.len()], inside, contact, distance_mm }
+}
+
+#[test]
+fn a_place_is_found_by_the_maps_of_touches_and_part() {
+    let model = Arc::new(
+        Model::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../infer/models/maze-small.safetensors").as_ref()).unwrap(),
+    );
+    let reach = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
+    let mut scene = Scene { reach: Some(reach), ..Scene::load("alphabet-small").unwrap() };
+    scene.parts = Parts::Kit(Kit::of_letters("TF", 12.0, 16.0));
+    let bank = bank_of_scene(&model, &scene, Views::Both, 1, &|_, _| ()).unwrap();
+    let simulator = Simulator::new(scene, 1).unwrap();
+    let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap();
+    let view_mm = simulator.scene().sensor.field_of_view_mm;
+    let maps = TouchMaps::new(&simulator);
+    let mut stitchers = vec![Stitcher::new(16.0), Stitcher::new(16.0)];
+    for pose in (0..reach.len()).step_by(3).map(|cell| reach.pose(cell)) {
+        stitchers.iter_mut().for_each(|of| of.add(&perfect(&maps, Side::Peg, &pose, view_mm), &pose));
+    }
+    let bank = Arc::new(bank.with_mosaics(Mosaics::stitched(&stitchers).unwrap()).unwrap());
+    let (truth, moved) = (Se2::from_degrees(1.1, -0.7, 8.0), Se2::from_degrees(-1.5, 2.0, 10.0));
+    let play = |has_maps: bool| {
+        let touch = |pose: Se2, n: u64| {
+            let frame = simulator.touch(1, Side::Hole, &pose, &mut frame_rng(5, n)).unwrap();
+            let map = has_maps.then(|| Box::new(perfect(&maps, Side::Hole, &pose, view_mm)));
+            Observation { map, ..sensor.observe(&frame).unwrap() }
+        };
+        let mut episode = Episode::begin(EpisodeConfig::of(&model), bank.clone(), &touch(truth, 1)).unwrap();
+        episode.observe(moved, &touch(truth * moved, 2)).unwrap();
+        episode
+    };
+    let [by_belief, by_maps] = [false, true].map(|has_maps| play(has_maps).estimate());
+    let off = |found: &Estimate| found.part_from_first.distance_mm(&truth);
+    assert_eq!([&by_belief.part, &by_maps.part], ["F"; 2]);
+    assert!(off(&by_maps) < 0.06 && off(&by_maps) < off(&by_belief), "{} {}", off(&by_maps), off(&by_belief));
+    let [sd, before] = [&by_maps, &by_belief].map(|of| of.covariance[0][0].sqrt());
+    assert!(sd < before && off(&by_maps) < 4.0 * sd, "{sd} {before}");
+    let last = by_maps.part_from_first * moved;
+    assert!(by_maps.part_from_sensor.distance_mm(&last) < 1e-9);
+    // All else is as it was.
+    let (part_from_first, part_from_sensor) = (by_belief.part_from_first, by_belief.part_from_sensor);
+    let covariance = by_belief.covariance;
+    assert_eq!(Estimate { part_from_first, part_from_sensor, covariance, ..by_maps.clone() }, by_belief);
+
+    // Saved and restored, it says the same; a spoilt map is refused.
+    let record = serde_json::to_string(&play(true).record().unwrap()).unwrap();
+    let restored = Episode::restore(&serde_json::from_str(&record).unwrap(), bank.clone()).unwrap();
+    assert_eq!(restored.estimate(), by_maps);
+    let mut spoilt: Value = serde_json::from_str(&record).unwrap();
+    spoilt["touches"][0][1]["map"]["error_mm"][3] = 0.0.into();
+    let record = serde_json::from_value(spoilt).unwrap();
+    assert!(Episode::restore(&record, bank).unwrap_err().to_string().contains("each error above 0"));
 }

@@ -15,7 +15,7 @@ use tactile_data::frame::TactileImage;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::maps::align::{Drawing, align};
+use tactile_infer::maps::align::{Drawing, Start, align};
 use tactile_infer::maps::mosaic::Mosaics;
 use tactile_infer::maps::verifier::network::VerifierNetwork;
 use tactile_infer::maps::verifier::{N_COMPARED, VerifierConfig, compared};
@@ -41,11 +41,11 @@ const N_OTHERS: usize = 8;
 /// Views of a part that are both tried are so far apart, mm and degrees.
 const APART: (f64, f64) = (3.0, 30.0);
 
-/// A touch lies where it was made to this, mm and degrees.
+/// A touch is where it was made to this, mm and degrees.
 const THERE: (f64, f64) = (1.0, 8.0);
 
 /// How far a belief's pose is from the truth before it is aligned, standard deviations, mm and degrees.
-const START: (f64, f64) = (0.7, 4.0);
+const START: [f64; 2] = [1.0, 6.0];
 
 /// Starts at the own pose.
 const N_OWN: usize = 2;
@@ -182,13 +182,14 @@ impl<'a> LaidTouches<'a> {
         // About normal: the sum of three.
         let mut off = |sd: f64| sd * (0..3).map(|_| rng.random_range(-1.0..1.0)).sum::<f64>();
         views.extend((0..N_OWN).map(|_| {
-            let [x, y, deg] = [off(START.0), off(START.0), off(START.1)];
+            let [x, y, deg] = [off(START[0]), off(START[0]), off(START[1])];
             let start = Se2::new(pose.x_mm + x, pose.y_mm + y, pose.theta_rad + deg.to_radians());
             (*own, View { cosine, pose: start })
         }));
         let lay = |(part, View { cosine, pose: start }): (usize, View)| {
             let touch = Drawing { map, first_from_sensor: Se2::IDENTITY };
-            let part_from_sensor = align(&[touch], self.drawer.view_mm(), &mosaics.of(part), &start).part_from_first;
+            let start = Start::known_to(start, START);
+            let part_from_sensor = align(&[touch], &mosaics.of(part), &start).part_from_first;
             Laid { part, part_from_sensor, is_own: part == *own, cosine }
         };
         // What went astray from its own pose says nothing.
@@ -217,14 +218,7 @@ impl<'a> LaidTouches<'a> {
             let n_own = laid.iter().filter(|laid| laid.is_own).count();
             let pictures: Vec<f32> = laid
                 .iter()
-                .flat_map(|laid| {
-                    compared(
-                        (map, *side),
-                        self.drawer.view_mm(),
-                        &self.mosaics[*bank].of(laid.part),
-                        &laid.part_from_sensor,
-                    )
-                })
+                .flat_map(|laid| compared((map, *side), &self.mosaics[*bank].of(laid.part), &laid.part_from_sensor))
                 .collect();
             let n_others = laid.len() - n_own;
             let says: Vec<[f32; 2]> = laid

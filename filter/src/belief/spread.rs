@@ -4,6 +4,8 @@ use std::f64::consts::PI;
 
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
+use tactile_infer::maps::align::{Drawing, Start, align};
+use tactile_infer::maps::mosaic::Mosaic;
 
 use super::bayes::Belief;
 use crate::belief::refine::{N_DEVIATIONS, moved, steps_of};
@@ -36,6 +38,27 @@ impl Belief {
     /// into each other the nearest counts. Zeros where the part is ruled out.
     pub fn covariance(&self, part: usize, pose: &Se2, symmetry: &Symmetry, between_states: bool) -> Moments {
         let hill = between_states.then(|| self.hill(part, pose, symmetry));
+        self.covariance_of(part, pose, symmetry, hill)
+    }
+
+    /// The pose of the first touch at which the maps of touches are a part's, from one that the belief has, and its covariance: the
+    /// hill around it as well known as maps and belief say together, other hills as they are believed.
+    pub(crate) fn placed_by_maps(
+        &self,
+        part: usize,
+        pose: &Se2,
+        symmetry: &Symmetry,
+        drawn: &[Drawing<'_>],
+        mosaic: &Mosaic<'_>,
+    ) -> (Se2, Moments) {
+        let hill = self.hill(part, pose, symmetry);
+        let found = align(drawn, mosaic, &Start { part_from_first: *pose, covariance: hill.moments });
+        let place = found.part_from_first;
+        let hill = Hill { moments: found.covariance, ..hill };
+        (place, self.covariance_of(part, &place, symmetry, Some(hill)))
+    }
+
+    fn covariance_of(&self, part: usize, pose: &Se2, symmetry: &Symmetry, hill: Option<Hill>) -> Moments {
         let steps = steps_of(self.posterior.grid());
         let (mut of_hill, mut all, mut moments) = (0.0, 0.0, [[0.0; 3]; 3]);
         for (state, mass) in self.posterior.states_of(part) {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
+use tactile_infer::maps::DrawnMap;
 
 use crate::error::{Error, Result};
 
@@ -19,6 +20,9 @@ pub struct Observation {
     /// ([`MatchOdds::rarity_of`](tactile_infer::match_odds::MatchOdds::rarity_of)); 0 where that is not known.
     #[serde(default)]
     pub rarity: f32,
+    /// What the touch shows, place by place, where the sensor draws maps ([`Sensor::with_maps`](crate::Sensor::with_maps)).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<Box<DrawnMap>>,
     /// Which side was touched: an episode is of one.
     #[serde(default, skip_serializing_if = "Side::is_hole")]
     pub side: Side,
@@ -33,7 +37,8 @@ pub struct Observation {
 impl Observation {
     /// An observation of a hole by its embedding alone: neither a frame nor a model is checked.
     pub fn new(query: Vec<f32>, edge_share: f32) -> Self {
-        Self { query, edge_share, rarity: 0.0, side: Side::Hole, frame_hash: None, model_sha256: None }
+        let (rarity, map, side, frame_hash, model_sha256) = (0.0, None, Side::Hole, None, None);
+        Self { query, edge_share, rarity, map, side, frame_hash, model_sha256 }
     }
 
     /// The same observation, of this side.
@@ -46,6 +51,11 @@ impl Observation {
     #[must_use]
     pub fn of_simulation(self) -> Self {
         Self { frame_hash: None, ..self }
+    }
+
+    /// Refuses a map that no sensor draws.
+    pub(crate) fn check_map(&self) -> Result<()> {
+        Ok(self.map.as_ref().map_or(Ok(()), |map| map.validate())?)
     }
 
     /// Refuses an observation of another model than this one.

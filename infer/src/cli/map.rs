@@ -76,8 +76,8 @@ impl MapArgs {
                 program::say(format_args!("{}: {}", out.display(), said(&map)));
             }
             if self.json {
-                let DrawnMap { size_px, distance_mm, error_mm, inside, contact } = &map;
-                let mm_per_px = [0, 1].map(|axis| drawer.view_mm()[axis] / size_px[axis] as f64);
+                let DrawnMap { size_px, view_mm, distance_mm, error_mm, inside, contact } = &map;
+                let mm_per_px = [0, 1].map(|axis| view_mm[axis] / size_px[axis] as f64);
                 print_json(&Map { size_px: *size_px, mm_per_px, distance_mm, error_mm, inside, contact })?;
             }
         }

@@ -1,6 +1,6 @@
 //! Where touches of one hole lie on a part's mosaic: the pose at which their distances are those of the mosaic (Gauss-Newton).
 
-use tactile_data::se2::Se2;
+use tactile_data::se2::{Se2, wrap_angle};
 
 use super::DrawnMap;
 use super::mosaic::Mosaic;
@@ -11,8 +11,8 @@ const STEPS: usize = 6;
 /// A pixel that is off by more than so many errors counts by its root alone (Huber).
 const FAR: f64 = 2.0;
 
-/// A start lies no farther from its pose than this, mm and degrees: the corner of a cell of a coarse bank.
-const START_SD: [f64; 2] = [1.5, 8.0];
+/// The mean cost of a pixel that is as far off as the errors say.
+const USUAL_COST: f64 = 0.5;
 
 /// Neighbouring pixels share their error; so many count as one.
 const SHARED: f64 = 16.0;
@@ -39,14 +39,40 @@ pub struct Aligned {
     pub overlap: f64,
 }
 
-/// Moves touches together from a start to where their distances are those of a mosaic. `view_mm`: width and height of a touch;
-/// `start`: of the first touch in the part's frame.
+/// Where touches are thought to have been made: the pose of the first one in the part's frame, and its covariance, of x, y (mm)
+/// and the angle (rad).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// The pose.
+    pub part_from_first: Se2,
+    /// How well it is known.
+    pub covariance: [[f64; 3]; 3],
+}
+
+impl Start {
+    /// A pose that is known to so many standard deviations, mm and degrees.
+    pub fn known_to(part_from_first: Se2, [mm, deg]: [f64; 2]) -> Self {
+        let mut covariance = [[0.0; 3]; 3];
+        [mm, mm, deg.to_radians()].into_iter().enumerate().for_each(|(axis, sd)| covariance[axis][axis] = sd * sd);
+        Self { part_from_first, covariance }
+    }
+}
+
+/// Moves touches together from a start to where their distances are those of a mosaic.
 ///
-/// Each pixel counts by the errors that the map and the mosaic state; the start itself counts as a measurement of the pose, so that a straight
-/// edge, along which nothing holds it, stays where it was.
-pub fn align(touches: &[Drawing<'_>], view_mm: [f64; 2], mosaic: &Mosaic<'_>, start: &Se2) -> Aligned {
-    let mut pose = *start;
-    let sums_at = |pose: &Se2| Sums::of(touches, view_mm, mosaic, pose, start);
+/// Each pixel counts by the errors that the map and the mosaic state, and by less where all of them are farther off than that: a
+/// socket is not its plug. The start counts as a measurement of the pose by its covariance, so that a straight edge, along which
+/// nothing holds it, stays where it was. A start without a covariance stays.
+pub fn align(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>, start: &Start) -> Aligned {
+    let mut pose = start.part_from_first;
+    let Some(information) = inverse(start.covariance) else {
+        let sums = Sums::of(touches, mosaic, &pose, (&pose, [[0.0; 3]; 3]));
+        let n = sums.n.max(1.0);
+        let overlap = sums.n / sums.n_all.max(1.0);
+        return Aligned { part_from_first: pose, covariance: start.covariance, cost: sums.cost / n, overlap };
+    };
+    let prior = (&start.part_from_first, information);
+    let sums_at = |pose: &Se2| Sums::of(touches, mosaic, pose, prior);
     let mut sums = sums_at(&pose);
     for _ in 0..STEPS {
         let Some(covariance) = inverse(sums.squares) else { break };
@@ -76,30 +102,37 @@ struct Sums {
 }
 
 impl Sums {
-    fn of(touches: &[Drawing<'_>], view_mm: [f64; 2], mosaic: &Mosaic<'_>, pose: &Se2, start: &Se2) -> Self {
+    fn of(
+        touches: &[Drawing<'_>],
+        mosaic: &Mosaic<'_>,
+        pose: &Se2,
+        (start, information): (&Se2, [[f64; 3]; 3]),
+    ) -> Self {
         let mut sums = Self::default();
-        touches.iter().for_each(|touch| sums.add(touch, view_mm, mosaic, pose));
-        let turned = tactile_data::se2::wrap_angle(pose.theta_rad - start.theta_rad);
-        let off = [pose.x_mm - start.x_mm, pose.y_mm - start.y_mm, turned];
-        let information = [START_SD[0], START_SD[0], START_SD[1].to_radians()].map(|sd| sd.powi(-2));
+        touches.iter().for_each(|touch| sums.add(touch, mosaic, pose));
+        let mean = sums.cost / sums.n.max(1.0);
+        let share = 1.0 / (SHARED * (mean / USUAL_COST).max(1.0));
+        sums.slopes.iter_mut().chain(sums.squares.as_flattened_mut()).for_each(|sum| *sum *= share);
         // Where less is shown, less speaks against the pose: what is not shown costs as much as what is.
-        sums.total = sums.cost / sums.n.max(1.0) * sums.n_all / SHARED;
-        for axis in 0..3 {
-            sums.total += 0.5 * information[axis] * off[axis] * off[axis];
-            sums.slopes[axis] += information[axis] * off[axis];
-            sums.squares[axis][axis] += information[axis];
+        sums.total = mean * sums.n_all / SHARED;
+        let off = [pose.x_mm - start.x_mm, pose.y_mm - start.y_mm, wrap_angle(pose.theta_rad - start.theta_rad)];
+        for row in 0..3 {
+            let pull: f64 = (0..3).map(|column| information[row][column] * off[column]).sum();
+            sums.total += 0.5 * pull * off[row];
+            sums.slopes[row] += pull;
+            (0..3).for_each(|column| sums.squares[row][column] += information[row][column]);
         }
         sums
     }
 
     /// Adds what a touch costs.
-    fn add(&mut self, touch: &Drawing<'_>, view_mm: [f64; 2], mosaic: &Mosaic<'_>, pose: &Se2) {
+    fn add(&mut self, touch: &Drawing<'_>, mosaic: &Mosaic<'_>, pose: &Se2) {
         let Drawing { map, first_from_sensor } = touch;
         let [width, height] = map.size_px;
         let (sin, cos) = pose.theta_rad.sin_cos();
         self.n_all += (width * height) as f64;
         for at in 0..width * height {
-            let [x, y] = first_from_sensor.apply(map.place_mm(at, view_mm));
+            let [x, y] = first_from_sensor.apply(map.place_mm(at));
             let turned = [cos * x - sin * y, sin * x + cos * y];
             let Some(there) = mosaic.slope([turned[0] + pose.x_mm, turned[1] + pose.y_mm]) else { continue };
             self.n += 1.0;
@@ -111,8 +144,8 @@ impl Sums {
             let [by_x, by_y] = there.by_xy.map(|by| by / error);
             let slope = [by_x, by_y, by_y * turned[0] - by_x * turned[1]];
             for row in 0..3 {
-                self.slopes[row] += weight * off * slope[row] / SHARED;
-                (0..3).for_each(|column| self.squares[row][column] += weight * slope[row] * slope[column] / SHARED);
+                self.slopes[row] += weight * off * slope[row];
+                (0..3).for_each(|column| self.squares[row][column] += weight * slope[row] * slope[column]);
             }
         }
     }
@@ -132,9 +165,12 @@ fn inverse(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mosaic::tests::{VIEW_MM, map, mosaics};
+    use super::super::mosaic::tests::{map, mosaics};
     use super::*;
-    use tactile_data::se2::wrap_angle;
+
+    fn coarse(pose: Se2) -> Start {
+        Start::known_to(pose, [1.5, 8.0])
+    }
 
     fn first(map: &DrawnMap) -> Drawing<'_> {
         Drawing { map, first_from_sensor: Se2::IDENTITY }
@@ -148,12 +184,12 @@ mod tests {
         let maps = [map(&truth, 0.1), map(&(truth * moved), 0.1)];
         let touches = [first(&maps[0]), Drawing { map: &maps[1], first_from_sensor: moved }];
         let start = Se2::from_degrees(2.5, -0.4, 66.0);
-        let [one, both] = [&touches[..1], &touches].map(|of| align(of, VIEW_MM, &mosaics.of(0), &start));
+        let [one, both] = [&touches[..1], &touches].map(|of| align(of, &mosaics.of(0), &coarse(start)));
         assert!(both.part_from_first.distance_mm(&truth) < 0.05, "{both:?}");
         assert!((0..3).all(|axis| both.covariance[axis][axis] < one.covariance[axis][axis]));
         // A second touch that was made elsewhere fits nowhere.
         let wrong = Drawing { first_from_sensor: Se2::from_degrees(-2.0, 2.0, 40.0), ..touches[1] };
-        assert!(align(&[touches[0], wrong], VIEW_MM, &mosaics.of(0), &start).cost > 10.0 * both.cost);
+        assert!(align(&[touches[0], wrong], &mosaics.of(0), &coarse(start)).cost > 10.0 * both.cost);
     }
 
     #[test]
@@ -163,7 +199,7 @@ mod tests {
         let touch = map(&truth, 0.1);
         for [x, y, deg] in [[0.0, 0.0, 0.0], [1.0, 0.5, 7.0], [-0.9, 0.8, -8.0], [0.4, -1.4, 4.0]] {
             let start = Se2::from_degrees(truth.x_mm + x, truth.y_mm + y, truth.theta_deg() + deg);
-            let found = align(&[first(&touch)], VIEW_MM, &mosaics.of(0), &start);
+            let found = align(&[first(&touch)], &mosaics.of(0), &coarse(start));
             let turned = wrap_angle(found.part_from_first.theta_rad - truth.theta_rad).to_degrees().abs();
             assert!(found.part_from_first.distance_mm(&truth) < 0.05 && turned < 0.5, "{start:?} {found:?}");
             assert!(found.cost < 0.1 && found.overlap > 0.9, "{found:?}");
@@ -178,9 +214,31 @@ mod tests {
     fn what_is_not_on_the_mosaic_stays_where_it_was() {
         let mosaics = mosaics();
         let nowhere = Se2::from_degrees(80.0, 0.0, 10.0);
-        let found = align(&[first(&map(&nowhere, 0.1))], VIEW_MM, &mosaics.of(0), &nowhere);
+        let found = align(&[first(&map(&nowhere, 0.1))], &mosaics.of(0), &coarse(nowhere));
         assert_eq!((found.part_from_first, found.overlap, found.cost), (nowhere, 0.0, 0.0));
-        assert!((found.covariance[0][0].sqrt() - START_SD[0]).abs() < 1e-9);
+        assert!((found.covariance[0][0].sqrt() - 1.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_start_counts_as_it_is_known() {
+        let mosaics = mosaics();
+        let truth = Se2::from_degrees(3.3, -1.2, 71.0);
+        let touch = map(&truth, 0.1);
+        let start = Se2::from_degrees(2.8, -1.2, 71.0);
+        let at = |sd: f64| align(&[first(&touch)], &mosaics.of(0), &Start::known_to(start, [sd, 1.0]));
+        let off = |found: &Aligned| found.part_from_first.distance_mm(&truth);
+        // As sure as the touch, about half way; not at all, all the way; exactly, none of it.
+        let touch_sd = at(1e3).covariance[0][0].sqrt();
+        assert!(off(&at(1e3)) < 0.05 && (off(&at(touch_sd)) - 0.25).abs() < 0.15, "{touch_sd}");
+        assert_eq!(
+            (at(0.0).part_from_first, at(0.0).covariance),
+            (start, Start::known_to(start, [0.0, 1.0]).covariance)
+        );
+        // Of a map that is sure and wrong little is believed.
+        let mut wrong = touch.clone();
+        wrong.distance_mm.iter_mut().enumerate().for_each(|(at, mm)| *mm += if at % 2 == 0 { 1.0 } else { -1.0 });
+        let found = align(&[first(&wrong)], &mosaics.of(0), &coarse(start));
+        assert!(found.cost > 2.0 && found.covariance[0][0] > 2.0 * at(1.5).covariance[0][0], "{found:?}");
     }
 
     #[test]

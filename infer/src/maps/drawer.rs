@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use serde::{Deserialize, Serialize};
 use tactile_data::frame::{Preprocessing, TactileImage};
 use tactile_data::touch::Side;
 
@@ -21,10 +22,13 @@ pub struct MapDrawer {
 }
 
 /// A map that was drawn, `[height, width]` each, rows from the top.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct DrawnMap {
     /// Width and height, pixels.
     pub size_px: [usize; 2],
+    /// Width and height of the view, mm.
+    pub view_mm: [f64; 2],
     /// The distance to the outline of the peg, mm, negative inside.
     pub distance_mm: Vec<f32>,
     /// The mean error that is expected of it, mm.
@@ -104,7 +108,8 @@ impl MapDrawer {
             seen.resize(seen.len() + width * height, side_value(side));
         }
         let drawn = self.forward(&pixel_by_pixel::<N_SEEN>(&seen, [height, width]));
-        Ok(drawn.chunks_exact(N_DRAWN * width * height).map(|map| DrawnMap::of(self.config.input_px, map)).collect())
+        let of = |values| DrawnMap::of(self.config.input_px, self.view_mm(), values);
+        Ok(drawn.chunks_exact(N_DRAWN * width * height).map(of).collect())
     }
 
     /// `[n, height, width, N_SEEN]` -> `[n, height, width, N_DRAWN]`.
@@ -145,19 +150,39 @@ fn joined((small, [rows, columns], n_small): Pixels<'_>, (large, [height, width]
 }
 
 impl DrawnMap {
-    /// The middle of a pixel about the middle of the view, mm; `at` counts by rows. `view_mm`: width and height.
-    pub fn place_mm(&self, at: usize, view_mm: [f64; 2]) -> [f64; 2] {
-        let pixel = [at % self.size_px[0], at / self.size_px[0]];
-        [0, 1].map(|axis| ((pixel[axis] as f64 + 0.5) / self.size_px[axis] as f64 - 0.5) * view_mm[axis])
+    /// Refuses what no network draws: other numbers of values than pixels, values that are not finite, errors that are not positive.
+    ///
+    /// # Errors
+    /// The map.
+    pub fn validate(&self) -> Result<()> {
+        let Self { size_px: [width, height], view_mm, distance_mm, error_mm, inside, contact } = self;
+        let n = width.saturating_mul(*height);
+        let all = [distance_mm, error_mm, inside, contact];
+        let is_view = view_mm.iter().all(|mm| mm.is_finite() && *mm > 0.0);
+        let is_whole = *width > 1 && *height > 1 && all.iter().all(|values| values.len() == n);
+        let are_good = all.iter().flat_map(|values| values.iter()).all(|value| value.is_finite())
+            && error_mm.iter().all(|error| *error > 0.0);
+        if is_view && is_whole && are_good {
+            return Ok(());
+        }
+        let expected = "four finite values a pixel, each error above 0, of a view with a size";
+        Err(Error::invalid("map of a touch", expected, format!("{width} x {height} pixels of {view_mm:?} mm")))
     }
 
-    fn of(size_px: [usize; 2], values: &[f32]) -> Self {
+    /// The middle of a pixel about the middle of the view, mm; `at` counts by rows.
+    pub fn place_mm(&self, at: usize) -> [f64; 2] {
+        let pixel = [at % self.size_px[0], at / self.size_px[0]];
+        [0, 1].map(|axis| ((pixel[axis] as f64 + 0.5) / self.size_px[axis] as f64 - 0.5) * self.view_mm[axis])
+    }
+
+    fn of(size_px: [usize; 2], view_mm: [f64; 2], values: &[f32]) -> Self {
         let of = |what: Drawn, value: &dyn Fn(f32) -> f32| {
             values.chunks_exact(N_DRAWN).map(|place| value(place[what as usize])).collect::<Vec<f32>>()
         };
         let probability = |odds: f32| (1.0 + (-odds).exp()).recip();
         Self {
             size_px,
+            view_mm,
             distance_mm: of(Drawn::Distance, &|mm| mm),
             error_mm: of(Drawn::LogError, &|log| log.clamp(LOG_ERRORS[0], LOG_ERRORS[1]).exp()),
             inside: of(Drawn::Inside, &probability),

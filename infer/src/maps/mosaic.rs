@@ -70,7 +70,7 @@ pub struct Stitcher {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
-    /// Of the distances, each by how sure it is.
+    /// Sum of the weights of the distances: each counts by how sure it is.
     weights: f64,
     distances: f64,
     squares: f64,
@@ -80,15 +80,15 @@ struct Sums {
 }
 
 impl Stitcher {
-    /// Of a part that reaches as far from its origin, mm.
+    /// For a part that reaches so far from its origin, mm.
     pub fn new(half_mm: f64) -> Self {
         let n = (2.0 * half_mm / CELL_MM).ceil().clamp(2.0, MOST_CELLS as f64) as usize;
         Self { n, sums: vec![Sums::default(); n * n] }
     }
 
-    /// Adds a touch of the peg: its map, of a view as wide and high, mm.
-    pub fn add(&mut self, map: &DrawnMap, view_mm: [f64; 2], part_from_sensor: &Se2) {
-        let [width, height] = map.size_px;
+    /// Adds a touch of the peg: its map, and where it was made.
+    pub fn add(&mut self, map: &DrawnMap, part_from_sensor: &Se2) {
+        let ([width, height], view_mm) = (map.size_px, map.view_mm);
         let sensor_from_part = part_from_sensor.inverse();
         let reach = 0.5 * view_mm[0].hypot(view_mm[1]);
         let cells = |mm: f64| {
@@ -164,7 +164,7 @@ impl Corners {
 }
 
 impl Mosaics {
-    /// Of all parts, one stitcher each.
+    /// The maps of all parts, one stitcher each.
     ///
     /// # Errors
     /// None, or of several sizes; values that are not finite or beyond the range of f16.
@@ -283,10 +283,10 @@ impl Mosaic<'_> {
 pub(super) mod tests {
     use super::*;
 
-    pub const VIEW_MM: [f64; 2] = [18.6, 14.3];
+    const VIEW_MM: [f64; 2] = [18.6, 14.3];
     const SIZE_PX: [usize; 2] = [40, 30];
 
-    /// Distance from an ellipse-like shape of no symmetry: smooth, so that what lies between cells is known.
+    /// Distance from an ellipse-like shape of no symmetry: smooth, so that what is between cells is known.
     pub fn outline([x, y]: [f64; 2]) -> f64 {
         (x.hypot(1.6 * y) - 5.0 + 0.25 * x + 0.1 * (0.5 * y + 0.2 * x).sin()).clamp(-FARTHEST_MM, FARTHEST_MM)
     }
@@ -295,22 +295,28 @@ pub(super) mod tests {
     pub fn map(part_from_sensor: &Se2, error_mm: f32) -> DrawnMap {
         let n = SIZE_PX[0] * SIZE_PX[1];
         let (distance_mm, inside) = (vec![0.0; n], vec![0.0; n]);
-        let mut map =
-            DrawnMap { size_px: SIZE_PX, error_mm: vec![error_mm; n], contact: Vec::new(), inside, distance_mm };
+        let mut map = DrawnMap {
+            size_px: SIZE_PX,
+            view_mm: VIEW_MM,
+            error_mm: vec![error_mm; n],
+            contact: Vec::new(),
+            inside,
+            distance_mm,
+        };
         for at in 0..n {
-            let mm = outline(part_from_sensor.apply(map.place_mm(at, VIEW_MM))) as f32;
+            let mm = outline(part_from_sensor.apply(map.place_mm(at))) as f32;
             (map.distance_mm[at], map.inside[at]) = (mm, if mm < 0.0 { 1.0 } else { 0.0 });
         }
         DrawnMap { contact: map.inside.clone(), ..map }
     }
 
-    /// Of a part touched all over.
+    /// A part that was touched all over.
     pub fn mosaics() -> Mosaics {
         let mut stitcher = Stitcher::new(15.0);
         for at in 0..25 {
             let [x, y] = [at % 5, at / 5].map(|step| 3.0 * f64::from(step) - 6.0);
             let pose = Se2::from_degrees(x, y, 37.0 * f64::from(at));
-            stitcher.add(&map(&pose, 0.1), VIEW_MM, &pose);
+            stitcher.add(&map(&pose, 0.1), &pose);
         }
         Mosaics::stitched(&[stitcher]).unwrap()
     }
@@ -365,8 +371,8 @@ pub(super) mod tests {
     fn a_surer_touch_counts_more() {
         let mut stitcher = Stitcher::new(15.0);
         let [right, wrong] = [Se2::IDENTITY, Se2::from_degrees(1.0, 0.0, 0.0)];
-        stitcher.add(&map(&right, 0.1), VIEW_MM, &right);
-        stitcher.add(&map(&wrong, 1.0), VIEW_MM, &right);
+        stitcher.add(&map(&right, 0.1), &right);
+        stitcher.add(&map(&wrong, 1.0), &right);
         let mosaics = Mosaics::stitched(&[stitcher]).unwrap();
         let place = [3.9, 1.05];
         let [a, b] = [outline(place), outline(wrong.apply(place))];

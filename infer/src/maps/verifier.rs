@@ -76,16 +76,11 @@ impl VerifierConfig {
 }
 
 /// A touch laid over a mosaic at a pose: `[height, width, N_COMPARED]`, zeros where the mosaic shows nothing.
-pub fn compared(
-    (touch, side): (&DrawnMap, Side),
-    view_mm: [f64; 2],
-    mosaic: &Mosaic<'_>,
-    part_from_sensor: &Se2,
-) -> Vec<f32> {
+pub fn compared((touch, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>, part_from_sensor: &Se2) -> Vec<f32> {
     let [width, height] = touch.size_px;
     let mut out = Vec::with_capacity(width * height * N_COMPARED);
     for at in 0..width * height {
-        let seen = touch.place_mm(at, view_mm);
+        let seen = touch.place_mm(at);
         let far = FARTHEST_MM as f32;
         let (mm, error) = (touch.distance_mm[at], touch.error_mm[at]);
         let share = |share: f32| 2.0 * share - 1.0;
@@ -196,7 +191,7 @@ pub mod network {
 mod tests {
     use burn::tensor::{Tensor, TensorData};
 
-    use super::super::mosaic::tests::{VIEW_MM, map, mosaics};
+    use super::super::mosaic::tests::{map, mosaics};
     use super::*;
     use crate::device::DeviceKind;
     use crate::maps::{MapConfig, MapProvenance};
@@ -244,7 +239,7 @@ mod tests {
         let mosaics = mosaics();
         let truth = Se2::from_degrees(8.0, -1.2, 71.0);
         let touch = map(&truth, 0.1);
-        let found = compared((&touch, Side::Hole), VIEW_MM, &mosaics.of(0), &truth);
+        let found = compared((&touch, Side::Hole), &mosaics.of(0), &truth);
         assert_eq!(found.len(), 40 * 30 * N_COMPARED);
         let (mut n_seen, mut n_off) = (0, 0);
         for (at, place) in found.chunks_exact(N_COMPARED).enumerate() {
@@ -260,7 +255,7 @@ mod tests {
         // The part was touched 6 mm about its middle.
         assert!(n_seen > 700 && n_seen < 1_200 && n_off < 40, "{n_seen} {n_off}");
         let moved = Se2::from_degrees(7.0, -1.2, 71.0);
-        let off = compared((&touch, Side::Peg), VIEW_MM, &mosaics.of(0), &moved);
+        let off = compared((&touch, Side::Peg), &mosaics.of(0), &moved);
         // A millimetre is seven errors where the outline lies across it.
         let n_moved = off.chunks_exact(N_COMPARED).filter(|place| place[9].abs() > 0.3).count();
         assert!(n_moved > 100, "{n_moved}");

@@ -35,7 +35,7 @@ pub fn mosaics_of_dataset(
         let images = some.par_iter().map(see).collect::<Result<Vec<TactileImage>>>()?;
         for (map, peg) in drawer.draw(&images, Side::Peg)?.iter().zip(some) {
             if let Some(part) = parts.iter().position(|part| part == peg.part) {
-                stitchers[part].add(map, view_mm, &peg.pose);
+                stitchers[part].add(map, &peg.pose);
                 n_of_part[part] += 1;
             }
         }

@@ -52,7 +52,7 @@ pub fn mosaics_of_scene(
         let images = images.collect::<tactile_data::Result<Vec<TactileImage>>>()?;
         let mut stitcher = Stitcher::new(half_mm);
         for (map, touch) in drawer.draw(&images, Side::Peg)?.iter().zip(touches) {
-            stitcher.add(map, view_mm, &touch.part_from_sensor);
+            stitcher.add(map, &touch.part_from_sensor);
         }
         progress(done.fetch_add(touches.len(), Ordering::Relaxed) + touches.len(), planned.len());
         Ok(stitcher)
