@@ -160,8 +160,8 @@ impl Episode {
         match part {
             Some(part) if !drawn.is_empty() => {
                 let symmetry = self.bank.symmetry(part);
-                let (place, covariance) =
-                    self.belief.placed_by_maps(part, &estimate.part_from_first, &symmetry, &drawn, &mosaics.of(part));
+                let before = (part, &estimate.part_from_first);
+                let (place, covariance) = self.belief.placed_by_maps(before, &symmetry, &drawn, &mosaics.of(part));
                 let part_from_sensor = place * self.belief.first_from_sensor();
                 Estimate { part_from_first: place, part_from_sensor, covariance, ..estimate }
             }

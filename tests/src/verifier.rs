@@ -1,6 +1,7 @@
 //! Maps of whole parts and the network that judges by them, from pegs to a picture and a file.
 
 use std::fs;
+use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::Value;
@@ -40,19 +41,23 @@ theta_step_deg = 30.0
 frame_px = [80, 60]
 "#;
 
-#[test]
-fn parts_have_maps_and_a_network_learns_to_judge_by_them() {
-    let sample = Sample::shared();
-    let folder = tempfile::tempdir().unwrap();
-    let (at, maze, model) = (folder.path(), sample.at("maze"), sample.at("model/model.safetensors"));
-    fs::write(at.join("sixty.toml"), SCENE).unwrap();
+/// Maps of a network that has hardly learnt, of the sample's boards, in a folder: its file.
+const MAPS: &str = "maps/maps.safetensors";
+
+fn train_maps(sample: &Sample, at: &Path) {
+    let (maze, model) = (sample.at("maze"), sample.at("model/model.safetensors"));
     let draw = ["--data", &maze, "--maps", &model, "--out", "maps", "--steps", "3", "--batch", "4", "--set", "width=2"];
     run("tactile-train", at, &draw).done();
-    let maps = "maps/maps.safetensors";
+}
 
-    // Of recorded pegs.
+#[test]
+fn recorded_parts_have_maps() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let (at, model) = (folder.path(), sample.at("model/model.safetensors"));
+    train_maps(&sample, at);
     let pegs = sample.at("pegs");
-    let of_pegs = ["bank", "--model", &model, "--data", &pegs, "--maps", maps, "--out", "two.bank"];
+    let of_pegs = ["bank", "--model", &model, "--data", &pegs, "--maps", MAPS, "--out", "two.bank"];
     assert!(run("tactile-infer", at, &of_pegs).done().contains("a map of each part, "));
     let loaded = Model::load(model.as_ref()).unwrap();
     let bank = Bank::load(&at.join("two.bank"), &loaded).unwrap();
@@ -71,7 +76,7 @@ fn parts_have_maps_and_a_network_learns_to_judge_by_them() {
     // An evaluation draws its touches, too; a bank without maps is of no use to it.
     let evaluate = |bank: &str| {
         let two = sample.at("two.toml");
-        let given = ["evaluate", "--model", &model, "--bank", bank, "--scene", &two, "--maps", maps, "--episodes", "2"];
+        let given = ["evaluate", "--model", &model, "--bank", bank, "--scene", &two, "--maps", MAPS, "--episodes", "2"];
         let more =
             ["--touches", "2", "--engines", "exact", "--actions", "random", "--stories", "0", "--out", "evaluation"];
         run("tactile-filter", at, &[&given[..], &more].concat())
@@ -84,17 +89,25 @@ fn parts_have_maps_and_a_network_learns_to_judge_by_them() {
     fs::write(at.join("spoilt.bank"), content).unwrap();
     let said = Bank::load(&at.join("spoilt.bank"), &loaded).unwrap_err().to_string();
     assert!(said.contains("checksum") || said.contains("mosaics"), "{said}");
+}
 
+#[test]
+fn a_network_learns_to_judge_by_maps() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let (at, model) = (folder.path(), sample.at("model/model.safetensors"));
+    fs::write(at.join("sixty.toml"), SCENE).unwrap();
+    train_maps(&sample, at);
     let bank = |name: &str, more: &[&str]| {
         let given = ["bank", "--model", &model, "--scene", "sixty.toml", "--views", "pegs", "--learn-from", "nothing"];
         run("tactile-infer", at, &[&given, &["--out", name][..], more].concat()).done().to_owned()
     };
     bank("plain.bank", &[]);
-    assert!(bank("sixty.bank", &["--maps", maps]).contains("a map of each part, "));
+    assert!(bank("sixty.bank", &["--maps", MAPS]).contains("a map of each part, "));
     let holes = ["generate", "--scene", "sixty.toml", "--sides", "hole", "--anywhere", "2", "--out", "holes"];
     run("tactile-data", at, &holes).done();
     let train = |touches: &str, more: &[&str]| {
-        let given = ["--verifier", maps, "--model", &model, "--touches", touches, "--out", "judge"];
+        let given = ["--verifier", MAPS, "--model", &model, "--touches", touches, "--out", "judge"];
         run("tactile-train", at, &[&given, more].concat())
     };
     assert!(train("plain.bank=holes", &[]).failed().contains("tactile-infer bank --maps"));
@@ -107,7 +120,7 @@ fn parts_have_maps_and_a_network_learns_to_judge_by_them() {
     let right = outcome["judgement"]["right"].as_f64().unwrap();
     assert!((0.0..=1.0).contains(&right), "{outcome}");
     assert!(train("sixty.bank=holes", &few).failed().contains("the maps of an earlier run"));
-    let [before, after] = [maps, "judge/maps.safetensors"].map(|file| MapFile::load(&at.join(file)).unwrap());
+    let [before, after] = [MAPS, "judge/maps.safetensors"].map(|file| MapFile::load(&at.join(file)).unwrap());
     assert_eq!((before.verifier, after.verifier.map(|of| of.width)), (None, Some(2)));
     assert!(after.tensors.len() > before.tensors.len() && before.tensors.iter().all(|of| after.tensors.contains(of)));
     let verifier = Verifier::new(&after).unwrap().unwrap();

@@ -45,8 +45,7 @@ impl Belief {
     /// hill around it as well known as maps and belief say together, other hills as they are believed.
     pub(crate) fn placed_by_maps(
         &self,
-        part: usize,
-        pose: &Se2,
+        (part, pose): (usize, &Se2),
         symmetry: &Symmetry,
         drawn: &[Drawing<'_>],
         mosaic: &Mosaic<'_>,
