@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Parser;
+use serde::Serialize;
 use tactile_data::printable::printable_json;
 use tactile_data::program;
 use tactile_data::progress::{Progress, reporter};
@@ -15,16 +16,15 @@ use tactile_infer::maps::{MapDrawer, MapFile};
 use tactile_infer::touches_of_bank::TouchesOfBank;
 use tactile_infer::{Bank, Checkpoint, DeviceKind, Model};
 use tactile_train::config::{Preset, TrainConfig};
-use tactile_train::maps::{MapJudgement, MapOutcome, MapRun, MapTraining, train_maps};
+use tactile_train::maps::{MapJudgement, MapRun, MapTraining, train_maps};
 use tactile_train::output_folder::OutputFolder;
 use tactile_train::pairs::{Pairs, n_training};
 use tactile_train::run::{Event, Outcome, Run, train};
 use tactile_train::settings::{HELP, Settings};
+use tactile_train::training::Trained;
 use tactile_train::tuning::Tuning;
 use tactile_train::validation::Validation;
-use tactile_train::verifier::{
-    LaidTouches, VerifierJudgement, VerifierOutcome, VerifierRun, VerifierTraining, train_verifier,
-};
+use tactile_train::verifier::{LaidTouches, VerifierJudgement, VerifierRun, VerifierTraining, train_verifier};
 use tactile_train::{Error, Result};
 
 /// Trains the part-mating model on a dataset of hole and peg pairs.
@@ -80,7 +80,8 @@ struct Cli {
     maps: Option<PathBuf>,
     /// Train the network that judges where touches were made instead, for the network of these maps: OUT/maps.safetensors, with
     /// both. --model and --touches say on what.
-    #[arg(long, value_name = "MAPS", requires_all = ["model", "touches"], conflicts_with_all = ["data", "maps", "from", "resume"])]
+    #[arg(long, value_name = "MAPS", requires_all = ["model", "touches"],
+          conflicts_with_all = ["data", "maps", "from", "resume", "tune", "write_batches", "preset"])]
     verifier: Option<PathBuf>,
     /// With --verifier: embeds the touches.
     #[arg(long, value_name = "FILE", requires = "verifier")]
@@ -193,22 +194,33 @@ fn run_maps(cli: &Cli, model: &Path) -> Result<ExitCode> {
     let (model, _) = &Checkpoint::load(model)?;
     let dataset = &Dataset::open(cli.data())?;
     let stop = stop_on_ctrl_c()?;
-    let progress = Progress::new("steps");
-    let mut show = |step: usize, loss: f64, found: Option<MapJudgement>| {
-        progress.on_bar(step, training.n_steps, &format!("loss {loss:.3}"));
-        if let Some(found) = found {
-            progress.line(&format!("step {step}: loss {loss:.3}, {}", said_of_maps(&found)));
-        }
-    };
+    let mut show = show_steps(training.n_steps, said_of_maps);
     let run = MapRun { dataset, model, training, device, out };
-    let MapOutcome { file, step, judgement } = train_maps(&run, &|| stop.load(Ordering::Relaxed), &mut show)?;
+    let trained = train_maps(&run, &|| stop.load(Ordering::Relaxed), &mut show)?;
+    Ok(print_trained(cli, &trained, training.n_steps, said_of_maps))
+}
+
+/// Shows the steps of a run of so many, and what each save is worth as `said` has it.
+fn show_steps<J>(n_steps: usize, said: fn(&J) -> String) -> impl FnMut(usize, f64, Option<J>) {
+    let progress = Progress::new("steps");
+    move |step, loss, found| {
+        progress.on_bar(step, n_steps, &format!("loss {loss:.3}"));
+        if let Some(found) = found {
+            progress.line(&format!("step {step}: loss {loss:.3}, {}", said(&found)));
+        }
+    }
+}
+
+/// Prints how a run of so many steps ended; a failure where it stopped before.
+fn print_trained<J: Serialize>(cli: &Cli, trained: &Trained<J>, n_steps: usize, said: fn(&J) -> String) -> ExitCode {
+    let Trained { file, step, judgement } = trained;
     if cli.json {
         let json = serde_json::json!({ "maps": file, "step": step, "judgement": judgement });
         println!("{}", printable_json(&json.to_string()));
     } else {
-        program::say(format_args!("{}: {step} steps, {}", file.display(), said_of_maps(&judgement)));
+        program::say(format_args!("{}: {step} steps, {}", file.display(), said(judgement)));
     }
-    Ok(if step == training.n_steps { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    if *step == n_steps { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
 /// How well maps are drawn, in a line.
@@ -240,22 +252,10 @@ fn run_verifier(cli: &Cli, maps: &Path, model: &Path) -> Result<ExitCode> {
     }
     let touches = &touches;
     let stop = stop_on_ctrl_c()?;
-    let progress = Progress::new("steps");
-    let mut show = |step: usize, loss: f64, found: Option<VerifierJudgement>| {
-        progress.on_bar(step, training.n_steps, &format!("loss {loss:.3}"));
-        if let Some(found) = found {
-            progress.line(&format!("step {step}: loss {loss:.3}, {}", said_of_verifier(&found)));
-        }
-    };
+    let mut show = show_steps(training.n_steps, said_of_verifier);
     let run = VerifierRun { touches, maps, training, device, out };
-    let VerifierOutcome { file, step, judgement } = train_verifier(&run, &|| stop.load(Ordering::Relaxed), &mut show)?;
-    if cli.json {
-        let json = serde_json::json!({ "maps": file, "step": step, "judgement": judgement });
-        println!("{}", printable_json(&json.to_string()));
-    } else {
-        program::say(format_args!("{}: {step} steps, {}", file.display(), said_of_verifier(&judgement)));
-    }
-    Ok(if step == training.n_steps { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    let trained = train_verifier(&run, &|| stop.load(Ordering::Relaxed), &mut show)?;
+    Ok(print_trained(cli, &trained, training.n_steps, said_of_verifier))
 }
 
 /// How well touches are judged, in a line.

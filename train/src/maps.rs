@@ -1,12 +1,9 @@
 //! Trains the network that draws a touch's map: from the touch's picture, as the encoder sees it, to what the simulator knows is
 //! in view ([`tactile_data::touch_map`]).
 
-use std::path::PathBuf;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use burn::module::Module;
-use burn::optim::{AdamWConfig, GradientsParams};
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -25,8 +22,7 @@ use tactile_infer::{Checkpoint, DeviceKind};
 
 use crate::error::{Error, Result};
 use crate::output_folder::{MAPS, OutputFolder};
-use crate::schedule::learning_rate;
-use crate::training::Training;
+use crate::training::{Trained, Training, Watch, surprise};
 
 /// Frames of held-out boards that progress is measured on.
 const N_JUDGED: usize = 512;
@@ -144,12 +140,6 @@ fn value(maps: &Tensor<4>, at: usize) -> Tensor<4> {
     maps.clone().slice([0..n, 0..height, 0..width, at..at + 1])
 }
 
-/// `ln(1 + e^x) - share x`: what it costs to say log-odds `x` where a share is right.
-fn surprise(odds: Tensor<4>, share: Tensor<4>) -> Tensor<4> {
-    let size = odds.clone().abs();
-    relu(odds.clone()) + size.neg().exp().log1p() - share * odds
-}
-
 /// The mean cost of maps, nats a place, `[1]`: of the distance as a Laplace variable's, of inside and contact as coins'.
 fn loss(maps: Tensor<4>, targets: Tensor<4>) -> Tensor<1> {
     let log_error = value(&maps, Drawn::LogError as usize).clamp(LOG_ERRORS[0], LOG_ERRORS[1]);
@@ -176,15 +166,7 @@ pub struct MapRun<'a> {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MapOutcome {
-    /// The file that was written last.
-    pub file: PathBuf,
-    /// Steps made.
-    pub step: usize,
-    /// What that file is worth.
-    pub judgement: MapJudgement,
-}
+pub type MapOutcome = Trained<MapJudgement>;
 
 /// Trains on the boards of a simulated dataset that are not held out. `should_stop` is asked before each step; where it returns
 /// true the run saves and returns. `on_step` is given each step's number and loss, and after a save what it is worth.
@@ -211,40 +193,22 @@ pub fn train_maps(
     let touches = Touches::new(dataset, &simulator, dataset.background(&preprocessing)?, size_px)?;
     let [trained, judged] = touches.split()?;
     let device = device.open()?.autodiff();
-    let mut network = training.network.init(training.seed, &device);
-    let mut optimizer = AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(1e-4).init();
-    let mut last = None;
+    let network = training.network.init(training.seed, &device);
     std::thread::scope(|scope| {
         let (sender, batches) = sync_channel::<Result<MapBatch>>(2);
         let (touches, trained) = (&touches, &trained);
         let results = Results { run, touches, judged, preprocessing, device: device.clone().inner() };
         scope.spawn(move || touches.draw(training, trained, &sender));
-        let mut made = 0;
-        while made < training.n_steps && !should_stop() {
-            let Ok(batch) = batches.recv() else { break };
-            let step = made + 1;
+        let cost = |network: &MapNetwork, _: usize| -> Result<Option<Tensor<1>>> {
+            let Ok(batch) = batches.recv() else { return Ok(None) };
             let (images, targets) = batch?.tensors(size_px, &device);
-            let cost = loss(network.forward(images), targets);
-            let gradients = GradientsParams::from_grads(cost.backward(), &network);
-            let warmup = (training.n_steps / 20).max(1);
-            let rate = learning_rate(step - 1, warmup, training.n_steps, training.learning_rate);
-            network = optimizer.step(rate, network, gradients);
-            let cost = f64::from(cost.into_scalar::<f32>());
-            if !cost.is_finite() {
-                let (seen, advice) = (format!("a loss of {cost}"), "a smaller learning_rate");
-                return Err(Error::Diverged { step, seen, advice, kept: last.map(|(step, _)| step) });
-            }
-            made = step;
-            let is_save = step == training.n_steps || step.is_multiple_of(training.save_every);
-            let found = if is_save { Some(results.save(&network, step)?) } else { None };
-            last = found.map(|found| (step, found)).or(last);
-            on_step(step, cost, found);
-        }
-        let judgement = match last {
-            Some((step, judgement)) if step == made => judgement,
-            _ => results.save(&network, made)?,
+            Ok(Some(loss(network.forward(images), targets)))
         };
-        Ok(MapOutcome { file: file.clone(), step: made, judgement })
+        let save = |network: &MapNetwork, step: usize| results.save(network, step);
+        let (step, judgement) = training.run(network, cost, save, Watch { should_stop, on_step })?;
+        // The other thread waits until nobody wants its batches.
+        drop(batches);
+        Ok(MapOutcome { file: file.clone(), step, judgement })
     })
 }
 

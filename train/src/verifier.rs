@@ -1,11 +1,7 @@
 //! Trains the network that judges whether a touch was made at a pose of a part ([`tactile_infer::maps::verifier`]): touches of
 //! known parts, laid where they were made and where the likeliest views of other parts are.
 
-use std::path::PathBuf;
-
 use burn::module::Module;
-use burn::optim::{AdamWConfig, GradientsParams};
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -15,6 +11,7 @@ use tactile_data::frame::TactileImage;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
+use tactile_infer::fit::N_PARTS;
 use tactile_infer::maps::align::{Drawing, Start, align};
 use tactile_infer::maps::mosaic::Mosaics;
 use tactile_infer::maps::verifier::network::VerifierNetwork;
@@ -25,11 +22,7 @@ use tactile_infer::{Bank, DeviceKind, Model};
 
 use crate::error::{Error, Result};
 use crate::output_folder::OutputFolder;
-use crate::schedule::learning_rate;
-use crate::training::Training;
-
-/// A touch might be of so many parts: as many as a usual bank has.
-const N_PARTS: usize = 12;
+use crate::training::{Trained, Training, Watch, surprise};
 
 /// One in so many groups of parts is held out.
 const HELD_OUT: usize = 5;
@@ -288,9 +281,7 @@ impl Compared {
 
 /// The mean cost of log-odds, nats.
 fn loss(odds: Tensor<1>, [is_own, weights]: [Tensor<1>; 2], n_touches: usize) -> Tensor<1> {
-    let size = odds.clone().abs();
-    let cost = relu(odds.clone()) + size.neg().exp().log1p() - is_own * odds;
-    (cost * weights).sum() / n_touches as f64
+    (surprise(odds, is_own) * weights).sum() / n_touches as f64
 }
 
 /// The inputs of a run and its output folder.
@@ -309,15 +300,7 @@ pub struct VerifierRun<'a> {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VerifierOutcome {
-    /// The file that was written last.
-    pub file: PathBuf,
-    /// Steps made.
-    pub step: usize,
-    /// What that file is worth.
-    pub judgement: VerifierJudgement,
-}
+pub type VerifierOutcome = Trained<VerifierJudgement>;
 
 /// Trains on the touches of parts that are not held out. `should_stop` and `on_step` as of
 /// [`train_maps`](crate::maps::train_maps).
@@ -334,49 +317,24 @@ pub fn train_verifier(
     let file = out.new_maps()?;
     let [trained, held_out] = touches.split()?;
     let device = device.open()?.autodiff();
-    let mut network = training.network.init(training.seed, &device);
-    let mut optimizer = AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(1e-4).init();
-    let (mut made, mut last) = (0, None);
-    let save = |network: &VerifierNetwork| -> Result<VerifierJudgement> {
-        let network = network.valid();
-        let judgement = judge(&network, touches, &held_out, training.network.bound, &device.clone().inner());
-        let own = |name: &str| name.starts_with("verifier.");
-        let mut tensors: Vec<_> = maps.tensors.iter().filter(|tensor| !own(&tensor.name)).cloned().collect();
-        tensors.extend(tensors_of(&network).into_iter().map(|mut tensor| {
-            tensor.name = format!("verifier.{}", tensor.name);
-            tensor
-        }));
-        MapFile { verifier: Some(training.network), tensors, ..maps.clone() }.save(&file)?;
-        Ok(judgement)
-    };
-    while made < training.n_steps && !should_stop() {
-        let step = made + 1;
+    let network = training.network.init(training.seed, &device);
+    let (size_px, bound) = (touches.drawer.config().input_px, training.network.bound);
+    let cost = |network: &VerifierNetwork, step: usize| {
         let mut rng = ChaCha8Rng::seed_from_u64(training.seed);
         rng.set_stream(step as u64);
         let drawn: Vec<usize> = (0..training.batch).map(|_| trained[rng.random_range(0..trained.len())]).collect();
         let batch = touches.batch(&drawn);
-        let odds = network.forward(batch.pictures(touches.drawer.config().input_px, &device), training.network.bound);
-        let cost = loss(odds, batch.says(&device), batch.n_touches);
-        let gradients = GradientsParams::from_grads(cost.backward(), &network);
-        let warmup = (training.n_steps / 20).max(1);
-        let rate = learning_rate(made, warmup, training.n_steps, training.learning_rate);
-        network = optimizer.step(rate, network, gradients);
-        let cost = f64::from(cost.into_scalar::<f32>());
-        if !cost.is_finite() {
-            let (seen, advice) = (format!("a loss of {cost}"), "a smaller learning_rate");
-            return Err(Error::Diverged { step, seen, advice, kept: last.map(|(step, _)| step) });
-        }
-        made = step;
-        let is_save = step == training.n_steps || step.is_multiple_of(training.save_every);
-        let found = if is_save { Some(save(&network)?) } else { None };
-        last = found.map(|found| (step, found)).or(last);
-        on_step(step, cost, found);
-    }
-    let judgement = match last {
-        Some((step, judgement)) if step == made => judgement,
-        _ => save(&network)?,
+        let odds = network.forward(batch.pictures(size_px, &device), bound);
+        Ok(Some(loss(odds, batch.says(&device), batch.n_touches)))
     };
-    Ok(VerifierOutcome { file, step: made, judgement })
+    let save = |network: &VerifierNetwork, _: usize| -> Result<VerifierJudgement> {
+        let network = network.valid();
+        let judgement = judge(&network, touches, &held_out, bound, &device.clone().inner());
+        maps.with_verifier(training.network, tensors_of(&network)).save(&file)?;
+        Ok(judgement)
+    };
+    let (step, judgement) = training.run(network, cost, save, Watch { should_stop, on_step })?;
+    Ok(VerifierOutcome { file: file.clone(), step, judgement })
 }
 
 /// Looks at touches of held-out parts.

@@ -18,7 +18,7 @@ use tactile_data::touch::Side;
 use tactile_infer::between::is_fine;
 use tactile_infer::learn_from::LearnFrom;
 use tactile_infer::maps::MapDrawer;
-use tactile_infer::maps::mosaic::CELL_MM;
+use tactile_infer::maps::mosaic::{CELL_MM, Mosaics};
 use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
 use tactile_infer::recorded::mosaics::mosaics_of_dataset;
@@ -112,7 +112,11 @@ impl BankArgs {
         let model = self.model.load()?;
         let drawer = self.maps.as_deref().map(MapDrawer::load).transpose()?;
         let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
-        let finish = |bank: Bank| -> Result<()> {
+        let finish = |bank: Bank, mosaics: Option<Mosaics>| -> Result<()> {
+            let bank = match mosaics {
+                Some(mosaics) => bank.with_mosaics(mosaics)?,
+                None => bank,
+            };
             let bank = self.symmetries.iter().try_fold(bank.with_precision(self.rows)?, declare)?;
             bank.save(&self.out)?;
             print_bank(&self.out, &bank);
@@ -123,24 +127,16 @@ impl BankArgs {
             let job = self.job(&model, &scene);
             let kept = with_ending(&self.out, ".parts");
             let bank = job.make(Some(&kept), &reporter("touches"))?;
-            finish(match &drawer {
-                Some(drawer) => {
-                    bank.with_mosaics(mosaics_of_scene(drawer, &scene, self.seed, &reporter("touches"))?)?
-                }
-                None => bank,
-            })?;
+            let stitch = |drawer| mosaics_of_scene(drawer, &scene, self.seed, &reporter("touches"));
+            finish(bank, drawer.as_ref().map(stitch).transpose()?)?;
             return job.forget(&kept);
         };
         let dataset = Dataset::open(data)?;
         check_declared(&self.symmetries, &parts_on_grid(&dataset, self.poses.poses()?)?)?;
         let bank = embed_pegs(&model, &dataset, &self.poses)?;
-        finish(match &drawer {
-            Some(drawer) => {
-                let mosaics = mosaics_of_dataset(drawer, &dataset, bank.parts(), &reporter("touches"))?;
-                bank.with_mosaics(mosaics)?
-            }
-            None => bank,
-        })
+        let stitch = |drawer| mosaics_of_dataset(drawer, &dataset, bank.parts(), &reporter("touches"));
+        let mosaics = drawer.as_ref().map(stitch).transpose()?;
+        finish(bank, mosaics)
     }
 
     fn job<'a>(&self, model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {

@@ -17,7 +17,7 @@ use argmin::solver::quasinewton::LBFGS;
 use crate::error::{Error, Result};
 use crate::match_odds::{MatchOdds, OUTLIER_SHARE};
 use objective::{N_FIRST, Objective};
-pub use sample::Samples;
+pub use sample::{N_PARTS, Samples};
 
 /// Fewer touches say too little of a hundred numbers.
 const FEWEST: usize = 1_000;

@@ -16,7 +16,7 @@ use crate::recorded::tactile_images;
 use crate::similarity::dot;
 
 /// A touch might be of so many parts: as many as a usual bank has.
-pub(super) const N_PARTS: usize = 12;
+pub const N_PARTS: usize = 12;
 
 /// The states of a part that are most like a touch count one by one, and so many of the others for all of them.
 const N_LIKE: usize = 64;

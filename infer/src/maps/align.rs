@@ -79,7 +79,7 @@ pub fn align(touches: &[Drawing<'_>], mosaic: &Mosaic<'_>, start: &Start) -> Ali
         let step = [0, 1, 2].map(|row| -(0..3).map(|at| covariance[row][at] * sums.slopes[at]).sum::<f64>());
         let moved = Se2::new(pose.x_mm + step[0], pose.y_mm + step[1], pose.theta_rad + step[2]);
         let after = sums_at(&moved);
-        // What costs more is not better, whatever its slope said.
+        // What costs more is not better, even where the slope promised it.
         if after.total >= sums.total {
             break;
         }

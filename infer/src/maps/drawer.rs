@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::frame::{Preprocessing, TactileImage};
 use tactile_data::touch::Side;
 
+use super::mosaic::Stitcher;
 use super::{Drawn, LOG_ERRORS, MapConfig, MapFile, N_DRAWN, N_SEEN, StageLayers, side_value};
 use crate::encoder::{Dense, Layer, Tensors, pixel_by_pixel};
 use crate::error::{Error, Result};
@@ -90,6 +91,12 @@ impl MapDrawer {
     /// Width and height of what a picture shows, mm.
     pub fn view_mm(&self) -> [f64; 2] {
         self.preprocessing.field_of_view_mm
+    }
+
+    /// Stitches the maps of touches that are made so far from a part's origin, mm.
+    pub fn stitcher(&self, farthest_mm: f64) -> Stitcher {
+        let [width, height] = self.view_mm();
+        Stitcher::new(farthest_mm + 0.5 * width.hypot(height))
     }
 
     /// Draws what touches of a side show.

@@ -21,7 +21,7 @@ use crate::error::{Error, Result};
 use crate::precision::Precision;
 use crate::safefile::{NamedTensor, SafeFile};
 pub use drawer::{DrawnMap, MapDrawer};
-use verifier::VerifierConfig;
+use verifier::{PREFIX, VerifierConfig};
 
 /// The version of the file's layout.
 pub const SCHEMA: &str = "tactile-filter/maps/1";
@@ -141,6 +141,16 @@ pub struct MapFile {
 }
 
 impl MapFile {
+    /// The same file with another verifier, of these tensors.
+    #[must_use]
+    pub fn with_verifier(&self, config: VerifierConfig, tensors: Vec<NamedTensor>) -> Self {
+        let prefix = format!("{PREFIX}.");
+        let drawing = self.tensors.iter().filter(|tensor| !tensor.name.starts_with(&prefix)).cloned();
+        let judging =
+            tensors.into_iter().map(|tensor| NamedTensor { name: format!("{prefix}{}", tensor.name), ..tensor });
+        Self { verifier: Some(config), tensors: drawing.chain(judging).collect(), ..self.clone() }
+    }
+
     /// Writes one safetensors file, whole or not at all; weights in f16.
     ///
     /// # Errors

@@ -37,6 +37,14 @@ pub struct Place {
     pub n_seen: f32,
 }
 
+impl Place {
+    /// From its values in a cell's order.
+    fn of(value: impl Fn(usize) -> f32) -> Self {
+        let [distance_mm, inside, contact, error_mm, n_seen] = [0, 1, 2, ERROR, N_SEEN].map(value);
+        Self { distance_mm, inside, contact, error_mm, n_seen }
+    }
+}
+
 /// The distance at a place, and how it changes along x and y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Slope {
@@ -246,16 +254,13 @@ impl Mosaic<'_> {
     /// A cell, by its column and row, each below [`Self::n`]: the place about the part's origin, mm, and what is there.
     pub fn cell(&self, column: usize, row: usize) -> ([f64; 2], Place) {
         let values = &self.values[(row * self.n + column) * N_VALUES..][..N_VALUES];
-        let [distance_mm, inside, contact, error_mm, n_seen] = [0, 1, 2, 3, 4].map(|at| values[at]);
-        ([column, row].map(|cell| middle(self.n, cell)), Place { distance_mm, inside, contact, error_mm, n_seen })
+        ([column, row].map(|cell| middle(self.n, cell)), Place::of(|at| values[at]))
     }
 
     /// What is at a place of the part, mm; `None` where no touch showed it.
     pub fn at(&self, place_mm: [f64; 2]) -> Option<Place> {
         let corners = self.corners(place_mm)?;
-        let value = |which: usize| corners.between(|at| self.values[at * N_VALUES + which]);
-        let [distance_mm, inside, contact, error_mm, n_seen] = [0, 1, 2, 3, 4].map(value);
-        Some(Place { distance_mm, inside, contact, error_mm, n_seen })
+        Some(Place::of(|which| corners.between(|at| self.values[at * N_VALUES + which])))
     }
 
     /// The distance at a place and how it changes.

@@ -8,7 +8,7 @@ use tactile_data::touch::Side;
 use super::{Peg, pegs};
 use crate::error::{Error, Result};
 use crate::maps::MapDrawer;
-use crate::maps::mosaic::{Mosaics, Stitcher};
+use crate::maps::mosaic::Mosaics;
 
 /// Touches that are drawn at a time.
 const AT_ONCE: usize = 64;
@@ -25,9 +25,8 @@ pub fn mosaics_of_dataset(
 ) -> Result<Mosaics> {
     let pegs = pegs(dataset)?;
     let background = dataset.background(drawer.preprocessing())?;
-    let view_mm = drawer.view_mm();
     let farthest = pegs.iter().map(|peg| peg.pose.x_mm.abs().max(peg.pose.y_mm.abs())).fold(0.0, f64::max);
-    let mut stitchers = vec![Stitcher::new(farthest + 0.5 * view_mm[0].hypot(view_mm[1])); parts.len()];
+    let mut stitchers = vec![drawer.stitcher(farthest); parts.len()];
     let mut n_of_part = vec![0; parts.len()];
     for (done, some) in pegs.chunks(AT_ONCE).enumerate() {
         progress(done * AT_ONCE, pegs.len());

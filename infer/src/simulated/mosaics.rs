@@ -42,15 +42,14 @@ pub fn mosaics_of_scene(
     let planned = plan(&Scene { reach: Some(poses), ..scene.clone() }, &[Side::Peg], Places::EachPose, seed)?;
     let background = Background::new(&simulator.no_contact(seed), drawer.preprocessing())?;
     let background = background.lit_by(&scene.sensor.known_lamps())?;
-    let (view_mm, done) = (drawer.view_mm(), AtomicUsize::new(0));
-    let half_mm = reach.xy_half_mm + 0.5 * view_mm[0].hypot(view_mm[1]);
+    let done = AtomicUsize::new(0);
     let stitch = |part: usize| -> Result<Stitcher> {
         let first = part * poses.len();
         let touches = &planned[first..first + poses.len()];
         let frames = render(&simulator, seed, first, touches)?;
         let images = frames.par_iter().map(|frame| background.tactile_image(frame));
         let images = images.collect::<tactile_data::Result<Vec<TactileImage>>>()?;
-        let mut stitcher = Stitcher::new(half_mm);
+        let mut stitcher = drawer.stitcher(reach.xy_half_mm);
         for (map, touch) in drawer.draw(&images, Side::Peg)?.iter().zip(touches) {
             stitcher.add(map, &touch.part_from_sensor);
         }
