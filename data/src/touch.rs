@@ -10,6 +10,10 @@ use crate::error::Error;
 use crate::printable::is_printable;
 use crate::se2::Se2;
 
+/// How far maps of touches and of parts give distances to an outline, mm: the reach of a letter's stroke, and a third of what a
+/// Mini shows.
+pub const OUTLINE_REACH_MM: f64 = 3.0;
+
 /// Which half of a mating pair was touched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -10,10 +10,7 @@ use crate::se2::Se2;
 use crate::sensor::obstacle::{Cells, obstacle};
 use crate::shape::Raster;
 use crate::simulator::Simulator;
-use crate::touch::Side;
-
-/// Distances are given up to so far, mm: the reach of a letter's stroke, and a third of what a Mini shows.
-pub const FARTHEST_MM: f64 = 3.0;
+use crate::touch::{OUTLINE_REACH_MM, Side};
 
 /// Side of a cell in which parts are kept, mm: a fifth of a map's at 40 x 30 pixels.
 const CELL_MM: f64 = 0.1;
@@ -26,7 +23,7 @@ const LOOKS: usize = 3;
 pub struct TouchMap {
     /// Width and height, pixels.
     pub size_px: [usize; 2],
-    /// How far each place is from the outline of the part's peg, mm: negative inside, [`FARTHEST_MM`] at most either way. The same
+    /// How far each place is from the outline of the part's peg, mm: negative inside, [`OUTLINE_REACH_MM`] at most either way. The same
     /// of a hole, which is wider by its play.
     pub distance_mm: Vec<f32>,
     /// The share of each pixel that touches the gel, 0..=1: of a peg its face, of a shell its wall, of a hole the plate round it.
@@ -105,7 +102,7 @@ impl<'a> TouchMaps<'a> {
         let spec = self.simulator.sensor_of(part, side);
         let cells = Cells { half_mm: scene.half_extent_mm(), cell_mm: CELL_MM };
         let outline = || {
-            let distance = Raster::distance(&scene.shape(part, seed)?, cells.half_mm, CELL_MM, FARTHEST_MM);
+            let distance = Raster::distance(&scene.shape(part, seed)?, cells.half_mm, CELL_MM, OUTLINE_REACH_MM);
             Ok(Grid::of(&distance, |mm| (mm * MICROMETRES).round() as i16))
         };
         let touching = || {
@@ -176,7 +173,7 @@ mod tests {
             let (places, map, _) = map_of_a_block(side);
             assert_eq!((map.size_px, map.distance_mm.len(), map.contact.len()), ([20, 15], 300, 300));
             for (place, found) in places.iter().zip(&map.distance_mm) {
-                let expected = from_block(*place).clamp(-FARTHEST_MM, FARTHEST_MM);
+                let expected = from_block(*place).clamp(-OUTLINE_REACH_MM, OUTLINE_REACH_MM);
                 // Between cells of 0.1 mm a ridge is cut off by half a cell at most.
                 assert!((f64::from(*found) - expected).abs() < 0.05, "{place:?}: {found} {expected}");
             }

@@ -40,7 +40,7 @@ fn decision(criterion: &mut Criterion) {
         let (first, moved) = (Se2::IDENTITY, Se2::from_degrees(4.0, 0.0, 30.0));
         let (touches, second) = ([touch(&first), touch(&moved)], first * moved);
         let mut config = EpisodeConfig::default();
-        (config.settings.stop_probability, config.settings.none_fit) = (1.0, None);
+        (config.settings.stop_probability, config.settings.false_accept) = (1.0, None);
         let episode = Episode::begin(config, bank.clone(), &touches[0]).expect("a first touch");
         let reach: Vec<Se2> =
             (0..PoseGrid::SMALL.len()).map(|cell| second.inverse() * PoseGrid::SMALL.pose(cell)).collect();

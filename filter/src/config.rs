@@ -67,7 +67,7 @@ impl EpisodeConfig {
         let engine = EngineConfig::Particle(ParticleConfig::paper());
         Self {
             settings: Settings {
-                none_fit: None,
+                false_accept: None,
                 n_draws: 100,
                 n_suppositions: 1,
                 n_finalists: None,

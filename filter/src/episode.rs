@@ -1,17 +1,15 @@
 //! One hole, touch by touch: what a robot embeds.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
-use tactile_infer::maps::align::Drawing;
-use tactile_infer::maps::mosaic::Mosaics;
 
 use crate::belief::Belief;
 use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
-use crate::decision::{Asked, Estimate, RunnerUp, SensorMatch, StopReason};
+use crate::decision::{Asked, Estimate, Placed, RunnerUp, SensorMatch, StopReason};
 use crate::error::{Error, Result};
 use crate::likelihood::TouchLikelihood;
 use crate::touch::{Observation, check_motion};
@@ -36,6 +34,8 @@ pub struct Episode {
     pub(crate) bank: Arc<Bank>,
     belief: Belief,
     pub(crate) touches: Vec<(Se2, Observation)>,
+    /// Where the likeliest part is, once that was asked for after the last touch.
+    placed: OnceLock<Placed>,
 }
 
 impl Episode {
@@ -58,7 +58,8 @@ impl Episode {
         }
         let subdivisions = if between { config.settings.subdivisions } else { 1 };
         let belief = Belief::new(&bank, config.method.engine, subdivisions, config.settings.seed, first);
-        Ok(Self { config, model, bank, belief, touches: vec![(Se2::IDENTITY, observation.clone())] })
+        let touches = vec![(Se2::IDENTITY, observation.clone())];
+        Ok(Self { config, model, bank, belief, touches, placed: OnceLock::new() })
     }
 
     /// Takes in a touch: `moved` is the motion actually made since the last touch that was taken in, in the sensor's
@@ -77,6 +78,7 @@ impl Episode {
         let likelihood = TouchLikelihood::new(observation, &self.bank, &self.model)?;
         self.belief.update(&moved, likelihood);
         self.touches.push((moved, observation.clone()));
+        self.placed = OnceLock::new();
         Ok(())
     }
 
@@ -142,31 +144,7 @@ impl Episode {
 
     /// What is known now. Where the bank has maps of its parts and the sensor drew the touches', the place is found by them.
     pub fn estimate(&self) -> Estimate {
-        let estimate = self.asked().estimate();
-        match self.bank.mosaics() {
-            Some(mosaics) if self.config.method.between_poses => self.placed_by_maps(mosaics, estimate),
-            _ => estimate,
-        }
-    }
-
-    /// The same estimate, its touches laid together over the map of the part that it names.
-    fn placed_by_maps(&self, mosaics: &Mosaics, estimate: Estimate) -> Estimate {
-        let made = self.belief.touches().iter().map(|touched| touched.first_from_sensor);
-        let drawn = made.zip(&self.touches).filter_map(|(first_from_sensor, (_, observation))| {
-            observation.map.as_deref().map(|map| Drawing { map, first_from_sensor })
-        });
-        let drawn: Vec<Drawing<'_>> = drawn.collect();
-        let part = self.bank.parts().iter().position(|part| *part == estimate.part);
-        match part {
-            Some(part) if !drawn.is_empty() => {
-                let symmetry = self.bank.symmetry(part);
-                let before = (part, &estimate.part_from_first);
-                let (place, covariance) = self.belief.placed_by_maps(before, &symmetry, &drawn, &mosaics.of(part));
-                let part_from_sensor = place * self.belief.first_from_sensor();
-                Estimate { part_from_first: place, part_from_sensor, covariance, ..estimate }
-            }
-            _ => estimate,
-        }
+        self.asked().estimate()
     }
 
     /// The second most probable part now, as [`Self::estimate`] has it, without the rest of it; `None` where no other part is
@@ -183,7 +161,8 @@ impl Episode {
     }
 
     fn asked(&self) -> Asked<'_> {
-        Asked { config: &self.config, bank: &self.bank, belief: &self.belief, side: self.side() }
+        let Self { config, model, bank, belief, touches, placed } = self;
+        Asked { config, model, bank, belief, touches, placed }
     }
 
     /// The belief, for maps and reports.
@@ -260,7 +239,7 @@ mod tests {
 
     fn never_confident(max_touches: usize) -> EpisodeConfig {
         EpisodeConfig {
-            settings: Settings { stop_probability: 1.0, none_fit: None, max_touches, ..Settings::default() },
+            settings: Settings { stop_probability: 1.0, false_accept: None, max_touches, ..Settings::default() },
             ..EpisodeConfig::default()
         }
     }
@@ -379,7 +358,6 @@ mod tests {
         let reach = world.reach(&Se2::IDENTITY);
         let eager = EpisodeConfig {
             settings: Settings { stop_probability: 0.0, ..never_confident(2).settings },
-            model: TouchModel { fit_margin: 0.0, ..never_confident(2).model },
             ..never_confident(2)
         };
         assert_eq!(reason(eager, &reach), Some(StopReason::Confident));
@@ -398,8 +376,7 @@ mod tests {
         assert_eq!(reason(never_confident(2), &reach), None);
         // The best recorded view fits with 0 at most.
         let doubtful = EpisodeConfig {
-            settings: Settings { none_fit: Some(0.0), ..never_confident(2).settings },
-            model: TouchModel { none_touches: 1, ..never_confident(2).model },
+            settings: Settings { false_accept: Some(0.0), ..never_confident(2).settings },
             ..never_confident(2)
         };
         let strange = EpisodeConfig { method: Method { between_poses: false, ..doubtful.method }, ..doubtful };
@@ -548,7 +525,7 @@ mod tests {
         let bank = Bank::from_rows(names, GRID, Rows::new(DIM, rows.concat()).unwrap(), shares, "").unwrap();
         let bank = Arc::new(bank);
         let eager = EpisodeConfig {
-            settings: Settings { stop_probability: 0.6, none_fit: None, ..Settings::default() },
+            settings: Settings { stop_probability: 0.6, false_accept: None, ..Settings::default() },
             ..EpisodeConfig::default()
         };
         let eager = eager.changed(|settings, model, method| {

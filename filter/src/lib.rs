@@ -58,5 +58,6 @@ pub use number::{Kind, Number, Range};
 pub use record::{EpisodeRecord, VERSION};
 pub use settings::Settings;
 pub use tactile_data::FrameFault;
+pub use tactile_infer::presence::{Presence, Verified};
 pub use touch::{Observation, Sensor};
 pub use touch_model::TouchModel;

@@ -120,7 +120,6 @@ impl Range {
         Self { is_open: [true, false], ..Self::closed("a positive number", 0.0, f64::MAX) };
     pub(crate) const DISTANCE: Self = Self { is_open: [true, false], ..Self::closed("above 0, at most 2", 0.0, 2.0) };
     pub(crate) const NOT_NEGATIVE: Self = Self::closed("a number, not negative", 0.0, f64::MAX);
-    pub(crate) const NOT_POSITIVE: Self = Self::closed("a number, at most 0", f64::MIN, 0.0);
     pub(crate) const COUNT: Self = Self::closed("at least 1", 1.0, f64::MAX);
     pub(crate) const ANY: Self = Self::closed("any", f64::MIN, f64::MAX);
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
+use tactile_infer::maps::verifier::Verifier;
 
 use crate::config::EpisodeConfig;
 use crate::episode::Episode;
@@ -12,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::touch::Observation;
 
 /// The value of [`EpisodeRecord::version`] that this program writes and reads.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// The settings of an episode and what was touched. Serde writes it; [`Episode::restore`](crate::Episode::restore) plays
 /// it again and gives every number as it was.
@@ -24,6 +25,9 @@ pub struct EpisodeRecord {
     pub config: EpisodeConfig,
     /// SHA-256 of the bank, 64 hex digits.
     pub bank_sha256: String,
+    /// SHA-256 of what judges touches against the bank's maps, where something does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verifier_sha256: Option<String>,
     /// Each touch with the motion since the one before; the first one's is no motion.
     pub touches: Vec<(Se2, Observation)>,
 }
@@ -38,6 +42,7 @@ impl Episode {
             version: VERSION,
             config: self.config,
             bank_sha256: self.bank.sha256()?,
+            verifier_sha256: self.bank.verifier().map(|verifier| verifier.sha256().to_owned()),
             touches: self.touches.clone(),
         })
     }
@@ -54,6 +59,12 @@ impl Episode {
         let sha256 = bank.sha256()?;
         if record.bank_sha256 != sha256 {
             return wrong(format!("one of bank {sha256:.12}"), format!("one of bank {:.12}", record.bank_sha256));
+        }
+        let verifier = bank.verifier().map(Verifier::sha256);
+        if record.verifier_sha256.as_deref() != verifier {
+            let of =
+                |sha256: Option<&str>| sha256.map_or("no verifier".into(), |sha256| format!("verifier {sha256:.12}"));
+            return wrong(of(verifier), of(record.verifier_sha256.as_deref()));
         }
         let Some(((_, first), later)) = record.touches.split_first() else {
             return wrong("at least one touch".into(), "none".into());

@@ -41,10 +41,14 @@ numbers! {
         /// Stop after this many touches (N_max), the first included.
         max_touches: usize = 10, "", Range::up_to(MAX_TOUCHES),
             Chosen: "the paper (Sec. V)"; "an episode need not end";
-        /// A part explains the touches when its fit is at least this. None: any part explains any touches.
-        none_fit: Option<f64> = Some(-2.5), "standard deviations", Range::NOT_POSITIVE,
-            Chosen: "tuning letters, small anywhere and rough; one in 160, were the mean cosine of a hole's touches normal";
-            "a part that is not in the bank is named for its look-alike";
+        /// A part is named with confidence only where a part that is not in the bank comes to so good a match in at most this share
+        /// of the episodes. None: any part explains any touches.
+        false_accept: Option<f64> = Some(0.01), "", Range::SHARE,
+            Chosen: "one stranger in a hundred"; "a part that is not in the bank is named for its look-alike";
+        /// None of these parts are felt where a part that is there comes to so bad a match in less than this share of the
+        /// episodes. 0: never.
+        false_refuse: f64 = 0.01, "", Range::SHARE,
+            Chosen: "one part in a hundred"; "a stranger is touched until the last touch";
         /// What a millimetre of travel must tell to be worth it.
         travel_nats_per_mm: f64 = 0.0, "nats/mm", Range::NOT_NEGATIVE,
             Chosen: "what a way costs is the robot's to say"; "a far touch is taken for a little more information";
@@ -102,7 +106,7 @@ mod tests {
         for (name, text) in [
             ("max_touches", "4"),
             ("stop_place_mm", "0.25"),
-            ("none_fit", "none"),
+            ("false_accept", "none"),
             ("seed", "18446744073709551615"),
             ("n_finalists", "none"),
             ("stop_probability", "1"),
@@ -113,7 +117,7 @@ mod tests {
         let by_hand = Settings {
             max_touches: 4,
             stop_place_mm: Some(0.25),
-            none_fit: None,
+            false_accept: None,
             seed: u64::MAX,
             n_finalists: None,
             stop_probability: 1.0,
@@ -129,7 +133,7 @@ mod tests {
             ("max_touches", "-1", "episode.max_touches: expected a whole number, not negative, got -1"),
             ("max_touches", "none", "episode.max_touches: expected a whole number, not negative, got none"),
             ("stop_probability", "NaN", "episode.stop_probability: expected 0..=1, got NaN"),
-            ("none_fit", "2", "episode.none_fit: expected a number, at most 0, or none, got 2"),
+            ("false_accept", "2", "episode.false_accept: expected 0..=1, or none, got 2"),
             ("stop_place_mm", "0", "episode.stop_place_mm: expected a positive number, or none, got 0"),
             ("travel_nats_per_mm", "inf", "episode.travel_nats_per_mm: expected a number, not negative, got inf"),
             ("n_draws", "many", "episode.n_draws: expected a whole number, not negative, got many"),

@@ -7,6 +7,7 @@ use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::calibration::{BLANK_SHARE, Calibration, Spread};
 use tactile_infer::match_odds::OUTLIER_SHARE;
+use tactile_infer::presence::{PresenceOdds, Tail};
 use tactile_infer::views::Views;
 
 use crate::error::Result;
@@ -50,7 +51,7 @@ numbers! {
         /// What a part's fit is measured by ([`crate::Estimate::fit`]): the cosine of an edged touch with the view that it
         /// was made at, mean ...
         matched_mean: f64 = 0.94, "cosine", Range::COSINE,
-            Measured: "calibration; of each part the lower of that and the bank's"; "a present part is refused";
+            Measured: "the bank, of each part; where it does not know, or of the user's own sensor, the calibration"; "a present part is refused";
         /// ... and standard deviation ...
         matched_sd: f64 = 0.03, "cosine", Range::POSITIVE,
             Measured: "calibration; of each part the larger of that and the bank's"; "a present part is refused";
@@ -63,14 +64,31 @@ numbers! {
         shared_mm: f64 = 8.0, "mm", Range::NOT_NEGATIVE,
             Fixed: "fitted: MAZE parts 0 to 11 and 36 to 47, banks of pegs and of both sides, four sensors each";
             "ten touches are surer than they are right, and a touch made twice counts twice";
-        /// To be confident the fit of `n` touches ([`crate::Estimate::n_fitted`]) must be at least
-        /// `none_fit + fit_margin / sqrt(n)`. Large: parts that are not in the bank are recognised, at the price of touches.
-        fit_margin: f64 = 4.6, "standard deviations", Range::NOT_NEGATIVE,
-            Fixed: "T small, T large, both rough, outlines 77, three times the noise"; "one touch is sure of a stranger";
-        /// A fit below `none_fit` means none of these parts from this many touches on, where it is of more than one of them
-        /// ([`crate::Estimate::n_fitted`]). With 1 the fit of the first touch is enough.
-        none_touches: usize = 4, "", Range::COUNT,
-            Fixed: "not noted; other thresholds of that time on T small and T large"; "one bad touch refuses a present part";
+        /// The log-odds that a named part is there, against a stranger ([`crate::Estimate::presence`],
+        /// [`PresenceOdds`]), where no verifier judges: of no touch ...
+        presence_offset: f64 = 0.14, "nats", Range::ANY,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "a stranger is named, or nothing is";
+        /// ... by the fit and the root of the number of touches that it is of ...
+        presence_by_fit: f64 = 0.68, "nats", Range::ANY,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "a stranger is named, or nothing is";
+        /// ... and by each of these touches.
+        presence_by_touch: f64 = 0.74, "nats", Range::ANY,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "one touch is as sure as ten";
+        /// Ten in a hundred strangers come to log-odds beyond this at one of their touches ...
+        stranger_at: f64 = 0.26, "nats", Range::ANY,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "no rate is promised";
+        /// ... by so much on average ...
+        stranger_scale: f64 = 0.99, "nats", Range::POSITIVE,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "no rate is promised";
+        /// ... where they are compared with so many parts.
+        stranger_parts: f64 = 11.0, "", Range::POSITIVE,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "a large bank names strangers";
+        /// Ten in a hundred parts that are there come to log-odds below the negative of this ...
+        present_at: f64 = 0.69, "nats", Range::ANY,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "parts that are there are refused";
+        /// ... by so much on average.
+        present_scale: f64 = 1.83, "nats", Range::POSITIVE,
+            Measured: "`tactile-filter certify`; without it, the shipped model's"; "parts that are there are refused";
         /// An estimate warns where no edged touch reached this cosine with any recorded view.
         low_similarity: f32 = 0.8, "cosine", Range::COSINE,
             Measured: "calibration: what 99 in 100 touches reach; without one, T small, and real presses with a bank of A to L";
@@ -86,9 +104,9 @@ numbers! {
     more {
         /// How views between recorded poses are judged.
         interpolation: Interpolation = Interpolation::Auto;
-        /// What the views of the bank are of that `matched_mean` and `matched_sd` were measured with. In a bank of others a
-        /// part's own mean counts, as far as it is known.
-        matched_views: Views = Views::Pegs;
+        /// Where `matched_mean` and `matched_sd` are of the user's own sensor: what the views of the bank were of that they were
+        /// measured with. In a bank of such views a part matches no better than that; in others its own mean counts.
+        sensor_views: Option<Views> = None;
     }
 }
 
@@ -121,6 +139,9 @@ impl TouchModel {
                 ..of_model
             };
         }
+        if let Some(odds) = model.presence(side).or_else(|| model.presence(Side::Hole)) {
+            of_model = of_model.with_presence(odds);
+        }
         let Some(calibration) = calibration_of(model, side) else { return of_model };
         let default = Spread { mean: of_model.matched_mean, sd: of_model.matched_sd };
         let Spread { mean, sd } = calibration.matched.unwrap_or(default);
@@ -128,7 +149,7 @@ impl TouchModel {
             matched_mean: mean,
             matched_sd: sd.max(LEAST_SD),
             matched_shared: shared_variance(calibration),
-            matched_views: calibration.views,
+            sensor_views: calibration.prior.map(|_| calibration.views),
             low_similarity: calibration.low_similarity,
             ..of_model
         }
@@ -150,6 +171,38 @@ impl TouchModel {
             matched_mean: (1.0 - scale * (1.0 - self.matched_mean)).max(-1.0),
             matched_sd: scale * self.matched_sd,
             ..*self
+        }
+    }
+
+    /// The same with these log-odds that a named part is there.
+    fn with_presence(self, odds: &PresenceOdds) -> Self {
+        Self {
+            presence_offset: odds.offset,
+            presence_by_fit: odds.by_fit,
+            presence_by_touch: odds.by_touch,
+            stranger_at: odds.strangers.at,
+            stranger_scale: odds.strangers.scale,
+            stranger_parts: odds.n_parts,
+            present_at: odds.present.at,
+            present_scale: odds.present.scale,
+            ..self
+        }
+    }
+
+    /// The log-odds that a named part is there, where no verifier judges.
+    pub(crate) fn presence(&self) -> PresenceOdds {
+        PresenceOdds {
+            offset: self.presence_offset,
+            by_fit: self.presence_by_fit,
+            by_touch: self.presence_by_touch,
+            by_verifier: 0.0,
+            by_expected: 0.0,
+            usual: 0.0,
+            strangers: Tail { at: self.stranger_at, scale: self.stranger_scale },
+            present: Tail { at: self.present_at, scale: self.present_scale },
+            n_parts: self.stranger_parts,
+            n_strangers: 0,
+            n_present: 0,
         }
     }
 

@@ -58,7 +58,7 @@ impl World {
     /// Never confident, so that every episode has as many touches as it may.
     fn config(&self) -> EpisodeConfig {
         with(EpisodeConfig::of(&self.model), |settings| {
-            (settings.stop_probability, settings.none_fit, settings.max_touches) = (1.0, None, 4);
+            (settings.stop_probability, settings.false_accept, settings.max_touches) = (1.0, None, 4);
         })
     }
     fn runner(&self, capacity: usize) -> Runner {

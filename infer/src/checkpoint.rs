@@ -13,6 +13,7 @@ use crate::match_odds::MatchOdds;
 #[cfg(feature = "burn")]
 use crate::network::{Network, tensors_of};
 use crate::precision::Precision;
+use crate::presence::{ENTRIES as PRESENCE, PresenceOdds};
 use crate::safefile::{NamedTensor, SafeFile};
 
 /// The version of the checkpoint's layout. Models of the first one know other lamps.
@@ -58,6 +59,8 @@ pub struct Checkpoint {
     pub peg_calibration: Option<Calibration>,
     /// The log-odds of a match where holes and where pegs are touched, where they were fitted.
     pub match_odds: [Option<MatchOdds>; 2],
+    /// The log-odds that a named part is there, where holes and where pegs are touched, where they were fitted.
+    pub presence: [Option<PresenceOdds>; 2],
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
     /// The format of the weights in the file. In memory, and in computing, they are f32 in any case.
@@ -68,14 +71,20 @@ impl Checkpoint {
     /// Takes the weights out of a network.
     #[cfg(feature = "burn")]
     pub fn of(network: &Network, config: NetworkConfig, preprocessing: Preprocessing, provenance: Provenance) -> Self {
+        Self { provenance, tensors: tensors_of(network), ..Self::bare(config, preprocessing) }
+    }
+
+    /// A checkpoint with these sizes, without weights and with nothing measured.
+    fn bare(config: NetworkConfig, preprocessing: Preprocessing) -> Self {
         Self {
             config,
             preprocessing,
-            provenance,
+            provenance: Provenance::default(),
             calibration: None,
             peg_calibration: None,
             match_odds: [None, None],
-            tensors: tensors_of(network),
+            presence: [None, None],
+            tensors: Vec::new(),
             weights: Precision::F32,
         }
     }
@@ -99,6 +108,11 @@ impl Checkpoint {
             }
         }
         for (name, odds) in MATCH_ODDS.iter().zip(&self.match_odds) {
+            if let Some(odds) = odds {
+                file.text.push(((*name).into(), to_json(odds)?));
+            }
+        }
+        for (name, odds) in PRESENCE.iter().zip(&self.presence) {
             if let Some(odds) = odds {
                 file.text.push(((*name).into(), to_json(odds)?));
             }
@@ -139,6 +153,13 @@ impl Checkpoint {
         self
     }
 
+    /// The checkpoint with the log-odds that a named part is there, where a side is touched.
+    #[must_use]
+    pub fn with_presence(mut self, side: Side, odds: PresenceOdds) -> Self {
+        self.presence[usize::from(side == Side::Peg)] = Some(odds);
+        self
+    }
+
     /// Reads and checks a checkpoint: schema, checksum, sizes, and that its numbers are some that training gives.
     /// Returns it with the model's identity.
     pub fn load(path: &Path) -> Result<(Self, String)> {
@@ -153,6 +174,10 @@ impl Checkpoint {
             calibration.iter().try_for_each(Calibration::validate).map_err(|error| error.within(name))?;
         }
         let match_odds: [Option<MatchOdds>; 2] = [take(&mut file, MATCH_ODDS[0])?, take(&mut file, MATCH_ODDS[1])?];
+        let presence: [Option<PresenceOdds>; 2] = [take(&mut file, PRESENCE[0])?, take(&mut file, PRESENCE[1])?];
+        for (name, odds) in PRESENCE.iter().zip(&presence) {
+            odds.iter().try_for_each(PresenceOdds::validate).map_err(|error| error.within(name))?;
+        }
         let config: NetworkConfig = from_json(file.text("config")?)?;
         config.validate()?;
         for (name, odds) in MATCH_ODDS.iter().zip(&match_odds) {
@@ -171,9 +196,9 @@ impl Checkpoint {
         if let Some(odd) = tensors.iter().find(|tensor| !tensor.values.iter().all(|value| value.is_finite())) {
             return Err(Error::invalid(&odd.name, "finite weights", "NaN or infinity"));
         }
-        let of_file =
-            Self { config, preprocessing, provenance, calibration, peg_calibration, match_odds, tensors, weights };
-        Ok((of_file, sha256))
+        let calibrations =
+            Self { calibration, peg_calibration, match_odds, presence, ..Self::bare(config, preprocessing) };
+        Ok((Self { provenance, tensors, weights, ..calibrations }, sha256))
     }
 }
 

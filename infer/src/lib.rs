@@ -71,6 +71,7 @@ pub mod network;
 #[cfg(feature = "datasets")]
 pub mod offset;
 pub mod precision;
+pub mod presence;
 #[cfg(feature = "datasets")]
 pub mod recorded;
 #[cfg(feature = "datasets")]

@@ -19,6 +19,7 @@ use crate::error::{Error, Result};
 use crate::match_odds::MatchOdds;
 #[cfg(feature = "burn")]
 use crate::network::{Network, with_tensors};
+use crate::presence::PresenceOdds;
 use crate::similarity::{dot, normalize_rows};
 
 /// Images embedded in one pass of the network; larger batches gain nothing on a CPU.
@@ -36,6 +37,7 @@ pub struct Model {
     calibrations: [Option<Calibration>; 2],
     /// The log-odds of a match, as these.
     match_odds: [Option<MatchOdds>; 2],
+    presence: [Option<PresenceOdds>; 2],
     sha256: Arc<str>,
 }
 
@@ -99,6 +101,7 @@ impl Model {
             provenance: checkpoint.provenance,
             calibrations: [checkpoint.calibration, checkpoint.peg_calibration],
             match_odds: checkpoint.match_odds,
+            presence: checkpoint.presence,
             sha256: sha256.into(),
         };
         model.check_embeds().map_err(|error| error.within("network"))?;
@@ -166,6 +169,11 @@ impl Model {
     /// pegs: they are embedded by themselves.
     pub fn match_odds(&self, side: Side) -> Option<&MatchOdds> {
         self.match_odds[usize::from(side == Side::Peg)].as_ref()
+    }
+
+    /// The log-odds that a named part is there, where a side is touched and no verifier judges; `None` where they were not fitted.
+    pub fn presence(&self, side: Side) -> Option<&PresenceOdds> {
+        self.presence[usize::from(side == Side::Peg)].as_ref()
     }
 
     /// Sizes of the network.

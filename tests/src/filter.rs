@@ -97,7 +97,7 @@ fn a_robot_is_led_from_touch_to_touch_until_the_limit() {
     let sensor = bench.sensor();
     let config = EpisodeConfig::default().changed(|settings, model, _| {
         settings.stop_probability = 1.0;
-        settings.none_fit = None;
+        settings.false_accept = None;
         settings.max_touches = 4;
         // The sample's reach is smaller than the distance kept by default.
         model.min_separation_mm = 3.0;

@@ -125,6 +125,53 @@ fn a_network_learns_to_judge_by_maps() {
     assert!(after.tensors.len() > before.tensors.len() && before.tensors.iter().all(|of| after.tensors.contains(of)));
     let verifier = Verifier::new(&after).unwrap().unwrap();
     assert_eq!(verifier.config(), &VerifierConfig { width: 2, bound: 8.0 });
+    strangers_are_told_from_parts(at, &model);
+}
+
+/// From episodes with strangers and without to a verifier that says how sure a name is.
+fn strangers_are_told_from_parts(at: &Path, model: &str) {
+    const JUDGE: &str = "judge/maps.safetensors";
+    let three = "sixty.toml#0+3";
+    let bank = ["bank", "--model", model, "--scene", three, "--learn-from", "nothing", "--maps", JUDGE, "--out"];
+    run("tactile-infer", at, &[&bank[..], &["three.bank"]].concat()).done();
+    let bank = Bank::load(&at.join("three.bank"), &Model::load(model.as_ref()).unwrap()).unwrap();
+    let expected = bank.expected().unwrap();
+    assert!(expected.holes.iter().chain(&expected.pegs).all(Option::is_some), "{expected:?}");
+    assert_eq!(expected.of(1, Side::Peg), expected.pegs[1]);
+    let evaluate = |maps: &str, out: &str, more: &[&str]| {
+        let given = ["evaluate", "--model", model, "--bank", "three.bank", "--scene", three, "--maps", maps];
+        let ways = ["--poses", "off-grid", "--engines", "exact", "--actions", "random", "--touches", "3"];
+        let to = ["--set", "stop_probability=0.4", "--shard", "1/1", "--out", out];
+        run("tactile-filter", at, &[&given[..], &ways, &to, more].concat())
+    };
+    evaluate(JUDGE, "there", &["--episodes", "120"]).done();
+    evaluate(JUDGE, "strangers", &["--episodes", "120", "--absent", "--drawn-sensor", "3"]).done();
+    let certify = |more: &[&str]| run("tactile-filter", at, &[&["certify", "there"], more].concat());
+    assert!(
+        certify(&["--maps", JUDGE]).failed().contains("100 or more with strangers (--absent), and as many without")
+    );
+    assert!(certify(&["strangers", "--maps", MAPS]).failed().contains("the episodes' verifier: expected no verifier"));
+    assert!(certify(&["strangers"]).stderr.contains("--model"));
+    let said = certify(&["strangers", "--maps", JUDGE, "--out", "certified.safetensors"]);
+    assert!(said.done().contains("120 episodes with strangers (3 parts), 120 with parts that are there"));
+    let odds = MapFile::load(&at.join("certified.safetensors")).unwrap().presence[0].unwrap();
+    assert!(odds.by_verifier != 0.0 && odds.n_parts == 2.0 && odds.n_strangers == 120, "{odds:?}");
+    let of_model = ["strangers", "--model", model, "--out", "certified-model.safetensors"];
+    certify(&of_model).done();
+    let stored = Model::load(&at.join("certified-model.safetensors")).unwrap();
+    let stored = stored.presence(Side::Hole).unwrap();
+    assert!(stored.by_verifier == 0.0 && stored.by_touch != odds.by_touch, "{stored:?}");
+    // What is stored decides: the same episodes with other odds of a part that is there.
+    evaluate("certified.safetensors", "again", &["--episodes", "12"]).done();
+    let presence = |folder: &str| {
+        let text = fs::read_to_string(at.join(folder).join("shard-1-of-1.json")).unwrap();
+        let shard: Value = serde_json::from_str(&text).unwrap();
+        shard["runs"][0]["outcomes"][0]["scored"][2]["presence"].clone()
+    };
+    assert_ne!(presence("again"), presence("there"));
+    assert!(evaluate(MAPS, "other", &["--episodes", "2"]).done().contains("episodes 0..2"));
+    let others = ["bank", "--model", model, "--scene", three, "--maps", MAPS, "--out", "plain.bank"];
+    run("tactile-infer", at, &others).done();
 }
 
 /// The maps that a perfect network would draw.

@@ -50,6 +50,7 @@ mod info_nce;
 mod lamb;
 #[cfg(feature = "wgpu")]
 pub mod launches;
+mod look_alikes;
 pub mod maps;
 pub mod mating;
 mod moco;

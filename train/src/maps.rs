@@ -14,7 +14,8 @@ use tactile_data::scene::Scene;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
-use tactile_data::touch_map::{FARTHEST_MM, TouchMaps};
+use tactile_data::touch::OUTLINE_REACH_MM;
+use tactile_data::touch_map::TouchMaps;
 use tactile_infer::maps::network::MapNetwork;
 use tactile_infer::maps::{Drawn, LOG_ERRORS, MapConfig, MapFile, MapProvenance, N_DRAWN, N_SEEN, side_value};
 use tactile_infer::network::tensors_of;
@@ -231,7 +232,14 @@ impl Results<'_> {
         let (dataset, distance_mm) = (self.run.dataset.meta().name.clone(), judgement.distance_mm);
         let provenance = MapProvenance { steps, batch, seed, dataset, distance_mm };
         let preprocessing = self.preprocessing.clone();
-        let file = MapFile { config, preprocessing, provenance, verifier: None, tensors: tensors_of(&network) };
+        let file = MapFile {
+            config,
+            preprocessing,
+            provenance,
+            verifier: None,
+            presence: [None, None],
+            tensors: tensors_of(&network),
+        };
         file.save(&self.run.out.file(MAPS))?;
         Ok(judgement)
     }
@@ -248,7 +256,7 @@ fn judge(network: &MapNetwork, touches: &Touches<'_>, frames: &[usize], device: 
         // f32 by construction.
         let maps = maps.into_data().try_into_vec::<f32>().unwrap_or_default();
         for (drawn, target) in maps.chunks_exact(N_DRAWN).zip(batch.targets.chunks_exact(3)) {
-            if f64::from(target[0].abs()) < FARTHEST_MM {
+            if f64::from(target[0].abs()) < OUTLINE_REACH_MM {
                 sums.distance_mm += f64::from((drawn[Drawn::Distance as usize] - target[0]).abs());
                 n_near += 1.0;
             }

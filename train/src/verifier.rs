@@ -1,5 +1,5 @@
 //! Trains the network that judges whether a touch was made at a pose of a part ([`tactile_infer::maps::verifier`]): touches of
-//! known parts, laid where they were made and where the likeliest views of other parts are.
+//! known parts, laid where they were made, where the likeliest views of other parts are, and on look-alikes of their own part.
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -21,6 +21,7 @@ use tactile_infer::network::tensors_of;
 use tactile_infer::{Bank, DeviceKind, Model};
 
 use crate::error::{Error, Result};
+use crate::look_alikes::{N_LOOK_ALIKES, with_look_alikes};
 use crate::output_folder::OutputFolder;
 use crate::training::{Trained, Training, Watch, surprise};
 
@@ -39,6 +40,9 @@ const THERE: (f64, f64) = (1.0, 8.0);
 
 /// How far a belief's pose is from the truth before it is aligned, standard deviations, mm and degrees.
 const START: [f64; 2] = [1.0, 6.0];
+
+/// Sets the draws of look-alikes apart.
+const LOOK_ALIKES: u64 = 0x6c6f_6f6b_616c_696b;
 
 /// Starts at the own pose.
 const N_OWN: usize = 2;
@@ -85,6 +89,7 @@ pub struct LaidTouches<'a> {
     model: &'a Model,
     drawer: &'a MapDrawer,
     seed: u64,
+    /// Each bank's: those of its parts, and of their look-alikes.
     mosaics: Vec<Mosaics>,
     samples: Vec<Sample>,
 }
@@ -114,6 +119,9 @@ impl<'a> LaidTouches<'a> {
         let Some(mosaics) = bank.mosaics() else {
             return Err(Error::invalid("bank", "one with a map of each part (tactile-infer bank --maps)", "another"));
         };
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ LOOK_ALIKES);
+        rng.set_stream(self.mosaics.len() as u64);
+        self.mosaics.push(with_look_alikes(mosaics, &mut rng)?);
         let n_all = datasets.iter().map(Dataset::len).sum();
         let mut done = 0;
         for dataset in datasets {
@@ -122,25 +130,18 @@ impl<'a> LaidTouches<'a> {
             for frames in frames.chunks(256) {
                 let see = |frame: &usize| background.tactile_image(&dataset.frame(*frame));
                 let images = frames.par_iter().map(see).collect::<tactile_data::Result<Vec<_>>>()?;
-                let of_frame =
-                    |(frame, image): (&usize, &TactileImage)| self.sample((bank, mosaics), (dataset, *frame), image);
+                let of_frame = |(frame, image): (&usize, &TactileImage)| self.sample(bank, (dataset, *frame), image);
                 let samples: Vec<Sample> = frames.par_iter().zip(&images).map(of_frame).collect::<Result<_>>()?;
                 self.samples.extend(samples);
                 done += frames.len();
                 progress(done, n_all);
             }
         }
-        self.mosaics.push(mosaics.clone());
         Ok(())
     }
 
     /// One frame of a dataset.
-    fn sample(
-        &self,
-        (bank, mosaics): (&Bank, &Mosaics),
-        (dataset, frame): (&Dataset, usize),
-        image: &TactileImage,
-    ) -> Result<Sample> {
+    fn sample(&self, bank: &Bank, (dataset, frame): (&Dataset, usize), image: &TactileImage) -> Result<Sample> {
         let (touch, name) = (dataset.touch(frame), &dataset.meta().name);
         let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
         let (Some(part), Some(part_from_sensor), Some(side)) = (known, touch.part_from_sensor, touch.side) else {
@@ -151,16 +152,16 @@ impl<'a> LaidTouches<'a> {
         let query = self.model.embed_side(image, side)?;
         let map = self.drawer.draw(image, side)?.pop();
         let map = map.ok_or_else(|| Error::invalid(format!("{name}: frame {frame}"), "a map", "none"))?;
-        let (bank_index, is_held_out) = (self.mosaics.len(), part / N_PARTS % HELD_OUT == HELD_OUT - 1);
+        let (bank_index, is_held_out) = (self.mosaics.len() - 1, part / N_PARTS % HELD_OUT == HELD_OUT - 1);
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ dataset.meta().seed.unwrap_or_default());
         rng.set_stream(((bank_index as u64) << 40) + frame as u64);
-        let touch = Touch { bank, mosaics, map, query, part, part_from_sensor };
+        let touch = Touch { bank, mosaics: &self.mosaics[bank_index], map, query, part, part_from_sensor };
         let laid = self.lay(&touch, &mut rng);
         Ok(Sample { bank: bank_index, side, map: touch.map, laid, is_held_out })
     }
 
-    /// Where a touch is laid: on the likeliest views of the other parts, and twice near its own pose, each moved to where its
-    /// distances fit best.
+    /// Where a touch is laid: on the likeliest views of the other parts, twice near its own pose, and there on look-alikes of its
+    /// part, each moved to where its distances fit best.
     fn lay(&self, touch: &Touch<'_>, rng: &mut ChaCha8Rng) -> Vec<Laid> {
         let Touch { bank, mosaics, map, query, part: own, part_from_sensor: pose } = touch;
         let mut cosines = Vec::new();
@@ -174,10 +175,14 @@ impl<'a> LaidTouches<'a> {
         let cosine = bank.cosine_at(query, *own, pose).unwrap_or(-1.0);
         // About normal: the sum of three.
         let mut off = |sd: f64| sd * (0..3).map(|_| rng.random_range(-1.0..1.0)).sum::<f64>();
-        views.extend((0..N_OWN).map(|_| {
+        let first = bank.parts().len() + own * N_LOOK_ALIKES;
+        let near = std::iter::repeat_n(*own, N_OWN).chain(first..first + N_LOOK_ALIKES);
+        views.extend(near.map(|part| {
             let [x, y, deg] = [off(START[0]), off(START[0]), off(START[1])];
             let start = Se2::new(pose.x_mm + x, pose.y_mm + y, pose.theta_rad + deg.to_radians());
-            (*own, View { cosine, pose: start })
+            // What embeddings say of a look-alike nobody asked.
+            let cosine = if part == *own { cosine } else { -1.0 };
+            (part, View { cosine, pose: start })
         }));
         let lay = |(part, View { cosine, pose: start }): (usize, View)| {
             let touch = Drawing { map, first_from_sensor: Se2::IDENTITY };

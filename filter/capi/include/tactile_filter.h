@@ -260,7 +260,8 @@ typedef struct tf_bank tf_bank;
  * - stop_probability: 0..=1
  * - stop_place_mm, in mm: a positive number, or none
  * - max_touches: 1 to 1000
- * - none_fit, in standard deviations: a number, at most 0, or none
+ * - false_accept: 0..=1, or none
+ * - false_refuse: 0..=1
  * - travel_nats_per_mm, in nats/mm: a number, not negative
  * - n_draws: 1 to 100000
  * - n_suppositions: 1 to 10000
@@ -349,7 +350,7 @@ typedef struct tf_estimate {
      */
     double covariance[9];
     /**
-     * 1 where `fit` holds a number: an edge was felt.
+     * 1 where `fit`, `none_probability` and `stranger_rate` hold numbers: an edge was felt.
      */
     uint32_t has_fit;
     /**
@@ -357,9 +358,18 @@ typedef struct tf_estimate {
      */
     uint32_t warnings;
     /**
-     * How well the part explains what was felt: 0 at best, mean log-likelihood of an edged touch, nats.
+     * How well the part explains what was felt: how many standard deviations the edged touches look more like its views than the
+     * touches of a part that is there do on average.
      */
     double fit;
+    /**
+     * Probability that it is none of the bank's parts, 0 to 1, where that was as likely as the named part before the first touch.
+     */
+    double none_probability;
+    /**
+     * How often a part that is not in the bank comes to so good a match at any touch of an episode, 0 to 1.
+     */
+    double stranger_rate;
     /**
      * Entropy over all states, nats.
      */

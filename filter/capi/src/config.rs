@@ -14,7 +14,8 @@ use crate::status::{Failure, call, tf_status};
 /// - stop_probability: 0..=1
 /// - stop_place_mm, in mm: a positive number, or none
 /// - max_touches: 1 to 1000
-/// - none_fit, in standard deviations: a number, at most 0, or none
+/// - false_accept: 0..=1, or none
+/// - false_refuse: 0..=1
 /// - travel_nats_per_mm, in nats/mm: a number, not negative
 /// - n_draws: 1 to 100000
 /// - n_suppositions: 1 to 10000

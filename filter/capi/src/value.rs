@@ -103,12 +103,17 @@ pub struct tf_estimate {
     /// Covariance of that pose over (x mm, y mm, theta rad), row by row, over all that is believed of where the part is: other
     /// places count as far as they are away.
     pub covariance: [f64; 9],
-    /// 1 where `fit` holds a number: an edge was felt.
+    /// 1 where `fit`, `none_probability` and `stranger_rate` hold numbers: an edge was felt.
     pub has_fit: u32,
     /// Bits TF_WARNING_...: reasons to doubt all this.
     pub warnings: u32,
-    /// How well the part explains what was felt: 0 at best, mean log-likelihood of an edged touch, nats.
+    /// How well the part explains what was felt: how many standard deviations the edged touches look more like its views than the
+    /// touches of a part that is there do on average.
     pub fit: f64,
+    /// Probability that it is none of the bank's parts, 0 to 1, where that was as likely as the named part before the first touch.
+    pub none_probability: f64,
+    /// How often a part that is not in the bank comes to so good a match at any touch of an episode, 0 to 1.
+    pub stranger_rate: f64,
     /// Entropy over all states, nats.
     pub entropy_nats: f64,
     /// Log-probability of all touches, nats, up to a constant.
@@ -134,6 +139,8 @@ impl Default for tf_estimate {
             has_fit: 0,
             warnings: 0,
             fit: 0.0,
+            none_probability: 0.0,
+            stranger_rate: 0.0,
             entropy_nats: 0.0,
             log_evidence: 0.0,
             n_touches: 0,
@@ -169,6 +176,8 @@ impl tf_estimate {
             has_fit: estimate.fit.is_some().into(),
             warnings: warnings.fold(0, |bits, bit| bits | bit),
             fit: estimate.fit.unwrap_or_default(),
+            none_probability: estimate.presence.map_or(0.0, |presence| presence.none()),
+            stranger_rate: estimate.presence.map_or(0.0, |presence| presence.stranger_rate),
             entropy_nats: estimate.entropy_nats,
             log_evidence: estimate.log_evidence,
             n_touches: estimate.n_touches,

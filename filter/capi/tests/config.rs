@@ -86,12 +86,13 @@ fn said() -> String {
 #[test]
 fn a_new_config_has_the_defaults_and_each_setting_reads_back_as_it_was_set() {
     let config = Config::new();
-    assert_eq!(config.texts(), ["0.95", "none", "10", "-2.5", "0", "160", "24", "24", "2", "1"]);
+    assert_eq!(config.texts(), ["0.95", "none", "10", "0.01", "0.01", "0", "160", "24", "24", "2", "1"]);
     for (name, value) in [
         (c"stop_probability", c"1"),
         (c"stop_place_mm", c"0.25"),
         (c"max_touches", c"1000"),
-        (c"none_fit", c"none"),
+        (c"false_accept", c"none"),
+        (c"false_refuse", c"0.125"),
         (c"travel_nats_per_mm", c"0.1"),
         (c"n_draws", c"320"),
         (c"n_suppositions", c"48"),
@@ -102,9 +103,12 @@ fn a_new_config_has_the_defaults_and_each_setting_reads_back_as_it_was_set() {
         assert_eq!(config.set(name, value), tf_status::Ok, "{}", said());
         assert_eq!(config.get(name.to_str().unwrap()), value.to_str().unwrap());
     }
-    assert_eq!(config.texts(), ["1", "0.25", "1000", "none", "0.1", "320", "48", "none", "3", "18446744073709551615"]);
-    assert_eq!([config.set_number("max_touches", 4.0), config.set_number("none_fit", -3.5)], [tf_status::Ok; 2]);
-    assert_eq!([config.get("max_touches"), config.get("none_fit")], ["4", "-3.5"]);
+    assert_eq!(
+        config.texts(),
+        ["1", "0.25", "1000", "none", "0.125", "0.1", "320", "48", "none", "3", "18446744073709551615"]
+    );
+    assert_eq!([config.set_number("max_touches", 4.0), config.set_number("false_accept", 0.125)], [tf_status::Ok; 2]);
+    assert_eq!([config.get("max_touches"), config.get("false_accept")], ["4", "0.125"]);
 }
 
 #[test]
@@ -115,7 +119,7 @@ fn what_cannot_be_set_is_refused_in_the_words_of_rust_and_changes_nothing() {
         (c"max_touches", c"0", tf_status::Config, "episode.max_touches: expected 1 to 1000, got 0"),
         (c"max_touches", c"", tf_status::Config, "episode.max_touches: expected a whole number, not negative, got "),
         (c"seed", c"none", tf_status::Config, "episode.seed: expected a whole number, not negative, got none"),
-        (c"none_fit", c"2", tf_status::Config, "episode.none_fit: expected a number, at most 0, or none, got 2"),
+        (c"false_accept", c"2", tf_status::Config, "episode.false_accept: expected 0..=1, or none, got 2"),
         (c"n_draws", c"many", tf_status::Config, "episode.n_draws: expected a whole number, not negative, got many"),
         (
             c"temperature",

@@ -39,14 +39,14 @@ void settings(const std::string &folder)
     expect(config.set("max_touches", 4).ok() && config.set("n_draws", std::uint8_t{200}).ok());
     expect(config.set("seed", std::numeric_limits<std::uint64_t>::max()).ok());
     expect(config.set("stop_probability", 0.99F).ok() && config.set("travel_nats_per_mm", 0.1).ok());
-    expect(config.set("none_fit", "none").ok() && config.set("stop_place_mm", std::string("0.25")).ok());
+    expect(config.set("false_accept", "none").ok() && config.set("stop_place_mm", std::string("0.25")).ok());
     for (int round = 0; round < 2; round++) {
         expect_setting(config, "max_touches", "4");
         expect_setting(config, "n_draws", "200");
         expect_setting(config, "seed", "18446744073709551615");
         expect_setting(config, "stop_probability", "0.9900000095367432");
         expect_setting(config, "travel_nats_per_mm", "0.1");
-        expect_setting(config, "none_fit", "none");
+        expect_setting(config, "false_accept", "none");
         expect_setting(config, "stop_place_mm", "0.25");
         expect(config.set("max_touches", -1).status() == TF_STATUS_CONFIG);
         expect(config.set("max_touches", 4.5).status() == TF_STATUS_CONFIG);

@@ -97,7 +97,10 @@ impl Banks {
     /// The bank without a part, and without what that taught.
     fn without(&self, part: usize) -> Result<Arc<Bank>> {
         let bank = match &self.learner {
-            Some(learner) => learner.without(part)?.with_precision(self.whole.rows().precision())?,
+            Some(learner) => {
+                let bank = learner.without(part)?.with_precision(self.whole.rows().precision())?;
+                bank.with_maps_of(&self.whole.without(part)?)?
+            }
             None => self.whole.without(part)?,
         };
         Ok(Arc::new(bank))

@@ -86,6 +86,9 @@ pub struct Setup {
     pub model: ModelRecord,
     /// Checksum of the bank's rows.
     pub bank_sha256: String,
+    /// Checksum of what judged the touches' maps, where something did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verifier_sha256: Option<String>,
     /// Device of the network.
     pub device: String,
 }
@@ -282,6 +285,7 @@ mod tests {
                 choose_ms: None,
                 model: ModelRecord { name: "m".into(), sha256: "ab".into(), parameters: 7, input_px: [8, 6] },
                 bank_sha256: "cd".into(),
+                verifier_sha256: None,
                 device: "flex".into(),
             },
             n_threads: 1,

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, Standing};
+use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Presence, Sensor, Standing, Verified};
 use tactile_infer::Bank;
 
 use crate::banks::Banks;
@@ -43,6 +43,11 @@ pub struct Scored {
     pub fit: Option<f64>,
     /// Touches that this is of.
     pub n_fitted: usize,
+    /// What a verifier says of them where that part would be.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verified: Option<Verified>,
+    /// Whether that part is there at all.
+    pub presence: Option<Presence>,
     /// The larger variance of its place along x and along y, mm², where a stop asks for the place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place_mm2: Option<f64>,
@@ -53,8 +58,8 @@ pub struct Scored {
 impl Scored {
     /// What is asked of it before it is believed, after `n_touches`.
     pub fn standing(&self, n_touches: usize) -> Standing {
-        let Self { probability, fit, n_fitted, place_mm2, .. } = *self;
-        Standing { probability, fit, n_fitted, place_mm2, n_touches }
+        let Self { probability, presence, place_mm2, .. } = *self;
+        Standing { probability, presence, place_mm2, n_touches }
     }
 }
 
@@ -145,7 +150,7 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
     // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = config.changed(|settings, _, method| {
         settings.stop_probability = 1.0;
-        settings.none_fit = None;
+        settings.false_accept = None;
         settings.max_touches = protocol.n_touches;
         settings.seed = protocol.seed(index).wrapping_add(index as u64);
         method.between_poses = protocol.poses == Poses::OffGrid;
@@ -196,6 +201,8 @@ fn score(estimate: &Estimate, bank: &Bank, hole: &Hole<'_>) -> Scored {
         probability: estimate.probability,
         fit: estimate.fit,
         n_fitted: estimate.n_fitted,
+        verified: estimate.verified,
+        presence: estimate.presence,
         brier: bank.parts().iter().zip(&estimate.class_posterior).map(brier).sum(),
         named: hole.index_of(&estimate.part),
         normalised_error: normalised_error(estimate, hole),

@@ -6,6 +6,7 @@
 pub mod assembly;
 pub mod banks;
 pub mod baselines;
+pub mod certify;
 mod earlier_holes;
 pub mod episodes;
 pub mod error;

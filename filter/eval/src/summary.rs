@@ -270,20 +270,19 @@ mod tests {
     use super::*;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
+    use tactile_filter::Presence;
 
     #[test]
     fn an_episode_stops_when_it_is_sure_and_is_counted_wrong_if_it_is() {
-        let scored = |probability, right| Scored { probability, right, fit: Some(0.0), ..Scored::default() };
+        let presence = Some(Presence { log_odds: 9.0, stranger_rate: 0.0, present_rate: 1.0 });
+        let scored = |probability, right| Scored { probability, right, presence, ..Scored::default() };
         let outcome = |scored| Outcome { scored, ..Outcome::default() };
         let outcomes = [
             outcome(vec![scored(0.5, true), scored(0.97, true), scored(0.99, false)]),
             outcome(vec![scored(0.99, false), scored(0.2, true), scored(0.2, true)]),
             outcome(vec![scored(0.2, true), scored(0.3, true), scored(0.95, true)]),
         ];
-        let config = EpisodeConfig::default().changed(|settings, model, _| {
-            settings.max_touches = 3;
-            model.fit_margin = 0.0;
-        });
+        let config = EpisodeConfig::default().changed(|settings, _, _| settings.max_touches = 3);
         let stops = stops(LABEL, &outcomes, &config);
         assert_eq!(stops.mean_touches, (2 + 1 + 3) as f64 / 3.0);
         assert_eq!((stops.confident, stops.confident_and_wrong, stops.none_of_these), (2.0 / 3.0, 0.5, 0.0));
@@ -297,13 +296,16 @@ mod tests {
         let mut scored = || Scored {
             right: rng.random_bool(0.7),
             probability: if rng.random_bool(0.4) { 0.99 } else { 0.5 },
-            fit: Some(if rng.random_bool(0.2) { -9.0 } else { 0.0 }),
-            n_fitted: rng.random_range(1..4),
+            presence: Some(match rng.random_range(0..10) {
+                0 | 1 => Presence { log_odds: -9.0, stranger_rate: 1.0, present_rate: 0.0 },
+                2 => Presence { log_odds: 0.0, stranger_rate: 0.5, present_rate: 0.5 },
+                _ => Presence { log_odds: 9.0, stranger_rate: 0.0, present_rate: 1.0 },
+            }),
             ..Scored::default()
         };
         let outcomes: Vec<Outcome> =
             (0..101).map(|_| Outcome { scored: (0..6).map(|_| scored()).collect(), ..Outcome::default() }).collect();
-        let config = EpisodeConfig::default().changed(|_, model, _| model.fit_margin = 0.0);
+        let config = EpisodeConfig::default();
         let found = halves(&outcomes, &config);
         assert_eq!(found.len(), 6);
         for (at, halves) in found.iter().enumerate() {

@@ -43,8 +43,15 @@ pub struct EstimateReport {
     pub part_from_sensor: Motion,
     /// Covariance of its pose at the first touch: x mm, y mm, theta rad.
     pub covariance: [[f64; 3]; 3],
-    /// How well it explains the touches, at most 0.
+    /// How well it explains the touches, standard deviations; `None` where no edge was felt.
     pub fit: Option<f64>,
+    /// Probability that it is none of the bank's parts, 0..=1; `None` where no edge was felt, and in recordings from before it was
+    /// written.
+    #[serde(default)]
+    pub none_probability: Option<f64>,
+    /// How often a part that is not in the bank comes to so good a match, 0..=1; as above.
+    #[serde(default)]
+    pub stranger_rate: Option<f64>,
     /// Entropy over all states, nats.
     pub entropy_nats: f64,
     /// Reasons to doubt.
@@ -100,6 +107,8 @@ impl DecisionReport {
                 part_from_sensor: estimate.part_from_sensor,
                 covariance: estimate.covariance,
                 fit: estimate.fit,
+                none_probability: estimate.presence.map(|presence| presence.none()),
+                stranger_rate: estimate.presence.map(|presence| presence.stranger_rate),
                 entropy_nats: estimate.entropy_nats,
                 warnings: estimate.warnings.iter().map(ToString::to_string).collect(),
             },
@@ -161,6 +170,8 @@ mod tests {
             part_from_sensor: Motion::IDENTITY,
             covariance: [[0.0; 3]; 3],
             fit: Some(-0.5),
+            none_probability: Some(0.25),
+            stranger_rate: Some(0.125),
             entropy_nats: 1.0,
             warnings: Vec::new(),
         };

@@ -442,11 +442,11 @@ right:
         Parameters::set(&mut read, "camera.max_age_s", "0.1").unwrap();
         Parameters::set(&mut read, "reach.xy_half_mm", "6").unwrap();
         Parameters::set(&mut read, "episode.stop_place_mm", "2").unwrap();
-        Parameters::set(&mut read, "episode.none_fit", "none").unwrap();
+        Parameters::set(&mut read, "episode.false_accept", "none").unwrap();
         let parameters = Parameters::of(read.clone()).unwrap();
         assert_eq!((parameters.camera.max_age_s, parameters.reach.xy_half_mm), (0.1, Some(6.0)));
         let settings = parameters.episode.applied_to(Settings::default()).unwrap();
-        assert_eq!(settings, Settings { stop_place_mm: Some(2.0), none_fit: None, ..Settings::default() });
+        assert_eq!(settings, Settings { stop_place_mm: Some(2.0), false_accept: None, ..Settings::default() });
         for (name, value, said) in [
             ("camera.crob", "border:1/7", "`crob`"),
             ("camera.crop", "half", "crop: expected LEFT,TOP,WIDTH,HEIGHT"),

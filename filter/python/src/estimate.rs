@@ -62,10 +62,24 @@ impl PyEstimate {
         matrix(py, 3, self.estimate.covariance.concat())
     }
 
-    /// How well that part explains the touches, at best 0; `None` where no edge was felt.
+    /// How many standard deviations the touches look more like that part's views than touches of a part that is there; `None`
+    /// where no edge was felt.
     #[getter]
     fn fit(&self) -> Option<f64> {
         self.estimate.fit
+    }
+
+    /// Probability that it is none of the bank's parts, where that was as likely before the first touch; `None` where no edge was
+    /// felt.
+    #[getter]
+    fn none_probability(&self) -> Option<f64> {
+        self.estimate.presence.map(|presence| presence.none())
+    }
+
+    /// How often a part that is not in the bank comes to so good a match at any touch; `None` where no edge was felt.
+    #[getter]
+    fn stranger_rate(&self) -> Option<f64> {
+        self.estimate.presence.map(|presence| presence.stranger_rate)
     }
 
     /// Probability of each part: float64 `[n_parts]`.

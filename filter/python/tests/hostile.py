@@ -147,9 +147,9 @@ def settings(model):
             refused(tf.ConfigError, f"{name} expected {words}", make, **{name: value})
     refused(TypeError, "", tf.EpisodeConfig, 3)
     refused(TypeError, "model", tf.EpisodeConfig.of, None)
-    config = tf.EpisodeConfig.of(model, seed=np.int64(3), stop_place_mm=np.float64(0.1), none_fit=None)
+    config = tf.EpisodeConfig.of(model, seed=np.int64(3), stop_place_mm=np.float64(0.1), false_accept=None)
     changed = config.settings
-    assert (changed["seed"], changed["stop_place_mm"], changed["none_fit"], changed["stop_probability"]) == (3, 0.1, None, 0.95)
+    assert (changed["seed"], changed["stop_place_mm"], changed["false_accept"], changed["stop_probability"]) == (3, 0.1, None, 0.95)
     assert tf.EpisodeConfig.of(model, **changed) == config and tf.EpisodeConfig(**changed) != config
     plain = tf.EpisodeConfig(stop_probability=1, seed=2**64 - 1)
     assert isinstance(plain.settings["stop_probability"], float) and eval(f"tf.{plain!r}") == plain

@@ -23,3 +23,4 @@ pub use hypothesis::Hypothesis;
 #[cfg(test)]
 pub(crate) use hypothesis::Layout;
 pub(crate) use hypothesis::states_between;
+pub(crate) use spread::Hill;

@@ -24,7 +24,8 @@ const SHIFTS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 type Moments = [[f64; 3]; 3];
 
 /// The belief in a part around the pose that is stated.
-struct Hill {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Hill {
     /// How far it goes on to either side along x, y (mm) and theta (rad).
     half: [f64; 3],
     /// Around the pose.
@@ -41,23 +42,22 @@ impl Belief {
         self.covariance_of(part, pose, symmetry, hill)
     }
 
-    /// The pose of the first touch at which the maps of touches are a part's, from one that the belief has, and its covariance: the
-    /// hill around it as well known as maps and belief say together, other hills as they are believed.
+    /// The pose of the first touch at which the maps of touches are a part's, from one that the belief has, and the hill around it
+    /// as well known as maps and belief say together.
     pub(crate) fn placed_by_maps(
         &self,
         (part, pose): (usize, &Se2),
         symmetry: &Symmetry,
         drawn: &[Drawing<'_>],
         mosaic: &Mosaic<'_>,
-    ) -> (Se2, Moments) {
+    ) -> (Se2, Hill) {
         let hill = self.hill(part, pose, symmetry);
         let found = align(drawn, mosaic, &Start { part_from_first: *pose, covariance: hill.moments });
-        let place = found.part_from_first;
-        let hill = Hill { moments: found.covariance, ..hill };
-        (place, self.covariance_of(part, &place, symmetry, Some(hill)))
+        (found.part_from_first, Hill { moments: found.covariance, ..hill })
     }
 
-    fn covariance_of(&self, part: usize, pose: &Se2, symmetry: &Symmetry, hill: Option<Hill>) -> Moments {
+    /// [`Self::covariance`], where the hill around the pose is known: other hills as they are believed.
+    pub(crate) fn covariance_of(&self, part: usize, pose: &Se2, symmetry: &Symmetry, hill: Option<Hill>) -> Moments {
         let steps = steps_of(self.posterior.grid());
         let (mut of_hill, mut all, mut moments) = (0.0, 0.0, [[0.0; 3]; 3]);
         for (state, mass) in self.posterior.states_of(part) {

@@ -53,7 +53,12 @@ impl Pace<'_> {
     ) -> Result<()> {
         // An episode that stops early would leave out the costly touches.
         let config = EpisodeConfig {
-            settings: Settings { stop_probability: 1.0, none_fit: None, max_touches: TOUCHES + 1, ..config.settings },
+            settings: Settings {
+                stop_probability: 1.0,
+                false_accept: None,
+                max_touches: TOUCHES + 1,
+                ..config.settings
+            },
             ..*config
         };
         let grid = self.bank.grid();

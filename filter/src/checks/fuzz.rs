@@ -111,17 +111,16 @@ fn config() -> impl Strategy<Value = EpisodeConfig> {
         },
     );
     let stop_place_mm = prop::sample::select(vec![None, Some(1e-3), Some(2.0)]);
-    (engine, action, touch_model(), any::<bool>(), (0.0..=1.0_f64, stop_place_mm, 1..=5_usize), any::<u64>()).prop_map(
-        |(engine, config, numbers, between_poses, (stop_probability, stop_place_mm, none_touches), seed)| {
+    (engine, action, touch_model(), any::<bool>(), (0.0..=1.0_f64, stop_place_mm, 0.0..=1.0_f64), any::<u64>())
+        .prop_map(|(engine, config, numbers, between_poses, (stop_probability, stop_place_mm, false_refuse), seed)| {
             let min_separation_mm = config.model.min_separation_mm;
             config.changed(|settings, model, method| {
-                *model = TouchModel { min_separation_mm, none_touches, ..numbers };
+                *model = TouchModel { min_separation_mm, ..numbers };
                 (method.engine, method.between_poses) = (engine, between_poses);
                 (settings.stop_probability, settings.stop_place_mm) = (stop_probability, stop_place_mm);
-                settings.seed = seed;
+                (settings.false_refuse, settings.seed) = (false_refuse, seed);
             })
-        },
-    )
+        })
 }
 
 fn touch_model() -> impl Strategy<Value = TouchModel> {

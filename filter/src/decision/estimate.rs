@@ -2,6 +2,7 @@
 
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
+use tactile_infer::presence::{Presence, Verified};
 
 use crate::belief::modes::{Mode, modes};
 use crate::decision::verdict::{Asked, RunnerUp, Standing, StopReason, Verdict, Warning, place_mm2};
@@ -33,6 +34,10 @@ pub struct Estimate {
     pub fit: Option<f64>,
     /// Touches that this is of: with an edge, and made within the recorded area if that part is there.
     pub n_fitted: usize,
+    /// What a verifier says of the touches where that part would be; `None` where none judges them.
+    pub verified: Option<Verified>,
+    /// Whether that part is there at all, or a stranger that the bank does not hold; `None` where no edge was felt.
+    pub presence: Option<Presence>,
     /// Probability of each part of the bank, `[n_parts]`.
     pub class_posterior: Vec<f64>,
     /// Where else it may be: the belief's modes, the heaviest first.
@@ -53,7 +58,7 @@ impl Asked<'_> {
     /// What is known now.
     pub(crate) fn estimate(self) -> Estimate {
         let Self { bank, belief, .. } = self;
-        let Verdict { part, probability, runner_up, placed, covariance, stop, warnings } = self.verdict();
+        let Verdict { part, probability, runner_up, placed, presence, covariance, stop, warnings } = self.verdict();
         let (posterior, first_from_sensor) = (belief.posterior(), belief.first_from_sensor());
         Estimate {
             part: bank.parts()[part].clone(),
@@ -65,6 +70,8 @@ impl Asked<'_> {
             covariance,
             fit: placed.fit,
             n_fitted: placed.n_fitted(),
+            verified: placed.verified,
+            presence,
             class_posterior: posterior.by_part().to_vec(),
             modes: modes(posterior, &first_from_sensor, &|part| bank.symmetry(part)),
             entropy_nats: posterior.entropy_nats(),
@@ -79,8 +86,8 @@ impl Asked<'_> {
 impl Estimate {
     /// What is asked of it before it is believed ([`crate::EpisodeConfig::stop`], with other settings, too).
     pub fn standing(&self) -> Standing {
-        let Self { probability, fit, n_fitted, n_touches, .. } = *self;
-        Standing { probability, fit, n_fitted, place_mm2: Some(place_mm2(&self.covariance)), n_touches }
+        let Self { probability, presence, n_touches, .. } = *self;
+        Standing { probability, presence, place_mm2: Some(place_mm2(&self.covariance)), n_touches }
     }
 
     /// The second part that it may be as well, where [`RunnerUp::is_named`] says so.

@@ -3,6 +3,7 @@
 //! In: the settings, the bank and the belief. Out: one verdict, and the [`Estimate`] that users read. It must not know
 //! how touches are weighed or chosen.
 
+mod by_maps;
 mod estimate;
 mod sensor_match;
 mod verdict;
@@ -10,5 +11,5 @@ mod verdict;
 pub use estimate::Estimate;
 pub(crate) use sensor_match::Scores;
 pub use sensor_match::SensorMatch;
-pub(crate) use verdict::Asked;
+pub(crate) use verdict::{Asked, Placed};
 pub use verdict::{RunnerUp, Standing, StopReason, Warning};

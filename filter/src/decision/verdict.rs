@@ -3,14 +3,21 @@
 //! In: the settings, the bank, the belief. Out: a [`Verdict`]. One rule decides ([`EpisodeConfig::stop`]), and everything that
 //! shows a decision or acts on one asks it. It does not know which engine made the belief, nor how the next touch is chosen.
 
+use std::sync::OnceLock;
+
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
+use tactile_infer::presence::{Felt, Presence, Verified};
 
-use crate::belief::{Belief, Hypothesis};
+use crate::belief::{Belief, Hill, Hypothesis};
 use crate::config::EpisodeConfig;
 use crate::decision::Scores;
+use crate::decision::by_maps::Laid;
+use crate::settings::Settings;
+use crate::touch::Observation;
+use crate::touch_model::TouchModel;
 
 /// Why an episode is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,45 +38,29 @@ pub enum StopReason {
 pub struct Standing {
     /// Its probability, 0..=1.
     pub probability: f64,
-    /// How well it explains the touches ([`crate::Estimate::fit`]).
-    pub fit: Option<f64>,
-    /// Touches that this is of ([`crate::Estimate::n_fitted`]).
-    pub n_fitted: usize,
+    /// Whether it is there at all ([`crate::Estimate::presence`]).
+    pub presence: Option<Presence>,
     /// The larger variance of its place along x and along y, mm²; `None` where it was not asked for.
     pub place_mm2: Option<f64>,
     /// Touches made.
     pub n_touches: usize,
 }
 
-/// The fewest touches whose fit may refuse a part. After several blank ones the likeliest pose is hardly likelier than others, so
-/// that the first edge may fit badly there (`NOTES.md`, "When to stop").
-const FEWEST_FITTED: usize = 2;
-
 impl EpisodeConfig {
-    /// The least fit of `n_fitted` touches with which to be confident; `None` where any will do. What a few touches say of
-    /// how well a part matches is uncertain by the root of their number, and touches without an edge say nothing of it.
-    pub fn fit_needed(&self, n_fitted: usize) -> Option<f64> {
-        self.settings.none_fit.map(|least| least + self.model.fit_margin / (n_fitted.max(1) as f64).sqrt())
-    }
-
     /// Why to stop where this is known of the likeliest part; `None` to go on.
     pub fn stop(&self, standing: &Standing) -> Option<StopReason> {
-        let Standing { probability, fit, n_fitted, place_mm2, n_touches } = *standing;
+        let Standing { probability, presence, place_mm2, n_touches } = *standing;
+        let Settings { stop_probability, stop_place_mm, false_accept, false_refuse, max_touches, .. } = self.settings;
         // Without an edge nothing speaks against any part, nor for it: even the only one left is unknown in its pose.
-        let explains = match (self.fit_needed(n_fitted), fit) {
-            (Some(least), Some(fit)) => fit >= least,
-            (Some(_), None) => false,
-            (None, _) => true,
-        };
-        let is_placed =
-            self.settings.stop_place_mm.is_none_or(|mm| place_mm2.is_some_and(|variance| variance <= mm * mm));
-        let is_none = self.settings.none_fit.zip(fit).is_some_and(|(least, fit)| fit < least);
-        let are_enough = n_touches >= self.model.none_touches && n_fitted >= self.model.none_touches.min(FEWEST_FITTED);
-        if are_enough && is_none {
+        let is_there = |rate: f64| presence.is_some_and(|presence| presence.stranger_rate <= rate);
+        let is_there = false_accept.is_none_or(is_there);
+        let is_none = false_accept.is_some() && presence.is_some_and(|presence| presence.present_rate < false_refuse);
+        let is_placed = stop_place_mm.is_none_or(|mm| place_mm2.is_some_and(|variance| variance <= mm * mm));
+        if is_none && !is_there {
             Some(StopReason::NoneOfThese)
-        } else if probability.min(1.0) > self.settings.stop_probability && explains && is_placed {
+        } else if probability.min(1.0) > stop_probability && is_there && is_placed {
             Some(StopReason::Confident)
-        } else if n_touches >= self.settings.max_touches {
+        } else if n_touches >= max_touches {
             Some(StopReason::TouchLimit)
         } else {
             None
@@ -143,6 +134,8 @@ pub(crate) struct Verdict {
     pub(crate) runner_up: Option<RunnerUp>,
     /// Where it is, and how well it explains the touches there.
     pub(crate) placed: Placed,
+    /// Whether it is there at all.
+    pub(crate) presence: Option<Presence>,
     /// Covariance of that pose, (x mm, y mm, theta rad).
     pub(crate) covariance: [[f64; 3]; 3],
     /// Why to stop now; `None` to go on.
@@ -155,6 +148,10 @@ pub(crate) struct Verdict {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Placed {
     pub(crate) part_from_first: Se2,
+    /// The belief around that, where maps tell it.
+    pub(crate) hill: Option<Hill>,
+    /// What a verifier says of the touches there, where there is one.
+    pub(crate) verified: Option<Verified>,
     /// How its touches match, where any shows an edge ...
     pub(crate) scores: Option<Scores>,
     /// ... and that in standard deviations, as the sensor is known.
@@ -172,10 +169,14 @@ impl Placed {
 #[derive(Clone, Copy)]
 pub(crate) struct Asked<'a> {
     pub(crate) config: &'a EpisodeConfig,
+    /// What is measured or fixed, in the metric of the bank.
+    pub(crate) model: &'a TouchModel,
     pub(crate) bank: &'a Bank,
     pub(crate) belief: &'a Belief,
-    /// The side that is touched.
-    pub(crate) side: Side,
+    /// The touches made, each with the motion since the one before.
+    pub(crate) touches: &'a [(Se2, Observation)],
+    /// Where the likeliest part is after these touches, once that was asked for.
+    pub(crate) placed: &'a OnceLock<Placed>,
 }
 
 impl Asked<'_> {
@@ -184,12 +185,14 @@ impl Asked<'_> {
         let (part, probability) = self.likeliest();
         let placed = self.place(part);
         let covariance = self.covariance(part, &placed);
-        let standing = self.standing(probability, &placed, || covariance);
+        let presence = self.presence(&placed);
+        let standing = self.standing(probability, presence, || covariance);
         Verdict {
             part,
             probability,
             runner_up: self.runner_up(),
             placed,
+            presence,
             covariance,
             stop: self.config.stop(&standing),
             warnings: self.warnings(),
@@ -198,13 +201,14 @@ impl Asked<'_> {
 
     /// Why to stop, as the verdict has it, without the rest of it.
     pub(crate) fn stop(self) -> Option<StopReason> {
-        let ((part, probability), n_touches) = (self.likeliest(), self.belief.touches().len());
+        let (part, probability) = self.likeliest();
+        let Settings { stop_probability, false_accept, false_refuse, .. } = self.config.settings;
         // A place costs hundreds of interpolations a touch: it is found only where something depends on it.
-        if probability <= self.config.settings.stop_probability && n_touches < self.config.model.none_touches {
-            return self.config.stop(&Standing { probability, n_touches, ..Standing::default() });
+        if probability <= stop_probability && (false_accept.is_none() || false_refuse <= 0.0) {
+            return self.config.stop(&self.standing(probability, None, || [[f64::INFINITY; 3]; 3]));
         }
         let placed = self.place(part);
-        self.config.stop(&self.standing(probability, &placed, || self.covariance(part, &placed)))
+        self.config.stop(&self.standing(probability, self.presence(&placed), || self.covariance(part, &placed)))
     }
 
     /// How the touches of the part match that is named with confidence; `None` where none is.
@@ -222,32 +226,62 @@ impl Asked<'_> {
         Some(RunnerUp { part: self.bank.parts()[part].clone(), probability })
     }
 
+    /// The side that is touched.
+    pub(crate) fn side(self) -> Side {
+        self.touches.first().map_or(Side::default(), |(_, first)| first.side)
+    }
+
     /// The most probable part, the first of equals, and its probability.
     fn likeliest(self) -> (usize, f64) {
         let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
         self.belief.posterior().by_part().iter().copied().enumerate().fold((0, 0.0), most)
     }
 
-    /// Where a part would be, and how well it explains the touches there.
-    fn place(self, part: usize) -> Placed {
+    /// Where the likeliest part would be, and how well it explains the touches there.
+    fn place(self, likeliest: usize) -> Placed {
+        *self.placed.get_or_init(|| self.find_place(likeliest))
+    }
+
+    fn find_place(self, part: usize) -> Placed {
         let state = self.belief.posterior().best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
         let refined = || self.belief.refine(state, &self.bank.symmetry(part));
         let is_between = self.config.method.between_poses;
-        let part_from_first = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
-        let scores = self.belief.scores(part, &part_from_first);
+        let believed = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
+        let scores = self.belief.scores(part, &believed);
         let fit = scores.map(|scores| self.config.sensor.fit(&self.config.model, scores));
-        Placed { part_from_first, scores, fit }
+        let laid = self.laid(part, &believed);
+        let part_from_first = laid.as_ref().map_or(believed, |laid| laid.part_from_first);
+        let (hill, verified) = laid.map_or((None, None), |Laid { hill, verified, .. }| (Some(hill), verified));
+        Placed { part_from_first, hill, verified, scores, fit }
     }
 
     fn covariance(self, part: usize, placed: &Placed) -> [[f64; 3]; 3] {
         let symmetry = self.bank.symmetry(part);
+        if placed.hill.is_some() {
+            return self.belief.covariance_of(part, &placed.part_from_first, &symmetry, placed.hill);
+        }
         self.belief.covariance(part, &placed.part_from_first, &symmetry, self.config.method.between_poses)
     }
 
-    fn standing(self, probability: f64, placed: &Placed, covariance: impl FnOnce() -> [[f64; 3]; 3]) -> Standing {
+    /// Whether the part is there at all; `None` where no edge was felt.
+    fn presence(self, placed: &Placed) -> Option<Presence> {
+        let felt = |verified| Some(Felt { fit: placed.fit?, n_fitted: placed.n_fitted(), verified });
+        let of_verifier = self.bank.verifier().and_then(|verifier| verifier.presence(self.side()));
+        let n_parts = self.bank.parts().len();
+        match placed.verified.zip(of_verifier) {
+            Some((verified, odds)) => Some(odds.presence(&felt(Some(verified))?, n_parts)),
+            None => Some(self.model.presence().presence(&felt(None)?, n_parts)),
+        }
+    }
+
+    fn standing(
+        self,
+        probability: f64,
+        presence: Option<Presence>,
+        covariance: impl FnOnce() -> [[f64; 3]; 3],
+    ) -> Standing {
         let place_mm2 = self.config.settings.stop_place_mm.map(|_| place_mm2(&covariance()));
-        let (fit, n_fitted) = (placed.fit, placed.n_fitted());
-        Standing { probability, fit, n_fitted, place_mm2, n_touches: self.belief.touches().len() }
+        Standing { probability, presence, place_mm2, n_touches: self.belief.touches().len() }
     }
 
     fn warnings(self) -> Vec<Warning> {
@@ -259,7 +293,7 @@ impl Asked<'_> {
             Some(best) if best < floor => Some(Warning::LowSimilarity { best, floor }),
             Some(_) => None,
         };
-        let of_bank = self.bank.other_side(self.side).map(|why| Warning::OtherSide { why });
+        let of_bank = self.bank.other_side(self.side()).map(|why| Warning::OtherSide { why });
         of_touches.into_iter().chain(of_bank).collect()
     }
 }
@@ -272,42 +306,36 @@ pub(crate) fn place_mm2([[x, ..], [_, y, _], _]: &[[f64; 3]; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::Settings;
-    use crate::touch_model::TouchModel;
 
     #[test]
-    fn a_fit_is_asked_for_less_the_more_touches_there_are() {
-        let config = EpisodeConfig {
-            settings: Settings { none_fit: Some(-0.9), ..Settings::default() },
-            model: TouchModel { fit_margin: 1.2, none_touches: 4, ..TouchModel::default() },
+    fn a_part_is_named_or_refused_as_often_as_the_settings_allow() {
+        let config = |false_accept, false_refuse| EpisodeConfig {
+            settings: Settings { false_accept, false_refuse, ..Settings::default() },
             ..Default::default()
         };
-        let standing =
-            |fit, n_touches| Standing { probability: 0.99, fit, n_fitted: n_touches, place_mm2: None, n_touches };
-        let stop = |fit: Option<f64>, n: usize| config.stop(&standing(fit, n));
-        // -0.9 + 1.2 / sqrt(n): 0.3 after one touch; -0.051 after two; -0.207 after three; -0.3 after four.
-        assert_eq!([stop(Some(0.29), 1), stop(Some(0.31), 1)], [None, Some(StopReason::Confident)]);
-        assert_eq!([stop(Some(-0.05), 2), stop(Some(-0.06), 2)], [Some(StopReason::Confident), None]);
-        assert_eq!([stop(Some(-0.29), 4), stop(Some(-0.31), 4)], [Some(StopReason::Confident), None]);
-        // Below the threshold no part explains the touches, from the fourth on, where the fit is of two of them.
-        assert_eq!([stop(Some(-0.91), 3), stop(Some(-0.91), 4)], [None, Some(StopReason::NoneOfThese)]);
-        let of = |n_fitted| config.stop(&Standing { n_fitted, ..standing(Some(-0.91), 9) });
-        assert_eq!([of(1), of(2)], [None, Some(StopReason::NoneOfThese)]);
-        let hasty = EpisodeConfig { model: TouchModel { none_touches: 1, ..config.model }, ..config };
-        assert_eq!(hasty.stop(&standing(Some(-0.91), 1)), Some(StopReason::NoneOfThese));
-        // Blank touches say nothing of how well a part matches: one edge among ten touches must fit as one alone must.
-        let of_one = |fit| config.stop(&Standing { n_fitted: 1, ..standing(Some(fit), 9) });
-        assert_eq!([of_one(0.29), of_one(0.31)], [None, Some(StopReason::Confident)]);
-        // Without an edge nothing is confident; without a threshold everything may be.
-        assert_eq!(stop(None, 5), None);
-        let any = EpisodeConfig { settings: Settings { none_fit: None, ..config.settings }, ..config };
-        assert_eq!(any.stop(&standing(None, 1)), Some(StopReason::Confident));
+        let presence = |stranger_rate, present_rate| Some(Presence { log_odds: 0.0, stranger_rate, present_rate });
+        let stop = |config: EpisodeConfig, presence| {
+            config.stop(&Standing { probability: 0.99, presence, place_mm2: None, n_touches: 3 })
+        };
+        let one_in_a_hundred = config(Some(0.01), 0.01);
+        assert_eq!(stop(one_in_a_hundred, presence(0.01, 1.0)), Some(StopReason::Confident));
+        assert_eq!(stop(one_in_a_hundred, presence(0.011, 1.0)), None);
+        assert_eq!(stop(one_in_a_hundred, presence(0.5, 0.01)), None);
+        assert_eq!(stop(one_in_a_hundred, presence(0.5, 0.009)), Some(StopReason::NoneOfThese));
+        // As unlike a stranger as a part that is there: it is named.
+        assert_eq!(stop(one_in_a_hundred, presence(0.001, 0.001)), Some(StopReason::Confident));
+        // At 0 nothing is refused; without a rate any part explains the touches.
+        assert_eq!(stop(config(Some(0.01), 0.0), presence(1.0, 0.0)), None);
+        assert_eq!(stop(config(None, 0.01), presence(1.0, 0.0)), Some(StopReason::Confident));
+        // Without an edge nothing is confident.
+        assert_eq!(stop(one_in_a_hundred, None), None);
+        assert_eq!(stop(config(None, 0.01), None), Some(StopReason::Confident));
     }
 
     #[test]
     fn a_place_that_is_asked_for_must_be_known() {
         let config = EpisodeConfig {
-            settings: Settings { stop_place_mm: Some(0.5), none_fit: None, ..Settings::default() },
+            settings: Settings { stop_place_mm: Some(0.5), false_accept: None, ..Settings::default() },
             ..EpisodeConfig::default()
         };
         let stop = |place_mm2, n_touches| {

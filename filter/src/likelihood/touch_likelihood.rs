@@ -137,22 +137,15 @@ impl TouchLikelihood {
         })
     }
 
-    /// What is expected of a touch of a part: its cosine with the view that it is made at. As the calibration measured it
-    /// on other parts and the bank of this one, whichever expects less.
-    ///
-    /// A bank of both sides matches better than the bank of pegs that a model is calibrated with, and how much better the
-    /// sensor leaves it is not known: half of it is counted on (`NOTES.md`), until touches calibrate it.
+    /// What is expected of a touch of a part: its cosine with the view that it is made at, as the bank measured it of this part,
+    /// and as widely spread as under the sensors of the calibration. Where that is of the user's own sensor and of such views, no
+    /// more than it says.
     pub fn expected(&self, part: usize) -> Spread {
-        let TouchModel { matched_mean, matched_sd, matched_views, .. } = self.config;
+        let TouchModel { matched_mean, matched_sd, sensor_views, .. } = self.config;
         match self.matches.of(part, self.side) {
             Some(PartMatch { matched, .. }) => {
-                let least = matched.mean.min(matched_mean);
-                let mean = match (self.views, matched_views) {
-                    (Views::Both, Views::Pegs) => 0.5 * (matched.mean + least),
-                    (Views::Pegs, Views::Both) => matched.mean,
-                    _ => least,
-                };
-                Spread { mean, sd: matched.sd.max(matched_sd) }
+                let most = if sensor_views == Some(self.views) { matched_mean } else { f64::INFINITY };
+                Spread { mean: matched.mean.min(most), sd: matched.sd.max(matched_sd) }
             }
             None => Spread { mean: matched_mean, sd: matched_sd.hypot(OTHER_PARTS) },
         }
@@ -416,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_expected_to_match_as_well_as_it_was_seen_to_and_no_better_than_others() {
+    fn a_part_is_expected_to_match_as_well_as_it_was_seen_to() {
         let spread = |mean, sd| Spread { mean, sd };
         let poor = PartMatch { matched: spread(0.7, 0.08) };
         let good = PartMatch { matched: spread(0.99, 0.01) };
@@ -425,7 +418,7 @@ mod tests {
         let config = TouchModel { matched_mean: 0.94, matched_sd: 0.03, ..round() };
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
         assert_eq!(seen.expected(0), poor.matched);
-        assert_eq!(seen.expected(1), spread(0.94, 0.03));
+        assert_eq!(seen.expected(1), Spread { sd: 0.03, ..good.matched });
         // Nothing is known of the third: as of other parts, but less surely.
         let Spread { mean, sd } = seen.expected(2);
         assert_eq!(mean, 0.94);
@@ -433,22 +426,25 @@ mod tests {
     }
 
     #[test]
-    fn half_is_counted_on_of_what_a_bank_of_both_sides_matches_better_than_one_of_pegs() {
+    fn a_part_matches_as_the_bank_saw_it_and_no_better_than_the_users_own_sensor_does() {
         let spread = |mean| Spread { mean, sd: 0.01 };
         let part = |mean| Some(PartMatch { matched: spread(mean) });
         let known = Matches { holes: vec![part(0.98), part(0.8)], pegs: vec![None; 2] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0]], &[0.3; 2]).with_matches(known).unwrap();
-        let mean = |bank_views: Views, matched_views, part| {
+        let mean = |bank_views: Views, sensor_views, part| {
             let bank = bank.clone().with_views(bank_views);
-            let config = TouchModel { matched_mean: 0.92, matched_views, ..round() };
+            let config = TouchModel { matched_mean: 0.92, sensor_views, ..round() };
             TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap().expected(part).mean
         };
         use Views::{Both, Pegs};
-        for (of_bank, of_calibration, [first, second]) in
-            [(Pegs, Pegs, [0.92, 0.8]), (Both, Both, [0.92, 0.8]), (Both, Pegs, [0.95, 0.8]), (Pegs, Both, [0.98, 0.8])]
-        {
-            assert!((mean(of_bank, of_calibration, 0) - first).abs() < 1e-12, "{of_bank:?} {of_calibration:?}");
-            assert!((mean(of_bank, of_calibration, 1) - second).abs() < 1e-12, "{of_bank:?} {of_calibration:?}");
+        for (of_bank, of_sensor, [first, second]) in [
+            (Pegs, None, [0.98, 0.8]),
+            (Pegs, Some(Pegs), [0.92, 0.8]),
+            (Both, Some(Both), [0.92, 0.8]),
+            (Both, Some(Pegs), [0.98, 0.8]),
+        ] {
+            assert!((mean(of_bank, of_sensor, 0) - first).abs() < 1e-12, "{of_bank:?} {of_sensor:?}");
+            assert!((mean(of_bank, of_sensor, 1) - second).abs() < 1e-12, "{of_bank:?} {of_sensor:?}");
         }
     }
 

@@ -37,6 +37,9 @@ const MOSAICS: &str = "mosaics";
 /// Name of the text entry with what was measured in a metric.
 const MEASURED: &str = "metric_measured";
 
+/// Name of the text entry with what a verifier says of each part's own touches.
+const VERIFIED: &str = "verified";
+
 /// Name of the text entry with how a metric was learnt.
 const LEARNING: &str = "metric_learning";
 
@@ -169,6 +172,9 @@ impl Bank {
         ];
         if self.start != self.grid {
             text.push(("start".into(), to_json(&self.start)?));
+        }
+        if let Some(expected) = &self.expected {
+            text.push((VERIFIED.into(), to_json(&**expected)?));
         }
         if *self.matches != Matches::default() {
             text.push(("matches".into(), to_json(&*self.matches)?));
@@ -334,6 +340,10 @@ impl Loaded {
         let bank = match self.mosaics {
             Some(mosaics) => bank.with_mosaics(mosaics)?,
             None => bank,
+        };
+        let bank = match text_of(&file.text, VERIFIED) {
+            Ok(text) => bank.with_expected(from_json(text)?)?,
+            Err(_) => bank,
         };
         check_lengths(&bank)?;
         let bank = match start {

@@ -17,14 +17,16 @@ use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_infer::between::is_fine;
 use tactile_infer::learn_from::LearnFrom;
-use tactile_infer::maps::MapDrawer;
 use tactile_infer::maps::mosaic::{CELL_MM, Mosaics};
+use tactile_infer::maps::verifier::Verifier;
+use tactile_infer::maps::{MapDrawer, MapFile};
 use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
 use tactile_infer::recorded::mosaics::mosaics_of_dataset;
 use tactile_infer::recorded::parts_on_grid;
 use tactile_infer::simulated::SceneBank;
 use tactile_infer::simulated::density::{ALLOWED, Lost};
+use tactile_infer::simulated::expected::expected_of_scene;
 use tactile_infer::simulated::mosaics::mosaics_of_scene;
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
 
@@ -110,7 +112,9 @@ impl BankArgs {
         let read = read.chain([self.model.path.clone()]);
         let _lock = output::prepare_file(&self.out, data_files.chain(read))?;
         let model = self.model.load()?;
-        let drawer = self.maps.as_deref().map(MapDrawer::load).transpose()?;
+        let maps = self.maps.as_deref().map(MapFile::load).transpose()?;
+        let drawer = maps.as_ref().map(MapDrawer::new).transpose()?;
+        let verifier = maps.as_ref().map(Verifier::new).transpose()?.flatten();
         let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
         let finish = |bank: Bank, mosaics: Option<Mosaics>| -> Result<()> {
             let bank = match mosaics {
@@ -128,7 +132,14 @@ impl BankArgs {
             let kept = with_ending(&self.out, ".parts");
             let bank = job.make(Some(&kept), &reporter("touches"))?;
             let stitch = |drawer| mosaics_of_scene(drawer, &scene, self.seed, &reporter("touches"));
-            finish(bank, drawer.as_ref().map(stitch).transpose()?)?;
+            let mosaics = drawer.as_ref().map(stitch).transpose()?;
+            let bank = match (&drawer, &verifier, &mosaics) {
+                (Some(drawer), Some(verifier), Some(mosaics)) => {
+                    bank.with_expected(expected_of_scene(drawer, verifier, mosaics, &scene, self.seed)?)?
+                }
+                _ => bank,
+            };
+            finish(bank, mosaics)?;
             return job.forget(&kept);
         };
         let dataset = Dataset::open(data)?;

@@ -6,8 +6,8 @@ use clap::Args;
 use serde::Serialize;
 use tactile_data::calibrate::Calibration;
 use tactile_data::frame::{Background, Frame};
+use tactile_data::touch::OUTLINE_REACH_MM;
 use tactile_data::touch::Side;
-use tactile_data::touch_map::FARTHEST_MM;
 use tactile_data::{output, picture, program};
 use tactile_infer::maps::{DrawnMap, MapDrawer};
 use tactile_infer::{Error, Result};
@@ -115,7 +115,7 @@ fn side_by_side(frame: &Frame, map: &DrawnMap) -> Result<Frame> {
 
 /// Black at the outline, blue inside, red outside; the paler, the less sure it is.
 pub(super) fn of_distance(mm: f32, error_mm: f32) -> [u8; 3] {
-    let far = (mm.abs() / FARTHEST_MM as f32).min(1.0).sqrt();
+    let far = (mm.abs() / OUTLINE_REACH_MM as f32).min(1.0).sqrt();
     let colour = if mm < 0.0 { [0.25, 0.5, 1.0] } else { [1.0, 0.45, 0.3] };
     let sure = 1.0 / (1.0 + error_mm);
     colour.map(|value| (255.0 * (sure * value * far + (1.0 - sure) * 0.9)) as u8)

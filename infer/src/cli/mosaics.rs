@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::frame::Frame;
-use tactile_data::touch_map::FARTHEST_MM;
+use tactile_data::touch::OUTLINE_REACH_MM;
 use tactile_data::{output, picture, program};
 use tactile_infer::maps::mosaic::{CELL_MM, Place};
 use tactile_infer::{Bank, Error, Result};
@@ -76,7 +76,7 @@ impl MosaicsArgs {
             let places: Vec<Place> = cells.collect();
             let area =
                 |is: fn(&Place) -> bool| places.iter().filter(|place| is(place)).count() as f64 * CELL_MM * CELL_MM;
-            let near = places.iter().filter(|place| f64::from(place.distance_mm.abs()) < 0.5 * FARTHEST_MM);
+            let near = places.iter().filter(|place| f64::from(place.distance_mm.abs()) < 0.5 * OUTLINE_REACH_MM);
             let mut errors: Vec<f32> = near.map(|place| place.error_mm).collect();
             errors.sort_by(f32::total_cmp);
             program::say(format_args!(

@@ -4,6 +4,7 @@
 
 pub mod align;
 mod drawer;
+pub mod expected;
 pub mod mosaic;
 #[cfg(feature = "burn")]
 pub mod network;
@@ -19,6 +20,7 @@ use crate::architecture::ConvLayer;
 use crate::checkpoint::{from_json, to_json};
 use crate::error::{Error, Result};
 use crate::precision::Precision;
+use crate::presence::{ENTRIES, PresenceOdds};
 use crate::safefile::{NamedTensor, SafeFile};
 pub use drawer::{DrawnMap, MapDrawer};
 use verifier::{PREFIX, VerifierConfig};
@@ -136,6 +138,8 @@ pub struct MapFile {
     pub provenance: MapProvenance,
     /// The network that judges where touches were made, where there is one; its tensors begin with `verifier`.
     pub verifier: Option<VerifierConfig>,
+    /// The log-odds that a named part is there by what that network says, where holes and where pegs are touched.
+    pub presence: [Option<PresenceOdds>; 2],
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
 }
@@ -148,7 +152,15 @@ impl MapFile {
         let drawing = self.tensors.iter().filter(|tensor| !tensor.name.starts_with(&prefix)).cloned();
         let judging =
             tensors.into_iter().map(|tensor| NamedTensor { name: format!("{prefix}{}", tensor.name), ..tensor });
-        Self { verifier: Some(config), tensors: drawing.chain(judging).collect(), ..self.clone() }
+        let (verifier, tensors) = (Some(config), drawing.chain(judging).collect());
+        Self { verifier, presence: [None, None], tensors, ..self.clone() }
+    }
+
+    /// The same file with the log-odds that a named part is there, where a side is touched.
+    #[must_use]
+    pub fn with_presence(mut self, side: Side, odds: PresenceOdds) -> Self {
+        self.presence[usize::from(side == Side::Peg)] = Some(odds);
+        self
     }
 
     /// Writes one safetensors file, whole or not at all; weights in f16.
@@ -167,6 +179,11 @@ impl MapFile {
         ];
         if let Some(verifier) = &self.verifier {
             text.push(("verifier".into(), to_json(verifier)?));
+        }
+        for (name, odds) in ENTRIES.iter().zip(&self.presence) {
+            if let Some(odds) = odds {
+                text.push(((*name).into(), to_json(odds)?));
+            }
         }
         SafeFile { tensors, blobs: Vec::new(), text }.save_as(path, SCHEMA, Precision::F16)
     }
@@ -190,6 +207,11 @@ impl MapFile {
             let got = format!("{:?}", preprocessing.input_px);
             return Err(within(Error::invalid("preprocessing.input_px", format!("{:?}", config.input_px), got)));
         }
-        Ok(Self { config, preprocessing, provenance, verifier, tensors: file.tensors })
+        let mut presence = [None, None];
+        for (name, odds) in ENTRIES.iter().zip(&mut presence) {
+            *odds = text(name).ok().map(from_json::<PresenceOdds>).transpose().map_err(within)?;
+            odds.iter().try_for_each(PresenceOdds::validate).map_err(|error| within(error.within(name)))?;
+        }
+        Ok(Self { config, preprocessing, provenance, verifier, presence, tensors: file.tensors })
     }
 }

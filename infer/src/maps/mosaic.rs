@@ -3,7 +3,7 @@
 
 use half::f16;
 use tactile_data::se2::Se2;
-use tactile_data::touch_map::FARTHEST_MM;
+use tactile_data::touch::OUTLINE_REACH_MM;
 
 use super::DrawnMap;
 use crate::error::{Error, Result};
@@ -131,7 +131,7 @@ impl Stitcher {
     fn values(&self) -> impl Iterator<Item = f32> {
         self.sums.iter().flat_map(|sum| {
             if sum.n == 0.0 {
-                return [FARTHEST_MM as f32, 0.0, 0.0, FARTHEST_MM as f32, 0.0];
+                return [OUTLINE_REACH_MM as f32, 0.0, 0.0, OUTLINE_REACH_MM as f32, 0.0];
             }
             let mm = sum.distances / sum.weights;
             let apart = (sum.squares / sum.weights - mm * mm).max(0.0);
@@ -194,7 +194,7 @@ impl Mosaics {
         }
         Precision::F16.round_all("mosaics", &mut values)?;
         let is_odd = |cell: &[f32]| {
-            let far = 2.0 * FARTHEST_MM as f32;
+            let far = 2.0 * OUTLINE_REACH_MM as f32;
             !((-far..=far).contains(&cell[0])
                 && cell[1..3].iter().all(|share| (0.0..=1.0).contains(share))
                 && cell[3] > 0.0
@@ -293,7 +293,7 @@ pub(super) mod tests {
 
     /// Distance from an ellipse-like shape of no symmetry: smooth, so that what is between cells is known.
     pub fn outline([x, y]: [f64; 2]) -> f64 {
-        (x.hypot(1.6 * y) - 5.0 + 0.25 * x + 0.1 * (0.5 * y + 0.2 * x).sin()).clamp(-FARTHEST_MM, FARTHEST_MM)
+        (x.hypot(1.6 * y) - 5.0 + 0.25 * x + 0.1 * (0.5 * y + 0.2 * x).sin()).clamp(-OUTLINE_REACH_MM, OUTLINE_REACH_MM)
     }
 
     /// What a perfect drawer would draw of [`outline`] touched at a pose.

@@ -4,16 +4,20 @@
 //! An embedding says that a touch and a view are alike; where two parts differ by a tooth, it hardly changes. Here each place
 //! of the touch is compared with the place of the part that it would lie on.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
+use tactile_data::touch::OUTLINE_REACH_MM;
 use tactile_data::touch::Side;
-use tactile_data::touch_map::FARTHEST_MM;
 
 use super::mosaic::Mosaic;
 use super::{DrawnMap, MapFile, side_value};
 use crate::architecture::ConvLayer;
 use crate::encoder::{Dense, Layer, Tensors};
 use crate::error::{Error, Result};
+use crate::presence::PresenceOdds;
+use crate::safefile::ContentHash;
 
 /// Values of a place that is compared: distance, error, inside and contact of the touch; the same of the mosaic, and whether it
 /// was seen; how far the distances differ, in errors; the side.
@@ -81,7 +85,7 @@ pub fn compared((touch, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>, part_from
     let mut out = Vec::with_capacity(width * height * N_COMPARED);
     for at in 0..width * height {
         let seen = touch.place_mm(at);
-        let far = FARTHEST_MM as f32;
+        let far = OUTLINE_REACH_MM as f32;
         let (mm, error) = (touch.distance_mm[at], touch.error_mm[at]);
         let share = |share: f32| 2.0 * share - 1.0;
         let of_touch = [mm / far, error.ln() + 1.0, share(touch.inside[at]), share(touch.contact[at])];
@@ -102,6 +106,15 @@ pub struct Verifier {
     config: VerifierConfig,
     layers: Vec<Layer>,
     judge: Dense,
+    presence: [Option<PresenceOdds>; 2],
+    sha256: String,
+}
+
+/// By the weights and what was fitted with them.
+impl PartialEq for Verifier {
+    fn eq(&self, other: &Self) -> bool {
+        (self.presence, &self.sha256) == (other.presence, &other.sha256)
+    }
 }
 
 impl Verifier {
@@ -121,7 +134,27 @@ impl Verifier {
         }
         let judge = Dense::new(&tensors, &format!("{PREFIX}.judge"), None, [config.n_last(), 1], |at| at)?;
         let judge = judge.with_bias(tensors.get(&format!("{PREFIX}.judge.bias"), 1)?);
-        Ok(Some(Self { config, layers, judge }))
+        Ok(Some(Self { config, layers, judge, presence: file.presence, sha256: sha256_of(file) }))
+    }
+
+    /// The verifier of the file at a path.
+    ///
+    /// # Errors
+    /// As [`MapFile::load`] and [`Self::new`], and a file that only has the network that draws.
+    pub fn load(path: &Path) -> Result<Self> {
+        let found = Self::new(&MapFile::load(path)?).map_err(|error| error.within(path.display()))?;
+        let expected = "a file with a network that judges touches (tactile-train --verifier)";
+        found.ok_or_else(|| Error::invalid(path.display().to_string(), expected, "one that draws maps alone"))
+    }
+
+    /// The log-odds that a named part is there by what this says, where a side is touched; `None` where they were not fitted.
+    pub fn presence(&self, side: Side) -> Option<&PresenceOdds> {
+        self.presence[usize::from(side == Side::Peg)].as_ref()
+    }
+
+    /// The checksum of its weights and of those that draw the maps, 64 hex digits.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
     }
 
     /// Its sizes.
@@ -146,6 +179,16 @@ impl Verifier {
         }
         self.judge.forward(&means).into_iter().map(|value| self.config.bounded(f64::from(value))).collect()
     }
+}
+
+/// The checksum of all weights of a file, 64 hex digits.
+fn sha256_of(file: &MapFile) -> String {
+    let mut hash = ContentHash::of_text(&[]);
+    for tensor in &file.tensors {
+        hash.begin(&tensor.name, &tensor.shape);
+        hash.values(&tensor.values);
+    }
+    hash.finish()
 }
 
 #[cfg(feature = "burn")]
@@ -216,6 +259,7 @@ mod tests {
             preprocessing: Preprocessing::counts([21, 18]),
             provenance: MapProvenance::default(),
             verifier: Some(config),
+            presence: [None, None],
             tensors,
         };
         let pictures: Vec<f32> = (0..3 * 18 * 21 * N_COMPARED).map(|i| (i as f32 * 0.37).sin()).collect();
@@ -243,7 +287,7 @@ mod tests {
         assert_eq!(found.len(), 40 * 30 * N_COMPARED);
         let (mut n_seen, mut n_off) = (0, 0);
         for (at, place) in found.chunks_exact(N_COMPARED).enumerate() {
-            assert_eq!((place[0], place[10]), (touch.distance_mm[at] / FARTHEST_MM as f32, -1.0));
+            assert_eq!((place[0], place[10]), (touch.distance_mm[at] / OUTLINE_REACH_MM as f32, -1.0));
             if place[8] == 0.0 {
                 assert_eq!(place[4..10], [0.0; 6]);
                 continue;

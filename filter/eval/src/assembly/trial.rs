@@ -47,8 +47,7 @@ fn touch(workcell: &Workcell<'_>, moment: &Moment<'_>, rest: &Background) -> Res
         guess: index(&estimate.part).unwrap_or(0),
         probability: estimate.probability,
         guess_from_sensor: estimate.part_from_sensor,
-        fit: estimate.fit,
-        fit_needed: workcell.config().fit_needed(estimate.n_fitted),
+        presence: estimate.presence,
         belief,
         // The reasons for it name pegs in hand, not parts of the board.
         next: None,

@@ -81,7 +81,7 @@ impl Recorded {
     pub fn expected(&self, part: usize) -> [f64; 2] {
         let TouchModel { matched_mean, matched_sd, .. } = self.config;
         match self.matched.get(part) {
-            Some(Spread { mean, sd }) => [mean.min(matched_mean), sd.max(matched_sd)],
+            Some(Spread { mean, sd }) => [*mean, sd.max(matched_sd)],
             None => [matched_mean, matched_sd.hypot(OTHER_PARTS)],
         }
     }

@@ -55,7 +55,30 @@ pub fn shipped(side: Side) -> TouchModel {
         Side::Hole => [11.285_923_444, 20.848_392_758, 0.206_481_008, 0.397_873_369, 0.416_347_788],
         Side::Peg => [15.025_173_472, 26.432_977_374, 0.232_241_278, 0.199_976_686, 0.185_233_615],
     };
-    let matched = TouchModel { matched_mean, matched_sd, matched_shared, ..TouchModel::default() };
+    let [presence_offset, presence_by_fit, presence_by_touch, stranger_at, stranger_scale, present_at, present_scale] =
+        match side {
+            Side::Hole => [
+                0.141_472_500,
+                0.682_932_533,
+                0.736_364_258,
+                0.259_220_601,
+                0.993_642_623,
+                0.685_593_804,
+                1.832_533_574,
+            ],
+            Side::Peg => [
+                0.139_917_458,
+                0.832_746_034,
+                1.870_276_481,
+                -1.699_420_884,
+                1.734_698_628,
+                0.750_652_789,
+                1.643_408_583,
+            ],
+        };
+    let presence = TouchModel { presence_offset, presence_by_fit, presence_by_touch, ..TouchModel::default() };
+    let presence = TouchModel { stranger_at, stranger_scale, present_at, present_scale, ..presence };
+    let matched = TouchModel { matched_mean, matched_sd, matched_shared, ..presence };
     TouchModel { match_offset, steepness, steepness_by_edge, own_distance, distance_by_own, ..matched }
 }
 
@@ -306,7 +329,10 @@ mod tests {
             let (here, of_model) = (shipped(side), TouchModel::of_side(&model, side));
             let numbers = |c: &TouchModel| {
                 let of_odds = [c.match_offset, c.steepness, c.steepness_by_edge, c.own_distance, c.distance_by_own];
-                of_odds.into_iter().chain([c.matched_mean, c.matched_sd, c.matched_shared])
+                let of_presence = [c.presence_offset, c.presence_by_fit, c.presence_by_touch];
+                let of_tails = [c.stranger_at, c.stranger_scale, c.present_at, c.present_scale];
+                let of_match = [c.matched_mean, c.matched_sd, c.matched_shared];
+                of_odds.into_iter().chain(of_presence).chain(of_tails).chain(of_match)
             };
             for (here, of_model) in numbers(&here).zip(numbers(&of_model)) {
                 assert!((here / of_model - 1.0).abs() < 1e-4, "{side:?}: {here}, not {of_model}");
@@ -320,6 +346,13 @@ mod tests {
                 matched_mean: 0.0,
                 matched_sd: 1.0,
                 matched_shared: 0.0,
+                presence_offset: 0.0,
+                presence_by_fit: 0.0,
+                presence_by_touch: 0.0,
+                stranger_at: 0.0,
+                stranger_scale: 1.0,
+                present_at: 0.0,
+                present_scale: 1.0,
                 // A warning, which no case is about.
                 low_similarity: 0.0,
                 ..*c

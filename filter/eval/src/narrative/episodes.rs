@@ -120,8 +120,7 @@ impl<'a> Recorder<'a> {
             guess: bank.parts().iter().position(|part| *part == estimate.part).unwrap_or(0),
             probability: estimate.probability,
             guess_from_sensor: estimate.part_from_sensor,
-            fit: estimate.fit,
-            fit_needed: config.fit_needed(estimate.n_fitted),
+            presence: estimate.presence,
             belief: places(episode.belief(), bank),
             next: episode.explain(&candidates).map(|choice| NextTouch { rule, n_candidates, choice }),
         });
@@ -140,13 +139,18 @@ impl<'a> Recorder<'a> {
 mod tests {
     use super::*;
     use crate::evaluate::Scored;
+    use tactile_filter::Presence;
 
-    /// An episode of four touches that is sure from `sure_at` on, with a fit, and right or not.
+    /// An episode of four touches that is sure from `sure_at` on, of a part that is there or one that is refused from the second
+    /// touch on, and right or not.
     fn outcome(sure_at: usize, fit: f64, right: bool) -> Outcome {
+        let presence = |n: usize| match fit {
+            fit if fit >= 0.0 => Presence { log_odds: 9.0, stranger_rate: 0.0, present_rate: 1.0 },
+            _ => Presence { log_odds: -9.0, stranger_rate: 1.0, present_rate: if n < 2 { 0.5 } else { 0.0 } },
+        };
         let scored = |n: usize| Scored {
             probability: if n >= sure_at { 0.999 } else { 0.5 },
-            fit: Some(fit),
-            n_fitted: n,
+            presence: Some(presence(n)),
             right,
             ..Scored::default()
         };
@@ -155,11 +159,7 @@ mod tests {
 
     #[test]
     fn half_are_the_first_and_half_the_most_instructive() {
-        let config = EpisodeConfig::default().changed(|settings, model, _| {
-            settings.none_fit = Some(-1.0);
-            model.none_touches = 2;
-            model.fit_margin = 0.0;
-        });
+        let config = EpisodeConfig::default();
         let outcomes = [
             outcome(1, 0.0, true),
             outcome(1, 0.0, true),

@@ -10,6 +10,7 @@ pub mod viewer;
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
+use tactile_filter::Presence;
 use tactile_filter::belief::Belief;
 use tactile_filter::choice::{ActionRule, Choice};
 
@@ -70,11 +71,8 @@ pub struct NarrativeTouch {
     pub probability: f64,
     /// Believed pose of the sensor on `guess`.
     pub guess_from_sensor: Se2,
-    /// How well `guess` explains the touches so far, standard deviations: [`tactile_filter::Estimate::fit`]; `None` where
-    /// no edge was felt.
-    pub fit: Option<f64>,
-    /// The least `fit` with which the filter would be confident after this touch; `None` for any.
-    pub fit_needed: Option<f64>,
+    /// Whether `guess` is there at all ([`tactile_filter::Estimate::presence`]); `None` where no edge was felt.
+    pub presence: Option<Presence>,
     /// Probability of each place of the first touch, summed over the angle; sums to 1.
     ///
     /// `[part, x, y]`, y fastest: the order of [`PoseGrid::pose`] without its angle.
@@ -188,13 +186,12 @@ pub(crate) mod tests {
             frame,
             guess: 1,
             probability: 0.5,
-            fit: Some(-0.75),
+            presence: Some(Presence { log_odds: 0.0, stranger_rate: 0.125, present_rate: 0.5 }),
             guess_from_sensor: Se2::from_degrees(0.0, 4.0, 0.0),
-            fit_needed: Some(-0.25),
             belief: vec![1.0 / 50.0; 50],
             next: Some(next()),
         };
-        let touches = vec![touch.clone(), NarrativeTouch { fit: None, next: None, ..touch }];
+        let touches = vec![touch.clone(), NarrativeTouch { presence: None, next: None, ..touch }];
         Narrative {
             name: "episode 3".into(),
             why: "as one of the first".into(),

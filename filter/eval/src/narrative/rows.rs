@@ -108,7 +108,7 @@ impl View<'_> {
                     None => (pane("The end", &html! { div.end-note { "No further touch" } })),
                 }
                 div.belief {
-                    p.words { b { (board.parts[touch.guess].name) } " with " (percent(touch.probability)) " %; " (fit(touch)) }
+                    p.words { b { (board.parts[touch.guess].name) } " with " (percent(touch.probability)) " %; " (none(touch)) }
                     p.words {
                         @match &touch.next {
                             Some(next) => (next_touch::words(next, board)),
@@ -168,13 +168,11 @@ fn pane(head: &str, picture: &Markup) -> Markup {
     html! { div.pane { div.head { (head) } (picture) } }
 }
 
-/// How well the most probable part explains the touches so far, and what is asked for.
-fn fit(touch: &NarrativeTouch) -> String {
-    match (touch.fit, touch.fit_needed) {
-        (None, _) => "no edge felt yet".into(),
-        (Some(fit), None) => format!("fit {}", number(fit, 2)),
-        (Some(fit), Some(needed)) => format!("fit {}, to be confident {} or more", number(fit, 2), number(needed, 2)),
-    }
+/// How likely the touches so far are those of a part that the bank does not hold.
+fn none(touch: &NarrativeTouch) -> String {
+    let Some(presence) = touch.presence else { return "no edge felt yet".into() };
+    let [none, rate] = [presence.none(), presence.stranger_rate].map(|share| number(100.0 * share, 1));
+    format!("none of these {none} %; {rate} % of strangers match so well")
 }
 
 /// The parts with a map: all, or those of the largest probability at any touch, and the true one.

@@ -89,7 +89,9 @@ mod tests {
     fn each_touch_has_its_fit_and_each_episode_its_end() {
         assert!(section(["a", "b"], &board(), &[]).unwrap().is_none());
         let html = shown(&[episode()]);
-        assert!(html.contains("fit −0.75") && html.contains("−0.25 or more") && html.contains("no edge felt"));
+        assert!(
+            html.contains("none of these 50.0 %; 12.5 % of strangers match so well") && html.contains("no edge felt")
+        );
         assert!(html.contains("✗ wrong part") && html.contains("It stopped: limit."));
         assert!(html.contains("A&lt;B") && !html.contains("A<B"));
         let refused = Narrative { refused: true, ..episode() };

@@ -89,6 +89,8 @@ mod tests {
             part_from_sensor: Motion::IDENTITY,
             covariance: [[0.0; 3]; 3],
             fit: None,
+            none_probability: None,
+            stranger_rate: None,
             entropy_nats: 0.5,
             warnings: Vec::new(),
         };

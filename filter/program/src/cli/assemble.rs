@@ -23,13 +23,10 @@ use super::numbers::Numbers;
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["report.html", "assembly.json"];
 
-/// More touches than an episode may have.
-const NEVER: usize = usize::MAX;
-
 /// Name, find and fill every hole of a scene in simulation; write assembly.json and report.html.
 ///
 /// A peg is tried once the place is known to a quarter of the scene's clearance_mm along x and along y (a standard
-/// deviation; --set stop_place_mm=MM); with --set none_touches=4 a hole may be given up as none of the pegs on the table. Memory is linear in the parts, as that of evaluate.
+/// deviation; --set stop_place_mm=MM); with --set false_refuse=0.01 a hole may be given up as none of the pegs on the table. Memory is linear in the parts, as that of evaluate.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors \
                         --bank four.bank --scene data/scenes/four-letters.toml --out assembly")]
@@ -97,7 +94,7 @@ impl Assemble {
         self.numbers.check_engines(&[Engine::Exact])?;
         let of_model = EpisodeConfig::of_side(model, Side::Hole).changed(|settings, model, _| {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
-            model.none_touches = NEVER;
+            settings.false_refuse = 0.0;
             // Two standard deviations are half of the play, and what the grasp leaves is as much again.
             let by_play = simulator.scene().clearance_mm / 4.0;
             settings.stop_place_mm = model.interpolation.is_cubic(bank.grid()).then_some(by_play);

@@ -9,7 +9,7 @@ use tactile_data::output;
 use tactile_data::output_lock::OutputLock;
 use tactile_data::program;
 use tactile_data::progress::reporter;
-use tactile_data::scene::Scene;
+use tactile_data::scene::{Scene, SensorRange};
 use tactile_data::shard::Shard;
 use tactile_data::simulator::Simulator;
 use tactile_data::store::{self, Dataset};
@@ -27,7 +27,8 @@ use tactile_eval::{baselines, summary};
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::choice::ActionRule;
 use tactile_filter::{EpisodeConfig, Sensor};
-use tactile_infer::maps::MapDrawer;
+use tactile_infer::maps::verifier::Verifier;
+use tactile_infer::maps::{MapDrawer, MapFile};
 use tactile_infer::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
@@ -68,6 +69,10 @@ pub struct Evaluate {
     /// With --scene: simulate your sensor, as `tactile-data calibrate` measured it, instead of the scene's
     #[arg(long, value_name = "FILE.toml", requires = "scene")]
     calibration: Option<PathBuf>,
+    /// With --scene: touch with the N-th of the sensors that a user may have instead of the scene's, as tactile-data generate does:
+    /// other press, camera, gel and light field
+    #[arg(long, value_name = "N", requires = "scene", help_heading = "Episodes")]
+    drawn_sensor: Option<u64>,
     /// Recorded touches instead: the filter chooses among the touches of this dataset, each at most once
     #[arg(long, value_name = "DIR")]
     holes: Option<PathBuf>,
@@ -193,21 +198,28 @@ impl Evaluate {
             let (kept, config, promised) = self.budget.choose(&task, &base)?;
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
-        let sensor = self.sensor(holes.sensor(&model, &no_contact)?, &bank)?;
+        let sensor = holes.sensor(&model, &no_contact)?;
+        let (sensor, bank) = self.with_maps(sensor, bank)?;
         warn_of_calibration(&model, self.which.side);
         let learner = self.learner(&model, &bank)?;
         let banks = Banks::new(bank, &protocol, learner)?;
         Ok(Subject { touched, model, banks, sensor, protocol, ways, promise, _locks: locks })
     }
 
-    /// The sensor, which draws maps where they are asked for.
-    fn sensor(&self, sensor: Sensor, bank: &Bank) -> Result<Sensor> {
-        let Some(path) = &self.maps else { return Ok(sensor) };
+    /// The sensor, which draws maps where they are asked for, and the bank with what judges them.
+    fn with_maps(&self, sensor: Sensor, bank: Arc<Bank>) -> Result<(Sensor, Arc<Bank>)> {
+        let Some(path) = &self.maps else { return Ok((sensor, bank)) };
         if bank.mosaics().is_none() {
             let (what, expected) = (self.inputs.bank.display().to_string(), "a bank with a map of each part (--maps)");
             return Err(tactile_infer::Error::invalid(what, expected, "one without").into());
         }
-        Ok(sensor.with_maps(Arc::new(MapDrawer::load(path)?))?)
+        let file = MapFile::load(path)?;
+        let sensor = sensor.with_maps(Arc::new(MapDrawer::new(&file)?))?;
+        let bank = match Verifier::new(&file)? {
+            Some(verifier) => Arc::new(Arc::unwrap_or_clone(bank).verified_by(Arc::new(verifier))?),
+            None => bank,
+        };
+        Ok((sensor, bank))
     }
 
     /// Touches a bank's parts again, where it learnt from them and one of them is to be absent.
@@ -217,7 +229,7 @@ impl Evaluate {
         }
         let scene = match (&self.bank_scene, &self.scene) {
             (Some(scene), _) => Scene::load(scene)?,
-            (None, Some(scene)) => self.touched_scene(scene)?,
+            (None, Some(scene)) => self.bank_sensors_scene(scene)?,
             (None, None) => {
                 let expected =
                     "--bank-scene, too: the bank learnt from its parts, and learns again without the absent one";
@@ -229,8 +241,8 @@ impl Evaluate {
         Ok(Some(again.map_err(|error| error.within("--bank-scene"))?))
     }
 
-    /// A scene as it is touched.
-    fn touched_scene(&self, scene: &str) -> Result<Scene> {
+    /// A scene under the sensor that its bank was made with.
+    fn bank_sensors_scene(&self, scene: &str) -> Result<Scene> {
         let scene = Scene::load(scene)?;
         Ok(match &self.calibration {
             Some(path) => scene.under(&Calibration::load(path)?)?,
@@ -241,11 +253,15 @@ impl Evaluate {
     /// Loads what is touched, and refuses a bank that does not fit it.
     fn touched(&self, bank: &Bank) -> Result<OwnedHoles> {
         if let Some(scene) = &self.scene {
-            let scene = self.touched_scene(scene)?;
+            let mut scene = self.bank_sensors_scene(scene)?;
+            if let Some(number) = self.drawn_sensor {
+                scene.sensor = SensorRange::another(&scene.sensor, number);
+            }
             // A touched peg is another print than the one that a bank holds by default.
             let print = if self.which.side.is_hole() { 1 } else { 2 };
             let simulator = Simulator::new(scene, print)?;
-            check_bank(bank, simulator.scene(), self.other.other_sensor)?;
+            let is_other = self.other.other_sensor || self.drawn_sensor.is_some();
+            check_bank(bank, simulator.scene(), is_other)?;
             return Ok(OwnedHoles::Simulated(Arc::new(simulator), self.which.side));
         }
         let path = self.holes.as_deref().unwrap_or(Path::new(""));
@@ -383,6 +399,7 @@ impl Evaluate {
             choose_ms: protocol.choose_ms,
             model: ModelRecord::of(model),
             bank_sha256: bank.sha256()?,
+            verifier_sha256: bank.verifier().map(|verifier| verifier.sha256().to_owned()),
             device: self.inputs.device.to_string(),
         })
     }

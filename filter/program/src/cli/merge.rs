@@ -26,32 +26,32 @@ pub struct Merge {
 impl Merge {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let files = self.files()?;
-        let shards = files.iter().map(|path| Ok((path.clone(), Episodes::load(path)?))).collect::<Result<_>>()?;
-        let episodes = Episodes::merge(shards)?;
+        let files = self.shards.iter().map(|path| shards_at(path)).collect::<Result<Vec<_>>>()?.concat();
+        let episodes = merged(&files)?;
         let _locks = evaluate::prepare(&self.output, &files.iter().map(PathBuf::as_path).collect::<Vec<&Path>>())?;
         // Single episodes are shown where the frames are, by a run that is not cut into shards.
         evaluate::write(&self.output, &episodes, &episodes.evaluation()?, &Board::empty(), &[])
     }
+}
 
-    /// The shards named, and those in the folders named.
-    fn files(&self) -> Result<Vec<PathBuf>> {
-        let mut files = Vec::new();
-        for path in &self.shards {
-            if !path.is_dir() {
-                files.push(path.clone());
-                continue;
-            }
-            let before = files.len();
-            for entry in std::fs::read_dir(path).map_err(Error::io(path))? {
-                let name = entry.map_err(Error::io(path))?.file_name();
-                let is_shard = name.to_str().is_some_and(|name| name.starts_with("shard-") && name.ends_with(".json"));
-                files.extend(is_shard.then(|| path.join(name)));
-            }
-            if files.len() == before {
-                return Err(Error::invalid(path.display().to_string(), "shard-I-of-N.json files", "none"));
-            }
-        }
-        Ok(files)
+/// A shard, or those of a folder.
+pub fn shards_at(path: &Path) -> Result<Vec<PathBuf>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
     }
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(path).map_err(Error::io(path))? {
+        let name = entry.map_err(Error::io(path))?.file_name();
+        let is_shard = name.to_str().is_some_and(|name| name.starts_with("shard-") && name.ends_with(".json"));
+        files.extend(is_shard.then(|| path.join(name)));
+    }
+    if files.is_empty() {
+        return Err(Error::invalid(path.display().to_string(), "shard-I-of-N.json files", "none"));
+    }
+    Ok(files)
+}
+
+/// The evaluation that shards make together.
+pub fn merged(files: &[PathBuf]) -> Result<Episodes> {
+    Episodes::merge(files.iter().map(|path| Ok((path.clone(), Episodes::load(path)?))).collect::<Result<_>>()?)
 }

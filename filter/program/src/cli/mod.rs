@@ -3,6 +3,7 @@
 mod arguments;
 mod assemble;
 mod budget;
+mod certify;
 mod evaluate;
 mod extremes;
 mod failure;
@@ -44,6 +45,7 @@ enum Command {
     Assemble(Box<assemble::Assemble>),
     Tradeoff(tradeoff::TradeoffArgs),
     Merge(merge::Merge),
+    Certify(certify::Certify),
     Watch(watch::Watch),
     // For `cargo xtask bench` and `cargo xtask reproduce` alone.
     #[command(hide = true)]
@@ -57,6 +59,7 @@ impl Cli {
     pub fn run(self) -> Result<()> {
         match self.command {
             Command::Assemble(assemble) => Ok(assemble.run()?),
+            Command::Certify(certify) => Ok(certify.run()?),
             Command::Evaluate(evaluate) => Ok(evaluate.run()?),
             Command::Extremes(extremes) => Ok(extremes.run()?),
             Command::Live(live) => live.run(),

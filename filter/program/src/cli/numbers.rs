@@ -123,10 +123,11 @@ mod tests {
 
     #[test]
     fn numbers_are_set_by_name() {
-        let set = numbers(&["max_touches=4", "none_fit = none", "steepness=12.5", "temperature=none", "n_particles=9"]);
+        let set =
+            numbers(&["max_touches=4", "false_accept = none", "steepness=12.5", "temperature=none", "n_particles=9"]);
         let config = set.applied_to(EpisodeConfig::default()).unwrap();
         let by_hand = EpisodeConfig::default().changed(|settings, model, _| {
-            (settings.max_touches, settings.none_fit, model.steepness) = (4, None, 12.5);
+            (settings.max_touches, settings.false_accept, model.steepness) = (4, None, 12.5);
         });
         assert_eq!(config, by_hand);
         let EngineConfig::Particle(particle) = set.applied_to(EpisodeConfig::paper()).unwrap().method().engine else {

@@ -23,7 +23,8 @@ class _Settings(TypedDict, total=False):
     stop_probability: float
     stop_place_mm: float | None
     max_touches: int
-    none_fit: float | None
+    false_accept: float | None
+    false_refuse: float
     travel_nats_per_mm: float
     n_draws: int
     n_suppositions: int
@@ -272,7 +273,13 @@ class Estimate:
         """Of the pose over all places of the part that are believed: `[3, 3]` of x mm, y mm, theta rad."""
     @property
     def fit(self) -> float | None:
-        """How well that part explains the touches, at best 0; `None` where no edge was felt."""
+        """How many standard deviations the touches look more like that part's views than touches of a part that is there; `None` where no edge was felt."""
+    @property
+    def none_probability(self) -> float | None:
+        """Of none of the bank's parts, where that was as likely before the first touch; `None` where no edge was felt."""
+    @property
+    def stranger_rate(self) -> float | None:
+        """How often a part that is not in the bank comes to so good a match at any touch; `None` where no edge was felt."""
     @property
     def class_posterior(self) -> npt.NDArray[np.float64]:
         """Probability of each part of the bank: `[n_parts]`."""

@@ -1,0 +1,73 @@
+//! What the maps of an episode's touches say of a part: where it is, and whether it is there at all.
+//!
+//! In: the bank's map of the part, the maps of the touches, a pose to begin with. Out: the pose at which they fit, and what the
+//! verifier says of them there. It must not know thresholds.
+
+use tactile_data::se2::Se2;
+use tactile_infer::calibration::Spread;
+use tactile_infer::maps::DrawnMap;
+use tactile_infer::maps::align::Drawing;
+use tactile_infer::maps::verifier::compared;
+use tactile_infer::presence::Verified;
+
+use crate::belief::Hill;
+use crate::decision::verdict::Asked;
+
+/// A part's pose by maps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Laid {
+    pub(super) part_from_first: Se2,
+    /// The belief around it.
+    pub(super) hill: Hill,
+    /// What the verifier says of all touches there, where there is one.
+    pub(super) verified: Option<Verified>,
+}
+
+/// A touch that was drawn.
+struct Drawn<'a> {
+    map: &'a DrawnMap,
+    first_from_sensor: Se2,
+    new_share: f64,
+    is_blank: bool,
+}
+
+impl<'a> Asked<'a> {
+    /// The touches laid over the map of a part, from the pose that is believed; `None` without maps of both.
+    pub(super) fn laid(self, part: usize, believed: &Se2) -> Option<Laid> {
+        let mosaic = self.bank.mosaics().filter(|_| self.config.method.between_poses)?.of(part);
+        let drawn = self.drawn();
+        if drawn.is_empty() {
+            return None;
+        }
+        let symmetry = self.bank.symmetry(part);
+        let at = |touch: &Drawn<'a>| Drawing { map: touch.map, first_from_sensor: touch.first_from_sensor };
+        let drawings: Vec<Drawing<'_>> = drawn.iter().map(at).collect();
+        let (part_from_first, hill) = self.belief.placed_by_maps((part, believed), &symmetry, &drawings, &mosaic);
+        let verified = self.bank.verifier().map(|verifier| {
+            let laid = drawn.iter().flat_map(|touch| {
+                let part_from_sensor = part_from_first * touch.first_from_sensor;
+                compared((touch.map, self.side()), &mosaic, &part_from_sensor)
+            });
+            let expected = self.bank.expected().and_then(|expected| expected.of(part, self.side()));
+            together(&verifier.log_odds(&laid.collect::<Vec<_>>()), &drawn, expected)
+        });
+        Some(Laid { part_from_first, hill, verified })
+    }
+
+    fn drawn(self) -> Vec<Drawn<'a>> {
+        let made = self.belief.touches().iter().zip(self.touches);
+        let drawn = made.filter_map(|(touched, (_, observation))| {
+            let map = observation.map.as_deref()?;
+            let (first_from_sensor, new_share) = (touched.first_from_sensor, touched.weight);
+            Some(Drawn { map, first_from_sensor, new_share, is_blank: touched.likelihood.blank })
+        });
+        drawn.collect()
+    }
+}
+
+/// What touches say together, each as much as it is new. One that shows no edge is no evidence for a part, but may be against it.
+fn together(log_odds: &[f64], drawn: &[Drawn<'_>], expected: Option<Spread>) -> Verified {
+    let n_new = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.new_share).sum();
+    let log_odds = log_odds.iter().zip(drawn).map(|(log_odds, touch)| touch.new_share * log_odds).sum();
+    Verified { log_odds, n_new, expected }
+}

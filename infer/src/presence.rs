@@ -1,0 +1,253 @@
+//! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
+//!
+//! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E` of as many that
+//! were made on the part, the log-odds that the named part is there, before which a stranger was as likely, are
+//!
+//! ```text
+//! L = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_expected E
+//! ```
+//!
+//! as touches that are alike would give: the sum of what each says, and what so many say of a part that is there. How often a
+//! stranger comes to `L` or more at any touch of an episode is an exponential tail (peaks over a threshold; Coles, An Introduction
+//! to Statistical Modeling of Extreme Values, 4), in proportion to the parts of the bank, the best of which it looks like; how
+//! often a part that is there comes to `L` or less is another.
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibration::Spread;
+use crate::error::{Error, Result};
+
+/// The share of the episodes that a tail is fitted to.
+pub const TAIL_SHARE: f64 = 0.1;
+
+/// The entries in a file: where holes are touched and where pegs are.
+pub(crate) const ENTRIES: [&str; 2] = ["presence", "peg_presence"];
+
+/// How far the extremes of episodes go: beyond `at` lie [`TAIL_SHARE`] of them, by `scale` on average.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tail {
+    /// Where it begins, nats.
+    pub at: f64,
+    /// Mean excess, nats.
+    pub scale: f64,
+}
+
+impl Tail {
+    /// The tail of some episodes' extremes: where the highest [`TAIL_SHARE`] of `n` begin, and their mean excess. `extremes` may be
+    /// fewer: of the others none was as high. `None` where fewer than two lie in it.
+    pub fn of(mut extremes: Vec<f64>, n: usize) -> Option<Self> {
+        extremes.sort_unstable_by(|a, b| b.total_cmp(a));
+        let n_tail = ((TAIL_SHARE * n as f64) as usize).min(extremes.len().saturating_sub(1));
+        let at = *extremes.get(n_tail)?;
+        let scale = extremes[..n_tail].iter().map(|value| value - at).sum::<f64>() / n_tail as f64;
+        (n_tail > 1 && scale > 0.0).then_some(Self { at, scale })
+    }
+
+    /// The share of the episodes that goes as far as a value, 0..=1.
+    pub fn share_beyond(&self, value: f64) -> f64 {
+        (TAIL_SHARE * ((self.at - value) / self.scale).exp()).min(1.0)
+    }
+}
+
+/// What a verifier says of touches where a part would be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Verified {
+    /// The sum of their log-odds, each as much as it is new, nats.
+    pub log_odds: f64,
+    /// Touches with an edge, each as much as it is new.
+    pub n_new: f64,
+    /// What the verifier says of a touch with an edge that was made on that part, where the bank knows it.
+    pub expected: Option<Spread>,
+}
+
+impl Verified {
+    /// The log-odds, and those of as many touches that were made on the part, both by the root of their number. `usual`: what to expect
+    /// of one on a part that the bank does not know.
+    pub fn values(&self, usual: f64) -> [f64; 2] {
+        let mean = self.expected.map_or(usual, |expected| expected.mean);
+        [self.log_odds, self.n_new * mean].map(|sum| sum / self.n_new.max(1.0).sqrt())
+    }
+}
+
+/// What the touches of an episode come to where the named part would be.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Felt {
+    /// How well they fit, standard deviations.
+    pub fit: f64,
+    /// Touches that this is of.
+    pub n_fitted: usize,
+    /// What a verifier says of them, where there is one.
+    pub verified: Option<Verified>,
+}
+
+/// The log-odds that the named part is there, fitted to parts that are and to strangers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PresenceOdds {
+    /// What holds before any touch, nats.
+    pub offset: f64,
+    /// What the fit adds, nats a standard deviation of one touch.
+    pub by_fit: f64,
+    /// What each touch adds.
+    pub by_touch: f64,
+    /// What a verifier's words add, a share of them; 0 where there is none.
+    pub by_verifier: f64,
+    /// What its words of touches that were made on the part add, a share of them.
+    pub by_expected: f64,
+    /// What it says of a touch that was made on a part of which no more is known, nats.
+    pub usual: f64,
+    /// How high strangers come.
+    pub strangers: Tail,
+    /// How far below zero parts come that are there: of `-L`.
+    pub present: Tail,
+    /// Parts of the banks that strangers were compared with.
+    pub n_parts: f64,
+    /// Episodes with strangers that this was fitted to.
+    pub n_strangers: usize,
+    /// Episodes with parts that were there.
+    pub n_present: usize,
+}
+
+/// Whether the part that an estimate names is there.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Presence {
+    /// The log-odds of that against a stranger, which were even before the first touch, nats.
+    pub log_odds: f64,
+    /// How often a part that is not in this bank comes to so much or more at any touch of an episode, 0..=1.
+    pub stranger_rate: f64,
+    /// How often a part that is there comes to so little or less, 0..=1.
+    pub present_rate: f64,
+}
+
+impl Presence {
+    /// The probability of a stranger, 0..=1, which was even before the first touch.
+    pub fn none(&self) -> f64 {
+        (1.0 + self.log_odds.exp()).recip()
+    }
+}
+
+impl PresenceOdds {
+    /// The log-odds by what was felt, nats.
+    pub fn log_odds(&self, felt: &Felt) -> f64 {
+        let n = felt.n_fitted as f64;
+        let [verified, expected] = felt.verified.map_or([0.0; 2], |verified| verified.values(self.usual));
+        let verified = self.by_verifier * verified + self.by_expected * expected;
+        self.offset + self.by_fit * n.sqrt() * felt.fit + self.by_touch * n + verified
+    }
+
+    /// The same, with how often strangers of a bank of so many parts and parts that are there come to it.
+    pub fn presence(&self, felt: &Felt, n_parts: usize) -> Presence {
+        let log_odds = self.log_odds(felt);
+        let times = n_parts as f64 / self.n_parts;
+        let stranger_rate = (times * self.strangers.share_beyond(log_odds)).min(1.0);
+        Presence { log_odds, stranger_rate, present_rate: self.present.share_beyond(-log_odds) }
+    }
+
+    /// Refuses numbers that no episodes give, naming the field.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, a scale or a number of parts that is not positive.
+    pub fn validate(&self) -> Result<()> {
+        let finite = [
+            ("offset", self.offset),
+            ("by_fit", self.by_fit),
+            ("by_touch", self.by_touch),
+            ("by_verifier", self.by_verifier),
+            ("by_expected", self.by_expected),
+            ("usual", self.usual),
+            ("strangers.at", self.strangers.at),
+            ("present.at", self.present.at),
+        ];
+        let positive = [
+            ("strangers.scale", self.strangers.scale),
+            ("present.scale", self.present.scale),
+            ("n_parts", self.n_parts),
+        ];
+        let odd = finite.into_iter().find(|(_, value)| !value.is_finite()).map(|odd| (odd, "a finite number"));
+        let odd = odd.or_else(|| {
+            let is_odd = |(_, value): &(&str, f64)| !(value.is_finite() && *value > 0.0);
+            positive.into_iter().find(is_odd).map(|odd| (odd, "a positive number"))
+        });
+        match odd {
+            Some(((field, value), expected)) => Err(Error::invalid(field, expected, value.to_string())),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn odds() -> PresenceOdds {
+        PresenceOdds {
+            offset: -0.5,
+            by_fit: 1.25,
+            by_touch: 0.75,
+            by_verifier: 0.5,
+            by_expected: -0.25,
+            usual: 2.0,
+            strangers: Tail { at: 1.0, scale: 2.0 },
+            present: Tail { at: 0.5, scale: 1.5 },
+            n_parts: 12.0,
+            n_strangers: 300,
+            n_present: 200,
+        }
+    }
+
+    #[test]
+    fn rates_are_those_of_tails_and_grow_with_the_bank() {
+        // -0.5 + 1.25 * 2 * 0.4 + 0.75 * 4 + 0.5 * 10 / 2 - 0.25 * 4 * 2 / 2 = 5.
+        let verified = Some(Verified { log_odds: 10.0, n_new: 4.0, expected: None });
+        let felt = Felt { fit: 0.4, n_fitted: 4, verified };
+        let found = odds().presence(&felt, 12);
+        assert!((found.log_odds - 5.0).abs() < 1e-12);
+        // Two scales beyond where a tenth begins.
+        assert!((found.stranger_rate - 0.1 * (-2.0_f64).exp()).abs() < 1e-12, "{found:?}");
+        assert!((odds().presence(&felt, 120).stranger_rate - (-2.0_f64).exp()).abs() < 1e-12);
+        assert_eq!(odds().presence(&felt, 12_000).stranger_rate, 1.0);
+        assert_eq!(found.present_rate, 1.0);
+        assert!((found.none() - 1.0 / (1.0 + 5.0_f64.exp())).abs() < 1e-12);
+        let bad = odds().presence(&Felt { fit: -3.0, n_fitted: 4, verified: None }, 12);
+        // -0.5 - 7.5 + 3 = -5: three scales beyond.
+        assert!((bad.present_rate - 0.1 * (-3.0_f64).exp()).abs() < 1e-12 && bad.stranger_rate == 1.0, "{bad:?}");
+    }
+
+    #[test]
+    fn a_verifier_is_judged_by_what_it_says_of_the_parts_own_touches() {
+        let of = |log_odds, n_new, expected| Verified { log_odds, n_new, expected }.values(2.0);
+        let socket = Some(Spread { mean: -1.0, sd: 3.0 });
+        assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
+        // Blank touches alone: what speaks against the part counts as of one touch.
+        assert_eq!(of(-3.0, 0.0, None), [-3.0, 0.0]);
+    }
+
+    #[test]
+    fn a_tail_is_that_of_the_exponential_it_is_drawn_from() {
+        // The quantiles of an exponential of scale 2 about -3; of another hundred nothing is known.
+        let n = 1_000;
+        let value = |i: usize| -3.0 - 2.0 * ((i as f64 + 0.5) / n as f64).ln();
+        let tail = Tail::of((0..n - 100).map(value).collect(), n).unwrap();
+        assert!((tail.at - value(100)).abs() < 1e-12 && (tail.scale - 2.0).abs() < 0.02, "{tail:?}");
+        for share in [0.1, 0.01, 0.001] {
+            let beyond = -3.0 - 2.0 * f64::ln(share);
+            assert!((tail.share_beyond(beyond) / share - 1.0).abs() < 0.03, "{share}");
+        }
+        assert_eq!((Tail::of(vec![1.0, 2.0], 2), Tail::of(vec![1.0; 100], 100)), (None, None));
+    }
+
+    #[test]
+    fn numbers_that_no_episodes_give_are_refused_with_their_field() {
+        odds().validate().unwrap();
+        let none = Tail { at: 0.0, scale: 0.0 };
+        for (odd, named) in [
+            (PresenceOdds { by_fit: f64::NAN, ..odds() }, "by_fit: expected a finite number, got NaN"),
+            (PresenceOdds { strangers: none, ..odds() }, "strangers.scale: expected a positive number, got 0"),
+            (PresenceOdds { n_parts: -1.0, ..odds() }, "n_parts: expected a positive number, got -1"),
+        ] {
+            assert_eq!(odd.validate().unwrap_err().to_string(), named);
+        }
+    }
+}
