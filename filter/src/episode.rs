@@ -84,7 +84,7 @@ impl Episode {
 
     /// Which side is touched: the side of the first touch.
     pub fn side(&self) -> Side {
-        self.touches.first().map_or(Side::default(), |(_, first)| first.side)
+        self.asked().side()
     }
 
     /// Whether to stop, and if not, which motion of `reach` (what the robot can do from here, in the sensor's frame) to

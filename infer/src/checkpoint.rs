@@ -102,21 +102,9 @@ impl Checkpoint {
             ],
         };
         let identity = file.sha256();
-        for (name, calibration) in CALIBRATIONS.iter().zip([&self.calibration, &self.peg_calibration]) {
-            if let Some(calibration) = calibration {
-                file.text.push(((*name).into(), to_json(calibration)?));
-            }
-        }
-        for (name, odds) in MATCH_ODDS.iter().zip(&self.match_odds) {
-            if let Some(odds) = odds {
-                file.text.push(((*name).into(), to_json(odds)?));
-            }
-        }
-        for (name, odds) in PRESENCE.iter().zip(&self.presence) {
-            if let Some(odds) = odds {
-                file.text.push(((*name).into(), to_json(odds)?));
-            }
-        }
+        push_sides(&mut file.text, CALIBRATIONS, [&self.calibration, &self.peg_calibration])?;
+        push_sides(&mut file.text, MATCH_ODDS, self.match_odds.each_ref())?;
+        push_sides(&mut file.text, PRESENCE, self.presence.each_ref())?;
         file.save_as(path, SCHEMA, self.weights)?;
         Ok(identity)
     }
@@ -200,6 +188,20 @@ impl Checkpoint {
             Self { calibration, peg_calibration, match_odds, presence, ..Self::bare(config, preprocessing) };
         Ok((Self { provenance, tensors, weights, ..calibrations }, sha256))
     }
+}
+
+/// Adds what is known where holes and where pegs are touched to the text entries of a file.
+pub(crate) fn push_sides<T: Serialize>(
+    text: &mut Vec<(String, String)>,
+    names: [&str; 2],
+    of_sides: [&Option<T>; 2],
+) -> Result<()> {
+    for (name, of_side) in names.into_iter().zip(of_sides) {
+        if let Some(of_side) = of_side {
+            text.push((name.into(), to_json(of_side)?));
+        }
+    }
+    Ok(())
 }
 
 /// Takes a text entry out of a file, where it has it.

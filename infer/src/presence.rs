@@ -20,6 +20,9 @@ use crate::error::{Error, Result};
 /// The share of the episodes that a tail is fitted to.
 pub const TAIL_SHARE: f64 = 0.1;
 
+/// Weights of the log-odds.
+pub const N_WEIGHTS: usize = 5;
+
 /// The entries in a file: where holes are touched and where pegs are.
 pub(crate) const ENTRIES: [&str; 2] = ["presence", "peg_presence"];
 
@@ -82,6 +85,15 @@ pub struct Felt {
     pub verified: Option<Verified>,
 }
 
+impl Felt {
+    /// What the weights are of, [`PresenceOdds::weights`]. `usual`: what a verifier says of a touch on a part that the bank does not know.
+    pub fn values(&self, usual: f64) -> [f64; N_WEIGHTS] {
+        let n = self.n_fitted as f64;
+        let [verified, expected] = self.verified.map_or([0.0; 2], |verified| verified.values(usual));
+        [1.0, n.sqrt() * self.fit, n, verified, expected]
+    }
+}
+
 /// The log-odds that the named part is there, fitted to parts that are and to strangers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -129,12 +141,14 @@ impl Presence {
 }
 
 impl PresenceOdds {
+    /// The weights: offset, by fit, by touch, by verifier, by what is expected of it.
+    pub fn weights(&self) -> [f64; N_WEIGHTS] {
+        [self.offset, self.by_fit, self.by_touch, self.by_verifier, self.by_expected]
+    }
+
     /// The log-odds by what was felt, nats.
     pub fn log_odds(&self, felt: &Felt) -> f64 {
-        let n = felt.n_fitted as f64;
-        let [verified, expected] = felt.verified.map_or([0.0; 2], |verified| verified.values(self.usual));
-        let verified = self.by_verifier * verified + self.by_expected * expected;
-        self.offset + self.by_fit * n.sqrt() * felt.fit + self.by_touch * n + verified
+        self.weights().iter().zip(felt.values(self.usual)).map(|(weight, value)| weight * value).sum()
     }
 
     /// The same, with how often strangers of a bank of so many parts and parts that are there come to it.

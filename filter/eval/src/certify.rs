@@ -7,8 +7,7 @@
 
 use std::collections::BTreeSet;
 
-use tactile_data::touch::Side;
-use tactile_infer::presence::{Felt, PresenceOdds, Tail, Verified};
+use tactile_infer::presence::{Felt, N_WEIGHTS, PresenceOdds, Tail, Verified};
 
 use crate::episodes::Episodes;
 use crate::error::{Error, Result};
@@ -23,8 +22,8 @@ const MAX_STEPS: usize = 100;
 /// What keeps weights finite where both kinds can be told apart wholly, nats a squared weight.
 const RIDGE: f64 = 1e-4;
 
-/// Offset, and weights of fit, touches, verifier and what is expected of it.
-const N: usize = 5;
+/// Weights.
+const N: usize = N_WEIGHTS;
 
 /// What was fitted, and how well it tells parts from strangers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,7 +66,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let usual = usual(&courses);
     let rows = courses.iter().flat_map(|course| {
         let named = course.felt.iter().filter(|(_, is_named)| *is_named);
-        named.map(|(felt, _)| Row { values: values(felt, usual), is_there: course.is_there })
+        named.map(|(felt, _)| Row { values: felt.values(usual), is_there: course.is_there })
     });
     let rows: Vec<Row> = rows.collect();
     let told = || Error::invalid("episodes", "strangers and parts that are named, and differ", "others");
@@ -92,8 +91,8 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let of_strangers = courses.iter().filter(|course| !course.is_there).filter_map(|course| highest(&odds, course));
     let strangers = Tail::of(of_strangers.collect(), n_strangers).ok_or_else(told)?;
     let odds = PresenceOdds { strangers, ..odds };
-    let least = strangers.at + strangers.scale * (tactile_infer::presence::TAIL_SHARE / false_accept).ln();
-    let of_present = courses.iter().filter(|course| course.is_there).filter_map(|course| lowest(&odds, course, least));
+    let of_present =
+        courses.iter().filter(|course| course.is_there).filter_map(|course| lowest(&odds, course, false_accept));
     let present = Tail::of(of_present.map(|value| -value).collect(), n_present).ok_or_else(told)?;
     let parts = absent.flat_map(|of| of.setup.parts.iter().map(|part| (&of.setup.scene, part)));
     let n_stranger_parts = parts.collect::<BTreeSet<_>>().len();
@@ -116,11 +115,6 @@ fn check(evaluations: &[Episodes]) -> Result<()> {
     Ok(())
 }
 
-/// The side that evaluations touched.
-pub fn side_of(evaluations: &[Episodes]) -> Side {
-    evaluations.first().map_or(Side::default(), |first| first.setup.side)
-}
-
 /// What was felt in each episode of the first way of inferring.
 fn courses(of: &Episodes, judged: bool) -> Vec<Course> {
     let Some(run) = of.runs.first() else { return Vec::new() };
@@ -134,13 +128,6 @@ fn courses(of: &Episodes, judged: bool) -> Vec<Course> {
         is_there: !of.setup.absent,
     };
     run.outcomes.iter().map(course).collect()
-}
-
-/// What the weights are of.
-fn values(felt: &Felt, usual: f64) -> [f64; N] {
-    let n = felt.n_fitted as f64;
-    let [verified, expected] = felt.verified.map_or([0.0; 2], |verified| verified.values(usual));
-    [1.0, n.sqrt() * felt.fit, n, verified, expected]
 }
 
 /// What a verifier says of a touch of a part that is there, nats: the mean of the first touches after which episodes would name it.
@@ -159,10 +146,10 @@ fn highest(odds: &PresenceOdds, course: &Course) -> Option<f64> {
 }
 
 /// The lowest log-odds of the touches before an episode names its part with confidence.
-fn lowest(odds: &PresenceOdds, course: &Course, least: f64) -> Option<f64> {
+fn lowest(odds: &PresenceOdds, course: &Course, false_accept: f64) -> Option<f64> {
     let before = course.felt.iter().map(|(felt, is_named)| (odds.log_odds(felt), *is_named));
     before
-        .take_while(|(log_odds, is_named)| !(*is_named && *log_odds >= least))
+        .take_while(|(log_odds, is_named)| !(*is_named && odds.strangers.share_beyond(*log_odds) <= false_accept))
         .map(|(log_odds, _)| log_odds)
         .reduce(f64::min)
 }

@@ -5,7 +5,6 @@
 
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
-use tactile_infer::maps::DrawnMap;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::verifier::compared;
 use tactile_infer::presence::Verified;
@@ -25,8 +24,7 @@ pub(super) struct Laid {
 
 /// A touch that was drawn.
 struct Drawn<'a> {
-    map: &'a DrawnMap,
-    first_from_sensor: Se2,
+    drawing: Drawing<'a>,
     new_share: f64,
     is_blank: bool,
 }
@@ -40,13 +38,11 @@ impl<'a> Asked<'a> {
             return None;
         }
         let symmetry = self.bank.symmetry(part);
-        let at = |touch: &Drawn<'a>| Drawing { map: touch.map, first_from_sensor: touch.first_from_sensor };
-        let drawings: Vec<Drawing<'_>> = drawn.iter().map(at).collect();
+        let drawings: Vec<Drawing<'_>> = drawn.iter().map(|touch| touch.drawing).collect();
         let (part_from_first, hill) = self.belief.placed_by_maps((part, believed), &symmetry, &drawings, &mosaic);
         let verified = self.bank.verifier().map(|verifier| {
-            let laid = drawn.iter().flat_map(|touch| {
-                let part_from_sensor = part_from_first * touch.first_from_sensor;
-                compared((touch.map, self.side()), &mosaic, &part_from_sensor)
+            let laid = drawings.iter().flat_map(|Drawing { map, first_from_sensor }| {
+                compared((map, self.side()), &mosaic, &(part_from_first * *first_from_sensor))
             });
             let expected = self.bank.expected().and_then(|expected| expected.of(part, self.side()));
             together(&verifier.log_odds(&laid.collect::<Vec<_>>()), &drawn, expected)
@@ -58,8 +54,8 @@ impl<'a> Asked<'a> {
         let made = self.belief.touches().iter().zip(self.touches);
         let drawn = made.filter_map(|(touched, (_, observation))| {
             let map = observation.map.as_deref()?;
-            let (first_from_sensor, new_share) = (touched.first_from_sensor, touched.weight);
-            Some(Drawn { map, first_from_sensor, new_share, is_blank: touched.likelihood.blank })
+            let drawing = Drawing { map, first_from_sensor: touched.first_from_sensor };
+            Some(Drawn { drawing, new_share: touched.weight, is_blank: touched.likelihood.blank })
         });
         drawn.collect()
     }

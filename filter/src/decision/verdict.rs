@@ -205,7 +205,8 @@ impl Asked<'_> {
         let Settings { stop_probability, false_accept, false_refuse, .. } = self.config.settings;
         // A place costs hundreds of interpolations a touch: it is found only where something depends on it.
         if probability <= stop_probability && (false_accept.is_none() || false_refuse <= 0.0) {
-            return self.config.stop(&self.standing(probability, None, || [[f64::INFINITY; 3]; 3]));
+            let n_touches = self.belief.touches().len();
+            return self.config.stop(&Standing { probability, n_touches, ..Standing::default() });
         }
         let placed = self.place(part);
         self.config.stop(&self.standing(probability, self.presence(&placed), || self.covariance(part, &placed)))
@@ -249,10 +250,12 @@ impl Asked<'_> {
         let believed = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
         let scores = self.belief.scores(part, &believed);
         let fit = scores.map(|scores| self.config.sensor.fit(&self.config.model, scores));
-        let laid = self.laid(part, &believed);
-        let part_from_first = laid.as_ref().map_or(believed, |laid| laid.part_from_first);
-        let (hill, verified) = laid.map_or((None, None), |Laid { hill, verified, .. }| (Some(hill), verified));
-        Placed { part_from_first, hill, verified, scores, fit }
+        match self.laid(part, &believed) {
+            Some(Laid { part_from_first, hill, verified }) => {
+                Placed { part_from_first, hill: Some(hill), verified, scores, fit }
+            }
+            None => Placed { part_from_first: believed, hill: None, verified: None, scores, fit },
+        }
     }
 
     fn covariance(self, part: usize, placed: &Placed) -> [[f64; 3]; 3] {
@@ -265,13 +268,13 @@ impl Asked<'_> {
 
     /// Whether the part is there at all; `None` where no edge was felt.
     fn presence(self, placed: &Placed) -> Option<Presence> {
-        let felt = |verified| Some(Felt { fit: placed.fit?, n_fitted: placed.n_fitted(), verified });
+        let (fit, n_fitted) = (placed.fit?, placed.n_fitted());
         let of_verifier = self.bank.verifier().and_then(|verifier| verifier.presence(self.side()));
-        let n_parts = self.bank.parts().len();
-        match placed.verified.zip(of_verifier) {
-            Some((verified, odds)) => Some(odds.presence(&felt(Some(verified))?, n_parts)),
-            None => Some(self.model.presence().presence(&felt(None)?, n_parts)),
-        }
+        let (odds, verified) = match placed.verified.zip(of_verifier) {
+            Some((verified, odds)) => (*odds, Some(verified)),
+            None => (self.model.presence(), None),
+        };
+        Some(odds.presence(&Felt { fit, n_fitted, verified }, self.bank.parts().len()))
     }
 
     fn standing(

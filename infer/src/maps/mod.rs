@@ -17,7 +17,7 @@ use tactile_data::frame::Preprocessing;
 use tactile_data::touch::Side;
 
 use crate::architecture::ConvLayer;
-use crate::checkpoint::{from_json, to_json};
+use crate::checkpoint::{from_json, push_sides, to_json};
 use crate::error::{Error, Result};
 use crate::precision::Precision;
 use crate::presence::{ENTRIES, PresenceOdds};
@@ -180,11 +180,7 @@ impl MapFile {
         if let Some(verifier) = &self.verifier {
             text.push(("verifier".into(), to_json(verifier)?));
         }
-        for (name, odds) in ENTRIES.iter().zip(&self.presence) {
-            if let Some(odds) = odds {
-                text.push(((*name).into(), to_json(odds)?));
-            }
-        }
+        push_sides(&mut text, ENTRIES, self.presence.each_ref())?;
         SafeFile { tensors, blobs: Vec::new(), text }.save_as(path, SCHEMA, Precision::F16)
     }
 

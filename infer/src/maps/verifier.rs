@@ -4,12 +4,9 @@
 //! An embedding says that a touch and a view are alike; where two parts differ by a tooth, it hardly changes. Here each place
 //! of the touch is compared with the place of the part that it would lie on.
 
-use std::path::Path;
-
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
-use tactile_data::touch::OUTLINE_REACH_MM;
-use tactile_data::touch::Side;
+use tactile_data::touch::{OUTLINE_REACH_MM, Side};
 
 use super::mosaic::Mosaic;
 use super::{DrawnMap, MapFile, side_value};
@@ -135,16 +132,6 @@ impl Verifier {
         let judge = Dense::new(&tensors, &format!("{PREFIX}.judge"), None, [config.n_last(), 1], |at| at)?;
         let judge = judge.with_bias(tensors.get(&format!("{PREFIX}.judge.bias"), 1)?);
         Ok(Some(Self { config, layers, judge, presence: file.presence, sha256: sha256_of(file) }))
-    }
-
-    /// The verifier of the file at a path.
-    ///
-    /// # Errors
-    /// As [`MapFile::load`] and [`Self::new`], and a file that only has the network that draws.
-    pub fn load(path: &Path) -> Result<Self> {
-        let found = Self::new(&MapFile::load(path)?).map_err(|error| error.within(path.display()))?;
-        let expected = "a file with a network that judges touches (tactile-train --verifier)";
-        found.ok_or_else(|| Error::invalid(path.display().to_string(), expected, "one that draws maps alone"))
     }
 
     /// The log-odds that a named part is there by what this says, where a side is touched; `None` where they were not fitted.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::{output, program};
-use tactile_eval::certify::{Certified, certify, side_of};
+use tactile_eval::certify::{Certified, certify};
 use tactile_eval::{Error, Result};
 use tactile_filter::Settings;
 use tactile_infer::checkpoint::Checkpoint;
@@ -47,9 +47,10 @@ impl Certify {
         let out = self.out.as_ref().unwrap_or(path);
         let _lock = output::prepare_file(out, shards.iter().flatten())?;
         let evaluations = shards.iter().map(|files| merged(files)).collect::<Result<Vec<_>>>()?;
-        let (side, false_accept) = (side_of(&evaluations), Settings::default().false_accept.unwrap_or(0.01));
+        let false_accept = Settings::default().false_accept.unwrap_or(0.01);
         let certified = certify(&evaluations, self.maps.is_some(), false_accept)?;
         let setup = &evaluations[0].setup;
+        let side = setup.side;
         let is_of = |what: &str, file: &str, episodes: &str| match file == episodes {
             true => Ok(()),
             false => {
