@@ -9,7 +9,7 @@ use tactile_infer::Bank;
 use crate::belief::Belief;
 use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
-use crate::decision::{Asked, Estimate, Placed, RunnerUp, SensorMatch, StopReason};
+use crate::decision::{Asked, Estimate, FeltMap, Placed, RunnerUp, SensorMatch, StopReason};
 use crate::error::{Error, Result};
 use crate::likelihood::TouchLikelihood;
 use crate::touch::{Observation, check_motion};
@@ -158,6 +158,11 @@ impl Episode {
     pub fn learn(&self) -> SensorMatch {
         let sensor = self.config.sensor;
         self.asked().confident().map_or(sensor, |scores| sensor.with(&self.config.model, scores))
+    }
+
+    /// What the touches so far show of what they were made on, about the named part's origin; `None` where the model draws no maps.
+    pub fn felt_map(&self) -> Option<FeltMap> {
+        self.asked().felt_map()
     }
 
     fn asked(&self) -> Asked<'_> {

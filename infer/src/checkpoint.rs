@@ -104,7 +104,7 @@ impl Checkpoint {
         let identity = file.sha256();
         push_sides(&mut file.text, CALIBRATIONS, [&self.calibration, &self.peg_calibration])?;
         push_sides(&mut file.text, MATCH_ODDS, self.match_odds.each_ref())?;
-        push_sides(&mut file.text, PRESENCE, self.presence.each_ref())?;
+        push_sides(&mut file.text, [PRESENCE[0], PRESENCE[1]], self.presence.each_ref())?;
         file.save_as(path, SCHEMA, self.weights)?;
         Ok(identity)
     }
@@ -190,11 +190,11 @@ impl Checkpoint {
     }
 }
 
-/// Adds what is known where holes and where pegs are touched to the text entries of a file.
-pub(crate) fn push_sides<T: Serialize>(
+/// Adds what is known of touches of one kind and another to the text entries of a file.
+pub(crate) fn push_sides<T: Serialize, const N: usize>(
     text: &mut Vec<(String, String)>,
-    names: [&str; 2],
-    of_sides: [&Option<T>; 2],
+    names: [&str; N],
+    of_sides: [&Option<T>; N],
 ) -> Result<()> {
     for (name, of_side) in names.into_iter().zip(of_sides) {
         if let Some(of_side) = of_side {

@@ -19,6 +19,7 @@ use crate::error::{Error, Result};
 use crate::match_odds::MatchOdds;
 #[cfg(feature = "burn")]
 use crate::network::{Network, with_tensors};
+use crate::maps::Maps;
 use crate::presence::PresenceOdds;
 use crate::similarity::{dot, normalize_rows};
 
@@ -38,6 +39,7 @@ pub struct Model {
     /// The log-odds of a match, as these.
     match_odds: [Option<MatchOdds>; 2],
     presence: [Option<PresenceOdds>; 2],
+    maps: Option<Maps>,
     sha256: Arc<str>,
 }
 
@@ -102,10 +104,30 @@ impl Model {
             calibrations: [checkpoint.calibration, checkpoint.peg_calibration],
             match_odds: checkpoint.match_odds,
             presence: checkpoint.presence,
+            maps: None,
             sha256: sha256.into(),
         };
         model.check_embeds().map_err(|error| error.within("network"))?;
         Ok(model)
+    }
+
+    /// The same model with networks that draw a map of each touch: with banks that have maps of their parts
+    /// ([`Bank::mosaics`](crate::Bank::mosaics)), which are loaded after this, places are found and parts are verified by them.
+    ///
+    /// # Errors
+    /// Networks that see other pictures than the model.
+    pub fn with_maps(self, maps: Maps) -> Result<Self> {
+        let seen = maps.drawer().preprocessing();
+        if *seen != self.preprocessing {
+            let expected = format!("pictures as the model sees them, {:?}", self.preprocessing);
+            return Err(Error::invalid("maps", expected, format!("{seen:?}")));
+        }
+        Ok(Self { maps: Some(maps), ..self })
+    }
+
+    /// What draws maps of touches and judges by them, where that was given.
+    pub fn maps(&self) -> Option<&Maps> {
+        self.maps.as_ref()
     }
 
     /// Refuses weights that embed nothing: of a few pairs of pictures as different as pictures are, stripes across and

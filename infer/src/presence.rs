@@ -13,6 +13,7 @@
 //! often a part that is there comes to `L` or less is another.
 
 use serde::{Deserialize, Serialize};
+use tactile_data::touch::Side;
 
 use crate::calibration::Spread;
 use crate::error::{Error, Result};
@@ -23,8 +24,17 @@ pub const TAIL_SHARE: f64 = 0.1;
 /// Weights of the log-odds.
 pub const N_WEIGHTS: usize = 5;
 
-/// The entries in a file: where holes are touched and where pegs are.
-pub(crate) const ENTRIES: [&str; 2] = ["presence", "peg_presence"];
+/// The entries in a file: where holes are touched, where pegs are, and where holes are touched and judged by maps of holes.
+pub(crate) const ENTRIES: [&str; 3] = ["presence", "peg_presence", "hole_presence"];
+
+/// Which of the entries is of touches of a side that are laid over mosaics of a side.
+pub(crate) fn entry_of(touched: Side, on: Side) -> usize {
+    match (touched, on) {
+        (Side::Hole, Side::Peg) => 0,
+        (Side::Peg, _) => 1,
+        (Side::Hole, Side::Hole) => 2,
+    }
+}
 
 /// How far the extremes of episodes go: beyond `at` lie [`TAIL_SHARE`] of them, by `scale` on average.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -63,7 +63,7 @@ fn recorded_parts_have_maps() {
     let bank = Bank::load(&at.join("two.bank"), &loaded).unwrap();
     let mosaics = bank.mosaics().unwrap();
     // 4 mm, and half the diagonal of 18.6 x 14.3 mm, either way.
-    assert_eq!(mosaics.shape(), [2, 105, 105, 5]);
+    assert_eq!(mosaics.shape(), [1, 2, 105, 105, 5]);
     assert_eq!(bank.with_parts(&[1]).unwrap().mosaics().unwrap().values(), &mosaics.values()[105 * 105 * 5..]);
     let picture = |more: &[&str]| {
         let given = ["mosaics", "--model", &model, "--bank", "two.bank", "--out", "two.png"];
@@ -83,12 +83,47 @@ fn recorded_parts_have_maps() {
     };
     evaluate("two.bank").done();
     assert!(evaluate(&sample.at("pegs.bank")).failed().contains("a bank with a map of each part"));
+    recorded_touches_show_what_was_felt(at, &sample);
     let mut content = fs::read(at.join("two.bank")).unwrap();
     let last = content.len() - 1 - bank.n_rows() * bank.dim();
     content[last] ^= 1;
     fs::write(at.join("spoilt.bank"), content).unwrap();
     let said = Bank::load(&at.join("spoilt.bank"), &loaded).unwrap_err().to_string();
     assert!(said.contains("checksum") || said.contains("mosaics"), "{said}");
+}
+
+/// Replayed and live, touches are drawn, stitched and held against the named part.
+fn recorded_touches_show_what_was_felt(at: &Path, sample: &Sample) {
+    let (model, holes) = (sample.at("model/model.safetensors"), sample.at("holes"));
+    let filter = |given: &[&str]| run("tactile-filter", at, given);
+    let replay = |bank: &str, more: &[&str]| {
+        let given = ["replay", "--model", &model, "--bank", bank, "--data", &holes, "--set", "false_accept=none"];
+        filter(&[&given[..], &["--limit", "2"], more].concat())
+    };
+    let felt = replay("two.bank", &["--maps", MAPS, "--felt", "felt"]);
+    assert!(felt.done().contains(" mm2 felt, "), "{felt:?}");
+    for episode in ["felt/episode-0.png", "felt/episode-1.png"] {
+        let drawn = picture::read(&at.join(episode)).unwrap();
+        // 18.6 x 14.3 mm and more, three pixels to 0.3 mm.
+        assert!(drawn.width_px() > 186 && drawn.width_px() == drawn.height_px(), "{}", drawn.width_px());
+    }
+    let line = replay("two.bank", &["--maps", MAPS, "--json"]);
+    let said: Value = serde_json::from_str(line.done().lines().next().unwrap()).unwrap();
+    assert!(said["difference"]["seen_mm2"].as_f64().unwrap() > 100.0, "{said}");
+    assert!(replay(&sample.at("pegs.bank"), &["--maps", MAPS]).failed().contains("a bank with a map of each part"));
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../infer/models/maze-small.maps.safetensors");
+    assert!(replay("two.bank", &["--maps", shipped]).failed().contains("maps: expected pictures as the model sees them"));
+    assert!(replay("two.bank", &["--felt", "felt"]).stderr.contains("--maps"));
+    assert!(!replay("two.bank", &[]).done().contains("mm2"));
+
+    // A log is of the networks that drew.
+    let (two, with) = (sample.at("two.toml"), ["--maps", MAPS]);
+    let inputs = ["--model", &model, "--bank", "two.bank"];
+    let live = ["--simulate", &two, "--fast", "--episodes", "1", "--log", "maps.mcap"];
+    filter(&[&["live"], &inputs[..], &with, &live].concat()).done();
+    let log = |more: &[&str]| filter(&[&["replay"], &inputs[..], more, &["--log", "maps.mcap"]].concat());
+    assert!(log(&with).done().contains("touch"));
+    assert!(log(&[]).failed().contains("maps of log maps.mcap"));
 }
 
 #[test]
@@ -136,6 +171,14 @@ fn strangers_are_told_from_parts(at: &Path, model: &str) {
     run("tactile-infer", at, &[&bank[..], &["three.bank"]].concat()).done();
     let bank = Bank::load(&at.join("three.bank"), &Model::load(model.as_ref()).unwrap()).unwrap();
     let expected = bank.expected().unwrap();
+    let mosaics = bank.mosaics().unwrap();
+    assert_eq!(mosaics.sides(), [Side::Peg, Side::Hole]);
+    assert_eq!([Side::Peg, Side::Hole].map(|side| mosaics.of(2, side).side()), [Side::Peg, Side::Hole]);
+    assert_ne!(mosaics.of(2, Side::Peg).at([0.3, 0.6]), mosaics.of(2, Side::Hole).at([0.3, 0.6]));
+    assert_eq!(
+        bank.with_parts(&[2]).unwrap().mosaics().unwrap().of(0, Side::Hole).at([0.3, 0.6]),
+        mosaics.of(2, Side::Hole).at([0.3, 0.6])
+    );
     assert!(expected.holes.iter().chain(&expected.pegs).all(Option::is_some), "{expected:?}");
     assert_eq!(expected.of(1, Side::Peg), expected.pegs[1]);
     let evaluate = |maps: &str, out: &str, more: &[&str]| {
@@ -154,7 +197,7 @@ fn strangers_are_told_from_parts(at: &Path, model: &str) {
     assert!(certify(&["strangers"]).stderr.contains("--model"));
     let said = certify(&["strangers", "--maps", JUDGE, "--out", "certified.safetensors"]);
     assert!(said.done().contains("120 episodes with strangers (3 parts), 120 with parts that are there"));
-    let odds = MapFile::load(&at.join("certified.safetensors")).unwrap().presence[0].unwrap();
+    let odds = MapFile::load(&at.join("certified.safetensors")).unwrap().presence[2].unwrap();
     assert!(odds.by_verifier != 0.0 && odds.n_parts == 2.0 && odds.n_strangers == 120, "{odds:?}");
     let of_model = ["strangers", "--model", model, "--out", "certified-model.safetensors"];
     certify(&of_model).done();
@@ -198,7 +241,7 @@ fn a_place_is_found_by_the_maps_of_touches_and_part() {
     for pose in (0..reach.len()).step_by(3).map(|cell| reach.pose(cell)) {
         stitchers.iter_mut().for_each(|of| of.add(&perfect(&maps, Side::Peg, &pose, view_mm), &pose));
     }
-    let bank = Arc::new(bank.with_mosaics(Mosaics::stitched(&stitchers).unwrap()).unwrap());
+    let bank = Arc::new(bank.with_mosaics(Mosaics::stitched(&stitchers, None).unwrap()).unwrap());
     let (truth, moved) = (Se2::from_degrees(1.1, -0.7, 8.0), Se2::from_degrees(-1.5, 2.0, 10.0));
     let play = |has_maps: bool| {
         let touch = |pose: Se2, n: u64| {

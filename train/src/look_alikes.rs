@@ -3,8 +3,8 @@
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
-use tactile_data::touch::OUTLINE_REACH_MM;
-use tactile_infer::maps::mosaic::{Mosaic, Mosaics, N_VALUES, Place};
+use tactile_data::touch::{OUTLINE_REACH_MM, Side};
+use tactile_infer::maps::mosaic::{Mosaic, Mosaics, Place};
 
 use crate::error::Result;
 
@@ -90,13 +90,18 @@ fn half_mm(mosaic: &Mosaic<'_>) -> f64 {
 /// # Errors
 /// None that mosaics give.
 pub fn with_look_alikes(mosaics: &Mosaics, rng: &mut ChaCha8Rng) -> Result<Mosaics> {
-    let [n_parts, n, ..] = mosaics.shape();
-    let mut values = mosaics.values().to_vec();
+    let [n_sides, n_parts, n, _, n_values] = mosaics.shape();
+    let mut changes = Vec::with_capacity(n_parts * N_LOOK_ALIKES);
     for part in 0..n_parts {
-        let mosaic = mosaics.of(part);
-        let half_mm = half_mm(&mosaic);
-        for _ in 0..N_LOOK_ALIKES {
-            let change = Change::drawn(half_mm, rng);
+        let half_mm = half_mm(&mosaics.of(part, Side::Peg));
+        changes.extend((0..N_LOOK_ALIKES).map(|_| (part, Change::drawn(half_mm, rng))));
+    }
+    let n_of_side = n_parts * n * n * n_values;
+    let mut values = Vec::with_capacity((1 + N_LOOK_ALIKES) * mosaics.values().len());
+    for (of_side, side) in mosaics.values().chunks_exact(n_of_side).zip(mosaics.sides()) {
+        values.extend_from_slice(of_side);
+        for (part, change) in &changes {
+            let mosaic = mosaics.of(*part, *side);
             for (row, column) in (0..n * n).map(|at| (at / n, at % n)) {
                 let (place_mm, _) = mosaic.cell(column, row);
                 let reach = OUTLINE_REACH_MM as f32;
@@ -107,13 +112,14 @@ pub fn with_look_alikes(mosaics: &Mosaics, rng: &mut ChaCha8Rng) -> Result<Mosai
             }
         }
     }
-    Ok(Mosaics::new([n_parts * (1 + N_LOOK_ALIKES), n, n, N_VALUES], values)?)
+    Ok(Mosaics::new([n_sides, n_parts * (1 + N_LOOK_ALIKES), n, n, n_values], values)?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use rand::SeedableRng;
+    use tactile_infer::maps::mosaic::N_VALUES;
 
     /// A disc of 5 mm.
     fn disc() -> Mosaics {
@@ -125,13 +131,13 @@ mod tests {
             let inside = f32::from(u8::from(mm < 0.0));
             values.extend([mm as f32, inside, inside, 0.1, 4.0]);
         }
-        Mosaics::new([1, n, n, N_VALUES], values).unwrap()
+        Mosaics::new([1, 1, n, n, N_VALUES], values).unwrap()
     }
 
     #[test]
     fn a_disc_larger_grown_or_stretched_is_what_geometry_says() {
         let disc = disc();
-        let mosaic = disc.of(0);
+        let mosaic = disc.of(0, Side::Peg);
         assert!((half_mm(&mosaic) - 5.0).abs() < 0.3);
         let same = Change { along: 1.0, across: 1.0, direction_rad: 0.4, grown_mm: 0.0 };
         let at = |change: Change, place| f64::from(change.at(&mosaic, place).unwrap().distance_mm);

@@ -237,7 +237,7 @@ impl Results<'_> {
             preprocessing,
             provenance,
             verifier: None,
-            presence: [None, None],
+            presence: [None; 3],
             tensors: tensors_of(&network),
         };
         file.save(&self.run.out.file(MAPS))?;

@@ -1,6 +1,8 @@
 //! Trains the network that judges whether a touch was made at a pose of a part ([`tactile_infer::maps::verifier`]): touches of
 //! known parts, laid where they were made, where the likeliest views of other parts are, and on look-alikes of their own part.
 
+use std::sync::Arc;
+
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::rngs::ChaCha8Rng;
@@ -78,7 +80,9 @@ struct Laid {
 struct Sample {
     bank: usize,
     side: Side,
-    map: DrawnMap,
+    /// Whose mosaics.
+    on: Side,
+    map: Arc<DrawnMap>,
     laid: Vec<Laid>,
     is_held_out: bool,
 }
@@ -98,7 +102,7 @@ pub struct LaidTouches<'a> {
 struct Touch<'a> {
     bank: &'a Bank,
     mosaics: &'a Mosaics,
-    map: DrawnMap,
+    map: Arc<DrawnMap>,
     query: Vec<f32>,
     part: usize,
     part_from_sensor: Se2,
@@ -130,9 +134,9 @@ impl<'a> LaidTouches<'a> {
             for frames in frames.chunks(256) {
                 let see = |frame: &usize| background.tactile_image(&dataset.frame(*frame));
                 let images = frames.par_iter().map(see).collect::<tactile_data::Result<Vec<_>>>()?;
-                let of_frame = |(frame, image): (&usize, &TactileImage)| self.sample(bank, (dataset, *frame), image);
-                let samples: Vec<Sample> = frames.par_iter().zip(&images).map(of_frame).collect::<Result<_>>()?;
-                self.samples.extend(samples);
+                let of_frame = |(frame, image): (&usize, &TactileImage)| self.samples_of(bank, (dataset, *frame), image);
+                let samples: Vec<Vec<Sample>> = frames.par_iter().zip(&images).map(of_frame).collect::<Result<_>>()?;
+                self.samples.extend(samples.into_iter().flatten());
                 done += frames.len();
                 progress(done, n_all);
             }
@@ -140,8 +144,13 @@ impl<'a> LaidTouches<'a> {
         Ok(())
     }
 
-    /// One frame of a dataset.
-    fn sample(&self, bank: &Bank, (dataset, frame): (&Dataset, usize), image: &TactileImage) -> Result<Sample> {
+    /// One frame of a dataset, on the mosaics of its own side and on those of pegs.
+    fn samples_of(
+        &self,
+        bank: &Bank,
+        (dataset, frame): (&Dataset, usize),
+        image: &TactileImage,
+    ) -> Result<Vec<Sample>> {
         let (touch, name) = (dataset.touch(frame), &dataset.meta().name);
         let known = touch.part.as_ref().and_then(|part| bank.parts().iter().position(|name| name == part));
         let (Some(part), Some(part_from_sensor), Some(side)) = (known, touch.part_from_sensor, touch.side) else {
@@ -155,14 +164,20 @@ impl<'a> LaidTouches<'a> {
         let (bank_index, is_held_out) = (self.mosaics.len() - 1, part / N_PARTS % HELD_OUT == HELD_OUT - 1);
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ dataset.meta().seed.unwrap_or_default());
         rng.set_stream(((bank_index as u64) << 40) + frame as u64);
-        let touch = Touch { bank, mosaics: &self.mosaics[bank_index], map, query, part, part_from_sensor };
-        let laid = self.lay(&touch, &mut rng);
-        Ok(Sample { bank: bank_index, side, map: touch.map, laid, is_held_out })
+        let mosaics = &self.mosaics[bank_index];
+        let touch = Touch { bank, mosaics, map: Arc::new(map), query, part, part_from_sensor };
+        let mut on: Vec<Side> = [Side::Peg, side].into_iter().filter(|on| mosaics.sides().contains(on)).collect();
+        on.dedup();
+        let sample = |on: Side| {
+            let laid = self.lay(&touch, on, &mut rng);
+            Sample { bank: bank_index, side, on, map: touch.map.clone(), laid, is_held_out }
+        };
+        Ok(on.into_iter().map(sample).collect())
     }
 
     /// Where a touch is laid: on the likeliest views of the other parts, twice near its own pose, and there on look-alikes of its
     /// part, each moved to where its distances fit best.
-    fn lay(&self, touch: &Touch<'_>, rng: &mut ChaCha8Rng) -> Vec<Laid> {
+    fn lay(&self, touch: &Touch<'_>, on: Side, rng: &mut ChaCha8Rng) -> Vec<Laid> {
         let Touch { bank, mosaics, map, query, part: own, part_from_sensor: pose } = touch;
         let mut cosines = Vec::new();
         bank.similarities(query, &mut cosines);
@@ -187,7 +202,7 @@ impl<'a> LaidTouches<'a> {
         let lay = |(part, View { cosine, pose: start }): (usize, View)| {
             let touch = Drawing { map, first_from_sensor: Se2::IDENTITY };
             let start = Start::known_to(start, START);
-            let part_from_sensor = align(&[touch], &mosaics.of(part), &start).part_from_first;
+            let part_from_sensor = align(&[touch], &mosaics.of(part, on), &start).part_from_first;
             Laid { part, part_from_sensor, is_own: part == *own, cosine }
         };
         // What went astray from its own pose says nothing.
@@ -212,11 +227,13 @@ impl<'a> LaidTouches<'a> {
     /// own pose and how much it counts: half of a touch is its own pose, half the others.
     fn batch(&self, samples: &[usize]) -> Compared {
         let of_sample = |at: &usize| {
-            let Sample { bank, side, map, laid, .. } = &self.samples[*at];
+            let Sample { bank, side, on, map, laid, .. } = &self.samples[*at];
             let n_own = laid.iter().filter(|laid| laid.is_own).count();
             let pictures: Vec<f32> = laid
                 .iter()
-                .flat_map(|laid| compared((map, *side), &self.mosaics[*bank].of(laid.part), &laid.part_from_sensor))
+                .flat_map(|laid| {
+                    compared((map, *side), &self.mosaics[*bank].of(laid.part, *on), &laid.part_from_sensor)
+                })
                 .collect();
             let n_others = laid.len() - n_own;
             let says: Vec<[f32; 2]> = laid

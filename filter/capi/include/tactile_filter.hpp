@@ -225,6 +225,14 @@ public:
         return detail::give(status, Model(handle));
     }
 
+    // With networks that draw a map of each touch and judge by them.
+    static Result<Model> load(const std::string &path, const std::string &maps)
+    {
+        tf_model *handle = nullptr;
+        const tf_status status = tf_model_load_with_maps(path.c_str(), maps.c_str(), &handle);
+        return detail::give(status, Model(handle));
+    }
+
     // What was measured of it where this side is touched, with every setting at its default.
     Result<Config> config(tf_side side = TF_SIDE_HOLE) const
     {

@@ -3,6 +3,7 @@
 use std::ffi::{CString, c_char};
 use std::sync::Arc;
 
+use tactile_infer::maps::Maps;
 use tactile_infer::{Bank, Model};
 
 use crate::pointer::{fill, free, get, give, out, path};
@@ -31,6 +32,24 @@ pub(crate) struct Parts {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_model_load(path: *const c_char, out: *mut *mut tf_model) -> tf_status {
     call(|| unsafe { give(out, || Ok(tf_model { model: Arc::new(Model::load(&self::path(path)?)?) })) })
+}
+
+/// Loads a model, and networks that draw a map of each touch and judge by them (`maze-small.maps.safetensors`): with banks that have
+/// maps of their parts (`tactile-infer bank --maps`), places are found and parts are verified by them.
+/// \param maps  the path of the networks' file, ending with a zero
+/// TF_STATUS_FILE, TF_STATUS_UNUSABLE: as tf_model_load(), of either file.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_model_load_with_maps(
+    path: *const c_char,
+    maps: *const c_char,
+    out: *mut *mut tf_model,
+) -> tf_status {
+    let load = || {
+        let [path, maps] = unsafe { [self::path(path)?, self::path(maps)?] };
+        let model = Model::load(&path)?.with_maps(Maps::load(&maps)?)?;
+        Ok(tf_model { model: Arc::new(model) })
+    };
+    call(|| unsafe { give(out, load) })
 }
 
 /// Frees a model; null is allowed. What was made with it goes on working.

@@ -184,6 +184,8 @@ fn null_is_refused_everywhere_else() {
         [
             tf_model_load(null(), &mut null_mut()),
             tf_model_load(c"x".as_ptr(), null_mut()),
+            tf_model_load_with_maps(null(), c"x".as_ptr(), &mut null_mut()),
+            tf_model_load_with_maps(c"x".as_ptr(), null(), &mut null_mut()),
             tf_bank_load(null(), c"x".as_ptr(), &mut null_mut()),
             tf_bank_load(model, null(), &mut null_mut()),
             tf_bank_n_parts(null(), n),
@@ -428,6 +430,16 @@ fn files_that_are_not_what_they_should_be_have_their_status() {
     assert_eq!(load("rest.ppm"), [tf_status::Unusable; 2]);
     assert_eq!(load("parts.bank"), [tf_status::Unusable, tf_status::Ok]);
     assert_eq!(load("model.safetensors"), [tf_status::Ok, tf_status::Unusable]);
+    let model = CString::new(world.path("model.safetensors").to_str().unwrap()).unwrap();
+    let with_maps = |maps: &CStr| {
+        let mut made = null_mut();
+        let status = unsafe { tf_model_load_with_maps(model.as_ptr(), maps.as_ptr(), &mut made) };
+        unsafe { tf_model_free(made) };
+        status
+    };
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maze-small.maps.safetensors");
+    assert_eq!(with_maps(&CString::new(shipped).unwrap()), tf_status::Ok);
+    assert_eq!([with_maps(&model), with_maps(c"absent")], [tf_status::Unusable, tf_status::File]);
     let empty = unsafe { tf_model_load(c"".as_ptr(), &mut null_mut()) };
     assert_eq!(empty, tf_status::Argument);
     // Names by index, and no other.

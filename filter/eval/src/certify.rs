@@ -55,7 +55,7 @@ struct Course {
 /// Fewer than a hundred episodes of either kind, evaluations of different sides, models or verifiers, and episodes that tell
 /// nothing.
 pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Result<Certified> {
-    check(evaluations)?;
+    check(evaluations, judged)?;
     let courses: Vec<Course> = evaluations.iter().flat_map(|of| courses(of, judged)).collect();
     let [n_strangers, n_present] =
         [false, true].map(|is| courses.iter().filter(|course| course.is_there == is).count());
@@ -100,16 +100,16 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
 }
 
 /// Refuses evaluations that do not go together.
-fn check(evaluations: &[Episodes]) -> Result<()> {
+fn check(evaluations: &[Episodes], judged: bool) -> Result<()> {
     let Some(first) = evaluations.first() else {
         return Err(Error::invalid("episodes", "evaluations with --absent and without", "none"));
     };
     let of = |episodes: &Episodes| {
         let setup = &episodes.setup;
-        (setup.side, setup.model.sha256.clone(), setup.verifier_sha256.clone())
+        (setup.side, setup.model.sha256.clone(), setup.verifier_sha256.clone(), judged.then_some(setup.views))
     };
     if let Some(other) = evaluations.iter().find(|episodes| of(episodes) != of(first)) {
-        let expected = "evaluations of one side, one model and one verifier";
+        let expected = "evaluations of one side, one model, one verifier and, with maps, one kind of bank";
         return Err(Error::invalid("episodes", expected, format!("{:?} and {:?}", of(first), of(other))));
     }
     Ok(())

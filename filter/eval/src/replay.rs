@@ -8,9 +8,10 @@ use tactile_data::se2::Se2;
 use tactile_data::store::Dataset;
 use tactile_data::touch::{Side, Touch, instead_of};
 use tactile_infer::Bank;
+use tactile_infer::maps::mosaic::Difference;
 
 use crate::error::{Error, Result};
-use tactile_filter::{Episode, EpisodeConfig, Sensor, StopReason, Warning};
+use tactile_filter::{Episode, EpisodeConfig, FeltMap, Sensor, StopReason, Warning};
 
 /// One touch of a recording: the frame to look at, and the motion since the touch before.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +49,12 @@ pub struct Replayed {
     pub stop: Option<StopReason>,
     /// Reasons to doubt it.
     pub warnings: Vec<String>,
+    /// How what was felt (first) differs from the bank's map of the part (second), mm²; left out without maps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub difference: Option<Difference>,
+    /// What was felt, where maps were drawn.
+    #[serde(skip)]
+    pub felt_map: Option<FeltMap>,
 }
 
 /// Cuts a recording into episodes.
@@ -128,8 +135,10 @@ pub fn play(
         frames.push(next.frame);
     }
     let estimate = episode.estimate();
-    let pose = estimate.part_from_sensor;
+    let (pose, felt_map) = (estimate.part_from_sensor, episode.felt_map());
     Ok(Replayed {
+        difference: felt_map.as_ref().and_then(|map| map.difference),
+        felt_map,
         truth: dataset.touch(first.frame).part.clone(),
         confident: estimate.stop == Some(StopReason::Confident)
             && !estimate.warnings.iter().any(Warning::is_of_touches),

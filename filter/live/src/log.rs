@@ -33,6 +33,9 @@ pub struct Setup {
     pub program: String,
     /// SHA-256 of the model's file.
     pub model_sha256: String,
+    /// SHA-256 of the networks that drew maps, where any did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub maps_sha256: Option<String>,
     /// SHA-256 of the bank.
     pub bank_sha256: String,
     /// The topic of the pictures.

@@ -66,7 +66,12 @@ pub fn replay(log: &Path, model: Arc<Model>, bank: Arc<Bank>) -> Result<Replayed
     let first = messages.next().transpose()?.ok_or_else(|| no_setup(log, "an empty bag"))?;
     let setup = read_setup(log, &first)?;
     let bank_sha256 = bank.sha256().map_err(tactile_filter::Error::from)?;
-    let checks = [("model", &setup.model_sha256, &**model.sha256()), ("bank", &setup.bank_sha256, &bank_sha256)];
+    let [expected, got] = [setup.maps_sha256.as_deref(), model.maps().map(|maps| &**maps.sha256())];
+    let checks = [
+        ("model", &*setup.model_sha256, &**model.sha256()),
+        ("maps", expected.unwrap_or("none"), got.unwrap_or("none")),
+        ("bank", &setup.bank_sha256, &bank_sha256),
+    ];
     if let Some((what, expected, got)) = checks.into_iter().find(|(_, expected, got)| expected != got) {
         let place = format!("{what} of log {}", log.display());
         return Err(Error::invalid(place, format!("SHA-256 {expected:.12}"), format!("{got:.12}")));

@@ -53,6 +53,7 @@ impl Names {
             node: self.node.clone(),
             program: concat!("tactile-live ", env!("CARGO_PKG_VERSION")).to_owned(),
             model_sha256: model.sha256().to_string(),
+            maps_sha256: model.maps().map(|maps| maps.sha256().to_string()),
             bank_sha256: bank.sha256().map_err(tactile_filter::Error::from)?,
             image_topic: self.image_topic.clone(),
             tool_topic: self.tool_topic.clone(),

@@ -15,6 +15,7 @@ use crate::belief::PyBelief;
 use crate::config::PyEpisodeConfig;
 use crate::error::{Failure, InvalidError, compute};
 use crate::estimate::PyEstimate;
+use crate::felt_map::PyFeltMap;
 use crate::model::PyBank;
 use crate::pose::{PoseLike, PyPose};
 use crate::sensor::PyObservation;
@@ -117,6 +118,12 @@ impl PyEpisode {
     /// What is known now.
     fn estimate(&self, py: Python<'_>) -> PyResult<PyEstimate> {
         Ok(self.named(self.with(py, |episode| Ok(episode.estimate()))?))
+    }
+
+    /// What the touches so far show of what they were made on; `None` where the model draws no maps (`Model.load(..., maps=...)`).
+    fn felt_map(&self, py: Python<'_>) -> PyResult<Option<PyFeltMap>> {
+        let felt = self.with(py, |episode| Ok((episode.felt_map(), episode.side())))?;
+        Ok(felt.0.map(|map| PyFeltMap { map, side: felt.1 }))
     }
 
     /// The belief over all states now.

@@ -17,6 +17,8 @@ mod episode;
 pub mod error;
 #[cfg(feature = "python")]
 mod estimate;
+#[cfg(feature = "python")]
+mod felt_map;
 #[cfg(any(test, feature = "python"))]
 mod guard;
 #[cfg(feature = "python")]
@@ -49,6 +51,7 @@ fn tactile_filter_module(module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo
     module.add_class::<estimate::PyRunnerUp>()?;
     module.add_class::<estimate::PyMode>()?;
     module.add_class::<belief::PyBelief>()?;
+    module.add_class::<felt_map::PyFeltMap>()?;
     #[cfg(feature = "sim")]
     module.add_class::<simulator::PySimulator>()?;
     error::add_to(module)

@@ -7,6 +7,7 @@ use numpy::PyArray2;
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use tactile_data::touch::Side;
+use tactile_infer::maps::Maps;
 use tactile_infer::{Bank, Model};
 
 use crate::array::matrix;
@@ -19,10 +20,19 @@ pub struct PyModel(pub Arc<Model>);
 
 #[pymethods]
 impl PyModel {
-    /// Loads a checkpoint, as `tactile-train` writes it.
+    /// Loads a checkpoint, as `tactile-train` writes it, and with `maps` networks that draw a map of each touch: with banks
+    /// that have maps of their parts (`tactile-infer bank --maps`), places are found and parts are verified by them.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        compute(py, || Ok(Self(Arc::new(Model::load(&path)?))))
+    #[pyo3(signature = (path, *, maps=None))]
+    fn load(py: Python<'_>, path: PathBuf, maps: Option<PathBuf>) -> PyResult<Self> {
+        compute(py, || {
+            let model = Model::load(&path)?;
+            let model = match maps {
+                Some(maps) => model.with_maps(Maps::load(&maps)?)?,
+                None => model,
+            };
+            Ok(Self(Arc::new(model)))
+        })
     }
 
     /// SHA-256 of the checkpoint but for its calibration, 64 hex digits: banks are bound to it.

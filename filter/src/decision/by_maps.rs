@@ -32,7 +32,7 @@ struct Drawn<'a> {
 impl<'a> Asked<'a> {
     /// The touches laid over the map of a part, from the pose that is believed; `None` without maps of both.
     pub(super) fn laid(self, part: usize, believed: &Se2) -> Option<Laid> {
-        let mosaic = self.bank.mosaics().filter(|_| self.config.method.between_poses)?.of(part);
+        let mosaic = self.bank.mosaics().filter(|_| self.config.method.between_poses)?.of(part, self.side());
         let drawn = self.drawn();
         if drawn.is_empty() {
             return None;

@@ -5,10 +5,12 @@
 
 mod by_maps;
 mod estimate;
+mod felt_map;
 mod sensor_match;
 mod verdict;
 
 pub use estimate::Estimate;
+pub use felt_map::FeltMap;
 pub(crate) use sensor_match::Scores;
 pub use sensor_match::SensorMatch;
 pub(crate) use verdict::{Asked, Placed};

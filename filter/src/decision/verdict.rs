@@ -269,7 +269,9 @@ impl Asked<'_> {
     /// Whether the part is there at all; `None` where no edge was felt.
     fn presence(self, placed: &Placed) -> Option<Presence> {
         let (fit, n_fitted) = (placed.fit?, placed.n_fitted());
-        let of_verifier = self.bank.verifier().and_then(|verifier| verifier.presence(self.side()));
+        let side = self.side();
+        let judged = self.bank.verifier().zip(self.bank.mosaics());
+        let of_verifier = judged.and_then(|(verifier, maps)| verifier.presence(side, maps.side_for(side)));
         let (odds, verified) = match placed.verified.zip(of_verifier) {
             Some((verified, odds)) => (*odds, Some(verified)),
             None => (self.model.presence(), None),

@@ -20,7 +20,7 @@ pub struct Observation {
     /// ([`MatchOdds::rarity_of`](tactile_infer::match_odds::MatchOdds::rarity_of)); 0 where that is not known.
     #[serde(default)]
     pub rarity: f32,
-    /// What the touch shows, place by place, where the sensor draws maps ([`Sensor::with_maps`](crate::Sensor::with_maps)).
+    /// What the touch shows, place by place, where the model draws maps ([`Model::with_maps`](tactile_infer::Model::with_maps)).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map: Option<Box<DrawnMap>>,
     /// Which side was touched: an episode is of one.

@@ -6,7 +6,6 @@ use tactile_data::frame::{Background, Frame};
 use tactile_data::lamps::Lamps;
 use tactile_data::touch::Side;
 use tactile_infer::Model;
-use tactile_infer::maps::MapDrawer;
 
 use crate::error::Result;
 use crate::touch::Observation;
@@ -17,7 +16,6 @@ pub struct Sensor {
     model: Arc<Model>,
     background: Background,
     side: Side,
-    maps: Option<Arc<MapDrawer>>,
 }
 
 impl Sensor {
@@ -27,7 +25,7 @@ impl Sensor {
     /// [`Error::Frame`](crate::Error::Frame) where that frame is dark, saturated, uniform or smaller than the model's input.
     pub fn new(model: Arc<Model>, no_contact: &Frame) -> Result<Self> {
         let background = model.background(no_contact)?;
-        Ok(Self { model, background, side: Side::default(), maps: None })
+        Ok(Self { model, background, side: Side::default() })
     }
 
     /// The same sensor, touching this side: holes, or the raised parts that the bank's views are of.
@@ -44,24 +42,6 @@ impl Sensor {
     pub fn lit_by<'a>(self, lamps: impl Into<Option<&'a Lamps>>) -> Result<Self> {
         let background = self.background.lit_by(lamps)?;
         Ok(Self { background, ..self })
-    }
-
-    /// The same sensor, which draws a map of each touch: with a bank that has maps of its parts
-    /// ([`Bank::mosaics`](tactile_infer::Bank::mosaics)) an estimate's place is found by them.
-    ///
-    /// # Errors
-    /// A network that sees other pictures than the model.
-    pub fn with_maps(self, maps: Arc<MapDrawer>) -> Result<Self> {
-        if maps.preprocessing() != self.model.preprocessing() {
-            let [expected, got] = [self.model.preprocessing(), maps.preprocessing()].map(|of| format!("{of:?}"));
-            return Err(tactile_infer::Error::invalid(
-                "maps",
-                format!("pictures as the model sees them, {expected}"),
-                got,
-            )
-            .into());
-        }
-        Ok(Self { maps: Some(maps), ..self })
     }
 
     /// The same sensor, side and lamps with another frame at rest.
@@ -93,8 +73,8 @@ impl Sensor {
         let edge_share = image.edge_share;
         let image = std::slice::from_ref(&image);
         let query = self.model.embed_side(image, self.side)?;
-        let map = match &self.maps {
-            Some(maps) => maps.draw(image, self.side)?.pop().map(Box::new),
+        let map = match self.model.maps() {
+            Some(maps) => maps.drawer().draw(image, self.side)?.pop().map(Box::new),
             None => None,
         };
         let model_sha256 = Some(self.model.sha256().clone());

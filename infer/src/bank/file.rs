@@ -16,6 +16,7 @@ use tactile_data::symmetry::Symmetry;
 use super::{Bank, SCHEMA};
 use crate::checkpoint::{from_json, to_json};
 use crate::error::{Error, Result};
+use crate::maps::Maps;
 use crate::maps::mosaic::Mosaics;
 use crate::matches::Matches;
 use crate::metric::Metric;
@@ -191,10 +192,11 @@ impl Bank {
         Ok(text)
     }
 
-    /// Loads a bank, its rows in the format that the file holds.
+    /// Loads a bank, its rows in the format that the file holds. Where it has maps of its parts, what judges by maps with the model
+    /// judges its touches.
     ///
     /// # Errors
-    /// [`Error::WrongModel`] for one made by another model; a file that cannot be read, is damaged, in a part that is
+    /// [`Error::WrongModel`] for one made by another model; one whose maps are of other networks than the model's; a file that cannot be read, is damaged, in a part that is
     /// named where that is known, or holds no bank.
     pub fn load(path: &Path, model: &Model) -> Result<Self> {
         let within = |error: Error| error.within(path.display());
@@ -206,7 +208,11 @@ impl Bank {
             let (what, expected) = (path.display().to_string(), model.sha256().to_string());
             return Err(Error::WrongModel { what, expected, got: got.into() });
         }
-        loaded.bank(&file).map_err(within)
+        let bank = loaded.bank(&file).map_err(within)?;
+        match model.maps().and_then(Maps::verifier).filter(|_| bank.mosaics().is_some()) {
+            Some(verifier) => bank.verified_by(verifier.clone()).map_err(within),
+            None => Ok(bank),
+        }
     }
 }
 
@@ -227,10 +233,10 @@ fn check_lengths(bank: &Bank) -> Result<()> {
 
 fn read_mosaics(file: &mut Opened) -> Result<Mosaics> {
     let found = file.entry(MOSAICS)?;
-    let (Precision::F16, [n_parts, n, across, n_values]) = (found.0, &found.1[..]) else {
-        return Err(Error::invalid(MOSAICS, "values [parts, n, n, 5] of f16", format!("{:?} of {}", found.1, found.0)));
+    let (Precision::F16, [n_sides, n_parts, n, across, n_values]) = (found.0, &found.1[..]) else {
+        return Err(Error::invalid(MOSAICS, "values [sides, parts, n, n, 5] of f16", format!("{:?} of {}", found.1, found.0)));
     };
-    let shape = [*n_parts, *n, *across, *n_values];
+    let shape = [*n_sides, *n_parts, *n, *across, *n_values];
     let values = file.read(MOSAICS, |reader| {
         read_values(reader, shape.iter().product(), |bytes| f16::from_le_bytes(bytes).to_f32())
     })?;

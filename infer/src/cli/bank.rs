@@ -131,7 +131,7 @@ impl BankArgs {
             let job = self.job(&model, &scene);
             let kept = with_ending(&self.out, ".parts");
             let bank = job.make(Some(&kept), &reporter("touches"))?;
-            let stitch = |drawer| mosaics_of_scene(drawer, &scene, self.seed, &reporter("touches"));
+            let stitch = |drawer| mosaics_of_scene(drawer, (&scene, job.views), self.seed, &reporter("touches"));
             let mosaics = drawer.as_ref().map(stitch).transpose()?;
             let bank = match (&drawer, &verifier, &mosaics) {
                 (Some(drawer), Some(verifier), Some(mosaics)) => {
@@ -233,8 +233,9 @@ fn print_bank(path: &Path, bank: &Bank) {
         if bank.views().is_pegs() { "pegs" } else { "pegs and their holes" }
     ));
     if let Some(mosaics) = bank.mosaics() {
-        let [_, n, ..] = mosaics.shape();
-        println!("a map of each part, {0:.1} x {0:.1} mm", n as f64 * CELL_MM);
+        let [n_sides, _, n, ..] = mosaics.shape();
+        let what = if n_sides == 1 { "part" } else { "peg and of each hole" };
+        println!("a map of each {what}, {0:.1} x {0:.1} mm", n as f64 * CELL_MM);
     }
     if let Some(metric) = bank.metric() {
         let share = metric.measured().error_scale;

@@ -6,8 +6,9 @@ use clap::Args;
 use serde::Serialize;
 use tactile_data::calibrate::Calibration;
 use tactile_data::frame::{Background, Frame};
-use tactile_data::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::touch::Side;
 use tactile_data::{output, picture, program};
+use tactile_infer::maps::picture::{of_contact, of_distance};
 use tactile_infer::maps::{DrawnMap, MapDrawer};
 use tactile_infer::{Error, Result};
 
@@ -107,29 +108,7 @@ fn side_by_side(frame: &Frame, map: &DrawnMap) -> Result<Frame> {
         rgb.extend_from_slice(&touch.rgb()[3 * row * width..3 * (row + 1) * width]);
         let at = |column: usize| row / ENLARGED * map.size_px[0] + column / ENLARGED;
         rgb.extend((0..width).flat_map(|column| of_distance(map.distance_mm[at(column)], map.error_mm[at(column)])));
-        rgb.extend((0..width).flat_map(|column| [(255.0 * (1.0 - 0.85 * map.contact[at(column)])) as u8; 3]));
+        rgb.extend((0..width).flat_map(|column| of_contact(map.contact[at(column)])));
     }
     Ok(Frame::new(3 * width, height, rgb)?)
-}
-
-/// Black at the outline, blue inside, red outside; the paler, the less sure it is.
-pub(super) fn of_distance(mm: f32, error_mm: f32) -> [u8; 3] {
-    let far = (mm.abs() / OUTLINE_REACH_MM as f32).min(1.0).sqrt();
-    let colour = if mm < 0.0 { [0.25, 0.5, 1.0] } else { [1.0, 0.45, 0.3] };
-    let sure = 1.0 / (1.0 + error_mm);
-    colour.map(|value| (255.0 * (sure * value * far + (1.0 - sure) * 0.9)) as u8)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn inside_is_blue_outside_red_the_outline_dark_and_doubt_pale() {
-        let [inside, outside, outline] = [-2.0, 2.0, 0.0].map(|mm| of_distance(mm, 0.05));
-        assert!(inside[2] > 2 * inside[0] && outside[0] > 2 * outside[2], "{inside:?} {outside:?}");
-        assert!(outline.iter().all(|value| *value < 30), "{outline:?}");
-        let doubt = of_distance(-2.0, 3.0);
-        assert!(doubt[0] > inside[0] + 80, "{doubt:?}");
-    }
 }

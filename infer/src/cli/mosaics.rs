@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::frame::Frame;
-use tactile_data::touch::OUTLINE_REACH_MM;
+use tactile_data::touch::{OUTLINE_REACH_MM, Side};
 use tactile_data::{output, picture, program};
 use tactile_infer::maps::mosaic::{CELL_MM, Place};
+use tactile_infer::maps::picture::{of_contact, of_distance, row_of};
 use tactile_infer::{Bank, Error, Result};
 
 use super::ModelArgs;
-use super::map::of_distance;
 
 /// Pixels of the picture a cell.
 const ENLARGED: usize = 2;
@@ -35,9 +35,6 @@ pub struct MosaicsArgs {
     part: Option<String>,
 }
 
-/// Grey: not seen.
-const UNSEEN: [u8; 3] = [128; 3];
-
 impl MosaicsArgs {
     pub fn run(&self) -> Result<()> {
         let _lock = output::check_file(&self.out, [&self.bank, &self.model.path])?;
@@ -53,25 +50,19 @@ impl MosaicsArgs {
                 vec![part.ok_or_else(unknown)?]
             }
         };
-        let n = mosaics.shape()[1];
+        let n = mosaics.shape()[2];
         let mut rgb = Vec::new();
         for part in &parts {
-            let mosaic = mosaics.of(*part);
+            let mosaic = mosaics.of(*part, Side::Peg);
             for row in 0..ENLARGED * n {
-                let line = |colour: fn(&Place) -> [u8; 3]| {
-                    (0..ENLARGED * n).flat_map(move |column| {
-                        let (_, place) = mosaic.cell(column / ENLARGED, row / ENLARGED);
-                        if place.n_seen > 0.0 { colour(&place) } else { UNSEEN }
-                    })
-                };
-                rgb.extend(line(|place| of_distance(place.distance_mm, place.error_mm)));
-                rgb.extend(line(|place| [(255.0 * (1.0 - 0.85 * place.contact)) as u8; 3]));
+                rgb.extend(row_of(&mosaic, row, ENLARGED, |place| of_distance(place.distance_mm, place.error_mm)));
+                rgb.extend(row_of(&mosaic, row, ENLARGED, |place| of_contact(place.contact)));
             }
         }
         let frame = Frame::new(2 * ENLARGED * n, parts.len() * ENLARGED * n, rgb)?;
         picture::write_png(&self.out, &frame)?;
         for part in parts {
-            let mosaic = mosaics.of(part);
+            let mosaic = mosaics.of(part, Side::Peg);
             let cells = (0..n * n).map(|at| mosaic.cell(at % n, at / n).1).filter(|place| place.n_seen > 0.0);
             let places: Vec<Place> = cells.collect();
             let area =

@@ -165,6 +165,8 @@ fn inverse(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
 
 #[cfg(test)]
 mod tests {
+    use tactile_data::touch::Side;
+
     use super::super::mosaic::tests::{map, mosaics};
     use super::*;
 
@@ -184,12 +186,12 @@ mod tests {
         let maps = [map(&truth, 0.1), map(&(truth * moved), 0.1)];
         let touches = [first(&maps[0]), Drawing { map: &maps[1], first_from_sensor: moved }];
         let start = Se2::from_degrees(2.5, -0.4, 66.0);
-        let [one, both] = [&touches[..1], &touches].map(|of| align(of, &mosaics.of(0), &coarse(start)));
+        let [one, both] = [&touches[..1], &touches].map(|of| align(of, &mosaics.of(0, Side::Peg), &coarse(start)));
         assert!(both.part_from_first.distance_mm(&truth) < 0.05, "{both:?}");
         assert!((0..3).all(|axis| both.covariance[axis][axis] < one.covariance[axis][axis]));
         // A second touch that was made elsewhere fits nowhere.
         let wrong = Drawing { first_from_sensor: Se2::from_degrees(-2.0, 2.0, 40.0), ..touches[1] };
-        assert!(align(&[touches[0], wrong], &mosaics.of(0), &coarse(start)).cost > 10.0 * both.cost);
+        assert!(align(&[touches[0], wrong], &mosaics.of(0, Side::Peg), &coarse(start)).cost > 10.0 * both.cost);
     }
 
     #[test]
@@ -199,7 +201,7 @@ mod tests {
         let touch = map(&truth, 0.1);
         for [x, y, deg] in [[0.0, 0.0, 0.0], [1.0, 0.5, 7.0], [-0.9, 0.8, -8.0], [0.4, -1.4, 4.0]] {
             let start = Se2::from_degrees(truth.x_mm + x, truth.y_mm + y, truth.theta_deg() + deg);
-            let found = align(&[first(&touch)], &mosaics.of(0), &coarse(start));
+            let found = align(&[first(&touch)], &mosaics.of(0, Side::Peg), &coarse(start));
             let turned = wrap_angle(found.part_from_first.theta_rad - truth.theta_rad).to_degrees().abs();
             assert!(found.part_from_first.distance_mm(&truth) < 0.05 && turned < 0.5, "{start:?} {found:?}");
             assert!(found.cost < 0.1 && found.overlap > 0.9, "{found:?}");
@@ -214,7 +216,7 @@ mod tests {
     fn what_is_not_on_the_mosaic_stays_where_it_was() {
         let mosaics = mosaics();
         let nowhere = Se2::from_degrees(80.0, 0.0, 10.0);
-        let found = align(&[first(&map(&nowhere, 0.1))], &mosaics.of(0), &coarse(nowhere));
+        let found = align(&[first(&map(&nowhere, 0.1))], &mosaics.of(0, Side::Peg), &coarse(nowhere));
         assert_eq!((found.part_from_first, found.overlap, found.cost), (nowhere, 0.0, 0.0));
         assert!((found.covariance[0][0].sqrt() - 1.5).abs() < 1e-9);
     }
@@ -225,7 +227,7 @@ mod tests {
         let truth = Se2::from_degrees(3.3, -1.2, 71.0);
         let touch = map(&truth, 0.1);
         let start = Se2::from_degrees(2.8, -1.2, 71.0);
-        let at = |sd: f64| align(&[first(&touch)], &mosaics.of(0), &Start::known_to(start, [sd, 1.0]));
+        let at = |sd: f64| align(&[first(&touch)], &mosaics.of(0, Side::Peg), &Start::known_to(start, [sd, 1.0]));
         let off = |found: &Aligned| found.part_from_first.distance_mm(&truth);
         // As sure as the touch, about half way; not at all, all the way; exactly, none of it.
         let touch_sd = at(1e3).covariance[0][0].sqrt();
@@ -237,7 +239,7 @@ mod tests {
         // Of a map that is sure and wrong little is believed.
         let mut wrong = touch.clone();
         wrong.distance_mm.iter_mut().enumerate().for_each(|(at, mm)| *mm += if at % 2 == 0 { 1.0 } else { -1.0 });
-        let found = align(&[first(&wrong)], &mosaics.of(0), &coarse(start));
+        let found = align(&[first(&wrong)], &mosaics.of(0, Side::Peg), &coarse(start));
         assert!(found.cost > 2.0 && found.covariance[0][0] > 2.0 * at(1.5).covariance[0][0], "{found:?}");
     }
 

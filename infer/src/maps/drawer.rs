@@ -219,7 +219,7 @@ mod tests {
         }
         let preprocessing = Preprocessing::counts(config.input_px);
         let provenance = MapProvenance { steps: 7, ..Default::default() };
-        MapFile { config, preprocessing, provenance, verifier: None, presence: [None, None], tensors }
+        MapFile { config, preprocessing, provenance, verifier: None, presence: [None; 3], tensors }
     }
 
     fn images(n: usize) -> Vec<TactileImage> {

@@ -8,9 +8,11 @@ pub mod expected;
 pub mod mosaic;
 #[cfg(feature = "burn")]
 pub mod network;
+pub mod picture;
 pub mod verifier;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::Preprocessing;
@@ -20,10 +22,10 @@ use crate::architecture::ConvLayer;
 use crate::checkpoint::{from_json, push_sides, to_json};
 use crate::error::{Error, Result};
 use crate::precision::Precision;
-use crate::presence::{ENTRIES, PresenceOdds};
-use crate::safefile::{NamedTensor, SafeFile};
+use crate::presence::{ENTRIES, PresenceOdds, entry_of};
+use crate::safefile::{ContentHash, NamedTensor, SafeFile};
 pub use drawer::{DrawnMap, MapDrawer};
-use verifier::{PREFIX, VerifierConfig};
+use verifier::{PREFIX, Verifier, VerifierConfig};
 
 /// The version of the file's layout.
 pub const SCHEMA: &str = "tactile-filter/maps/1";
@@ -138,13 +140,66 @@ pub struct MapFile {
     pub provenance: MapProvenance,
     /// The network that judges where touches were made, where there is one; its tensors begin with `verifier`.
     pub verifier: Option<VerifierConfig>,
-    /// The log-odds that a named part is there by what that network says, where holes and where pegs are touched.
-    pub presence: [Option<PresenceOdds>; 2],
+    /// The log-odds that a named part is there by what that network says: where holes are touched and laid over maps of pegs, where
+    /// pegs are touched, and where holes are laid over maps of holes.
+    pub presence: [Option<PresenceOdds>; 3],
     /// Weights and running statistics by name.
     pub tensors: Vec<NamedTensor>,
 }
 
+/// The networks of a file, ready to draw maps and to judge by them.
+#[derive(Clone, Debug)]
+pub struct Maps {
+    drawer: Arc<MapDrawer>,
+    verifier: Option<Arc<Verifier>>,
+    sha256: Arc<str>,
+}
+
+impl Maps {
+    /// The networks of the file at a path.
+    ///
+    /// # Errors
+    /// As [`MapFile::load`], [`MapDrawer::new`] and [`Verifier::new`].
+    pub fn load(path: &Path) -> Result<Self> {
+        Self::new(&MapFile::load(path)?).map_err(|error| error.within(path.display()))
+    }
+
+    /// The networks of a file in memory.
+    ///
+    /// # Errors
+    /// As [`MapDrawer::new`] and [`Verifier::new`].
+    pub fn new(file: &MapFile) -> Result<Self> {
+        let (drawer, verifier) = (MapDrawer::new(file)?, Verifier::new(file)?);
+        Ok(Self { drawer: Arc::new(drawer), verifier: verifier.map(Arc::new), sha256: file.weights_sha256().into() })
+    }
+
+    /// What draws maps of touches.
+    pub fn drawer(&self) -> &MapDrawer {
+        &self.drawer
+    }
+
+    /// What judges by maps where a touch was made, where the file has it.
+    pub fn verifier(&self) -> Option<&Arc<Verifier>> {
+        self.verifier.as_ref()
+    }
+
+    /// The checksum of all weights, 64 hex digits.
+    pub fn sha256(&self) -> &Arc<str> {
+        &self.sha256
+    }
+}
+
 impl MapFile {
+    /// The checksum of all weights, 64 hex digits: what is fitted with them is not among it.
+    pub fn weights_sha256(&self) -> String {
+        let mut hash = ContentHash::of_text(&[]);
+        for tensor in &self.tensors {
+            hash.begin(&tensor.name, &tensor.shape);
+            hash.values(&tensor.values);
+        }
+        hash.finish()
+    }
+
     /// The same file with another verifier, of these tensors.
     #[must_use]
     pub fn with_verifier(&self, config: VerifierConfig, tensors: Vec<NamedTensor>) -> Self {
@@ -153,13 +208,13 @@ impl MapFile {
         let judging =
             tensors.into_iter().map(|tensor| NamedTensor { name: format!("{prefix}{}", tensor.name), ..tensor });
         let (verifier, tensors) = (Some(config), drawing.chain(judging).collect());
-        Self { verifier, presence: [None, None], tensors, ..self.clone() }
+        Self { verifier, presence: [None; 3], tensors, ..self.clone() }
     }
 
-    /// The same file with the log-odds that a named part is there, where a side is touched.
+    /// The same file with the log-odds that a named part is there, where a side is touched and laid over maps of a side.
     #[must_use]
-    pub fn with_presence(mut self, side: Side, odds: PresenceOdds) -> Self {
-        self.presence[usize::from(side == Side::Peg)] = Some(odds);
+    pub fn with_presence(mut self, (touched, on): (Side, Side), odds: PresenceOdds) -> Self {
+        self.presence[entry_of(touched, on)] = Some(odds);
         self
     }
 
@@ -203,7 +258,7 @@ impl MapFile {
             let got = format!("{:?}", preprocessing.input_px);
             return Err(within(Error::invalid("preprocessing.input_px", format!("{:?}", config.input_px), got)));
         }
-        let mut presence = [None, None];
+        let mut presence = [None; 3];
         for (name, odds) in ENTRIES.iter().zip(&mut presence) {
             *odds = text(name).ok().map(from_json::<PresenceOdds>).transpose().map_err(within)?;
             odds.iter().try_for_each(PresenceOdds::validate).map_err(|error| within(error.within(name)))?;

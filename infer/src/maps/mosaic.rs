@@ -1,9 +1,10 @@
-//! A map of a whole part, stitched from the maps of its pegs' touches at their poses: what a touch is laid over to see whether
-//! it was made there. Recorded pegs need no drawing for it.
+//! A map of a whole part, stitched from the maps of touches of its peg, or of its hole, at their poses: what a touch is laid over to
+//! see whether it was made there. Recorded pegs need no drawing for it.
 
 use half::f16;
+use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
-use tactile_data::touch::OUTLINE_REACH_MM;
+use tactile_data::touch::{OUTLINE_REACH_MM, Side};
 
 use super::DrawnMap;
 use crate::error::{Error, Result};
@@ -43,6 +44,23 @@ impl Place {
         let [distance_mm, inside, contact, error_mm, n_seen] = [0, 1, 2, ERROR, N_SEEN].map(value);
         Self { distance_mm, inside, contact, error_mm, n_seen }
     }
+
+    /// Whether one of two is inside the outline, the other is not, and they are farther apart than their errors.
+    pub(super) fn differs(&self, other: &Self) -> bool {
+        let apart = (self.distance_mm - other.distance_mm).abs();
+        (self.distance_mm < 0.0) != (other.distance_mm < 0.0) && apart > self.error_mm.hypot(other.error_mm)
+    }
+}
+
+/// How much of what two mosaics show is otherwise in the other, mm².
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Difference {
+    /// What both show.
+    pub seen_mm2: f64,
+    /// What is inside the first one's outline and outside the second's.
+    pub only_first_mm2: f64,
+    /// What is inside the second one's outline and outside the first's.
+    pub only_second_mm2: f64,
 }
 
 /// The distance at a place, and how it changes along x and y.
@@ -53,17 +71,25 @@ pub(super) struct Slope {
     pub error_mm: f64,
 }
 
-/// The mosaics of a bank's parts, all of one size, about each part's own origin.
+/// Whose touches mosaics may be of, in their order.
+const SIDES: [Side; 2] = [Side::Peg, Side::Hole];
+
+/// The mosaics of a bank's parts, all of one size, about each part's own origin: by touches of pegs and, where holes are known, too,
+/// by touches of holes. A hole is read unlike its peg, and each time alike.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mosaics {
+    n_sides: usize,
     n: usize,
-    /// `[n_parts, n, n, N_VALUES]`: rows from the top, distance, inside, contact, error and how often a cell was seen.
+    /// `[n_sides, n_parts, n, n, N_VALUES]`: pegs first; rows from the top, distance, inside, contact, error and how often a cell was
+    /// seen.
     values: Vec<f32>,
 }
 
 /// The mosaic of one part.
 #[derive(Clone, Copy, Debug)]
 pub struct Mosaic<'a> {
+    /// Whose touches it is of.
+    side: Side,
     n: usize,
     /// `[n, n, N_VALUES]`.
     values: &'a [f32],
@@ -94,7 +120,7 @@ impl Stitcher {
         Self { n, sums: vec![Sums::default(); n * n] }
     }
 
-    /// Adds a touch of the peg: its map, and where it was made.
+    /// Adds a touch: its map, and where it was made.
     pub fn add(&mut self, map: &DrawnMap, part_from_sensor: &Se2) {
         let ([width, height], view_mm) = (map.size_px, map.view_mm);
         let sensor_from_part = part_from_sensor.inverse();
@@ -172,24 +198,26 @@ impl Corners {
 }
 
 impl Mosaics {
-    /// The maps of all parts, one stitcher each.
+    /// The maps of all parts, one stitcher each: of their pegs, and behind them of their holes, where those are known.
     ///
     /// # Errors
     /// None, or of several sizes; values that are not finite or beyond the range of f16.
-    pub fn stitched(parts: &[Stitcher]) -> Result<Self> {
-        let n = parts.first().map_or(0, |part| part.n);
-        Self::new([parts.len(), n, n, N_VALUES], parts.iter().flat_map(Stitcher::values).collect())
+    pub fn stitched(pegs: &[Stitcher], holes: Option<&[Stitcher]>) -> Result<Self> {
+        let n = pegs.first().map_or(0, |part| part.n);
+        let shape = [1 + usize::from(holes.is_some()), pegs.len(), n, n, N_VALUES];
+        Self::new(shape, pegs.iter().chain(holes.unwrap_or_default()).flat_map(Stitcher::values).collect())
     }
 
-    /// From values `[n_parts, n, n, N_VALUES]`, which are rounded to f16, as a file keeps them.
+    /// From values `[n_sides, n_parts, n, n, N_VALUES]`, pegs before holes, which are rounded to f16, as a file keeps them.
     ///
     /// # Errors
     /// A shape that mosaics do not have; distances, shares or numbers that no touches give.
-    pub fn new(shape: [usize; 4], mut values: Vec<f32>) -> Result<Self> {
-        let [n_parts, n, across, n_values] = shape;
+    pub fn new(shape: [usize; 5], mut values: Vec<f32>) -> Result<Self> {
+        let [n_sides, n_parts, n, across, n_values] = shape;
         let is_size = (2..=MOST_CELLS).contains(&n) && across == n && n_values == N_VALUES;
-        if !is_size || n_parts == 0 || values.len() != n_parts * n * n * N_VALUES {
-            let expected = format!("[parts, n, n, {N_VALUES}] values, n at most {MOST_CELLS}");
+        let is_number = n_parts > 0 && (1..=SIDES.len()).contains(&n_sides);
+        if !(is_size && is_number) || values.len() != n_sides * n_parts * n * n * N_VALUES {
+            let expected = format!("[sides, parts, n, n, {N_VALUES}] values, n at most {MOST_CELLS}");
             return Err(Error::invalid("mosaics", expected, format!("{shape:?}")));
         }
         Precision::F16.round_all("mosaics", &mut values)?;
@@ -203,26 +231,36 @@ impl Mosaics {
         };
         match values.chunks_exact(N_VALUES).position(is_odd) {
             Some(at) => {
-                let (part, cell) = (at / (n * n), at % (n * n));
+                let (part, cell) = (at / (n * n) % n_parts, at % (n * n));
                 let what = format!("mosaics: part {part}, cell {cell}");
                 let got = format!("{:?}", &values[at * N_VALUES..][..N_VALUES]);
                 Err(Error::invalid(what, "a distance, two shares, an error and a number of touches", got))
             }
-            None => Ok(Self { n, values }),
+            None => Ok(Self { n_sides, n, values }),
         }
     }
 
     /// Number of parts.
     pub fn n_parts(&self) -> usize {
-        self.values.len() / (self.n * self.n * N_VALUES)
+        self.values.len() / (self.n_sides * self.n * self.n * N_VALUES)
     }
 
-    /// `[n_parts, n, n, N_VALUES]`.
-    pub fn shape(&self) -> [usize; 4] {
-        [self.n_parts(), self.n, self.n, N_VALUES]
+    /// `[n_sides, n_parts, n, n, N_VALUES]`.
+    pub fn shape(&self) -> [usize; 5] {
+        [self.n_sides, self.n_parts(), self.n, self.n, N_VALUES]
     }
 
-    /// Rows from the top: distance, inside, contact, error and how often a cell was seen.
+    /// Whose touches they are of.
+    pub fn sides(&self) -> &'static [Side] {
+        &SIDES[..self.n_sides]
+    }
+
+    /// The side whose mosaics touches of a side are laid over: their own, or pegs, where their own are not known.
+    pub fn side_for(&self, touched: Side) -> Side {
+        if self.sides().contains(&touched) { touched } else { Side::Peg }
+    }
+
+    /// Pegs before holes; rows from the top: distance, inside, contact, error and how often a cell was seen.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
@@ -232,21 +270,31 @@ impl Mosaics {
         self.values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect()
     }
 
-    /// The mosaic of a part; `part` is below [`Self::n_parts`].
-    pub fn of(&self, part: usize) -> Mosaic<'_> {
+    /// The mosaic of a part by touches of one side, or of its peg where those are not known; `part` is below [`Self::n_parts`].
+    pub fn of(&self, part: usize, side: Side) -> Mosaic<'_> {
+        let at = usize::from(self.side_for(side) == Side::Hole);
         let n_of_part = self.n * self.n * N_VALUES;
-        Mosaic { n: self.n, values: &self.values[part * n_of_part..(part + 1) * n_of_part] }
+        let first = (at * self.n_parts() + part) * n_of_part;
+        Mosaic { side: SIDES[at], n: self.n, values: &self.values[first..first + n_of_part] }
     }
 
     /// The mosaics of some of the parts, in their order.
     pub(crate) fn of_parts(&self, parts: &[usize]) -> Self {
-        let values = parts.iter().flat_map(|part| self.of(*part).values.iter().copied()).collect();
-        Self { n: self.n, values }
+        let mut values = Vec::with_capacity(self.n_sides * parts.len() * self.n * self.n * N_VALUES);
+        for side in self.sides() {
+            parts.iter().for_each(|part| values.extend_from_slice(self.of(*part, *side).values));
+        }
+        Self { values, ..*self }
     }
 }
 
 impl Mosaic<'_> {
-    /// Cells along a side.
+    /// Whose touches it is of.
+    pub fn side(&self) -> Side {
+        self.side
+    }
+
+    /// Cells along an axis.
     pub fn n(&self) -> usize {
         self.n
     }
@@ -261,6 +309,21 @@ impl Mosaic<'_> {
     pub fn at(&self, place_mm: [f64; 2]) -> Option<Place> {
         let corners = self.corners(place_mm)?;
         Some(Place::of(|which| corners.between(|at| self.values[at * N_VALUES + which])))
+    }
+
+    /// How the places that it shows differ from those of another about the same origin.
+    pub fn difference(&self, other: &Mosaic<'_>) -> Difference {
+        let mut sum = Difference::default();
+        for (column, row) in (0..self.n * self.n).map(|at| (at % self.n, at / self.n)) {
+            let (place_mm, here) = self.cell(column, row);
+            let Some(there) = other.at(place_mm).filter(|_| here.n_seen > 0.0) else { continue };
+            let area = CELL_MM * CELL_MM;
+            sum.seen_mm2 += area;
+            if here.differs(&there) {
+                *if here.distance_mm < 0.0 { &mut sum.only_first_mm2 } else { &mut sum.only_second_mm2 } += area;
+            }
+        }
+        sum
     }
 
     /// The distance at a place and how it changes.
@@ -323,14 +386,14 @@ pub(super) mod tests {
             let pose = Se2::from_degrees(x, y, 37.0 * f64::from(at));
             stitcher.add(&map(&pose, 0.1), &pose);
         }
-        Mosaics::stitched(&[stitcher]).unwrap()
+        Mosaics::stitched(&[stitcher], None).unwrap()
     }
 
     #[test]
     fn touches_become_the_map_of_the_part() {
         let mosaics = mosaics();
-        let mosaic = mosaics.of(0);
-        assert_eq!(mosaics.shape(), [1, 100, 100, 5]);
+        let mosaic = mosaics.of(0, Side::Peg);
+        assert_eq!(mosaics.shape(), [1, 1, 100, 100, 5]);
         let (mut n_seen, mut most) = (0, 0.0_f64);
         for (column, row) in (0..100).flat_map(|row| (0..100).map(move |column| (column, row))) {
             let (place, of_cell) = mosaic.cell(column, row);
@@ -355,7 +418,7 @@ pub(super) mod tests {
     #[test]
     fn a_slope_is_the_difference_of_values() {
         let mosaics = mosaics();
-        let mosaic = mosaics.of(0);
+        let mosaic = mosaics.of(0, Side::Peg);
         let value = |place: [f64; 2]| mosaic.slope(place).unwrap().distance_mm;
         for place in [[1.21, -2.33], [4.47, 0.52], [-3.05, 2.9]] {
             let found = mosaic.slope(place).unwrap();
@@ -373,20 +436,41 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn mosaics_differ_by_the_area_between_their_outlines() {
+        let disc = |radius: f64, n: usize| {
+            let mut values = Vec::new();
+            for (row, column) in (0..n * n).map(|at| (at / n, at % n)) {
+                let mm = (middle(n, column).hypot(middle(n, row)) - radius).clamp(-3.0, 3.0);
+                values.extend([mm as f32, 0.0, 0.0, 0.05, 2.0]);
+            }
+            Mosaics::new([1, 1, n, n, N_VALUES], values).unwrap()
+        };
+        let [small, large] = [disc(5.0, 60), disc(6.0, 90)];
+        let found = large.of(0, Side::Peg).difference(&small.of(0, Side::Peg));
+        // What lies between the two circles, but for what is nearer to either than their errors: 0.07 mm of 1.
+        let between = std::f64::consts::PI * (36.0 - 25.0);
+        assert!((found.only_first_mm2 - between).abs() < 2.0 && found.only_second_mm2 == 0.0, "{found:?}");
+        // 60 cells of 0.3 mm, but for half a cell at each end.
+        assert!((found.seen_mm2 - (59.0_f64 * 0.3).powi(2)).abs() < 12.0, "{found:?}");
+        let other = small.of(0, Side::Peg).difference(&large.of(0, Side::Peg));
+        assert!((other.only_second_mm2 - found.only_first_mm2).abs() < 2.0 && other.only_first_mm2 == 0.0, "{other:?}");
+    }
+
+    #[test]
     fn a_surer_touch_counts_more() {
         let mut stitcher = Stitcher::new(15.0);
         let [right, wrong] = [Se2::IDENTITY, Se2::from_degrees(1.0, 0.0, 0.0)];
         stitcher.add(&map(&right, 0.1), &right);
         stitcher.add(&map(&wrong, 1.0), &right);
-        let mosaics = Mosaics::stitched(&[stitcher]).unwrap();
+        let mosaics = Mosaics::stitched(&[stitcher], None).unwrap();
         let place = [3.9, 1.05];
         let [a, b] = [outline(place), outline(wrong.apply(place))];
         let expected = (100.0 * a + b) / 101.0;
-        let found = f64::from(mosaics.of(0).at(place).unwrap().distance_mm);
+        let found = f64::from(mosaics.of(0, Side::Peg).at(place).unwrap().distance_mm);
         assert!((found - expected).abs() < 0.02 && (a - b).abs() > 0.5, "{found} {expected}");
         // They are apart by (a - b), a hundred to one, and state errors whose mean square is 2 / (100 + 1).
         let error = ((a - b).powi(2) * 100.0 / 101.0_f64.powi(2) + 2.0 / 101.0).sqrt();
-        let stated = f64::from(mosaics.of(0).at(place).unwrap().error_mm);
+        let stated = f64::from(mosaics.of(0, Side::Peg).at(place).unwrap().error_mm);
         assert!((stated - error).abs() < 0.02, "{stated} {error}");
     }
 
@@ -394,17 +478,25 @@ pub(super) mod tests {
     fn what_no_touches_give_is_refused() {
         let values = |of: [f32; 5]| [of, of, of, of].concat();
         let good = [1.0, 0.5, 0.0, 0.2, 3.0];
-        assert!(Mosaics::new([1, 2, 2, 5], values(good)).is_ok());
+        assert!(Mosaics::new([1, 1, 2, 2, 5], values(good)).is_ok());
         for (at, value) in [(0, 7.0), (1, 1.5), (2, -0.1), (3, 0.0), (3, f32::INFINITY), (4, f32::NAN), (4, -1.0)] {
             let mut wrong = good;
             wrong[at] = value;
-            let said = Mosaics::new([1, 2, 2, 5], values(wrong)).unwrap_err().to_string();
+            let said = Mosaics::new([1, 1, 2, 2, 5], values(wrong)).unwrap_err().to_string();
             assert!(said.starts_with("mosaics: part 0, cell 0: expected a distance"), "{said}");
         }
-        for shape in [[1, 2, 3, 5], [2, 2, 2, 5], [1, 2, 2, 4], [0, 2, 2, 5], [1, 1, 1, 5]] {
+        for shape in [
+            [1, 1, 2, 3, 5],
+            [1, 2, 2, 2, 5],
+            [1, 1, 2, 2, 4],
+            [1, 0, 2, 2, 5],
+            [1, 1, 1, 1, 5],
+            [0, 1, 2, 2, 5],
+            [3, 1, 2, 2, 5],
+        ] {
             assert!(Mosaics::new(shape, values(good)).is_err(), "{shape:?}");
         }
-        assert!(Mosaics::stitched(&[]).is_err());
-        assert!(Mosaics::stitched(&[Stitcher::new(3.0), Stitcher::new(4.0)]).is_err());
+        assert!(Mosaics::stitched(&[], None).is_err());
+        assert!(Mosaics::stitched(&[Stitcher::new(3.0), Stitcher::new(4.0)], None).is_err());
     }
 }

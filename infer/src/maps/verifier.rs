@@ -13,12 +13,11 @@ use super::{DrawnMap, MapFile, side_value};
 use crate::architecture::ConvLayer;
 use crate::encoder::{Dense, Layer, Tensors};
 use crate::error::{Error, Result};
-use crate::presence::PresenceOdds;
-use crate::safefile::ContentHash;
+use crate::presence::{PresenceOdds, entry_of};
 
 /// Values of a place that is compared: distance, error, inside and contact of the touch; the same of the mosaic, and whether it
-/// was seen; how far the distances differ, in errors; the side.
-pub const N_COMPARED: usize = 11;
+/// was seen; how far the distances differ, in errors; the side, and whether the mosaic is of that side, too.
+pub const N_COMPARED: usize = 12;
 
 /// Distances that differ by more errors than these count alike.
 const MOST_ERRORS: f32 = 6.0;
@@ -80,6 +79,7 @@ impl VerifierConfig {
 pub fn compared((touch, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>, part_from_sensor: &Se2) -> Vec<f32> {
     let [width, height] = touch.size_px;
     let mut out = Vec::with_capacity(width * height * N_COMPARED);
+    let of_sides = [side_value(side), if mosaic.side() == side { 1.0 } else { -1.0 }];
     for at in 0..width * height {
         let seen = touch.place_mm(at);
         let far = OUTLINE_REACH_MM as f32;
@@ -92,7 +92,7 @@ pub fn compared((touch, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>, part_from
             let own = [there.distance_mm / far, there.error_mm.ln() + 1.0, share(there.inside), share(there.contact)];
             [own[0], own[1], own[2], own[3], 1.0, off]
         });
-        out.extend(of_touch.into_iter().chain(of_part).chain([side_value(side)]));
+        out.extend(of_touch.into_iter().chain(of_part).chain(of_sides));
     }
     out
 }
@@ -103,7 +103,7 @@ pub struct Verifier {
     config: VerifierConfig,
     layers: Vec<Layer>,
     judge: Dense,
-    presence: [Option<PresenceOdds>; 2],
+    presence: [Option<PresenceOdds>; 3],
     sha256: String,
 }
 
@@ -131,12 +131,13 @@ impl Verifier {
         }
         let judge = Dense::new(&tensors, &format!("{PREFIX}.judge"), None, [config.n_last(), 1], |at| at)?;
         let judge = judge.with_bias(tensors.get(&format!("{PREFIX}.judge.bias"), 1)?);
-        Ok(Some(Self { config, layers, judge, presence: file.presence, sha256: sha256_of(file) }))
+        Ok(Some(Self { config, layers, judge, presence: file.presence, sha256: file.weights_sha256() }))
     }
 
-    /// The log-odds that a named part is there by what this says, where a side is touched; `None` where they were not fitted.
-    pub fn presence(&self, side: Side) -> Option<&PresenceOdds> {
-        self.presence[usize::from(side == Side::Peg)].as_ref()
+    /// The log-odds that a named part is there by what this says, where a side is touched and laid over mosaics of a side; `None`
+    /// where they were not fitted.
+    pub fn presence(&self, touched: Side, on: Side) -> Option<&PresenceOdds> {
+        self.presence[entry_of(touched, on)].as_ref()
     }
 
     /// The checksum of its weights and of those that draw the maps, 64 hex digits.
@@ -166,16 +167,6 @@ impl Verifier {
         }
         self.judge.forward(&means).into_iter().map(|value| self.config.bounded(f64::from(value))).collect()
     }
-}
-
-/// The checksum of all weights of a file, 64 hex digits.
-fn sha256_of(file: &MapFile) -> String {
-    let mut hash = ContentHash::of_text(&[]);
-    for tensor in &file.tensors {
-        hash.begin(&tensor.name, &tensor.shape);
-        hash.values(&tensor.values);
-    }
-    hash.finish()
 }
 
 #[cfg(feature = "burn")]
@@ -246,7 +237,7 @@ mod tests {
             preprocessing: Preprocessing::counts([21, 18]),
             provenance: MapProvenance::default(),
             verifier: Some(config),
-            presence: [None, None],
+            presence: [None; 3],
             tensors,
         };
         let pictures: Vec<f32> = (0..3 * 18 * 21 * N_COMPARED).map(|i| (i as f32 * 0.37).sin()).collect();
@@ -270,7 +261,7 @@ mod tests {
         let mosaics = mosaics();
         let truth = Se2::from_degrees(8.0, -1.2, 71.0);
         let touch = map(&truth, 0.1);
-        let found = compared((&touch, Side::Hole), &mosaics.of(0), &truth);
+        let found = compared((&touch, Side::Hole), &mosaics.of(0, Side::Peg), &truth);
         assert_eq!(found.len(), 40 * 30 * N_COMPARED);
         let (mut n_seen, mut n_off) = (0, 0);
         for (at, place) in found.chunks_exact(N_COMPARED).enumerate() {
@@ -286,7 +277,7 @@ mod tests {
         // The part was touched 6 mm about its middle.
         assert!(n_seen > 700 && n_seen < 1_200 && n_off < 40, "{n_seen} {n_off}");
         let moved = Se2::from_degrees(7.0, -1.2, 71.0);
-        let off = compared((&touch, Side::Peg), &mosaics.of(0), &moved);
+        let off = compared((&touch, Side::Peg), &mosaics.of(0, Side::Peg), &moved);
         // A millimetre is seven errors where the outline lies across it.
         let n_moved = off.chunks_exact(N_COMPARED).filter(|place| place[9].abs() > 0.3).count();
         assert!(n_moved > 100, "{n_moved}");

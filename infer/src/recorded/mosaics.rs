@@ -42,6 +42,6 @@ pub fn mosaics_of_dataset(
     progress(pegs.len(), pegs.len());
     match n_of_part.iter().position(|n| *n == 0) {
         Some(part) => Err(Error::invalid(&dataset.meta().name, format!("touches of part {}", parts[part]), "none")),
-        None => Mosaics::stitched(&stitchers),
+        None => Mosaics::stitched(&stitchers, None),
     }
 }

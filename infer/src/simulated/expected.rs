@@ -53,7 +53,7 @@ pub fn expected_of_scene(
                 continue;
             }
             for map in drawer.draw(&[image], side)? {
-                laid.extend(compared((&map, side), &mosaics.of(part), &pose));
+                laid.extend(compared((&map, side), &mosaics.of(part, side), &pose));
                 n += 1;
             }
         }

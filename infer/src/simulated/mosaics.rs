@@ -1,4 +1,4 @@
-//! The mosaics of a scene's parts: their pegs touched all over, and the maps of these touches stitched.
+//! The mosaics of a scene's parts: their pegs, and their holes, touched all over, and the maps of these touches stitched.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -14,24 +14,26 @@ use crate::error::{Error, Result};
 use crate::maps::MapDrawer;
 use crate::maps::mosaic::{Mosaics, Stitcher};
 use crate::threads;
+use crate::views::Views;
 
-/// Pegs are touched at most so far apart, mm and degrees: each place some twenty times, from all sides.
+/// Parts are touched at most so far apart, mm and degrees: each place some twenty times, from all sides.
 const STEPS: [f64; 2] = [4.0, 45.0];
 
 /// Sets these touches apart from a bank's.
 const MOSAICS: u64 = 0x6d6f_7361_6963_0000;
 
-/// Touches the pegs of a scene within its reach and stitches the maps of them. `progress`: touches done, and all.
+/// Touches the parts of a scene within its reach, as a bank of such views does, and stitches the maps of them. `progress`: touches
+/// done, and all.
 ///
 /// # Errors
 /// A scene without a reach, or that cannot be touched, or whose frames cannot be drawn.
 pub fn mosaics_of_scene(
     drawer: &MapDrawer,
-    scene: &Scene,
+    (scene, views): (&Scene, Views),
     seed: u64,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Mosaics> {
-    let reach = scene.reach.ok_or_else(|| Error::invalid(&scene.name, "a reach: where pegs are touched", "none"))?;
+    let reach = scene.reach.ok_or_else(|| Error::invalid(&scene.name, "a reach: where parts are touched", "none"))?;
     let xy_step_mm = match reach.xy_half_mm {
         0.0 => reach.xy_step_mm,
         half => half / (half / STEPS[0]).ceil(),
@@ -39,22 +41,30 @@ pub fn mosaics_of_scene(
     let poses = PoseGrid { xy_step_mm, theta_half_deg: 180.0, theta_step_deg: STEPS[1], ..reach };
     let seed = seed ^ MOSAICS;
     let simulator = Simulator::new(scene.clone(), seed)?;
-    let planned = plan(&Scene { reach: Some(poses), ..scene.clone() }, &[Side::Peg], Places::EachPose, seed)?;
+    let scene = Scene { reach: Some(poses), ..scene.clone() };
+    let planned = [Side::Peg, Side::Hole].map(|side| plan(&scene, &[side], Places::EachPose, seed));
+    let [pegs, holes] = planned;
+    let planned = [pegs?, holes?].concat();
+    let n_stitched = simulator.parts().len() * if views.is_pegs() { 1 } else { 2 };
+    let n_touches = n_stitched * poses.len();
     let background = Background::new(&simulator.no_contact(seed), drawer.preprocessing())?;
     let background = background.lit_by(&scene.sensor.known_lamps())?;
     let done = AtomicUsize::new(0);
-    let stitch = |part: usize| -> Result<Stitcher> {
-        let first = part * poses.len();
+    let stitch = |at: usize| -> Result<Stitcher> {
+        let first = at * poses.len();
+        let side = if at < simulator.parts().len() { Side::Peg } else { Side::Hole };
         let touches = &planned[first..first + poses.len()];
         let frames = render(&simulator, seed, first, touches)?;
         let images = frames.par_iter().map(|frame| background.tactile_image(frame));
         let images = images.collect::<tactile_data::Result<Vec<TactileImage>>>()?;
         let mut stitcher = drawer.stitcher(reach.xy_half_mm);
-        for (map, touch) in drawer.draw(&images, Side::Peg)?.iter().zip(touches) {
+        for (map, touch) in drawer.draw(&images, side)?.iter().zip(touches) {
             stitcher.add(map, &touch.part_from_sensor);
         }
-        progress(done.fetch_add(touches.len(), Ordering::Relaxed) + touches.len(), planned.len());
+        progress(done.fetch_add(touches.len(), Ordering::Relaxed) + touches.len(), n_touches);
         Ok(stitcher)
     };
-    Mosaics::stitched(&threads::each(0..simulator.parts().len(), stitch)?)
+    let stitched = threads::each(0..n_stitched, stitch)?;
+    let (pegs, holes) = stitched.split_at(simulator.parts().len());
+    Mosaics::stitched(pegs, (!holes.is_empty()).then_some(holes))
 }

@@ -23,6 +23,7 @@ use tactile_filter::EpisodeConfig;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::choice::ActionRule;
+use tactile_infer::maps::Maps;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{Bank, DeviceKind, Model};
 
@@ -35,6 +36,10 @@ pub struct Inputs {
     /// Bank of the pegs that may fit, made by tactile-infer bank with the same model
     #[arg(long, value_name = "FILE")]
     pub bank: PathBuf,
+    /// Draw a map of each touch by these networks (`tactile-train --maps`), find each part's place by the bank's map of it
+    /// (`tactile-infer bank --maps`) and verify by it that the part is there
+    #[arg(long, value_name = "FILE")]
+    pub maps: Option<PathBuf>,
     /// Where the network is computed: the CPU, an older CPU backend that is much slower, or a graphics card
     #[arg(long, value_name = "DEVICE", default_value_t, value_parser = device(), help_heading = "Machine")]
     pub device: DeviceKind,
@@ -51,15 +56,28 @@ pub struct SensorArgs {
 impl Inputs {
     /// Loads both.
     pub fn load(&self) -> Result<(Arc<Model>, Arc<Bank>)> {
-        let model = Arc::new(Model::load_on(&self.model, self.device)?);
-        let bank = Arc::new(Bank::load(&self.bank, &model)?);
-        Ok((model, bank))
+        load(Model::load_on(&self.model, self.device)?, &self.bank, self.maps.as_deref())
     }
 
     /// The files that they are read from, and the scene's: none of them may be written.
-    pub fn files<'a>(&'a self, scene: &'a str) -> [&'a Path; 3] {
-        [&self.model, &self.bank, Path::new(Scene::file_of(scene))]
+    pub fn files<'a>(&'a self, scene: &'a str) -> Vec<&'a Path> {
+        let maps = self.maps.as_deref();
+        maps.into_iter().chain([&self.model, &self.bank, Path::new(Scene::file_of(scene))]).collect()
     }
+}
+
+/// A model, with networks that draw maps where a file of them is given, and its bank, which then has a map of each part.
+pub fn load(model: Model, bank: &Path, maps: Option<&Path>) -> Result<(Arc<Model>, Arc<Bank>)> {
+    let model = match maps {
+        Some(path) => model.with_maps(Maps::load(path)?)?,
+        None => model,
+    };
+    let loaded = Bank::load(bank, &model)?;
+    if maps.is_some() && loaded.mosaics().is_none() {
+        let expected = "a bank with a map of each part (--maps)";
+        return Err(tactile_infer::Error::invalid(bank.display().to_string(), expected, "one without").into());
+    }
+    Ok((Arc::new(model), Arc::new(loaded)))
 }
 
 /// The parser of `--device`.

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tactile_data::touch::Side;
 use tactile_data::{output, program};
 use tactile_eval::certify::{Certified, certify};
 use tactile_eval::{Error, Result};
@@ -10,6 +11,7 @@ use tactile_filter::Settings;
 use tactile_infer::checkpoint::Checkpoint;
 use tactile_infer::maps::MapFile;
 use tactile_infer::maps::verifier::Verifier;
+use tactile_infer::views::Views;
 
 use super::merge::{merged, shards_at};
 
@@ -66,7 +68,8 @@ impl Certify {
                 verifier.as_ref().map_or("no verifier", |verifier| verifier.sha256()),
                 judged,
             )?;
-            file.with_presence(side, certified.odds).save(out)?;
+            let on = if setup.views == Views::Both { side } else { Side::Peg };
+            file.with_presence((side, on), certified.odds).save(out)?;
         } else {
             let (checkpoint, sha256) = Checkpoint::load(path)?;
             is_of("the episodes' model", &sha256, &setup.model.sha256)?;

@@ -27,8 +27,6 @@ use tactile_eval::{baselines, summary};
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::choice::ActionRule;
 use tactile_filter::{EpisodeConfig, Sensor};
-use tactile_infer::maps::verifier::Verifier;
-use tactile_infer::maps::{MapDrawer, MapFile};
 use tactile_infer::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
@@ -116,10 +114,6 @@ pub struct Evaluate {
     /// [default: information,paper,random]
     #[arg(long, value_name = "ACTIONS", value_parser = rule(), value_delimiter = ',', help_heading = "Methods")]
     actions: Vec<ActionRule>,
-    /// Draw a map of each touch by this network (`tactile-train --maps`), and find each part's place by the bank's map of it
-    /// (`tactile-infer bank --maps`)
-    #[arg(long, value_name = "FILE", help_heading = "Methods")]
-    maps: Option<PathBuf>,
     /// Dataset of the bank's pegs: adds the nearest neighbour by pixels, among all parts
     #[arg(long, value_name = "DIR", conflicts_with = "absent", help_heading = "Methods")]
     pegs: Option<PathBuf>,
@@ -199,27 +193,10 @@ impl Evaluate {
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));
         }
         let sensor = holes.sensor(&model, &no_contact)?;
-        let (sensor, bank) = self.with_maps(sensor, bank)?;
         warn_of_calibration(&model, self.which.side);
         let learner = self.learner(&model, &bank)?;
         let banks = Banks::new(bank, &protocol, learner)?;
         Ok(Subject { touched, model, banks, sensor, protocol, ways, promise, _locks: locks })
-    }
-
-    /// The sensor, which draws maps where they are asked for, and the bank with what judges them.
-    fn with_maps(&self, sensor: Sensor, bank: Arc<Bank>) -> Result<(Sensor, Arc<Bank>)> {
-        let Some(path) = &self.maps else { return Ok((sensor, bank)) };
-        if bank.mosaics().is_none() {
-            let (what, expected) = (self.inputs.bank.display().to_string(), "a bank with a map of each part (--maps)");
-            return Err(tactile_infer::Error::invalid(what, expected, "one without").into());
-        }
-        let file = MapFile::load(path)?;
-        let sensor = sensor.with_maps(Arc::new(MapDrawer::new(&file)?))?;
-        let bank = match Verifier::new(&file)? {
-            Some(verifier) => Arc::new(Arc::unwrap_or_clone(bank).verified_by(Arc::new(verifier))?),
-            None => bank,
-        };
-        Ok((sensor, bank))
     }
 
     /// Touches a bank's parts again, where it learnt from them and one of them is to be absent.
@@ -280,7 +257,7 @@ impl Evaluate {
             .inputs
             .files(scene)
             .into_iter()
-            .chain(of_holes.iter().chain(&self.calibration).chain(&self.maps).map(PathBuf::as_path))
+            .chain(of_holes.iter().chain(&self.calibration).map(PathBuf::as_path))
             .chain(self.bank_scene.iter().map(Path::new))
             .collect();
         match self.shard {

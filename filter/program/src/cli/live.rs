@@ -2,7 +2,6 @@
 
 use std::io::stdin;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
@@ -11,7 +10,7 @@ use tactile_data::bounded_file::{self, Kind};
 use tactile_data::calibrate::Calibration;
 use tactile_data::output::check_file;
 use tactile_data::scene::Scene;
-use tactile_infer::{Bank, Model};
+use tactile_infer::Model;
 use tactile_live::log::Setup;
 use tactile_live::session::{Names, Onlooker, Session};
 use tactile_live::shell::speaker::Speaker;
@@ -24,7 +23,7 @@ use tactile_live::sources::folder::Folder;
 use tactile_live::sources::lines::Lines;
 use tactile_live::{Error, Node, Parameters};
 
-use super::arguments::{warn_of_calibration, warn_of_steps};
+use super::arguments::{load, warn_of_calibration, warn_of_steps};
 use super::failure::Result;
 use super::simulated::{SimulatedArgs, summary};
 
@@ -41,6 +40,10 @@ pub struct Live {
     /// Bank of the pegs that may fit, made by tactile-infer bank with the same model
     #[arg(long, value_name = "FILE")]
     pub bank: PathBuf,
+    /// Draw a map of each touch by these networks (`tactile-train --maps`), find each part's place by the bank's map of it
+    /// (`tactile-infer bank --maps`) and verify by it that the part is there
+    #[arg(long, value_name = "FILE")]
+    maps: Option<PathBuf>,
     #[command(flatten)]
     source: Source,
     /// Write all that comes and goes to a new MCAP file, which `replay --log` checks and Foxglove shows
@@ -104,7 +107,7 @@ impl Live {
     pub fn run(mut self) -> Result<()> {
         if let Some(log) = &self.log {
             // Not for as long as the log is written: a log is made new, which only one run can do.
-            drop(check_file(log, [&self.model, &self.bank])?);
+            drop(check_file(log, [&self.model, &self.bank].into_iter().chain(&self.maps))?);
             if log.exists() {
                 let expected = "a new file: a log is never written over";
                 return Err(Error::invalid(log.display().to_string(), expected, "one that exists").into());
@@ -188,8 +191,7 @@ impl Live {
     }
 
     fn session(&self, names: &Names, parameters: Parameters, onlookers: Vec<Onlooker>) -> Result<Session> {
-        let model = Arc::new(Model::load(&self.model)?);
-        let bank = Arc::new(Bank::load(&self.bank, &model)?);
+        let (model, bank) = load(Model::load(&self.model)?, &self.bank, self.maps.as_deref())?;
         warn_of_calibration(&model, parameters.side);
         warn_of_steps(&bank);
         let setup = names.setup(&parameters, &model, &bank)?;

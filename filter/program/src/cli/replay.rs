@@ -4,13 +4,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use tactile_data::output::prepare_file;
 use tactile_data::printable::printable_json;
-use tactile_data::program;
-use tactile_data::store::Dataset;
+use tactile_data::store::{Dataset, FILES};
+use tactile_data::touch::Side;
+use tactile_data::{picture, program};
 use tactile_eval::Error;
 use tactile_eval::fits::warn_of_played;
 use tactile_eval::replay::{Replayed, episodes, play};
-use tactile_filter::Sensor;
+use tactile_filter::{FeltMap, Sensor};
+use tactile_infer::maps::mosaic::Difference;
+use tactile_infer::maps::picture::compared;
 use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
@@ -48,6 +52,10 @@ pub struct Replay {
     /// Print a line of JSON for each episode
     #[arg(long)]
     json: bool,
+    /// With --maps: a picture of what each episode felt, episode-N.png: blue inside of what was touched, red outside; the outline of
+    /// the named part is green, and what differs from it yellow
+    #[arg(long, value_name = "DIR", requires = "maps", conflicts_with = "log")]
+    felt: Option<PathBuf>,
     #[command(flatten)]
     budget: BudgetArgs,
     #[command(flatten)]
@@ -89,6 +97,7 @@ impl Replay {
                 n_right[1] += 1;
             }
             self.print(number, &replayed)?;
+            self.draw(number, &replayed, (&bank, side))?;
         }
         // Said last: what goes wrong is one line.
         if let Some(why) = warn_of_played(&dataset, side, &bank) {
@@ -99,6 +108,23 @@ impl Replay {
         } else if n_right[1] > 0 && !self.json {
             println!("{} of {} episodes named right", n_right[0], n_right[1]);
         }
+        Ok(())
+    }
+
+    /// A picture of what an episode felt.
+    fn draw(&self, number: usize, replayed: &Replayed, (bank, side): (&Bank, Side)) -> Result<()> {
+        /// Pixels of a cell of 0.3 mm.
+        const ENLARGED: usize = 3;
+        let (Some(folder), Some(FeltMap { part, mosaic, .. })) = (&self.felt, &replayed.felt_map) else {
+            return Ok(());
+        };
+        let part = bank.parts().iter().position(|name| name == part);
+        let of_part = part.zip(bank.mosaics()).map(|(part, mosaics)| mosaics.of(part, side));
+        let frame = compared(&mosaic.of(0, side), of_part.as_ref(), ENLARGED)?;
+        let path = folder.join(format!("episode-{number}.png"));
+        let inputs = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
+        let _lock = prepare_file(&path, inputs)?;
+        picture::write_png(&path, &frame)?;
         Ok(())
     }
 
@@ -155,6 +181,12 @@ impl Replay {
             replayed.part,
             100.0 * replayed.probability
         ));
+        if let Some(Difference { seen_mm2, only_first_mm2, only_second_mm2 }) = replayed.difference {
+            program::say(format_args!(
+                "  of {seen_mm2:.0} mm2 felt, {only_first_mm2:.0} are inside here and outside of {0}, {only_second_mm2:.0} the other way round",
+                replayed.part
+            ));
+        }
         for warning in &replayed.warnings {
             program::say(format_args!("  warning: {warning}"));
         }

@@ -108,8 +108,11 @@ class Model:
     """A trained model on the CPU: makes embeddings of frames."""
 
     @staticmethod
-    def load(path: _Path) -> Model:
-        """Loads a checkpoint, as `tactile-train` writes it."""
+    def load(path: _Path, *, maps: _Path | None = None) -> Model:
+        """Loads a checkpoint, as `tactile-train` writes it, and with `maps` networks that draw a map of each touch.
+
+        With banks that have maps of their parts (`tactile-infer bank --maps`), places are found and parts are verified by them.
+        """
     @property
     def sha256(self) -> str:
         """64 hex digits: banks are bound to it."""
@@ -346,6 +349,29 @@ class Done:
     def reason(self) -> _Reason: ...
 
 @final
+class FeltMap:
+    """What the touches of an episode show, stitched about the origin of the part that is named."""
+
+    @property
+    def part(self) -> str:
+        """Name of the part that is named."""
+    @property
+    def cell_mm(self) -> float:
+        """Side of a cell."""
+    @property
+    def values(self) -> npt.NDArray[np.float32]:
+        """`[n, n, 5]`, rows from the top, the part's origin in the middle.
+
+        Distance to the outline of the peg (mm, negative inside), the probability that the place is inside, that it touches the gel,
+        the error of the distance (mm), and how many touches showed it.
+        """
+    @property
+    def difference(self) -> tuple[float, float, float] | None:
+        """From the bank's map of the part, mm2: what both show, what is inside here alone, and what there alone."""
+    def save_png(self, path: _Path, bank: Bank) -> None:
+        """A picture: blue inside, red outside; the outline of the bank's part is green, and what differs from it yellow."""
+
+@final
 class Episode:
     """One hole being identified. Threads may share one: a call waits for the one before."""
 
@@ -375,6 +401,8 @@ class Episode:
         """
     def estimate(self) -> Estimate:
         """What is known now."""
+    def felt_map(self) -> FeltMap | None:
+        """What the touches so far show of what they were made on; `None` where the model draws no maps."""
     def belief(self) -> Belief:
         """How probable each part is at each pose now."""
     def class_posterior(self) -> npt.NDArray[np.float64]:
