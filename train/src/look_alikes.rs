@@ -157,15 +157,21 @@ mod tests {
     }
 
     #[test]
-    fn each_part_has_look_alikes_that_differ() {
-        let all = with_look_alikes(&disc(), &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
-        assert_eq!(all.n_parts(), 1 + N_LOOK_ALIKES);
-        assert_eq!(all.of(0).at([2.0, 1.0]), disc().of(0).at([2.0, 1.0]));
-        for part in 1..all.n_parts() {
-            let rim = (0..60).map(|at| f64::from(at) * 0.1).map(|turn| [5.0 * turn.cos(), 5.0 * turn.sin()]);
-            let off = rim.filter_map(|place| all.of(part).at(place)).map(|place| place.distance_mm.abs());
-            let most = off.fold(0.0, f32::max);
-            assert!((0.15..2.6).contains(&most), "{part}: {most}");
+    fn each_part_has_look_alikes_that_differ_pegs_and_holes_alike() {
+        let [_, _, n, ..] = disc().shape();
+        let both = Mosaics::new([2, 1, n, n, N_VALUES], [disc().values(), disc().values()].concat()).unwrap();
+        let all = with_look_alikes(&both, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+        assert_eq!((all.n_parts(), all.sides()), (1 + N_LOOK_ALIKES, both.sides()));
+        for side in [Side::Peg, Side::Hole] {
+            let at = |part: usize, place: [f64; 2]| all.of(part, side).at(place);
+            assert_eq!(at(0, [2.0, 1.0]), disc().of(0, Side::Peg).at([2.0, 1.0]));
+            for part in 1..all.n_parts() {
+                let rim = (0..60).map(|at| f64::from(at) * 0.1).map(|turn| [5.0 * turn.cos(), 5.0 * turn.sin()]);
+                let off = rim.filter_map(|place| at(part, place)).map(|place| place.distance_mm.abs());
+                let most = off.fold(0.0, f32::max);
+                assert!((0.15..2.6).contains(&most), "{part}: {most}");
+                assert_eq!(at(part, [4.0, 2.0]), all.of(part, Side::Peg).at([4.0, 2.0]));
+            }
         }
     }
 }

@@ -93,6 +93,9 @@ pub enum Topic {
     ParticleCloud,
     /// Where on the likeliest part the sensor is (`OccupancyGrid`).
     Belief,
+    /// What the touches so far show of what they were made on, where the model draws maps: the probability that a place is inside it, in
+    /// the part's frame (`OccupancyGrid`).
+    Felt,
     /// The part's name (`std_msgs/String`).
     Label,
     /// The next motion in the sensor's frame (`TransformStamped`).
@@ -109,11 +112,12 @@ pub enum Topic {
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Pose,
         Self::Particles,
         Self::ParticleCloud,
         Self::Belief,
+        Self::Felt,
         Self::Label,
         Self::NextAction,
         Self::NextPose,
@@ -129,6 +133,7 @@ impl Topic {
             Self::Particles => "~/particles",
             Self::ParticleCloud => "~/particle_cloud",
             Self::Belief => "~/belief",
+            Self::Felt => "~/felt",
             Self::Label => "~/label",
             Self::NextAction => "~/next_action",
             Self::NextPose => "~/next_pose",
@@ -147,7 +152,7 @@ impl Topic {
             Self::Pose => of::<PoseWithCovarianceStamped>(),
             Self::Particles => of::<PoseArray>(),
             Self::ParticleCloud => of::<PointCloud2>(),
-            Self::Belief => of::<OccupancyGrid>(),
+            Self::Belief | Self::Felt => of::<OccupancyGrid>(),
             Self::Label | Self::Decision | Self::Events => of::<Text>(),
             Self::NextAction => of::<TransformStamped>(),
             Self::NextPose => of::<PoseStamped>(),

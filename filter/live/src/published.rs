@@ -7,8 +7,9 @@ use tactile_data::recording::ros::messages::{
 };
 use tactile_data::recording::ros::rigid::Rigid;
 use tactile_data::se2::Se2;
-use tactile_filter::Episode;
 use tactile_filter::belief::Hypothesis;
+use tactile_filter::{Episode, FeltMap};
+use tactile_infer::maps::mosaic::{CELL_MM, Mosaic, Place};
 
 use crate::decision::DecisionReport;
 use crate::error::{Error, Result};
@@ -67,6 +68,8 @@ impl Scene<'_> {
         outputs.push(publish(Topic::Particles, self.pose_array(&particles)));
         outputs.push(publish(Topic::ParticleCloud, self.point_cloud(&particles)));
         outputs.push(publish(Topic::Belief, to_cdr(&self.belief(&states))));
+        let felt = self.episode.felt_map();
+        outputs.extend(felt.map(|felt| publish(Topic::Felt, to_cdr(&self.felt(&felt)))));
         Ok(outputs)
     }
 
@@ -144,6 +147,32 @@ impl Scene<'_> {
             data: masses.iter().map(|mass| (100.0 * mass / most).round() as i8).collect(),
         }
     }
+
+    /// Where it is inside of what was touched, on the likeliest part.
+    fn felt(&self, felt: &FeltMap) -> OccupancyGrid {
+        let mosaic = felt.mosaic();
+        let n = mosaic.n() as u32;
+        let corner = -0.5 * f64::from(n) * CELL_MM;
+        OccupancyGrid {
+            header: self.header(&self.frames.part),
+            map_load_time: self.time,
+            resolution: (CELL_MM / MM_PER_M) as f32,
+            width: n,
+            height: n,
+            origin: Rigid::from_plane(&Se2::new(corner, corner, 0.0)).to_pose(),
+            data: insides(&mosaic),
+        }
+    }
+}
+
+/// The probability that each cell is inside of what was touched, %, rows from the top; -1 where no touch showed it.
+fn insides(mosaic: &Mosaic<'_>) -> Vec<i8> {
+    let n = mosaic.n();
+    let of_cell = |at: usize| match mosaic.cell(at % n, at / n).1 {
+        Place { n_seen: 0.0, .. } => -1,
+        Place { inside, .. } => (100.0 * inside).round() as i8,
+    };
+    (0..n * n).map(of_cell).collect()
 }
 
 /// The heaviest of some states, the heaviest first.
@@ -200,6 +229,17 @@ fn covariance(base_from_first: &Rigid, part_from_first: &Se2, of_part_from_first
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tactile_data::touch::Side;
+    use tactile_infer::maps::mosaic::Mosaics;
+
+    #[test]
+    fn what_was_felt_is_a_grid_of_percents_with_rows_from_the_top() {
+        // Two by two cells: inside, outside; not seen, in doubt.
+        let cell = |inside: f32, n_seen: f32| [0.0, inside, 0.0, 0.1, n_seen];
+        let values = [cell(1.0, 2.0), cell(0.0, 1.0), cell(0.5, 0.0), cell(0.625, 1.0)].concat();
+        let mosaics = Mosaics::new([1, 1, 2, 2, 5], values).unwrap();
+        assert_eq!(insides(&mosaics.of(0, Side::Peg)), [100, 0, -1, 63]);
+    }
 
     /// The covariance against differences of poses composed in space.
     #[test]

@@ -7,10 +7,11 @@ use serde_json::Value;
 const LAYOUT: &str = include_str!("../foxglove-layout.json");
 
 /// What the node publishes, and the sensor's picture.
-const TOPICS: [&str; 8] = [
+const TOPICS: [&str; 9] = [
     "/gelsight/image",
     "/tactile_filter/belief",
     "/tactile_filter/diagnostics",
+    "/tactile_filter/felt",
     "/tactile_filter/label",
     "/tactile_filter/next_action",
     "/tactile_filter/next_pose",

@@ -122,8 +122,7 @@ impl PyEpisode {
 
     /// What the touches so far show of what they were made on; `None` where the model draws no maps (`Model.load(..., maps=...)`).
     fn felt_map(&self, py: Python<'_>) -> PyResult<Option<PyFeltMap>> {
-        let felt = self.with(py, |episode| Ok((episode.felt_map(), episode.side())))?;
-        Ok(felt.0.map(|map| PyFeltMap { map, side: felt.1 }))
+        Ok(self.with(py, |episode| Ok(episode.felt_map()))?.map(PyFeltMap))
     }
 
     /// The belief over all states now.

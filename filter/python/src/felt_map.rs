@@ -1,33 +1,28 @@
 //! What an episode's touches show of what they were made on.
 
+use std::path::PathBuf;
+
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tactile_data::picture::write_png;
-use tactile_data::touch::Side;
 use tactile_filter::FeltMap;
-use tactile_infer::Bank;
 use tactile_infer::maps::mosaic::{CELL_MM, Difference};
-use tactile_infer::maps::picture::compared;
 
 use crate::error::compute;
 use crate::model::PyBank;
-use std::path::PathBuf;
 
 /// What the touches of an episode show, stitched about the origin of the part that is named.
 #[pyclass(name = "FeltMap", module = "tactile_filter", frozen)]
-pub struct PyFeltMap {
-    pub map: FeltMap,
-    pub side: Side,
-}
+pub struct PyFeltMap(pub FeltMap);
 
 #[pymethods]
 impl PyFeltMap {
     /// Name of the part that is named.
     #[getter]
     fn part(&self) -> &str {
-        &self.map.part
+        &self.0.part
     }
 
     /// Side of a cell, mm.
@@ -41,8 +36,8 @@ impl PyFeltMap {
     /// touches showed it.
     #[getter]
     fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
-        let [_, _, n, across, n_values] = self.map.mosaic.shape();
-        let values = Array3::from_shape_vec([n, across, n_values], self.map.mosaic.values().to_vec());
+        let [_, _, n, across, n_values] = self.0.mosaics.shape();
+        let values = Array3::from_shape_vec([n, across, n_values], self.0.mosaics.values().to_vec());
         Ok(PyArray3::from_owned_array(py, values.map_err(|error| PyValueError::new_err(error.to_string()))?))
     }
 
@@ -51,23 +46,20 @@ impl PyFeltMap {
     #[getter]
     fn difference(&self) -> Option<(f64, f64, f64)> {
         let of = |Difference { seen_mm2, only_first_mm2, only_second_mm2 }| (seen_mm2, only_first_mm2, only_second_mm2);
-        self.map.difference.map(of)
+        self.0.difference.map(of)
     }
 
     /// Writes a picture: blue inside, red outside; the outline of the bank's part is green, and what differs from it yellow.
     fn save_png(&self, py: Python<'_>, path: PathBuf, bank: &PyBank) -> PyResult<()> {
         compute(py, || {
-            let bank: &Bank = &bank.0;
-            let part = bank.parts().iter().position(|name| *name == self.map.part);
-            let of_part = part.zip(bank.mosaics()).map(|(part, mosaics)| mosaics.of(part, self.side));
-            let frame = compared(&self.map.mosaic.of(0, self.side), of_part.as_ref(), 3)?;
+            let frame = self.0.picture(&bank.0, 3)?;
             Ok(write_png(&path, &frame).map_err(tactile_infer::Error::from)?)
         })
     }
 
     fn __repr__(&self) -> String {
-        let [_, _, n, ..] = self.map.mosaic.shape();
+        let [_, _, n, ..] = self.0.mosaics.shape();
         let mm = n as f64 * CELL_MM;
-        format!("<FeltMap of {}: {mm:.1} x {mm:.1} mm>", self.map.part)
+        format!("<FeltMap of {}: {mm:.1} x {mm:.1} mm>", self.0.part)
     }
 }

@@ -2,19 +2,44 @@
 //!
 //! In: the maps of the touches, the estimated pose, the bank's map of the part. Out: one mosaic, and how it differs from the part's.
 
-use tactile_infer::maps::mosaic::{Difference, Mosaics, Stitcher};
+use tactile_data::frame::Frame;
+use tactile_data::touch::Side;
+use tactile_infer::Bank;
+use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics, Stitcher};
+use tactile_infer::maps::picture::compared;
 
 use crate::decision::verdict::Asked;
+use crate::error::Result;
 
 /// What touches show of what they were made on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeltMap {
     /// The part that is named, about whose origin it is.
     pub part: String,
+    /// What was touched.
+    pub side: Side,
     /// One mosaic, of the touches of the episode.
-    pub mosaic: Mosaics,
+    pub mosaics: Mosaics,
     /// How it (first) differs from the bank's map of the part (second), where the bank has one.
     pub difference: Option<Difference>,
+}
+
+impl FeltMap {
+    /// The mosaic.
+    pub fn mosaic(&self) -> Mosaic<'_> {
+        self.mosaics.of(0, self.side)
+    }
+
+    /// A picture of it, each cell of 0.3 mm `cell_px` wide and high: blue inside of what was touched, red outside, paler where it is
+    /// less sure; the outline of the bank's part is green, and what differs from it yellow.
+    ///
+    /// # Errors
+    /// None that an episode's bank gives.
+    pub fn picture(&self, bank: &Bank, cell_px: usize) -> Result<Frame> {
+        let part = bank.parts().iter().position(|name| *name == self.part);
+        let of_part = part.zip(bank.mosaics()).map(|(part, mosaics)| mosaics.of(part, self.side));
+        Ok(compared(&self.mosaic(), of_part.as_ref(), cell_px)?)
+    }
 }
 
 impl Asked<'_> {
@@ -33,10 +58,10 @@ impl Asked<'_> {
         });
         let mut stitcher = Stitcher::new(reach.reduce(f64::max)?);
         drawn.iter().for_each(|(map, pose)| stitcher.add(map, pose));
-        let mosaic = Mosaics::stitched(&[stitcher], None).ok()?;
-        let part = verdict.part;
-        let of_part = self.bank.mosaics().map(|mosaics| mosaics.of(part, self.side()));
-        let difference = of_part.map(|of_part| mosaic.of(0, self.side()).difference(&of_part));
-        Some(FeltMap { part: self.bank.parts()[part].clone(), mosaic, difference })
+        let mosaics = Mosaics::stitched(&[stitcher], None).ok()?;
+        let (part, side) = (verdict.part, self.side());
+        let of_part = self.bank.mosaics().map(|mosaics| mosaics.of(part, side));
+        let difference = of_part.map(|of_part| mosaics.of(0, side).difference(&of_part));
+        Some(FeltMap { part: self.bank.parts()[part].clone(), side, mosaics, difference })
     }
 }

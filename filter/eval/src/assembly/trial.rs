@@ -5,7 +5,7 @@ use tactile_filter::StopReason;
 
 use super::{Attempt, Moment, Workcell};
 use crate::error::Result;
-use crate::narrative::{Narrative, NarrativeTouch, places, shown_background};
+use crate::narrative::{Narrative, NarrativeTouch, felt, places, shown_background};
 
 /// Runs a trial again: each of its holes, in the order they were tried.
 ///
@@ -51,6 +51,7 @@ fn touch(workcell: &Workcell<'_>, moment: &Moment<'_>, rest: &Background) -> Res
         belief,
         // The reasons for it name pegs in hand, not parts of the board.
         next: None,
+        felt: if estimate.stop.is_some() { felt(moment.episode, in_hand)? } else { None },
     })
 }
 

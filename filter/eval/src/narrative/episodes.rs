@@ -3,7 +3,7 @@
 use tactile_data::frame::{Background, Frame};
 use tactile_filter::{Episode, EpisodeConfig, Estimate, StopReason};
 
-use super::{Narrative, NarrativeTouch, NextTouch, places, shown_background};
+use super::{Narrative, NarrativeTouch, NextTouch, felt, places, shown_background};
 use crate::error::Result;
 use crate::evaluate::{Hole, Outcome, Protocol, Run, run_one};
 
@@ -123,6 +123,7 @@ impl<'a> Recorder<'a> {
             presence: estimate.presence,
             belief: places(episode.belief(), bank),
             next: episode.explain(&candidates).map(|choice| NextTouch { rule, n_candidates, choice }),
+            felt: if goes_on { None } else { felt(episode, bank)? },
         });
         Ok(())
     }

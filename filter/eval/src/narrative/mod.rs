@@ -10,11 +10,12 @@ pub mod viewer;
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_filter::Presence;
+use tactile_filter::{Episode, Presence};
 use tactile_filter::belief::Belief;
 use tactile_filter::choice::{ActionRule, Choice};
 
 use tactile_infer::Bank;
+use tactile_infer::maps::mosaic::Difference;
 
 use crate::error::{Error, Result};
 use crate::holes::Holes;
@@ -79,6 +80,17 @@ pub struct NarrativeTouch {
     pub belief: Vec<f64>,
     /// How the next touch was chosen; `None` after the last.
     pub next: Option<NextTouch>,
+    /// What was felt, after the last touch, where maps were drawn.
+    pub felt: Option<Felt>,
+}
+
+/// What the touches of an episode show of what they were made on.
+#[derive(Clone, Debug)]
+pub struct Felt {
+    /// A picture of it ([`tactile_filter::FeltMap::picture`]).
+    pub picture: Frame,
+    /// How it differs from the named part.
+    pub difference: Option<Difference>,
 }
 
 /// The choice of a next touch.
@@ -138,6 +150,13 @@ impl Narrative {
     }
 }
 
+/// What an episode felt, as a page shows it.
+pub(crate) fn felt(episode: &Episode, bank: &Bank) -> Result<Option<Felt>> {
+    let map = episode.felt_map();
+    let felt = map.map(|map| Ok(Felt { picture: map.picture(bank, 2)?, difference: map.difference }));
+    felt.transpose()
+}
+
 /// What the network sees of frames, at the size that a page shows.
 pub(crate) fn shown_background(at_rest: &Frame) -> Result<Background> {
     let size = [80.min(at_rest.width_px()), 60.min(at_rest.height_px())];
@@ -190,6 +209,7 @@ pub(crate) mod tests {
             guess_from_sensor: Se2::from_degrees(0.0, 4.0, 0.0),
             belief: vec![1.0 / 50.0; 50],
             next: Some(next()),
+            felt: None,
         };
         let touches = vec![touch.clone(), NarrativeTouch { presence: None, next: None, ..touch }];
         Narrative {

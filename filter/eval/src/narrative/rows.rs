@@ -3,10 +3,11 @@
 
 use maud::{Markup, html};
 use tactile_data::se2::Se2;
+use tactile_infer::maps::mosaic::Difference;
 
 use super::drawing::{mm, outline, transform, view_box};
 use super::next_touch::Candidates;
-use super::{Board, Narrative, NarrativeTouch, PartPicture, next_touch, picture};
+use super::{Board, Felt, Narrative, NarrativeTouch, PartPicture, next_touch, picture};
 use crate::error::Result;
 use crate::page::axes::path;
 use crate::page::numbers::{number, percent, touch_count};
@@ -105,7 +106,7 @@ impl View<'_> {
                 (pane(HEADS[2], &html! { img alt="Difference from rest" src=(difference); }))
                 @match &touch.next {
                     Some(next) => (pane(HEADS[3], &Candidates { touch, next, half_mm: self.half_next_mm, board }.svg())),
-                    None => (pane("The end", &html! { div.end-note { "No further touch" } })),
+                    None => (end(touch)?),
                 }
                 div.belief {
                     p.words { b { (board.parts[touch.guess].name) } " with " (percent(touch.probability)) " %; " (none(touch)) }
@@ -166,6 +167,24 @@ impl View<'_> {
 /// A picture with its head, which is shown where there is no row of heads.
 fn pane(head: &str, picture: &Markup) -> Markup {
     html! { div.pane { div.head { (head) } (picture) } }
+}
+
+/// What was felt, where maps were drawn.
+fn end(touch: &NarrativeTouch) -> Result<Markup> {
+    let Some(Felt { picture, difference }) = &touch.felt else {
+        return Ok(pane("The end", &html! { div.end-note { "No further touch" } }));
+    };
+    let src = picture::frame(picture)?;
+    let differs = |Difference { only_first_mm2, only_second_mm2, .. }: Difference| {
+        format!("{:.0} mm² of it differ (yellow).", only_first_mm2 + only_second_mm2)
+    };
+    Ok(pane(
+        "What was felt",
+        &html! {
+            img alt="What was felt" src=(src);
+            div.end-note { "Blue is inside, the named part's outline is green. " (difference.map(differs).unwrap_or_default()) }
+        },
+    ))
 }
 
 /// How likely the touches so far are those of a part that the bank does not hold.

@@ -7,14 +7,12 @@ use clap::Args;
 use tactile_data::output::prepare_file;
 use tactile_data::printable::printable_json;
 use tactile_data::store::{Dataset, FILES};
-use tactile_data::touch::Side;
 use tactile_data::{picture, program};
 use tactile_eval::Error;
 use tactile_eval::fits::warn_of_played;
 use tactile_eval::replay::{Replayed, episodes, play};
-use tactile_filter::{FeltMap, Sensor};
+use tactile_filter::Sensor;
 use tactile_infer::maps::mosaic::Difference;
-use tactile_infer::maps::picture::compared;
 use tactile_infer::{Bank, Model};
 use tactile_live::replay;
 use tactile_live::shell::Spoken;
@@ -62,6 +60,9 @@ pub struct Replay {
     numbers: Numbers,
 }
 
+/// Pixels of a cell of 0.3 mm of what was felt.
+const CELL_PX: usize = 3;
+
 /// Scales that differ by more than this share are reported: an edge's shape then means another thing.
 const SCALE_TOLERANCE: f64 = 0.05;
 
@@ -97,7 +98,7 @@ impl Replay {
                 n_right[1] += 1;
             }
             self.print(number, &replayed)?;
-            self.draw(number, &replayed, (&bank, side))?;
+            self.draw(number, &replayed, &bank)?;
         }
         // Said last: what goes wrong is one line.
         if let Some(why) = warn_of_played(&dataset, side, &bank) {
@@ -112,19 +113,12 @@ impl Replay {
     }
 
     /// A picture of what an episode felt.
-    fn draw(&self, number: usize, replayed: &Replayed, (bank, side): (&Bank, Side)) -> Result<()> {
-        /// Pixels of a cell of 0.3 mm.
-        const ENLARGED: usize = 3;
-        let (Some(folder), Some(FeltMap { part, mosaic, .. })) = (&self.felt, &replayed.felt_map) else {
-            return Ok(());
-        };
-        let part = bank.parts().iter().position(|name| name == part);
-        let of_part = part.zip(bank.mosaics()).map(|(part, mosaics)| mosaics.of(part, side));
-        let frame = compared(&mosaic.of(0, side), of_part.as_ref(), ENLARGED)?;
+    fn draw(&self, number: usize, replayed: &Replayed, bank: &Bank) -> Result<()> {
+        let (Some(folder), Some(felt_map)) = (&self.felt, &replayed.felt_map) else { return Ok(()) };
         let path = folder.join(format!("episode-{number}.png"));
         let inputs = self.data.iter().flat_map(|data| FILES.map(|file| data.join(file)));
         let _lock = prepare_file(&path, inputs)?;
-        picture::write_png(&path, &frame)?;
+        picture::write_png(&path, &felt_map.picture(bank, CELL_PX)?)?;
         Ok(())
     }
 
