@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::frame::Frame;
-use tactile_data::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::touch::OUTLINE_REACH_MM;
 use tactile_data::{output, picture, program};
-use tactile_infer::maps::mosaic::{CELL_MM, Place};
+use tactile_infer::maps::mosaic::{CELL_MM, Mosaic, Place};
 use tactile_infer::maps::picture::{of_contact, of_distance, row_of};
 use tactile_infer::{Bank, Error, Result};
 
@@ -16,7 +16,7 @@ use super::ModelArgs;
 const ENLARGED: usize = 2;
 
 /// Draw the maps of a bank's parts (`tactile-infer bank --maps`): a row for each, how far each place is from the outline of the
-/// peg, and what touches the gel; grey where no touch was made.
+/// peg, and what touches the gel, by touches of the peg and then, where the bank has them, of the hole; grey where no touch was made.
 #[derive(Args)]
 #[command(
     after_help = "Example:\n  tactile-infer mosaics --model infer/models/maze-small.safetensors --bank parts.bank --out parts.png"
@@ -53,32 +53,38 @@ impl MosaicsArgs {
         let n = mosaics.shape()[2];
         let mut rgb = Vec::new();
         for part in &parts {
-            let mosaic = mosaics.of(*part, Side::Peg);
-            for row in 0..ENLARGED * n {
+            for (row, side) in (0..ENLARGED * n).flat_map(|row| mosaics.sides().iter().map(move |side| (row, *side))) {
+                let mosaic = mosaics.of(*part, side);
                 rgb.extend(row_of(&mosaic, row, ENLARGED, |place| of_distance(place.distance_mm, place.error_mm)));
                 rgb.extend(row_of(&mosaic, row, ENLARGED, |place| of_contact(place.contact)));
             }
         }
-        let frame = Frame::new(2 * ENLARGED * n, parts.len() * ENLARGED * n, rgb)?;
+        let width = 2 * mosaics.sides().len() * ENLARGED * n;
+        let frame = Frame::new(width, parts.len() * ENLARGED * n, rgb)?;
         picture::write_png(&self.out, &frame)?;
-        for part in parts {
-            let mosaic = mosaics.of(part, Side::Peg);
-            let cells = (0..n * n).map(|at| mosaic.cell(at % n, at / n).1).filter(|place| place.n_seen > 0.0);
-            let places: Vec<Place> = cells.collect();
-            let area =
-                |is: fn(&Place) -> bool| places.iter().filter(|place| is(place)).count() as f64 * CELL_MM * CELL_MM;
-            let near = places.iter().filter(|place| f64::from(place.distance_mm.abs()) < 0.5 * OUTLINE_REACH_MM);
-            let mut errors: Vec<f32> = near.map(|place| place.error_mm).collect();
-            errors.sort_by(f32::total_cmp);
-            program::say(format_args!(
-                "{}: {:.0} mm2 of {:.0} seen are inside the outline, which is known to {:.2} mm (median)",
-                bank.parts()[part],
-                area(|place| place.inside > 0.5),
-                area(|_| true),
-                errors.get(errors.len() / 2).copied().unwrap_or(f32::NAN)
-            ));
+        for (part, side) in parts.iter().flat_map(|part| mosaics.sides().iter().map(move |side| (*part, *side))) {
+            let name = &bank.parts()[part];
+            let name = if side.is_hole() { format!("{name}, hole") } else { name.clone() };
+            program::say(format_args!("{name}: {}", said(&mosaics.of(part, side))));
         }
         program::say(format_args!("{}", self.out.display()));
         Ok(())
     }
+}
+
+/// A mosaic in a line.
+fn said(mosaic: &Mosaic<'_>) -> String {
+    let n = mosaic.n();
+    let cells = (0..n * n).map(|at| mosaic.cell(at % n, at / n).1).filter(|place| place.n_seen > 0.0);
+    let places: Vec<Place> = cells.collect();
+    let area = |is: fn(&Place) -> bool| places.iter().filter(|place| is(place)).count() as f64 * CELL_MM * CELL_MM;
+    let near = places.iter().filter(|place| f64::from(place.distance_mm.abs()) < 0.5 * OUTLINE_REACH_MM);
+    let mut errors: Vec<f32> = near.map(|place| place.error_mm).collect();
+    errors.sort_by(f32::total_cmp);
+    format!(
+        "{:.0} mm2 of {:.0} seen are inside the outline, which is known to {:.2} mm (median)",
+        area(|place| place.inside > 0.5),
+        area(|_| true),
+        errors.get(errors.len() / 2).copied().unwrap_or(f32::NAN)
+    )
 }
