@@ -9,7 +9,7 @@ use tactile_infer::Bank;
 use crate::belief::Belief;
 use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
-use crate::decision::{Asked, Estimate, FeltMap, Placed, RunnerUp, SensorMatch, StopReason};
+use crate::decision::{Asked, Candidates, Estimate, FeltMap, RunnerUp, SensorMatch, StopReason};
 use crate::error::{Error, Result};
 use crate::likelihood::TouchLikelihood;
 use crate::touch::{Observation, check_motion};
@@ -35,7 +35,7 @@ pub struct Episode {
     belief: Belief,
     pub(crate) touches: Vec<(Se2, Observation)>,
     /// Where the likeliest part is, once that was asked for after the last touch.
-    placed: OnceLock<Placed>,
+    candidates: OnceLock<Candidates>,
 }
 
 impl Episode {
@@ -59,7 +59,7 @@ impl Episode {
         let subdivisions = if between { config.settings.subdivisions } else { 1 };
         let belief = Belief::new(&bank, config.method.engine, subdivisions, config.settings.seed, first);
         let touches = vec![(Se2::IDENTITY, observation.clone())];
-        Ok(Self { config, model, bank, belief, touches, placed: OnceLock::new() })
+        Ok(Self { config, model, bank, belief, touches, candidates: OnceLock::new() })
     }
 
     /// Takes in a touch: `moved` is the motion actually made since the last touch that was taken in, in the sensor's
@@ -78,7 +78,7 @@ impl Episode {
         let likelihood = TouchLikelihood::new(observation, &self.bank, &self.model)?;
         self.belief.update(&moved, likelihood);
         self.touches.push((moved, observation.clone()));
-        self.placed = OnceLock::new();
+        self.candidates = OnceLock::new();
         Ok(())
     }
 
@@ -166,8 +166,8 @@ impl Episode {
     }
 
     fn asked(&self) -> Asked<'_> {
-        let Self { config, model, bank, belief, touches, placed } = self;
-        Asked { config, model, bank, belief, touches, placed }
+        let Self { config, model, bank, belief, touches, candidates } = self;
+        Asked { config, model, bank, belief, touches, candidates }
     }
 
     /// The belief, for maps and reports.

@@ -49,6 +49,10 @@ numbers! {
         /// episodes. 0: never.
         false_refuse: f64 = 0.01, "", Range::SHARE,
             Chosen: "one part in a hundred"; "a stranger is touched until the last touch";
+        /// Parts, the likeliest first, that a verifier judges after each touch where the model draws maps and the bank has them: by what it
+        /// says they are named. 1: only whether the named one is there; 0: none.
+        verify: usize = 8, "", Range::NOT_NEGATIVE,
+            Chosen: "effort; large letters"; "a name is the embedding's alone";
         /// What a millimetre of travel must tell to be worth it.
         travel_nats_per_mm: f64 = 0.0, "nats/mm", Range::NOT_NEGATIVE,
             Chosen: "what a way costs is the robot's to say"; "a far touch is taken for a little more information";

@@ -16,6 +16,7 @@ use crate::status::{Failure, call, tf_status};
 /// - max_touches: 1 to 1000
 /// - false_accept: 0..=1, or none
 /// - false_refuse: 0..=1
+/// - verify: a number, not negative
 /// - travel_nats_per_mm, in nats/mm: a number, not negative
 /// - n_draws: 1 to 100000
 /// - n_suppositions: 1 to 10000

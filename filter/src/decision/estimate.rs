@@ -38,9 +38,10 @@ pub struct Estimate {
     pub verified: Option<Verified>,
     /// Whether that part is there at all, or a stranger that the bank does not hold; `None` where no edge was felt.
     pub presence: Option<Presence>,
-    /// Probability of each part of the bank, `[n_parts]`.
+    /// Probability of each part of the bank, `[n_parts]`; of the likeliest ones as a verifier judges them, where there is one
+    /// ([`crate::Settings::verify`]).
     pub class_posterior: Vec<f64>,
-    /// Where else it may be: the belief's modes, the heaviest first.
+    /// Where else it may be: the belief's modes, the heaviest first, each as probable as its part.
     pub modes: Vec<Mode>,
     /// Entropy over all states, nats.
     pub entropy_nats: f64,
@@ -60,6 +61,13 @@ impl Asked<'_> {
         let Self { bank, belief, .. } = self;
         let Verdict { part, probability, runner_up, placed, presence, covariance, stop, warnings } = self.verdict();
         let (posterior, first_from_sensor) = (belief.posterior(), belief.first_from_sensor());
+        let class_posterior = self.candidates().by_part.clone();
+        let mut modes = modes(posterior, &first_from_sensor, &|part| bank.symmetry(part));
+        if class_posterior != posterior.by_part() {
+            let of_part = |part: usize| class_posterior[part] / posterior.by_part()[part].max(f64::MIN_POSITIVE);
+            modes.iter_mut().for_each(|mode| mode.mass = (mode.mass * of_part(mode.part)).min(1.0));
+            modes.sort_by(|a, b| b.mass.total_cmp(&a.mass));
+        }
         Estimate {
             part: bank.parts()[part].clone(),
             probability: probability.min(1.0),
@@ -72,8 +80,8 @@ impl Asked<'_> {
             n_fitted: placed.n_fitted(),
             verified: placed.verified,
             presence,
-            class_posterior: posterior.by_part().to_vec(),
-            modes: modes(posterior, &first_from_sensor, &|part| bank.symmetry(part)),
+            class_posterior,
+            modes,
             entropy_nats: posterior.entropy_nats(),
             log_evidence: belief.log_evidence(),
             n_touches: belief.touches().len(),

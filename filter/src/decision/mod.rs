@@ -4,11 +4,13 @@
 //! how touches are weighed or chosen.
 
 mod by_maps;
+mod candidates;
 mod estimate;
 mod felt_map;
 mod sensor_match;
 mod verdict;
 
+pub(crate) use candidates::Candidates;
 pub use estimate::Estimate;
 pub use felt_map::FeltMap;
 pub(crate) use sensor_match::Scores;

@@ -15,6 +15,7 @@ use crate::belief::{Belief, Hill, Hypothesis};
 use crate::config::EpisodeConfig;
 use crate::decision::Scores;
 use crate::decision::by_maps::Laid;
+use crate::decision::candidates::{Candidates, likeliest};
 use crate::settings::Settings;
 use crate::touch::Observation;
 use crate::touch_model::TouchModel;
@@ -128,7 +129,7 @@ impl std::fmt::Display for Warning {
 pub(crate) struct Verdict {
     /// Index of the most probable part; the first of equals.
     pub(crate) part: usize,
-    /// Its probability as the belief sums it: a rounding above 1 at most.
+    /// Its probability: a rounding above 1 at most.
     pub(crate) probability: f64,
     /// The next likeliest; `None` where no other part is left.
     pub(crate) runner_up: Option<RunnerUp>,
@@ -175,14 +176,14 @@ pub(crate) struct Asked<'a> {
     pub(crate) belief: &'a Belief,
     /// The touches made, each with the motion since the one before.
     pub(crate) touches: &'a [(Se2, Observation)],
-    /// Where the likeliest part is after these touches, once that was asked for.
-    pub(crate) placed: &'a OnceLock<Placed>,
+    /// The parts that may be named after these touches, once that was asked for.
+    pub(crate) candidates: &'a OnceLock<Candidates>,
 }
 
-impl Asked<'_> {
+impl<'a> Asked<'a> {
     /// The verdict.
     pub(crate) fn verdict(self) -> Verdict {
-        let (part, probability) = self.likeliest();
+        let (part, probability) = self.candidates().likeliest();
         let placed = self.place(part);
         let covariance = self.covariance(part, &placed);
         let presence = self.presence(&placed);
@@ -201,13 +202,15 @@ impl Asked<'_> {
 
     /// Why to stop, as the verdict has it, without the rest of it.
     pub(crate) fn stop(self) -> Option<StopReason> {
-        let (part, probability) = self.likeliest();
+        let (_, probability) = likeliest(self.belief.posterior().by_part());
         let Settings { stop_probability, false_accept, false_refuse, .. } = self.config.settings;
         // A place costs hundreds of interpolations a touch: it is found only where something depends on it.
-        if probability <= stop_probability && (false_accept.is_none() || false_refuse <= 0.0) {
+        let is_asked = false_accept.is_some() && false_refuse > 0.0 || self.are_verified();
+        if probability <= stop_probability && !is_asked {
             let n_touches = self.belief.touches().len();
             return self.config.stop(&Standing { probability, n_touches, ..Standing::default() });
         }
+        let (part, probability) = self.candidates().likeliest();
         let placed = self.place(part);
         self.config.stop(&self.standing(probability, self.presence(&placed), || self.covariance(part, &placed)))
     }
@@ -220,8 +223,9 @@ impl Asked<'_> {
 
     /// The second most probable part, as the verdict has it.
     pub(crate) fn runner_up(self) -> Option<RunnerUp> {
-        let (likeliest, _) = self.likeliest();
-        let left = self.belief.posterior().by_part().iter().copied().enumerate();
+        let by_part = &self.candidates().by_part;
+        let (likeliest, _) = likeliest(by_part);
+        let left = by_part.iter().copied().enumerate();
         let left = left.filter(|(part, p)| *part != likeliest && *p > 0.0);
         let (part, probability) = left.reduce(|best, next| if next.1 > best.1 { next } else { best })?;
         Some(RunnerUp { part: self.bank.parts()[part].clone(), probability })
@@ -232,18 +236,17 @@ impl Asked<'_> {
         self.touches.first().map_or(Side::default(), |(_, first)| first.side)
     }
 
-    /// The most probable part, the first of equals, and its probability.
-    fn likeliest(self) -> (usize, f64) {
-        let most = |best: (usize, f64), next: (usize, f64)| if next.1 > best.1 { next } else { best };
-        self.belief.posterior().by_part().iter().copied().enumerate().fold((0, 0.0), most)
+    /// The parts that may be named.
+    pub(crate) fn candidates(self) -> &'a Candidates {
+        self.candidates.get_or_init(|| self.find_candidates())
     }
 
     /// Where the likeliest part would be, and how well it explains the touches there.
     fn place(self, likeliest: usize) -> Placed {
-        *self.placed.get_or_init(|| self.find_place(likeliest))
+        self.candidates().place().unwrap_or_else(|| self.find_place(likeliest))
     }
 
-    fn find_place(self, part: usize) -> Placed {
+    pub(crate) fn find_place(self, part: usize) -> Placed {
         let state = self.belief.posterior().best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
         let refined = || self.belief.refine(state, &self.bank.symmetry(part));
         let is_between = self.config.method.between_poses;

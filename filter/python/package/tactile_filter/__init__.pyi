@@ -25,6 +25,7 @@ class _Settings(TypedDict, total=False):
     max_touches: int
     false_accept: float | None
     false_refuse: float
+    verify: int
     travel_nats_per_mm: float
     n_draws: int
     n_suppositions: int
