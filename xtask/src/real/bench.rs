@@ -39,6 +39,8 @@ pub struct Bench<'a> {
     pub real: PathBuf,
     /// The model.
     pub model: PathBuf,
+    /// Networks that draw and verify by maps, where there are any.
+    pub maps: Option<PathBuf>,
     /// The output folder.
     pub out: PathBuf,
 }
@@ -63,11 +65,15 @@ impl Bench<'_> {
         is_there
     }
 
-    /// A program with words separated by blanks; `REAL/` in a word is the folder of the images, `MODEL` the model.
+    /// A program with words separated by blanks; `REAL/` in a word is the folder of the images, `MODEL` the model, `MAPS` what draws maps.
     fn line(&self, program: &str, line: &str) -> Program {
         println!("== {program} {line}");
         let (real, model) = (format!("{}/", self.real.display()), self.model.display().to_string());
-        let words = line.split_whitespace().map(|word| word.replace("REAL/", &real).replace("MODEL", &model));
+        let maps = self.maps.as_ref().map_or(String::new(), |path| path.display().to_string());
+        let known = [("REAL/", &real), ("MODEL", &model), ("MAPS", &maps)];
+        let words = line.split_whitespace().map(|word| {
+            known.iter().fold(word.to_owned(), |word, (name, path)| word.replace(name, path))
+        });
         words.fold(self.workspace.program(program), Program::arg)
     }
 
@@ -79,6 +85,11 @@ impl Bench<'_> {
     /// The same with `--json`, read.
     pub fn json(&self, program: &str, line: &str) -> Result<Value> {
         self.line(program, &format!("{line} --json")).json(&self.out)
+    }
+
+    /// The words that name them.
+    fn with_maps(&self) -> &'static str {
+        if self.maps.is_some() { " --maps MAPS" } else { "" }
     }
 
     /// Simulates the bank of all parts by a sensor into `NAME.bank`.
@@ -94,7 +105,7 @@ impl Bench<'_> {
              field_of_view_mm = [{x:.4}, {y:.4}]\n{depth}{calibration}"
         );
         self.write(&format!("{name}.toml"), &scene)?;
-        let options = "--views pegs --learn-from peg --auto-steps";
+        let options = format!("--views pegs --learn-from peg --auto-steps{}", self.with_maps());
         self.run("tactile-infer", &format!("bank --model MODEL --scene {name}.toml {options} --out {name}.bank"))
     }
 
@@ -105,7 +116,8 @@ impl Bench<'_> {
 
     /// The same by a model of the output folder, or `MODEL`.
     pub fn replay_by(&self, model: &str, bank: &str, data: &str) -> Result<Vec<Named>> {
-        let line = format!("replay --model {model} --bank {bank}.bank --data {data} --side peg --json");
+        let maps = self.with_maps();
+        let line = format!("replay --model {model} --bank {bank}.bank --data {data} --side peg --json{maps}");
         let said = self.line("tactile-filter", &line).output(&self.out)?;
         // One line an episode; without any the program says so in words.
         let lines = said.lines().filter(|line| line.starts_with('{'));

@@ -41,6 +41,9 @@ pub struct RealArgs {
     /// The model that names the presses [default: the shipped one].
     #[arg(long)]
     model: Option<PathBuf>,
+    /// Networks that draw each press and verify by maps [default: those beside the model, `NAME.maps.safetensors`].
+    #[arg(long)]
+    maps: Option<PathBuf>,
 }
 
 /// What came of one set of real presses.
@@ -65,12 +68,15 @@ pub fn real(workspace: &Workspace, args: &RealArgs) -> Result<()> {
     };
     let model = args.model.clone().unwrap_or_else(|| workspace.shipped_model());
     let model = model.canonicalize().map_err(Error::io(&model))?;
+    let beside = || Some(model.with_extension("maps.safetensors")).filter(|path| path.exists());
+    let maps = args.maps.clone().or_else(beside);
+    let maps = maps.map(|path| path.canonicalize().map_err(Error::io(&path))).transpose()?;
     let out = workspace.folder(args.out.as_deref(), &workspace.target.join("real"))?;
     if fs::read_dir(&out).map_err(Error::io(&out))?.next().is_some() {
         return Err(Error::invalid(out.display().to_string(), "an empty folder", "files of an earlier run"));
     }
     workspace.build()?;
-    let bench = Bench { workspace, real, model, out };
+    let bench = Bench { workspace, real, model, maps, out };
     let sets = [balls::name(&bench)?, cuboid::name(&bench)?, digit::name(&bench)?];
     let sets: Vec<Set> = sets.into_iter().flatten().collect();
     for set in &sets {
