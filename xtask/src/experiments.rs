@@ -35,6 +35,8 @@ pub enum Part {
     Hard,
     /// Banks that know what the holes look like, not only the pegs.
     KnownHoles,
+    /// Banks that know the holes and have maps of pegs and holes, with parts that are in them and strangers.
+    Maps,
     /// Other lamps, gels, cameras, presses, and what does not belong to a part.
     Robust,
     /// The table of sensors, as it comes and calibrated, touched anywhere; and parts of other kinds.

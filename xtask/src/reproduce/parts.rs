@@ -34,6 +34,9 @@ impl<'a> Job<'a> {
     }
 }
 
+/// The word of flags that is the file of the networks that draw and verify by maps.
+const MAPS: &str = "MAPS";
+
 /// Makes steps.
 pub(super) struct Maker<'a> {
     pub(super) job: &'a Job<'a>,
@@ -67,9 +70,9 @@ impl Maker<'_> {
             let scene = evaluation.scene.as_ref().map_or(scene_of_bank, |scene| self.scene(scene));
             let program = self.program("tactile-filter", "evaluate --model").arg(&model);
             let program = program.words(format!("--bank {bank} --scene")).arg(scene);
-            let flags = experiments.expand(&evaluation.flags)?;
-            let program = program.words(format!("--episodes {n} {flags} --out {name}"));
-            self.add(Step::new(name, program, name).with_last("evaluation.json").needs(model).needs(bank));
+            let (program, maps) = self.flags(program.words(format!("--episodes {n} --out {name}")), &evaluation.flags)?;
+            let step = Step::new(name, program, name).with_last("evaluation.json").needs(model).needs(bank);
+            self.add(maps.into_iter().fold(step, Step::needs));
         }
         Ok(())
     }
@@ -137,22 +140,30 @@ impl Maker<'_> {
         Ok(calibrated.into())
     }
 
+    /// A program with the words of some flags; `MAPS` among them are the networks beside the model, which then are an input.
+    fn flags(&self, program: Program, flags: &str) -> Result<(Program, Option<PathBuf>)> {
+        let (flags, maps) = (self.job.experiments.expand(flags)?, self.job.model.with_extension("maps.safetensors"));
+        let has_maps = flags.split_whitespace().any(|word| word == MAPS);
+        let add = |program: Program, word: &str| if word == MAPS { program.arg(&maps) } else { program.arg(word) };
+        Ok((flags.split_whitespace().fold(program, add), has_maps.then_some(maps)))
+    }
+
     /// Adds the steps of a bank; returns its file and its scene.
     fn bank(&mut self, name: &str) -> Result<(String, String)> {
         let made = self.job.experiments.bank(name)?;
         let (bank, scene) = (format!("{name}.bank"), self.scene(&made.scene));
         let mut program = self.program("tactile-infer", "bank --model").arg(self.job.model);
-        let mut touches = None;
+        let input;
         if let Some(flags) = &made.flags {
-            let flags = self.job.experiments.expand(flags)?;
-            program = program.words("--scene").arg(&scene).words(format!("--out {bank} {flags}"));
+            program = program.words("--scene").arg(&scene).words(format!("--out {bank}"));
+            (program, input) = self.flags(program, flags)?;
         } else {
             let pegs = format!("{name}-pegs");
-            touches = Some(self.dataset(&pegs, &scene, "--sides peg"));
+            input = Some(self.dataset(&pegs, &scene, "--sides peg"));
             program = program.words(format!("--data {pegs} --out {bank}"));
         }
         let step = Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene);
-        self.add(touches.into_iter().fold(step, Step::needs));
+        self.add(input.into_iter().fold(step, Step::needs));
         Ok((bank, scene))
     }
 
