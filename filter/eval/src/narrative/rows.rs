@@ -182,7 +182,7 @@ fn end(touch: &NarrativeTouch) -> Result<Markup> {
         "What was felt",
         &html! {
             img alt="What was felt" src=(src);
-            div.end-note { "Blue is inside, the named part's outline is green. " (difference.map(differs).unwrap_or_default()) }
+            div.end-note { "What was felt: blue is inside, the named part's outline green. " (difference.map(differs).unwrap_or_default()) }
         },
     ))
 }

@@ -53,12 +53,11 @@ fn caption() -> Markup {
         "and what the sensor would cover there. A " b { "nat" } " measures information: 0.69 nats are one yes or no. These "
         "are the filter’s own expectations, estimated from states drawn from its belief; dots other than the best few are "
         "rougher estimates from fewer draws. " b { "Where the first touch was:" } " a map for each part; the stronger the "
-        "blue, the more probable the place, on one scale for the touch. The number is the part’s whole probability. The red "
-        "ring is the truth: watch the blue gather in it. Above the maps, the most probable part and its " b { "fit:" }
-        " how many standard deviations the touches look more like its views than the touches of a part that is there do on "
-        "average: 0 is as expected, far below it the part is not there. The fewer the touches, the more is asked for. To be "
-        "confident the filter must be sure of a part that fits; a part that is probable only because the others fit even "
-        "worse is none of these parts."
+        "blue, the more probable the place, on one scale for the touch. The number is the part’s whole probability, before "
+        "maps are asked. The red ring is the truth: watch the blue gather in it. Above the maps, the part that is named and its "
+        "probability, by the maps, too, where there are any; how likely it is " b { "none of these" } " parts, if that was as "
+        "likely as not before the first touch; and how often a part that is not in the bank comes to so good a match at any "
+        "touch of an episode. To be confident the filter must be sure of the part, and that rate at most the one that was asked for."
     }
 }
 
