@@ -153,6 +153,11 @@ impl Episode {
         self.asked().runner_up()
     }
 
+    /// Probability of each part now, `[n_parts]`, as [`Self::estimate`] has it: with maps the likeliest ones as the verifier judges them.
+    pub fn class_posterior(&self) -> &[f64] {
+        self.asked().class_posterior()
+    }
+
     /// What is known of the sensor with this hole, where it is named with confidence now; else as it was. Give it to the next
     /// episode of the run ([`EpisodeConfig::sensor`]), as long as gel and camera stay.
     pub fn learn(&self) -> SensorMatch {

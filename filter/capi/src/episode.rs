@@ -188,7 +188,7 @@ pub unsafe extern "C" fn tf_episode_class_posterior(
 ) -> tf_status {
     call(|| unsafe {
         let episode = get(episode, "episode")?.read()?;
-        fill(episode.belief().posterior().by_part(), buffer, capacity, required)
+        fill(episode.class_posterior(), buffer, capacity, required)
     })
 }
 

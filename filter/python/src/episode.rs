@@ -132,7 +132,7 @@ impl PyEpisode {
 
     /// Probability of each part now: float64 `[n_parts]`.
     fn class_posterior<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(vector(py, self.with(py, |episode| Ok(episode.belief().posterior().by_part().to_vec()))?))
+        Ok(vector(py, self.with(py, |episode| Ok(episode.class_posterior().to_vec()))?))
     }
 
     /// Touches taken in.
@@ -150,7 +150,7 @@ impl PyEpisode {
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let (n, posterior) = self.with(py, |episode| {
             let belief = episode.belief();
-            Ok((belief.touches().len(), belief.posterior().by_part().to_vec()))
+            Ok((belief.touches().len(), episode.class_posterior().to_vec()))
         })?;
         let likeliest = posterior.iter().zip(self.bank.parts()).max_by(|a, b| a.0.total_cmp(b.0));
         let (probability, part) = likeliest.map_or((0.0, ""), |(probability, part)| (*probability, part.as_str()));

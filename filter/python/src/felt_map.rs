@@ -1,12 +1,9 @@
 //! What an episode's touches show of what they were made on.
 
-use std::path::PathBuf;
-
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tactile_data::picture::write_png;
 use tactile_filter::FeltMap;
 use tactile_infer::maps::mosaic::{CELL_MM, Difference};
 
@@ -49,12 +46,18 @@ impl PyFeltMap {
         self.0.difference.map(of)
     }
 
-    /// Writes a picture: blue inside, red outside; the outline of the bank's part is green, and what differs from it yellow.
-    fn save_png(&self, py: Python<'_>, path: PathBuf, bank: &PyBank) -> PyResult<()> {
-        compute(py, || {
-            let frame = self.0.picture(&bank.0, 3)?;
-            Ok(write_png(&path, &frame).map_err(tactile_infer::Error::from)?)
-        })
+    /// A picture, uint8 `[n * cell_px, n * cell_px, 3]`: blue inside, red outside; the outline of the bank's part is green, and
+    /// what differs from it yellow.
+    #[pyo3(signature = (bank, cell_px=3))]
+    fn picture<'py>(&self, py: Python<'py>, bank: &PyBank, cell_px: usize) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        /// More than any screen shows.
+        const MOST: usize = 16;
+        if !(1..=MOST).contains(&cell_px) {
+            return Err(PyValueError::new_err(format!("cell_px: expected 1 to {MOST}, got {cell_px}")));
+        }
+        let frame = compute(py, || Ok(self.0.picture(&bank.0, cell_px)?))?;
+        let pixels = Array3::from_shape_vec([frame.height_px(), frame.width_px(), 3], frame.rgb().to_vec());
+        Ok(PyArray3::from_owned_array(py, pixels.map_err(|error| PyValueError::new_err(error.to_string()))?))
     }
 
     fn __repr__(&self) -> String {

@@ -88,6 +88,7 @@ def play(folder, model, sensor, expected):
     again = tf.Episode.restore(expected["record"], bank)
     same(f"{what} restored", again.belief().probabilities, episode.belief().probabilities)
     assert again.estimate() == episode.estimate() and again.record() == record
+    assert episode.felt_map() is None, what
     return len(expected["touches"])
 
 

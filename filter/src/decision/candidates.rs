@@ -47,11 +47,16 @@ pub(crate) fn likeliest(by_part: &[f64]) -> (usize, f64) {
     by_part.iter().copied().enumerate().fold((0, 0.0), most)
 }
 
-impl Asked<'_> {
+impl<'a> Asked<'a> {
     /// Whether a verifier may name another part than the belief.
     pub(crate) fn are_verified(self) -> bool {
         let can_judge = self.bank.verifier().is_some() && self.bank.mosaics().is_some();
         can_judge && self.config.settings.verify > 1 && self.touches.iter().any(|(_, touch)| touch.map.is_some())
+    }
+
+    /// The probability of each part, without a place where nothing judges.
+    pub(crate) fn class_posterior(self) -> &'a [f64] {
+        if self.are_verified() { &self.candidates().by_part } else { self.belief.posterior().by_part() }
     }
 
     /// The parts that may be named.

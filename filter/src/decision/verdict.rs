@@ -223,7 +223,7 @@ impl<'a> Asked<'a> {
 
     /// The second most probable part, as the verdict has it.
     pub(crate) fn runner_up(self) -> Option<RunnerUp> {
-        let by_part = &self.candidates().by_part;
+        let by_part = self.class_posterior();
         let (likeliest, _) = likeliest(by_part);
         let left = by_part.iter().copied().enumerate();
         let left = left.filter(|(part, p)| *part != likeliest && *p > 0.0);

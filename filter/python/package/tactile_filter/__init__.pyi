@@ -369,8 +369,8 @@ class FeltMap:
     @property
     def difference(self) -> tuple[float, float, float] | None:
         """From the bank's map of the part, mm2: what both show, what is inside here alone, and what there alone."""
-    def save_png(self, path: _Path, bank: Bank) -> None:
-        """A picture: blue inside, red outside; the outline of the bank's part is green, and what differs from it yellow."""
+    def picture(self, bank: Bank, cell_px: int = 3) -> npt.NDArray[np.uint8]:
+        """A picture, `[n * cell_px, n * cell_px, 3]`: blue inside, red outside; the outline of the bank's part is green, and what differs from it yellow."""
 
 @final
 class Episode:
