@@ -131,6 +131,14 @@ impl Scene {
         Ok(self)
     }
 
+    /// The scene as a file has it.
+    ///
+    /// # Errors
+    /// None that a scene could have; building the text may fail in principle.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string(self).map_err(|error| Error::invalid(&self.name, "a scene that TOML has", error.to_string()))
+    }
+
     /// Has the paths of a scene start at `folder`, and reads the sensor's calibration.
     fn start_at(&mut self, folder: &Path) -> Result<()> {
         if let Parts::Kit(kit) = &mut self.parts {

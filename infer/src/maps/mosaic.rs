@@ -311,6 +311,29 @@ impl Mosaic<'_> {
         Some(Place::of(|which| corners.between(|at| self.values[at * N_VALUES + which])))
     }
 
+    /// Whether each place is inside the outline, as pixels `step_mm` wide: their number along an axis, and rows from the top. What no touch
+    /// showed is outside.
+    pub fn inside_every(&self, step_mm: f64) -> (usize, Vec<bool>) {
+        let n = (self.n as f64 * CELL_MM / step_mm).ceil() as usize;
+        let mm = |at: usize| (at as f64 + 0.5 - 0.5 * n as f64) * step_mm;
+        let is_inside = |at: usize| self.at([mm(at % n), mm(at / n)]).is_some_and(|place| place.distance_mm < 0.0);
+        (n, (0..n * n).map(is_inside).collect())
+    }
+
+    /// Whether its outline leaves what was seen: a cell inside it lies beside one that no touch showed.
+    pub fn is_cut(&self) -> bool {
+        let is_seen = |column: usize, row: usize| {
+            column < self.n && row < self.n && self.cell(column, row).1.n_seen > 0.0
+        };
+        let is_cut = |at: usize| {
+            let (column, row) = (at % self.n, at / self.n);
+            let beside = [(column.wrapping_sub(1), row), (column + 1, row), (column, row.wrapping_sub(1)), (column, row + 1)];
+            let is_inside = is_seen(column, row) && self.cell(column, row).1.distance_mm < 0.0;
+            is_inside && beside.into_iter().any(|(column, row)| !is_seen(column, row))
+        };
+        (0..self.n * self.n).any(is_cut)
+    }
+
     /// How the places that it shows differ from those of another about the same origin.
     pub fn difference(&self, other: &Mosaic<'_>) -> Difference {
         let mut sum = Difference::default();
@@ -454,6 +477,24 @@ pub(super) mod tests {
         assert!((found.seen_mm2 - (59.0_f64 * 0.3).powi(2)).abs() < 12.0, "{found:?}");
         let other = small.of(0, Side::Peg).difference(&large.of(0, Side::Peg));
         assert!((other.only_second_mm2 - found.only_first_mm2).abs() < 2.0 && other.only_first_mm2 == 0.0, "{other:?}");
+    }
+
+    #[test]
+    fn what_is_inside_is_an_area_and_may_be_cut() {
+        let mosaics = mosaics();
+        let mosaic = mosaics.of(0, Side::Peg);
+        let (n, inside) = mosaic.inside_every(0.05);
+        assert_eq!((n, inside.len()), (600, 600 * 600));
+        let found = inside.iter().filter(|is| **is).count() as f64 * 0.05 * 0.05;
+        let step = |at: usize| (at as f64 + 0.5 - 300.0) * 0.05;
+        let expected = (0..n * n).filter(|at| outline([step(at % n), step(at / n)]) < 0.0).count() as f64 * 0.05 * 0.05;
+        assert!((found - expected).abs() < 0.02 * expected, "{found} {expected}");
+        assert!(!mosaic.is_cut());
+        // One touch does not show all of it.
+        let mut stitcher = Stitcher::new(15.0);
+        let beside = Se2::from_degrees(6.0, 0.0, 0.0);
+        stitcher.add(&map(&beside, 0.1), &beside);
+        assert!(Mosaics::stitched(&[stitcher], None).unwrap().of(0, Side::Peg).is_cut());
     }
 
     #[test]

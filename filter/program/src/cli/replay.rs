@@ -11,7 +11,7 @@ use tactile_data::{picture, program};
 use tactile_eval::Error;
 use tactile_eval::fits::warn_of_played;
 use tactile_eval::replay::{Replayed, episodes, play};
-use tactile_filter::Sensor;
+use tactile_filter::{Sensor, StopReason};
 use tactile_infer::maps::mosaic::Difference;
 use tactile_infer::{Bank, Model};
 use tactile_live::replay;
@@ -21,6 +21,7 @@ use tactile_live::shell::speaker::Speaker;
 use super::arguments::{Engine, Inputs, SideArgs, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
+use super::learn::Learner;
 use super::numbers::Numbers;
 
 /// Play a recorded dataset of touches, or the log of a live node, back through the filter.
@@ -54,6 +55,13 @@ pub struct Replay {
     /// the named part is green, and what differs from it yellow
     #[arg(long, value_name = "DIR", requires = "maps", conflicts_with = "log")]
     felt: Option<PathBuf>,
+    /// With --maps: what episodes felt that end as none of these become new parts of --scene, DIR/scene.toml: make a bank of it, and they
+    /// are known
+    #[arg(long, value_name = "DIR", requires_all = ["maps", "scene"], conflicts_with = "log")]
+    learn: Option<PathBuf>,
+    /// With --learn: the scene that the bank was made of
+    #[arg(long, value_name = "SCENE", requires = "learn")]
+    scene: Option<String>,
     #[command(flatten)]
     budget: BudgetArgs,
     #[command(flatten)]
@@ -90,6 +98,8 @@ impl Replay {
         }
         let recorded = episodes(&dataset, side)?;
         let limit = self.limit.unwrap_or(recorded.len());
+        let learner = self.learn.as_ref().zip(self.scene.as_ref());
+        let mut learner = learner.map(|(folder, scene)| Learner::new(folder, scene)).transpose()?;
         let mut n_right = [0, 0];
         for (number, touches) in recorded.iter().take(limit).enumerate() {
             let replayed = play(&dataset, &sensor, &bank, &config, touches)?;
@@ -99,7 +109,12 @@ impl Replay {
             }
             self.print(number, &replayed)?;
             self.draw(number, &replayed, &bank)?;
+            let felt = replayed.felt_map.as_ref().filter(|_| replayed.stop == Some(StopReason::NoneOfThese));
+            if let Some((learner, felt)) = learner.as_mut().zip(felt) {
+                learner.add(number, felt)?;
+            }
         }
+        learner.iter().try_for_each(Learner::finish)?;
         // Said last: what goes wrong is one line.
         if let Some(why) = warn_of_played(&dataset, side, &bank) {
             program::warning(why);

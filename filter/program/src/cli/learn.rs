@@ -1,0 +1,99 @@
+//! What was felt of a stranger becomes a part: `tactile-filter replay --learn`.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf, absolute};
+
+use tactile_data::npy;
+use tactile_data::output::prepare_file;
+use tactile_data::program;
+use tactile_data::scene::{PartFile, Parts, Scene};
+use tactile_eval::{Error, Result};
+use tactile_filter::FeltMap;
+use tactile_infer::safefile::write_whole;
+
+/// How high a learnt peg is, mm: higher than any gel goes.
+const PEG_MM: f32 = 3.0;
+
+/// A pixel of its heights, mm: six to a cell of what was felt.
+const PX_MM: f64 = 0.05;
+
+/// Less is a corner of a part, or noise, mm².
+const LEAST_MM2: f64 = 4.0;
+
+/// The name of the scene's file.
+const SCENE: &str = "scene.toml";
+
+/// A scene, and the parts that are learnt for it.
+pub struct Learner {
+    folder: PathBuf,
+    scene: Scene,
+    names: HashSet<String>,
+    learnt: Vec<String>,
+}
+
+impl Learner {
+    /// Parts for a scene of parts of its own, into a folder that does not have any yet.
+    pub fn new(folder: &Path, preset_or_file: &str) -> Result<Self> {
+        let mut scene = Scene::load(preset_or_file)?;
+        let names = scene.part_names().into_iter().collect();
+        let Parts::Kit(kit) = &mut scene.parts else {
+            return Err(Error::invalid("--scene", "a scene of parts", "one of MAZE boards"));
+        };
+        for file in &mut kit.files {
+            for path in std::iter::once(&mut file.peg).chain(&mut file.hole) {
+                *path = absolute(&*path).map_err(|error| Error::invalid(path.display().to_string(), "a path", error.to_string()))?;
+            }
+        }
+        if folder.join(SCENE).exists() {
+            return Err(Error::invalid(folder.display().to_string(), "a new folder", "learnt parts"));
+        }
+        Ok(Self { folder: folder.to_owned(), scene, names, learnt: Vec::new() })
+    }
+
+    /// Adds what an episode felt; says so, or why not.
+    pub fn add(&mut self, episode: usize, felt: &FeltMap) -> Result<()> {
+        let mosaic = felt.mosaic();
+        let (n, inside) = mosaic.inside_every(PX_MM);
+        let area = inside.iter().filter(|is| **is).count() as f64 * PX_MM * PX_MM;
+        if area < LEAST_MM2 {
+            program::warning(format_args!("episode {episode}: not learnt: {area:.0} mm2 are inside of what was felt"));
+            return Ok(());
+        }
+        let free = (self.learnt.len() + 1..).map(|n| format!("learnt-{n}"));
+        let Some(name) = free.into_iter().find(|name| !self.names.contains(name)) else { return Ok(()) };
+        let path = self.folder.join(format!("{name}.npy"));
+        let _lock = prepare_file(&path, std::iter::empty::<&Path>())?;
+        let heights: Vec<f32> = inside.iter().map(|is| if *is { PEG_MM } else { 0.0 }).collect();
+        npy::write(&path, &[n, n], &heights)?;
+        if let Parts::Kit(kit) = &mut self.scene.parts {
+            kit.files.push(PartFile {
+                name: name.clone(),
+                peg: PathBuf::from(format!("{name}.npy")),
+                hole: None,
+                mm_per_px: Some([PX_MM; 2]),
+                mm_per_level: None,
+                full_scale_mm: None,
+            });
+        }
+        program::say(format_args!("episode {episode}: {name}, {area:.0} mm2"));
+        if mosaic.is_cut() {
+            program::warning(format_args!("{name}: its outline leaves what was felt; touch more of it"));
+        }
+        self.names.insert(name.clone());
+        self.learnt.push(name);
+        Ok(())
+    }
+
+    /// Writes the scene, where any part was learnt.
+    pub fn finish(&self) -> Result<()> {
+        if self.learnt.is_empty() {
+            program::say(format_args!("no part learnt: no episode ended as none of these"));
+            return Ok(());
+        }
+        let path = self.folder.join(SCENE);
+        let _lock = prepare_file(&path, std::iter::empty::<&Path>())?;
+        write_whole(&path, self.scene.to_toml()?.as_bytes())?;
+        program::say(format_args!("{}: {} more parts; make a bank of it", path.display(), self.learnt.len()));
+        Ok(())
+    }
+}
