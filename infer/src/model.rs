@@ -16,10 +16,10 @@ use crate::checkpoint::{Checkpoint, Provenance};
 use crate::device::DeviceKind;
 use crate::encoder::Encoder;
 use crate::error::{Error, Result};
+use crate::maps::Maps;
 use crate::match_odds::MatchOdds;
 #[cfg(feature = "burn")]
 use crate::network::{Network, with_tensors};
-use crate::maps::Maps;
 use crate::presence::PresenceOdds;
 use crate::similarity::{dot, normalize_rows};
 

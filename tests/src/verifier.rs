@@ -112,7 +112,9 @@ fn recorded_touches_show_what_was_felt(at: &Path, sample: &Sample) {
     assert!(said["difference"]["seen_mm2"].as_f64().unwrap() > 100.0, "{said}");
     assert!(replay(&sample.at("pegs.bank"), &["--maps", MAPS]).failed().contains("a bank with a map of each part"));
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../infer/models/maze-small.maps.safetensors");
-    assert!(replay("two.bank", &["--maps", shipped]).failed().contains("maps: expected pictures as the model sees them"));
+    assert!(
+        replay("two.bank", &["--maps", shipped]).failed().contains("maps: expected pictures as the model sees them")
+    );
     assert!(replay("two.bank", &["--felt", "felt"]).stderr.contains("--maps"));
     assert!(!replay("two.bank", &[]).done().contains("mm2"));
 

@@ -134,7 +134,8 @@ impl<'a> LaidTouches<'a> {
             for frames in frames.chunks(256) {
                 let see = |frame: &usize| background.tactile_image(&dataset.frame(*frame));
                 let images = frames.par_iter().map(see).collect::<tactile_data::Result<Vec<_>>>()?;
-                let of_frame = |(frame, image): (&usize, &TactileImage)| self.samples_of(bank, (dataset, *frame), image);
+                let of_frame =
+                    |(frame, image): (&usize, &TactileImage)| self.samples_of(bank, (dataset, *frame), image);
                 let samples: Vec<Vec<Sample>> = frames.par_iter().zip(&images).map(of_frame).collect::<Result<_>>()?;
                 self.samples.extend(samples.into_iter().flatten());
                 done += frames.len();

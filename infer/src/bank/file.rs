@@ -234,7 +234,11 @@ fn check_lengths(bank: &Bank) -> Result<()> {
 fn read_mosaics(file: &mut Opened) -> Result<Mosaics> {
     let found = file.entry(MOSAICS)?;
     let (Precision::F16, [n_sides, n_parts, n, across, n_values]) = (found.0, &found.1[..]) else {
-        return Err(Error::invalid(MOSAICS, "values [sides, parts, n, n, 5] of f16", format!("{:?} of {}", found.1, found.0)));
+        return Err(Error::invalid(
+            MOSAICS,
+            "values [sides, parts, n, n, 5] of f16",
+            format!("{:?} of {}", found.1, found.0),
+        ));
     };
     let shape = [*n_sides, *n_parts, *n, *across, *n_values];
     let values = file.read(MOSAICS, |reader| {

@@ -322,12 +322,12 @@ impl Mosaic<'_> {
 
     /// Whether its outline leaves what was seen: a cell inside it lies beside one that no touch showed.
     pub fn is_cut(&self) -> bool {
-        let is_seen = |column: usize, row: usize| {
-            column < self.n && row < self.n && self.cell(column, row).1.n_seen > 0.0
-        };
+        let is_seen =
+            |column: usize, row: usize| column < self.n && row < self.n && self.cell(column, row).1.n_seen > 0.0;
         let is_cut = |at: usize| {
             let (column, row) = (at % self.n, at / self.n);
-            let beside = [(column.wrapping_sub(1), row), (column + 1, row), (column, row.wrapping_sub(1)), (column, row + 1)];
+            let beside =
+                [(column.wrapping_sub(1), row), (column + 1, row), (column, row.wrapping_sub(1)), (column, row + 1)];
             let is_inside = is_seen(column, row) && self.cell(column, row).1.distance_mm < 0.0;
             is_inside && beside.into_iter().any(|(column, row)| !is_seen(column, row))
         };

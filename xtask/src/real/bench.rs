@@ -71,9 +71,9 @@ impl Bench<'_> {
         let (real, model) = (format!("{}/", self.real.display()), self.model.display().to_string());
         let maps = self.maps.as_ref().map_or(String::new(), |path| path.display().to_string());
         let known = [("REAL/", &real), ("MODEL", &model), ("MAPS", &maps)];
-        let words = line.split_whitespace().map(|word| {
-            known.iter().fold(word.to_owned(), |word, (name, path)| word.replace(name, path))
-        });
+        let words = line
+            .split_whitespace()
+            .map(|word| known.iter().fold(word.to_owned(), |word, (name, path)| word.replace(name, path)));
         words.fold(self.workspace.program(program), Program::arg)
     }
 

@@ -70,7 +70,8 @@ impl Maker<'_> {
             let scene = evaluation.scene.as_ref().map_or(scene_of_bank, |scene| self.scene(scene));
             let program = self.program("tactile-filter", "evaluate --model").arg(&model);
             let program = program.words(format!("--bank {bank} --scene")).arg(scene);
-            let (program, maps) = self.flags(program.words(format!("--episodes {n} --out {name}")), &evaluation.flags)?;
+            let (program, maps) =
+                self.flags(program.words(format!("--episodes {n} --out {name}")), &evaluation.flags)?;
             let step = Step::new(name, program, name).with_last("evaluation.json").needs(model).needs(bank);
             self.add(maps.into_iter().fold(step, Step::needs));
         }

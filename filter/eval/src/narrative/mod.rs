@@ -10,9 +10,9 @@ pub mod viewer;
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_filter::{Episode, Presence};
 use tactile_filter::belief::Belief;
 use tactile_filter::choice::{ActionRule, Choice};
+use tactile_filter::{Episode, Presence};
 
 use tactile_infer::Bank;
 use tactile_infer::maps::mosaic::Difference;

@@ -41,7 +41,8 @@ impl Learner {
         };
         for file in &mut kit.files {
             for path in std::iter::once(&mut file.peg).chain(&mut file.hole) {
-                *path = absolute(&*path).map_err(|error| Error::invalid(path.display().to_string(), "a path", error.to_string()))?;
+                *path = absolute(&*path)
+                    .map_err(|error| Error::invalid(path.display().to_string(), "a path", error.to_string()))?;
             }
         }
         if folder.join(SCENE).exists() {
