@@ -277,3 +277,59 @@ fn a_place_is_found_by_the_maps_of_touches_and_part() {
     let record = serde_json::from_value(spoilt).unwrap();
     assert!(Episode::restore(&record, bank).unwrap_err().to_string().contains("each error above 0"));
 }
+
+/// Letters that a robot knows, and one that it does not, touched near their middle.
+const REACH: &str = r"
+height_mm = 12.0
+max_width_mm = 16.0
+
+[reach]
+xy_half_mm = 4.0
+xy_step_mm = 4.0
+theta_half_deg = 45.0
+theta_step_deg = 15.0
+
+[sensor]
+frame_px = [160, 120]
+";
+
+#[test]
+fn a_stranger_that_is_refused_is_known_once_it_is_learnt() {
+    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    let (model, maps) = (shipped("maze-small"), shipped("maze-small.maps"));
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (name, letters) in [("known", "TLX"), ("stranger", "Z")] {
+        let scene = format!("name = \"{name}\"\n\n[parts.letters]\nletters = \"{letters}\"{REACH}");
+        fs::write(at.join(format!("{name}.toml")), scene).unwrap();
+    }
+    let bank = |scene: &str, out: &str| {
+        let steps = ["--xy-step-mm", "2", "--learn-from", "nothing"];
+        let given = ["bank", "--model", &model, "--maps", &maps, "--scene", scene, "--out", out];
+        run("tactile-infer", at, &[&given[..], &steps].concat()).done().to_owned()
+    };
+    assert!(bank("known.toml", "known.bank").contains("a map of each peg and of each hole"));
+    let touch = |seed: &str, out: &str| {
+        let given = ["generate", "--scene", "stranger.toml", "--sides", "hole", "--anywhere", "8", "--seed", seed];
+        run("tactile-data", at, &[&given[..], &["--out", out]].concat()).done();
+    };
+    touch("1", "today");
+    touch("2", "tomorrow");
+    let replay = |bank: &str, data: &str, more: &[&str]| {
+        let given = ["replay", "--model", &model, "--bank", bank, "--maps", &maps, "--data", data, "--json"];
+        let ran = run("tactile-filter", at, &[&given[..], more].concat());
+        let line = ran.done().lines().find(|line| line.starts_with('{')).unwrap().to_owned();
+        (serde_json::from_str::<Value>(&line).unwrap(), ran)
+    };
+    let learn = ["--learn", "learnt", "--scene", "known.toml"];
+    let (today, said) = replay("known.bank", "today", &learn);
+    assert_eq!(today["stop"], "none-of-these", "{said:?}");
+    assert!(said.done().contains("learnt-1, "), "{said:?}");
+    let scene = Scene::load(at.join("learnt/scene.toml").to_str().unwrap()).unwrap();
+    assert_eq!(scene.part_names(), ["T", "L", "X", "learnt-1"]);
+    let given = ["replay", "--model", &model, "--bank", "known.bank", "--maps", &maps, "--data", "today"];
+    assert!(run("tactile-filter", at, &[&given[..], &learn].concat()).failed().contains("learnt: expected a new folder"));
+    bank("learnt/scene.toml", "learnt.bank");
+    let (tomorrow, said) = replay("learnt.bank", "tomorrow", &[]);
+    assert_eq!((&tomorrow["part"], &tomorrow["confident"]), (&"learnt-1".into(), &true.into()), "{said:?}");
+}
