@@ -93,6 +93,11 @@ impl Step {
         self
     }
 
+    /// Says that it reads a scene: a file, or a preset, which may have the name of another step.
+    pub fn needs_scene(self, scene: &str) -> Self {
+        if scene.ends_with(".toml") { self.needs(scene) } else { self }
+    }
+
     /// Says that an interrupted run can continue from this file of its product.
     pub fn resumes_from(self, state: &str) -> Self {
         Self { resume_from: Some(self.product.join(state)), ..self }

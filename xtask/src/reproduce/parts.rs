@@ -133,7 +133,7 @@ impl Maker<'_> {
         let program = self.program("tactile-infer", "bank --model").arg(model);
         let flags = self.job.experiments.expand(&of.bank)?;
         let program = program.words(format!("--scene {scene} --out {bank} {flags}"));
-        self.add(Step::new(&bank, program, &bank).needs(model).needs(scene));
+        self.add(Step::new(&bank, program, &bank).needs(model).needs_scene(scene));
         let calibrated = format!("{name}.safetensors");
         let program = self.program("tactile-infer", "calibrate --model").arg(model);
         let program = program.words(format!("--bank {bank} --holes {holes} {} --out {calibrated}", of.flags));
@@ -163,7 +163,7 @@ impl Maker<'_> {
             input = Some(self.dataset(&pegs, &scene, "--sides peg"));
             program = program.words(format!("--data {pegs} --out {bank}"));
         }
-        let step = Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene);
+        let step = Step::new(&bank, program, &bank).needs(self.job.model).needs_scene(&scene);
         self.add(input.into_iter().fold(step, Step::needs));
         Ok((bank, scene))
     }
@@ -172,7 +172,7 @@ impl Maker<'_> {
     fn dataset(&mut self, name: &str, scene: &str, more: &str) -> PathBuf {
         let program = self.program("tactile-data", "generate --scene").arg(scene);
         let program = program.words(format!("--out {name} {more}"));
-        self.add(Step::new(name, program, name).with_last("meta.json").needs(scene));
+        self.add(Step::new(name, program, name).with_last("meta.json").needs_scene(scene));
         Path::new(name).join("meta.json")
     }
 

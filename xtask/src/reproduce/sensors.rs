@@ -69,7 +69,7 @@ impl Maker<'_> {
             let program = self.program("tactile-infer", "bank --model").arg(self.job.model);
             let flags = self.job.experiments.expand("--views pegs $fine $cosine")?;
             let program = program.words(format!("--scene {scene} --out {bank} {flags}"));
-            self.add(Step::new(&bank, program, &bank).needs(self.job.model).needs(&scene));
+            self.add(Step::new(&bank, program, &bank).needs(self.job.model).needs_scene(&scene));
             (scene, bank)
         };
         let of_default = bank.replace(&name, &format!("sensor-{OWN}"));
@@ -107,7 +107,7 @@ impl Maker<'_> {
         let program = program.words(format!("--bank {bank} --scene {scene} --other-sensor --poses off-grid"));
         let program = program.words(format!("--episodes {episodes} {ways} --out {name}"));
         let step = Step::new(name, program, name).with_last("evaluation.json");
-        self.add(step.needs(model).needs(bank).needs(scene));
+        self.add(step.needs(model).needs(bank).needs_scene(scene));
         Ok(())
     }
 }
