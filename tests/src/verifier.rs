@@ -284,7 +284,7 @@ height_mm = 12.0
 max_width_mm = 16.0
 
 [reach]
-xy_half_mm = 4.0
+xy_half_mm = 8.0
 xy_step_mm = 4.0
 theta_half_deg = 45.0
 theta_step_deg = 15.0
@@ -299,7 +299,7 @@ fn a_stranger_that_is_refused_is_known_once_it_is_learnt() {
     let (model, maps) = (shipped("maze-small"), shipped("maze-small.maps"));
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    for (name, letters) in [("known", "TLX"), ("stranger", "Z")] {
+    for (name, letters) in [("known", "TLX"), ("stranger", "D")] {
         let scene = format!("name = \"{name}\"\n\n[parts.letters]\nletters = \"{letters}\"{REACH}");
         fs::write(at.join(format!("{name}.toml")), scene).unwrap();
     }
@@ -328,7 +328,9 @@ fn a_stranger_that_is_refused_is_known_once_it_is_learnt() {
     let scene = Scene::load(at.join("learnt/scene.toml").to_str().unwrap()).unwrap();
     assert_eq!(scene.part_names(), ["T", "L", "X", "learnt-1"]);
     let given = ["replay", "--model", &model, "--bank", "known.bank", "--maps", &maps, "--data", "today"];
-    assert!(run("tactile-filter", at, &[&given[..], &learn].concat()).failed().contains("learnt: expected a new folder"));
+    assert!(
+        run("tactile-filter", at, &[&given[..], &learn].concat()).failed().contains("learnt: expected a new folder")
+    );
     bank("learnt/scene.toml", "learnt.bank");
     let (tomorrow, said) = replay("learnt.bank", "tomorrow", &[]);
     assert_eq!((&tomorrow["part"], &tomorrow["confident"]), (&"learnt-1".into(), &true.into()), "{said:?}");

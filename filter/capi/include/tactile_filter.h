@@ -262,6 +262,7 @@ typedef struct tf_bank tf_bank;
  * - max_touches: 1 to 1000
  * - false_accept: 0..=1, or none
  * - false_refuse: 0..=1
+ * - verify: a number, not negative
  * - travel_nats_per_mm, in nats/mm: a number, not negative
  * - n_draws: 1 to 100000
  * - n_suppositions: 1 to 10000
@@ -579,6 +580,16 @@ enum tf_status tf_estimate_twins(const struct tf_estimate *estimate,
  * TF_STATUS_FILE: it cannot be read. TF_STATUS_UNUSABLE: it is damaged, or no model.
  */
 enum tf_status tf_model_load(const char *path, struct tf_model **out);
+
+/**
+ * Loads a model, and networks that draw a map of each touch and judge by them (`maze-small.maps.safetensors`): with banks that have
+ * maps of their parts (`tactile-infer bank --maps`), places are found and parts are verified by them.
+ * \param maps  the path of the networks' file, ending with a zero
+ * TF_STATUS_FILE, TF_STATUS_UNUSABLE: as tf_model_load(), of either file.
+ */
+enum tf_status tf_model_load_with_maps(const char *path,
+                                       const char *maps,
+                                       struct tf_model **out);
 
 /**
  * Frees a model; null is allowed. What was made with it goes on working.

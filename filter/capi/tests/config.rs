@@ -15,7 +15,7 @@ use tactile_capi::status::{tf_last_error, tf_status};
 use tactile_filter::{Number, Settings};
 
 /// The settings that are whole numbers.
-const WHOLE: [&str; 6] = ["max_touches", "n_draws", "n_suppositions", "n_finalists", "subdivisions", "seed"];
+const WHOLE: [&str; 7] = ["max_touches", "verify", "n_draws", "n_suppositions", "n_finalists", "subdivisions", "seed"];
 
 /// A config that frees itself.
 struct Config(*mut tf_config);
@@ -86,13 +86,14 @@ fn said() -> String {
 #[test]
 fn a_new_config_has_the_defaults_and_each_setting_reads_back_as_it_was_set() {
     let config = Config::new();
-    assert_eq!(config.texts(), ["0.95", "none", "10", "0.01", "0.01", "0", "160", "24", "24", "2", "1"]);
+    assert_eq!(config.texts(), ["0.95", "none", "10", "0.01", "0.01", "8", "0", "160", "24", "24", "2", "1"]);
     for (name, value) in [
         (c"stop_probability", c"1"),
         (c"stop_place_mm", c"0.25"),
         (c"max_touches", c"1000"),
         (c"false_accept", c"none"),
         (c"false_refuse", c"0.125"),
+        (c"verify", c"0"),
         (c"travel_nats_per_mm", c"0.1"),
         (c"n_draws", c"320"),
         (c"n_suppositions", c"48"),
@@ -105,7 +106,7 @@ fn a_new_config_has_the_defaults_and_each_setting_reads_back_as_it_was_set() {
     }
     assert_eq!(
         config.texts(),
-        ["1", "0.25", "1000", "none", "0.125", "0.1", "320", "48", "none", "3", "18446744073709551615"]
+        ["1", "0.25", "1000", "none", "0.125", "0", "0.1", "320", "48", "none", "3", "18446744073709551615"]
     );
     assert_eq!([config.set_number("max_touches", 4.0), config.set_number("false_accept", 0.125)], [tf_status::Ok; 2]);
     assert_eq!([config.get("max_touches"), config.get("false_accept")], ["4", "0.125"]);

@@ -111,13 +111,14 @@ fn motion(before: &Touch, now: &Touch) -> Option<Se2> {
     same.then(|| from.inverse() * to)
 }
 
-/// Plays one episode until its stopping rule ends it or the recording does.
+/// Plays one episode until its stopping rule ends it or the recording does. If `feels_all`, what is none of these parts is felt to the
+/// recording's end.
 pub fn play(
-    dataset: &Dataset,
+    (dataset, touches): (&Dataset, &[Played]),
     sensor: &Sensor,
     bank: &Arc<Bank>,
     config: &EpisodeConfig,
-    touches: &[Played],
+    feels_all: bool,
 ) -> Result<Replayed> {
     let Some(first) = touches.first() else {
         return Err(Error::invalid("recorded episode", "at least one touch", "none"));
@@ -126,15 +127,21 @@ pub fn play(
     let begun = Episode::begin(*config, bank.clone(), &observe(first.frame)?);
     let mut episode = begun.map_err(|e| at_frame(first.frame, &e))?;
     let mut frames = vec![first.frame];
+    let mut ended = None;
     for next in &touches[1..] {
-        if episode.stop_reason().is_some() {
+        if ended.is_none() && episode.stop_reason().is_some() {
+            ended = Some(episode.estimate());
+        }
+        if ended.as_ref().is_some_and(|ended| !feels_all || ended.stop != Some(StopReason::NoneOfThese)) {
             break;
         }
         let moved = next.moved.unwrap_or(Se2::IDENTITY);
         episode.observe(moved, &observe(next.frame)?).map_err(|e| at_frame(next.frame, &e))?;
-        frames.push(next.frame);
+        if ended.is_none() {
+            frames.push(next.frame);
+        }
     }
-    let estimate = episode.estimate();
+    let estimate = ended.unwrap_or_else(|| episode.estimate());
     let (pose, felt_map) = (estimate.part_from_sensor, episode.felt_map());
     Ok(Replayed {
         difference: felt_map.as_ref().and_then(|map| map.difference),

@@ -102,7 +102,7 @@ impl Replay {
         let mut learner = learner.map(|(folder, scene)| Learner::new(folder, scene)).transpose()?;
         let mut n_right = [0, 0];
         for (number, touches) in recorded.iter().take(limit).enumerate() {
-            let replayed = play(&dataset, &sensor, &bank, &config, touches)?;
+            let replayed = play((&dataset, touches), &sensor, &bank, &config, learner.is_some())?;
             if let Some(truth) = &replayed.truth {
                 n_right[0] += usize::from(*truth == replayed.part);
                 n_right[1] += 1;
