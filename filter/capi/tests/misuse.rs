@@ -184,8 +184,6 @@ fn null_is_refused_everywhere_else() {
         [
             tf_model_load(null(), &mut null_mut()),
             tf_model_load(c"x".as_ptr(), null_mut()),
-            tf_model_load_with_maps(null(), c"x".as_ptr(), &mut null_mut()),
-            tf_model_load_with_maps(c"x".as_ptr(), null(), &mut null_mut()),
             tf_bank_load(null(), c"x".as_ptr(), &mut null_mut()),
             tf_bank_load(model, null(), &mut null_mut()),
             tf_bank_n_parts(null(), n),
@@ -440,6 +438,9 @@ fn files_that_are_not_what_they_should_be_have_their_status() {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../infer/models/maze-small.maps.safetensors");
     assert_eq!(with_maps(&CString::new(shipped).unwrap()), tf_status::Ok);
     assert_eq!([with_maps(&model), with_maps(c"absent")], [tf_status::Unusable, tf_status::File]);
+    let [no_model, no_maps] = [(null(), model.as_ptr()), (model.as_ptr(), null())]
+        .map(|(model, maps)| unsafe { tf_model_load_with_maps(model, maps, &mut null_mut()) });
+    assert_eq!([no_model, no_maps], [tf_status::Argument; 2]);
     let empty = unsafe { tf_model_load(c"".as_ptr(), &mut null_mut()) };
     assert_eq!(empty, tf_status::Argument);
     // Names by index, and no other.
