@@ -440,7 +440,7 @@ fn files_that_are_not_what_they_should_be_have_their_status() {
     assert_eq!([with_maps(&model), with_maps(c"absent")], [tf_status::Unusable, tf_status::File]);
     let [no_model, no_maps] = [(null(), model.as_ptr()), (model.as_ptr(), null())]
         .map(|(model, maps)| unsafe { tf_model_load_with_maps(model, maps, &mut null_mut()) });
-    assert_eq!([no_model, no_maps], [tf_status::Argument; 2]);
+    assert_eq!([no_model, no_maps], [tf_status::NullPointer; 2]);
     let empty = unsafe { tf_model_load(c"".as_ptr(), &mut null_mut()) };
     assert_eq!(empty, tf_status::Argument);
     // Names by index, and no other.
