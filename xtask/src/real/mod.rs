@@ -41,7 +41,7 @@ pub struct RealArgs {
     /// The model that names the presses [default: the shipped one].
     #[arg(long)]
     model: Option<PathBuf>,
-    /// Networks that draw each press and verify by maps [default: those beside the model, `NAME.maps.safetensors`].
+    /// Networks that draw each press and verify by maps [default: none].
     #[arg(long)]
     maps: Option<PathBuf>,
 }
@@ -68,9 +68,7 @@ pub fn real(workspace: &Workspace, args: &RealArgs) -> Result<()> {
     };
     let model = args.model.clone().unwrap_or_else(|| workspace.shipped_model());
     let model = model.canonicalize().map_err(Error::io(&model))?;
-    let beside = || Some(model.with_extension("maps.safetensors")).filter(|path| path.exists());
-    let maps = args.maps.clone().or_else(beside);
-    let maps = maps.map(|path| path.canonicalize().map_err(Error::io(&path))).transpose()?;
+    let maps = args.maps.clone().map(|path| path.canonicalize().map_err(Error::io(&path))).transpose()?;
     let out = workspace.folder(args.out.as_deref(), &workspace.target.join("real"))?;
     if fs::read_dir(&out).map_err(Error::io(&out))?.next().is_some() {
         return Err(Error::invalid(out.display().to_string(), "an empty folder", "files of an earlier run"));
