@@ -320,7 +320,7 @@ impl Mosaic<'_> {
         (n, (0..n * n).map(is_inside).collect())
     }
 
-    /// Whether its outline leaves what was seen: a cell inside it is beside one that no touch showed.
+    /// Whether its outline leaves what was seen: a cell inside it touches one that no touch showed.
     pub fn is_cut(&self) -> bool {
         let is_seen =
             |column: usize, row: usize| column < self.n && row < self.n && self.cell(column, row).1.n_seen > 0.0;
