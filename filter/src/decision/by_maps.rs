@@ -23,8 +23,8 @@ pub(super) struct Laid {
 }
 
 /// A touch that was drawn.
-struct Drawn<'a> {
-    drawing: Drawing<'a>,
+pub(super) struct Drawn<'a> {
+    pub(super) drawing: Drawing<'a>,
     new_share: f64,
     is_blank: bool,
 }
@@ -51,7 +51,8 @@ impl<'a> Asked<'a> {
         Some(Laid { part_from_first, hill, verified })
     }
 
-    fn drawn(self) -> Vec<Drawn<'a>> {
+    /// The touches that were drawn.
+    pub(super) fn drawn(self) -> Vec<Drawn<'a>> {
         let made = self.belief.touches().iter().zip(self.touches);
         let drawn = made.filter_map(|(touched, (_, observation))| {
             let map = observation.map.as_deref()?;

@@ -1,14 +1,12 @@
 //! Which part it is: what the belief says of each part and, of the likeliest, what a verifier says where each would be.
 //!
-//! In: the belief, the bank's maps, the maps of the touches. Out: the probability of each part, and the places of those that may be named.
+//! In: the belief, the bank's maps, the maps of the touches. Out: the probability of each part, and where the one is that is named.
 //!
 //! ```text
 //! p(part) ~ belief(part) exp(0.5 V(part))        V: the verifier's log-odds of all touches, each as much as it is new
 //! ```
 //!
 //! Parts that are not verified count as the least likely of those that are.
-
-use tactile_infer::presence::Verified;
 
 use crate::decision::Placed;
 use crate::decision::verdict::Asked;
@@ -24,21 +22,12 @@ const LEAST: f64 = 1e-6;
 pub(crate) struct Candidates {
     /// The probability of each part, `[n_parts]`.
     pub(crate) by_part: Vec<f64>,
-    /// Where the likeliest ones would be; at least the most probable one.
-    places: Vec<(usize, Placed)>,
-}
-
-impl Candidates {
-    /// The most probable part, the first of equals, and its probability.
-    pub(crate) fn likeliest(&self) -> (usize, f64) {
-        likeliest(&self.by_part)
-    }
-
-    /// Where the most probable part would be.
-    pub(crate) fn place(&self) -> Option<Placed> {
-        let (part, _) = self.likeliest();
-        self.places.iter().find(|(of, _)| *of == part).map(|(_, placed)| *placed)
-    }
+    /// The most probable one, the first of equals.
+    pub(crate) part: usize,
+    /// Its probability.
+    pub(crate) probability: f64,
+    /// Where it would be.
+    pub(crate) placed: Placed,
 }
 
 /// The most probable part, the first of equals, and its probability.
@@ -50,8 +39,9 @@ pub(crate) fn likeliest(by_part: &[f64]) -> (usize, f64) {
 impl<'a> Asked<'a> {
     /// Whether a verifier may name another part than the belief.
     pub(crate) fn are_verified(self) -> bool {
-        let can_judge = self.bank.verifier().is_some() && self.bank.mosaics().is_some();
-        can_judge && self.config.settings.verify > 1 && self.touches.iter().any(|(_, touch)| touch.map.is_some())
+        self.bank.verifier().is_some()
+            && self.config.settings.verify > 1
+            && self.touches.iter().any(|(_, touch)| touch.map.is_some())
     }
 
     /// The probability of each part, without a place where nothing judges.
@@ -68,11 +58,13 @@ impl<'a> Asked<'a> {
         order.sort_by(|a, b| by_part[*b].total_cmp(&by_part[*a]));
         let believed = order.iter().enumerate().take(n).filter(|(rank, part)| *rank == 0 || by_part[**part] > LEAST);
         let places: Vec<(usize, Placed)> = believed.map(|(_, part)| (*part, self.find_place(*part))).collect();
-        let said: Vec<Option<Verified>> = places.iter().map(|(_, placed)| placed.verified).collect();
-        let judged: Vec<(usize, f64)> =
-            places.iter().zip(&said).filter_map(|((part, _), said)| Some((*part, said.as_ref()?.log_odds))).collect();
+        let judged = places.iter().filter_map(|(part, placed)| Some((*part, placed.verified?.log_odds)));
+        let judged: Vec<(usize, f64)> = judged.collect();
         let by_part = if judged.len() > 1 { weighed(by_part, &judged) } else { by_part.to_vec() };
-        Candidates { by_part, places }
+        let (part, probability) = likeliest(&by_part);
+        let placed = places.into_iter().find(|(of, _)| *of == part);
+        let placed = placed.map_or_else(|| self.find_place(part), |(_, placed)| placed);
+        Candidates { by_part, part, probability, placed }
     }
 }
 

@@ -5,9 +5,11 @@
 use tactile_data::frame::Frame;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
+use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics, Stitcher};
 use tactile_infer::maps::picture::compared;
 
+use crate::decision::candidates::Candidates;
 use crate::decision::verdict::Asked;
 use crate::error::Result;
 
@@ -45,13 +47,13 @@ impl FeltMap {
 impl Asked<'_> {
     /// The maps of the touches stitched at their estimated poses; `None` where none was drawn, or they reach nowhere.
     pub(crate) fn felt_map(self) -> Option<FeltMap> {
-        let verdict = self.verdict();
-        let made = self.belief.touches().iter().zip(self.touches);
-        let drawn = made.filter_map(|(touched, (_, observation))| {
-            let pose = verdict.placed.part_from_first * touched.first_from_sensor;
-            observation.map.as_deref().map(|map| (map, pose))
-        });
-        let drawn: Vec<_> = drawn.collect();
+        let drawn = self.drawn();
+        if drawn.is_empty() {
+            return None;
+        }
+        let Candidates { part, placed, .. } = *self.candidates();
+        let pose_of = |drawing: &Drawing<'_>| placed.part_from_first * drawing.first_from_sensor;
+        let drawn: Vec<_> = drawn.iter().map(|touch| (touch.drawing.map, pose_of(&touch.drawing))).collect();
         let reach = drawn.iter().map(|(map, pose)| {
             let [width, height] = map.view_mm;
             pose.x_mm.abs().max(pose.y_mm.abs()) + 0.5 * width.hypot(height)
@@ -59,7 +61,7 @@ impl Asked<'_> {
         let mut stitcher = Stitcher::new(reach.reduce(f64::max)?);
         drawn.iter().for_each(|(map, pose)| stitcher.add(map, pose));
         let mosaics = Mosaics::stitched(&[stitcher], None).ok()?;
-        let (part, side) = (verdict.part, self.side());
+        let side = self.side();
         let of_part = self.bank.mosaics().map(|mosaics| mosaics.of(part, side));
         let difference = of_part.map(|of_part| mosaics.of(0, side).difference(&of_part));
         Some(FeltMap { part: self.bank.parts()[part].clone(), side, mosaics, difference })

@@ -183,8 +183,7 @@ pub(crate) struct Asked<'a> {
 impl<'a> Asked<'a> {
     /// The verdict.
     pub(crate) fn verdict(self) -> Verdict {
-        let (part, probability) = self.candidates().likeliest();
-        let placed = self.place(part);
+        let Candidates { part, probability, placed, .. } = *self.candidates();
         let covariance = self.covariance(part, &placed);
         let presence = self.presence(&placed);
         let standing = self.standing(probability, presence, || covariance);
@@ -210,8 +209,7 @@ impl<'a> Asked<'a> {
             let n_touches = self.belief.touches().len();
             return self.config.stop(&Standing { probability, n_touches, ..Standing::default() });
         }
-        let (part, probability) = self.candidates().likeliest();
-        let placed = self.place(part);
+        let Candidates { part, probability, placed, .. } = *self.candidates();
         self.config.stop(&self.standing(probability, self.presence(&placed), || self.covariance(part, &placed)))
     }
 
@@ -241,11 +239,7 @@ impl<'a> Asked<'a> {
         self.candidates.get_or_init(|| self.find_candidates())
     }
 
-    /// Where the likeliest part would be, and how well it explains the touches there.
-    fn place(self, likeliest: usize) -> Placed {
-        self.candidates().place().unwrap_or_else(|| self.find_place(likeliest))
-    }
-
+    /// Where a part would be, and how well it explains the touches there.
     pub(crate) fn find_place(self, part: usize) -> Placed {
         let state = self.belief.posterior().best(Some(part)).unwrap_or(Hypothesis { part, cell: 0 });
         let refined = || self.belief.refine(state, &self.bank.symmetry(part));

@@ -17,9 +17,8 @@ use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 use tactile_infer::between::is_fine;
 use tactile_infer::learn_from::LearnFrom;
+use tactile_infer::maps::Maps;
 use tactile_infer::maps::mosaic::{CELL_MM, Mosaics};
-use tactile_infer::maps::verifier::Verifier;
-use tactile_infer::maps::{MapDrawer, MapFile};
 use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
 use tactile_infer::recorded::mosaics::mosaics_of_dataset;
@@ -112,9 +111,8 @@ impl BankArgs {
         let read = read.chain([self.model.path.clone()]);
         let _lock = output::prepare_file(&self.out, data_files.chain(read))?;
         let model = self.model.load()?;
-        let maps = self.maps.as_deref().map(MapFile::load).transpose()?;
-        let drawer = maps.as_ref().map(MapDrawer::new).transpose()?;
-        let verifier = maps.as_ref().map(Verifier::new).transpose()?.flatten();
+        let maps = self.maps.as_deref().map(Maps::load).transpose()?;
+        let (drawer, verifier) = (maps.as_ref().map(Maps::drawer), maps.as_ref().and_then(Maps::verifier));
         let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
         let finish = |bank: Bank, mosaics: Option<Mosaics>| -> Result<()> {
             let bank = match mosaics {
@@ -132,8 +130,8 @@ impl BankArgs {
             let kept = with_ending(&self.out, ".parts");
             let bank = job.make(Some(&kept), &reporter("touches"))?;
             let stitch = |drawer| mosaics_of_scene(drawer, (&scene, job.views), self.seed, &reporter("touches"));
-            let mosaics = drawer.as_ref().map(stitch).transpose()?;
-            let bank = match (&drawer, &verifier, &mosaics) {
+            let mosaics = drawer.map(stitch).transpose()?;
+            let bank = match (drawer, verifier, &mosaics) {
                 (Some(drawer), Some(verifier), Some(mosaics)) => {
                     bank.with_expected(expected_of_scene(drawer, verifier, mosaics, &scene, self.seed)?)?
                 }
@@ -146,7 +144,7 @@ impl BankArgs {
         check_declared(&self.symmetries, &parts_on_grid(&dataset, self.poses.poses()?)?)?;
         let bank = embed_pegs(&model, &dataset, &self.poses)?;
         let stitch = |drawer| mosaics_of_dataset(drawer, &dataset, bank.parts(), &reporter("touches"));
-        let mosaics = drawer.as_ref().map(stitch).transpose()?;
+        let mosaics = drawer.map(stitch).transpose()?;
         finish(bank, mosaics)
     }
 

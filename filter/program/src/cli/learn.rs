@@ -24,14 +24,14 @@ const LEAST_MM2: f64 = 4.0;
 const SCENE: &str = "scene.toml";
 
 /// A scene, and the parts that are learnt for it.
-pub struct Learner {
+pub struct LearntParts {
     folder: PathBuf,
     scene: Scene,
     names: HashSet<String>,
-    learnt: Vec<String>,
+    n_learnt: usize,
 }
 
-impl Learner {
+impl LearntParts {
     /// Parts for a scene of parts of its own, into a folder that does not have any yet.
     pub fn new(folder: &Path, preset_or_file: &str) -> Result<Self> {
         let mut scene = Scene::load(preset_or_file)?;
@@ -48,7 +48,7 @@ impl Learner {
         if folder.join(SCENE).exists() {
             return Err(Error::invalid(folder.display().to_string(), "a new folder", "learnt parts"));
         }
-        Ok(Self { folder: folder.to_owned(), scene, names, learnt: Vec::new() })
+        Ok(Self { folder: folder.to_owned(), scene, names, n_learnt: 0 })
     }
 
     /// Adds what an episode felt; says so, or why not.
@@ -60,8 +60,8 @@ impl Learner {
             program::warning(format_args!("episode {episode}: not learnt: {area:.0} mm2 are inside of what was felt"));
             return Ok(());
         }
-        let free = (self.learnt.len() + 1..).map(|n| format!("learnt-{n}"));
-        let Some(name) = free.into_iter().find(|name| !self.names.contains(name)) else { return Ok(()) };
+        let mut named = (self.n_learnt + 1..).map(|n| format!("learnt-{n}"));
+        let Some(name) = named.find(|name| !self.names.contains(name)) else { return Ok(()) };
         let path = self.folder.join(format!("{name}.npy"));
         let _lock = prepare_file(&path, std::iter::empty::<&Path>())?;
         let heights: Vec<f32> = inside.iter().map(|is| if *is { PEG_MM } else { 0.0 }).collect();
@@ -80,21 +80,21 @@ impl Learner {
         if mosaic.is_cut() {
             program::warning(format_args!("{name}: its outline leaves what was felt; touch more of it"));
         }
-        self.names.insert(name.clone());
-        self.learnt.push(name);
+        self.names.insert(name);
+        self.n_learnt += 1;
         Ok(())
     }
 
     /// Writes the scene, where any part was learnt.
     pub fn finish(&self) -> Result<()> {
-        if self.learnt.is_empty() {
+        if self.n_learnt == 0 {
             program::say(format_args!("no part learnt: no episode ended as none of these"));
             return Ok(());
         }
         let path = self.folder.join(SCENE);
         let _lock = prepare_file(&path, std::iter::empty::<&Path>())?;
         write_whole(&path, self.scene.to_toml()?.as_bytes())?;
-        program::say(format_args!("{}: {} more parts; make a bank of it", path.display(), self.learnt.len()));
+        program::say(format_args!("{}: {} more parts; make a bank of it", path.display(), self.n_learnt));
         Ok(())
     }
 }

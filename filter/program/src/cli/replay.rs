@@ -21,7 +21,7 @@ use tactile_live::shell::speaker::Speaker;
 use super::arguments::{Engine, Inputs, SideArgs, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
-use super::learn::Learner;
+use super::learn::LearntParts;
 use super::numbers::Numbers;
 
 /// Play a recorded dataset of touches, or the log of a live node, back through the filter.
@@ -98,11 +98,11 @@ impl Replay {
         }
         let recorded = episodes(&dataset, side)?;
         let limit = self.limit.unwrap_or(recorded.len());
-        let learner = self.learn.as_ref().zip(self.scene.as_ref());
-        let mut learner = learner.map(|(folder, scene)| Learner::new(folder, scene)).transpose()?;
+        let learnt = self.learn.as_ref().zip(self.scene.as_ref());
+        let mut learnt = learnt.map(|(folder, scene)| LearntParts::new(folder, scene)).transpose()?;
         let mut n_right = [0, 0];
         for (number, touches) in recorded.iter().take(limit).enumerate() {
-            let replayed = play((&dataset, touches), &sensor, &bank, &config, learner.is_some())?;
+            let replayed = play((&dataset, touches), &sensor, &bank, &config, learnt.is_some())?;
             if let Some(truth) = &replayed.truth {
                 n_right[0] += usize::from(*truth == replayed.part);
                 n_right[1] += 1;
@@ -110,11 +110,11 @@ impl Replay {
             self.print(number, &replayed)?;
             self.draw(number, &replayed, &bank)?;
             let felt = replayed.felt_map.as_ref().filter(|_| replayed.stop == Some(StopReason::NoneOfThese));
-            if let Some((learner, felt)) = learner.as_mut().zip(felt) {
-                learner.add(number, felt)?;
+            if let Some((learnt, felt)) = learnt.as_mut().zip(felt) {
+                learnt.add(number, felt)?;
             }
         }
-        learner.iter().try_for_each(Learner::finish)?;
+        learnt.iter().try_for_each(LearntParts::finish)?;
         // Said last: what goes wrong is one line.
         if let Some(why) = warn_of_played(&dataset, side, &bank) {
             program::warning(why);
