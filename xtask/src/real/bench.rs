@@ -11,10 +11,9 @@ use crate::json;
 use crate::program::Program;
 use crate::workspace::Workspace;
 
-/// The parts of every bank: simple bodies, those that were pressed among them, and letters for tuning. One ball: how deep
-/// a ball is pressed and how large it is are hard to tell apart.
-const SOLIDS: [&str; 14] = [
-    "ball:4.7",
+/// The parts of every bank: simple bodies, those that were pressed among them, and letters for tuning; with them the balls
+/// that a set asks for.
+const SOLIDS: [&str; 13] = [
     "cylinder:3",
     "cylinder:4",
     "cylinder:5",
@@ -45,8 +44,13 @@ pub struct Bench<'a> {
     pub out: PathBuf,
 }
 
-/// The sensor that a bank is simulated with.
+/// The one ball of most banks: how deep a ball is pressed and how large it is are hard to tell apart.
+pub const ONE_BALL: &[&str] = &["ball:4.7"];
+
+/// The balls and the sensor that a bank is simulated with.
 pub struct Sensor<'a> {
+    /// Balls among the bank's parts.
+    pub balls: &'a [&'a str],
     /// Width and height of what a frame shows, mm.
     pub view_mm: [f64; 2],
     /// How deep parts are pressed in, mm; the scene's default without.
@@ -94,8 +98,9 @@ impl Bench<'_> {
 
     /// Simulates the bank of all parts by a sensor into `NAME.bank`.
     pub fn bank(&self, name: &str, sensor: &Sensor<'_>) -> Result<()> {
-        let Sensor { view_mm: [x, y], depth_mm, calibration } = sensor;
-        let solids = SOLIDS.map(|solid| format!("\"{solid}\"")).join(", ");
+        let Sensor { balls, view_mm: [x, y], depth_mm, calibration } = sensor;
+        let solids: Vec<String> = balls.iter().chain(&SOLIDS).map(|solid| format!("\"{solid}\"")).collect();
+        let solids = solids.join(", ");
         let depth = depth_mm.map_or(String::new(), |mm| format!("depth_mm = {mm:.3}\n"));
         let calibration = calibration.map_or(String::new(), |file| format!("calibration = \"{file}\"\n"));
         let scene = format!(

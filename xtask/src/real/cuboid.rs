@@ -1,7 +1,7 @@
 //! One press of a cuboid's flat face.
 
 use super::Set;
-use super::bench::{Bench, Sensor};
+use super::bench::{Bench, ONE_BALL, Sensor};
 use super::twins::{Press, Twins, Views};
 use crate::error::Result;
 use crate::json::numbers;
@@ -26,7 +26,7 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
     let press = format!("REAL/{FOLDER}/cuboid_10-2-284.png");
     let rest = format!("REAL/{FOLDER}/nocontact_train_sensor_derived.png");
     let [width, height] = VIEW_MM;
-    bench.bank("cuboid-bank", &Sensor { view_mm: VIEW_MM, depth_mm: None, calibration: None })?;
+    bench.bank("cuboid-bank", &Sensor { balls: ONE_BALL, view_mm: VIEW_MM, depth_mm: None, calibration: None })?;
     bench
         .write("cuboid.csv", &format!("file,part,side,x_mm,y_mm,theta_deg\ncuboid_10-2-284.png,{PART},peg,0,0,0\n"))?;
     bench.run(

@@ -1,7 +1,7 @@
 //! A printed digit, which no bank holds.
 
 use super::Set;
-use super::bench::{Bench, Sensor, copy};
+use super::bench::{Bench, ONE_BALL, Sensor, copy};
 use super::named::STRANGER;
 use crate::error::Result;
 use crate::json::numbers;
@@ -23,7 +23,7 @@ pub fn name(bench: &Bench<'_>) -> Result<Option<Set>> {
     if !bench.has(&gif, TITLE) {
         return Ok(None);
     }
-    bench.bank("digit-bank", &Sensor { view_mm: VIEW_MM, depth_mm: None, calibration: None })?;
+    bench.bank("digit-bank", &Sensor { balls: ONE_BALL, view_mm: VIEW_MM, depth_mm: None, calibration: None })?;
     bench.run("tactile-data", &format!("import REAL/{gif} --no-contact {N_REST} --out digit-film"))?;
     let by_one = bench.replay("digit-bank", "digit-film")?;
     bench.run("tactile-data", "export digit-film --to folder --out digit-frames")?;

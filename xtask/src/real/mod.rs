@@ -25,7 +25,7 @@ use twins::Twins;
 
 /// What is real and what is not: the first thing that the page says.
 const SCOPE: &str = "Real: every press that is named here, the sensor's frame at rest, and for the balls the light, \
-                     fitted to other presses than those that are tested. Simulated: all views of the bank, of 20 parts \
+                     fitted to other presses than those that are tested. Simulated: all views of the bank, of 20 to 23 parts \
                      of which one or none was pressed, and everything that the model was trained on. Raised parts are \
                      named among raised parts: no public real image of a hole, a letter or a connector is known.";
 
@@ -75,7 +75,7 @@ pub fn real(workspace: &Workspace, args: &RealArgs) -> Result<()> {
     }
     workspace.build()?;
     let bench = Bench { workspace, real, model, maps, out };
-    let sets = [balls::name(&bench)?, cuboid::name(&bench)?, digit::name(&bench)?];
+    let sets = [balls::FOTS.name(&bench)?, balls::GELSLAM.name(&bench)?, cuboid::name(&bench)?, digit::name(&bench)?];
     let sets: Vec<Set> = sets.into_iter().flatten().collect();
     for set in &sets {
         set.lines().iter().for_each(|[what, measured]| println!("{}, {what}: {measured}", set.title));
