@@ -9,7 +9,7 @@ use super::parts::MOST_PARTS;
 use super::side_shares::SideShares;
 use crate::error::{Error, Result};
 use crate::random::uniform;
-use crate::shape::maze_part::{maze_part, part_rng, width_mm};
+use crate::shape::maze_part::{cut_part, maze_part, name, part_rng, width_mm};
 use crate::shape::{Face, Layer, Relief, Rounding};
 use crate::touch::Side;
 
@@ -34,6 +34,10 @@ pub struct MazeParts {
     /// Least and greatest play of a hole on every side, mm, drawn for each part; without it the scene's clearance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub play_mm: Option<[f64; 2]>,
+    /// With it each part comes twice: whole, and then without what is beyond a straight line, which is a share of its area
+    /// between these two ([`cut_part`]). Each of the two is a stranger that has the rest in common with the other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cut_share: Option<[f64; 2]>,
 }
 
 fn is_first(first: &usize) -> bool {
@@ -65,9 +69,25 @@ impl MazeParts {
         self.first..self.first.saturating_add(self.n)
     }
 
+    /// Which part is drawn, and by how much it is cut.
+    fn drawn(&self, index: usize) -> (usize, Option<[f64; 2]>) {
+        match self.cut_share {
+            Some(share) => (index / 2, (!index.is_multiple_of(2)).then_some(share)),
+            None => (index, None),
+        }
+    }
+
+    /// Name of the part of a number: `gear-5`, `gear-5-cut`.
+    pub(super) fn name(&self, index: usize) -> String {
+        let (index, cut) = self.drawn(index);
+        format!("{}{}", name(index), if cut.is_some() { "-cut" } else { "" })
+    }
+
     /// The part of a number.
     pub(super) fn part(&self, index: usize, clearance_mm: f64) -> Result<Part> {
+        let (index, cut) = self.drawn(index);
         let outline = maze_part(self.seed, index, self.size_mm)?;
+        let outline = cut.map_or(Ok(outline.clone()), |share| cut_part(&outline, self.seed, index, share))?;
         let [mut of_hole, mut of_peg] = [1, 2].map(|usage| part_rng(self.seed, index, usage));
         let clearance_mm = self.play_mm.map_or(clearance_mm, |play_mm| uniform(&mut of_hole, play_mm));
         let side = |side, rng| SHARES.side(outline.clone(), side, clearance_mm, rng);
@@ -105,6 +125,9 @@ impl MazeParts {
         if !ordered(self.size_mm, 5.0, 200.0) {
             return refuse("size_mm", "5 to 200 mm, in order", format!("{low} to {high}"));
         }
+        if let Some([low, high]) = self.cut_share.filter(|share| !ordered(*share, 0.0, 0.9)) {
+            return refuse("cut_share", "shares of the area, 0 to 0.9, in order", format!("{low} to {high}"));
+        }
         match self.play_mm {
             Some(play_mm) if !ordered(play_mm, 0.0, 5.0) => {
                 refuse("play_mm", "0 to 5 mm, in order", format!("{} to {}", play_mm[0], play_mm[1]))
@@ -124,7 +147,8 @@ mod tests {
     use crate::shape::Shape;
     use crate::shape::maze_part::name;
 
-    const PARTS: MazeParts = MazeParts { n: 300, first: 0, seed: 1, size_mm: [8.0, 40.0], play_mm: Some([0.1, 0.4]) };
+    const PARTS: MazeParts =
+        MazeParts { n: 300, first: 0, seed: 1, size_mm: [8.0, 40.0], play_mm: Some([0.1, 0.4]), cut_share: None };
 
     const CELL_MM: f64 = 0.05;
 
@@ -240,6 +264,37 @@ mod tests {
     }
 
     #[test]
+    fn a_cut_part_is_its_whole_less_a_tenth_to_a_half() {
+        let parts = MazeParts { n: 120, cut_share: Some([0.1, 0.5]), size_mm: [10.0, 40.0], ..PARTS };
+        assert_eq!([4, 5].map(|index| parts.name(index)), ["blob-2", "blob-2-cut"]);
+        let whole_alone = MazeParts { cut_share: None, ..parts };
+        parts.range().into_par_iter().filter(|index| index % 2 == 1).for_each(|index| {
+            let [whole, cut] = [index - 1, index].map(|index| parts.part(index, 0.1).unwrap());
+            let name = parts.name(index);
+            assert_eq!(whole.outline, whole_alone.part(index / 2, 0.1).unwrap().outline, "{name}");
+            assert_eq!(whole.clearance_mm, cut.clearance_mm, "{name}");
+            let half = half_of(&whole.outline);
+            let n = 2 * half as usize;
+            let all = cells(&whole.outline, half);
+            // Where the cut one lies in the whole is not known: where most of its corners are corners of the whole.
+            let corners = |shape: &Shape| shape.regions.iter().flatten().flatten().copied().collect::<Vec<_>>();
+            let (of_whole, of_cut) = (corners(&whole.outline), corners(&cut.outline));
+            let n_met = |[x, y]: [f64; 2]| {
+                let is_met = |[u, v]: &[f64; 2]| of_whole.iter().any(|[a, b]| (u + x - a).hypot(v + y - b) < 1e-6);
+                of_cut.iter().filter(|corner| is_met(corner)).count()
+            };
+            let shifts = of_cut.iter().take(8).flat_map(|[u, v]| of_whole.iter().map(move |[a, b]| [a - u, b - v]));
+            let [x, y] = shifts.max_by_key(|shift| n_met(*shift)).unwrap();
+            let inside = cells(&cut.outline.clone().map(|[u, v]| [u + x, v + y]), half);
+            let rim = disc(0.07, n);
+            let outside = (0..n * n).filter(|at| inside[*at] && !all[*at]);
+            assert_eq!(outside.filter(|at| !any_near(&all, *at, &rim, true)).count(), 0, "{name}");
+            let share = 1.0 - count(&cells(&cut.outline, half)) / count(&all);
+            assert!((0.09..0.51).contains(&share), "{name}: {share}");
+        });
+    }
+
+    #[test]
     fn every_side_is_felt_and_of_every_kind() {
         let felt = Cells { half_mm: 24.0, cell_mm: 0.15 };
         let sides = |index| {
@@ -292,7 +347,8 @@ mod tests {
 
     #[test]
     fn parts_are_taken_by_name_in_every_scene_of_them() {
-        let names = ["maze-parts", "maze-parts-calibration", "maze-parts-alike", "maze-parts-strangers"];
+        let names =
+            ["maze-parts", "maze-parts-calibration", "maze-parts-alike", "maze-parts-strangers", "maze-parts-training"];
         let mut seeds = Vec::new();
         for of in names {
             let file = format!("{}/scenes/{of}.toml", env!("CARGO_MANIFEST_DIR"));

@@ -14,7 +14,7 @@ use crate::shape::connector::Connector;
 use crate::shape::file::{self, FileScale, ending};
 use crate::shape::glyph::{Font, glyph_of};
 use crate::shape::heights::GreyScale;
-use crate::shape::{Relief, Shape, Solid, maze_part, outline};
+use crate::shape::{Relief, Shape, Solid, outline};
 use crate::touch::Side;
 
 /// The parts of a scene.
@@ -229,7 +229,7 @@ impl Kit {
             Origin::Connector(connector) => connector.name().to_owned(),
             Origin::Solid(solid) => solid.to_string(),
             Origin::Outline(index, _) => outline::name(index),
-            Origin::MazePart(index, _) => maze_part::name(index),
+            Origin::MazePart(index, parts) => parts.name(index),
             Origin::File(_, file) => file.name.clone(),
         };
         self.origins().map(name).collect()

@@ -418,6 +418,11 @@ fn maze_parts_that_cannot_be_are_named_with_their_field() {
         ("first = 24", "first = 1000001", ["parts.maze_parts.first", "0 to 1000000", "1000001"]),
         ("[8.0, 14.0]", "[14.0, 8.0]", ["parts.maze_parts.size_mm", "5 to 200 mm, in order", "14 to 8"]),
         ("[8.0, 14.0]", "[nan, 14.0]", ["parts.maze_parts.size_mm", "in order", "NaN to 14"]),
+        (
+            "n = 12",
+            "n = 12\ncut_share = [0.2, 0.95]",
+            ["parts.maze_parts.cut_share", "shares of the area", "0.2 to 0.95"],
+        ),
         ("[0.1, 0.4]", "[-0.1, 0.4]", ["parts.maze_parts.play_mm", "0 to 5 mm, in order", "-0.1 to 0.4"]),
     ] {
         written.refused(&parts(&good.replace(from, to)), &named);

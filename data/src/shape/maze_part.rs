@@ -102,6 +102,55 @@ pub fn maze_part(seed: u64, index: usize, size_mm: [f64; 2]) -> Result<Shape> {
     })
 }
 
+/// Least depth of what is cut off, mm. A gel hardly shows that less is missing.
+const LEAST_CUT_MM: f64 = 2.0;
+
+/// Halvings by which a cut's place is found: to a billionth of the part.
+const HALVINGS: usize = 30;
+
+/// What sets the seeds of cuts apart from those of parts.
+const CUT_SEED: u64 = 0x63_7574;
+
+/// A part without what is beyond a straight line, centred on its own box: it has the rest in common with the whole part, as an F has with an
+/// E. Part number `index` of a seed; what is cut off is a share of its area between the two of `share`, and 2 mm deep at least.
+///
+/// # Errors
+/// No such cut in a thousand draws that leaves neither a sliver nor dust: a part of a few mm.
+pub fn cut_part(whole: &Shape, seed: u64, index: usize, share: [f64; 2]) -> Result<Shape> {
+    let rng = &mut frame_rng(seed ^ CUT_SEED, 1 + index as u64);
+    let area = |shape: &Shape| shape.regions.iter().map(|region| area_mm2(region)).sum::<f64>();
+    let drawn = |_| {
+        let direction = uniform(rng, [0.0, TAU]);
+        let left_mm2 = (1.0 - uniform(rng, share)) * area(whole);
+        let (sin, cos) = direction.sin_cos();
+        let along = whole.regions.iter().flatten().flatten().map(|[x, y]| cos * x + sin * y);
+        let [low, high] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)]);
+        let [mut below, mut above] = [low, high];
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (below + above);
+            *if area(&without(whole, direction, middle)) < left_mm2 { &mut below } else { &mut above } = middle;
+        }
+        let left = without(whole, direction, above);
+        let is_good = high - above >= LEAST_CUT_MM && !left.regions.is_empty();
+        (is_good && left.regions.iter().flatten().all(is_thick)).then(|| left.centred())
+    };
+    (0..MOST_DRAWS).find_map(drawn).ok_or_else(|| {
+        let expected = format!("a part that one of {MOST_DRAWS} cuts of {LEAST_CUT_MM} mm or more leaves whole");
+        Error::invalid(name(index), expected, "none")
+    })
+}
+
+/// What is nearer than `end_mm` along a direction.
+fn without(whole: &Shape, direction: f64, end_mm: f64) -> Shape {
+    let (sin, cos) = direction.sin_cos();
+    let reach = 2.0 * whole.bounds().into_iter().fold(0.0, |most: f64, mm| most.max(mm.abs()));
+    // Beyond the part on three sides; the corners turn from x to y.
+    let corners = [[-reach, -reach], [end_mm, -reach], [end_mm, reach], [-reach, reach]];
+    let window = corners.map(|[u, v]| [cos * u - sin * v, sin * u + cos * v]).to_vec();
+    let regions = whole.regions.iter().map(|region| clipped(region.clone(), &window));
+    Shape { regions: regions.filter(|region| !region.is_empty()).collect() }
+}
+
 /// What a window shows of the walls of a MAZE board; `None` where it shows too much or too little, or only one side of the
 /// window has walls.
 fn crop(long_mm: f64, rng: &mut ChaCha8Rng) -> Option<Shape> {

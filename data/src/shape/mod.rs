@@ -57,6 +57,13 @@ impl Shape {
         self.map(|[x, y]| [scale * (x - middle[0]), scale * (y - middle[1])])
     }
 
+    /// The same shape centred on its own box.
+    pub(crate) fn centred(self) -> Self {
+        let [x_min, y_min, x_max, y_max] = self.bounds();
+        let middle = [0.5 * (x_min + x_max), 0.5 * (y_min + y_max)];
+        self.map(|[x, y]| [x - middle[0], y - middle[1]])
+    }
+
     /// Moves every point.
     pub fn map(self, move_point: impl Fn([f64; 2]) -> [f64; 2]) -> Self {
         let moved = |contour: Contour| contour.into_iter().map(&move_point).collect();
