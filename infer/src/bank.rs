@@ -1,6 +1,7 @@
 //! The bank: one embedding for each recorded pose of each peg.
 
 mod file;
+mod part_maps;
 
 use std::borrow::Cow;
 use std::collections::HashSet;
@@ -16,15 +17,13 @@ use tactile_data::touch::Side;
 
 use crate::calibration::BLANK_SHARE;
 use crate::error::{Error, Result};
-use crate::maps::expected::Expected;
-use crate::maps::mosaic::Mosaics;
-use crate::maps::verifier::Verifier;
 use crate::matches::Matches;
 use crate::metric::Metric;
 use crate::neighbours::{Neighbours, neighbours};
 use crate::precision::Precision;
 use crate::rows::Rows;
 use crate::views::Views;
+use part_maps::PartMaps;
 
 /// The version of the bank's layout.
 pub const SCHEMA: &str = "tactile-filter/bank/2";
@@ -53,9 +52,7 @@ pub struct Bank {
     origin: Option<Origin>,
     symmetries: Vec<Symmetry>,
     matches: Arc<Matches>,
-    mosaics: Option<Arc<Mosaics>>,
-    expected: Option<Arc<Expected>>,
-    verifier: Option<Arc<Verifier>>,
+    maps: Option<Arc<PartMaps>>,
     neighbours: Arc<[Neighbours]>,
 }
 
@@ -131,9 +128,7 @@ impl Bank {
             origin,
             symmetries,
             matches,
-            mosaics: None,
-            expected: None,
-            verifier: None,
+            maps: None,
             neighbours,
         })
     }
@@ -213,56 +208,6 @@ impl Bank {
         Ok(Self { matches: Arc::new(matches), ..self })
     }
 
-    /// The same bank, with a map of each part, by which touches can be verified.
-    ///
-    /// # Errors
-    /// Another number of parts.
-    pub fn with_mosaics(self, mosaics: Mosaics) -> Result<Self> {
-        if mosaics.n_parts() != self.parts.len() {
-            let expected = format!("one of each of {} parts", self.parts.len());
-            return Err(Error::invalid("mosaics", expected, mosaics.n_parts().to_string()));
-        }
-        Ok(Self { mosaics: Some(Arc::new(mosaics)), ..self })
-    }
-
-    /// The same bank, with what a verifier says of touches that were made on each part.
-    ///
-    /// # Errors
-    /// Another number of parts, or numbers that no touches give.
-    pub fn with_expected(self, expected: Expected) -> Result<Self> {
-        expected.validate(self.parts.len())?;
-        Ok(Self { expected: Some(Arc::new(expected)), ..self })
-    }
-
-    /// The same bank, against whose maps this network judges touches ([`Verifier`]). A bank's file does not hold it.
-    ///
-    /// # Errors
-    /// A bank without maps, or one whose maps are of other networks.
-    pub fn verified_by(self, verifier: Arc<Verifier>) -> Result<Self> {
-        if self.mosaics.is_none() {
-            return Err(Error::invalid("bank", "one with a map of each part", "one without"));
-        }
-        if let Some(Expected { maps_sha256, .. }) =
-            self.expected.as_deref().filter(|of| of.maps_sha256 != verifier.sha256())
-        {
-            let expected = format!("maps by {maps_sha256:.12}, with which the bank was made");
-            return Err(Error::invalid("maps", expected, format!("{:.12}", verifier.sha256())));
-        }
-        Ok(Self { verifier: Some(verifier), ..self })
-    }
-
-    /// The same bank, with the maps of another of the same parts and what judges touches against them.
-    ///
-    /// # Errors
-    /// A bank of other parts.
-    pub fn with_maps_of(self, other: &Self) -> Result<Self> {
-        if self.parts != other.parts {
-            return Err(Error::invalid("bank", format!("parts {}", self.parts.join(" ")), other.parts.join(" ")));
-        }
-        let (mosaics, expected, verifier) = (other.mosaics.clone(), other.expected.clone(), other.verifier.clone());
-        Ok(Self { mosaics, expected, verifier, ..self })
-    }
-
     /// The same bank, whose embeddings are compared in a metric of its own instead of by the cosine alone.
     ///
     /// # Errors
@@ -324,11 +269,9 @@ impl Bank {
         }
         let matches = Arc::new(self.matches.of_parts(parts));
         let metric = self.metric.clone();
-        let mosaics = self.mosaics.as_ref().map(|mosaics| Arc::new(mosaics.of_parts(parts)));
-        let expected = self.expected.as_ref().map(|expected| Arc::new(expected.of_parts(parts)));
-        let some = Self { mosaics, expected, verifier: self.verifier.clone(), ..some };
+        let maps = self.maps.as_ref().map(|maps| Arc::new(maps.of_parts(parts)));
         let (views, start) = (self.views, self.start);
-        Ok(Self { views, start, metric, origin, missing, symmetries, matches, neighbours, ..some })
+        Ok(Self { views, start, metric, origin, missing, symmetries, matches, maps, neighbours, ..some })
     }
 
     /// The bank without one part, by its index. A metric stays as that part, too, taught it: a
@@ -347,21 +290,6 @@ impl Bank {
     /// How embeddings are compared; `None`: by their cosine alone.
     pub fn metric(&self) -> Option<&Metric> {
         self.metric.as_deref()
-    }
-
-    /// A map of each part, where the bank has them.
-    pub fn mosaics(&self) -> Option<&Mosaics> {
-        self.mosaics.as_deref()
-    }
-
-    /// What a verifier says of touches that were made on each part, where that was measured.
-    pub fn expected(&self) -> Option<&Expected> {
-        self.expected.as_deref()
-    }
-
-    /// What judges touches against those maps, where it was given.
-    pub fn verifier(&self) -> Option<&Verifier> {
-        self.verifier.as_deref()
     }
 
     /// What its views are of.

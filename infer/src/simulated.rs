@@ -2,7 +2,7 @@
 //! is asked for, the parts that are done.
 
 pub mod density;
-pub mod expected;
+mod expected;
 pub mod learner;
 mod matches;
 pub mod mosaics;

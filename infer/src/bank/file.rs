@@ -174,8 +174,8 @@ impl Bank {
         if self.start != self.grid {
             text.push(("start".into(), to_json(&self.start)?));
         }
-        if let Some(expected) = &self.expected {
-            text.push((VERIFIED.into(), to_json(&**expected)?));
+        if let Some(expected) = self.expected() {
+            text.push((VERIFIED.into(), to_json(expected)?));
         }
         if *self.matches != Matches::default() {
             text.push(("matches".into(), to_json(&*self.matches)?));

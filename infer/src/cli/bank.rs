@@ -18,15 +18,14 @@ use tactile_data::touch::Side;
 use tactile_infer::between::is_fine;
 use tactile_infer::learn_from::LearnFrom;
 use tactile_infer::maps::Maps;
-use tactile_infer::maps::mosaic::{CELL_MM, Mosaics};
+use tactile_infer::maps::mosaic::CELL_MM;
 use tactile_infer::matches::PartMatch;
 use tactile_infer::metric::by_cosine;
-use tactile_infer::recorded::mosaics::mosaics_of_dataset;
+use tactile_infer::recorded::mosaics::with_maps_of_dataset;
 use tactile_infer::recorded::parts_on_grid;
 use tactile_infer::simulated::SceneBank;
 use tactile_infer::simulated::density::{ALLOWED, Lost};
-use tactile_infer::simulated::expected::expected_of_scene;
-use tactile_infer::simulated::mosaics::mosaics_of_scene;
+use tactile_infer::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::{Bank, Error, Model, Precision, Result, Views};
 
 use super::{ModelArgs, PosesArgs, embed_pegs, learn_from, precision, views};
@@ -112,13 +111,8 @@ impl BankArgs {
         let _lock = output::prepare_file(&self.out, data_files.chain(read))?;
         let model = self.model.load()?;
         let maps = self.maps.as_deref().map(Maps::load).transpose()?;
-        let (drawer, verifier) = (maps.as_ref().map(Maps::drawer), maps.as_ref().and_then(Maps::verifier));
         let declare = |bank: Bank, declared: &Declared| bank.with_declared(&declared.part, declared.order);
-        let finish = |bank: Bank, mosaics: Option<Mosaics>| -> Result<()> {
-            let bank = match mosaics {
-                Some(mosaics) => bank.with_mosaics(mosaics)?,
-                None => bank,
-            };
+        let finish = |bank: Bank| -> Result<()> {
             let bank = self.symmetries.iter().try_fold(bank.with_precision(self.rows)?, declare)?;
             bank.save(&self.out)?;
             print_bank(&self.out, &bank);
@@ -129,23 +123,19 @@ impl BankArgs {
             let job = self.job(&model, &scene);
             let kept = with_ending(&self.out, ".parts");
             let bank = job.make(Some(&kept), &reporter("touches"))?;
-            let stitch = |drawer| mosaics_of_scene(drawer, (&scene, job.views), self.seed, &reporter("touches"));
-            let mosaics = drawer.map(stitch).transpose()?;
-            let bank = match (drawer, verifier, &mosaics) {
-                (Some(drawer), Some(verifier), Some(mosaics)) => {
-                    bank.with_expected(expected_of_scene(drawer, verifier, mosaics, &scene, self.seed)?)?
-                }
-                _ => bank,
-            };
-            finish(bank, mosaics)?;
+            finish(match &maps {
+                Some(maps) => with_maps_of_scene(bank, maps, (&scene, job.views), self.seed, &reporter("touches"))?,
+                None => bank,
+            })?;
             return job.forget(&kept);
         };
         let dataset = Dataset::open(data)?;
         check_declared(&self.symmetries, &parts_on_grid(&dataset, self.poses.poses()?)?)?;
         let bank = embed_pegs(&model, &dataset, &self.poses)?;
-        let stitch = |drawer| mosaics_of_dataset(drawer, &dataset, bank.parts(), &reporter("touches"));
-        let mosaics = drawer.map(stitch).transpose()?;
-        finish(bank, mosaics)
+        finish(match &maps {
+            Some(maps) => with_maps_of_dataset(bank, maps, &dataset, &reporter("touches"))?,
+            None => bank,
+        })
     }
 
     fn job<'a>(&self, model: &'a Model, scene: &'a Scene) -> SceneBank<'a> {

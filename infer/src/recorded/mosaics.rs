@@ -6,18 +6,37 @@ use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 
 use super::{Peg, pegs};
+use crate::bank::Bank;
 use crate::error::{Error, Result};
-use crate::maps::MapDrawer;
 use crate::maps::mosaic::Mosaics;
+use crate::maps::{MapDrawer, Maps};
 
 /// Touches that are drawn at a time.
 const AT_ONCE: usize = 64;
+
+/// A bank of a dataset's pegs, with a map of each as these networks draw and judge it. `progress`: touches done, and all.
+///
+/// # Errors
+/// A dataset without pegs, or without one of a part; a peg whose part or pose is not known; frames that cannot be drawn.
+pub fn with_maps_of_dataset(
+    bank: Bank,
+    maps: &Maps,
+    dataset: &Dataset,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Bank> {
+    let mosaics = mosaics_of_dataset(maps.drawer(), dataset, bank.parts(), progress)?;
+    let bank = bank.with_mosaics(mosaics)?;
+    match maps.verifier() {
+        Some(verifier) => bank.verified_by(verifier.clone()),
+        None => Ok(bank),
+    }
+}
 
 /// Stitches the maps of all touches of a dataset's pegs, for the parts of a bank, in its order. `progress`: touches done, and all.
 ///
 /// # Errors
 /// A dataset without pegs, or without one of a part; a peg whose part or pose is not known; frames that cannot be drawn.
-pub fn mosaics_of_dataset(
+fn mosaics_of_dataset(
     drawer: &MapDrawer,
     dataset: &Dataset,
     parts: &[String],

@@ -28,7 +28,7 @@ const TOUCHES: u64 = 0x7665_7269_6669_6564;
 ///
 /// # Errors
 /// A scene without a reach, or that cannot be touched, or whose frames cannot be drawn.
-pub fn expected_of_scene(
+pub(super) fn expected_of_scene(
     drawer: &MapDrawer,
     verifier: &Verifier,
     mosaics: &Mosaics,

@@ -10,9 +10,11 @@ use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
 
+use super::expected::expected_of_scene;
+use crate::bank::Bank;
 use crate::error::{Error, Result};
-use crate::maps::MapDrawer;
 use crate::maps::mosaic::{Mosaics, Stitcher};
+use crate::maps::{MapDrawer, Maps};
 use crate::threads;
 use crate::views::Views;
 
@@ -22,12 +24,30 @@ const STEPS: [f64; 2] = [4.0, 45.0];
 /// Sets these touches apart from a bank's.
 const MOSAICS: u64 = 0x6d6f_7361_6963_0000;
 
+/// A bank of a scene's parts, with a map of each and what these networks say of touches that were made on it. `progress`: touches done, and
+/// all.
+///
+/// # Errors
+/// A scene without a reach, or that cannot be touched, or whose frames cannot be drawn; a bank of other parts.
+pub fn with_maps_of_scene(
+    bank: Bank,
+    maps: &Maps,
+    (scene, views): (&Scene, Views),
+    seed: u64,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Bank> {
+    let mosaics = mosaics_of_scene(maps.drawer(), (scene, views), seed, progress)?;
+    let Some(verifier) = maps.verifier() else { return bank.with_mosaics(mosaics) };
+    let expected = expected_of_scene(maps.drawer(), verifier, &mosaics, scene, seed)?;
+    bank.with_mosaics(mosaics)?.with_expected(expected)?.verified_by(verifier.clone())
+}
+
 /// Touches the parts of a scene within its reach, as a bank of such views does, and stitches the maps of them. `progress`: touches
 /// done, and all.
 ///
 /// # Errors
 /// A scene without a reach, or that cannot be touched, or whose frames cannot be drawn.
-pub fn mosaics_of_scene(
+fn mosaics_of_scene(
     drawer: &MapDrawer,
     (scene, views): (&Scene, Views),
     seed: u64,
