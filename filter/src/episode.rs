@@ -128,7 +128,8 @@ impl Episode {
     }
 
     fn choice_inputs<'s>(&'s self, candidates: &'s [Se2]) -> ChoiceInputs<'s> {
-        ChoiceInputs { config: &self.config, model: &self.model, belief: &self.belief, bank: &self.bank, candidates }
+        let Self { config, model, bank, belief, .. } = self;
+        ChoiceInputs { config, model, belief, bank, candidates, unfelt: self.asked().unfelt() }
     }
 
     /// A stream of draws of its own for each touch.

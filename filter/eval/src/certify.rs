@@ -7,7 +7,10 @@
 
 use std::collections::BTreeSet;
 
-use tactile_infer::presence::{Felt, N_WEIGHTS, PresenceOdds, Tail, Verified};
+use argmin::core::{CostFunction, Executor, Gradient, State};
+use argmin::solver::linesearch::MoreThuenteLineSearch;
+use argmin::solver::quasinewton::LBFGS;
+use tactile_infer::presence::{Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, left, together};
 
 use crate::episodes::Episodes;
 use crate::error::{Error, Result};
@@ -16,14 +19,17 @@ use crate::evaluate::Scored;
 /// Fewer episodes tell no rate of one in a hundred.
 const FEWEST: usize = 100;
 
-/// Newton's steps; a dozen are usually enough.
-const MAX_STEPS: usize = 100;
+/// Steps of the search; some fifty are usually enough.
+const MAX_STEPS: u64 = 500;
+
+/// Steps that a search remembers.
+const MEMORY: usize = 10;
 
 /// What keeps weights finite where both kinds can be told apart wholly, nats a squared weight.
 const RIDGE: f64 = 1e-4;
 
-/// Weights.
-const N: usize = N_WEIGHTS;
+/// Weights, and what a stranger that shares what was felt is told by: its offset, and the logarithm of how fast it grows.
+const N: usize = N_WEIGHTS + 2;
 
 /// What was fitted, and how well it tells parts from strangers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,7 +44,9 @@ pub struct Certified {
 
 /// A touch after which an episode would name its part.
 struct Row {
-    values: [f64; N],
+    values: [f64; N_WEIGHTS],
+    /// The share of the outline that was felt, where a verifier knows it.
+    felt_share: Option<f64>,
     is_there: bool,
 }
 
@@ -66,12 +74,16 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let usual = usual(&courses);
     let rows = courses.iter().flat_map(|course| {
         let named = course.felt.iter().filter(|(_, is_named)| *is_named);
-        named.map(|(felt, _)| Row { values: felt.values(usual), is_there: course.is_there })
+        named.map(|(felt, _)| Row {
+            values: felt.values(usual),
+            felt_share: felt.verified.map(|verified| verified.felt_share()),
+            is_there: course.is_there,
+        })
     });
     let rows: Vec<Row> = rows.collect();
     let told = || Error::invalid("episodes", "strangers and parts that are named, and differ", "others");
-    let (weights, cost) = fit(&rows).ok_or_else(told)?;
-    let [offset, by_fit, by_touch, by_verifier, by_expected] = weights;
+    let (numbers, cost) = fit(&rows).ok_or_else(told)?;
+    let [offset, by_fit, by_touch, by_verifier, by_expected, by_worst, ..] = numbers;
     let absent = evaluations.iter().filter(|of| of.setup.absent);
     let n_parts: Vec<f64> = absent.clone().map(|of| of.setup.parts.len() as f64 - 1.0).collect();
     let none = Tail { at: 0.0, scale: 1.0 };
@@ -81,6 +93,8 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
         by_touch,
         by_verifier,
         by_expected,
+        by_worst,
+        shared: judged.then(|| shared(&numbers)),
         usual,
         strangers: none,
         present: none,
@@ -154,76 +168,90 @@ fn lowest(odds: &PresenceOdds, course: &Course, false_accept: f64) -> Option<f64
         .reduce(f64::min)
 }
 
-/// The weights of least cost, and the cost, nats: the mean of both kinds' mean costs. `None` where one kind is missing or weights
-/// do not exist.
+/// What a stranger that shares what was felt is told by.
+fn shared(numbers: &[f64; N]) -> Shared {
+    Shared { offset: numbers[N_WEIGHTS], by_felt: numbers[N_WEIGHTS + 1].exp() }
+}
+
+/// The touches of both kinds, and which of the numbers they can tell.
+struct Cost<'a> {
+    rows: &'a [Row],
+    /// How much a row of each kind counts: half in all.
+    shares: [f64; 2],
+    is_used: [bool; N],
+}
+
+impl Cost<'_> {
+    /// What numbers cost, nats: the mean of both kinds' mean costs; and its slopes.
+    fn of(&self, numbers: &[f64]) -> (f64, [f64; N]) {
+        let mut numbers: [f64; N] = std::array::from_fn(|at| numbers[at]);
+        (0..N).filter(|at| !self.is_used[*at]).for_each(|at| numbers[at] = 0.0);
+        let ridge = &numbers[1..N_WEIGHTS];
+        let mut cost = 0.5 * RIDGE * ridge.iter().map(|weight| weight * weight).sum::<f64>();
+        let mut slopes = [0.0; N];
+        (1..N_WEIGHTS).for_each(|at| slopes[at] = RIDGE * numbers[at]);
+        for row in self.rows {
+            let of_any: f64 = numbers.iter().zip(&row.values).map(|(weight, value)| weight * value).sum();
+            let against = row.felt_share.map(|felt| {
+                let shared = shared(&numbers);
+                (shared.log_odds(felt), shared.by_felt * left(felt))
+            });
+            // How much of the doubt is about a stranger that differs all over.
+            let (log_odds, any) = match against {
+                Some((shared, _)) => (together(of_any, shared), (1.0 + (of_any - shared).exp()).recip()),
+                None => (of_any, 1.0),
+            };
+            let sign = if row.is_there { 1.0 } else { -1.0 };
+            let share = self.shares[usize::from(row.is_there)];
+            cost += share * (-sign * log_odds).exp().ln_1p().min(1e6);
+            let pull = -share * sign / (1.0 + (sign * log_odds).exp());
+            (0..N_WEIGHTS).for_each(|at| slopes[at] += pull * any * row.values[at]);
+            if let Some((_, by_felt)) = against {
+                slopes[N_WEIGHTS] += pull * (1.0 - any);
+                slopes[N_WEIGHTS + 1] += pull * (1.0 - any) * by_felt;
+            }
+        }
+        (0..N).filter(|at| !self.is_used[*at]).for_each(|at| slopes[at] = 0.0);
+        (cost, slopes)
+    }
+}
+
+impl CostFunction for Cost<'_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+
+    fn cost(&self, numbers: &Self::Param) -> std::result::Result<f64, argmin::core::Error> {
+        Ok(self.of(numbers).0)
+    }
+}
+
+impl Gradient for Cost<'_> {
+    type Param = Vec<f64>;
+    type Gradient = Vec<f64>;
+
+    fn gradient(&self, numbers: &Self::Param) -> std::result::Result<Vec<f64>, argmin::core::Error> {
+        Ok(self.of(numbers).1.to_vec())
+    }
+}
+
+/// The numbers of least cost (L-BFGS), and the cost, nats. `None` where one kind is missing or such numbers do not exist.
 fn fit(rows: &[Row]) -> Option<([f64; N], f64)> {
     let n = [false, true].map(|is_there| rows.iter().filter(|row| row.is_there == is_there).count() as f64);
     if n.contains(&0.0) {
         return None;
     }
     // What is the same in all rows has no weight of its own: no verifier.
-    let is_used: [bool; N] =
-        std::array::from_fn(|at| at == 0 || rows.iter().any(|row| row.values[at] != rows[0].values[at]));
-    let share = |row: &Row| 0.5 / n[usize::from(row.is_there)];
-    let margin = |weights: &[f64; N], row: &Row| {
-        let log_odds: f64 = weights.iter().zip(&row.values).map(|(weight, value)| weight * value).sum();
-        if row.is_there { log_odds } else { -log_odds }
-    };
-    let cost = |weights: &[f64; N]| {
-        let costs = rows.iter().map(|row| share(row) * (-margin(weights, row)).exp().ln_1p().min(1e6));
-        costs.sum::<f64>() + 0.5 * RIDGE * weights[1..].iter().map(|weight| weight * weight).sum::<f64>()
-    };
-    let mut weights = [0.0; N];
-    let mut current = cost(&weights);
-    for _ in 0..MAX_STEPS {
-        let (mut slope, mut curvature) = ([0.0; N], [[0.0; N]; N]);
-        for row in rows {
-            let wrong = (1.0 + margin(&weights, row).exp()).recip();
-            let pull = share(row) * wrong * if row.is_there { 1.0 } else { -1.0 };
-            for i in (0..N).filter(|i| is_used[*i]) {
-                slope[i] += pull * row.values[i];
-                for j in (0..N).filter(|j| is_used[*j]) {
-                    curvature[i][j] += share(row) * wrong * (1.0 - wrong) * row.values[i] * row.values[j];
-                }
-            }
-        }
-        for at in 0..N {
-            let ridge = if at == 0 { 0.0 } else { RIDGE };
-            slope[at] -= ridge * weights[at];
-            curvature[at][at] += if is_used[at] { ridge + 1e-12 } else { 1.0 };
-        }
-        let step = solve(curvature, slope)?;
-        // Halved until it costs less: far from the minimum a whole step may go beyond it.
-        let at = |times: f64| -> [f64; N] { std::array::from_fn(|i| weights[i] + times * step[i]) };
-        let found = (0..40).map(|halvings| at(0.5_f64.powi(halvings))).find(|next| cost(next) < current);
-        let Some(next) = found else { break };
-        let gained = current - cost(&next);
-        (weights, current) = (next, current - gained);
-        if gained < 1e-13 {
-            break;
-        }
-    }
-    weights.iter().all(|weight| weight.is_finite()).then_some((weights, current))
-}
-
-/// `x` of `m x = b` for a positive definite `m`, by elimination; `None` for another.
-fn solve(mut m: [[f64; N]; N], mut b: [f64; N]) -> Option<[f64; N]> {
-    for at in 0..N {
-        if m[at][at] <= 0.0 || !m[at][at].is_finite() {
-            return None;
-        }
-        for row in at + 1..N {
-            let times = m[row][at] / m[at][at];
-            (at..N).for_each(|column| m[row][column] -= times * m[at][column]);
-            b[row] -= times * b[at];
-        }
-    }
-    let mut x = [0.0; N];
-    for at in (0..N).rev() {
-        let rest: f64 = (at + 1..N).map(|column| m[at][column] * x[column]).sum();
-        x[at] = (b[at] - rest) / m[at][at];
-    }
-    Some(x)
+    let is_used = std::array::from_fn(|at| match at {
+        0 => true,
+        at if at < N_WEIGHTS => rows.iter().any(|row| row.values[at] != rows[0].values[at]),
+        _ => rows.iter().any(|row| row.felt_share.is_some()),
+    });
+    let cost = Cost { rows, shares: n.map(|n| 0.5 / n), is_used };
+    let solver = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
+    let search = Executor::new(cost, solver).configure(|state| state.param(vec![0.0; N]).max_iters(MAX_STEPS)).run();
+    let state = search.ok()?.state;
+    let found: [f64; N] = state.get_best_param()?.as_slice().try_into().ok()?;
+    found.iter().all(|number| number.is_finite()).then_some((found, state.get_best_cost()))
 }
 
 #[cfg(test)]
@@ -238,7 +266,11 @@ mod tests {
         let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
         let row = |is_there: bool, [a, b]: [f64; 2]| {
             let sign = if is_there { 1.0 } else { -1.0 };
-            Row { values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0], is_there }
+            Row {
+                values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0, 0.0],
+                felt_share: None,
+                is_there,
+            }
         };
         // Three times as many of one kind: what is asked is even odds.
         (0..n).map(|i| row(i % 4 == 0, [normal(), normal()])).collect()
@@ -248,7 +280,7 @@ mod tests {
     fn the_weights_are_the_log_odds_that_made_the_touches() {
         // 2 m / s^2 each: 0.8, and 2 * 0.6 / 4; the offset takes off what both have in common.
         let (weights, cost) = fit(&rows(40_000)).unwrap();
-        for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0]) {
+        for (found, expected) in weights.iter().zip([-0.2, 0.8, 0.0, 0.3, 0.0, 0.0]) {
             assert!((found - expected).abs() < 0.03, "{weights:?}");
         }
         assert!(cost < std::f64::consts::LN_2 && cost > 0.5, "{cost}");
@@ -257,7 +289,7 @@ mod tests {
             let rows = rows(40_000);
             let of = |is_there: bool| {
                 let costs = rows.iter().filter(|row| row.is_there == is_there).map(|row| {
-                    let log_odds: f64 = (0..N).map(|at| weights[at] * row.values[at]).sum();
+                    let log_odds: f64 = (0..N_WEIGHTS).map(|at| weights[at] * row.values[at]).sum();
                     (1.0 + (if is_there { -log_odds } else { log_odds }).exp()).ln()
                 });
                 let costs: Vec<f64> = costs.collect();
@@ -277,23 +309,53 @@ mod tests {
 
     #[test]
     fn kinds_that_differ_wholly_have_finite_weights_and_one_kind_none() {
-        let row = |is_there: bool| Row { values: [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0], is_there };
+        let row = |is_there: bool| {
+            let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0, 0.0];
+            Row { values, felt_share: None, is_there }
+        };
         let (weights, cost) = fit(&[row(true), row(false), row(true)]).unwrap();
         assert!(weights.iter().all(|weight| weight.abs() < 50.0) && cost < 0.05 && weights[1] > 0.5, "{weights:?}");
         assert!(fit(&[row(true), row(true)]).is_none());
     }
 
+    /// Strangers of two kinds: one half differs all over, the other only where the outline was not felt.
     #[test]
-    fn equations_are_solved() {
-        let b = [1.0, -2.0, 0.5, 3.0, -0.25];
-        // Heavy on the diagonal, and symmetric.
-        let entry = |i: usize, j: usize| if i == j { 2.0 + i as f64 } else { 0.2 / (1 + i.max(j) - i.min(j)) as f64 };
-        let m: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
-        let x = solve(m, b).unwrap();
-        for (row, expected) in m.iter().zip(b) {
-            let found: f64 = row.iter().zip(&x).map(|(a, b)| a * b).sum();
-            assert!((found - expected).abs() < 1e-12);
+    fn a_stranger_that_shares_what_was_felt_is_told_by_the_rest_alone() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut rows = Vec::new();
+        for i in 0..60_000 {
+            let (is_there, felt) = (i % 2 == 0, rng.random::<f64>());
+            // What is shared is anything from none of the outline to all of it, each as likely.
+            let looks_alike = is_there || i % 4 == 1 && felt < rng.random::<f64>();
+            let mean = if looks_alike { 3.0 } else { -3.0 };
+            let normal = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+            let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0, 0.0];
+            rows.push(Row { values, felt_share: Some(felt), is_there });
         }
-        assert_eq!(solve([[0.0; N]; N], [1.0; N]), None);
+        let (numbers, _) = fit(&rows).unwrap();
+        let odds = |value: f64, felt: f64| together(numbers[0] + numbers[1] * value, shared(&numbers).log_odds(felt));
+        // A touch that is wholly like the part: one of (1 - c) / 2 strangers is, too.
+        for felt in [0.1, 0.3, 0.5, 0.7, 0.9] {
+            let expected = -f64::ln(0.5 * (1.0 - felt));
+            assert!((odds(6.0, felt) - expected).abs() < 0.25, "{felt}: {} {expected}", odds(6.0, felt));
+        }
+        // One that is unlike it: 2 * 3 / 1.5^2 a unit, and what half of the strangers that could be alike are fewer.
+        assert!((odds(-2.0, 0.5) - odds(-3.0, 0.5) - 2.67).abs() < 0.3, "{numbers:?}");
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_cost() {
+        let rows = rows(50).into_iter().enumerate();
+        let rows: Vec<Row> =
+            rows.map(|(at, row)| Row { felt_share: (at % 3 > 0).then_some(0.02 * at as f64), ..row }).collect();
+        let cost = Cost { rows: &rows, shares: [0.01, 0.02], is_used: [true; N] };
+        let at: [f64; N] = std::array::from_fn(|at| 0.3 - 0.1 * at as f64);
+        let (_, slopes) = cost.of(&at);
+        for (number, slope) in slopes.iter().enumerate() {
+            let moved = |step: f64| {
+                cost.of(&std::array::from_fn::<f64, N, _>(|i| at[i] + if i == number { step } else { 0.0 })).0
+            };
+            assert!(((moved(1e-5) - moved(-1e-5)) / 2e-5 - slope).abs() < 1e-8, "{number}");
+        }
     }
 }

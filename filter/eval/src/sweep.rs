@@ -56,11 +56,11 @@ pub struct Planned {
 }
 
 /// The settings of a sweep over some models, the first of which is turned at every knob: from a lean and the default
-/// setting each knob alone, a rich one, and the leanest there are. None twice.
+/// setting each knob alone, a rich one, and the leanest there are; from both with maps where `has_maps`. None twice.
 ///
 /// # Errors
 /// No model.
-pub fn plan(models: &[Arc<Model>]) -> Result<Vec<Planned>> {
+pub fn plan(models: &[Arc<Model>], has_maps: bool) -> Result<Vec<Planned>> {
     let Some(first) = models.first() else {
         return Err(Error::invalid("--model", "at least one model", "none"));
     };
@@ -70,14 +70,16 @@ pub fn plan(models: &[Arc<Model>]) -> Result<Vec<Planned>> {
     };
     let default = of(first, [2.0, 15.0]);
     let lean = Setup { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), EFFORTS[1]) };
+    let by_maps = [&default, &lean].into_iter().filter(|_| has_maps).flat_map(verified);
     let of_first = [turned(&default), turned(&lean), rich(&default), engines(&default), least(&default)].concat();
+    let of_first = of_first.into_iter().chain(by_maps);
     let of_others = models.iter().enumerate().skip(1).flat_map(|(index, model)| {
         let Setup { model, model_sha256, .. } = of(model, [2.0, 15.0]);
         [&default, &lean]
             .map(|base| (index, Setup { model: model.clone(), model_sha256: model_sha256.clone(), ..base.clone() }))
     });
     let mut planned = Vec::new();
-    for (model, settings) in of_first.into_iter().map(|settings| (0, settings)).chain(of_others) {
+    for (model, settings) in of_first.map(|settings| (0, settings)).chain(of_others) {
         let new = Planned { model, settings };
         if !planned.contains(&new) {
             planned.push(new);
@@ -100,6 +102,11 @@ fn turned(base: &Setup) -> Vec<Setup> {
     all.extend([ActionRule::Random, ActionRule::Paper].map(|rule| Setup { rule, ..new() }));
     all.extend(EFFORTS.map(|effort| with_effort(base, effort)));
     all
+}
+
+/// The same with maps, and so many parts verified by them.
+fn verified(base: &Setup) -> [Setup; 4] {
+    [0, 1, 8, 24].map(|n| Setup { verify: Some(n), ..base.clone() })
 }
 
 /// A rich setting takes ten times as long to measure: it is turned down only.
@@ -196,7 +203,7 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
             decision_ms_p50: quantile(decisions.clone(), 0.5),
             decision_ms_p99: quantile(decisions.clone(), 0.99),
             pace_ms,
-            memory_mb: settings.memory_mb(model.n_parameters(), &bank, row.n_touches)?,
+            memory_mb: settings.memory_mb(model, &bank, row.n_touches)?,
             dominated: false,
         })
     };
@@ -226,13 +233,21 @@ mod tests {
             let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Provenance::default());
             Arc::new(Model::new(checkpoint, sha256.into(), DeviceKind::Flex).unwrap())
         };
-        let planned = plan(&[model("a"), model("b")]).unwrap();
+        let planned = plan(&[model("a"), model("b")], true).unwrap();
         assert!(planned.len() >= 40, "{}", planned.len());
         assert!((0..planned.len()).all(|i| !planned[..i].contains(&planned[i])));
         let turned = |knob| planned.iter().any(|p| planned[0].settings.turned(&p.settings) == [knob]);
-        let knobs =
-            [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort];
+        let knobs = [
+            Knob::Model,
+            Knob::BankStep,
+            Knob::Rows,
+            Knob::Engine,
+            Knob::Subdivisions,
+            Knob::Rule,
+            Knob::Effort,
+            Knob::Verify,
+        ];
         assert!(knobs.into_iter().all(turned));
-        assert!(plan(&[]).is_err());
+        assert!(plan(&[], false).is_err());
     }
 }

@@ -17,11 +17,11 @@
 //! let pace = Pace { sensor, frame: rest, bank, reach };
 //! let (begun, base) = (std::time::Instant::now(), EpisodeConfig::of(model));
 //! let mut here = |settings: &_, n_touches| {
-//!     if !tradeoff.settings_of(model.sha256(), bank.grid()).contains(&settings) {
+//!     if !tradeoff.settings_of(model, bank.grid()).contains(&settings) {
 //!         return Ok(None);
 //!     }
 //!     let pace_ms = pace.decision_ms(&settings.applied_to(&base), 0.1, &mut || begun.elapsed().as_secs_f64())?;
-//!     Ok(Some(Cost { pace_ms, memory_mb: settings.memory_mb(model.n_parameters(), bank, n_touches)? }))
+//!     Ok(Some(Cost { pace_ms, memory_mb: settings.memory_mb(model, bank, n_touches)? }))
 //! };
 //! let budget = Budget { decision_ms: Some(4.0), max_touches: Some(4), ..Budget::default() };
 //! let choice = tradeoff.choose(&budget, &mut here)?;

@@ -73,8 +73,9 @@ impl Pace<'_> {
             let cell = grid.nearest(&part_from_sensor).unwrap_or(0);
             let row = part * grid.len() + cell;
             let start = clock_s();
-            self.sensor.observe(self.frame)?;
+            let map = self.sensor.observe(self.frame)?.map;
             let touch = Observation::new(self.bank.row(row).into_owned(), self.bank.edge_shares()[row]);
+            let touch = Observation { map, ..touch };
             match (&mut episode, moved) {
                 (Some(episode), Some(moved)) => episode.observe(moved, &touch)?,
                 _ => episode = Some(Episode::begin(config, self.bank.clone(), &touch)?),

@@ -39,6 +39,9 @@ pub struct Setup {
     pub n_suppositions: usize,
     /// Candidates judged by all draws.
     pub n_finalists: Option<usize>,
+    /// Parts that a verifier judges ([`crate::Settings::verify`]); `None` without networks that draw maps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verify: Option<usize>,
 }
 
 /// A knob of [`Setup`].
@@ -59,6 +62,8 @@ pub enum Knob {
     Rule,
     /// Draws, suppositions and finalists: the effort of a choice.
     Effort,
+    /// Maps, and how many parts are verified by them.
+    Verify,
 }
 
 impl Setup {
@@ -77,6 +82,7 @@ impl Setup {
             n_draws: config.settings.n_draws,
             n_suppositions: config.settings.n_suppositions,
             n_finalists: config.settings.n_finalists,
+            verify: model.maps().map(|_| config.settings.verify),
         }
     }
 
@@ -89,6 +95,7 @@ impl Setup {
         config.settings.n_draws = self.n_draws;
         config.settings.n_suppositions = self.n_suppositions;
         config.settings.n_finalists = self.n_finalists;
+        config.settings.verify = self.verify.unwrap_or(config.settings.verify);
         config
     }
 
@@ -108,6 +115,7 @@ impl Setup {
             (Knob::Subdivisions, self.subdivisions != other.subdivisions),
             (Knob::Rule, self.rule != other.rule),
             (Knob::Effort, effort(self) != effort(other)),
+            (Knob::Verify, self.verify != other.verify),
         ];
         knobs.into_iter().filter(|(_, turned)| *turned).map(|(knob, _)| knob).collect()
     }
@@ -138,11 +146,17 @@ impl Setup {
                 let judged = self.n_finalists.map_or("all candidates".into(), |n| format!("{n} finalists"));
                 format!("{judged} by {} draws x {}", self.n_draws, self.n_suppositions)
             }
+            Knob::Verify => match self.verify {
+                None => "no maps".into(),
+                Some(1) => "maps, 1 part verified".into(),
+                Some(n) => format!("maps, {n} parts verified"),
+            },
         }
     }
 
-    /// Megabytes (10^6 bytes) that an episode of `n_touches` holds: weights, bank, tables of each touch and belief.
-    pub fn memory_mb(&self, n_parameters: usize, bank: &Bank, n_touches: usize) -> Result<f64> {
+    /// Megabytes (10^6 bytes) that an episode of `n_touches` holds: weights, bank, tables of each touch and belief, and with maps those of
+    /// the bank's parts and of each touch.
+    pub fn memory_mb(&self, model: &Model, bank: &Bank, n_touches: usize) -> Result<f64> {
         let finer = states_between(bank.start(), self.subdivisions);
         finer.validate().map_err(|e| Error::config("subdivisions", "a grid of states", e.to_string()))?;
         let n_states = bank.parts().len() * finer.len();
@@ -154,7 +168,13 @@ impl Setup {
             EngineConfig::Exact => n_states * 24,
             EngineConfig::Particle(config) => config.n_particles * 16 + n_touches * n_states * 8,
         };
-        Ok((4 * n_parameters + bank_bytes + touch_bytes + belief_bytes) as f64 / 1e6)
+        let maps_bytes = self.verify.and(model.maps()).map_or(0, |maps| {
+            let [width, height] = maps.drawer().config().input_px;
+            let of_parts = bank.mosaics().map_or(0, |mosaics| mosaics.values().len());
+            // Inside, distance, its error and contact.
+            4 * (maps.n_parameters() + of_parts + n_touches * width * height * 4)
+        });
+        Ok((4 * model.n_parameters() + bank_bytes + touch_bytes + belief_bytes + maps_bytes) as f64 / 1e6)
     }
 }
 
@@ -176,6 +196,10 @@ mod by_name {
 pub(crate) mod tests {
     use super::*;
     use crate::belief::particle::ParticleConfig;
+    use tactile_data::frame::Preprocessing;
+    use tactile_infer::DeviceKind;
+    use tactile_infer::architecture::NetworkConfig;
+    use tactile_infer::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::rows::Rows;
 
     pub(crate) fn settings() -> Setup {
@@ -191,6 +215,7 @@ pub(crate) mod tests {
             n_draws: 160,
             n_suppositions: 24,
             n_finalists: Some(24),
+            verify: None,
         }
     }
 
@@ -232,8 +257,12 @@ pub(crate) mod tests {
             "ab",
         )
         .unwrap();
-        let bytes = |settings: &Setup| (1e6 * settings.memory_mb(100, &bank, 3).unwrap()).round() as usize;
-        let exact = 400 + 18 * (24 + 40) + 3 * 18 * 4 + 50 * 24;
+        let network = NetworkConfig { input_px: [16, 12], width: 4, hidden: 8, dim: 6 };
+        let network = (network.init(3, &DeviceKind::Flex.tensor_device()), network);
+        let checkpoint = Checkpoint::of(&network.0, network.1, Preprocessing::counts([16, 12]), Provenance::default());
+        let model = Model::new(checkpoint, "ab".into(), DeviceKind::Flex).unwrap();
+        let bytes = |settings: &Setup| (1e6 * settings.memory_mb(&model, &bank, 3).unwrap()).round() as usize;
+        let exact = 4 * model.n_parameters() + 18 * (24 + 40) + 3 * 18 * 4 + 50 * 24;
         assert_eq!(bytes(&settings()), exact);
         assert_eq!(exact - bytes(&Setup { rows: Precision::I8, ..settings() }), 18 * (24 - 10));
         let few = EngineConfig::Particle(ParticleConfig::paper());

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
+use tactile_infer::Model;
 
 use super::halves::Halves;
 use super::setup::Setup;
@@ -143,11 +144,13 @@ impl Tradeoff {
         self.points.iter().any(|point| point.halves.is_some())
     }
 
-    /// The distinct settings that were measured with a model and a bank of these steps, in order.
-    pub fn settings_of(&self, model_sha256: &str, grid: &PoseGrid) -> Vec<&Setup> {
+    /// The distinct settings that were measured with a model, its maps if it has any, and a bank of these steps, in order.
+    pub fn settings_of(&self, model: &Model, grid: &PoseGrid) -> Vec<&Setup> {
         let mut found: Vec<&Setup> = Vec::new();
         for Point { settings, .. } in &self.points {
-            if settings.model_sha256 == model_sha256 && settings.is_of_grid(grid) && !found.contains(&settings) {
+            let is_of_model =
+                *settings.model_sha256 == **model.sha256() && settings.verify.is_some() == model.maps().is_some();
+            if is_of_model && settings.is_of_grid(grid) && !found.contains(&settings) {
                 found.push(settings);
             }
         }

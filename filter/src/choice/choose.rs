@@ -13,6 +13,7 @@ use super::inputs::ChoiceInputs;
 use super::rule::ActionRule;
 use super::scorer::{Expected, Scorer};
 use crate::belief::Belief;
+use crate::decision::Unfelt;
 use crate::touch_model::TouchModel;
 
 /// a: a motion of the sensor, in its own frame at the latest touch.
@@ -47,6 +48,8 @@ pub struct Choice {
     /// What `action` is expected to tell; `None` for other rules than expected information, and where no candidate
     /// is expected to show contact.
     pub expected: Option<Expected>,
+    /// What `action` is expected to tell of whether the named part is there, nats, where it was chosen for that.
+    pub presence_nats: Option<f64>,
 }
 
 /// Chooses the next touch. Same input, same choice: the earliest of equals.
@@ -62,13 +65,13 @@ pub fn choose(inputs: &ChoiceInputs, seed: u64, keep_going: &mut dyn FnMut() -> 
 
 /// Like [`choose`], which it asks, with what was thought of each candidate.
 pub fn explain(inputs: &ChoiceInputs, seed: u64) -> Option<Choice> {
-    let Chosen { action, scored, scorer } = pick(inputs, seed, &mut || true)?;
+    let Chosen { action, scored, scorer, presence_nats } = pick(inputs, seed, &mut || true)?;
     let likelihoods = inputs.belief.posterior().by_part();
     let mut parts: Vec<usize> = (0..likelihoods.len()).collect();
     parts.sort_by(|a, b| likelihoods[*b].total_cmp(&likelihoods[*a]));
     let pair = parts.first_chunk().copied();
     let expected = scorer.and_then(|scorer| scorer.expected(&action.sensor_from_next, pair));
-    Some(Choice { action, scored, expected })
+    Some(Choice { action, scored, expected, presence_nats })
 }
 
 /// An action with what it was picked from and by whom; nobody where chance picks.
@@ -76,6 +79,7 @@ struct Chosen<'a> {
     action: Action,
     scored: Vec<Scored>,
     scorer: Option<Scorer<'a>>,
+    presence_nats: Option<f64>,
 }
 
 fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut() -> bool) -> Option<Chosen<'a>> {
@@ -83,7 +87,11 @@ fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut(
     let far = far_candidates(inputs.model, belief, inputs.candidates);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let chance = *far.get(rng.random_range(0..far.len().max(1)))?;
-    let by_chance = |sensor_from_next| Chosen { action: Action { sensor_from_next }, scored: Vec::new(), scorer: None };
+    let chosen = |sensor_from_next, scored, scorer| {
+        let action = Action { sensor_from_next };
+        Chosen { action, scored, scorer, presence_nats: None }
+    };
+    let by_chance = |to| chosen(to, Vec::new(), None);
     match config.method.rule {
         ActionRule::Random => return Some(by_chance(chance)),
         ActionRule::RandomEdge => {
@@ -93,7 +101,14 @@ fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut(
             let chosen = edged.get(rng.random_range(0..edged.len().max(1)));
             return Some(by_chance(chosen.copied().unwrap_or(chance)));
         }
-        ActionRule::Paper | ActionRule::Information => (),
+        ActionRule::Paper => (),
+        ActionRule::Information => {
+            if let Some(chosen) =
+                inputs.unfelt.as_ref().and_then(|unfelt| most_unfelt(inputs, unfelt, &far, keep_going))
+            {
+                return Some(chosen);
+            }
+        }
     }
     let scorer = Scorer::new(inputs, config.settings.n_draws.max(1), config.settings.n_suppositions.max(1), &mut rng);
     let n_finalists = config.settings.n_finalists.unwrap_or(far.len()).max(1);
@@ -121,7 +136,28 @@ fn pick<'a>(inputs: &'a ChoiceInputs<'a>, seed: u64, keep_going: &mut dyn FnMut(
     let best = scored_best.reduce(|best, next| if next.score > best.score { next } else { best });
     // No view with contact is expected anywhere: any touch may tell more than the bank does.
     let sensor_from_next = best.map_or(chance, |best| best.sensor_from_next);
-    Some(Chosen { action: Action { sensor_from_next }, scored, scorer: Some(scorer) })
+    Some(chosen(sensor_from_next, scored, Some(scorer)))
+}
+
+/// The candidate that tells most of whether the named part is there; `None` where none shows any of the rest of it.
+fn most_unfelt<'a>(
+    inputs: &ChoiceInputs<'_>,
+    unfelt: &Unfelt,
+    far: &[Se2],
+    keep_going: &mut dyn FnMut() -> bool,
+) -> Option<Chosen<'a>> {
+    let first_from_sensor = inputs.belief.first_from_sensor();
+    let score = |to: &Se2| {
+        let nats = unfelt.nats(&(first_from_sensor * *to));
+        let score = (nats > 0.0).then(|| nats - inputs.config.settings.travel_nats_per_mm * to.x_mm.hypot(to.y_mm));
+        Scored { sensor_from_next: *to, score, by_all_draws: true }
+    };
+    let scored: Vec<Scored> = far.iter().map_while(|to| keep_going().then(|| score(to))).collect();
+    let showing = scored.iter().filter(|candidate| candidate.score.is_some());
+    let sensor_from_next =
+        showing.reduce(|best, next| if next.score > best.score { next } else { best })?.sensor_from_next;
+    let presence_nats = Some(unfelt.nats(&(first_from_sensor * sensor_from_next)));
+    Some(Chosen { action: Action { sensor_from_next }, scored, scorer: None, presence_nats })
 }
 
 /// Judges a candidate again, by all draws; whether that gives it a score.
@@ -192,7 +228,8 @@ pub(super) mod tests {
 
     fn chosen(config: EpisodeConfig, bank: &Bank, candidates: &[Se2], seed: u64) -> Option<Se2> {
         let belief = belief(bank);
-        let inputs = ChoiceInputs { config: &config, model: &config.model, belief: &belief, bank, candidates };
+        let inputs =
+            ChoiceInputs { config: &config, model: &config.model, belief: &belief, bank, candidates, unfelt: None };
         choose(&inputs, seed, &mut || true).map(|action| action.sensor_from_next)
     }
 
@@ -218,6 +255,34 @@ pub(super) mod tests {
             for candidates in [[turn(30.0), turn(60.0)], [turn(60.0), turn(30.0)]] {
                 assert_eq!(chosen(config, &bank(0.2), &candidates, 1), Some(turn(60.0)));
             }
+        }
+    }
+
+    #[test]
+    fn what_is_left_to_feel_is_felt_next_and_else_the_parts_are_told_apart() {
+        let (bank, config) = (bank(0.2), any_place(ActionRule::Information));
+        let belief = belief(&bank);
+        let ahead = Se2::from_degrees(12.0, 0.0, 0.0);
+        let candidates = [turn(60.0), ahead, Se2::from_degrees(9.0, 0.0, 0.0)];
+        // A view reaches 9.3 mm ahead: one of the two places is in view from 9 mm, both are from 12, and none from here.
+        for (places_mm, chosen, tells) in
+            [(vec![[13.0, 0.0], [20.0, 3.0]], ahead, true), (vec![[-13.0, 0.0]], turn(60.0), false)]
+        {
+            let unfelt = Some(Unfelt { places_mm, view_mm: [18.6, 14.3], none: 0.2 });
+            let (config, candidates) = (&config, &candidates);
+            let inputs =
+                ChoiceInputs { config, model: &config.model, belief: &belief, bank: &bank, candidates, unfelt };
+            let found = explain(&inputs, 1).unwrap();
+            assert_eq!(found.action.sensor_from_next, chosen);
+            assert_eq!(found.presence_nats.is_some(), tells);
+            assert_eq!(choose(&inputs, 1, &mut || true), Some(found.action));
+            // All that is left is shown: all the doubt goes.
+            let doubt = 0.2_f64 * 5.0_f64.ln() + 0.8 * 1.25_f64.ln();
+            assert!(found.presence_nats.is_none_or(|nats| (nats - doubt).abs() < 1e-12));
+            // A long way costs.
+            let far = config.changed(|settings, _, _| settings.travel_nats_per_mm = 1.0);
+            let dear = choose(&ChoiceInputs { config: &far, ..inputs }, 1, &mut || true).unwrap();
+            assert_eq!(dear.sensor_from_next, if tells { candidates[2] } else { chosen });
         }
     }
 
@@ -281,7 +346,14 @@ pub(super) mod tests {
         let (bank, config) = (bank(0.2), any_place(ActionRule::Paper));
         let belief = belief(&bank);
         let candidates = &[turn(30.0), turn(60.0)];
-        let inputs = ChoiceInputs { config: &config, model: &config.model, belief: &belief, bank: &bank, candidates };
+        let inputs = ChoiceInputs {
+            config: &config,
+            model: &config.model,
+            belief: &belief,
+            bank: &bank,
+            candidates,
+            unfelt: None,
+        };
         assert!(choose(&inputs, 1, &mut || false).is_some_and(|a| candidates.contains(&a.sensor_from_next)));
         // Enough for one candidate only: the first.
         let mut left = 1;

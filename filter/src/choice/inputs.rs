@@ -5,6 +5,7 @@ use tactile_infer::Bank;
 
 use crate::belief::Belief;
 use crate::config::EpisodeConfig;
+use crate::decision::Unfelt;
 use crate::touch_model::TouchModel;
 
 /// What a choice is made in: what is believed, recorded and offered.
@@ -19,4 +20,6 @@ pub struct ChoiceInputs<'a> {
     pub bank: &'a Bank,
     /// Motions `sensor_from_next` that the reach allows.
     pub candidates: &'a [Se2],
+    /// What is left to feel of the named part, where it is as probable as naming it asks for.
+    pub unfelt: Option<Unfelt>,
 }

@@ -111,7 +111,8 @@ mod tests {
         let touch = TouchLikelihood::new(&touch, &bank, model).unwrap();
         let belief = Belief::new(&bank, EngineConfig::Exact, 1, 1, touch);
         let config = EpisodeConfig::default().changed(|_, _, method| method.rule = rule);
-        let inputs = ChoiceInputs { config: &config, model, belief: &belief, bank: &bank, candidates: &[] };
+        let inputs =
+            ChoiceInputs { config: &config, model, belief: &belief, bank: &bank, candidates: &[], unfelt: None };
         take(&Pairing::new(&inputs, &mut ChaCha8Rng::seed_from_u64(1)))
     }
 

@@ -299,6 +299,7 @@ mod tests {
             belief: &belief,
             bank: &bank,
             candidates: &candidates,
+            unfelt: None,
         };
         explain(&inputs, 1).unwrap().expected.unwrap()
     }

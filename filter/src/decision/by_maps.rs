@@ -6,6 +6,7 @@
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 use tactile_infer::maps::align::Drawing;
+use tactile_infer::maps::coverage::outline_mm;
 use tactile_infer::maps::verifier::compared;
 use tactile_infer::presence::Verified;
 
@@ -46,7 +47,8 @@ impl<'a> Asked<'a> {
                 compared((map, self.side()), &mosaic, &(part_from_first * *first_from_sensor))
             });
             let expected = self.bank.expected().and_then(|expected| expected.of(part, self.side()));
-            together(&verifier.log_odds(&laid.collect::<Vec<_>>()), &drawn, expected)
+            let outline_mm = outline_mm(&mosaic, &drawings, &part_from_first);
+            Verified { outline_mm, ..together(&verifier.log_odds(&laid.collect::<Vec<_>>()), &drawn, expected) }
         });
         Some(Laid { part_from_first, hill, verified })
     }
@@ -66,6 +68,7 @@ impl<'a> Asked<'a> {
 /// What touches say together, each as much as it is new. One that shows no edge is no evidence for a part, but may be against it.
 fn together(log_odds: &[f64], drawn: &[Drawn<'_>], expected: Option<Spread>) -> Verified {
     let n_new = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.new_share).sum();
+    let worst = log_odds.iter().copied().reduce(f64::min).unwrap_or(0.0);
     let log_odds = log_odds.iter().zip(drawn).map(|(log_odds, touch)| touch.new_share * log_odds).sum();
-    Verified { log_odds, n_new, expected }
+    Verified { log_odds, worst, n_new, expected, outline_mm: [0.0; 2] }
 }

@@ -8,6 +8,7 @@ mod candidates;
 mod estimate;
 mod felt_map;
 mod sensor_match;
+mod unfelt;
 mod verdict;
 
 pub(crate) use candidates::Candidates;
@@ -15,5 +16,6 @@ pub use estimate::Estimate;
 pub use felt_map::FeltMap;
 pub(crate) use sensor_match::Scores;
 pub use sensor_match::SensorMatch;
+pub use unfelt::Unfelt;
 pub(crate) use verdict::{Asked, Placed};
 pub use verdict::{RunnerUp, Standing, StopReason, Warning};

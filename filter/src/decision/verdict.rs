@@ -264,7 +264,7 @@ impl<'a> Asked<'a> {
     }
 
     /// Whether the part is there at all; `None` where no edge was felt.
-    fn presence(self, placed: &Placed) -> Option<Presence> {
+    pub(crate) fn presence(self, placed: &Placed) -> Option<Presence> {
         let (fit, n_fitted) = (placed.fit?, placed.n_fitted());
         let side = self.side();
         let judged = self.bank.verifier().zip(self.bank.mosaics());

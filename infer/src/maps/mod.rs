@@ -3,6 +3,7 @@
 //! touches are alike, maps say where they differ.
 
 pub mod align;
+pub mod coverage;
 mod drawer;
 pub mod expected;
 pub mod mosaic;
@@ -153,6 +154,7 @@ pub struct Maps {
     drawer: Arc<MapDrawer>,
     verifier: Option<Arc<Verifier>>,
     sha256: Arc<str>,
+    n_parameters: usize,
 }
 
 impl Maps {
@@ -170,7 +172,15 @@ impl Maps {
     /// As [`MapDrawer::new`] and [`Verifier::new`].
     pub fn new(file: &MapFile) -> Result<Self> {
         let (drawer, verifier) = (MapDrawer::new(file)?, Verifier::new(file)?);
-        Ok(Self { drawer: Arc::new(drawer), verifier: verifier.map(Arc::new), sha256: file.weights_sha256().into() })
+        let n_parameters = file.tensors.iter().map(|tensor| tensor.values.len()).sum();
+        let (drawer, verifier) = (Arc::new(drawer), verifier.map(Arc::new));
+        let sha256 = verifier.as_ref().map_or_else(|| file.weights_sha256(), |verifier| verifier.sha256().to_owned());
+        Ok(Self { drawer, verifier, sha256: sha256.into(), n_parameters })
+    }
+
+    /// Number of weights of both networks.
+    pub fn n_parameters(&self) -> usize {
+        self.n_parameters
     }
 
     /// What draws maps of touches.

@@ -192,7 +192,7 @@ pub(crate) mod tests {
         let scored = vec![scored(4.0, Some(0.75)), scored(-4.0, None)];
         let action = Action { sensor_from_next: scored[0].sensor_from_next };
         let expected = Some(Expected { nats: 0.75, part_nats: 0.5, pair: Some(([1, 0], 0.5)) });
-        let choice = Choice { action, scored, expected };
+        let choice = Choice { action, scored, expected, presence_nats: None };
         NextTouch { rule: ActionRule::Information, n_candidates: 3, choice }
     }
 

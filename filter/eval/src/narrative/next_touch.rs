@@ -105,6 +105,10 @@ fn places(guess_from_sensor: &Se2, scored: &[Scored]) -> Vec<Place> {
 /// The choice in one line.
 pub fn words(next: &NextTouch, board: &Board) -> Markup {
     let n = next.choice.scored.len();
+    if let Some(nats) = next.choice.presence_nats {
+        let told = html! { b { (number(nats, 2)) " nats" } " about whether that part is there at all" };
+        return html! { "Next touch, chosen of " (n) " candidates: it shows most of what is left to feel, and is expected to give " (told) "." };
+    }
     html! {
         @match (next.rule, &next.choice.expected) {
             (ActionRule::Random, _) => { "Next touch: by chance, one of " (next.n_candidates) " candidates." },

@@ -8,8 +8,8 @@ use crate::page::shell::figure;
 use crate::page::table::{cells, sortable};
 
 /// The knobs in the order in which a setting is described.
-pub(super) const KNOBS: [Knob; 7] =
-    [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort];
+pub(super) const KNOBS: [Knob; 8] =
+    [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort, Knob::Verify];
 
 /// A setting in words.
 pub fn in_words(settings: &Setup) -> String {

@@ -242,6 +242,7 @@ pub(crate) mod tests {
             n_draws: 160,
             n_suppositions: 24,
             n_finalists: Some(24),
+            verify: None,
         }
     }
 

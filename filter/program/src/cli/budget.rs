@@ -100,7 +100,7 @@ impl BudgetArgs {
         let budget = Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
         let choice = tradeoff.choose(&budget, &mut |settings, n_touches| {
             let Some((_, pace_ms)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
-            let memory_mb = settings.memory_mb(task.model.n_parameters(), task.bank, n_touches)?;
+            let memory_mb = settings.memory_mb(task.model, task.bank, n_touches)?;
             Ok(Some(Cost { pace_ms: *pace_ms, memory_mb }))
         })?;
         let settings = &choice.point.settings;
@@ -113,7 +113,7 @@ impl BudgetArgs {
 
     /// How long a made-up decision takes here, for each setting that can be had.
     fn paces(&self, tradeoff: &Tradeoff, task: &Task<'_>, base: &EpisodeConfig) -> Result<Vec<(Setup, f64)>> {
-        let settings = tradeoff.settings_of(task.model.sha256(), task.bank.grid());
+        let settings = tradeoff.settings_of(task.model, task.bank.grid());
         let sensor = Sensor::new(task.model.clone(), task.no_contact)?;
         let begun = Instant::now();
         let share_s = CALIBRATION_S / settings.len().max(1) as f64;

@@ -19,6 +19,7 @@ use tactile_eval::sweep::{Bench, Planned, TOUCHES, measure, plan};
 use tactile_eval::{Error, Result};
 use tactile_filter::budget::{Knob, Point, SCHEMA, Setup, Tradeoff};
 use tactile_infer::Model;
+use tactile_infer::maps::Maps;
 use tactile_infer::safefile::write_whole;
 
 use super::arguments::{Output, Seeds, check_episodes, command_line, poses, to_json};
@@ -42,6 +43,9 @@ pub struct TradeoffArgs {
     /// Checkpoint, once or several times: the first is measured with every setting, the others are compared with it
     #[arg(long = "model", required = true, value_name = "FILE")]
     models: Vec<PathBuf>,
+    /// Measure the first model with these networks, too, which draw maps of touches and verify parts by them
+    #[arg(long, value_name = "FILE")]
+    maps: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArgs,
     #[command(flatten)]
@@ -78,6 +82,8 @@ struct Measured {
 /// The settings to measure, and what they are measured on.
 struct Sweep {
     models: Vec<Arc<Model>>,
+    /// The first one with maps.
+    mapped: Option<Arc<Model>>,
     source: Source,
     planned: Vec<Planned>,
     /// Where each setting has its file.
@@ -111,8 +117,10 @@ impl TradeoffArgs {
     /// Loads what is measured, plans, and checks that the results can be written.
     fn sweep(&self) -> Result<Sweep> {
         let models = self.models.iter().map(|path| Ok(Arc::new(Model::load(path)?))).collect::<Result<Vec<_>>>()?;
+        let with_maps = |path: &PathBuf| Ok::<_, Error>(Model::load(&self.models[0])?.with_maps(Maps::load(path)?)?);
+        let mapped = self.maps.as_ref().map(with_maps).transpose()?.map(Arc::new);
         let source = self.source.load()?;
-        let (mut planned, note) = source.plan(plan(&models)?);
+        let (mut planned, note) = source.plan(plan(&models, mapped.is_some())?);
         for planned in &mut planned {
             let stem = self.models[planned.model].file_stem().unwrap_or_default();
             planned.settings.model = stem.to_string_lossy().into_owned();
@@ -126,11 +134,12 @@ impl TradeoffArgs {
             vec![OutputLock::take(&folder.join(format!("shard-{}-of-{}", shard.index() + 1, shard.count())))?]
         } else {
             let of_source = self.source.files();
-            let inputs: Vec<&Path> = self.models.iter().chain(&of_source).map(PathBuf::as_path).collect();
+            let inputs: Vec<&Path> =
+                self.models.iter().chain(&self.maps).chain(&of_source).map(PathBuf::as_path).collect();
             self.output.prepare(FILES[0], FILES[1], &inputs)?.into()
         };
         note.iter().for_each(program::note);
-        Ok(Sweep { models, source, planned, folder, _locks: locks })
+        Ok(Sweep { models, mapped, source, planned, folder, _locks: locks })
     }
 
     /// What is saved of a setting; `None` where nothing is, or something of another sweep.
@@ -166,8 +175,8 @@ impl TradeoffArgs {
         let progress = Progress::new("settings");
         let (mut done, mut said) = (0, Vec::new());
         for same_bank in todo.chunk_by(|a, b| sweep.bank_of(*a) == sweep.bank_of(*b)) {
-            let Planned { model, settings } = &sweep.planned[same_bank[0]];
-            let model = &sweep.models[*model];
+            let Planned { settings, .. } = &sweep.planned[same_bank[0]];
+            let model = sweep.model_of(same_bank[0]);
             progress.on_bar(done, todo.len(), &settings.tell(Knob::BankStep));
             let touched = sweep.source.pegs_and_holes(model, settings, self.poses)?;
             for note in &touched.notes {
@@ -256,10 +265,17 @@ impl Sweep {
         self.folder.join(format!("{index:03}.json"))
     }
 
-    /// What the bank of a setting depends on: model and steps.
-    fn bank_of(&self, index: usize) -> (usize, u64, u64) {
-        let Planned { model, settings: Setup { xy_step_mm, theta_step_deg, .. } } = &self.planned[index];
-        (*model, xy_step_mm.to_bits(), theta_step_deg.to_bits())
+    /// What the bank of a setting depends on: model, whether that draws maps, and steps.
+    fn bank_of(&self, index: usize) -> (usize, bool, u64, u64) {
+        let Planned { model, settings: Setup { xy_step_mm, theta_step_deg, verify, .. } } = &self.planned[index];
+        (*model, verify.is_some(), xy_step_mm.to_bits(), theta_step_deg.to_bits())
+    }
+
+    /// The model of a setting.
+    fn model_of(&self, index: usize) -> &Arc<Model> {
+        let Planned { model, settings } = &self.planned[index];
+        let with_maps = self.mapped.as_ref().filter(|_| settings.verify.is_some());
+        with_maps.unwrap_or(&self.models[*model])
     }
 }
 

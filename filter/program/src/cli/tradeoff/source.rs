@@ -16,8 +16,10 @@ use tactile_eval::result::Poses;
 use tactile_eval::sweep::Planned;
 use tactile_eval::{Error, Result};
 use tactile_filter::budget::Setup;
+use tactile_infer::recorded::mosaics::with_maps_of_dataset;
 use tactile_infer::recorded::{PegPoses, bank_of_dataset};
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
 
@@ -168,6 +170,10 @@ impl Source {
                 let mut scene = simulator.scene().clone();
                 scene.reach = Some(PoseGrid { xy_step_mm, theta_step_deg, ..*reach });
                 let bank = bank_of_scene(model, &scene, Views::Pegs, *bank_seed, &|_, _| ())?;
+                let bank = match model.maps() {
+                    Some(maps) => with_maps_of_scene(bank, maps, (&scene, Views::Pegs), *bank_seed, &|_, _| ())?,
+                    None => bank,
+                };
                 Ok(PegsAndHoles {
                     bank,
                     holes: OwnedHoles::Simulated(Arc::clone(simulator), Side::Hole),
@@ -182,7 +188,10 @@ impl Source {
 impl Recording {
     fn pegs_and_holes(&self, model: &Model, settings: &Setup, poses: Poses) -> Result<PegsAndHoles> {
         let made = bank_of_dataset(model, &self.pegs, self.steps.bank_poses(settings), &|_, _| ())?;
-        let bank = made.bank;
+        let bank = match model.maps() {
+            Some(maps) => with_maps_of_dataset(made.bank, maps, &self.pegs, &|_, _| ())?,
+            None => made.bank,
+        };
         let recorded = RecordedHoles::new(Arc::clone(&self.holes), Side::Hole, &bank, self.other_sensor)?;
         let Setup { xy_step_mm, theta_step_deg, .. } = settings;
         let of_bank = |note: &String| format!("note: bank of {xy_step_mm} mm, {theta_step_deg}°: {note}");

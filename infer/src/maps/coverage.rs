@@ -1,0 +1,102 @@
+//! How much of a part's outline touches showed: a stranger may have all of that in common with it, and differ in the rest.
+
+use tactile_data::se2::Se2;
+
+use super::align::Drawing;
+use super::mosaic::{CELL_MM, Mosaic, Place};
+
+/// The view of a touch: where it was made, and how far to either side of that it shows.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    sensor_from_frame: Se2,
+    half_mm: [f64; 2],
+}
+
+impl View {
+    /// Of a sensor at a pose in some frame, whose pictures show `view_mm`.
+    pub fn of(frame_from_sensor: &Se2, view_mm: [f64; 2]) -> Self {
+        Self { sensor_from_frame: frame_from_sensor.inverse(), half_mm: view_mm.map(|mm| 0.5 * mm) }
+    }
+
+    /// Whether a place of that frame, mm, is in view.
+    pub fn shows(&self, place_mm: [f64; 2]) -> bool {
+        let seen = self.sensor_from_frame.apply(place_mm);
+        (0..2).all(|axis| seen[axis].abs() <= self.half_mm[axis])
+    }
+}
+
+/// Places of a part's outline, mm, each of which stands for [`CELL_MM`] of it: cells within half a cell of the outline make a strip that is
+/// a cell wide.
+pub fn outline(mosaic: &Mosaic<'_>) -> impl Iterator<Item = [f64; 2]> {
+    let cells = (0..mosaic.n() * mosaic.n()).map(|at| mosaic.cell(at % mosaic.n(), at / mosaic.n()));
+    let is_on_it = |(_, here): &(_, Place)| here.n_seen > 0.0 && f64::from(here.distance_mm).abs() <= 0.5 * CELL_MM;
+    cells.filter(is_on_it).map(|(place_mm, _)| place_mm)
+}
+
+/// The length of the outline on a mosaic, mm: in all, and of that what is in view of touches. `part_from_first`: where the first touch
+/// was made.
+pub fn outline_mm(mosaic: &Mosaic<'_>, touches: &[Drawing<'_>], part_from_first: &Se2) -> [f64; 2] {
+    let view = |touch: &Drawing<'_>| View::of(&(*part_from_first * touch.first_from_sensor), touch.map.view_mm);
+    let views: Vec<View> = touches.iter().map(view).collect();
+    let [mut all, mut felt] = [0_u32; 2];
+    for place_mm in outline(mosaic) {
+        all += 1;
+        felt += u32::from(views.iter().any(|view| view.shows(place_mm)));
+    }
+    [all, felt].map(|n| f64::from(n) * CELL_MM)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use tactile_data::touch::Side;
+
+    use super::super::mosaic::tests::{map, mosaics, outline};
+    use super::{Drawing, Se2, outline_mm};
+
+    /// The length of the outline itself, and of what is within boxes, by a walk round it.
+    fn walked(boxes: &[Se2]) -> [f64; 2] {
+        let at = |k: usize| {
+            let (sin, cos) = (TAU * k as f64 / 2_000.0).sin_cos();
+            // From the middle outwards the distance grows: halve.
+            let (mut low, mut high) = (0.0, 12.0);
+            for _ in 0..40 {
+                let middle = 0.5 * (low + high);
+                *if outline([cos * middle, sin * middle]) < 0.0 { &mut low } else { &mut high } = middle;
+            }
+            [cos * low, sin * low]
+        };
+        let mut sums = [0.0; 2];
+        for k in 0..2_000 {
+            let ([x, y], [to_x, to_y]) = (at(k), at(k + 1));
+            let mm = (to_x - x).hypot(to_y - y);
+            sums[0] += mm;
+            let is_felt = boxes.iter().any(|pose| {
+                let [u, v] = pose.inverse().apply([x, y]);
+                u.abs() <= 9.3 && v.abs() <= 7.15
+            });
+            sums[1] += if is_felt { mm } else { 0.0 };
+        }
+        sums
+    }
+
+    #[test]
+    fn what_touches_show_of_an_outline_is_as_long_as_a_walk_along_it() {
+        let mosaics = mosaics();
+        let first = Se2::from_degrees(7.0, -5.0, 71.0);
+        let moved = Se2::from_degrees(-6.0, 2.0, 40.0);
+        let maps = [map(&first, 0.1), map(&(first * moved), 0.1)];
+        let touches = [
+            Drawing { map: &maps[0], first_from_sensor: Se2::IDENTITY },
+            Drawing { map: &maps[1], first_from_sensor: moved },
+        ];
+        for n in 0..=2 {
+            let found = outline_mm(&mosaics.of(0, Side::Peg), &touches[..n], &first);
+            let expected = walked(&[first, first * moved][..n]);
+            for (found, expected) in found.iter().zip(expected) {
+                assert!((found - expected).abs() < 0.06 * expected.max(10.0), "{n}: {found} {expected}");
+            }
+        }
+    }
+}
