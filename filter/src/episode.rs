@@ -116,8 +116,14 @@ impl Episode {
         if !reach.iter().any(Se2::is_finite) {
             return Err(Error::EmptyReach { n_motions: reach.len() });
         }
-        let chosen = choose(&self.choice_inputs(reach), self.choice_seed(), keep_going);
+        let chosen = self.next_touch(reach, keep_going);
         Ok(chosen.map_or_else(|| done(StopReason::NothingToLearn), Decision::Touch))
+    }
+
+    /// The motion of `reach` that [`Self::decide_while`] makes where it does not stop, without asking whether to stop; `None` where nothing is
+    /// left to touch.
+    pub fn next_touch(&self, reach: &[Se2], keep_going: &mut dyn FnMut() -> bool) -> Option<Action> {
+        choose(&self.choice_inputs(reach), self.choice_seed(), keep_going)
     }
 
     /// Why [`Self::decide`] chooses as it does: each of `candidates` as the rule judges it now, the one chosen and what

@@ -1,12 +1,12 @@
 //! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
 //!
-//! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, least of one of them `W`, where it says `E`
+//! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E`
 //! of as many that were made on the part, and which showed a share `c` of its outline, the log-odds that the named part is there, before
 //! which a stranger was as likely, are
 //!
 //! ```text
 //! L = -ln(exp(-A) + exp(-B))
-//! A = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_worst W + by_expected E
+//! A = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_expected E
 //! B = shared.offset - shared.by_felt ln(1 - c)
 //! ```
 //!
@@ -26,7 +26,7 @@ use crate::error::{Error, Result};
 pub const TAIL_SHARE: f64 = 0.1;
 
 /// Weights of the log-odds.
-pub const N_WEIGHTS: usize = 6;
+pub const N_WEIGHTS: usize = 5;
 
 /// The entries in a file: where holes are touched, where pegs are, and where holes are touched and judged by maps of holes.
 pub(crate) const ENTRIES: [&str; 3] = ["presence", "peg_presence", "hole_presence"];
@@ -73,9 +73,6 @@ impl Tail {
 pub struct Verified {
     /// The sum of their log-odds, each as much as it is new, nats.
     pub log_odds: f64,
-    /// The least of one touch, nats.
-    #[serde(default)]
-    pub worst: f64,
     /// Touches with an edge, each as much as it is new.
     pub n_new: f64,
     /// What the verifier says of a touch with an edge that was made on that part, where the bank knows it.
@@ -86,12 +83,11 @@ pub struct Verified {
 }
 
 impl Verified {
-    /// The log-odds, and those of as many touches that were made on the part, both by the root of their number, and the least of one. `usual`:
-    /// what to expect of one on a part that the bank does not know.
-    pub fn values(&self, usual: f64) -> [f64; 3] {
+    /// The log-odds, and those of as many touches that were made on the part, both by the root of their number. `usual`: what to expect
+    /// of one on a part that the bank does not know.
+    pub fn values(&self, usual: f64) -> [f64; 2] {
         let mean = self.expected.map_or(usual, |expected| expected.mean);
-        let [log_odds, expected] = [self.log_odds, self.n_new * mean].map(|sum| sum / self.n_new.max(1.0).sqrt());
-        [log_odds, expected, self.worst]
+        [self.log_odds, self.n_new * mean].map(|sum| sum / self.n_new.max(1.0).sqrt())
     }
 
     /// The share of the outline that is in view of the touches, 0..=1.
@@ -116,8 +112,8 @@ impl Felt {
     /// What the weights are of, [`PresenceOdds::weights`]. `usual`: what a verifier says of a touch on a part that the bank does not know.
     pub fn values(&self, usual: f64) -> [f64; N_WEIGHTS] {
         let n = self.n_fitted as f64;
-        let [verified, expected, worst] = self.verified.map_or([0.0; 3], |verified| verified.values(usual));
-        [1.0, n.sqrt() * self.fit, n, verified, expected, worst]
+        let [verified, expected] = self.verified.map_or([0.0; 2], |verified| verified.values(usual));
+        [1.0, n.sqrt() * self.fit, n, verified, expected]
     }
 }
 
@@ -160,9 +156,6 @@ pub struct PresenceOdds {
     pub by_verifier: f64,
     /// What its words of touches that were made on the part add, a share of them.
     pub by_expected: f64,
-    /// What the least of its words of one touch adds, a share of it.
-    #[serde(default)]
-    pub by_worst: f64,
     /// Against a stranger that shares what was felt; `None` where nobody knows how much of the outline that is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shared: Option<Shared>,
@@ -204,9 +197,9 @@ pub fn together(a: f64, b: f64) -> f64 {
 }
 
 impl PresenceOdds {
-    /// The weights: offset, by fit, by touch, by verifier, by what is expected of it, by the least of its words.
+    /// The weights: offset, by fit, by touch, by verifier, by what is expected of it.
     pub fn weights(&self) -> [f64; N_WEIGHTS] {
-        [self.offset, self.by_fit, self.by_touch, self.by_verifier, self.by_expected, self.by_worst]
+        [self.offset, self.by_fit, self.by_touch, self.by_verifier, self.by_expected]
     }
 
     /// The log-odds by what was felt, nats.
@@ -239,7 +232,6 @@ impl PresenceOdds {
             ("by_touch", self.by_touch),
             ("by_verifier", self.by_verifier),
             ("by_expected", self.by_expected),
-            ("by_worst", self.by_worst),
             ("shared.offset", shared.offset),
             ("shared.by_felt", shared.by_felt),
             ("usual", self.usual),
@@ -274,7 +266,6 @@ mod tests {
             by_touch: 0.75,
             by_verifier: 0.5,
             by_expected: -0.25,
-            by_worst: 0.0,
             shared: None,
             usual: 2.0,
             strangers: Tail { at: 1.0, scale: 2.0 },
@@ -288,7 +279,7 @@ mod tests {
     #[test]
     fn rates_are_those_of_tails_and_grow_with_the_bank() {
         // -0.5 + 1.25 * 2 * 0.4 + 0.75 * 4 + 0.5 * 10 / 2 - 0.25 * 4 * 2 / 2 = 5.
-        let verified = Some(Verified { log_odds: 10.0, worst: 1.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2] });
+        let verified = Some(Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2] });
         let felt = Felt { fit: 0.4, n_fitted: 4, verified };
         let found = odds().presence(&felt, 12);
         assert!((found.log_odds - 5.0).abs() < 1e-12);
@@ -305,27 +296,25 @@ mod tests {
 
     #[test]
     fn a_verifier_is_judged_by_what_it_says_of_the_parts_own_touches() {
-        let of = |log_odds, n_new, expected| {
-            Verified { log_odds, worst: -0.5, n_new, expected, outline_mm: [0.0; 2] }.values(2.0)
-        };
+        let of = |log_odds, n_new, expected| Verified { log_odds, n_new, expected, outline_mm: [0.0; 2] }.values(2.0);
         let socket = Some(Spread { mean: -1.0, sd: 3.0 });
-        assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0, -0.5], [-2.0, -2.0, -0.5]]);
+        assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
         // Blank touches alone: what speaks against the part counts as of one touch.
-        assert_eq!(of(-3.0, 0.0, None), [-3.0, 0.0, -0.5]);
+        assert_eq!(of(-3.0, 0.0, None), [-3.0, 0.0]);
     }
 
     #[test]
     fn what_was_not_felt_bounds_how_sure_it_is() {
-        let odds = PresenceOdds { by_worst: 0.5, shared: Some(Shared { offset: 0.5, by_felt: 3.0 }), ..odds() };
-        let felt = |felt_mm: f64, worst: f64| {
-            let verified = Verified { log_odds: 10.0, worst, n_new: 4.0, expected: None, outline_mm: [40.0, felt_mm] };
+        let odds = PresenceOdds { shared: Some(Shared { offset: 0.5, by_felt: 3.0 }), ..odds() };
+        let felt = |felt_mm: f64| {
+            let verified = Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [40.0, felt_mm] };
             odds.log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
-        // 5 as without, and half of what is said of the worst touch; three times the logarithm of 4 where a quarter is left.
+        // 5 as without; three times the logarithm of 4 where a quarter is left.
         let odds_of = |a: f64, b: f64| 1.0 / (1.0 / a.exp() + 1.0 / b.exp());
-        for (felt_mm, worst, left) in [(30.0, 2.0, 4.0_f64), (40.0, -20.0, 50.0), (0.0, 0.0, 1.0)] {
+        for (felt_mm, left) in [(30.0, 4.0_f64), (40.0, 50.0), (0.0, 1.0)] {
             let b = 0.5 + 3.0 * left.ln();
-            assert!((felt(felt_mm, worst) - odds_of(5.0 + 0.5 * worst, b).ln()).abs() < 1e-12, "{felt_mm} {worst}");
+            assert!((felt(felt_mm) - odds_of(5.0, b).ln()).abs() < 1e-12, "{felt_mm}");
         }
         // Far beyond what an exponential holds.
         assert_eq!([together(2_000.0, 3.0), together(-2_000.0, 3.0)], [3.0, -2_000.0]);

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Presence, Sensor, Standing, Verified};
+use tactile_filter::{Episode, EpisodeConfig, Estimate, Presence, Sensor, Standing, Verified};
 use tactile_infer::Bank;
 
 use crate::banks::Banks;
@@ -147,11 +147,7 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
 pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) -> Result<Outcome> {
     let Run { holes, sensor, config, protocol, .. } = *run;
     let mut hole = protocol.hole(holes, bank.start(), index);
-    // The curve goes on to the last touch; where the episode would have stopped is read off it.
     let config = config.changed(|settings, _, method| {
-        settings.stop_probability = 1.0;
-        settings.false_accept = None;
-        settings.max_touches = protocol.n_touches;
         settings.seed = protocol.seed(index).wrapping_add(index as u64);
         method.between_poses = protocol.poses == Poses::OffGrid;
     });
@@ -170,10 +166,12 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
         let reach = hole.reach(bank.start(), protocol.poses);
         let started = Instant::now();
         let in_time = || protocol.choose_ms.is_none_or(|ms| started.elapsed().as_secs_f64() * 1e3 < ms);
-        let (decision, select) = timed(|| episode.decide_while(&reach, &mut { in_time }));
-        times.select = select;
+        // The curve goes on to the last touch; where the episode would have stopped is read off it.
+        let is_last = outcome.scored.len() == protocol.n_touches;
+        let (next, select) = timed(|| episode.next_touch(&reach, &mut { in_time }).filter(|_| !is_last));
+        times.select = if is_last { 0.0 } else { select };
         outcome.times.push(times);
-        let Decision::Touch(action) = decision? else { break };
+        let Some(action) = next else { break };
         let moved = hole.go(&action);
         frame = hole.touch()?;
         let (observation, encode) = timed(|| observe(sensor, &frame));

@@ -5,7 +5,7 @@
 
 use tactile_data::se2::Se2;
 use tactile_infer::maps::align::Drawing;
-use tactile_infer::maps::coverage::{View, outline};
+use tactile_infer::maps::coverage::{View, outline, views};
 
 use crate::decision::verdict::Asked;
 
@@ -51,21 +51,14 @@ impl Asked<'_> {
         if named.probability <= config.settings.stop_probability {
             return None;
         }
-        let drawn = self.drawn();
-        let views: Vec<View> = drawn
-            .iter()
-            .map(|touch| {
-                let Drawing { map, first_from_sensor } = touch.drawing;
-                View::of(&first_from_sensor, map.view_mm)
-            })
-            .collect();
+        let drawings: Vec<Drawing<'_>> = self.drawn().iter().map(|touch| touch.drawing).collect();
+        let (view_mm, views) = (drawings.last()?.map.view_mm, views(&drawings, &Se2::IDENTITY));
         let first_from_part = named.placed.part_from_first.inverse();
         let mosaic = bank.mosaics()?.of(named.part, self.side());
         let places = outline(&mosaic).map(|place| first_from_part.apply(place));
         let places: Vec<[f64; 2]> = places.filter(|place| !views.iter().any(|view| view.shows(*place))).collect();
         let places_mm: Vec<[f64; 2]> =
             places.iter().step_by(places.len().div_ceil(MOST_PLACES).max(1)).copied().collect();
-        let view_mm = drawn.last()?.drawing.map.view_mm;
         (!places_mm.is_empty()).then(|| Unfelt { places_mm, view_mm, none: presence.none() })
     }
 }

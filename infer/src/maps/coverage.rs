@@ -25,6 +25,12 @@ impl View {
     }
 }
 
+/// The views of touches, in a frame in which the first one was made at a pose.
+pub fn views(touches: &[Drawing<'_>], frame_from_first: &Se2) -> Vec<View> {
+    let view = |touch: &Drawing<'_>| View::of(&(*frame_from_first * touch.first_from_sensor), touch.map.view_mm);
+    touches.iter().map(view).collect()
+}
+
 /// Places of a part's outline, mm, each of which stands for [`CELL_MM`] of it: cells within half a cell of the outline make a strip that is
 /// a cell wide.
 pub fn outline(mosaic: &Mosaic<'_>) -> impl Iterator<Item = [f64; 2]> {
@@ -36,8 +42,7 @@ pub fn outline(mosaic: &Mosaic<'_>) -> impl Iterator<Item = [f64; 2]> {
 /// The length of the outline on a mosaic, mm: in all, and of that what is in view of touches. `part_from_first`: where the first touch
 /// was made.
 pub fn outline_mm(mosaic: &Mosaic<'_>, touches: &[Drawing<'_>], part_from_first: &Se2) -> [f64; 2] {
-    let view = |touch: &Drawing<'_>| View::of(&(*part_from_first * touch.first_from_sensor), touch.map.view_mm);
-    let views: Vec<View> = touches.iter().map(view).collect();
+    let views = views(touches, part_from_first);
     let [mut all, mut felt] = [0_u32; 2];
     for place_mm in outline(mosaic) {
         all += 1;
