@@ -133,12 +133,12 @@ impl Balls {
                 several.extend(named.split_off(n.min(named.len())));
                 named
             };
-            let named = self.episodes(bench, half, presses, light, Some(light))?;
+            let named = self.episodes(bench, (half, presses), light, Some(light))?;
             by_one.extend(split(named, &mut by_several));
             let named = self.calibrated(bench, half, &halves[1 - half], light)?;
             split(named, &mut by_calibrated);
             if self.is_known {
-                let named = self.episodes(bench, half, presses, light, None)?;
+                let named = self.episodes(bench, (half, presses), light, None)?;
                 split(named, &mut as_it_comes);
             }
             twins = twins.and(self.compare(bench, half, presses, [light, depths])?);
@@ -239,8 +239,7 @@ impl Balls {
     fn episodes(
         &self,
         bench: &Bench<'_>,
-        half: usize,
-        presses: &[&Label],
+        (half, presses): (usize, &[&Label]),
         fitted: &Fitted,
         light: Option<&Fitted>,
     ) -> Result<Vec<Named>> {
