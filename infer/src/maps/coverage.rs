@@ -103,8 +103,8 @@ mod tests {
             let found = outline_mm(&mosaics.of(0, Side::Peg), &touches[..n], &first);
             let expected = walked(&[first, first * moved][..n]);
             for (found, expected) in found.iter().zip(expected) {
-                // Three cells, and what the mosaic bends.
-                assert!((found - expected).abs() < 1.0 + 0.03 * expected, "{n}: {found} {expected}");
+                // Five cells: where it is steep the strip is narrower than a cell.
+                assert!((found - expected).abs() < 1.5, "{n}: {found} {expected}");
             }
         }
     }
