@@ -34,7 +34,7 @@ impl Unfelt {
     }
 }
 
-/// Of a coin that falls on one side with a probability, nats.
+/// The entropy of a coin that falls on one side with a probability, nats.
 fn entropy(p: f64) -> f64 {
     let term = |p: f64| if p > 0.0 { -p * p.ln() } else { 0.0 };
     term(p) + term(1.0 - p)

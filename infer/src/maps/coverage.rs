@@ -13,7 +13,7 @@ pub struct View {
 }
 
 impl View {
-    /// Of a sensor at a pose in some frame, whose pictures show `view_mm`.
+    /// The view of a sensor at a pose in some frame, whose pictures show `view_mm`.
     pub fn of(frame_from_sensor: &Se2, view_mm: [f64; 2]) -> Self {
         Self { sensor_from_frame: frame_from_sensor.inverse(), half_mm: view_mm.map(|mm| 0.5 * mm) }
     }
@@ -31,7 +31,7 @@ pub fn views(touches: &[Drawing<'_>], frame_from_first: &Se2) -> Vec<View> {
     touches.iter().map(view).collect()
 }
 
-/// Places of a part's outline, mm, each of which stands for [`CELL_MM`] of it: cells within half a cell of the outline make a strip that is
+/// Places of a part's outline, mm, each of which counts for [`CELL_MM`] of it: cells within half a cell of the outline make a strip that is
 /// a cell wide.
 pub fn outline(mosaic: &Mosaic<'_>) -> impl Iterator<Item = [f64; 2]> {
     let cells = (0..mosaic.n() * mosaic.n()).map(|at| mosaic.cell(at % mosaic.n(), at / mosaic.n()));
@@ -60,7 +60,7 @@ mod tests {
     use super::super::mosaic::tests::{map, mosaics, outline};
     use super::{Drawing, Se2, outline_mm};
 
-    /// The length of the outline itself, and of what is within boxes, by a walk round it. Where what stands for the distance changes faster
+    /// The length of the outline itself, and of what is within boxes, by a walk round it. Where the test's distance changes faster
     /// than one does, the strip is narrower.
     fn walked(boxes: &[Se2]) -> [f64; 2] {
         let at = |k: usize| {
