@@ -7,7 +7,7 @@ use tactile_data::touch::Side;
 use tactile_infer::Bank;
 
 use crate::belief::Belief;
-use crate::choice::{Action, Choice, ChoiceInputs, choose, explain};
+use crate::choice::{Action, ActionRule, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
 use crate::decision::{Asked, Candidates, Estimate, FeltMap, RunnerUp, SensorMatch, StopReason};
 use crate::error::{Error, Result};
@@ -135,7 +135,9 @@ impl Episode {
 
     fn choice_inputs<'s>(&'s self, candidates: &'s [Se2]) -> ChoiceInputs<'s> {
         let Self { config, model, bank, belief, .. } = self;
-        ChoiceInputs { config, model, belief, bank, candidates, unfelt: self.asked().unfelt() }
+        // No other rule asks for it.
+        let unfelt = if config.method.rule == ActionRule::Information { self.asked().unfelt() } else { None };
+        ChoiceInputs { config, model, belief, bank, candidates, unfelt }
     }
 
     /// A stream of draws of its own for each touch.
@@ -194,7 +196,6 @@ mod tests {
     use crate::belief::EngineConfig;
     use crate::belief::particle::ParticleConfig;
     use crate::checks::synthetic::World;
-    use crate::choice::ActionRule;
     use crate::config::Method;
     use crate::decision::Warning;
     use crate::likelihood::interpolation::Interpolation;

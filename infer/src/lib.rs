@@ -62,6 +62,8 @@ pub mod matches;
 #[cfg(feature = "datasets")]
 pub mod matching;
 pub mod metric;
+#[cfg(feature = "datasets")]
+pub mod minimum;
 pub mod model;
 #[cfg(feature = "datasets")]
 mod nearest_touches;

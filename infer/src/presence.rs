@@ -192,7 +192,7 @@ impl Presence {
 }
 
 /// `-ln(exp(-a) + exp(-b))`: log-odds against two kinds of stranger.
-pub fn together(a: f64, b: f64) -> f64 {
+pub fn against_both(a: f64, b: f64) -> f64 {
     a.min(b) - (-(a - b).abs()).exp().ln_1p()
 }
 
@@ -207,7 +207,7 @@ impl PresenceOdds {
         let of_any: f64 =
             self.weights().iter().zip(felt.values(self.usual)).map(|(weight, value)| weight * value).sum();
         match self.shared.zip(felt.verified) {
-            Some((shared, verified)) => together(of_any, shared.log_odds(verified.felt_share())),
+            Some((shared, verified)) => against_both(of_any, shared.log_odds(verified.felt_share())),
             None => of_any,
         }
     }
@@ -317,7 +317,7 @@ mod tests {
             assert!((felt(felt_mm) - odds_of(5.0, b).ln()).abs() < 1e-12, "{felt_mm}");
         }
         // Far beyond what an exponential holds.
-        assert_eq!([together(2_000.0, 3.0), together(-2_000.0, 3.0)], [3.0, -2_000.0]);
+        assert_eq!([against_both(2_000.0, 3.0), against_both(-2_000.0, 3.0)], [3.0, -2_000.0]);
     }
 
     #[test]

@@ -87,7 +87,10 @@ impl MazeParts {
     pub(super) fn part(&self, index: usize, clearance_mm: f64) -> Result<Part> {
         let (index, cut) = self.drawn(index);
         let outline = maze_part(self.seed, index, self.size_mm)?;
-        let outline = cut.map_or(Ok(outline.clone()), |share| cut_part(&outline, self.seed, index, share))?;
+        let outline = match cut {
+            Some(share) => cut_part(&outline, self.seed, index, share)?,
+            None => outline,
+        };
         let [mut of_hole, mut of_peg] = [1, 2].map(|usage| part_rng(self.seed, index, usage));
         let clearance_mm = self.play_mm.map_or(clearance_mm, |play_mm| uniform(&mut of_hole, play_mm));
         let side = |side, rng| SHARES.side(outline.clone(), side, clearance_mm, rng);

@@ -7,10 +7,8 @@
 
 use std::collections::BTreeSet;
 
-use argmin::core::{CostFunction, Executor, Gradient, State};
-use argmin::solver::linesearch::MoreThuenteLineSearch;
-use argmin::solver::quasinewton::LBFGS;
-use tactile_infer::presence::{Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, left, together};
+use tactile_infer::minimum::minimum;
+use tactile_infer::presence::{Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, against_both, left};
 
 use crate::episodes::Episodes;
 use crate::error::{Error, Result};
@@ -21,9 +19,6 @@ const FEWEST: usize = 100;
 
 /// Steps of the search; some fifty are usually enough.
 const MAX_STEPS: u64 = 500;
-
-/// Steps that a search remembers.
-const MEMORY: usize = 10;
 
 /// What keeps weights finite where both kinds can be told apart wholly, nats a squared weight.
 const RIDGE: f64 = 1e-4;
@@ -112,7 +107,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     Ok(Certified { odds: PresenceOdds { present, ..odds }, cost_bits: cost / std::f64::consts::LN_2, n_stranger_parts })
 }
 
-/// Refuses evaluations that do not go together.
+/// Refuses evaluations that do not go against_both.
 fn check(evaluations: &[Episodes], judged: bool) -> Result<()> {
     let Some(first) = evaluations.first() else {
         return Err(Error::invalid("episodes", "evaluations with --absent and without", "none"));
@@ -197,7 +192,7 @@ impl Cost<'_> {
             });
             // How much of the doubt is about a stranger that differs all over.
             let (log_odds, any) = match against {
-                Some((shared, _)) => (together(of_any, shared), (1.0 + (of_any - shared).exp()).recip()),
+                Some((shared, _)) => (against_both(of_any, shared), (1.0 + (of_any - shared).exp()).recip()),
                 None => (of_any, 1.0),
             };
             let sign = if row.is_there { 1.0 } else { -1.0 };
@@ -215,24 +210,6 @@ impl Cost<'_> {
     }
 }
 
-impl CostFunction for Cost<'_> {
-    type Param = Vec<f64>;
-    type Output = f64;
-
-    fn cost(&self, numbers: &Self::Param) -> std::result::Result<f64, argmin::core::Error> {
-        Ok(self.of(numbers).0)
-    }
-}
-
-impl Gradient for Cost<'_> {
-    type Param = Vec<f64>;
-    type Gradient = Vec<f64>;
-
-    fn gradient(&self, numbers: &Self::Param) -> std::result::Result<Vec<f64>, argmin::core::Error> {
-        Ok(self.of(numbers).1.to_vec())
-    }
-}
-
 /// The numbers of least cost (L-BFGS), and the cost, nats. `None` where one kind is missing or such numbers do not exist.
 fn fit(rows: &[Row]) -> Option<([f64; N], f64)> {
     let n = [false, true].map(|is_there| rows.iter().filter(|row| row.is_there == is_there).count() as f64);
@@ -246,11 +223,13 @@ fn fit(rows: &[Row]) -> Option<([f64; N], f64)> {
         _ => rows.iter().any(|row| row.felt_share.is_some()),
     });
     let cost = Cost { rows, shares: n.map(|n| 0.5 / n), is_used };
-    let solver = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
-    let search = Executor::new(cost, solver).configure(|state| state.param(vec![0.0; N]).max_iters(MAX_STEPS)).run();
-    let state = search.ok()?.state;
-    let found: [f64; N] = state.get_best_param()?.as_slice().try_into().ok()?;
-    found.iter().all(|number| number.is_finite()).then_some((found, state.get_best_cost()))
+    let at = |numbers: &[f64]| {
+        let (cost, slopes) = cost.of(numbers);
+        (cost, slopes.to_vec())
+    };
+    let (found, least) = minimum(vec![0.0; N], MAX_STEPS, at).ok()?;
+    let found: [f64; N] = found.try_into().ok()?;
+    found.iter().all(|number| number.is_finite()).then_some((found, least))
 }
 
 #[cfg(test)]
@@ -328,7 +307,8 @@ mod tests {
             rows.push(Row { values, felt_share: Some(felt), is_there });
         }
         let (numbers, _) = fit(&rows).unwrap();
-        let odds = |value: f64, felt: f64| together(numbers[0] + numbers[1] * value, shared(&numbers).log_odds(felt));
+        let odds =
+            |value: f64, felt: f64| against_both(numbers[0] + numbers[1] * value, shared(&numbers).log_odds(felt));
         // A touch that is wholly like the part: one of (1 - c) / 2 strangers is, too.
         for felt in [0.1, 0.3, 0.5, 0.7, 0.9] {
             let expected = -f64::ln(0.5 * (1.0 - felt));

@@ -45,12 +45,14 @@ impl Asked<'_> {
     /// without maps, and where all of it was felt.
     pub(crate) fn unfelt(self) -> Option<Unfelt> {
         let Self { config, bank, .. } = self;
-        let is_asked = bank.verifier().is_some() && config.settings.false_accept.is_some();
-        let named = Some(self).filter(|_| is_asked).map(Self::candidates)?;
-        let presence = self.presence(&named.placed).filter(|_| named.placed.verified.is_some())?;
-        if named.probability <= config.settings.stop_probability {
+        if bank.verifier().is_none() || config.settings.false_accept.is_none() {
             return None;
         }
+        let named = self.candidates();
+        if named.probability <= config.settings.stop_probability || named.placed.verified.is_none() {
+            return None;
+        }
+        let presence = self.presence(&named.placed)?;
         let drawings: Vec<Drawing<'_>> = self.drawn().iter().map(|touch| touch.drawing).collect();
         let (view_mm, views) = (drawings.last()?.map.view_mm, views(&drawings, &Se2::IDENTITY));
         let first_from_part = named.placed.part_from_first.inverse();

@@ -8,14 +8,9 @@ mod objective;
 mod sample;
 mod states;
 
-use std::sync::{Mutex, PoisonError};
-
-use argmin::core::{CostFunction, Executor, Gradient, State};
-use argmin::solver::linesearch::MoreThuenteLineSearch;
-use argmin::solver::quasinewton::LBFGS;
-
 use crate::error::{Error, Result};
 use crate::match_odds::{MatchOdds, OUTLIER_SHARE};
+use crate::minimum::minimum;
 use objective::{N_FIRST, Objective};
 pub use sample::{N_PARTS, Samples};
 
@@ -24,9 +19,6 @@ const FEWEST: usize = 1_000;
 
 /// Rounds of the optimiser; a hundred are usually enough.
 const MAX_ROUNDS: u64 = 300;
-
-/// Pairs of steps and differences that the optimiser remembers.
-const MEMORY: usize = 10;
 
 /// What the search begins with: offset, logarithm of the steepness, steepness by edge, rarity by edge, distance by own.
 const START: [f64; N_FIRST] = [5.0, 3.0, 0.2, 0.0, 0.0];
@@ -44,13 +36,8 @@ pub fn fit(samples: &Samples) -> Result<MatchOdds> {
     let objective = Objective { samples: &samples.samples, outlier_share: OUTLIER_SHARE, usual_distance };
     let start: Vec<f64> = START.into_iter().chain(vec![0.0; samples.dim]).collect();
     let no_fit = |error: String| Error::invalid("touches", "some that finite numbers suit", error);
-    let solver = LBFGS::new(MoreThuenteLineSearch::new(), MEMORY);
-    let found = Executor::new(Problem { objective, last: Mutex::new(None) }, solver)
-        .configure(|state| state.param(start).max_iters(MAX_ROUNDS))
-        .run()
-        .map_err(|error| no_fit(error.to_string()))?;
-    let numbers = found.state().get_best_param().ok_or_else(|| no_fit("no numbers".into()))?;
-    Ok(odds(samples, numbers, found.state().get_best_cost()))
+    let (numbers, cost) = minimum(start, MAX_ROUNDS, |numbers| objective.at(numbers)).map_err(no_fit)?;
+    Ok(odds(samples, &numbers, cost))
 }
 
 /// The numbers as a model keeps them: rarity is counted from the average touch.
@@ -82,49 +69,4 @@ fn usual_distance(samples: &Samples) -> f64 {
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
-}
-
-/// The objective as the optimiser asks for it: value and derivative at the same numbers, one after the other.
-struct Problem<'a> {
-    objective: Objective<'a>,
-    last: Mutex<Option<Known>>,
-}
-
-/// Numbers that were asked about, with the value and the derivative there.
-struct Known {
-    numbers: Vec<f64>,
-    value: f64,
-    derivative: Vec<f64>,
-}
-
-impl Problem<'_> {
-    fn at(&self, numbers: &[f64]) -> (f64, Vec<f64>) {
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*last {
-            Some(Known { numbers: known, value, derivative }) if known == numbers => (*value, derivative.clone()),
-            _ => {
-                let (value, derivative) = self.objective.at(numbers);
-                *last = Some(Known { numbers: numbers.to_vec(), value, derivative: derivative.clone() });
-                (value, derivative)
-            }
-        }
-    }
-}
-
-impl CostFunction for Problem<'_> {
-    type Param = Vec<f64>;
-    type Output = f64;
-
-    fn cost(&self, numbers: &Self::Param) -> std::result::Result<f64, argmin::core::Error> {
-        Ok(self.at(numbers).0)
-    }
-}
-
-impl Gradient for Problem<'_> {
-    type Param = Vec<f64>;
-    type Gradient = Vec<f64>;
-
-    fn gradient(&self, numbers: &Self::Param) -> std::result::Result<Vec<f64>, argmin::core::Error> {
-        Ok(self.at(numbers).1)
-    }
 }

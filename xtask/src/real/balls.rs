@@ -246,8 +246,7 @@ impl Balls {
         let mut depths: Vec<f64> = fitted.presses.iter().map(|press| press.depth_mm).collect();
         depths.sort_by(f64::total_cmp);
         let depth_mm = depths.get(depths.len() / 2).copied();
-        let kind = if light.is_some() { "" } else { "-as-it-comes" };
-        let (bank, name) = (self.bank(half, light), format!("{}{kind}-{half}", self.name));
+        let (bank, name) = (self.bank(half, light), format!("{}{}-{half}", self.name, kind(light)));
         let calibration = light.map(|light| light.file.as_str());
         bench.bank(&bank, &Sensor { balls: self.balls, view_mm: self.view_mm(), depth_mm, calibration })?;
         let folder = bench.folder(&name)?;
@@ -270,7 +269,7 @@ impl Balls {
     }
 
     fn bank(&self, half: usize, light: Option<&Fitted>) -> String {
-        format!("{}-bank{}-{half}", self.name, if light.is_some() { "" } else { "-as-it-comes" })
+        format!("{}-bank{}-{half}", self.name, kind(light))
     }
 
     /// What the presses of a half are called once the confidence was calibrated by some of the others.
@@ -333,6 +332,11 @@ impl Balls {
         let views = Views { name: &name, rest: &rest, view_mm: self.view_mm(), calibration: Some(&light.file) };
         Twins::of(bench, &views, &presses)
     }
+}
+
+/// What names of things made without a light of their own have in addition.
+fn kind(light: Option<&Fitted>) -> &'static str {
+    if light.is_some() { "" } else { "-as-it-comes" }
 }
 
 /// A line of the labels: file, centre x, centre y and radius in pixels.
