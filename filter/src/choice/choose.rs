@@ -268,7 +268,8 @@ pub(super) mod tests {
         for (places_mm, chosen, tells) in
             [(vec![[13.0, 0.0], [20.0, 3.0]], ahead, true), (vec![[-13.0, 0.0]], turn(60.0), false)]
         {
-            let unfelt = Some(Unfelt { places_mm, view_mm: [18.6, 14.3], none: 0.2 });
+            // 2 mm at its edges do not count.
+            let unfelt = Some(Unfelt { places_mm, view_mm: [22.6, 18.3], none: 0.2 });
             let (config, candidates) = (&config, &candidates);
             let inputs =
                 ChoiceInputs { config, model: &config.model, belief: &belief, bank: &bank, candidates, unfelt };

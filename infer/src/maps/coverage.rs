@@ -5,7 +5,11 @@ use tactile_data::se2::Se2;
 use super::align::Drawing;
 use super::mosaic::{CELL_MM, Mosaic, Place};
 
-/// The view of a touch: where it was made, and how far to either side of that it shows.
+/// What is as near as this to the edge of a touch's view counts as not in view, mm: a piece that begins there shows too little to be told
+/// from a part that ends there.
+pub const MARGIN_MM: f64 = 2.0;
+
+/// The view of a touch: where it was made, and how far to either side of that it shows what is there.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     sensor_from_frame: Se2,
@@ -15,7 +19,7 @@ pub struct View {
 impl View {
     /// The view of a sensor at a pose in some frame, whose pictures show `view_mm`.
     pub fn of(frame_from_sensor: &Se2, view_mm: [f64; 2]) -> Self {
-        Self { sensor_from_frame: frame_from_sensor.inverse(), half_mm: view_mm.map(|mm| 0.5 * mm) }
+        Self { sensor_from_frame: frame_from_sensor.inverse(), half_mm: view_mm.map(|mm| 0.5 * mm - MARGIN_MM) }
     }
 
     /// Whether a place of that frame, mm, is in view.
@@ -82,7 +86,7 @@ mod tests {
             sums[0] += mm;
             let is_felt = boxes.iter().any(|pose| {
                 let [u, v] = pose.inverse().apply([x, y]);
-                u.abs() <= 9.3 && v.abs() <= 7.15
+                u.abs() <= 9.3 - 2.0 && v.abs() <= 7.15 - 2.0
             });
             sums[1] += if is_felt { mm } else { 0.0 };
         }
