@@ -1,5 +1,7 @@
 //! Frames in picture files: PNG, JPEG and GIF in, PNG out.
 
+use std::collections::BTreeMap;
+use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
@@ -82,11 +84,28 @@ fn limits() -> Limits {
     limits
 }
 
+/// The pictures of a folder by their names, but for one that is the sensor at rest.
+///
+/// # Errors
+/// A folder or a picture that cannot be read.
+pub fn read_folder(folder: &Path, at_rest: &Path) -> Result<BTreeMap<String, Frame>> {
+    let at_rest = at_rest.canonicalize().ok();
+    let mut frames = BTreeMap::new();
+    for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
+        let entry = entry.map_err(Error::io(folder))?;
+        let path = entry.path();
+        if is_picture(&path) && path.canonicalize().ok() != at_rest {
+            frames.insert(entry.file_name().to_string_lossy().into_owned(), read(&path)?);
+        }
+    }
+    Ok(frames)
+}
+
 /// Writes a frame as an 8-bit RGB PNG.
 pub fn write_png(path: &Path, frame: &Frame) -> Result<()> {
     let mut png = Cursor::new(Vec::new());
     image_from(frame)?.write_to(&mut png, ImageFormat::Png).map_err(Error::picture(path))?;
-    std::fs::write(path, png.into_inner()).map_err(Error::io(path))
+    fs::write(path, png.into_inner()).map_err(Error::io(path))
 }
 
 /// The frame at another size by area average, `[width, height]` pixels: a pixel is the mean of what it covers, with
@@ -199,7 +218,7 @@ mod tests {
     fn a_broken_picture_is_one_line_with_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("broken.png");
-        std::fs::write(&path, b"\x89PNG\r\n\x1a\nnothing").unwrap();
+        fs::write(&path, b"\x89PNG\r\n\x1a\nnothing").unwrap();
         let message = read(&path).unwrap_err().to_string();
         assert!(message.contains("broken.png") && !message.contains('\n'), "{message}");
     }

@@ -3,19 +3,12 @@
 //! A mirrored picture shows a possible shape, but lit from a direction without a lamp. To first order a channel
 //! changes with the gel's slope, `D = A g` with a 3 x 2 matrix `A` of lamps, so that mirroring x must give
 //! `A diag(-1, 1) A^+ D` of the mirrored picture; what is outside the lamps' plane (noise, the walls' own
-//! brightness) does not change. `A` is computed from the frames, up to a factor that cancels: the two
-//! principal axes of the channels' differences span its columns, and the pair of axes within that plane is
-//! the one whose slopes have no curl, as the slopes of any surface have none.
-//!
-//! Not modelled: that light decreases over the frame, and that steep slopes respond less than linearly.
+//! brightness) does not change. `A` is computed from the frames ([`Response`]), up to a factor that cancels.
 
+use tactile_data::calibrate::curl::{Moments, Response};
 use tactile_data::frame::{Preprocessing, TactileImage};
 
 use crate::error::{Error, Result};
-
-/// The slopes with the least curl must have at most this share of the curl of the next choice; otherwise the
-/// frames do not show the lamps. Frames of a GelSight Mini have about 0.1, noise alone has 1.
-const MAX_CURL_SHARE: f64 = 0.5;
 
 /// A 3 x 3 matrix and an offset, for normalised channel values.
 pub type Affine = [[f32; 4]; 3];
@@ -37,27 +30,19 @@ impl Relighting {
     /// # Errors
     /// Frames in which noise hides the slopes of a surface.
     pub fn fit(images: &[TactileImage], mm_per_px: [f64; 2], preprocessing: &Preprocessing) -> Result<Self> {
-        let axes = principal_plane(images);
-        let curls = curl_moments(images, &axes, mm_per_px);
-        let (values, vectors) = eigen(curls);
-        let w = vectors[0];
-        let determinant = w[0] * w[3] - w[1] * w[2];
-        let share = values[0] / values[1];
-        if share.is_nan() || share > MAX_CURL_SHARE || determinant.abs() < 1e-3 {
+        let moments: Vec<Moments> = images.iter().map(|image| Moments::of(image, mm_per_px)).collect();
+        let response = Response::of(&Moments::sum(&moments));
+        if !response.is_told() {
+            let share = response.curl_share;
             let got = format!("slopes whose curl is {share:.2} of that of other axes; use --set flips=plain");
             return Err(Error::invalid("flips relit", "frames that show how the lamps light a slope", got));
         }
-        // Slopes are W U^T D; the lamps are its pseudo-inverse, U W^-1.
-        let slopes = |c: usize| [w[0] * axes[0][c] + w[1] * axes[1][c], w[2] * axes[0][c] + w[3] * axes[1][c]];
-        let lamps = [0, 1, 2].map(|c| {
-            let [u, v] = [axes[0][c], axes[1][c]];
-            [(u * w[3] - v * w[2]) / determinant, (v * w[0] - u * w[1]) / determinant]
-        });
+        let Response { lamps, slopes, .. } = response;
         let affine = |turned: [bool; 2]| -> Affine {
             // I - 2 A diag(turned) A^+ on counts, then on normalised values.
             let on_counts = |i: usize, j: usize| {
                 let change: f64 =
-                    (0..2).filter(|axis| turned[*axis]).map(|axis| lamps[i][axis] * slopes(j)[axis]).sum();
+                    (0..2).filter(|axis| turned[*axis]).map(|axis| lamps[i][axis] * slopes[axis][j]).sum();
                 f64::from(u8::from(i == j)) - 2.0 * change
             };
             let (mean, std) = (preprocessing.mean.map(f64::from), preprocessing.std.map(f64::from));
@@ -99,78 +84,6 @@ impl Relighting {
     }
 }
 
-/// The two unit directions of colour along which the differences vary most.
-fn principal_plane(images: &[TactileImage]) -> [[f64; 3]; 2] {
-    let mut moments = [[0.0_f64; 3]; 3];
-    for image in images {
-        let n_pixels = image.planes.len() / 3;
-        for pixel in 0..n_pixels {
-            let d = [0, 1, 2].map(|c| f64::from(image.planes[c * n_pixels + pixel]));
-            for (row, a) in moments.iter_mut().zip(d) {
-                row.iter_mut().zip(d).for_each(|(sum, b)| *sum += a * b);
-            }
-        }
-    }
-    let (_, vectors) = eigen(moments);
-    [vectors[2], vectors[1]]
-}
-
-/// Second moments of `(dp1/dy, dp2/dy, -dp1/dx, -dp2/dx)`, `p` the coordinates on the two axes. The slopes
-/// `(w1 p1 + w2 p2, w3 p1 + w4 p2)` have the mean squared curl `w^T M w`.
-fn curl_moments(images: &[TactileImage], axes: &[[f64; 3]; 2], mm_per_px: [f64; 2]) -> [[f64; 4]; 4] {
-    let mut moments = [[0.0_f64; 4]; 4];
-    for image in images {
-        let [width, height] = image.size_px;
-        let n_pixels = width * height;
-        let difference = |axis: usize, at: usize, step: usize| -> f64 {
-            let change = |c: usize| image.planes[c * n_pixels + at + step] - image.planes[c * n_pixels + at - step];
-            (0..3).map(|c| axes[axis][c] * f64::from(change(c))).sum()
-        };
-        for row in 1..height.saturating_sub(1) {
-            for column in 1..width.saturating_sub(1) {
-                let at = row * width + column;
-                let along_y = |axis| difference(axis, at, width) / mm_per_px[1];
-                let along_x = |axis| difference(axis, at, 1) / mm_per_px[0];
-                let curl = [along_y(0), along_y(1), -along_x(0), -along_x(1)];
-                for (sums, a) in moments.iter_mut().zip(curl) {
-                    sums.iter_mut().zip(curl).for_each(|(sum, b)| *sum += a * b);
-                }
-            }
-        }
-    }
-    moments
-}
-
-/// Eigenvalues in ascending order and their unit vectors, of a symmetric matrix, by Jacobi's rotations.
-fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
-    let mut vectors: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
-    // Convergence is quadratic: a 4 x 4 matrix needs about six sweeps.
-    for _ in 0..30 {
-        for p in 0..N {
-            for q in p + 1..N {
-                if a[p][q] == 0.0 {
-                    continue;
-                }
-                let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-                let c = 1.0 / t.hypot(1.0);
-                let s = t * c;
-                let turn = |(x, y): (f64, f64)| (c * x - s * y, s * x + c * y);
-                for row in &mut a {
-                    (row[p], row[q]) = turn((row[p], row[q]));
-                }
-                for rows in [&mut a, &mut vectors] {
-                    let (upper, lower) = rows.split_at_mut(q);
-                    upper[p].iter_mut().zip(&mut lower[0]).for_each(|(x, y)| (*x, *y) = turn((*x, *y)));
-                }
-            }
-        }
-    }
-    let mut order: [usize; N] = std::array::from_fn(|i| i);
-    order.sort_by(|i, j| a[*i][*i].total_cmp(&a[*j][*j]));
-    (order.map(|i| a[i][i]), order.map(|i| vectors[i]))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,16 +118,6 @@ mod tests {
             })
         };
         TactileImage { size_px: SIZE, planes: (0..3).flat_map(plane).collect(), edge_share: 1.0 }
-    }
-
-    #[test]
-    fn eigenvectors_of_a_matrix_made_of_known_ones() {
-        // diag(1, 3) turned by 30 degrees.
-        let (c, s) = (0.75_f64.sqrt(), 0.5);
-        let a = [[c * c + 3.0 * s * s, -2.0 * c * s], [-2.0 * c * s, s * s + 3.0 * c * c]];
-        let (values, vectors) = eigen(a);
-        assert!((values[0] - 1.0).abs() < 1e-12 && (values[1] - 3.0).abs() < 1e-12);
-        assert!((vectors[0][0] * c + vectors[0][1] * s).abs() > 1.0 - 1e-12, "{vectors:?}");
     }
 
     #[test]

@@ -4,6 +4,7 @@ pub mod ball;
 pub mod circle;
 pub mod circle_search;
 mod contact;
+pub mod curl;
 pub mod fit;
 mod least_squares;
 mod light_factors;
@@ -12,6 +13,7 @@ pub mod presses;
 #[cfg(test)]
 mod synthetic;
 pub mod taxim;
+pub mod touches;
 
 use std::path::Path;
 

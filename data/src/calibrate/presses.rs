@@ -1,7 +1,6 @@
 //! Presses of a ball: frames with the circle in which the ball touched, read and checked.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -72,14 +71,7 @@ impl Presses {
     /// [`Presses::new`] refuses.
     pub fn read(folder: &Path, source: &Source) -> Result<Self> {
         let no_contact = picture::read(&source.no_contact)?;
-        let at_rest = source.no_contact.canonicalize().ok();
-        let mut frames = BTreeMap::new();
-        for entry in fs::read_dir(folder).map_err(Error::io(folder))? {
-            let path = entry.map_err(Error::io(folder))?.path();
-            if picture::is_picture(&path) && path.canonicalize().ok() != at_rest {
-                frames.insert(file_name(&path.to_string_lossy()), picture::read(&path)?);
-            }
-        }
+        let frames = picture::read_folder(folder, &source.no_contact)?;
         let Some(csv) = &source.labels else {
             let frames = frames.into_iter().map(|(name, frame)| (name, frame, None)).collect();
             return Self::new(no_contact, frames, source.ball_mm, source.mm_per_px);
@@ -221,6 +213,8 @@ fn labels(path: &Path) -> Result<BTreeMap<String, Circle>> {
 #[cfg(test)]
 mod tests {
     use super::super::synthetic::{self, BALL_MM, Set};
+    use std::fs;
+
     use super::*;
 
     fn refusal(spoil: impl Fn(&mut Set)) -> String {

@@ -4,32 +4,42 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
+
+use super::lamp_table::LampTable;
 use tactile_data::calibrate::ball::BallPress;
 use tactile_data::calibrate::circle::Circle;
 use tactile_data::calibrate::presses::{Presses, Source};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::compare::Figures;
+use tactile_data::frame::Frame;
 use tactile_data::sensor::light::LightRig;
+use tactile_data::store::{self, Dataset};
 use tactile_data::{Error, Result, output, picture, program};
 
-/// Fit a sensor's lamps to presses of a ball, or to Taxim's table.
+/// Fit a sensor's lamps to presses of a ball, to touches of anything, or to Taxim's table.
 ///
 /// Press a ball of known diameter a dozen times or more, all over the frame (its edge may cut a ball whose middle is in
 /// view), and save a frame of each. The program finds where the ball touched, or reads it from labels: a CSV with the
 /// columns file, center_x, center_y and radius, in pixels, some pixels off at most. It prints the error of each press
 /// when the others predict it.
+///
+/// Without a ball: 20 touches of edges or more, of whatever parts, in a dataset or a folder of frames (--touches).
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     tactile-data calibrate presses --ball-mm 4.70 --mm-per-px 0.058,0.0596 --no-contact rest.png\n  \
+    tactile-data calibrate touches --touches --px-per-mm 17.2 --no-contact rest.png\n  \
     tactile-data calibrate polycalib.npz --frame-px 640x480 --mm-per-px 0.0295,0.0295")]
 pub struct Calibrate {
-    /// The folder of frames, or Taxim's polycalib.npz
+    /// The folder of frames, with --touches also a dataset, or Taxim's polycalib.npz
     source: PathBuf,
+    /// The frames are touches of anything; a dataset brings its scale and frame at rest
+    #[arg(long, conflicts_with_all = ["ball_mm", "labels", "frame_px"])]
+    touches: bool,
     /// Diameter of the ball, mm
     #[arg(long, value_name = "MM", requires = "no_contact")]
     ball_mm: Option<f64>,
     /// Size of a pixel in x and y, mm
-    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, required_unless_present = "px_per_mm")]
+    #[arg(long, value_name = "X,Y", value_parser = super::parse_numbers::<2>, required_unless_present_any = ["px_per_mm", "touches"])]
     mm_per_px: Option<[f64; 2]>,
     /// Pixels per mm, instead of --mm-per-px
     #[arg(long, value_name = "N", conflicts_with = "mm_per_px")]
@@ -59,10 +69,11 @@ impl Calibrate {
         let mm_per_px = self.mm_per_px.unwrap_or_else(|| [1.0 / self.px_per_mm.unwrap_or(f64::NAN); 2]);
         let is_table = self.source.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"));
         let (calibration, text, json) = match (is_table, self.frame_px, self.ball_mm) {
+            _ if self.touches => self.fit_touches()?,
             (true, Some(frame_px), _) => self.fit_table(frame_px, mm_per_px)?,
             (true, None, _) => return Err(self.lacks("--frame-px, the size of the frames that the table was made for")),
             (false, None, Some(ball_mm)) => self.fit_presses(ball_mm, mm_per_px)?,
-            (false, None, None) => return Err(self.lacks("--ball-mm, the diameter of the ball")),
+            (false, None, None) => return Err(self.lacks("--ball-mm, the diameter of the ball, or --touches")),
             (false, Some(_), _) => return Err(self.lacks("Taxim's table, whose name ends in npz, for --frame-px")),
         };
         calibration.save(&self.out)?;
@@ -74,6 +85,7 @@ impl Calibrate {
     /// The files that are read.
     fn inputs(&self) -> Vec<PathBuf> {
         let given = [Some(&self.source), self.no_contact.as_ref(), self.labels.as_ref()].into_iter().flatten().cloned();
+        let given = given.chain(store::FILES.map(|file| self.source.join(file)));
         // A folder that cannot be read is reported when its frames are.
         let entries = std::fs::read_dir(&self.source).into_iter().flatten();
         let frames = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| picture::is_picture(path));
@@ -118,6 +130,31 @@ impl Calibrate {
         }
         let json = json!({ "calibration": calibration, "presses": rows });
         Ok((calibration, text, json))
+    }
+
+    fn fit_touches(&self) -> Result<Outcome> {
+        let (calibration, lamps) = if Dataset::is_at(&self.source) {
+            LampTable::fit(&Dataset::open(&self.source)?)?
+        } else {
+            let (at_rest, frames, view_mm) = self.folder()?;
+            LampTable::of_frames(&at_rest, &frames, view_mm)?
+        };
+        let json = json!({ "calibration": calibration, "lamps": lamps });
+        Ok((calibration, lamps.to_string(), json))
+    }
+
+    /// The frame at rest, the other frames of the folder and what they show, mm.
+    fn folder(&self) -> Result<(Frame, Vec<Frame>, [f64; 2])> {
+        let Some(no_contact) = &self.no_contact else {
+            return Err(self.lacks("a dataset, or --no-contact, a frame of the sensor at rest"));
+        };
+        let Some(mm_per_px) = self.mm_per_px.or(self.px_per_mm.map(|n| [n.recip(); 2])) else {
+            return Err(self.lacks("a dataset, or --mm-per-px, the size of a pixel"));
+        };
+        let at_rest = picture::read(no_contact)?;
+        let frames = picture::read_folder(&self.source, no_contact)?.into_values().collect();
+        let view_mm = [at_rest.width_px() as f64 * mm_per_px[0], at_rest.height_px() as f64 * mm_per_px[1]];
+        Ok((at_rest, frames, view_mm))
     }
 
     fn fit_table(&self, frame_px: [usize; 2], mm_per_px: [f64; 2]) -> Result<Outcome> {

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use super::lamp_table::LampTable;
 use clap::Args;
 use serde::Serialize;
 use tactile_data::contact::{self, FrameContact};
@@ -80,6 +81,9 @@ struct Summary {
     /// How a recording became this dataset.
     #[serde(skip_serializing_if = "Option::is_none")]
     recording: Option<Recording>,
+    /// How its lamps differ from a Mini's, where its touches tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lamps: Option<LampTable>,
     /// Root mean square of each frame's difference from rest, counts; none of an unusable one.
     #[serde(skip_serializing_if = "Option::is_none")]
     difference_rms: Option<Vec<Option<f32>>>,
@@ -122,6 +126,8 @@ impl Summary {
                 .filter_map(|(frame, result)| Some(Unusable { frame, reason: result.as_ref().err()?.to_string() }))
                 .collect(),
             findings: inspection::findings(dataset, &frames)?,
+            // The lamps of what was simulated are in its scene.
+            lamps: recording.as_ref().and_then(|_| LampTable::of_dataset(dataset).ok()),
             recording,
             difference_rms: with_frames
                 .then(|| frames.iter().map(|frame| frame.as_ref().ok().map(|frame| frame.difference_rms)).collect()),
@@ -182,6 +188,7 @@ impl Summary {
         for Finding { message, .. } in &self.findings {
             text += &format!("finding      {message}\n");
         }
+        self.lamps.iter().for_each(|lamps| text += &format!("\n{lamps}"));
         text
     }
 }

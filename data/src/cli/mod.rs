@@ -8,6 +8,7 @@ mod geometry;
 mod import;
 mod import_bag;
 mod inspect;
+mod lamp_table;
 mod merge;
 mod practice;
 mod render;

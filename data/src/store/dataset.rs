@@ -55,6 +55,11 @@ impl Dataset {
         Ok(Self { meta, fragment, frames_sha256, index_sha256, frames, touches, no_contact })
     }
 
+    /// Whether a folder says that it is a dataset.
+    pub fn is_at(path: &Path) -> bool {
+        path.join(META).is_file()
+    }
+
     /// What holds for the whole dataset.
     pub fn meta(&self) -> &Meta {
         &self.meta

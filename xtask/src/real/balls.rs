@@ -27,8 +27,6 @@ pub struct Balls {
     rest: &'static str,
     /// Balls among the bank's parts.
     balls: &'static [&'static str],
-    /// Whether the sensor is of the make whose light the model knows: then it is named as it comes, too.
-    is_known: bool,
     /// The sensor, and where its presses were.
     about: &'static str,
 }
@@ -53,7 +51,6 @@ pub const FOTS: Balls = Balls {
     images: Images::Labelled { folder: "images", turn: 90, labels: "labels_derived.csv" },
     rest: "gelsight_bg.png",
     balls: ONE_BALL,
-    is_known: false,
     about: "a ball of 4.70 mm on a home-made sensor with three lamps, their places labelled by hand. The pictures are turned by a quarter, as \
             the model sees wide ones",
 };
@@ -71,7 +68,6 @@ pub const GELSLAM: Balls = Balls {
     images: Images::Apart { folder: "6.310mm", file: "gelsight.png" },
     rest: "background.png",
     balls: &["ball:4.7", "ball:6.31", "ball:8", "ball:9.5"],
-    is_known: true,
     about: "a ball of 6.31 mm on a GelSight Mini, many of them cut by the frame's edge; where each was is found by a fit to all of them. Three other \
             balls are in the bank",
 };
@@ -105,6 +101,34 @@ struct Fitted {
     presses: Vec<Pressed>,
 }
 
+/// The light that pictures are taken to be under, and the bank.
+enum Light {
+    /// That fitted to presses of a ball, both.
+    Ball,
+    /// The one that the model knows, both.
+    Model,
+    /// The pictures that of a file, told by touches alone; the bank the model's.
+    Touches(String),
+}
+
+impl Light {
+    /// What it adds to names of what is made under it.
+    fn kind(&self) -> &'static str {
+        match self {
+            Self::Ball => "",
+            Self::Model => "-as-it-comes",
+            Self::Touches(_) => "-by-touches",
+        }
+    }
+}
+
+/// Presses of a half, and what was fitted to the other.
+struct Half<'a> {
+    half: usize,
+    presses: &'a [&'a Label],
+    fitted: &'a Fitted,
+}
+
 /// One press as its fit has it.
 struct Pressed {
     /// Where it touched.
@@ -124,7 +148,7 @@ impl Balls {
         // The light for the presses of a half is fitted to the other.
         let [other, one] = [self.calibrate(bench, 0, &halves[0])?, self.calibrate(bench, 1, &halves[1])?];
         let (mut by_one, mut by_several) = (Vec::new(), Vec::new());
-        let (mut by_calibrated, mut as_it_comes) = (Vec::new(), Vec::new());
+        let (mut by_calibrated, mut as_it_comes, mut by_touches) = (Vec::new(), Vec::new(), Vec::new());
         let mut twins = Twins::default();
         for (half, light, depths) in [(0, &one, &other), (1, &other, &one)] {
             let presses = &halves[half];
@@ -133,14 +157,14 @@ impl Balls {
                 several.extend(named.split_off(n.min(named.len())));
                 named
             };
-            let named = self.episodes(bench, (half, presses), light, Some(light))?;
+            let of_half = Half { half, presses, fitted: light };
+            let named = self.episodes(bench, &of_half, &Light::Ball)?;
             by_one.extend(split(named, &mut by_several));
             let named = self.calibrated(bench, half, &halves[1 - half], light)?;
             split(named, &mut by_calibrated);
-            if self.is_known {
-                let named = self.episodes(bench, (half, presses), light, None)?;
-                split(named, &mut as_it_comes);
-            }
+            split(self.episodes(bench, &of_half, &Light::Model)?, &mut as_it_comes);
+            let own = self.by_touches(bench, 1 - half)?;
+            split(self.episodes(bench, &of_half, &Light::Touches(own))?, &mut by_touches);
             twins = twins.and(self.compare(bench, half, presses, [light, depths])?);
         }
         let about = format!(
@@ -148,8 +172,9 @@ impl Balls {
              others named, and the other way round: no press is named under a light that was fitted to it. The bank is \
              simulated at the depth of the fitted presses. An episode is {N_TOUCHES} presses with the motions between their places: the ball did \
              not move, the sensor did. After one touch the filter is hardly ever confident. Calibrated: confidence, too, by {N_CALIBRATING} presses \
-             of the half that the light was fitted to, as a user with 20 presses of a ball would. As it comes: under the light that the model knows. A \
-             twin is where and as deep as the fit of its own half has the press.",
+             of the half that the light was fitted to, as a user with 20 presses of a ball would. As it comes: under the light that the model knows. \
+             By touches: under the light that the presses of the other half tell without a word of what was pressed or where \
+             (`tactile-data calibrate --touches`), the bank as it comes. A twin is where and as deep as the fit of its own half has the press.",
             labels.len(),
             self.about
         );
@@ -158,6 +183,7 @@ impl Balls {
             ("five presses", by_several),
             ("five presses, calibrated", by_calibrated),
             ("five presses, as it comes", as_it_comes),
+            ("five presses, light by touches", by_touches),
         ];
         let named = named.into_iter().filter(|(_, named)| !named.is_empty()).collect();
         Ok(Some(Set { title: self.title, source: self.source, about, named, twins: Some(twins) }))
@@ -212,6 +238,17 @@ impl Balls {
         self.fitted(bench, &name, Some(&format!("{name}.csv")))
     }
 
+    /// The light that presses of a half tell themselves.
+    fn by_touches(&self, bench: &Bench<'_>, half: usize) -> Result<String> {
+        let Self { name, px_per_mm, .. } = self;
+        let file = format!("{name}-touches-{half}.toml");
+        let line = format!(
+            "calibrate {name}-light-{half} --touches --px-per-mm {px_per_mm} --no-contact {name}/no_contact.png --out {file}"
+        );
+        bench.run("tactile-data", &line)?;
+        Ok(file)
+    }
+
     /// The light of a folder of presses, whose places are labelled or found.
     fn fitted(&self, bench: &Bench<'_>, folder: &str, labels: Option<&str>) -> Result<Fitted> {
         let Self { ball_mm, px_per_mm, name, .. } = self;
@@ -234,21 +271,22 @@ impl Balls {
         Ok(Fitted { file, presses })
     }
 
-    /// The bank under one light, and what it calls the presses of the other half: each alone first, then episodes. Its parts are pressed
-    /// as deep as `fitted` were.
-    fn episodes(
-        &self,
-        bench: &Bench<'_>,
-        (half, presses): (usize, &[&Label]),
-        fitted: &Fitted,
-        light: Option<&Fitted>,
-    ) -> Result<Vec<Named>> {
+    /// The bank under one light, and what it calls the presses of a half: each alone first, then episodes. Its parts are pressed as deep
+    /// as those that the light was fitted to.
+    fn episodes(&self, bench: &Bench<'_>, of: &Half<'_>, light: &Light) -> Result<Vec<Named>> {
+        let Half { half, presses, fitted } = of;
         let mut depths: Vec<f64> = fitted.presses.iter().map(|press| press.depth_mm).collect();
         depths.sort_by(f64::total_cmp);
         let depth_mm = depths.get(depths.len() / 2).copied();
-        let (bank, name) = (self.bank(half, light), format!("{}{}-{half}", self.name, kind(light)));
-        let calibration = light.map(|light| light.file.as_str());
-        bench.bank(&bank, &Sensor { balls: self.balls, view_mm: self.view_mm(), depth_mm, calibration })?;
+        let (bank, name) = (self.bank(*half, light), format!("{}{}-{half}", self.name, light.kind()));
+        let simulated = match light {
+            Light::Ball => Some(fitted.file.as_str()),
+            Light::Model | Light::Touches(_) => None,
+        };
+        if !bench.out.join(format!("{bank}.bank")).exists() {
+            let sensor = Sensor { balls: self.balls, view_mm: self.view_mm(), depth_mm, calibration: simulated };
+            bench.bank(&bank, &sensor)?;
+        }
         let folder = bench.folder(&name)?;
         let mut index = INDEX.to_owned();
         let n = presses.len();
@@ -264,12 +302,17 @@ impl Balls {
             }
         }
         bench.write(&format!("{name}/index.csv"), &index)?;
-        self.import(bench, &name, light)?;
+        let pictures = match light {
+            Light::Touches(file) => Some(file.as_str()),
+            Light::Ball | Light::Model => simulated,
+        };
+        self.import(bench, &name, pictures)?;
         bench.replay(&bank, &format!("{name}-set"))
     }
 
-    fn bank(&self, half: usize, light: Option<&Fitted>) -> String {
-        format!("{}-bank{}-{half}", self.name, kind(light))
+    fn bank(&self, half: usize, light: &Light) -> String {
+        let kind = if matches!(light, Light::Ball) { "" } else { Light::Model.kind() };
+        format!("{}-bank{kind}-{half}", self.name)
     }
 
     /// What the presses of a half are called once the confidence was calibrated by some of the others.
@@ -283,8 +326,8 @@ impl Balls {
             line(&mut index, format_args!("{file},{},peg,{x:.4},{y:.4},0,{file}", self.part))?;
         }
         bench.write(&format!("{name}/index.csv"), &index)?;
-        self.import(bench, &name, Some(light))?;
-        let (bank, own) = (self.bank(half, Some(light)), format!("{name}.safetensors"));
+        self.import(bench, &name, Some(&light.file))?;
+        let (bank, own) = (self.bank(half, &Light::Ball), format!("{name}.safetensors"));
         bench.run(
             "tactile-infer",
             &format!(
@@ -296,9 +339,9 @@ impl Balls {
     }
 
     /// Imports a folder of presses under a light, the one that the model knows without, as `FOLDER-set`.
-    fn import(&self, bench: &Bench<'_>, folder: &str, light: Option<&Fitted>) -> Result<()> {
+    fn import(&self, bench: &Bench<'_>, folder: &str, light: Option<&str>) -> Result<()> {
         let [x, y] = self.view_mm();
-        let light = light.map_or(String::new(), |light| format!("--calibration {} ", light.file));
+        let light = light.map_or(String::new(), |file| format!("--calibration {file} "));
         bench.run(
             "tactile-data",
             &format!(
@@ -332,11 +375,6 @@ impl Balls {
         let views = Views { name: &name, rest: &rest, view_mm: self.view_mm(), calibration: Some(&light.file) };
         Twins::of(bench, &views, &presses)
     }
-}
-
-/// What names of things made without a light of their own have in addition.
-fn kind(light: Option<&Fitted>) -> &'static str {
-    if light.is_some() { "" } else { "-as-it-comes" }
 }
 
 /// A line of the labels: file, centre x, centre y and radius in pixels.

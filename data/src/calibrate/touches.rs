@@ -1,0 +1,315 @@
+//! A sensor's lamps from touches of anything: neither what was touched nor where is known.
+//!
+//! [`Response`] says how strong each lamp is next to the others and where it shines from, about: light that fades over the frame and
+//! steep walls are not in it. So the lamps are those under which simulated touches of MAZE parts give the response that the sensor's
+//! gave (indirect inference; Gourieroux, Monfort and Renault, 1993). What this leaves open is one factor, how steep the slopes were: the
+//! lamps are taken to be as strong as a Mini's on average (their geometric mean). How each lamp fades over the frame is a Mini's.
+
+use std::collections::HashSet;
+
+use rand::RngExt;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::curl::{Moments, Response};
+use super::{Calibration, SCHEMA, at_rest};
+use crate::error::{Error, FrameFault, Result};
+use crate::frame::{Background, EDGE_COUNTS, Frame, Preprocessing};
+use crate::grid::PoseGrid;
+use crate::random::{around_zero, frame_rng};
+use crate::scene::{Kit, MazeParts, Parts, Scene};
+use crate::se2::Se2;
+use crate::sensor::light::LightRig;
+use crate::sensor::{Fidelity, SensorSpec};
+use crate::simulator::Simulator;
+use crate::touch::Side;
+
+/// Fewer touches do not show slopes in all directions.
+pub const MIN_TOUCHES: usize = 20;
+
+/// A touch of less than this share of edges shows no slopes.
+const MIN_EDGE_SHARE: f32 = 0.02;
+
+/// The size at which touches are looked at, pixels, as the model looks at them.
+const SIZE_PX: [usize; 2] = [40, 30];
+
+/// Simulated touches that are compared with, and how often.
+const N_SIMULATED: usize = 60;
+const N_ROUNDS: usize = 3;
+
+/// Simulated frames are at most so wide, pixels.
+const MOST_WIDTH_PX: usize = 320;
+
+/// How far from a part's middle it is touched, mm.
+const REACH_MM: f64 = 8.0;
+
+/// Draws of the touches, with replacement, from which intervals are made (Efron and Tibshirani, An Introduction to the Bootstrap).
+const N_DRAWS: u64 = 200;
+
+/// How far lamps of other sensors are turned from a Mini's, and how much stronger they are, as a logarithm, before any touch: standard
+/// deviations.
+const PRIOR: Change = Change { strength: 0.3, turn_deg: 20.0 };
+
+/// The standard deviation of how strong three lamps are together, as a logarithm: that of a mean of three.
+pub const TOGETHER: f64 = 0.17;
+
+/// How one lamp differs from a Mini's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Change {
+    /// How much stronger it is, the natural logarithm.
+    pub strength: f64,
+    /// How far it is turned, degrees from x towards y.
+    pub turn_deg: f64,
+}
+
+impl Change {
+    fn and(self, other: Self) -> Self {
+        let turn_deg = within_half_turn(self.turn_deg + other.turn_deg);
+        Self { strength: self.strength + other.strength, turn_deg }
+    }
+
+    /// The standard deviation of a sum.
+    fn beside(self, other: Self) -> Self {
+        Self { strength: self.strength.hypot(other.strength), turn_deg: self.turn_deg.hypot(other.turn_deg) }
+    }
+}
+
+/// What touches tell of the lamps.
+#[derive(Clone, Debug)]
+pub struct TouchFit {
+    /// The light.
+    pub calibration: Calibration,
+    /// How each lamp differs from a Mini's.
+    pub changes: [Change; 3],
+    /// Standard deviations of these, had others been touched; of how strong a lamp is next to the others, since how strong they are
+    /// together ([`TOGETHER`]) no touch tells.
+    pub errors: [Change; 3],
+    /// Touches that show slopes.
+    pub n_touches: usize,
+    /// [`Response::curl_share`].
+    pub curl_share: f64,
+}
+
+/// Fits lamps to frames of touches under a sensor at rest, which show `field_of_view_mm`. Frames that show no edge, and dark ones, are left
+/// out.
+///
+/// # Errors
+/// Frames of another size than the one at rest, fewer than [`MIN_TOUCHES`] that show an edge, and touches that do not say which
+/// lamps they were lit by.
+pub fn fit(no_contact: &Frame, frames: &[Frame], field_of_view_mm: [f64; 2]) -> Result<TouchFit> {
+    let background =
+        Background::new(no_contact, &Preprocessing { field_of_view_mm, ..Preprocessing::counts(SIZE_PX) })?;
+    // A picture that comes twice is one touch.
+    let mut known = HashSet::new();
+    let different: Vec<&Frame> = frames.iter().filter(|frame| known.insert(frame.rgb())).collect();
+    let seen = seen(&background, &different, field_of_view_mm)?;
+    let n_touches = seen.len();
+    if n_touches < MIN_TOUCHES {
+        let expected = format!("{MIN_TOUCHES} touches of edges or more, all over the frame");
+        let got = format!("{n_touches} of {} frames that change by more than {EDGE_COUNTS} counts", frames.len());
+        return Err(Error::invalid("calibration", expected, got));
+    }
+    let response = Response::of(&Moments::sum(&seen));
+    if !response.is_told() {
+        let got = format!("slopes whose curl is {:.2} of that of other lamps", response.curl_share);
+        return Err(Error::invalid(
+            "calibration",
+            "touches that show how each lamp lights slopes in all directions",
+            got,
+        ));
+    }
+    // Touches under lamps that differ so much would show this, and so the lamps differ by the rest as well.
+    let mut told = [Change::default(); 3];
+    let mut simulated = Vec::new();
+    for _ in 0..N_ROUNDS {
+        simulated = simulate(&told, background.frame_px(), field_of_view_mm)?;
+        let rest = apart(&response, &Response::of(&Moments::sum(&simulated)));
+        told.iter_mut().zip(rest).for_each(|(change, rest)| *change = change.and(rest));
+    }
+    let [seen_by, simulated_by] = [&seen, &simulated].map(|touches| spread(touches));
+    let spread = [0, 1, 2].map(|c| seen_by[c].beside(simulated_by[c]));
+    let share = [0, 1, 2].map(|c| {
+        let known = |prior: f64, error: f64| prior.powi(2) / (prior.powi(2) + error.powi(2));
+        Change {
+            strength: known(PRIOR.strength, spread[c].strength),
+            turn_deg: known(PRIOR.turn_deg, spread[c].turn_deg),
+        }
+    });
+    let changes = [0, 1, 2].map(|c| Change {
+        strength: share[c].strength * told[c].strength,
+        turn_deg: share[c].turn_deg * told[c].turn_deg,
+    });
+    let errors = [0, 1, 2].map(|c| Change {
+        strength: share[c].strength.sqrt() * spread[c].strength,
+        turn_deg: share[c].turn_deg.sqrt() * spread[c].turn_deg,
+    });
+    let calibration = Calibration {
+        schema: SCHEMA.to_owned(),
+        frame_px: [no_contact.width_px(), no_contact.height_px()],
+        field_of_view_mm,
+        source: format!("{n_touches} touches, without labels"),
+        gel_length_mm: None,
+        contact_share: None,
+        leave_one_out: None,
+        light: LightRig { at_rest: at_rest(no_contact)?, ..lit(&changes) },
+    };
+    Ok(TouchFit { calibration, changes, errors, n_touches, curl_share: response.curl_share })
+}
+
+/// What frames that show an edge tell.
+fn seen(background: &Background, frames: &[&Frame], field_of_view_mm: [f64; 2]) -> Result<Vec<Moments>> {
+    let mm_per_px = [0, 1].map(|axis| field_of_view_mm[axis] / SIZE_PX[axis] as f64);
+    let of = |frame: &&Frame| {
+        let image = match background.tactile_image(frame) {
+            Ok(image) => image,
+            Err(error @ Error::Frame { fault: FrameFault::WrongSize { .. }, .. }) => return Err(error),
+            // A picture that shows nothing tells nothing.
+            Err(_) => return Ok(None),
+        };
+        Ok((image.edge_share >= MIN_EDGE_SHARE).then(|| Moments::of(&image, mm_per_px)))
+    };
+    let seen = frames.par_iter().map(of).collect::<Result<Vec<_>>>()?;
+    Ok(seen.into_iter().flatten().collect())
+}
+
+/// What touches of MAZE parts tell under lamps that differ from a Mini's by so much.
+fn simulate(changes: &[Change; 3], frame_px: [usize; 2], field_of_view_mm: [f64; 2]) -> Result<Vec<Moments>> {
+    let parts = MazeParts { n: N_SIMULATED, first: 0, seed: 0, size_mm: [8.0, 40.0], play_mm: None, cut_share: None };
+    let reach = PoseGrid { xy_half_mm: REACH_MM, xy_step_mm: REACH_MM, theta_half_deg: 180.0, theta_step_deg: 90.0 };
+    let (frame_px, light) = (smaller(frame_px), lit(changes));
+    let sensor = SensorSpec { frame_px, field_of_view_mm, light, ..SensorSpec::default() };
+    let scene = Scene {
+        name: "calibration".to_owned(),
+        parts: Parts::Kit(Kit { maze_parts: Some(parts), ..Kit::default() }),
+        board: None,
+        reach: Some(reach),
+        clearance_mm: 0.0,
+        gauge_mm: 0.0,
+        fidelity: Fidelity::Camera,
+        sensor,
+    };
+    let simulator = Simulator::new(scene, 0)?;
+    let touch = |part: usize| {
+        let mut rng = frame_rng(0, part as u64);
+        let [x, y] = [0, 1].map(|_| around_zero(&mut rng, REACH_MM));
+        let pose = Se2::from_degrees(x, y, around_zero(&mut rng, 180.0));
+        simulator.touch(part, Side::Peg, &pose, &mut rng)
+    };
+    let frames = (0..N_SIMULATED).into_par_iter().map(touch).collect::<Result<Vec<_>>>()?;
+    let counts = Preprocessing { field_of_view_mm, ..Preprocessing::counts(SIZE_PX) };
+    let frames: Vec<&Frame> = frames.iter().collect();
+    seen(&Background::new(&simulator.no_contact(0), &counts)?, &frames, field_of_view_mm)
+}
+
+/// Frames of a size at which simulation is quick: a camera's JPEG, whose colours are coarser than its pixels, is not that of few pixels.
+fn smaller(frame_px: [usize; 2]) -> [usize; 2] {
+    let times = frame_px[0].div_ceil(MOST_WIDTH_PX);
+    frame_px.map(|n| n / times)
+}
+
+/// A Mini's light with lamps that differ by so much.
+fn lit(changes: &[Change; 3]) -> LightRig {
+    LightRig::default().varied(changes.map(|change| change.strength.exp()), changes.map(|change| change.turn_deg))
+}
+
+/// How lamps differ from others by what both answered: as strong on average, and turned the less of two ways.
+fn apart(response: &Response, other: &Response) -> [Change; 3] {
+    let dot: f64 = response.lamps.iter().zip(other.lamps).map(|(a, b)| a[0] * b[0] + a[1] * b[1]).sum();
+    let changes = [0, 1, 2].map(|c| {
+        let ([x, y], [other_x, other_y]) = (response.lamps[c].map(|value| dot.signum() * value), other.lamps[c]);
+        Change {
+            strength: (x.hypot(y) / other_x.hypot(other_y)).ln(),
+            turn_deg: within_half_turn((y.atan2(x) - other_y.atan2(other_x)).to_degrees()),
+        }
+    });
+    let mean = changes.iter().map(|change| change.strength).sum::<f64>() / 3.0;
+    changes.map(|change| Change { strength: change.strength - mean, ..change })
+}
+
+/// Standard deviations of what touches say, had others been drawn.
+fn spread(seen: &[Moments]) -> [Change; 3] {
+    let told = Response::of(&Moments::sum(seen));
+    let draw = |number: u64| {
+        let mut rng = frame_rng(0, number);
+        let drawn: Vec<&Moments> = (0..seen.len()).map(|_| &seen[rng.random_range(0..seen.len())]).collect();
+        apart(&Response::of(&Moments::sum(drawn)), &told)
+    };
+    let draws: Vec<[Change; 3]> = (0..N_DRAWS).into_par_iter().map(draw).collect();
+    [0, 1, 2].map(|c| {
+        let sd = |of: fn(&Change) -> f64| {
+            (draws.iter().map(|draw| of(&draw[c]).powi(2)).sum::<f64>() / draws.len() as f64).sqrt()
+        };
+        Change { strength: sd(|change| change.strength), turn_deg: sd(|change| change.turn_deg) }
+    })
+}
+
+fn within_half_turn(deg: f64) -> f64 {
+    (deg + 180.0).rem_euclid(360.0) - 180.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Letters;
+
+    /// Touches of letters, which are no MAZE parts, under a Mini's light that was changed.
+    fn touches(changes: &[Change; 3], side: Side, n: usize) -> (Frame, Vec<Frame>, [f64; 2]) {
+        let mut scene = Scene::load("alphabet-small").unwrap();
+        scene.parts = Parts::Kit(Kit {
+            letters: Some(Letters {
+                letters: "AEFKMRSX".into(),
+                font: crate::shape::glyph::Font::default(),
+                height_mm: 12.0,
+                max_width_mm: 16.0,
+            }),
+            ..Kit::default()
+        });
+        scene.sensor.light = lit(changes);
+        let view = scene.sensor.field_of_view_mm;
+        let simulator = Simulator::new(scene, 1).unwrap();
+        let frames = (0..n).map(|i| {
+            let mut rng = frame_rng(5, i as u64);
+            let pose =
+                Se2::from_degrees(around_zero(&mut rng, 5.0), around_zero(&mut rng, 5.0), around_zero(&mut rng, 180.0));
+            simulator.touch(i % 8, side, &pose, &mut rng).unwrap()
+        });
+        (simulator.no_contact(3), frames.collect(), view)
+    }
+
+    #[test]
+    fn lamps_that_were_turned_and_dimmed_are_found_from_touches_of_letters() {
+        let turned = |strength: f64, turn_deg: f64| Change { strength, turn_deg };
+        // The strengths' logarithms add up to none.
+        let units = [
+            [turned(0.15, -14.0), turned(0.15, 16.0), turned(-0.3, 8.0)],
+            // Red where a Mini has none: a lamp on another side.
+            [turned(-0.4, -80.0), turned(0.2, -5.0), turned(0.2, 14.0)],
+        ];
+        for (changes, side) in units.into_iter().zip([Side::Hole, Side::Peg]) {
+            let (at_rest, frames, view) = touches(&changes, side, 40);
+            let found = fit(&at_rest, &frames, view).unwrap();
+            for ((found, error), truth) in found.changes.iter().zip(&found.errors).zip(changes) {
+                println!("{side:?}: {found:?} {error:?} {truth:?}");
+                assert!((found.strength - truth.strength).abs() < 0.12, "{side:?}: {found:?} {truth:?}");
+                assert!((found.turn_deg - truth.turn_deg).abs() < 9.0, "{side:?}: {found:?} {truth:?}");
+                assert!(error.turn_deg < 6.0 && error.strength < 0.1, "{error:?}");
+            }
+            assert!(found.n_touches > 30 && found.curl_share < 0.5);
+            assert_eq!(found.calibration.light.response(), lit(&found.changes).response());
+        }
+    }
+
+    #[test]
+    fn too_few_touches_and_touches_of_nothing_are_refused() {
+        let (at_rest, frames, view) = touches(&Default::default(), Side::Peg, 19);
+        let error = fit(&at_rest, &frames, view).unwrap_err().to_string();
+        assert!(error.starts_with("calibration: expected 20 touches of edges or more"), "{error}");
+        let twice = [&frames[..], &frames[..]].concat();
+        assert!(fit(&at_rest, &twice, view).unwrap_err().to_string().contains("of 38 frames"));
+        let blank = vec![at_rest.clone(); 30];
+        let error = fit(&at_rest, &blank, view).unwrap_err().to_string();
+        assert!(error.contains("got 0 of 30 frames"), "{error}");
+        let small = Frame::new(80, 60, vec![90; 3 * 80 * 60]).unwrap();
+        assert!(fit(&at_rest, &[small], view).is_err());
+    }
+}

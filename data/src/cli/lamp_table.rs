@@ -1,0 +1,69 @@
+//! How a sensor's lamps differ from a Mini's, by touches of anything: for people and for programs.
+
+use std::fmt;
+
+use serde::Serialize;
+use tactile_data::Result;
+use tactile_data::calibrate::Calibration;
+use tactile_data::calibrate::touches::{self, Change, TouchFit};
+use tactile_data::frame::Frame;
+use tactile_data::store::Dataset;
+
+/// Touches that are looked at in a dataset: more tell hardly more.
+const MOST_FRAMES: usize = 400;
+
+/// Of a normal distribution 95 % are within so many standard deviations.
+const WITHIN: f64 = 1.96;
+
+/// What [`touches::fit`] found.
+#[derive(Serialize)]
+pub struct LampTable {
+    /// Red, green and blue.
+    lamps: [Change; 3],
+    /// Standard deviations of these.
+    errors: [Change; 3],
+    together_error: f64,
+    n_touches: usize,
+    n_frames: usize,
+    curl_share: f64,
+}
+
+impl LampTable {
+    /// Of frames that show `view_mm`, with the calibration that they tell.
+    pub fn of_frames(at_rest: &Frame, frames: &[Frame], view_mm: [f64; 2]) -> Result<(Calibration, Self)> {
+        let TouchFit { calibration, changes, errors, n_touches, curl_share } = touches::fit(at_rest, frames, view_mm)?;
+        let (n_frames, together_error) = (frames.len(), touches::TOGETHER);
+        Ok((calibration, Self { lamps: changes, errors, together_error, n_touches, n_frames, curl_share }))
+    }
+
+    /// Of a dataset: of frames that are spread evenly over it.
+    pub fn fit(dataset: &Dataset) -> Result<(Calibration, Self)> {
+        let n = dataset.len().min(MOST_FRAMES);
+        let frames: Vec<Frame> = (0..n).map(|i| dataset.frame(i * dataset.len() / n)).collect();
+        Self::of_frames(dataset.no_contact(), &frames, dataset.meta().field_of_view_mm())
+    }
+
+    /// The same, of interest by itself.
+    pub fn of_dataset(dataset: &Dataset) -> Result<Self> {
+        Ok(Self::fit(dataset)?.1)
+    }
+}
+
+impl fmt::Display for LampTable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{:<8} {:>28} {:>22}", "lamp", "strength next to the others'", "turned by, degrees")?;
+        for (name, (lamp, error)) in ["red", "green", "blue"].into_iter().zip(self.lamps.iter().zip(&self.errors)) {
+            let between = [0.0, -WITHIN, WITHIN];
+            let [strength, weakest, strongest] = between.map(|times| (lamp.strength + times * error.strength).exp());
+            let [turn, least, most] = between.map(|times| lamp.turn_deg + times * error.turn_deg);
+            let strength = format!("{strength:.2} ({weakest:.2} to {strongest:.2})");
+            writeln!(f, "{name:<8} {strength:>28} {:>22}", format!("{turn:.0} ({least:.0} to {most:.0})"))?;
+        }
+        let factor = (WITHIN * self.together_error).exp();
+        writeln!(
+            f,
+            "next to a Mini's, by {} touches of {} frames; how strong the lamps are together no touch tells: as a Mini's, within a factor of {factor:.1}",
+            self.n_touches, self.n_frames
+        )
+    }
+}
