@@ -43,6 +43,11 @@ const DOUBT: f64 = 0.04;
 /// The lamps must tell two directions apart: the smaller axis of their ellipse is at least this share of the larger.
 const LEAST_ROUND: f64 = 0.05;
 
+/// How far a view may reach from the calibrated one's middle, in halves of the calibrated side. What is beyond was not
+/// measured, and a quadratic goes on falling there: the quadratic of a Mini's red lamp is zero in the corner at 1.04
+/// halves and -0.08 of the middle's at 1.1. Drivers of one sensor differ by 1.09.
+const MOST_HALVES: f64 = 1.1;
+
 /// A lamp changes a picture by at most this, counts.
 const MOST_COUNTS: f32 = 4_096.0;
 
@@ -137,11 +142,34 @@ pub struct CalibratedLamps {
 
 impl CalibratedLamps {
     /// The lamps over another view of the same gel about the same middle, `field_of_view_mm` wide and high, mm.
-    pub fn on(&self, field_of_view_mm: [f64; 2]) -> Lamps {
+    ///
+    /// # Errors
+    /// A view that reaches more than 1.1 times as far as the calibrated one: nothing was measured there.
+    pub fn on(&self, field_of_view_mm: [f64; 2]) -> Result<Lamps> {
         let half = [0, 1].map(|axis| field_of_view_mm[axis] / self.field_of_view_mm[axis]);
+        check_reach("field of view", half, self.field_of_view_mm, || {
+            let [width, height] = field_of_view_mm;
+            format!("{width:.1} x {height:.1} mm")
+        })?;
         let part = |part: &[Quadratic; 3]| part.each_ref().map(|factor| on_view(factor, [0.0; 2], half));
-        Lamps { along_x: part(&self.lamps.along_x), along_y: part(&self.lamps.along_y) }
+        Ok(Lamps { along_x: part(&self.lamps.along_x), along_y: part(&self.lamps.along_y) })
     }
+}
+
+/// Refuses a view that reaches further from the calibrated one's middle than [`MOST_HALVES`] along x or y.
+pub(crate) fn check_reach(
+    field: &str,
+    [x, y]: [f64; 2],
+    [width, height]: [f64; 2],
+    got: impl Fn() -> String,
+) -> Result<()> {
+    let reach = x.max(y);
+    if reach.is_nan() || reach > MOST_HALVES {
+        let expected =
+            format!("a view within {MOST_HALVES} times the {width:.1} x {height:.1} mm that were calibrated");
+        return Err(Error::invalid(field, expected, got()));
+    }
+    Ok(())
 }
 
 /// The factors by which `centre + half * u` gives what `k` gives at its own place.
@@ -202,10 +230,12 @@ mod tests {
     #[test]
     fn a_view_of_half_the_frame_sees_its_middle() {
         let whole = CalibratedLamps { lamps: cmu(), field_of_view_mm: [20.0, 16.0] };
-        let half = whole.on([10.0, 16.0]);
+        let half = whole.on([10.0, 16.0]).unwrap();
         let [here, there] = [half.at(0.6, -0.3), cmu().at(0.3, -0.3)];
         assert!(here.iter().flatten().zip(there.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-4));
-        assert_eq!(whole.on([20.0, 16.0]), cmu());
+        assert_eq!(whole.on([20.0, 16.0]).unwrap(), cmu());
+        let error = whole.on([20.0, 18.0]).unwrap_err().to_string();
+        assert!(error.contains("within 1.1 times the 20.0 x 16.0 mm") && error.contains("18.0 mm"), "{error}");
     }
 
     #[test]

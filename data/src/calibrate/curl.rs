@@ -2,7 +2,8 @@
 //!
 //! To first order a channel changes with the gel's slope, `D = A g` with a 3 x 2 matrix `A` of lamps. The two principal axes of the
 //! channels' differences span its columns, and the pair of axes within that plane is the one whose slopes have no curl, as the
-//! slopes of any surface have none. Both are known up to one common factor, positive or negative.
+//! slopes of any surface have none. Both are known up to one common factor; whether it is positive is told by the gel, which is bent
+//! sharply where it leaves what presses it, a peg or the plate about a hole, and gently where it rises from there.
 //!
 //! Not modelled: that light decreases over the frame, and that steep slopes respond less than linearly.
 
@@ -19,6 +20,8 @@ pub struct Moments {
     colours: [[f64; 3]; 3],
     /// Second moments of their changes along y and, negative, along x, a mm.
     changes: [[f64; 6]; 6],
+    /// Third moments of these changes.
+    bends: [[[f64; 6]; 6]; 6],
 }
 
 impl Moments {
@@ -29,7 +32,7 @@ impl Moments {
         let value = |c: usize, at: usize| f64::from(image.planes[c * n_pixels + at]);
         let mut moments = Self::default();
         for pixel in 0..n_pixels {
-            add(&mut moments.colours, [0, 1, 2].map(|c| value(c, pixel)));
+            add(&mut moments.colours, [0, 1, 2].map(|c| value(c, pixel)), 1.0);
         }
         for row in 1..height.saturating_sub(1) {
             for column in 1..width.saturating_sub(1) {
@@ -38,7 +41,11 @@ impl Moments {
                 let along_y = [0, 1, 2].map(|c| change(c, width) / mm_per_px[1]);
                 let along_x = [0, 1, 2].map(|c| -change(c, 1) / mm_per_px[0]);
                 let [[a, b, c], [d, e, f]] = [along_y, along_x];
-                add(&mut moments.changes, [a, b, c, d, e, f]);
+                let changes = [a, b, c, d, e, f];
+                add(&mut moments.changes, changes, 1.0);
+                for (bends, value) in moments.bends.iter_mut().zip(changes) {
+                    add(bends, changes, value);
+                }
             }
         }
         moments
@@ -49,12 +56,13 @@ impl Moments {
         moments.into_iter().fold(Self::default(), |mut sum, one| {
             plus(&mut sum.colours, &one.colours);
             plus(&mut sum.changes, &one.changes);
+            sum.bends.iter_mut().zip(&one.bends).for_each(|(sum, one)| plus(sum, one));
             sum
         })
     }
 }
 
-/// How the channels answer slopes, up to one common factor.
+/// How the channels answer slopes, up to one common factor that is positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     /// For red, green and blue the change with a slope along x and along y.
@@ -86,6 +94,13 @@ impl Response {
             let [u, v] = [axes[0][c], axes[1][c]];
             [(u * w[3] - v * w[2]) / determinant, (v * w[0] - u * w[1]) / determinant]
         });
+        // The sum of the cubes of what bends a surface of these slopes, dg_x/dx + dg_y/dy: most where the gel leaves what presses it.
+        let bend = [0, 1, 2, 3, 4, 5].map(|k| if k < 3 { slopes[1][k] } else { -slopes[0][k - 3] });
+        let terms = (0..216).map(|at| [at / 36, at / 6 % 6, at % 6]);
+        let cubes = terms.map(|[i, j, k]| bend[i] * bend[j] * bend[k] * moments.bends[i][j][k]).sum::<f64>();
+        let sign = if cubes > 0.0 { -1.0 } else { 1.0 };
+        let (slopes, lamps) =
+            (slopes.map(|of| of.map(|value| sign * value)), lamps.map(|of| of.map(|value| sign * value)));
         let curl_share = if determinant.abs() < 1e-3 { f64::NAN } else { curls[0] / curls[1] };
         Self { lamps, slopes, curl_share }
     }
@@ -96,9 +111,10 @@ impl Response {
     }
 }
 
-fn add<const N: usize>(sums: &mut [[f64; N]; N], values: [f64; N]) {
+/// Adds the products of values in pairs, `times` as often.
+fn add<const N: usize>(sums: &mut [[f64; N]; N], values: [f64; N], times: f64) {
     for (sums, a) in sums.iter_mut().zip(values) {
-        sums.iter_mut().zip(values).for_each(|(sum, b)| *sum += a * b);
+        sums.iter_mut().zip(values).for_each(|(sum, b)| *sum += times * a * b);
     }
 }
 

@@ -23,7 +23,7 @@ use crate::bounded_file::{self, Kind};
 use crate::compare::Figures;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::lamps::CalibratedLamps;
+use crate::lamps::{CalibratedLamps, check_reach};
 use crate::sensor::SensorSpec;
 use crate::sensor::light::{LightRig, Quadratic};
 use crate::whole_file;
@@ -32,11 +32,6 @@ use light_factors::{factors, place};
 
 /// What a calibration file says it is.
 pub const SCHEMA: &str = "tactile-filter/calibration/1";
-
-/// How far a view may reach from the calibrated one's middle, in halves of the calibrated side. What is beyond was not
-/// measured, and a quadratic goes on falling there: the quadratic of a Mini's red lamp is zero in the corner at 1.04
-/// halves and -0.08 of the middle's at 1.1. Drivers of one sensor differ by 1.09.
-const MOST_HALVES: f64 = 1.1;
 
 /// The light of one sensor, as a TOML file keeps it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,16 +112,11 @@ impl Calibration {
         let [centre_mm, view_mm] = [spec.calibration_centre_mm.unwrap_or_default(), spec.field_of_view_mm];
         let centre = [0, 1].map(|axis| 2.0 * centre_mm[axis] / self.field_of_view_mm[axis]);
         let half = [0, 1].map(|axis| view_mm[axis] / self.field_of_view_mm[axis]);
-        let [x, y] = [0, 1].map(|axis| centre[axis].abs() + half[axis]);
-        let reach = x.max(y);
-        if reach.is_nan() || reach > MOST_HALVES {
-            let [width, height] = self.field_of_view_mm;
-            let expected =
-                format!("a view within {MOST_HALVES} times the {width:.1} x {height:.1} mm that were calibrated");
+        let reach = [0, 1].map(|axis| centre[axis].abs() + half[axis]);
+        check_reach("sensor.field_of_view_mm", reach, self.field_of_view_mm, || {
             let [[width, height], [x, y]] = [view_mm, centre_mm];
-            let got = format!("{width:.1} x {height:.1} mm about {x:.1}, {y:.1} mm");
-            return Err(Error::invalid("sensor.field_of_view_mm", expected, got));
-        }
+            format!("{width:.1} x {height:.1} mm about {x:.1}, {y:.1} mm")
+        })?;
         let light = self.light.on_view(centre, half);
         let (frame_px, field_of_view_mm) = (spec.frame_px, spec.field_of_view_mm);
         let spec = SensorSpec { frame_px, field_of_view_mm, light, calibration_centre_mm: None, ..self.spec(spec)? };

@@ -242,7 +242,7 @@ impl Geometry {
             return Err(Error::invalid("frame size", "1 pixel or more each way", show(view.frame_px)));
         }
         view.field_of_view_mm = self.field_of_view(kept_px, warnings)?;
-        view.lamps = self.lamps.as_ref().map(|lamps| lamps.on(view.field_of_view_mm));
+        view.lamps = self.lamps.as_ref().map(|lamps| lamps.on(view.field_of_view_mm)).transpose()?;
         view.lamps.as_ref().map_or(Ok(()), Lamps::validate)?;
         if !is_same_shape(shape(view.frame_px), shape(kept_px)) {
             let [x, y] = view.mm_per_px();

@@ -9,7 +9,7 @@ use super::parts::MOST_PARTS;
 use super::side_shares::SideShares;
 use crate::error::{Error, Result};
 use crate::random::uniform;
-use crate::shape::maze_part::{cut_part, maze_part, name, part_rng, width_mm};
+use crate::shape::maze_part::{barred_part, cut_part, maze_part, name, part_rng, width_mm};
 use crate::shape::{Face, Layer, Relief, Rounding};
 use crate::touch::Side;
 
@@ -38,6 +38,19 @@ pub struct MazeParts {
     /// between these two ([`cut_part`]). Each of the two is a stranger that has the rest in common with the other.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cut_share: Option<[f64; 2]>,
+    /// The same with a bar that stands out from the part, between the two of these wide, mm ([`barred_part`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bar_mm: Option<[f64; 2]>,
+}
+
+/// Which of the two that a part comes as.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Whole,
+    /// Without a share of its area.
+    Cut([f64; 2]),
+    /// With a bar of a width, mm.
+    Barred([f64; 2]),
 }
 
 fn is_first(first: &usize) -> bool {
@@ -69,27 +82,35 @@ impl MazeParts {
         self.first..self.first.saturating_add(self.n)
     }
 
-    /// Which part is drawn, and by how much it is cut.
-    fn drawn(&self, index: usize) -> (usize, Option<[f64; 2]>) {
-        match self.cut_share {
-            Some(share) => (index / 2, (!index.is_multiple_of(2)).then_some(share)),
-            None => (index, None),
-        }
+    /// What is drawn as the part of a number.
+    fn drawn(&self, index: usize) -> (usize, Kind) {
+        let changed = match (self.cut_share, self.bar_mm) {
+            (Some(share), _) => Kind::Cut(share),
+            (None, Some(width_mm)) => Kind::Barred(width_mm),
+            (None, None) => return (index, Kind::Whole),
+        };
+        (index / 2, if index.is_multiple_of(2) { Kind::Whole } else { changed })
     }
 
     /// Name of the part of a number: `gear-5`, `gear-5-cut`.
     pub(super) fn name(&self, index: usize) -> String {
-        let (index, cut) = self.drawn(index);
-        format!("{}{}", name(index), if cut.is_some() { "-cut" } else { "" })
+        let (index, kind) = self.drawn(index);
+        let ending = match kind {
+            Kind::Whole => "",
+            Kind::Cut(_) => "-cut",
+            Kind::Barred(_) => "-bar",
+        };
+        format!("{}{ending}", name(index))
     }
 
     /// The part of a number.
     pub(super) fn part(&self, index: usize, clearance_mm: f64) -> Result<Part> {
-        let (index, cut) = self.drawn(index);
+        let (index, kind) = self.drawn(index);
         let outline = maze_part(self.seed, index, self.size_mm)?;
-        let outline = match cut {
-            Some(share) => cut_part(&outline, self.seed, index, share)?,
-            None => outline,
+        let outline = match kind {
+            Kind::Whole => outline,
+            Kind::Cut(share) => cut_part(&outline, self.seed, index, share)?,
+            Kind::Barred(width_mm) => barred_part(&outline, self.seed, index, width_mm)?,
         };
         let [mut of_hole, mut of_peg] = [1, 2].map(|usage| part_rng(self.seed, index, usage));
         let clearance_mm = self.play_mm.map_or(clearance_mm, |play_mm| uniform(&mut of_hole, play_mm));
@@ -131,6 +152,12 @@ impl MazeParts {
         if let Some([low, high]) = self.cut_share.filter(|share| !ordered(*share, 0.0, 0.9)) {
             return refuse("cut_share", "shares of the area, 0 to 0.9, in order", format!("{low} to {high}"));
         }
+        if let Some([low, high]) = self.bar_mm.filter(|mm| !ordered(*mm, 0.5, 20.0)) {
+            return refuse("bar_mm", "widths of 0.5 to 20 mm, in order", format!("{low} to {high}"));
+        }
+        if self.bar_mm.is_some() && self.cut_share.is_some() {
+            return refuse("bar_mm", "cut_share or bar_mm", "both".to_owned());
+        }
         match self.play_mm {
             Some(play_mm) if !ordered(play_mm, 0.0, 5.0) => {
                 refuse("play_mm", "0 to 5 mm, in order", format!("{} to {}", play_mm[0], play_mm[1]))
@@ -150,8 +177,15 @@ mod tests {
     use crate::shape::Shape;
     use crate::shape::maze_part::name;
 
-    const PARTS: MazeParts =
-        MazeParts { n: 300, first: 0, seed: 1, size_mm: [8.0, 40.0], play_mm: Some([0.1, 0.4]), cut_share: None };
+    const PARTS: MazeParts = MazeParts {
+        n: 300,
+        first: 0,
+        seed: 1,
+        size_mm: [8.0, 40.0],
+        play_mm: Some([0.1, 0.4]),
+        cut_share: None,
+        bar_mm: None,
+    };
 
     const CELL_MM: f64 = 0.05;
 
@@ -294,6 +328,30 @@ mod tests {
             assert_eq!(outside.filter(|at| !any_near(&all, *at, &rim, true)).count(), 0, "{name}");
             let share = 1.0 - count(&cells(&cut.outline, half)) / count(&all);
             assert!((0.09..0.51).contains(&share), "{name}: {share}");
+        });
+    }
+
+    #[test]
+    fn a_barred_part_covers_what_its_whole_covers_and_a_bar() {
+        let parts = MazeParts { n: 80, bar_mm: Some([2.0, 6.0]), size_mm: [10.0, 40.0], ..PARTS };
+        assert_eq!([4, 5].map(|index| parts.name(index)), ["blob-2", "blob-2-bar"]);
+        parts.range().into_par_iter().filter(|index| index % 2 == 1).for_each(|index| {
+            let [whole, barred] = [index - 1, index].map(|index| parts.part(index, 0.1).unwrap().outline);
+            let name = parts.name(index);
+            let (bar, rest) = barred.regions.split_last().unwrap();
+            let [corners] = bar.as_slice() else { panic!("{name}: a bar has one contour") };
+            let side = |i: usize| (corners[i][0] - corners[i + 1][0]).hypot(corners[i][1] - corners[i + 1][1]);
+            let (width, long) = (side(0), side(1) - 0.5 * side(0));
+            assert!((2.0..=6.0).contains(&width) && (1.49..3.01).contains(&(long / width)), "{name}: {width} {long}");
+            // The rest is the whole part, moved.
+            let ([x, y], [u, v]) = (rest[0][0][0], whole.regions[0][0][0]);
+            let moved = Shape { regions: rest.to_vec() }.map(|[a, b]| [a - x + u, b - y + v]);
+            let points =
+                |shape: &Shape| shape.regions.iter().flatten().flatten().flatten().copied().collect::<Vec<_>>();
+            assert!(points(&moved).iter().zip(points(&whole)).all(|(a, b)| (a - b).abs() < 1e-9), "{name}");
+            let half = half_of(&barred).max(half_of(&whole));
+            let more = (count(&cells(&barred, half)) - count(&cells(&whole, half))) * CELL_MM * CELL_MM;
+            assert!((0.67..1.51).contains(&(more / (width * long))), "{name}: {more} of {width} x {long}");
         });
     }
 

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
 use super::clip::clipped;
-use super::crossing::{area_mm2, signed_area};
+use super::crossing::{area_mm2, is_inside, signed_area};
 use super::island::islands;
 use super::maze::{MazeSpec, draw};
 use super::outline::{self, outline_of};
@@ -136,6 +136,58 @@ pub fn cut_part(whole: &Shape, seed: u64, index: usize, share: [f64; 2]) -> Resu
     };
     (0..MOST_DRAWS).find_map(drawn).ok_or_else(|| {
         let expected = format!("a part that one of {MOST_DRAWS} cuts of {LEAST_CUT_MM} mm or more leaves whole");
+        Error::invalid(name(index), expected, "none")
+    })
+}
+
+/// What sets the seeds of bars apart from those of parts.
+const BAR_SEED: u64 = 0x62_6172;
+
+/// How much longer than wide a bar is.
+const BAR_LENGTHS: [f64; 2] = [1.5, 3.0];
+
+/// Least share of a bar that is beyond the part.
+const BAR_SHARE: f64 = 0.7;
+
+/// A part with a bar that stands out from a place of its outline, each as likely, centred on its own box: it has the rest in common with the
+/// part, as an E has with an F. Part number `index` of a seed; the bar is between the two of `width_mm` wide and 1.5 to 3 times as long.
+///
+/// # Errors
+/// No such bar in a thousand draws.
+pub fn barred_part(whole: &Shape, seed: u64, index: usize, width_mm: [f64; 2]) -> Result<Shape> {
+    let rng = &mut frame_rng(seed ^ BAR_SEED, 1 + index as u64);
+    let all: Vec<[[f64; 2]; 2]> = whole.regions.iter().flat_map(|region| sides(region)).collect();
+    let length = |[a, b]: &[[f64; 2]; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
+    let total = all.iter().map(length).sum::<f64>();
+    let is_in = |at: [f64; 2]| {
+        let inside = |region: &Vec<Contour>| region.iter().filter(|contour| is_inside(contour, at)).count() % 2 == 1;
+        whole.regions.iter().any(inside)
+    };
+    let drawn = |_| {
+        let mut along = uniform(rng, [0.0, total]);
+        let width = uniform(rng, width_mm);
+        let long = width * uniform(rng, BAR_LENGTHS);
+        let [a, b] = *all.iter().find(|side| {
+            along -= length(side);
+            along < 0.0
+        })?;
+        let mm = length(&[a, b]);
+        let [u, v] = [(b[0] - a[0]) / mm, (b[1] - a[1]) / mm];
+        let root = [b[0] + along * u, b[1] + along * v];
+        // Outwards of the two directions across the side.
+        let across = |sign: f64| [-sign * v, sign * u];
+        let off = |[x, y]: [f64; 2], by: f64| [root[0] + by * x, root[1] + by * y];
+        let out = [1.0, -1.0].map(across).into_iter().find(|out| !is_in(off(*out, 0.02)) && is_in(off(*out, -0.02)))?;
+        let corner = |side: f64, end: f64| [0, 1].map(|axis| off(out, end)[axis] + 0.5 * side * width * [u, v][axis]);
+        let bar = vec![corner(-1.0, -0.5 * width), corner(1.0, -0.5 * width), corner(1.0, long), corner(-1.0, long)];
+        let mut grown = whole.clone();
+        grown.regions.push(vec![bar]);
+        let reach = 2.0 * grown.bounds().into_iter().fold(0.0, |most: f64, mm| most.max(mm.abs()));
+        let more_mm2 = covered_mm2(&grown, reach) - covered_mm2(whole, reach);
+        (more_mm2 >= BAR_SHARE * width * long).then(|| grown.centred())
+    };
+    (0..MOST_DRAWS).find_map(drawn).ok_or_else(|| {
+        let expected = format!("a part from which one of {MOST_DRAWS} bars stands out");
         Error::invalid(name(index), expected, "none")
     })
 }
