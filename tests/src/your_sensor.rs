@@ -24,7 +24,7 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     fs::create_dir_all(at.join("out/yours")).unwrap();
     let page = fs::read_to_string(workspace().join("data/your-sensor/README.md")).unwrap();
     let commands = commands(&page);
-    assert_eq!(commands.len(), 13);
+    assert_eq!(commands.len(), 16);
     for (long, _) in SHORTER {
         assert!(commands.iter().any(|(_, words)| words.iter().any(|word| word == long)), "{long}");
     }
@@ -41,6 +41,7 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
         said += &ran.stderr;
     }
     the_light_is_the_stand_in_s(&at.join("out/yours/sensor.toml"));
+    the_lamps_are_where_the_stand_in_s_are(&at.join("out/yours/sensor-by-touches.toml"));
     // What counts is said.
     assert!(said.contains("touches with an edge, and as much as 2 from before"), "{said}");
     let shipped = Checkpoint::load(&workspace().join("infer/models/maze-small.safetensors")).unwrap().0;
@@ -55,6 +56,20 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     let rows = evaluation["rows"].as_array().unwrap();
     let last = rows.iter().rfind(|row| row["method"] == "filter").unwrap();
     assert!(last["accuracy"].as_f64().unwrap() >= 0.9, "{last}");
+}
+
+/// Lamps that touches told shine from where the stand-in's do, all of them elsewhere than a Mini's.
+fn the_lamps_are_where_the_stand_in_s_are(path: &std::path::Path) {
+    let stand_in = workspace().join("data/your-sensor/stand-in.toml");
+    let [found, truth] = [path.to_owned(), stand_in].map(|path| Calibration::load(path).unwrap().light);
+    for channel in 0..3 {
+        let [found, truth] = [&found, &truth].map(|of| {
+            let [x, y] = [&of.along_x, &of.along_y].map(|part| f64::from(part[channel][0]));
+            y.atan2(x).to_degrees()
+        });
+        let apart = (found - truth + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(apart.abs() < 15.0, "{channel}: {found} {truth}");
+    }
 }
 
 /// The light that was fitted is the one that made the presses, which the page never reads again.
