@@ -32,7 +32,7 @@ impl Relighting {
     pub fn fit(images: &[TactileImage], mm_per_px: [f64; 2], preprocessing: &Preprocessing) -> Result<Self> {
         let moments: Vec<Moments> = images.iter().map(|image| Moments::of(image, mm_per_px)).collect();
         let response = Response::of(&Moments::sum(&moments));
-        if !response.is_told() {
+        if !response.is_known() {
             let share = response.curl_share;
             let got = format!("slopes whose curl is {share:.2} of that of other axes; use --set flips=plain");
             return Err(Error::invalid("flips relit", "frames that show how the lamps light a slope", got));

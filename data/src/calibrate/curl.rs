@@ -2,7 +2,7 @@
 //!
 //! To first order a channel changes with the gel's slope, `D = A g` with a 3 x 2 matrix `A` of lamps. The two principal axes of the
 //! channels' differences span its columns, and the pair of axes within that plane is the one whose slopes have no curl, as the
-//! slopes of any surface have none. Both are known up to one common factor; whether it is positive is told by the gel, which is bent
+//! slopes of any surface have none. Both are known up to one common factor; whether it is positive the gel shows, which is bent
 //! sharply where it leaves what presses it, a peg or the plate about a hole, and gently where it rises from there.
 //!
 //! Not modelled: that light decreases over the frame, and that steep slopes respond less than linearly.
@@ -25,7 +25,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Those of one difference image, in counts ([`Preprocessing::counts`](crate::frame::Preprocessing::counts)) of `mm_per_px`.
+    /// What one difference image shows, in counts ([`Preprocessing::counts`](crate::frame::Preprocessing::counts)) of `mm_per_px`.
     pub fn of(image: &TactileImage, mm_per_px: [f64; 2]) -> Self {
         let [width, height] = image.size_px;
         let n_pixels = width * height;
@@ -51,7 +51,7 @@ impl Moments {
         moments
     }
 
-    /// Those of several images together.
+    /// What several images show together.
     pub fn sum<'a>(moments: impl IntoIterator<Item = &'a Self>) -> Self {
         moments.into_iter().fold(Self::default(), |mut sum, one| {
             plus(&mut sum.colours, &one.colours);
@@ -106,7 +106,7 @@ impl Response {
     }
 
     /// Whether the images show the lamps at all.
-    pub fn is_told(&self) -> bool {
+    pub fn is_known(&self) -> bool {
         self.curl_share <= MAX_CURL_SHARE
     }
 }

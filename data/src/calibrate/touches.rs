@@ -110,7 +110,7 @@ pub fn fit(no_contact: &Frame, frames: &[Frame], field_of_view_mm: [f64; 2]) -> 
         return Err(Error::invalid("calibration", expected, got));
     }
     let response = Response::of(&Moments::sum(&seen));
-    if !response.is_told() {
+    if !response.is_known() {
         let got = format!("slopes whose curl is {:.2} of that of other lamps", response.curl_share);
         return Err(Error::invalid(
             "calibration",

@@ -29,21 +29,21 @@ pub struct LampTable {
 }
 
 impl LampTable {
-    /// Of frames that show `view_mm`, with the calibration that they tell.
+    /// What frames that show `view_mm` say, and the calibration.
     pub fn of_frames(at_rest: &Frame, frames: &[Frame], view_mm: [f64; 2]) -> Result<(Calibration, Self)> {
         let TouchFit { calibration, changes, errors, n_touches, curl_share } = touches::fit(at_rest, frames, view_mm)?;
         let (n_frames, together_error) = (frames.len(), touches::TOGETHER);
         Ok((calibration, Self { lamps: changes, errors, together_error, n_touches, n_frames, curl_share }))
     }
 
-    /// Of a dataset: of frames that are spread evenly over it.
+    /// What frames that are spread evenly over a dataset say, and the calibration.
     pub fn fit(dataset: &Dataset) -> Result<(Calibration, Self)> {
         let n = dataset.len().min(MOST_FRAMES);
         let frames: Vec<Frame> = (0..n).map(|i| dataset.frame(i * dataset.len() / n)).collect();
         Self::of_frames(dataset.no_contact(), &frames, dataset.meta().field_of_view_mm())
     }
 
-    /// The same, of interest by itself.
+    /// The same without the calibration.
     pub fn of_dataset(dataset: &Dataset) -> Result<Self> {
         Ok(Self::fit(dataset)?.1)
     }

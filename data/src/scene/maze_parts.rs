@@ -38,7 +38,7 @@ pub struct MazeParts {
     /// between these two ([`cut_part`]). Each of the two is a stranger that has the rest in common with the other.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cut_share: Option<[f64; 2]>,
-    /// The same with a bar that stands out from the part, between the two of these wide, mm ([`barred_part`]).
+    /// The same with a bar added to the outline, between the two of these wide, mm ([`barred_part`]).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bar_mm: Option<[f64; 2]>,
 }

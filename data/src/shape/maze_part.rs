@@ -149,7 +149,7 @@ const BAR_LENGTHS: [f64; 2] = [1.5, 3.0];
 /// Least share of a bar that is beyond the part.
 const BAR_SHARE: f64 = 0.7;
 
-/// A part with a bar that stands out from a place of its outline, each as likely, centred on its own box: it has the rest in common with the
+/// A part with a bar added at a place of its outline, each as likely, centred on its own box: it has the rest in common with the
 /// part, as an E has with an F. Part number `index` of a seed; the bar is between the two of `width_mm` wide and 1.5 to 3 times as long.
 ///
 /// # Errors
@@ -187,7 +187,7 @@ pub fn barred_part(whole: &Shape, seed: u64, index: usize, width_mm: [f64; 2]) -
         (more_mm2 >= BAR_SHARE * width * long).then(|| grown.centred())
     };
     (0..MOST_DRAWS).find_map(drawn).ok_or_else(|| {
-        let expected = format!("a part from which one of {MOST_DRAWS} bars stands out");
+        let expected = format!("a part beyond which one of {MOST_DRAWS} bars reaches");
         Error::invalid(name(index), expected, "none")
     })
 }

@@ -5,7 +5,7 @@ use tactile_data::se2::Se2;
 use super::align::Drawing;
 use super::mosaic::{CELL_MM, Mosaic, Place};
 
-/// What is as near as this to the edge of a touch's view counts as not in view, mm: a piece that begins there shows too little to be told
+/// What is as near as this to the edge of a touch's view counts as not in view, mm: a piece that begins there shows too little to differ
 /// from a part that ends there.
 pub const MARGIN_MM: f64 = 2.0;
 
