@@ -12,7 +12,7 @@ use tactile_data::store::Dataset;
 /// Touches that are looked at in a dataset: more tell hardly more.
 const MOST_FRAMES: usize = 400;
 
-/// Of a normal distribution 95 % are within so many standard deviations.
+/// Within so many standard deviations lie 95 % of a normal distribution.
 const WITHIN: f64 = 1.96;
 
 /// What [`touches::fit`] found.
