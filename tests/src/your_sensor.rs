@@ -4,6 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 use tactile_data::calibrate::Calibration;
+use tactile_data::se2::wrap_angle;
 use tactile_data::sensor::light::value;
 use tactile_infer::Checkpoint;
 use tactile_tests::programs::{run, workspace};
@@ -58,16 +59,16 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     assert!(last["accuracy"].as_f64().unwrap() >= 0.9, "{last}");
 }
 
-/// Lamps that touches told shine from where the stand-in's do, all of them elsewhere than a Mini's.
+/// The lamps found from touches shine from where the stand-in's do, all of them elsewhere than a Mini's.
 fn the_lamps_are_where_the_stand_in_s_are(path: &std::path::Path) {
     let stand_in = workspace().join("data/your-sensor/stand-in.toml");
     let [found, truth] = [path.to_owned(), stand_in].map(|path| Calibration::load(path).unwrap().light);
     for channel in 0..3 {
         let [found, truth] = [&found, &truth].map(|of| {
             let [x, y] = [&of.along_x, &of.along_y].map(|part| f64::from(part[channel][0]));
-            y.atan2(x).to_degrees()
+            y.atan2(x)
         });
-        let apart = (found - truth + 180.0).rem_euclid(360.0) - 180.0;
+        let apart = wrap_angle(found - truth).to_degrees();
         assert!(apart.abs() < 15.0, "{channel}: {found} {truth}");
     }
 }

@@ -18,7 +18,7 @@ use crate::frame::{Background, EDGE_COUNTS, Frame, Preprocessing};
 use crate::grid::PoseGrid;
 use crate::random::{around_zero, frame_rng};
 use crate::scene::{Kit, MazeParts, Parts, Scene};
-use crate::se2::Se2;
+use crate::se2::{Se2, wrap_angle};
 use crate::sensor::light::LightRig;
 use crate::sensor::{Fidelity, SensorSpec};
 use crate::simulator::Simulator;
@@ -63,14 +63,15 @@ pub struct Change {
 }
 
 impl Change {
-    fn and(self, other: Self) -> Self {
-        let turn_deg = within_half_turn(self.turn_deg + other.turn_deg);
-        Self { strength: self.strength + other.strength, turn_deg }
+    /// Strength with strength, turn with turn.
+    fn with(self, other: Self, of: impl Fn(f64, f64) -> f64) -> Self {
+        Self { strength: of(self.strength, other.strength), turn_deg: of(self.turn_deg, other.turn_deg) }
     }
 
-    /// The standard deviation of a sum.
-    fn beside(self, other: Self) -> Self {
-        Self { strength: self.strength.hypot(other.strength), turn_deg: self.turn_deg.hypot(other.turn_deg) }
+    /// One change after the other.
+    fn and(self, other: Self) -> Self {
+        let sum = self.with(other, |a, b| a + b);
+        Self { turn_deg: wrap_angle(sum.turn_deg.to_radians()).to_degrees(), ..sum }
     }
 }
 
@@ -127,22 +128,10 @@ pub fn fit(no_contact: &Frame, frames: &[Frame], field_of_view_mm: [f64; 2]) -> 
         told.iter_mut().zip(rest).for_each(|(change, rest)| *change = change.and(rest));
     }
     let [seen_by, simulated_by] = [&seen, &simulated].map(|touches| spread(touches));
-    let spread = [0, 1, 2].map(|c| seen_by[c].beside(simulated_by[c]));
-    let share = [0, 1, 2].map(|c| {
-        let known = |prior: f64, error: f64| prior.powi(2) / (prior.powi(2) + error.powi(2));
-        Change {
-            strength: known(PRIOR.strength, spread[c].strength),
-            turn_deg: known(PRIOR.turn_deg, spread[c].turn_deg),
-        }
-    });
-    let changes = [0, 1, 2].map(|c| Change {
-        strength: share[c].strength * told[c].strength,
-        turn_deg: share[c].turn_deg * told[c].turn_deg,
-    });
-    let errors = [0, 1, 2].map(|c| Change {
-        strength: share[c].strength.sqrt() * spread[c].strength,
-        turn_deg: share[c].turn_deg.sqrt() * spread[c].turn_deg,
-    });
+    let spread = [0, 1, 2].map(|c| seen_by[c].with(simulated_by[c], f64::hypot));
+    let share = spread.map(|error| PRIOR.with(error, |prior, error| prior.powi(2) / (prior.powi(2) + error.powi(2))));
+    let changes = [0, 1, 2].map(|c| share[c].with(told[c], |share, told| share * told));
+    let errors = [0, 1, 2].map(|c| share[c].with(spread[c], |share, error| share.sqrt() * error));
     let calibration = Calibration {
         schema: SCHEMA.to_owned(),
         frame_px: [no_contact.width_px(), no_contact.height_px()],
@@ -226,7 +215,7 @@ fn apart(response: &Response, other: &Response) -> [Change; 3] {
         let ([x, y], [other_x, other_y]) = (response.lamps[c], other.lamps[c]);
         Change {
             strength: (x.hypot(y) / other_x.hypot(other_y)).ln(),
-            turn_deg: within_half_turn((y.atan2(x) - other_y.atan2(other_x)).to_degrees()),
+            turn_deg: wrap_angle(y.atan2(x) - other_y.atan2(other_x)).to_degrees(),
         }
     });
     let mean = changes.iter().map(|change| change.strength).sum::<f64>() / 3.0;
@@ -248,10 +237,6 @@ fn spread(seen: &[Moments]) -> [Change; 3] {
         };
         Change { strength: sd(|change| change.strength), turn_deg: sd(|change| change.turn_deg) }
     })
-}
-
-fn within_half_turn(deg: f64) -> f64 {
-    (deg + 180.0).rem_euclid(360.0) - 180.0
 }
 
 #[cfg(test)]
@@ -304,7 +289,7 @@ mod tests {
             let found = fit(&at_rest, &frames, view).unwrap();
             for ((found, error), truth) in found.changes.iter().zip(&found.errors).zip(lamps) {
                 let strength = found.strength - truth.strength;
-                let turn_deg = within_half_turn(found.turn_deg - truth.turn_deg);
+                let turn_deg = wrap_angle((found.turn_deg - truth.turn_deg).to_radians()).to_degrees();
                 println!(
                     "{unit} {side:?}: {truth:?}, off by {strength:.3} +- {:.3}, {turn_deg:.1} +- {:.1} degrees",
                     error.strength, error.turn_deg

@@ -66,7 +66,7 @@ impl Calibrate {
     /// Fits, prints the errors and writes the file.
     pub fn run(self) -> Result<()> {
         let _lock = output::check_file(&self.out, self.inputs())?;
-        let mm_per_px = self.mm_per_px.unwrap_or_else(|| [1.0 / self.px_per_mm.unwrap_or(f64::NAN); 2]);
+        let mm_per_px = self.mm_per_px().unwrap_or([f64::NAN; 2]);
         let is_table = self.source.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"));
         let (calibration, text, json) = match (is_table, self.frame_px, self.ball_mm) {
             _ if self.touches => self.fit_touches()?,
@@ -90,6 +90,11 @@ impl Calibrate {
         let entries = std::fs::read_dir(&self.source).into_iter().flatten();
         let frames = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| picture::is_picture(path));
         given.chain(frames).collect()
+    }
+
+    /// The size of a pixel in x and y, mm, where it is stated.
+    fn mm_per_px(&self) -> Option<[f64; 2]> {
+        self.mm_per_px.or(self.px_per_mm.map(|n| [1.0 / n; 2]))
     }
 
     /// What is missing for a source.
@@ -148,7 +153,7 @@ impl Calibrate {
         let Some(no_contact) = &self.no_contact else {
             return Err(self.lacks("a dataset, or --no-contact, a frame of the sensor at rest"));
         };
-        let Some(mm_per_px) = self.mm_per_px.or(self.px_per_mm.map(|n| [n.recip(); 2])) else {
+        let Some(mm_per_px) = self.mm_per_px() else {
             return Err(self.lacks("a dataset, or --mm-per-px, the size of a pixel"));
         };
         let at_rest = picture::read(no_contact)?;

@@ -127,7 +127,7 @@ impl Summary {
                 .collect(),
             findings: inspection::findings(dataset, &frames)?,
             // The lamps of what was simulated are in its scene.
-            lamps: recording.as_ref().and_then(|_| LampTable::of_dataset(dataset).ok()),
+            lamps: recording.as_ref().and_then(|_| LampTable::fit(dataset).ok()).map(|(_, lamps)| lamps),
             recording,
             difference_rms: with_frames
                 .then(|| frames.iter().map(|frame| frame.as_ref().ok().map(|frame| frame.difference_rms)).collect()),

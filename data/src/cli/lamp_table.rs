@@ -42,11 +42,6 @@ impl LampTable {
         let frames: Vec<Frame> = (0..n).map(|i| dataset.frame(i * dataset.len() / n)).collect();
         Self::of_frames(dataset.no_contact(), &frames, dataset.meta().field_of_view_mm())
     }
-
-    /// The same without the calibration.
-    pub fn of_dataset(dataset: &Dataset) -> Result<Self> {
-        Ok(Self::fit(dataset)?.1)
-    }
 }
 
 impl fmt::Display for LampTable {

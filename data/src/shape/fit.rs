@@ -37,7 +37,8 @@ impl Shape {
                 .any(|side| distance_squared(side, point) <= reach_mm * reach_mm)
     }
 
-    fn contains(&self, point: [f64; 2]) -> bool {
+    /// Whether a point is in the shape.
+    pub(super) fn contains(&self, point: [f64; 2]) -> bool {
         let is_in = |region: &Vec<Contour>| region.iter().filter(|contour| is_inside(contour, point)).count() % 2 == 1;
         self.regions.iter().any(is_in)
     }

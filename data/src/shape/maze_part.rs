@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
 use super::clip::clipped;
-use super::crossing::{area_mm2, is_inside, signed_area};
+use super::crossing::{area_mm2, signed_area};
 use super::island::islands;
 use super::maze::{MazeSpec, draw};
 use super::outline::{self, outline_of};
@@ -159,10 +159,6 @@ pub fn barred_part(whole: &Shape, seed: u64, index: usize, width_mm: [f64; 2]) -
     let all: Vec<[[f64; 2]; 2]> = whole.regions.iter().flat_map(|region| sides(region)).collect();
     let length = |[a, b]: &[[f64; 2]; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
     let total = all.iter().map(length).sum::<f64>();
-    let is_in = |at: [f64; 2]| {
-        let inside = |region: &Vec<Contour>| region.iter().filter(|contour| is_inside(contour, at)).count() % 2 == 1;
-        whole.regions.iter().any(inside)
-    };
     let drawn = |_| {
         let mut along = uniform(rng, [0.0, total]);
         let width = uniform(rng, width_mm);
@@ -177,7 +173,10 @@ pub fn barred_part(whole: &Shape, seed: u64, index: usize, width_mm: [f64; 2]) -
         // Outwards of the two directions across the side.
         let across = |sign: f64| [-sign * v, sign * u];
         let off = |[x, y]: [f64; 2], by: f64| [root[0] + by * x, root[1] + by * y];
-        let out = [1.0, -1.0].map(across).into_iter().find(|out| !is_in(off(*out, 0.02)) && is_in(off(*out, -0.02)))?;
+        let out = [1.0, -1.0]
+            .map(across)
+            .into_iter()
+            .find(|out| !whole.contains(off(*out, 0.02)) && whole.contains(off(*out, -0.02)))?;
         let corner = |side: f64, end: f64| [0, 1].map(|axis| off(out, end)[axis] + 0.5 * side * width * [u, v][axis]);
         let bar = vec![corner(-1.0, -0.5 * width), corner(1.0, -0.5 * width), corner(1.0, long), corner(-1.0, long)];
         let mut grown = whole.clone();

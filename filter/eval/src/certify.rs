@@ -107,7 +107,7 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     Ok(Certified { odds: PresenceOdds { present, ..odds }, cost_bits: cost / std::f64::consts::LN_2, n_stranger_parts })
 }
 
-/// Refuses evaluations that do not go against_both.
+/// Refuses evaluations that do not go together.
 fn check(evaluations: &[Episodes], judged: bool) -> Result<()> {
     let Some(first) = evaluations.first() else {
         return Err(Error::invalid("episodes", "evaluations with --absent and without", "none"));

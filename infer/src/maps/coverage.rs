@@ -7,7 +7,7 @@ use super::mosaic::{CELL_MM, Mosaic, Place};
 
 /// What is as near as this to the edge of a touch's view counts as not in view, mm: a piece that begins there shows too little to differ
 /// from a part that ends there.
-pub const MARGIN_MM: f64 = 2.0;
+const MARGIN_MM: f64 = 2.0;
 
 /// The view of a touch: where it was made, and how far to either side of that it shows what is there.
 #[derive(Clone, Copy, Debug)]

@@ -120,6 +120,15 @@ impl Light {
             Self::Touches(_) => "-by-touches",
         }
     }
+
+    /// The calibrations of the bank and of the pictures, each where it is not the model's light. `ball`: that of the ball.
+    fn files<'a>(&'a self, ball: &'a str) -> [Option<&'a str>; 2] {
+        match self {
+            Self::Ball => [Some(ball); 2],
+            Self::Model => [None; 2],
+            Self::Touches(file) => [None, Some(file)],
+        }
+    }
 }
 
 /// Presses of a half, and what was fitted to the other.
@@ -279,12 +288,9 @@ impl Balls {
         depths.sort_by(f64::total_cmp);
         let depth_mm = depths.get(depths.len() / 2).copied();
         let (bank, name) = (self.bank(*half, light), format!("{}{}-{half}", self.name, light.kind()));
-        let simulated = match light {
-            Light::Ball => Some(fitted.file.as_str()),
-            Light::Model | Light::Touches(_) => None,
-        };
+        let [calibration, pictures] = light.files(&fitted.file);
         if !bench.out.join(format!("{bank}.bank")).exists() {
-            let sensor = Sensor { balls: self.balls, view_mm: self.view_mm(), depth_mm, calibration: simulated };
+            let sensor = Sensor { balls: self.balls, view_mm: self.view_mm(), depth_mm, calibration };
             bench.bank(&bank, &sensor)?;
         }
         let folder = bench.folder(&name)?;
@@ -302,10 +308,6 @@ impl Balls {
             }
         }
         bench.write(&format!("{name}/index.csv"), &index)?;
-        let pictures = match light {
-            Light::Touches(file) => Some(file.as_str()),
-            Light::Ball | Light::Model => simulated,
-        };
         self.import(bench, &name, pictures)?;
         bench.replay(&bank, &format!("{name}-set"))
     }
