@@ -1,15 +1,21 @@
-//! Strangers that look like a part: its own map a little larger or smaller, stretched, or with its outline moved. Parts that are
-//! drawn at random differ much more than two connectors do, so that a network that has seen no others passes such a stranger.
+//! Strangers that look like a part: its own map a little larger or smaller, stretched, with its outline moved, or with a piece more or
+//! less. Parts that are drawn at random differ much more than two connectors do, so that a network that has seen no others passes such a
+//! stranger; an F is an E but for a bar.
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
+use tactile_data::se2::Se2;
 use tactile_data::touch::{OUTLINE_REACH_MM, Side};
+use tactile_infer::maps::coverage::outline;
 use tactile_infer::maps::mosaic::{Mosaic, Mosaics, Place};
 
 use crate::error::Result;
 
-/// Look-alikes of each part.
-pub const N_LOOK_ALIKES: usize = 3;
+/// Look-alikes of each part: that differ all over, and by a piece.
+const N_WHOLE: usize = 3;
+const N_BY_A_PIECE: usize = 3;
+/// All of them.
+pub const N_LOOK_ALIKES: usize = N_WHOLE + N_BY_A_PIECE;
 
 /// How far the outline of a look-alike is moved at its ends, mm: less is a hole's play, and what a map is off.
 const MOVED_MM: [f64; 2] = [0.4, 1.6];
@@ -17,12 +23,79 @@ const MOVED_MM: [f64; 2] = [0.4, 1.6];
 /// A part of a look-alike is at most so many times as large, or as small.
 const MOST_STRETCHED: f64 = 1.5;
 
+/// How wide a piece is that a look-alike has more or less, mm, and how many times as long.
+const PIECE_MM: [f64; 2] = [1.5, 6.0];
+const PIECE_LENGTHS: [f64; 2] = [1.0, 3.0];
+
 /// Steps by which slopes of a distance are found, mm.
 const STEP_MM: f64 = 0.3;
 
 /// How a look-alike differs from its part.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Change {
+enum Change {
+    Whole(Stretch),
+    Piece(Piece),
+}
+
+impl Change {
+    /// What a map of the look-alike has at a place, mm.
+    fn at(&self, mosaic: &Mosaic<'_>, place_mm: [f64; 2]) -> Option<Place> {
+        match self {
+            Self::Whole(stretch) => stretch.at(mosaic, place_mm),
+            Self::Piece(piece) => piece.at(mosaic, place_mm),
+        }
+    }
+}
+
+/// A place of a map whose outline is another now. What was drawn on either side of the outline stays there.
+fn with_distance(place: Place, distance_mm: f64) -> Place {
+    let reach = 2.0 * OUTLINE_REACH_MM;
+    let is_inside = f32::from(u8::from(distance_mm < 0.0));
+    let changed = (place.distance_mm < 0.0) != (distance_mm < 0.0);
+    let share = |share: f32| if changed { is_inside } else { share };
+    Place {
+        distance_mm: distance_mm.clamp(-reach, reach) as f32,
+        inside: share(place.inside),
+        contact: share(place.contact),
+        ..place
+    }
+}
+
+/// A rectangle that is added to a part, or taken from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Piece {
+    from_part: Se2,
+    half_mm: [f64; 2],
+    is_added: bool,
+}
+
+impl Piece {
+    /// One whose middle is on the outline, of which `rim` has places.
+    fn drawn(rim: &[[f64; 2]], rng: &mut ChaCha8Rng) -> Option<Self> {
+        let [x, y] = *rim.get(rng.random_range(0..rim.len().max(1)))?;
+        let half = 0.5 * rng.random_range(PIECE_MM[0]..PIECE_MM[1]);
+        let half_mm = [half, half * rng.random_range(PIECE_LENGTHS[0]..PIECE_LENGTHS[1])];
+        let from_part = Se2::new(x, y, rng.random_range(0.0..std::f64::consts::TAU)).inverse();
+        Some(Self { from_part, half_mm, is_added: rng.random_bool(0.5) })
+    }
+
+    /// How far outside of the rectangle a place is, mm.
+    fn outside_mm(&self, place_mm: [f64; 2]) -> f64 {
+        let seen = self.from_part.apply(place_mm);
+        let [u, v] = [0, 1].map(|axis| seen[axis].abs() - self.half_mm[axis]);
+        u.max(0.0).hypot(v.max(0.0)) + u.max(v).min(0.0)
+    }
+
+    fn at(&self, mosaic: &Mosaic<'_>, place_mm: [f64; 2]) -> Option<Place> {
+        let place = mosaic.at(place_mm)?;
+        let (own, piece) = (f64::from(place.distance_mm), self.outside_mm(place_mm));
+        Some(with_distance(place, if self.is_added { own.min(piece) } else { own.max(-piece) }))
+    }
+}
+
+/// A part that is a little larger or smaller, stretched, or whose outline is moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Stretch {
     /// How many times as long it is along a direction, rad, and across.
     along: f64,
     across: f64,
@@ -31,7 +104,7 @@ pub struct Change {
     grown_mm: f64,
 }
 
-impl Change {
+impl Stretch {
     /// One that moves the ends of a part that reaches so far from its middle by more than its play.
     fn drawn(half_mm: f64, rng: &mut ChaCha8Rng) -> Self {
         let [least, most] = MOVED_MM.map(f64::ln);
@@ -63,18 +136,7 @@ impl Change {
         let length = u.hypot(v);
         let shrunk = (u / self.along).hypot(v / self.across);
         let times = if shrunk > 1e-6 { length / shrunk } else { 1.0 };
-        let reach = 2.0 * OUTLINE_REACH_MM;
-        let distance = (times * f64::from(place.distance_mm) - self.grown_mm).clamp(-reach, reach);
-        // What was drawn on either side of the outline stays there.
-        let is_inside = f64::from(u8::from(distance < 0.0));
-        let changed = (f64::from(place.distance_mm) < 0.0) != (distance < 0.0);
-        let share = |share: f32| if changed { is_inside as f32 } else { share };
-        Some(Place {
-            distance_mm: distance as f32,
-            inside: share(place.inside),
-            contact: share(place.contact),
-            ..place
-        })
+        Some(with_distance(place, times * f64::from(place.distance_mm) - self.grown_mm))
     }
 }
 
@@ -93,8 +155,13 @@ pub fn with_look_alikes(mosaics: &Mosaics, rng: &mut ChaCha8Rng) -> Result<Mosai
     let [n_sides, n_parts, n, _, n_values] = mosaics.shape();
     let mut changes = Vec::with_capacity(n_parts * N_LOOK_ALIKES);
     for part in 0..n_parts {
-        let half_mm = half_mm(&mosaics.of(part, Side::Peg));
-        changes.extend((0..N_LOOK_ALIKES).map(|_| (part, Change::drawn(half_mm, rng))));
+        let mosaic = mosaics.of(part, Side::Peg);
+        let (half_mm, rim) = (half_mm(&mosaic), outline(&mosaic).collect::<Vec<_>>());
+        changes.extend((0..N_WHOLE).map(|_| (part, Change::Whole(Stretch::drawn(half_mm, rng)))));
+        // A part without an outline has no piece more or less.
+        let same = Stretch { along: 1.0, across: 1.0, direction_rad: 0.0, grown_mm: 0.0 };
+        let piece = |_| (part, Piece::drawn(&rim, rng).map_or(Change::Whole(same), Change::Piece));
+        changes.extend((0..N_BY_A_PIECE).map(piece));
     }
     let n_of_side = n_parts * n * n * n_values;
     let mut values = Vec::with_capacity((1 + N_LOOK_ALIKES) * mosaics.values().len());
@@ -139,21 +206,47 @@ mod tests {
         let disc = disc();
         let mosaic = disc.of(0, Side::Peg);
         assert!((half_mm(&mosaic) - 5.0).abs() < 0.3);
-        let same = Change { along: 1.0, across: 1.0, direction_rad: 0.4, grown_mm: 0.0 };
-        let at = |change: Change, place| f64::from(change.at(&mosaic, place).unwrap().distance_mm);
+        let same = Stretch { along: 1.0, across: 1.0, direction_rad: 0.4, grown_mm: 0.0 };
+        let at = |change: Stretch, place| f64::from(change.at(&mosaic, place).unwrap().distance_mm);
         let place = [3.0, 4.5];
         assert!((at(same, place) - (3.0_f64.hypot(4.5) - 5.0)).abs() < 0.02);
-        let larger = Change { along: 1.2, across: 1.2, ..same };
+        let larger = Stretch { along: 1.2, across: 1.2, ..same };
         assert!((at(larger, place) - (3.0_f64.hypot(4.5) - 6.0)).abs() < 0.03);
-        let grown = Change { grown_mm: 0.7, ..same };
+        let grown = Stretch { grown_mm: 0.7, ..same };
         assert!((at(grown, place) - (3.0_f64.hypot(4.5) - 5.7)).abs() < 0.03);
         // Between the two outlines it is inside now.
         assert_eq!(grown.at(&mosaic, place).unwrap().inside, 1.0);
         // An ellipse of 6 and 5 mm: on its long axis and across.
-        let ellipse = Change { along: 1.2, ..same };
+        let ellipse = Stretch { along: 1.2, ..same };
         let on = |mm: f64, turn: f64| [mm * (0.4 + turn).cos(), mm * (0.4 + turn).sin()];
         assert!((at(ellipse, on(7.0, 0.0)) - 1.0).abs() < 0.03);
         assert!((at(ellipse, on(6.0, std::f64::consts::FRAC_PI_2)) - 1.0).abs() < 0.03);
+    }
+
+    #[test]
+    fn a_piece_is_more_or_less_where_it_is_and_nothing_elsewhere() {
+        let disc = disc();
+        let mosaic = disc.of(0, Side::Peg);
+        // 2 mm wide and 6 mm long, across the outline at (5, 0): it reaches from x = 2 to 8.
+        let turned = Se2::from_degrees(5.0, 0.0, 90.0);
+        let bar = Piece { from_part: turned.inverse(), half_mm: [1.0, 3.0], is_added: true };
+        let at = |piece: Piece, place: [f64; 2]| piece.at(&mosaic, place).unwrap();
+        for (place, mm) in [([7.0, 0.3], -0.7), ([7.7, 0.0], -0.3), ([9.0, 2.0], 2.0_f64.sqrt()), ([-4.0, 0.0], -1.0)] {
+            let found = at(bar, place);
+            assert!((f64::from(found.distance_mm) - mm).abs() < 0.03, "{place:?}: {found:?}");
+            assert_eq!((found.inside, found.contact), if mm < 0.0 { (1.0, 1.0) } else { (0.0, 0.0) });
+        }
+        let cut = Piece { is_added: false, ..bar };
+        for (place, mm) in [([3.0, 0.3], 0.7), ([2.3, 0.0], 0.3), ([0.0, 0.0], -2.0), ([-4.0, 0.0], -1.0)] {
+            let found = at(cut, place);
+            assert!((f64::from(found.distance_mm) - mm).abs() < 0.03, "{place:?}: {found:?}");
+            assert_eq!(found.inside, if mm < 0.0 { 1.0 } else { 0.0 });
+        }
+        let rng = &mut ChaCha8Rng::seed_from_u64(2);
+        assert_eq!(Piece::drawn(&[], rng), None);
+        let drawn = Piece::drawn(&[[4.0, 3.0]], rng).unwrap();
+        let shorter = drawn.half_mm.into_iter().fold(f64::INFINITY, f64::min);
+        assert!((drawn.outside_mm([4.0, 3.0]) + shorter).abs() < 1e-12 && (0.75..=3.0).contains(&shorter));
     }
 
     #[test]
@@ -169,7 +262,8 @@ mod tests {
                 let rim = (0..60).map(|at| f64::from(at) * 0.1).map(|turn| [5.0 * turn.cos(), 5.0 * turn.sin()]);
                 let off = rim.filter_map(|place| at(part, place)).map(|place| place.distance_mm.abs());
                 let most = off.fold(0.0, f32::max);
-                assert!((0.15..2.6).contains(&most), "{part}: {most}");
+                let expected = if part <= N_WHOLE { 0.15..2.6 } else { 0.4..3.1 };
+                assert!(expected.contains(&most), "{part}: {most}");
                 assert_eq!(at(part, [4.0, 2.0]), all.of(part, Side::Peg).at([4.0, 2.0]));
             }
         }

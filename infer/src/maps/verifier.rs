@@ -19,6 +19,9 @@ use crate::presence::{PresenceOdds, entry_of};
 /// was seen; how far the distances differ, in errors; the side, and whether the mosaic is of that side, too.
 pub const N_COMPARED: usize = 12;
 
+/// The values of these that are of the mosaic: zeros where it shows nothing.
+pub const OF_PART: std::ops::Range<usize> = 4..10;
+
 /// Distances that differ by more errors than these count alike.
 const MOST_ERRORS: f32 = 6.0;
 
