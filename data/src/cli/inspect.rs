@@ -84,6 +84,9 @@ struct Summary {
     /// How its lamps differ from a Mini's, where its touches tell.
     #[serde(skip_serializing_if = "Option::is_none")]
     lamps: Option<LampTable>,
+    /// Why its touches do not tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lamps_unknown: Option<String>,
     /// Root mean square of each frame's difference from rest, counts; none of an unusable one.
     #[serde(skip_serializing_if = "Option::is_none")]
     difference_rms: Option<Vec<Option<f32>>>,
@@ -102,6 +105,12 @@ impl Summary {
         let rms: f64 = usable.iter().map(|frame| f64::from(frame.difference_rms)).sum();
         let Meta { name, frame_px, mm_per_px, reach, held_out, seed, source, recording, .. } = dataset.meta().clone();
         let touches = dataset.touches();
+        // The lamps of what was simulated are in its scene.
+        let lamps = recording.as_ref().map(|_| LampTable::fit(dataset)).transpose();
+        let (lamps, lamps_unknown) = match lamps {
+            Ok(lamps) => (lamps.map(|(_, lamps)| lamps), None),
+            Err(error) => (None, Some(error.to_string())),
+        };
         let n_side = |side| touches.iter().filter(|touch| touch.side == side).count();
         Ok(Self {
             schema: "tactile-filter/inspection/1",
@@ -126,8 +135,8 @@ impl Summary {
                 .filter_map(|(frame, result)| Some(Unusable { frame, reason: result.as_ref().err()?.to_string() }))
                 .collect(),
             findings: inspection::findings(dataset, &frames)?,
-            // The lamps of what was simulated are in its scene.
-            lamps: recording.as_ref().and_then(|_| LampTable::fit(dataset).ok()).map(|(_, lamps)| lamps),
+            lamps,
+            lamps_unknown,
             recording,
             difference_rms: with_frames
                 .then(|| frames.iter().map(|frame| frame.as_ref().ok().map(|frame| frame.difference_rms)).collect()),
@@ -189,6 +198,7 @@ impl Summary {
             text += &format!("finding      {message}\n");
         }
         self.lamps.iter().for_each(|lamps| text += &format!("\n{lamps}"));
+        self.lamps_unknown.iter().for_each(|why| text += &format!("lamps        unknown: {why}\n"));
         text
     }
 }
