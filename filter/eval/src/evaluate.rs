@@ -70,8 +70,18 @@ pub struct StageTimes {
     pub encode: f64,
     /// Query to posterior.
     pub update: f64,
-    /// Posterior to the next action; zero after the last touch.
+    /// Posterior to what is said of part and place, with maps what they verify.
+    #[serde(default)]
+    pub judge: f64,
+    /// From there to the next action; zero after the last touch.
     pub select: f64,
+}
+
+impl StageTimes {
+    /// All of them: from a frame to the next action.
+    pub fn whole(&self) -> f64 {
+        self.encode + self.update + self.judge + self.select
+    }
 }
 
 /// One episode, touch by touch.
@@ -157,9 +167,9 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
     let observation = observation?;
     let (episode, update) = timed(|| Episode::begin(config, bank.clone(), &observation));
     let mut episode = episode?;
-    let mut times = StageTimes { encode, update, select: 0.0 };
+    let mut times = StageTimes { encode, update, ..StageTimes::default() };
     loop {
-        let estimate = episode.estimate();
+        let (estimate, judge) = timed(|| episode.estimate());
         let place_mm2 = config.settings.stop_place_mm.and(estimate.standing().place_mm2);
         outcome.scored.push(Scored { place_mm2, ..score(&estimate, bank, &hole) });
         watch(&hole, &frame, &episode, &estimate);
@@ -169,7 +179,7 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
         // The curve goes on to the last touch; where the episode would have stopped is read off it.
         let is_last = outcome.scored.len() == protocol.n_touches;
         let (next, select) = timed(|| episode.next_touch(&reach, &mut { in_time }).filter(|_| !is_last));
-        times.select = if is_last { 0.0 } else { select };
+        times = StageTimes { judge, select: if is_last { 0.0 } else { select }, ..times };
         outcome.times.push(times);
         let Some(action) = next else { break };
         let moved = hole.go(&action);
@@ -178,7 +188,7 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
         let observation = observation?;
         let (taken, update) = timed(|| episode.observe(moved, &observation));
         taken?;
-        times = StageTimes { encode, update, select: 0.0 };
+        times = StageTimes { encode, update, ..StageTimes::default() };
     }
     // Nothing left to touch: what is known stays known.
     while let (Some(last), true) = (outcome.scored.last().copied(), outcome.scored.len() < protocol.n_touches) {

@@ -384,9 +384,12 @@ pub struct Latency {
     pub encode: Quantiles,
     /// Embedding to belief.
     pub update: Quantiles,
-    /// Belief to the next touch.
+    /// Belief to what is said of part and place; `None` of a program that did not measure it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub judge: Option<Quantiles>,
+    /// From there to the next touch.
     pub select: Quantiles,
-    /// All three, where a next touch was chosen.
+    /// All of them, where a next touch was chosen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision: Option<Quantiles>,
 }

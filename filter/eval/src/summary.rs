@@ -256,10 +256,11 @@ pub fn latency(outcomes: &[Outcome]) -> Latency {
         Quantiles { p50: quantile(values.clone(), 0.5), p99: quantile(values, 0.99) }
     };
     let chosen = times().filter(|t| t.select > 0.0);
-    let whole: Vec<f64> = chosen.map(|t| t.encode + t.update + t.select).collect();
+    let whole: Vec<f64> = chosen.map(StageTimes::whole).collect();
     Latency {
         encode: stage(|t| t.encode),
         update: stage(|t| t.update),
+        judge: Some(stage(|t| t.judge)),
         select: stage(|t| t.select),
         decision: Some(Quantiles { p50: quantile(whole.clone(), 0.5), p99: quantile(whole, 0.99) }),
     }

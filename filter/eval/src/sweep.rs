@@ -12,7 +12,7 @@ use tactile_infer::precision::Precision;
 
 use crate::banks::Banks;
 use crate::error::{Error, Result};
-use crate::evaluate::{Protocol, Run, run_all, run_one};
+use crate::evaluate::{Protocol, Run, StageTimes, run_all, run_one};
 use crate::holes::Holes;
 use crate::result::{Choice, Inference, Method, Poses, Row};
 use crate::statistics::quantile;
@@ -181,7 +181,7 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
             let outcome = run_one(&run, &of_hole, index, &mut |_, _, _, _| ())?;
             // After the last touch nothing is chosen.
             let whole = outcome.times.iter().filter(|times| times.select > 0.0);
-            decisions.extend(whole.map(|times| times.encode + times.update + times.select));
+            decisions.extend(whole.map(StageTimes::whole));
         }
         let begun = Instant::now();
         let pace = Pace { sensor: &sensor, frame: no_contact, bank: &bank, reach: &reach };

@@ -139,8 +139,9 @@ fn absent_tiles(evaluation: &Evaluation) -> Markup {
 
 fn decision_time(evaluation: &Evaluation) -> Markup {
     let latency = &evaluation.latency_ms;
-    let decision_ms = latency.encode.p50 + latency.update.p50 + latency.select.p50;
-    tile(milliseconds(decision_ms), "per touch: see, update, choose the next (sum of medians)")
+    let judge = latency.judge.map_or(0.0, |judge| judge.p50);
+    let decision_ms = latency.encode.p50 + latency.update.p50 + judge + latency.select.p50;
+    tile(milliseconds(decision_ms), "per touch: see, update, judge, choose the next (sum of medians)")
 }
 
 /// The filter and the baselines next to the paper at the paper's numbers of touches.

@@ -56,10 +56,12 @@ pub fn speed(evaluation: &Evaluation) -> Section {
     let latency = &evaluation.latency_ms;
     let row = |stage: &str, Quantiles { p50, p99 }: Quantiles| cells![stage, number(p50, 2), number(p99, 2)];
     let rows = [
-        row("See: frame to embedding", latency.encode),
-        row("Update: embedding to belief", latency.update),
-        row("Choose: belief to next touch", latency.select),
+        Some(row("See: frame to embedding", latency.encode)),
+        Some(row("Update: embedding to belief", latency.update)),
+        latency.judge.map(|judge| row("Judge: belief to part, place, how sure", judge)),
+        Some(row("Choose: the next touch", latency.select)),
     ];
+    let rows: Vec<_> = rows.into_iter().flatten().collect();
     let table = sortable(&["Time of one touch, ms", "half within", "99 of 100 within"], &rows);
     let caption = html! {
         "Device " code { (evaluation.device) } ", " (evaluation.n_threads) @if evaluation.n_threads == 1 { " thread" } @else { " threads" }

@@ -80,10 +80,10 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
         program::say(format_args!("  {part:28} {right} of {n} right{mistaken}; {xy:.2} mm, {theta:.2} degrees"));
     }
     let ms = &evaluation.latency_ms;
-    println!(
-        "  ms p50/p99: encode {:.1}/{:.1}, update {:.2}/{:.2}, choose {:.1}/{:.1}",
-        ms.encode.p50, ms.encode.p99, ms.update.p50, ms.update.p99, ms.select.p50, ms.select.p99
-    );
+    let stages =
+        [("encode", Some(ms.encode)), ("update", Some(ms.update)), ("judge", ms.judge), ("choose", Some(ms.select))];
+    let stages = stages.iter().filter_map(|(stage, ms)| Some(format!("{stage} {:.2}/{:.2}", (*ms)?.p50, (*ms)?.p99)));
+    println!("  ms p50/p99: {}", stages.collect::<Vec<_>>().join(", "));
     if let Some(checksum) = &evaluation.checksum {
         program::say(format_args!("  checksum {checksum}"));
     }
