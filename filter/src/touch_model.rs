@@ -151,6 +151,7 @@ impl TouchModel {
             matched_shared: shared_variance(calibration),
             sensor_views: calibration.prior.map(|_| calibration.views),
             low_similarity: calibration.low_similarity,
+            steepness: of_model.steepness * calibration.steepness.unwrap_or(1.0),
             ..of_model
         }
     }

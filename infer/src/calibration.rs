@@ -22,6 +22,10 @@ pub struct Calibration {
     /// `matched`: touches of one sensor have it in common. `None` where touches of one sensor were compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub between_sensors: Option<f64>,
+    /// How many times as much a distance of touch and view costs as was fitted ([`crate::match_odds`]), 1 at most: less under a rough
+    /// sensor. `None` where nobody measured it, as of a model that is for any sensor: 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steepness: Option<f64>,
     /// What the views of the bank were of that the touches were compared with.
     #[serde(default, skip_serializing_if = "Views::is_pegs")]
     pub views: Views,
@@ -47,6 +51,8 @@ impl Calibration {
         }
         let between = between_sensors.unwrap_or(0.0);
         check("between_sensors", "a finite number, not negative", between, between.is_finite() && between >= 0.0)?;
+        let steepness = self.steepness.unwrap_or(1.0);
+        check("steepness", "a positive number", steepness, steepness.is_finite() && steepness > 0.0)?;
         let Some(prior) = self.prior else { return Ok(()) };
         let n = prior.n_touches;
         check("prior.n_touches", "a finite number, not negative", n, n.is_finite() && n >= 0.0)?;

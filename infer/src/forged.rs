@@ -31,6 +31,7 @@ const CALIBRATION: Calibration = Calibration {
     low_similarity: 0.7,
     matched: Some(Spread { mean: 0.9, sd: 0.03 }),
     between_sensors: Some(0.01),
+    steepness: Some(0.8),
     views: Views::Pegs,
     prior: Some(Prior {
         n_touches: 100.0,
@@ -141,6 +142,7 @@ fn a_calibration_that_no_touches_give_is_refused_with_its_field() {
         ("/low_similarity", vec![json!(-2.0), json!(1e30), json!(null)]),
         ("/matched/sd", vec![json!(-1.0)]),
         ("/between_sensors", vec![json!(-1.0)]),
+        ("/steepness", vec![json!(0.0), json!(-1.0)]),
         ("/prior/n_touches", vec![json!(-1.0)]),
         ("/prior/low_similarity", vec![json!(2.0)]),
     ] {

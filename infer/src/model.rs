@@ -361,6 +361,7 @@ mod tests {
             low_similarity,
             matched: None,
             between_sensors: None,
+            steepness: None,
             views: Views::Pegs,
             prior: None,
             n_holes: 60,

@@ -2,6 +2,7 @@
 
 mod sample;
 mod sensors;
+mod steepness;
 
 use serde::Serialize;
 use tactile_data::grid::PoseGrid;
@@ -18,6 +19,7 @@ use crate::recorded::tactile_images;
 use crate::views::Views;
 use sample::low_similarity;
 use sensors::Matched;
+use steepness::Told;
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -56,6 +58,8 @@ pub struct Touches {
     bests: Vec<f32>,
     /// The cosine with the view that was touched, of those for which the bank has one, sensor by sensor.
     matched: Vec<Vec<f64>>,
+    /// Those of these that a model with a fitted likelihood saw, next to all views.
+    told: Vec<Told>,
     /// What the bank's views are of.
     views: Views,
 }
@@ -73,8 +77,10 @@ impl Touches {
         let images = tactile_images(&model.background_of(holes)?, holes, &frames)?;
         let queries = model.embed_side(&images, side)?;
         let edged = bank.edged_rows();
-        let mut found = Self { name, side, bests: Vec::new(), matched: vec![Vec::new()], views: bank.views() };
+        let mut found =
+            Self { name, side, bests: Vec::new(), matched: vec![Vec::new()], told: Vec::new(), views: bank.views() };
         let mut all = Vec::new();
+        let odds = model.match_odds(side).or_else(|| model.match_odds(Side::Hole));
         let plain = |cosine: f32| by_cosine(bank.metric(), cosine);
         for (i, frame) in frames.iter().enumerate() {
             let touch = holes.touch(*frame);
@@ -97,7 +103,10 @@ impl Touches {
                 bank.similarities(query, &mut all);
                 let best = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).fold(-1.0, f32::max);
                 found.bests.push(plain(best));
-                found.matched[0].extend(bank.cosine_at(query, part, &pose).map(|cosine| f64::from(plain(cosine))));
+                let Some(own) = bank.cosine_at(query, part, &pose) else { continue };
+                found.matched[0].push(f64::from(plain(own)));
+                let edge_share = images[i].edge_share;
+                found.told.extend(odds.map(|odds| Told::new((odds, side), bank, (query, edge_share), (own, &all))));
             }
         }
         Ok(found)
@@ -114,6 +123,7 @@ impl Touches {
         }
         self.bests.extend(other.bests);
         self.matched.extend(other.matched);
+        self.told.extend(other.told);
         Ok(self)
     }
 
@@ -166,6 +176,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
         low_similarity: low_similarity(&touches.bests, prior).unwrap_or(-1.0),
         matched: matched.map(|matched| matched.all),
         between_sensors: matched.and_then(|matched| matched.between),
+        steepness: steepness::steepness(&touches.told, prior.map_or(0.0, |prior| prior.n_touches)),
         views: touches.views,
         n_holes: touches.len(),
         prior: prior.copied(),
@@ -185,7 +196,14 @@ mod tests {
 
     fn touches(bests: &[f32]) -> Touches {
         let matched = vec![bests.iter().map(|best| f64::from(*best) - 0.1).collect()];
-        Touches { name: "mine".into(), side: Side::Hole, matched, bests: bests.into(), views: Views::Pegs }
+        Touches {
+            name: "mine".into(),
+            side: Side::Hole,
+            matched,
+            bests: bests.into(),
+            told: Vec::new(),
+            views: Views::Pegs,
+        }
     }
 
     const PRIOR: Prior = Prior {

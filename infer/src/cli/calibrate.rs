@@ -154,7 +154,7 @@ fn judged(others: &Touches, calibration: &Calibration) -> Option<Judged> {
 
 /// A calibration, and what was known before it.
 fn text(calibration: &Calibration) -> String {
-    let Calibration { low_similarity, n_holes, matched, between_sensors, prior, .. } = calibration;
+    let Calibration { low_similarity, n_holes, matched, between_sensors, steepness, prior, .. } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
@@ -168,6 +168,9 @@ fn text(calibration: &Calibration) -> String {
     }
     if let Some(between) = between_sensors {
         text += &format!(", of it {between:.3} from sensor to sensor");
+    }
+    if let Some(steepness) = steepness {
+        text += &format!("\n  a distance costs {steepness:.2} times as much as was fitted");
     }
     text
 }
