@@ -23,7 +23,8 @@ numbers! {
             Measured: "fit; without one, the shipped model's"; "what nobody recorded is likelier than what was, or never likely";
         /// How much a distance of 1 between touch and view costs, where a usual share of the touch is edge.
         steepness: f64 = 20.8, "nats", Range::POSITIVE,
-            Measured: "fit; without one, the shipped model's"; "one touch says too much, or nothing";
+            Measured: "fit, times what a calibration of the user's sensor says; without a fit, the shipped model's";
+            "one touch says too much, or nothing";
         /// By which power of its share of edge a touch is steeper.
         steepness_by_edge: f64 = 0.21, "", Range::ANY,
             Measured: "fit; without one, the shipped model's"; "a touch that shows hardly any edge is as sure as others";
