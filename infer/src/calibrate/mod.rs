@@ -58,7 +58,7 @@ pub struct Touches {
     bests: Vec<f32>,
     /// The cosine with the view that was touched, of those for which the bank has one, sensor by sensor.
     matched: Vec<Vec<f64>>,
-    /// Those of these that a model with a fitted likelihood saw, next to all views.
+    /// The same touches next to all views, where the model has a fitted likelihood.
     told: Vec<Told>,
     /// What the bank's views are of.
     views: Views,
