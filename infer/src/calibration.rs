@@ -23,7 +23,7 @@ pub struct Calibration {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub between_sensors: Option<f64>,
     /// How many times as much a distance of touch and view costs as was fitted ([`crate::match_odds`]), 1 at most: less under a rough
-    /// sensor. `None` where nobody measured it, as of a model that is for any sensor: 1.
+    /// sensor. `None` where nobody measured it, or of several sensors: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steepness: Option<f64>,
     /// What the views of the bank were of that the touches were compared with.

@@ -172,11 +172,14 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
     let of_such_views =
         prior.copied().map(|prior| Prior { matched: prior.matched.filter(|_| prior.views == touches.views), ..prior });
     let matched = Matched::from_touches(&touches.matched, of_such_views.as_ref());
+    // What is for any sensor stays as it was fitted over many.
+    let is_one_sensor = touches.matched.len() == 1;
+    let steepness = steepness::steepness(&touches.told, prior.map_or(0.0, |prior| prior.n_touches));
     Ok(Calibration {
         low_similarity: low_similarity(&touches.bests, prior).unwrap_or(-1.0),
         matched: matched.map(|matched| matched.all),
         between_sensors: matched.and_then(|matched| matched.between),
-        steepness: steepness::steepness(&touches.told, prior.map_or(0.0, |prior| prior.n_touches)),
+        steepness: steepness.filter(|_| is_one_sensor),
         views: touches.views,
         n_holes: touches.len(),
         prior: prior.copied(),
@@ -226,6 +229,15 @@ mod tests {
         assert!((calibration.low_similarity - 0.8).abs() < 1e-6, "{calibration:?}");
         let none = calibrate(&touches(&[]), Some(&PRIOR)).unwrap_err().to_string();
         assert!(none.contains("1 or more holes"), "{none}");
+    }
+
+    #[test]
+    fn touches_of_one_sensor_say_how_steep_and_of_several_nothing() {
+        let one = || Touches { told: steepness::tests::touches(0.1), ..touches(&[0.9; 60]) };
+        let found = calibrate(&one(), None).unwrap();
+        assert!((found.steepness.unwrap() - 0.5).abs() < 0.03, "{found:?}");
+        assert_eq!(calibrate(&one().and(one()).unwrap(), None).unwrap().steepness, None);
+        assert_eq!(calibrate(&touches(&[0.9; 60]), None).unwrap().steepness, None);
     }
 
     #[test]

@@ -82,12 +82,12 @@ pub(super) fn steepness(touches: &[Told], n_before: f64) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Touches that are off their own view by an exponential distribution of this mean, and 500 other views as far as any up to 1: by Bayes
     /// a distance of 1 costs the inverse of that mean.
-    fn touches(mean: f64) -> Vec<Told> {
+    pub(in crate::calibrate) fn touches(mean: f64) -> Vec<Told> {
         let step = |distance: f64| ((0.5 * distance * N_STEPS as f64).round() as usize).min(N_STEPS);
         let touch = |i: usize| {
             let mut views = vec![0; N_STEPS + 1];
