@@ -1,8 +1,8 @@
 //! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
 //!
 //! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E`
-//! of as many that were made on the part, of the one that speaks most against it `W`, and which showed a share `c` of its outline, the log-odds that the named part is there, before
-//! which a stranger was as likely, are
+//! of as many that were made on the part, of the one that speaks most against it `W`, and which showed a share `c` of its outline, the
+//! log-odds that the named part is there, before which a stranger was as likely, are
 //!
 //! ```text
 //! L = -ln(exp(-A) + exp(-B))
@@ -11,8 +11,8 @@
 //! ```
 //!
 //! `A` is against a stranger that differs all over: the sum of what each touch says, and what so many say of a part that is there. `B` is
-//! against one that has all that was felt in common with the part, as an F has its arms with an E: no touch of these tells it, and the less of the outline is left the
-//! fewer there are; where one touch shows the difference, all others speak for the part. How often a
+//! against one that has all that was felt in common with the part, as an F has its arms with an E: no touch of these tells it, and the
+//! less of the outline is left the fewer there are; where one touch shows the difference, all others speak for the part. How often a
 //! stranger comes to `L` or more at any touch of an episode is an exponential tail (peaks over a threshold; Coles, An Introduction
 //! to Statistical Modeling of Extreme Values, 4), in proportion to the parts of the bank, the best of which it looks like; how
 //! often a part that is there comes to `L` or less is another.

@@ -46,6 +46,7 @@ mod feed;
 mod gradient;
 mod history;
 mod info_nce;
+mod laid;
 #[cfg(feature = "wgpu")]
 mod lamb;
 #[cfg(feature = "wgpu")]

@@ -15,14 +15,15 @@ use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 use tactile_infer::fit::N_PARTS;
 use tactile_infer::maps::align::{Drawing, Start, align};
-use tactile_infer::maps::mosaic::{Mosaic, Mosaics};
+use tactile_infer::maps::mosaic::Mosaics;
 use tactile_infer::maps::verifier::network::VerifierNetwork;
-use tactile_infer::maps::verifier::{N_COMPARED, OF_PART, VerifierConfig, compared};
+use tactile_infer::maps::verifier::{N_COMPARED, VerifierConfig};
 use tactile_infer::maps::{DrawnMap, MapDrawer, MapFile};
 use tactile_infer::network::tensors_of;
 use tactile_infer::{Bank, DeviceKind, Model};
 
 use crate::error::{Error, Result};
+use crate::laid::{End, Laid};
 use crate::look_alikes::{N_LOOK_ALIKES, with_look_alikes};
 use crate::output_folder::OutputFolder;
 use crate::training::{Trained, Training, Watch, surprise};
@@ -42,12 +43,6 @@ const THERE: (f64, f64) = (1.0, 8.0);
 
 /// How far a belief's pose is from the truth before it is aligned, standard deviations, mm and degrees.
 const START: [f64; 2] = [1.0, 6.0];
-
-/// A look-alike is none where a touch does not show that it differs: by more than so far on so much of it, mm and mm2.
-const DIFFERS: (f64, f64) = (0.6, 3.0);
-
-/// Every second touch is laid on a map that ends within its view, so far from its middle, mm: what a bank's map does not show says nothing.
-const END_MM: [f64; 2] = [-5.0, 10.0];
 
 /// Sets the draws of look-alikes apart.
 const LOOK_ALIKES: u64 = 0x6c6f_6f6b_616c_696b;
@@ -69,63 +64,6 @@ pub struct VerifierJudgement {
     pub right_by_cosine: f64,
     /// The chance that the likeliest of all views of a part that is there is judged likelier than of one that is not.
     pub told_apart: f64,
-}
-
-/// A touch laid on a view.
-#[derive(Clone, Copy, Debug)]
-struct Laid {
-    part: usize,
-    part_from_sensor: Se2,
-    is_own: bool,
-    /// Cosine of the embeddings before it was aligned.
-    cosine: f32,
-    /// What of the touch the part's map is taken to end at.
-    end: Option<End>,
-}
-
-/// A line across a touch beyond which a map shows nothing: its direction from the middle and how far that is, mm.
-#[derive(Clone, Copy, Debug)]
-struct End {
-    towards: [f64; 2],
-    at_mm: f64,
-}
-
-impl End {
-    fn drawn(rng: &mut ChaCha8Rng) -> Option<Self> {
-        let (sin, cos) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
-        let end = Self { towards: [cos, sin], at_mm: rng.random_range(END_MM[0]..END_MM[1]) };
-        rng.random_bool(0.5).then_some(end)
-    }
-
-    fn hides(&self, [x, y]: [f64; 2]) -> bool {
-        self.towards[0] * x + self.towards[1] * y > self.at_mm
-    }
-}
-
-impl Laid {
-    /// What is compared there ([`compared`]), as far as the part's map goes.
-    fn compared(&self, (map, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>) -> Vec<f32> {
-        let mut places = compared((map, side), mosaic, &self.part_from_sensor);
-        for (at, place) in places.chunks_exact_mut(N_COMPARED).enumerate() {
-            if self.end.is_some_and(|end| end.hides(map.place_mm(at))) {
-                place[OF_PART].fill(0.0);
-            }
-        }
-        places
-    }
-
-    /// Whether the touch shows that a map laid here differs from the one of its own part at its own pose.
-    fn differs(&self, map: &DrawnMap, (mosaic, own): (&Mosaic<'_>, &Mosaic<'_>), own_pose: &Se2) -> bool {
-        let [width, height] = map.size_px;
-        let is_other = |at: &usize| {
-            let place = map.place_mm(*at);
-            let here = mosaic.at(self.part_from_sensor.apply(place)).zip(own.at(own_pose.apply(place)));
-            let is_seen = !self.end.is_some_and(|end| end.hides(place));
-            is_seen && here.is_some_and(|(a, b)| f64::from((a.distance_mm - b.distance_mm).abs()) > DIFFERS.0)
-        };
-        let place_mm2 = map.view_mm[0] * map.view_mm[1] / (width * height) as f64;
-        (0..width * height).filter(is_other).count() as f64 * place_mm2 > DIFFERS.1
-    }
 }
 
 /// A touch, and the views that it is laid on.

@@ -19,7 +19,7 @@ use crate::recorded::tactile_images;
 use crate::views::Views;
 use sample::low_similarity;
 use sensors::Matched;
-use steepness::Told;
+use steepness::AmongViews;
 
 /// Without a prior fewer holes with an edge than this say too little.
 const MIN_HOLES: usize = 50;
@@ -59,7 +59,7 @@ pub struct Touches {
     /// The cosine with the view that was touched, of those for which the bank has one, sensor by sensor.
     matched: Vec<Vec<f64>>,
     /// The same touches next to all views, where the model has a fitted likelihood.
-    told: Vec<Told>,
+    among_views: Vec<AmongViews>,
     /// What the bank's views are of.
     views: Views,
 }
@@ -77,8 +77,14 @@ impl Touches {
         let images = tactile_images(&model.background_of(holes)?, holes, &frames)?;
         let queries = model.embed_side(&images, side)?;
         let edged = bank.edged_rows();
-        let mut found =
-            Self { name, side, bests: Vec::new(), matched: vec![Vec::new()], told: Vec::new(), views: bank.views() };
+        let mut found = Self {
+            name,
+            side,
+            bests: Vec::new(),
+            matched: vec![Vec::new()],
+            among_views: Vec::new(),
+            views: bank.views(),
+        };
         let mut all = Vec::new();
         let odds = model.match_odds(side).or_else(|| model.match_odds(Side::Hole));
         let plain = |cosine: f32| by_cosine(bank.metric(), cosine);
@@ -106,7 +112,8 @@ impl Touches {
                 let Some(own) = bank.cosine_at(query, part, &pose) else { continue };
                 found.matched[0].push(f64::from(plain(own)));
                 let edge_share = images[i].edge_share;
-                found.told.extend(odds.map(|odds| Told::new((odds, side), bank, (query, edge_share), (own, &all))));
+                let of_touch = |odds| AmongViews::new((odds, side), bank, (query, edge_share), (own, &all));
+                found.among_views.extend(odds.map(of_touch));
             }
         }
         Ok(found)
@@ -123,7 +130,7 @@ impl Touches {
         }
         self.bests.extend(other.bests);
         self.matched.extend(other.matched);
-        self.told.extend(other.told);
+        self.among_views.extend(other.among_views);
         Ok(self)
     }
 
@@ -174,12 +181,13 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
     let matched = Matched::from_touches(&touches.matched, of_such_views.as_ref());
     // What is for any sensor stays as it was fitted over many.
     let is_one_sensor = touches.matched.len() == 1;
-    let steepness = steepness::steepness(&touches.told, prior.map_or(0.0, |prior| prior.n_touches));
+    let n_before = prior.map_or(0.0, |prior| prior.n_touches);
+    let steepness = is_one_sensor.then(|| steepness::steepness(&touches.among_views, n_before)).flatten();
     Ok(Calibration {
         low_similarity: low_similarity(&touches.bests, prior).unwrap_or(-1.0),
         matched: matched.map(|matched| matched.all),
         between_sensors: matched.and_then(|matched| matched.between),
-        steepness: steepness.filter(|_| is_one_sensor),
+        steepness,
         views: touches.views,
         n_holes: touches.len(),
         prior: prior.copied(),
@@ -204,7 +212,7 @@ mod tests {
             side: Side::Hole,
             matched,
             bests: bests.into(),
-            told: Vec::new(),
+            among_views: Vec::new(),
             views: Views::Pegs,
         }
     }
@@ -233,7 +241,7 @@ mod tests {
 
     #[test]
     fn touches_of_one_sensor_say_how_steep_and_of_several_nothing() {
-        let one = || Touches { told: steepness::tests::touches(0.1), ..touches(&[0.9; 60]) };
+        let one = || Touches { among_views: steepness::tests::touches(0.1), ..touches(&[0.9; 60]) };
         let found = calibrate(&one(), None).unwrap();
         assert!((found.steepness.unwrap() - 0.5).abs() < 0.03, "{found:?}");
         assert_eq!(calibrate(&one().and(one()).unwrap(), None).unwrap().steepness, None);

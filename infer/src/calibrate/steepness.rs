@@ -9,14 +9,14 @@ use crate::match_odds::{MatchOdds, OUTLIER_SHARE, distance};
 /// Distances are counted in so many steps; the largest is 2.
 const N_STEPS: usize = 400;
 
-/// The factors that are tried are e to the power of minus so much and more, in such steps. Never steeper than fitted: touches whose
+/// The factors that are tried: e to the power of minus so much up to 0, in such steps. Never steeper than fitted: touches whose
 /// sensor is the bank's to the bit would have it as steep as can be.
 const MOST: f64 = 2.0;
 const STEP: f64 = 0.02;
 
 /// How far a touch is from its own view and from all views of a bank.
 #[derive(Clone, Debug)]
-pub(super) struct Told {
+pub(super) struct AmongViews {
     /// Log-odds of a touch that is as far from a view as usual, nats.
     at_usual: f64,
     /// What a distance costs, and what is taken off for the usual one, nats.
@@ -27,7 +27,7 @@ pub(super) struct Told {
     views: Vec<u32>,
 }
 
-impl Told {
+impl AmongViews {
     /// A touch with an embedding, `[dim]`, an edge share and the cosine with the view that it was made at, by the cosines with all views
     /// of a bank.
     pub(super) fn new(
@@ -67,14 +67,14 @@ impl Told {
     }
 }
 
-/// The factor of the fitted steepness, 1 at most, at which touches are most probable. That it is 1 counts as `n_before` touches, each of which tells
-/// as much as these do; `None` of no touches.
-pub(super) fn steepness(touches: &[Told], n_before: f64) -> Option<f64> {
+/// The factor of the fitted steepness, 1 at most, at which touches are most probable. That it is 1 counts as `n_before` touches, each of
+/// which says as much as these do; `None` of no touches.
+pub(super) fn steepness(touches: &[AmongViews], n_before: f64) -> Option<f64> {
     let mean =
         |at: f64| touches.iter().map(|touch| touch.log_probability(at)).sum::<f64>() / touches.len().max(1) as f64;
     let bend = 0.1;
-    let told = -(mean(bend) + mean(-bend) - 2.0 * mean(0.0)) / (bend * bend);
-    let weight = 0.5 * n_before / touches.len() as f64 * told.max(0.0);
+    let information = -(mean(bend) + mean(-bend) - 2.0 * mean(0.0)) / (bend * bend);
+    let weight = 0.5 * n_before / touches.len() as f64 * information.max(0.0);
     let n = (MOST / STEP) as i32;
     let value = |at: i32| mean(f64::from(at) * STEP) - weight * (f64::from(at) * STEP).powi(2);
     let best = (-n..=0).map(|at| (at, value(at))).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -87,14 +87,14 @@ pub(super) mod tests {
 
     /// Touches that are off their own view by an exponential distribution of this mean, and 500 other views as far as any up to 1: by Bayes
     /// a distance of 1 costs the inverse of that mean.
-    pub(in crate::calibrate) fn touches(mean: f64) -> Vec<Told> {
+    pub(in crate::calibrate) fn touches(mean: f64) -> Vec<AmongViews> {
         let step = |distance: f64| ((0.5 * distance * N_STEPS as f64).round() as usize).min(N_STEPS);
         let touch = |i: usize| {
             let mut views = vec![0; N_STEPS + 1];
             (0..500).for_each(|j| views[step((j as f64 + 0.5) / 500.0)] += 1);
             let own_distance = -(1.0 - (i as f64 + 0.5) / 400.0).ln() * mean;
             views[step(own_distance)] += 1;
-            Told { at_usual: 12.0, slope: 20.0, usual: 8.0, own_distance, views }
+            AmongViews { at_usual: 12.0, slope: 20.0, usual: 8.0, own_distance, views }
         };
         (0..400).map(touch).collect()
     }
@@ -127,7 +127,7 @@ pub(super) mod tests {
         let mut views = vec![0; N_STEPS + 1];
         // 0.5, 1 and 1, 2.
         [(100, 1), (200, 2), (400, 1)].into_iter().for_each(|(step, n)| views[step] = n);
-        let touch = Told { at_usual: 1.5, slope: 4.0, usual: 2.0, own_distance: 0.5, views };
+        let touch = AmongViews { at_usual: 1.5, slope: 4.0, usual: 2.0, own_distance: 0.5, views };
         let f = |d: f64| 0.995 * (1.5 + 0.5 * (2.0 - 4.0 * d)).exp() + 0.005;
         let expected = (f(0.5) / (f(0.5) + 2.0 * f(1.0) + f(2.0))).ln();
         assert!((touch.log_probability(0.5_f64.ln()) - expected).abs() < 1e-12);
