@@ -81,6 +81,12 @@ impl Lamps {
         Self { along_x: lamp(f64::cos), along_y: lamp(f64::sin) }
     }
 
+    /// The same lamps, each `strength` times as strong and turned by `turn_deg` degrees from x towards y.
+    pub fn varied(&self, strength: [f64; 3], turn_deg: [f64; 3]) -> Self {
+        let [along_x, along_y] = turned([&self.along_x, &self.along_y], strength, turn_deg);
+        Self { along_x, along_y }
+    }
+
     /// Refuses lamps that no sensor has, and lamps in one line: they do not show the slope across it.
     pub fn validate(&self) -> Result<()> {
         for (field, factors) in [("along_x", &self.along_x), ("along_y", &self.along_y)] {
@@ -128,6 +134,17 @@ impl Lamps {
         };
         (0..width * height).map(pixel).collect()
     }
+}
+
+/// Each channel's answers along two directions, `strength` times as strong and turned by `turn_deg` degrees from the first towards the
+/// second.
+pub(crate) fn turned(along: [&[Quadratic; 3]; 2], strength: [f64; 3], turn_deg: [f64; 3]) -> [[Quadratic; 3]; 2] {
+    let [x, y] = along;
+    let part = |c: usize, along_x: f64, along_y: f64| -> Quadratic {
+        std::array::from_fn(|i| (strength[c] * (along_x * f64::from(x[c][i]) + along_y * f64::from(y[c][i]))) as f32)
+    };
+    let angle = turn_deg.map(|deg| deg.to_radians().sin_cos());
+    [[0, 1, 2].map(|c| part(c, angle[c].1, -angle[c].0)), [0, 1, 2].map(|c| part(c, angle[c].0, angle[c].1))]
 }
 
 /// Lamps, with the size of the frame over which they are stated.

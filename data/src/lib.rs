@@ -92,6 +92,7 @@ pub mod store;
 pub mod suggest;
 pub mod symmetry;
 pub mod touch;
+pub mod touch_light;
 #[cfg(feature = "sim")]
 pub mod touch_map;
 pub mod whole_file;

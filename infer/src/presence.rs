@@ -1,21 +1,20 @@
 //! Whether the part that is named is there at all, against a stranger: a part that the bank does not hold.
 //!
 //! For `n` touches with an edge, whose fit is `F` standard deviations and of which a verifier says `V`, where it says `E`
-//! of as many that were made on the part, of the one that speaks most against it `W`, and which showed a share `c` of its outline, the
-//! log-odds that the named part is there, before which a stranger was as likely, are
+//! of as many that were made on the part, and which showed a share `c` of its outline, the log-odds that the named part is there, before
+//! which a stranger was as likely, are
 //!
 //! ```text
 //! L = -ln(exp(-A) + exp(-B))
 //! A = offset + by_fit sqrt(n) F + by_touch n + by_verifier V + by_expected E
-//! B = shared.offset - shared.by_felt ln(1 - c) + shared.by_least W
+//! B = shared.offset - shared.by_felt ln(1 - c)
 //! ```
 //!
 //! `A` is against a stranger that differs all over: the sum of what each touch says, and what so many say of a part that is there. `B` is
 //! against one that has all that was felt in common with the part, as an F has its arms with an E: no touch of these tells it, and the
-//! less of the outline is left the fewer there are; where one touch shows the difference, all others speak for the part. How often a
-//! stranger comes to `L` or more at any touch of an episode is an exponential tail (peaks over a threshold; Coles, An Introduction
-//! to Statistical Modeling of Extreme Values, 4), in proportion to the parts of the bank, the best of which it looks like; how
-//! often a part that is there comes to `L` or less is another.
+//! less of the outline is left the fewer there are. How often a stranger comes to `L` or more at any touch of an episode is an exponential
+//! tail (peaks over a threshold; Coles, An Introduction to Statistical Modeling of Extreme Values, 4), in proportion to the parts of the
+//! bank, the best of which it looks like; how often a part that is there comes to `L` or less is another.
 
 use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
@@ -78,9 +77,6 @@ pub struct Verified {
     pub n_new: f64,
     /// What the verifier says of a touch with an edge that was made on that part, where the bank knows it.
     pub expected: Option<Spread>,
-    /// The lowest log-odds of a touch with an edge, nats; 0 where none shows one.
-    #[serde(default)]
-    pub least: f64,
     /// The length of the part's outline, and of what is in view of the touches, mm.
     #[serde(default)]
     pub outline_mm: [f64; 2],
@@ -129,18 +125,15 @@ pub struct Shared {
     pub offset: f64,
     /// How fast it grows with the logarithm of what is left: 1 where strangers share anything from nothing to all, each as likely.
     pub by_felt: f64,
-    /// What the verifier's lowest log-odds of a touch add, a share of them.
-    #[serde(default)]
-    pub by_least: f64,
 }
 
 /// The share of an outline of which a map never says whether it was felt.
 const UNKNOWN: f64 = 0.02;
 
 impl Shared {
-    /// The log-odds by what a verifier says of the touches, and what they showed of the outline, nats.
-    pub fn log_odds(&self, verified: &Verified) -> f64 {
-        self.offset + self.by_felt * left(verified.felt_share()) + self.by_least * verified.least
+    /// The log-odds where a share of the outline was felt, nats.
+    pub fn log_odds(&self, felt_share: f64) -> f64 {
+        self.offset + self.by_felt * left(felt_share)
     }
 }
 
@@ -214,7 +207,7 @@ impl PresenceOdds {
         let of_any: f64 =
             self.weights().iter().zip(felt.values(self.usual)).map(|(weight, value)| weight * value).sum();
         match self.shared.zip(felt.verified) {
-            Some((shared, verified)) => against_both(of_any, shared.log_odds(&verified)),
+            Some((shared, verified)) => against_both(of_any, shared.log_odds(verified.felt_share())),
             None => of_any,
         }
     }
@@ -232,7 +225,7 @@ impl PresenceOdds {
     /// # Errors
     /// Numbers that are not finite, a scale or a number of parts that is not positive.
     pub fn validate(&self) -> Result<()> {
-        let shared = self.shared.unwrap_or(Shared { offset: 0.0, by_felt: 0.0, by_least: 0.0 });
+        let shared = self.shared.unwrap_or(Shared { offset: 0.0, by_felt: 0.0 });
         let finite = [
             ("offset", self.offset),
             ("by_fit", self.by_fit),
@@ -241,7 +234,6 @@ impl PresenceOdds {
             ("by_expected", self.by_expected),
             ("shared.offset", shared.offset),
             ("shared.by_felt", shared.by_felt),
-            ("shared.by_least", shared.by_least),
             ("usual", self.usual),
             ("strangers.at", self.strangers.at),
             ("present.at", self.present.at),
@@ -287,7 +279,7 @@ mod tests {
     #[test]
     fn rates_are_those_of_tails_and_grow_with_the_bank() {
         // -0.5 + 1.25 * 2 * 0.4 + 0.75 * 4 + 0.5 * 10 / 2 - 0.25 * 4 * 2 / 2 = 5.
-        let verified = Some(Verified { log_odds: 10.0, n_new: 4.0, expected: None, least: 0.0, outline_mm: [0.0; 2] });
+        let verified = Some(Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [0.0; 2] });
         let felt = Felt { fit: 0.4, n_fitted: 4, verified };
         let found = odds().presence(&felt, 12);
         assert!((found.log_odds - 5.0).abs() < 1e-12);
@@ -304,9 +296,7 @@ mod tests {
 
     #[test]
     fn a_verifier_is_judged_by_what_it_says_of_the_parts_own_touches() {
-        let of = |log_odds, n_new, expected| {
-            Verified { log_odds, n_new, expected, least: 0.0, outline_mm: [0.0; 2] }.values(2.0)
-        };
+        let of = |log_odds, n_new, expected| Verified { log_odds, n_new, expected, outline_mm: [0.0; 2] }.values(2.0);
         let socket = Some(Spread { mean: -1.0, sd: 3.0 });
         assert_eq!([of(8.0, 4.0, None), of(-4.0, 4.0, socket)], [[4.0, 4.0], [-2.0, -2.0]]);
         // Blank touches alone: what speaks against the part counts as of one touch.
@@ -315,19 +305,16 @@ mod tests {
 
     #[test]
     fn what_was_not_felt_bounds_how_sure_it_is() {
-        let odds = PresenceOdds { shared: Some(Shared { offset: 0.5, by_felt: 3.0, by_least: 0.25 }), ..odds() };
-        let felt = |felt_mm: f64, least: f64| {
-            let verified = Verified { log_odds: 10.0, n_new: 4.0, expected: None, least, outline_mm: [40.0, felt_mm] };
+        let odds = PresenceOdds { shared: Some(Shared { offset: 0.5, by_felt: 3.0 }), ..odds() };
+        let felt = |felt_mm: f64| {
+            let verified = Verified { log_odds: 10.0, n_new: 4.0, expected: None, outline_mm: [40.0, felt_mm] };
             odds.log_odds(&Felt { fit: 0.4, n_fitted: 4, verified: Some(verified) })
         };
         // 5 as without; three times the logarithm of 4 where a quarter is left.
         let odds_of = |a: f64, b: f64| 1.0 / (1.0 / a.exp() + 1.0 / b.exp());
         for (felt_mm, left) in [(30.0, 4.0_f64), (40.0, 50.0), (0.0, 1.0)] {
-            // A quarter of what the touch says that speaks most against the part.
-            for (least, more) in [(0.0, 0.0), (-6.0, -1.5)] {
-                let b = 0.5 + 3.0 * left.ln() + more;
-                assert!((felt(felt_mm, least) - odds_of(5.0, b).ln()).abs() < 1e-12, "{felt_mm}");
-            }
+            let b = 0.5 + 3.0 * left.ln();
+            assert!((felt(felt_mm) - odds_of(5.0, b).ln()).abs() < 1e-12, "{felt_mm}");
         }
         // Far beyond what an exponential holds.
         assert_eq!([against_both(2_000.0, 3.0), against_both(-2_000.0, 3.0)], [3.0, -2_000.0]);

@@ -5,8 +5,8 @@
 //! `A diag(-1, 1) A^+ D` of the mirrored picture; what is outside the lamps' plane (noise, the walls' own
 //! brightness) does not change. `A` is computed from the frames ([`Response`]), up to a factor that cancels.
 
-use tactile_data::calibrate::curl::{Moments, Response};
 use tactile_data::frame::{Preprocessing, TactileImage};
+use tactile_data::touch_light::curl::{Moments, Response};
 
 use crate::error::{Error, Result};
 

@@ -4,7 +4,6 @@ pub mod ball;
 pub mod circle;
 pub mod circle_search;
 mod contact;
-pub mod curl;
 pub mod fit;
 mod least_squares;
 mod light_factors;

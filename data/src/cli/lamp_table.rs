@@ -5,9 +5,10 @@ use std::fmt;
 use serde::Serialize;
 use tactile_data::Result;
 use tactile_data::calibrate::Calibration;
-use tactile_data::calibrate::touches::{self, Change, TouchFit};
+use tactile_data::calibrate::touches;
 use tactile_data::frame::Frame;
 use tactile_data::store::Dataset;
+use tactile_data::touch_light::{Change, TOGETHER, TouchFit};
 
 /// Touches that are looked at in a dataset: more tell hardly more.
 const MOST_FRAMES: usize = 400;
@@ -31,8 +32,9 @@ pub struct LampTable {
 impl LampTable {
     /// What frames that show `view_mm` say, and the calibration.
     pub fn of_frames(at_rest: &Frame, frames: &[Frame], view_mm: [f64; 2]) -> Result<(Calibration, Self)> {
-        let TouchFit { calibration, changes, errors, n_touches, curl_share } = touches::fit(at_rest, frames, view_mm)?;
-        let (n_frames, together_error) = (frames.len(), touches::TOGETHER);
+        let (calibration, found) = touches::fit(at_rest, frames, view_mm)?;
+        let TouchFit { changes, errors, n_touches, curl_share } = found;
+        let (n_frames, together_error) = (frames.len(), TOGETHER);
         Ok((calibration, Self { lamps: changes, errors, together_error, n_touches, n_frames, curl_share }))
     }
 

@@ -21,7 +21,7 @@ mod known;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
-use crate::lamps::{Lamps, on_view};
+use crate::lamps::{Lamps, on_view, turned};
 pub use crate::lamps::{Quadratic, value};
 use crate::suggest::with_closest;
 
@@ -148,20 +148,11 @@ impl LightRig {
     /// The same rig with each channel's response `strength` times as strong and turned by `turn_deg` degrees
     /// from x towards y; the frame at rest stays.
     pub fn varied(&self, strength: [f64; 3], turn_deg: [f64; 3]) -> Self {
-        let turned = |x: &[Quadratic; 3], y: &[Quadratic; 3], times: f64| -> [[Quadratic; 3]; 2] {
-            let part = |c: usize, along_x: f64, along_y: f64| -> Quadratic {
-                std::array::from_fn(|i| {
-                    (strength[c] * (along_x * f64::from(x[c][i]) + along_y * f64::from(y[c][i]))) as f32
-                })
-            };
-            let angle = turn_deg.map(|deg| (times * deg.to_radians()).sin_cos());
-            [[0, 1, 2].map(|c| part(c, angle[c].1, -angle[c].0)), [0, 1, 2].map(|c| part(c, angle[c].0, angle[c].1))]
-        };
-        let [along_x, along_y] = turned(&self.along_x, &self.along_y, 1.0);
+        let [along_x, along_y] = turned([&self.along_x, &self.along_y], strength, turn_deg);
         let stronger =
             |part: [Quadratic; 3]| [0, 1, 2].map(|c| part[c].map(|factor| (strength[c] * f64::from(factor)) as f32));
         let walls = self.walls.as_ref().map(|walls| {
-            let [across, diagonal] = turned(&walls.across, &walls.diagonal, 2.0);
+            let [across, diagonal] = turned([&walls.across, &walls.diagonal], strength, turn_deg.map(|deg| 2.0 * deg));
             Walls { steep: stronger(walls.steep), across, diagonal }
         });
         let pressed = self.pressed.map(stronger);

@@ -282,6 +282,12 @@ typedef struct tf_config tf_config;
 typedef struct tf_episode tf_episode;
 
 /**
+ * The lamps of a sensor that nobody calibrated, learnt from its touches of anything. One thread at a time: TF_STATUS_BUSY
+ * where another one uses it.
+ */
+typedef struct tf_light tf_light;
+
+/**
  * A trained network. Never changes: any number of threads may use it at once.
  */
 typedef struct tf_model tf_model;
@@ -675,6 +681,39 @@ void tf_observation_free(struct tf_observation *observation);
  * The share of the view that shows an edge, 0 to 1: 0 without contact, and on a flat face.
  */
 enum tf_status tf_observation_edge_share(const struct tf_observation *observation, float *edge_share);
+
+/**
+ * Begins with nothing known.
+ * \param at_rest  a frame of the sensor without contact
+ * \param width_mm, height_mm  what a frame shows
+ * \param out  where the handle goes, to be freed by tf_light_free(); null after an error
+ * TF_STATUS_FRAME_...: that frame shows nothing. TF_STATUS_UNUSABLE: it is small, or shows no area.
+ */
+enum tf_status tf_light_new(const struct tf_frame *at_rest,
+                            double width_mm,
+                            double height_mm,
+                            struct tf_light **out);
+
+/**
+ * Adds the frame of a touch, of whatever part, wherever it was. One without an edge tells nothing.
+ * TF_STATUS_FRAME_WRONG_SIZE: of another size than the one at rest.
+ */
+enum tf_status tf_light_add(struct tf_light *light, const struct tf_frame *frame);
+
+/**
+ * Learns the lamps where there are touches enough: 20 that show edges, and again after 40 and 80. Ask after each hole, and
+ * give new lamps to tf_sensor_lit_by(); what holes told before (tf_episode_learn()) is then to be forgotten.
+ * \param is_new  where 1 goes where lamps were learnt now, else 0
+ * \param lamps  where they go; not written to where none were
+ */
+enum tf_status tf_light_learn(struct tf_light *light,
+                              uint32_t *is_new,
+                              struct tf_lamps *lamps);
+
+/**
+ * Frees it; null is allowed.
+ */
+void tf_light_free(struct tf_light *light);
 
 /**
  * A config with what was measured of a model where this side is touched, and with every setting at its default. A model

@@ -349,6 +349,37 @@ private:
     detail::Handle<tf_sensor, tf_sensor_free> handle_;
 };
 
+// The lamps of a sensor that nobody calibrated, learnt from its touches of anything.
+class Light {
+public:
+    Light() = default;
+
+    static Result<Light> create(const tf_frame &at_rest, double width_mm, double height_mm)
+    {
+        tf_light *handle = nullptr;
+        const tf_status status = tf_light_new(&at_rest, width_mm, height_mm, &handle);
+        return detail::give(status, Light(handle));
+    }
+
+    // Adds the frame of a touch, of whatever part, wherever it was.
+    Done add(const tf_frame &frame) { return detail::done(tf_light_add(get(), &frame)); }
+
+    // The lamps, where there are touches enough to learn them now: for Sensor::lit_by().
+    Result<std::optional<tf_lamps>> learn()
+    {
+        std::uint32_t is_new = 0;
+        tf_lamps lamps{};
+        const tf_status status = tf_light_learn(get(), &is_new, &lamps);
+        return detail::give(status, is_new != 0 ? std::optional<tf_lamps>(lamps) : std::nullopt);
+    }
+
+    tf_light *get() const { return handle_.get(); }
+
+private:
+    explicit Light(tf_light *handle) : handle_(handle) {}
+    detail::Handle<tf_light, tf_light_free> handle_;
+};
+
 // One hole being identified.
 class Episode {
 public:

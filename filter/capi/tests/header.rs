@@ -7,7 +7,7 @@ use std::path::Path;
 use cbindgen::{Builder, Config};
 
 /// The sources in the header's order.
-const SOURCES: [&str; 7] = ["status", "value", "model", "sensor", "config", "episode", "runner"];
+const SOURCES: [&str; 8] = ["status", "value", "model", "sensor", "light", "config", "episode", "runner"];
 
 #[test]
 fn the_header_is_made_of_the_source() {

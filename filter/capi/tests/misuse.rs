@@ -16,11 +16,16 @@ use std::time::Duration;
 use proptest::prelude::*;
 use tactile_capi::config::*;
 use tactile_capi::episode::*;
+use tactile_capi::light::*;
 use tactile_capi::model::*;
 use tactile_capi::runner::*;
 use tactile_capi::sensor::*;
 use tactile_capi::status::{tf_last_error, tf_status};
 use tactile_capi::value::*;
+use tactile_data::frame::Frame;
+use tactile_data::scene::Scene;
+use tactile_data::se2::Se2;
+use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::{Episode, EpisodeConfig, EpisodeRecord, Settings};
 use tactile_infer::{Bank, Model};
@@ -353,6 +358,44 @@ fn known_lamps_make_another_sensor_and_lamps_in_one_line_none() {
         assert_ne!(share(plain), share(other));
         [plain, other].into_iter().for_each(|observation| tf_observation_free(observation));
         [sensor, lit].into_iter().for_each(|sensor| tf_sensor_free(sensor));
+    }
+}
+
+#[test]
+fn lamps_are_learnt_from_twenty_touches_and_not_before() {
+    let scene = Scene::preset("alphabet-small").unwrap();
+    let view = scene.sensor.field_of_view_mm;
+    let simulator = Simulator::new(scene, 1).unwrap();
+    let picture =
+        |frame: Frame| Picture { width: frame.width_px(), height: frame.height_px(), pixels: frame.rgb().to_vec() };
+    let touch = |number: u64| {
+        let part = number as usize % 12;
+        picture(simulator.touch(part, Side::Hole, &Se2::IDENTITY, &mut frame_rng(5, number)).unwrap())
+    };
+    let rest = picture(simulator.no_contact(3));
+    let mut light = null_mut();
+    let mut lamps = tf_lamps { along_x: [[0.0; 6]; 3], along_y: [[0.0; 6]; 3] };
+    let mut is_new = 7;
+    unsafe {
+        assert_eq!(tf_light_new(&rest.frame(), -1.0, 14.3, &mut light), tf_status::Unusable);
+        assert!(light.is_null());
+        ok(tf_light_new(&rest.frame(), view[0], view[1], &mut light));
+        let small = Picture { width: 40, height: 30, pixels: vec![90; 3 * 40 * 30] };
+        assert_eq!(tf_light_add(light, &small.frame()), tf_status::FrameWrongSize);
+        for number in 0..19 {
+            ok(tf_light_add(light, &touch(number).frame()));
+        }
+        ok(tf_light_learn(light, &mut is_new, &mut lamps));
+        assert_eq!((is_new, lamps.along_y[0]), (0, [0.0; 6]));
+        ok(tf_light_add(light, &touch(19).frame()));
+        assert_eq!(tf_light_learn(light, &mut is_new, null_mut()), tf_status::NullPointer);
+        ok(tf_light_learn(light, &mut is_new, &mut lamps));
+        // A Mini's red lamp shines along y.
+        assert!(is_new == 1 && lamps.along_y[0][0] > 80.0 && lamps.along_x[0][0].abs() < 30.0, "{:?}", lamps.along_y);
+        ok(tf_light_learn(light, &mut is_new, &mut lamps));
+        assert_eq!(is_new, 0);
+        tf_light_free(light);
+        tf_light_free(null_mut());
     }
 }
 

@@ -80,6 +80,9 @@ int main(int argc, char **argv)
     expect(tf::Sensor::create(none, tf::frame(pixels, 2, 2)).status() == TF_STATUS_NULL_POINTER);
     const tf::Sensor sensor;
     expect(sensor.observe(tf::frame(pixels, 2, 2, TF_FORMAT_BGR8)).status() == TF_STATUS_NULL_POINTER);
+    expect(tf::Light::create(tf::frame(pixels, 2, 2), 18.6, 14.3).status() == TF_STATUS_FRAME_DARK);
+    tf::Light light;
+    expect(!light.add(tf::frame(pixels, 2, 2)).ok() && light.learn().status() == TF_STATUS_NULL_POINTER);
     const tf::Observation observation;
     expect(observation.edge_share().status() == TF_STATUS_NULL_POINTER);
     tf::Config config;

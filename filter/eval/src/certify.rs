@@ -23,9 +23,8 @@ const MAX_STEPS: u64 = 500;
 /// What keeps weights finite where both kinds can be told apart wholly, nats a squared weight.
 const RIDGE: f64 = 1e-4;
 
-/// Weights, and what a stranger that shares what was felt is told by: its offset, the logarithm of how fast it grows, and how much of
-/// the touch that speaks most against the part counts.
-const N: usize = N_WEIGHTS + 3;
+/// Weights, and what a stranger that shares what was felt is told by: its offset, and the logarithm of how fast it grows.
+const N: usize = N_WEIGHTS + 2;
 
 /// What was fitted, and how well it tells parts from strangers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +40,8 @@ pub struct Certified {
 /// A touch after which an episode would name its part.
 struct Row {
     values: [f64; N_WEIGHTS],
-    /// What else a verifier knows.
-    verified: Option<Verified>,
+    /// The share of the outline that was felt, where a verifier knows it.
+    felt_share: Option<f64>,
     is_there: bool,
 }
 
@@ -70,7 +69,11 @@ pub fn certify(evaluations: &[Episodes], judged: bool, false_accept: f64) -> Res
     let usual = usual(&courses);
     let rows = courses.iter().flat_map(|course| {
         let named = course.felt.iter().filter(|(_, is_named)| *is_named);
-        named.map(|(felt, _)| Row { values: felt.values(usual), verified: felt.verified, is_there: course.is_there })
+        named.map(|(felt, _)| Row {
+            values: felt.values(usual),
+            felt_share: felt.verified.map(|verified| verified.felt_share()),
+            is_there: course.is_there,
+        })
     });
     let rows: Vec<Row> = rows.collect();
     let told = || Error::invalid("episodes", "strangers and parts that are named, and differ", "others");
@@ -161,8 +164,7 @@ fn lowest(odds: &PresenceOdds, course: &Course, false_accept: f64) -> Option<f64
 
 /// What a stranger that shares what was felt is told by.
 fn shared(numbers: &[f64; N]) -> Shared {
-    let [offset, ln_by_felt, by_least] = std::array::from_fn(|at| numbers[N_WEIGHTS + at]);
-    Shared { offset, by_felt: ln_by_felt.exp(), by_least }
+    Shared { offset: numbers[N_WEIGHTS], by_felt: numbers[N_WEIGHTS + 1].exp() }
 }
 
 /// The touches of both kinds, and which of the numbers they can tell.
@@ -178,16 +180,15 @@ impl Cost<'_> {
     fn of(&self, numbers: &[f64]) -> (f64, [f64; N]) {
         let mut numbers: [f64; N] = std::array::from_fn(|at| numbers[at]);
         (0..N).filter(|at| !self.is_used[*at]).for_each(|at| numbers[at] = 0.0);
-        let ridge = || (1..N_WEIGHTS).chain([N - 1]);
-        let mut cost = 0.5 * RIDGE * ridge().map(|at| numbers[at] * numbers[at]).sum::<f64>();
+        let ridge = &numbers[1..N_WEIGHTS];
+        let mut cost = 0.5 * RIDGE * ridge.iter().map(|weight| weight * weight).sum::<f64>();
         let mut slopes = [0.0; N];
-        ridge().for_each(|at| slopes[at] = RIDGE * numbers[at]);
+        (1..N_WEIGHTS).for_each(|at| slopes[at] = RIDGE * numbers[at]);
         for row in self.rows {
             let of_any: f64 = numbers.iter().zip(&row.values).map(|(weight, value)| weight * value).sum();
-            let against = row.verified.map(|verified| {
+            let against = row.felt_share.map(|felt| {
                 let shared = shared(&numbers);
-                let slopes = [1.0, shared.by_felt * left(verified.felt_share()), verified.least];
-                (shared.log_odds(&verified), slopes)
+                (shared.log_odds(felt), shared.by_felt * left(felt))
             });
             // How much of the doubt is about a stranger that differs all over.
             let (log_odds, any) = match against {
@@ -199,8 +200,9 @@ impl Cost<'_> {
             cost += share * (-sign * log_odds).exp().ln_1p().min(1e6);
             let pull = -share * sign / (1.0 + (sign * log_odds).exp());
             (0..N_WEIGHTS).for_each(|at| slopes[at] += pull * any * row.values[at]);
-            for (at, slope) in against.into_iter().flat_map(|(_, slopes)| slopes).enumerate() {
-                slopes[N_WEIGHTS + at] += pull * (1.0 - any) * slope;
+            if let Some((_, by_felt)) = against {
+                slopes[N_WEIGHTS] += pull * (1.0 - any);
+                slopes[N_WEIGHTS + 1] += pull * (1.0 - any) * by_felt;
             }
         }
         (0..N).filter(|at| !self.is_used[*at]).for_each(|at| slopes[at] = 0.0);
@@ -218,7 +220,7 @@ fn fit(rows: &[Row]) -> Option<([f64; N], f64)> {
     let is_used = std::array::from_fn(|at| match at {
         0 => true,
         at if at < N_WEIGHTS => rows.iter().any(|row| row.values[at] != rows[0].values[at]),
-        _ => rows.iter().any(|row| row.verified.is_some()),
+        _ => rows.iter().any(|row| row.felt_share.is_some()),
     });
     let cost = Cost { rows, shares: n.map(|n| 0.5 / n), is_used };
     let at = |numbers: &[f64]| {
@@ -236,18 +238,13 @@ mod tests {
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
-    /// What a verifier knows where a share of an outline was felt, and one touch says so little.
-    fn verified(felt_share: f64, least: f64) -> Verified {
-        Verified { log_odds: 0.0, n_new: 1.0, expected: None, least, outline_mm: [1.0, felt_share] }
-    }
-
     /// Two values of each touch, spread as a normal distribution about opposite means: the log-odds are known in closed form.
     fn rows(n: usize) -> Vec<Row> {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
         let row = |is_there: bool, [a, b]: [f64; 2]| {
             let sign = if is_there { 1.0 } else { -1.0 };
-            Row { values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0], verified: None, is_there }
+            Row { values: [1.0, 0.4 * sign + 0.25 + a, 0.0, 0.6 * sign + 2.0 * b, 0.0], felt_share: None, is_there }
         };
         // Three times as many of one kind: what is asked is even odds.
         (0..n).map(|i| row(i % 4 == 0, [normal(), normal()])).collect()
@@ -288,7 +285,7 @@ mod tests {
     fn kinds_that_differ_wholly_have_finite_weights_and_one_kind_none() {
         let row = |is_there: bool| {
             let values = [1.0, if is_there { 3.0 } else { -3.0 }, 2.0, 0.0, 0.0];
-            Row { values, verified: None, is_there }
+            Row { values, felt_share: None, is_there }
         };
         let (weights, cost) = fit(&[row(true), row(false), row(true)]).unwrap();
         assert!(weights.iter().all(|weight| weight.abs() < 50.0) && cost < 0.05 && weights[1] > 0.5, "{weights:?}");
@@ -307,12 +304,11 @@ mod tests {
             let mean = if looks_alike { 3.0 } else { -3.0 };
             let normal = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
             let values = [1.0, mean + 1.5 * normal, 0.0, 0.0, 0.0];
-            rows.push(Row { values, verified: Some(verified(felt, 0.0)), is_there });
+            rows.push(Row { values, felt_share: Some(felt), is_there });
         }
         let (numbers, _) = fit(&rows).unwrap();
-        let odds = |value: f64, felt: f64| {
-            against_both(numbers[0] + numbers[1] * value, shared(&numbers).log_odds(&verified(felt, 0.0)))
-        };
+        let odds =
+            |value: f64, felt: f64| against_both(numbers[0] + numbers[1] * value, shared(&numbers).log_odds(felt));
         // A touch that is wholly like the part: one of (1 - c) / 2 strangers is, too.
         for felt in [0.1, 0.3, 0.5, 0.7, 0.9] {
             let expected = -f64::ln(0.5 * (1.0 - felt));
@@ -325,8 +321,8 @@ mod tests {
     #[test]
     fn slopes_are_those_of_the_cost() {
         let rows = rows(50).into_iter().enumerate();
-        let of = |at: usize| verified(0.02 * at as f64, 3.0 - 0.2 * at as f64);
-        let rows: Vec<Row> = rows.map(|(at, row)| Row { verified: (at % 3 > 0).then(|| of(at)), ..row }).collect();
+        let rows: Vec<Row> =
+            rows.map(|(at, row)| Row { felt_share: (at % 3 > 0).then_some(0.02 * at as f64), ..row }).collect();
         let cost = Cost { rows: &rows, shares: [0.01, 0.02], is_used: [true; N] };
         let at: [f64; N] = std::array::from_fn(|at| 0.3 - 0.1 * at as f64);
         let (_, slopes) = cost.of(&at);

@@ -141,8 +141,9 @@ pub fn run_all(run: &Run<'_>, progress: &(dyn Fn(usize, usize) + Sync)) -> Resul
     protocol.validate(run.holes, run.banks.whole())?;
     let (done, earlier) = (AtomicUsize::new(0), EarlierHoles::default());
     let one = |index, bank: &Arc<Bank>| {
-        let config = run.config.with_sensor(earlier.before(run, bank, index)?);
-        let outcome = run_one(&Run { config: &config, ..*run }, bank, index, &mut |_, _, _, _| ());
+        let learnt = earlier.before(run, bank, index)?;
+        let (config, sensor) = (run.config.with_sensor(learnt.matches), &learnt.sensor);
+        let outcome = run_one(&Run { config: &config, sensor, ..*run }, bank, index, &mut |_, _, _, _| ());
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, protocol.episodes.len());
         outcome
     };

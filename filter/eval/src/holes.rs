@@ -240,6 +240,14 @@ impl<'a> Holes<'a> {
         Ok(Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side()).lit_by(&lamps)?)
     }
 
+    /// Whether the lamps that they are touched under are known; those of a recording are what it says, or a Mini's.
+    pub fn knows_light(&self) -> bool {
+        match self {
+            Self::Simulated(simulator, _) => simulator.scene().sensor.light_known,
+            Self::Recorded(_) => true,
+        }
+    }
+
     /// Width and height of what a frame shows, mm.
     pub fn field_of_view_mm(&self) -> [f64; 2] {
         match self {

@@ -233,7 +233,7 @@ impl Node {
         self.collecting = None;
         let mut warnings = Vec::new();
         let made = Calibrated::new(&pictures, &self.parameters.camera, &self.model, &self.bank, &mut warnings);
-        match made {
+        match made.and_then(|made| made.after(self.calibrated.as_deref())) {
             Ok(calibrated) => {
                 let [width, height] = calibrated.frame_px();
                 self.calibrated = Some(Box::new(calibrated.of_side(self.parameters.side)));
@@ -306,6 +306,7 @@ impl Node {
                     self.sensor = running.episode.learn();
                 }
                 (self.running, self.latest) = (None, None);
+                self.learn_light();
                 self.tool.reset();
                 if let Some(pending) = self.pending.take() {
                     self.answer(pending.id, false, "reset");
@@ -324,6 +325,19 @@ impl Node {
                 self.pending = Some(Pending { id, since_ns: self.now_ns, reason: "no picture came since".to_owned() });
                 self.try_pending();
             }
+        }
+    }
+
+    /// Learns the sensor's lamps of the touches so far, where there are enough.
+    fn learn_light(&mut self) {
+        match self.calibrated.as_mut().map_or(Ok(None), |calibrated| calibrated.learn_light()) {
+            Ok(Some(found)) => {
+                // Its touches will match otherwise.
+                self.sensor = SensorMatch::default();
+                self.say(format!("light: {}", found.line()));
+            }
+            Ok(None) => {}
+            Err(error) => self.say(format!("light: {error}")),
         }
     }
 
@@ -422,6 +436,9 @@ impl Node {
         let [before, newest] = self.two_frames(calibrated, placed.still_since_ns)?;
         let observation = calibrated.observe([&before, &newest])?;
         let moved = self.take_in(&placed, &observation)?;
+        if let Some(calibrated) = &mut self.calibrated {
+            calibrated.felt(&newest)?;
+        }
         let report = self.decide(moved, observation.edge_share, &placed)?;
         Ok(report.line())
     }

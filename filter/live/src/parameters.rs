@@ -78,6 +78,8 @@ pub struct CameraParameters {
     /// What that file says; the node itself reads no files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lamps: Option<CalibratedLamps>,
+    /// Whether touches of whatever holes tell the lamps, until a frame at rest shows another light; then no calibration is given.
+    pub learn_light: bool,
     /// A picture of a touch is at most this old, seconds.
     pub max_age_s: f64,
     /// After so many seconds without a new picture the camera counts as gone, and a new frame at rest is asked for.
@@ -104,6 +106,7 @@ impl Default for CameraParameters {
             field_of_view_mm: None,
             calibration: None,
             lamps: None,
+            learn_light: false,
             max_age_s: 0.3,
             reconnect_s: 2.0,
             clock: Clock::default(),
@@ -285,6 +288,9 @@ impl Parameters {
         }
         if !(1..=100).contains(&camera.n_rest) {
             return Err(Error::invalid("camera.n_rest", "1 to 100 pictures", camera.n_rest.to_string()));
+        }
+        if camera.learn_light && camera.calibration.is_some() {
+            return Err(Error::invalid("camera.learn_light", "false where camera.calibration is given", "true"));
         }
         self.episode.applied_to(Settings::default())?;
         self.tool.tool_from_sensor()?;

@@ -6,6 +6,7 @@ use tactile_data::frame::Frame;
 use tactile_data::recording::geometry::View;
 use tactile_data::recording::rest::median;
 use tactile_data::touch::Side;
+use tactile_data::touch_light::{SensorLight, TouchFit};
 use tactile_filter::{Observation, Sensor};
 use tactile_infer::{Bank, Model};
 
@@ -19,6 +20,9 @@ pub struct Calibrated {
     sensor: Sensor,
     view: View,
     stillness: Stillness,
+    rest: Frame,
+    /// What its touches have told of its lamps, where they are to tell.
+    light: Option<SensorLight>,
     /// Finds contacts in its pictures.
     pub watch: ContactWatch,
 }
@@ -41,12 +45,48 @@ impl Calibrated {
         let rest = view.frame(&picture, "no-contact frame")?;
         let frames = pictures.iter().map(|picture| Ok(view.frame(picture, "no-contact frame")?));
         let frames = frames.collect::<Result<Vec<_>>>()?;
+        let light = camera.learn_light.then(|| SensorLight::new(&rest, view.field_of_view_mm())).transpose()?;
         Ok(Self {
             sensor: Sensor::new(Arc::clone(model), &rest)?.lit_by(view.lamps())?,
             stillness: Stillness::new(&rest, &frames)?,
             watch: ContactWatch::default(),
+            rest,
+            light,
             view,
         })
+    }
+
+    /// The same, which knows of its lamps what was learnt before this frame at rest, where that shows the same light.
+    ///
+    /// # Errors
+    /// Lamps that do not show slopes in all directions.
+    pub fn after(self, before: Option<&Self>) -> Result<Self> {
+        let Some(light) = before.and_then(|before| before.light.clone()) else { return Ok(self) };
+        let light = light.with_rest(&self.rest)?;
+        let sensor = self.sensor.lit_by(light.lamps())?;
+        Ok(Self { sensor, light: Some(light), ..self })
+    }
+
+    /// Adds a touch that was taken in to what tells its lamps.
+    ///
+    /// # Errors
+    /// A frame of another size.
+    pub fn felt(&mut self, frame: &Frame) -> Result<()> {
+        let light = self.light.as_mut().filter(|light| light.learns());
+        Ok(light.map_or(Ok(()), |light| light.add(frame))?)
+    }
+
+    /// Learns the lamps where there are touches enough; what was found, if so.
+    ///
+    /// # Errors
+    /// Lamps that do not show slopes in all directions.
+    pub fn learn_light(&mut self) -> Result<Option<TouchFit>> {
+        let Some(light) = &mut self.light else { return Ok(None) };
+        let found = light.learn();
+        if found.is_some() {
+            self.sensor = self.sensor.clone().lit_by(light.lamps())?;
+        }
+        Ok(found)
     }
 
     /// The same, touching this side.

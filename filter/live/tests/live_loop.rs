@@ -14,6 +14,7 @@ use tactile_data::recording::ros::bag_writer::BagWriter;
 use tactile_data::recording::ros::messages::{Header, Image, Message, Pose, PoseStamped, Text, to_cdr};
 use tactile_data::scene::{Kit, Parts, Scene};
 use tactile_data::se2::Se2;
+use tactile_data::sensor::light::LightRig;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::StopReason;
@@ -122,6 +123,42 @@ fn holes_are_named_and_the_log_gives_the_same_decisions() {
         let error = replay::replay(&changed, model.clone(), bank.clone()).unwrap_err().to_string();
         assert!(error.contains(said), "{error}");
     }
+}
+
+#[test]
+fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_them() {
+    let (model, bank) = model_and_bank();
+    let mut parameters = Parameters::default();
+    parameters.camera.learn_light = true;
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("live.mcap");
+    let setup = Names::default().setup(&parameters, &model, &bank).unwrap();
+    let node = Node::new(parameters.clone(), model.clone(), bank.clone()).unwrap();
+    let mut session = Session::new(node).with_log(&log, &setup, 1).unwrap();
+    let mut other = scene();
+    other.sensor.light = LightRig::named("cmu").unwrap();
+    let settings = RobotSettings { n_episodes: 12, ..RobotSettings::default() };
+    let mut robot = Robot::new(settings, Simulator::new(other, 1).unwrap()).unwrap();
+    let mut lines = Vec::new();
+    pair::run(&mut session, &mut robot, 600.0, &mut |_| true, &mut |spoken| {
+        lines.extend(match spoken {
+            Spoken::Line(line) => Some(line),
+            Spoken::Decision(_) => None,
+        });
+    })
+    .unwrap();
+    session.finish().unwrap();
+    assert!(lines.iter().any(|line| line.contains("light: red") && line.contains("turned by")), "{lines:?}");
+    // By ten touches a hole the first twenty come from the first two or three.
+    let outcomes = robot.outcomes();
+    let n_right = |outcomes: &[Outcome]| outcomes.iter().filter(|outcome| is_right(outcome)).count();
+    assert!(n_right(&outcomes[..2]) == 0 && n_right(&outcomes[4..]) >= 6, "{outcomes:?}");
+    let replayed = replay::replay(&log, model.clone(), bank.clone()).unwrap();
+    assert_eq!(replayed.decisions.len(), outcomes.iter().map(|outcome| outcome.named.len()).sum::<usize>());
+    // A calibration says it better.
+    parameters.camera.calibration = Some("mine.toml".to_owned());
+    let error = Node::new(parameters, model, bank).unwrap_err().to_string();
+    assert!(error.starts_with("camera.learn_light: expected false where camera.calibration is given"), "{error}");
 }
 
 /// Copies a log without its 200th picture, or with another byte in it.

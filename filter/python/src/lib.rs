@@ -42,6 +42,7 @@ fn tactile_filter_module(module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo
     module.add_class::<model::PyBank>()?;
     module.add_class::<pose::PyPose>()?;
     module.add_class::<sensor::PySensor>()?;
+    module.add_class::<sensor::PySensorLight>()?;
     module.add_class::<sensor::PyObservation>()?;
     module.add_class::<config::PyEpisodeConfig>()?;
     module.add_class::<episode::PyEpisode>()?;

@@ -4,6 +4,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use tactile_data::lamps::Lamps;
 use tactile_data::touch::Side;
+use tactile_data::touch_light::SensorLight;
 use tactile_filter::{Observation, Sensor};
 
 use crate::array::{frame, vector};
@@ -65,6 +66,40 @@ impl PySensor {
     fn __repr__(&self) -> String {
         let ([width, height], sha256) = (self.size_px, self.sensor.model().sha256());
         format!("<Sensor of {width}x{height} pixels for model {sha256:.12}>")
+    }
+}
+
+/// The lamps of a sensor that nobody calibrated, learnt from its touches of anything.
+#[pyclass(name = "SensorLight", module = "tactile_filter")]
+pub struct PySensorLight {
+    light: SensorLight,
+    size_px: [usize; 2],
+}
+
+/// How red, green and blue answer slopes along x and along y.
+type PyLamps = ([[f32; 6]; 3], [[f32; 6]; 3]);
+
+#[pymethods]
+impl PySensorLight {
+    /// Of a sensor whose frame without contact is `rest_frame`, and whose frames show `field_of_view_mm`.
+    #[new]
+    #[pyo3(signature = (rest_frame, field_of_view_mm))]
+    fn new(py: Python<'_>, rest_frame: &Bound<'_, PyAny>, field_of_view_mm: [f64; 2]) -> PyResult<Self> {
+        let rest = frame(rest_frame, None)?;
+        let size_px = [rest.width_px(), rest.height_px()];
+        compute(py, || Ok(Self { light: SensorLight::new(&rest, field_of_view_mm)?, size_px }))
+    }
+
+    /// Adds the frame of a touch, of whatever part, wherever it was. One without an edge tells nothing.
+    fn add(&mut self, py: Python<'_>, frame: &Bound<'_, PyAny>) -> PyResult<()> {
+        let frame = crate::array::frame(frame, Some(self.size_px))?;
+        compute(py, || Ok(self.light.add(&frame)?))
+    }
+
+    /// New lamps for `Sensor.lit_by`, where there are touches enough to learn them now: 20 that show edges, 40 and 80; else `None`.
+    fn learn(&mut self, py: Python<'_>) -> PyResult<Option<PyLamps>> {
+        let learnt = compute(py, || Ok(self.light.learn()))?;
+        Ok(learnt.map(|found| found.lamps()).map(|lamps| (lamps.along_x, lamps.along_y)))
     }
 }
 

@@ -68,8 +68,6 @@ impl<'a> Asked<'a> {
 /// What touches say together, each as much as it is new. One that shows no edge is no evidence for a part, but may be against it.
 fn together(log_odds: &[f64], drawn: &[Drawn<'_>], expected: Option<Spread>) -> Verified {
     let n_new = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.new_share).sum();
-    let touches = || log_odds.iter().zip(drawn);
-    let least = touches().filter(|(_, touch)| !touch.is_blank).map(|(log_odds, _)| *log_odds).reduce(f64::min);
-    let log_odds = touches().map(|(log_odds, touch)| touch.new_share * log_odds).sum();
-    Verified { log_odds, n_new, expected, least: least.unwrap_or_default(), outline_mm: [0.0; 2] }
+    let log_odds = log_odds.iter().zip(drawn).map(|(log_odds, touch)| touch.new_share * log_odds).sum();
+    Verified { log_odds, n_new, expected, outline_mm: [0.0; 2] }
 }

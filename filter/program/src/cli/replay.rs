@@ -7,6 +7,7 @@ use clap::Args;
 use tactile_data::output::prepare_file;
 use tactile_data::printable::printable_json;
 use tactile_data::store::{Dataset, FILES};
+use tactile_data::touch_light::SensorLight;
 use tactile_data::{picture, program};
 use tactile_eval::Error;
 use tactile_eval::fits::warn_of_played;
@@ -37,7 +38,7 @@ pub struct Replay {
     data: Option<PathBuf>,
     /// Log of `live --log` instead: its events are given to a new node, and all that it says is compared byte for byte
     #[arg(long, value_name = "FILE", conflicts_with_all = [
-        "data", "side", "limit", "engine", "BudgetArgs", "Numbers",
+        "data", "side", "limit", "engine", "learn_light", "BudgetArgs", "Numbers",
     ])]
     log: Option<PathBuf>,
     #[command(flatten)]
@@ -48,6 +49,9 @@ pub struct Replay {
     /// How states are inferred
     #[arg(long, value_enum, conflicts_with = "spent", default_value_t = Engine::Exact)]
     engine: Engine,
+    /// The recording's lamps are not known: its touches tell them, from the first 20 that show edges on
+    #[arg(long)]
+    learn_light: bool,
     /// Print a line of JSON for each episode
     #[arg(long)]
     json: bool,
@@ -74,6 +78,26 @@ const CELL_PX: usize = 3;
 /// Scales that differ by more than this share are reported: an edge's shape then means another thing.
 const SCALE_TOLERANCE: f64 = 0.05;
 
+/// What is known of the lamps of a recording that does not say which they are.
+fn light_of(dataset: &Dataset) -> Result<SensorLight> {
+    let meta = dataset.meta();
+    if meta.lamps.is_some() {
+        return Err(Error::invalid("--learn-light", "a recording whose lamps are not known", &*meta.name).into());
+    }
+    Ok(SensorLight::new(dataset.no_contact(), meta.field_of_view_mm())?)
+}
+
+/// The sensor under the lamps that one more episode's touches tell.
+fn relit(sensor: Sensor, light: &mut SensorLight, dataset: &Dataset, replayed: &Replayed) -> Result<Sensor> {
+    if !light.learns() {
+        return Ok(sensor);
+    }
+    replayed.frames.iter().try_for_each(|frame| light.add(&dataset.frame(*frame)))?;
+    let Some(found) = light.learn() else { return Ok(sensor) };
+    program::note(format_args!("light: {}", found.line()));
+    Ok(sensor.lit_by(light.lamps())?)
+}
+
 impl Replay {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
@@ -88,7 +112,8 @@ impl Replay {
         warn_of_calibration(&model, side);
         let lamps = dataset.meta().lamps.as_ref();
         warn_of_light(&bank, lamps);
-        let sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side).lit_by(lamps)?;
+        let mut sensor = Sensor::new(model.clone(), dataset.no_contact())?.of_side(side).lit_by(lamps)?;
+        let mut light = self.learn_light.then(|| light_of(&dataset)).transpose()?;
         let mut config = self.budget.limited(self.numbers.applied_to(self.engine.config(&model, side))?)?;
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
@@ -112,6 +137,9 @@ impl Replay {
             let felt = replayed.felt_map.as_ref().filter(|_| replayed.stop == Some(StopReason::NoneOfThese));
             if let Some((learnt, felt)) = learnt.as_mut().zip(felt) {
                 learnt.add(number, felt)?;
+            }
+            if let Some(light) = &mut light {
+                sensor = relit(sensor, light, &dataset, &replayed)?;
             }
         }
         learnt.iter().try_for_each(LearntParts::finish)?;

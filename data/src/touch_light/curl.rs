@@ -51,6 +51,15 @@ impl Moments {
         moments
     }
 
+    /// What several images show without one of them.
+    pub fn without(&self, one: &Self) -> Self {
+        let mut rest = *self;
+        minus(&mut rest.colours, &one.colours);
+        minus(&mut rest.changes, &one.changes);
+        rest.bends.iter_mut().zip(&one.bends).for_each(|(rest, one)| minus(rest, one));
+        rest
+    }
+
     /// What several images show together.
     pub fn sum<'a>(moments: impl IntoIterator<Item = &'a Self>) -> Self {
         moments.into_iter().fold(Self::default(), |mut sum, one| {
@@ -120,6 +129,10 @@ fn add<const N: usize>(sums: &mut [[f64; N]; N], values: [f64; N], times: f64) {
 
 fn plus<const N: usize>(sums: &mut [[f64; N]; N], others: &[[f64; N]; N]) {
     sums.as_flattened_mut().iter_mut().zip(others.as_flattened()).for_each(|(sum, other)| *sum += other);
+}
+
+fn minus<const N: usize>(sums: &mut [[f64; N]; N], others: &[[f64; N]; N]) {
+    sums.as_flattened_mut().iter_mut().zip(others.as_flattened()).for_each(|(sum, other)| *sum -= other);
 }
 
 /// Eigenvalues in ascending order and their unit vectors, of a symmetric matrix, by Jacobi's rotations.
