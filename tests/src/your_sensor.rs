@@ -25,7 +25,7 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     fs::create_dir_all(at.join("out/yours")).unwrap();
     let page = fs::read_to_string(workspace().join("data/your-sensor/README.md")).unwrap();
     let commands = commands(&page);
-    assert_eq!(commands.len(), 16);
+    assert_eq!(commands.len(), 18);
     for (long, _) in SHORTER {
         assert!(commands.iter().any(|(_, words)| words.iter().any(|word| word == long)), "{long}");
     }
@@ -43,6 +43,11 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     }
     the_light_is_the_stand_in_s(&at.join("out/yours/sensor.toml"));
     the_lamps_are_where_the_stand_in_s_are(&at.join("out/yours/sensor-by-touches.toml"));
+    let by_parts = at.join("out/yours/sensor-by-parts.toml");
+    the_lamps_are_where_the_stand_in_s_are(&by_parts);
+    // The stand-in's gel, to a tenth or so.
+    let gel = Calibration::load(&by_parts).unwrap().gel_length_mm.unwrap();
+    assert!((gel / 1.4).ln().abs() < 0.15, "{gel}");
     // What counts is said.
     assert!(said.contains("touches with an edge, and as much as 2 from before"), "{said}");
     let shipped = Checkpoint::load(&workspace().join("infer/models/maze-small.safetensors")).unwrap().0;

@@ -13,6 +13,7 @@ pub mod presses;
 mod synthetic;
 pub mod taxim;
 pub mod touches;
+pub mod twins;
 
 use std::path::Path;
 

@@ -128,7 +128,7 @@ mod tests {
             let mut rng = frame_rng(0, part as u64);
             let [x, y] = [0, 1].map(|_| around_zero(&mut rng, reach_mm));
             let pose = Se2::from_degrees(x, y, around_zero(&mut rng, 180.0));
-            let side = if part % 2 == 0 { Side::Peg } else { Side::Hole };
+            let side = if part.is_multiple_of(2) { Side::Peg } else { Side::Hole };
             simulator.touch(part, side, &pose, &mut rng).unwrap()
         });
         (simulator.no_contact(0), frames.collect(), view)

@@ -9,9 +9,11 @@ use super::lamp_table::LampTable;
 use tactile_data::calibrate::ball::BallPress;
 use tactile_data::calibrate::circle::Circle;
 use tactile_data::calibrate::presses::{Presses, Source};
+use tactile_data::calibrate::twins::{self, KnownTouch};
 use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::compare::Figures;
 use tactile_data::frame::Frame;
+use tactile_data::scene::Scene;
 use tactile_data::sensor::light::LightRig;
 use tactile_data::store::{self, Dataset};
 use tactile_data::{Error, Result, output, picture, program};
@@ -35,6 +37,10 @@ pub struct Calibrate {
     /// The frames are touches of anything; a dataset brings its scale and frame at rest
     #[arg(long, conflicts_with_all = ["ball_mm", "labels", "frame_px"])]
     touches: bool,
+    /// The dataset's touches are of this scene's parts: where it says which and where, they tell the gel, and how strong the lamps are
+    /// together
+    #[arg(long, value_name = "PRESET|FILE.toml", requires = "touches")]
+    scene: Option<String>,
     /// Diameter of the ball, mm
     #[arg(long, value_name = "MM", requires = "no_contact")]
     ball_mm: Option<f64>,
@@ -138,12 +144,22 @@ impl Calibrate {
     }
 
     fn fit_touches(&self) -> Result<Outcome> {
-        let (calibration, lamps) = if Dataset::is_at(&self.source) {
-            LampTable::fit(&Dataset::open(&self.source)?)?
-        } else {
+        if !Dataset::is_at(&self.source) {
+            if self.scene.is_some() {
+                return Err(self.lacks("a dataset, whose touches have parts and poses, for --scene"));
+            }
             let (at_rest, frames, view_mm) = self.folder()?;
-            LampTable::of_frames(&at_rest, &frames, view_mm)?
-        };
+            let (calibration, lamps) = LampTable::of_frames(&at_rest, &frames, view_mm)?;
+            let json = json!({ "calibration": calibration, "lamps": lamps });
+            return Ok((calibration, lamps.to_string(), json));
+        }
+        let dataset = Dataset::open(&self.source)?;
+        let (mut calibration, mut lamps) = LampTable::fit(&dataset)?;
+        if let Some(scene) = &self.scene {
+            let scene = Scene::load(scene)?;
+            let known = known_touches(&dataset, &scene)?;
+            lamps = lamps.with(twins::fit(&mut calibration, &scene, dataset.no_contact(), &known)?);
+        }
         let json = json!({ "calibration": calibration, "lamps": lamps });
         Ok((calibration, lamps.to_string(), json))
     }
@@ -177,6 +193,18 @@ impl Calibrate {
         });
         Ok((read.calibration, text, json))
     }
+}
+
+/// The touches of a dataset that are of a scene's parts and whose pose it knows.
+fn known_touches(dataset: &Dataset, scene: &Scene) -> Result<Vec<KnownTouch>> {
+    let parts = scene.part_names();
+    let touch = |at: usize| {
+        let touch = dataset.touch(at);
+        let part = touch.part.as_ref().and_then(|part| parts.iter().position(|name| name == part))?;
+        let (side, part_from_sensor) = (touch.side?, touch.part_from_sensor?);
+        Some(KnownTouch { frame: dataset.frame(at), part, side, part_from_sensor })
+    };
+    Ok((0..dataset.len()).filter_map(touch).collect())
 }
 
 /// How deep the ball is pressed in by the gel that was fitted, mm.

@@ -6,6 +6,7 @@ use serde::Serialize;
 use tactile_data::Result;
 use tactile_data::calibrate::Calibration;
 use tactile_data::calibrate::touches;
+use tactile_data::calibrate::twins::TwinFit;
 use tactile_data::frame::Frame;
 use tactile_data::store::Dataset;
 use tactile_data::touch_light::{Change, TOGETHER, TouchFit};
@@ -27,6 +28,9 @@ pub struct LampTable {
     n_touches: usize,
     n_frames: usize,
     curl_share: f64,
+    /// What touches of known parts tell.
+    #[serde(flatten)]
+    of_known_parts: Option<TwinFit>,
 }
 
 impl LampTable {
@@ -35,7 +39,15 @@ impl LampTable {
         let (calibration, found) = touches::fit(at_rest, frames, view_mm)?;
         let TouchFit { changes, errors, n_touches, curl_share } = found;
         let (n_frames, together_error) = (frames.len(), TOGETHER);
-        Ok((calibration, Self { lamps: changes, errors, together_error, n_touches, n_frames, curl_share }))
+        Ok((
+            calibration,
+            Self { lamps: changes, errors, together_error, n_touches, n_frames, curl_share, of_known_parts: None },
+        ))
+    }
+
+    /// The same with what touches of known parts tell.
+    pub fn with(self, found: TwinFit) -> Self {
+        Self { of_known_parts: Some(found), ..self }
     }
 
     /// What frames that are spread evenly over a dataset say, and the calibration.
@@ -55,6 +67,17 @@ impl fmt::Display for LampTable {
             let [turn, least, most] = between.map(|times| lamp.turn_deg + times * error.turn_deg);
             let strength = format!("{strength:.2} ({weakest:.2} to {strongest:.2})");
             writeln!(f, "{name:<8} {strength:>28} {:>22}", format!("{turn:.0} ({least:.0} to {most:.0})"))?;
+        }
+        if let Some(found) = &self.of_known_parts {
+            let range = |value: f64, error: f64| [0.0, -WITHIN, WITHIN].map(|times| value * (times * error).exp());
+            let [strength, weakest, strongest] = range(found.strength.exp(), found.strength_error);
+            let [gel, shortest, longest] = range(found.gel_length_mm, found.gel_error);
+            return writeln!(
+                f,
+                "next to a Mini's, by {} touches of {} frames; by {} of known parts all lamps together {strength:.2} ({weakest:.2} to {strongest:.2}) \
+                 times, gel length {gel:.2} mm ({shortest:.2} to {longest:.2}); correlation with their twins {:.3}",
+                self.n_touches, self.n_frames, found.n_touches, found.correlation
+            );
         }
         let factor = (WITHIN * self.together_error).exp();
         writeln!(

@@ -240,11 +240,11 @@ impl<'a> Holes<'a> {
         Ok(Sensor::new(Arc::clone(model), no_contact)?.of_side(self.side()).lit_by(&lamps)?)
     }
 
-    /// Whether the lamps that they are touched under are known; those of a recording are what it says, or a Mini's.
+    /// Whether the lamps that they are touched under are known: those of a recording where it says them.
     pub fn knows_light(&self) -> bool {
         match self {
             Self::Simulated(simulator, _) => simulator.scene().sensor.light_known,
-            Self::Recorded(_) => true,
+            Self::Recorded(recorded) => recorded.lamps().is_some(),
         }
     }
 

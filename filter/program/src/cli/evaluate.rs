@@ -97,7 +97,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "K", help_heading = "Episodes")]
     classes: Option<usize>,
     /// Before each episode let a run of holes of the bank's parts be felt, until N are named with confidence: how well touches of
-    /// this sensor match is then known
+    /// this sensor match is then known, and its lamps, where nobody knew them
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Episodes")]
     earlier_holes: usize,
     /// Take each hole's own part out of the bank: how often is it recognised as none of these? A bank that learnt from
