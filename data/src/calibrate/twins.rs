@@ -3,8 +3,8 @@
 //! What touches of anything leave open ([`touch_light`](crate::touch_light)) their simulated twins tell: pictures of the same parts at the
 //! same poses, under the lamps so far, for each of some lengths of the gel. The length is that at which pictures are most alike: the share
 //! of a picture's energy that a multiple of its twin explains, the mean over the touches, each with the depth of press that suits it best.
-//! How strong the lamps are is the median of those multiples at the depth that banks are simulated at: a deeper press and a stronger light
-//! show flat parts alike.
+//! How strong the lamps are is the median of those multiples at the scene's depth, at which its bank is simulated: a deeper press and a
+//! stronger light show flat parts alike.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -26,8 +26,8 @@ pub const MIN_TOUCHES: usize = 10;
 const MOST_TOUCHES: usize = 60;
 
 /// Lengths of the gel that are tried, mm, each 1.2 times the one before, and depths of press, mm.
-const GEL_LENGTHS_MM: [f64; 9] = [0.69, 0.83, 1.0, 1.2, 1.44, 1.73, 2.07, 2.49, 2.99];
-const DEPTHS_MM: [f64; 5] = [0.35, 0.6, 1.0, 1.5, 2.2];
+const GEL_LENGTHS_MM: [f64; 11] = [0.69, 0.83, 1.0, 1.2, 1.44, 1.73, 2.07, 2.49, 2.99, 3.58, 4.3];
+const DEPTHS_MM: [f64; 5] = [0.35, 0.7, 1.1, 1.7, 2.6];
 
 /// The size at which pictures are compared, pixels, and that of the simulated frames.
 const SIZE_PX: [usize; 2] = [40, 30];
@@ -68,7 +68,7 @@ pub struct TwinFit {
 struct Compared {
     /// The share of its energy that no multiple of a twin explains, by the gel's length.
     unexplained: [f64; GEL_LENGTHS_MM.len()],
-    /// The multiple that explains it best at the depth of banks, by the gel's length.
+    /// The multiple that explains it best at the scene's depth, by the gel's length.
     times: [f64; GEL_LENGTHS_MM.len()],
 }
 
@@ -76,7 +76,8 @@ struct Compared {
 /// into it.
 ///
 /// # Errors
-/// Fewer than [`MIN_TOUCHES`], frames of another size, parts that the scene does not have, and pictures unlike their twins.
+/// Fewer than [`MIN_TOUCHES`], frames of another size, parts that the scene does not have, pictures unlike their twins, and a gel longer than
+/// those that are tried.
 pub fn fit(
     calibration: &mut Calibration,
     scene: &Scene,
@@ -93,10 +94,11 @@ pub fn fit(
     let background = Background::new(no_contact, &counts)?;
     let pictures = touches.iter().map(|touch| Ok(background.tactile_image(&touch.frame)?.planes));
     let pictures = pictures.collect::<Result<Vec<_>>>()?;
-    let usual_mm = SensorSpec::default().depth_mm;
-    let mut found = vec![Compared { unexplained: [1.0; 9], times: [0.0; 9] }; touches.len()];
+    let usual_mm = scene.sensor.depth_mm;
+    let mut found =
+        vec![Compared { unexplained: [1.0; GEL_LENGTHS_MM.len()], times: [0.0; GEL_LENGTHS_MM.len()] }; touches.len()];
     for (at, gel_length_mm) in GEL_LENGTHS_MM.into_iter().enumerate() {
-        for depth_mm in DEPTHS_MM {
+        for depth_mm in DEPTHS_MM.into_iter().chain([usual_mm]) {
             let twins = twins(&still(scene, calibration, [gel_length_mm, depth_mm])?, &counts, &touches)?;
             for ((found, picture), twin) in found.iter_mut().zip(&pictures).zip(&twins) {
                 let [own, both, of_twin] = [(picture, picture), (picture, twin), (twin, twin)].map(product);
@@ -145,8 +147,13 @@ fn gel(found: &[Compared]) -> Result<f64> {
         let got = format!("{:.0} % of what they show unlike it", 100.0 * means[best]);
         return Err(Error::invalid("calibration", "touches like the simulated ones of their parts", got));
     }
+    let last = means.len() - 1;
+    if best == last {
+        let expected = format!("a gel whose length is less than {} mm", GEL_LENGTHS_MM[last]);
+        return Err(Error::invalid("calibration", expected, "touches that are the more alike the longer it is"));
+    }
     // The least of the parabola through it and its neighbours, in the logarithm.
-    let middle = best.clamp(1, means.len() - 2);
+    let middle = best.max(1);
     let [before, here, after] = [middle - 1, middle, middle + 1].map(|at| means[at]);
     let bend = before + after - 2.0 * here;
     let off = if bend > 0.0 { (0.5 * (before - after) / bend).clamp(-1.0, 1.0) } else { best as f64 - middle as f64 };
@@ -248,8 +255,8 @@ mod tests {
 
     #[test]
     fn gel_and_strength_are_found_from_touches_of_known_parts() {
-        for (times, gel_mm) in [(0.75, 0.9), (1.3, 1.9), (1.0, 1.2)] {
-            let (mut calibration, scene, no_contact, touches) = touches(times, gel_mm, 24);
+        for (times, gel_mm) in [(0.75, 0.9), (1.3, 1.9)] {
+            let (mut calibration, scene, no_contact, touches) = touches(times, gel_mm, 16);
             let found = fit(&mut calibration, &scene, &no_contact, &touches).unwrap();
             println!("{times} {gel_mm}: {found:?}");
             assert!((found.gel_length_mm / gel_mm).ln().abs() < 0.12, "{gel_mm}: {found:?}");
@@ -259,6 +266,15 @@ mod tests {
             );
             assert_eq!(calibration.gel_length_mm, Some(found.gel_length_mm));
         }
+    }
+
+    #[test]
+    fn a_gel_beyond_those_tried_is_refused() {
+        let of = |unexplained: [f64; 11]| gel(&[Compared { unexplained, times: [1.0; 11] }]);
+        let rising = std::array::from_fn(|at| 0.1 + 0.01 * at as f64);
+        assert!((of(rising).unwrap() / 0.69).ln().abs() < 0.1);
+        let falling = std::array::from_fn(|at| 0.4 - 0.01 * at as f64);
+        assert!(of(falling).unwrap_err().to_string().contains("a gel whose length is less than 4.3 mm"));
     }
 
     #[test]
