@@ -67,8 +67,8 @@ fn learnt(run: &Run<'_>, bank: &Arc<Bank>, of_run: usize) -> Result<Learnt> {
     let seed = SEEDS.wrapping_add(run.protocol.seeds[0]).wrapping_add(of_run as u64);
     let protocol = Protocol { seeds: vec![seed], n_prints: 1, ..run.protocol.clone() };
     let at_rest = run.holes.at_rest(&protocol.seeds);
-    let is_dark = !run.holes.knows_light();
-    let mut light = is_dark.then(|| SensorLight::new(&at_rest, run.holes.field_of_view_mm())).transpose()?;
+    let is_unknown = !run.holes.knows_light();
+    let mut light = is_unknown.then(|| SensorLight::new(&at_rest, run.holes.field_of_view_mm())).transpose()?;
     let mut known = Learnt { matches: run.config.sensor, sensor: run.sensor.clone() };
     let (mut n_sure, mut n_felt) = (0, 0);
     while n_sure < n && n_felt < TRIES * n {

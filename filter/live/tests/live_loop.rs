@@ -149,10 +149,10 @@ fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_th
     .unwrap();
     session.finish().unwrap();
     assert!(lines.iter().any(|line| line.contains("light: red") && line.contains("turned by")), "{lines:?}");
-    // By ten touches a hole the first twenty come from the first two or three.
+    // The first twenty touches come from the first three holes or so.
     let outcomes = robot.outcomes();
     let n_right = |outcomes: &[Outcome]| outcomes.iter().filter(|outcome| is_right(outcome)).count();
-    assert!(n_right(&outcomes[..2]) == 0 && n_right(&outcomes[4..]) >= 6, "{outcomes:?}");
+    assert!(n_right(&outcomes[..2]) == 0 && n_right(&outcomes[6..]) >= 4, "{outcomes:?}");
     let replayed = replay::replay(&log, model.clone(), bank.clone()).unwrap();
     assert_eq!(replayed.decisions.len(), outcomes.iter().map(|outcome| outcome.named.len()).sum::<usize>());
     // A calibration says it better.
