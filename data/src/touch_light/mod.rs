@@ -1,7 +1,7 @@
 //! A sensor's lamps, learnt from its touches: neither what was touched nor where need be known.
 //!
 //! [`Response`] says how strong each lamp is next to the others and where it shines from, about: light that fades over the frame and
-//! steep walls are not in it. So it is compared with what touches of MAZE parts give under a Mini's lamps ([`OF_A_MINI`]), and the lamps
+//! steep walls are not in it. So it is compared with what touches of MAZE parts give under a Mini's lamps, and the lamps
 //! differ from a Mini's as the two do. What this leaves open is one factor, how steep the slopes were: the lamps are taken to be as
 //! strong as a Mini's on average (their geometric mean). How each lamp fades over the frame is a Mini's.
 
@@ -35,8 +35,8 @@ const OF_A_MINI: [[f64; 2]; 3] = [[0.0676, 1.3819], [-0.8187, -0.1016], [-0.2526
 /// deviations.
 const PRIOR: Change = Change { strength: 0.3, turn_deg: 20.0 };
 
-/// What the comparison leaves out, standard deviations: of seven simulated sensors whose lamps were known, beyond what other touches
-/// would have told.
+/// What the comparison leaves out, standard deviations: the errors on seven simulated sensors, beyond what other touches would have
+/// said.
 const LEFT_OUT: Change = Change { strength: 0.015, turn_deg: 3.0 };
 
 /// The standard deviation of how strong three lamps are together, as a logarithm: that of a mean of three.
@@ -114,7 +114,7 @@ pub struct SensorLight {
 }
 
 impl SensorLight {
-    /// Of a sensor at rest whose frames show `field_of_view_mm`.
+    /// Nothing is known yet of a sensor at rest whose frames show `field_of_view_mm`.
     ///
     /// # Errors
     /// A frame at rest that is dark, saturated, uniform or small.

@@ -81,7 +81,7 @@ type PyLamps = ([[f32; 6]; 3], [[f32; 6]; 3]);
 
 #[pymethods]
 impl PySensorLight {
-    /// Of a sensor whose frame without contact is `rest_frame`, and whose frames show `field_of_view_mm`.
+    /// Nothing is known yet of a sensor whose frame without contact is `rest_frame`, and whose frames show `field_of_view_mm`.
     #[new]
     #[pyo3(signature = (rest_frame, field_of_view_mm))]
     fn new(py: Python<'_>, rest_frame: &Bound<'_, PyAny>, field_of_view_mm: [f64; 2]) -> PyResult<Self> {
