@@ -23,7 +23,7 @@ use crate::touch::Side;
 pub const MIN_TOUCHES: usize = 10;
 
 /// More than this many hardly say more.
-const MOST_TOUCHES: usize = 60;
+pub const MOST_TOUCHES: usize = 60;
 
 /// Lengths of the gel that are tried, mm, each 1.2 times the one before, and depths of press, mm.
 const GEL_LENGTHS_MM: [f64; 11] = [0.69, 0.83, 1.0, 1.2, 1.44, 1.73, 2.07, 2.49, 2.99, 3.58, 4.3];
@@ -64,7 +64,7 @@ pub struct TwinFit {
 }
 
 /// How one picture compares with its twins.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Compared {
     /// The share of its energy that no multiple of a twin explains, by the gel's length.
     unexplained: [f64; GEL_LENGTHS_MM.len()],
@@ -84,8 +84,6 @@ pub fn fit(
     no_contact: &Frame,
     touches: &[KnownTouch],
 ) -> Result<TwinFit> {
-    let step = touches.len().div_ceil(MOST_TOUCHES).max(1);
-    let touches: Vec<&KnownTouch> = touches.iter().step_by(step).collect();
     if touches.len() < MIN_TOUCHES {
         let expected = format!("{MIN_TOUCHES} touches or more of the scene's parts, whose pose is known");
         return Err(Error::invalid("calibration", expected, touches.len().to_string()));
@@ -99,7 +97,7 @@ pub fn fit(
         vec![Compared { unexplained: [1.0; GEL_LENGTHS_MM.len()], times: [0.0; GEL_LENGTHS_MM.len()] }; touches.len()];
     for (at, gel_length_mm) in GEL_LENGTHS_MM.into_iter().enumerate() {
         for depth_mm in DEPTHS_MM.into_iter().chain([usual_mm]) {
-            let twins = twins(&still(scene, calibration, [gel_length_mm, depth_mm])?, &counts, &touches)?;
+            let twins = twins(&still(scene, calibration, [gel_length_mm, depth_mm])?, &counts, touches)?;
             for ((found, picture), twin) in found.iter_mut().zip(&pictures).zip(&twins) {
                 let [own, both, of_twin] = [(picture, picture), (picture, twin), (twin, twin)].map(product);
                 if of_twin > 0.0 && own > 0.0 && both > 0.0 {
@@ -199,9 +197,9 @@ fn still(scene: &Scene, calibration: &Calibration, [gel_length_mm, depth_mm]: [f
 }
 
 /// What the touches would show, `[3, height, width]` each, counts.
-fn twins(simulator: &Simulator, counts: &Preprocessing, touches: &[&KnownTouch]) -> Result<Vec<Vec<f32>>> {
+fn twins(simulator: &Simulator, counts: &Preprocessing, touches: &[KnownTouch]) -> Result<Vec<Vec<f32>>> {
     let background = Background::new(&simulator.no_contact(0), counts)?;
-    let twin = |(number, touch): (usize, &&KnownTouch)| {
+    let twin = |(number, touch): (usize, &KnownTouch)| {
         let KnownTouch { part, side, part_from_sensor, .. } = touch;
         let frame = simulator.touch(*part, *side, part_from_sensor, &mut frame_rng(0, number as u64))?;
         Ok(background.tactile_image(&frame)?.planes)

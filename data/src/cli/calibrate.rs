@@ -14,8 +14,10 @@ use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
 use tactile_data::compare::Figures;
 use tactile_data::frame::Frame;
 use tactile_data::scene::Scene;
+use tactile_data::se2::Se2;
 use tactile_data::sensor::light::LightRig;
 use tactile_data::store::{self, Dataset};
+use tactile_data::touch::Side;
 use tactile_data::{Error, Result, output, picture, program};
 
 /// Fit a sensor's lamps to presses of a ball, to touches of anything, or to Taxim's table.
@@ -144,22 +146,21 @@ impl Calibrate {
     }
 
     fn fit_touches(&self) -> Result<Outcome> {
-        if !Dataset::is_at(&self.source) {
-            if self.scene.is_some() {
-                return Err(self.lacks("a dataset, whose touches have parts and poses, for --scene"));
+        let (calibration, lamps) = match (Dataset::is_at(&self.source), &self.scene) {
+            (true, None) => LampTable::fit(&Dataset::open(&self.source)?)?,
+            (true, Some(scene)) => {
+                let (dataset, scene) = (Dataset::open(&self.source)?, Scene::load(scene)?);
+                let (mut calibration, lamps) = LampTable::fit(&dataset)?;
+                let touches = known_touches(&dataset, &scene);
+                let found = twins::fit(&mut calibration, &scene, dataset.no_contact(), &touches)?;
+                (calibration, lamps.with(found))
             }
-            let (at_rest, frames, view_mm) = self.folder()?;
-            let (calibration, lamps) = LampTable::of_frames(&at_rest, &frames, view_mm)?;
-            let json = json!({ "calibration": calibration, "lamps": lamps });
-            return Ok((calibration, lamps.to_string(), json));
-        }
-        let dataset = Dataset::open(&self.source)?;
-        let (mut calibration, mut lamps) = LampTable::fit(&dataset)?;
-        if let Some(scene) = &self.scene {
-            let scene = Scene::load(scene)?;
-            let known = known_touches(&dataset, &scene)?;
-            lamps = lamps.with(twins::fit(&mut calibration, &scene, dataset.no_contact(), &known)?);
-        }
+            (false, None) => {
+                let (at_rest, frames, view_mm) = self.folder()?;
+                LampTable::of_frames(&at_rest, &frames, view_mm)?
+            }
+            (false, Some(_)) => return Err(self.lacks("a dataset, whose touches have parts and poses, for --scene")),
+        };
         let json = json!({ "calibration": calibration, "lamps": lamps });
         Ok((calibration, lamps.to_string(), json))
     }
@@ -195,16 +196,21 @@ impl Calibrate {
     }
 }
 
-/// The touches of a dataset that are of a scene's parts and whose pose it knows.
-fn known_touches(dataset: &Dataset, scene: &Scene) -> Result<Vec<KnownTouch>> {
+/// The touches of a dataset that are of a scene's parts and whose pose it knows, evenly spread: as many as are compared with their twins.
+fn known_touches(dataset: &Dataset, scene: &Scene) -> Vec<KnownTouch> {
     let parts = scene.part_names();
-    let touch = |at: usize| {
+    let known = |at: usize| {
         let touch = dataset.touch(at);
         let part = touch.part.as_ref().and_then(|part| parts.iter().position(|name| name == part))?;
-        let (side, part_from_sensor) = (touch.side?, touch.part_from_sensor?);
-        Some(KnownTouch { frame: dataset.frame(at), part, side, part_from_sensor })
+        Some((at, part, touch.side?, touch.part_from_sensor?))
     };
-    Ok((0..dataset.len()).filter_map(touch).collect())
+    let known: Vec<_> = (0..dataset.len()).filter_map(known).collect();
+    let spread = known.iter().step_by(known.len().div_ceil(twins::MOST_TOUCHES).max(1));
+    let touch = |&(at, part, side, part_from_sensor): &(usize, usize, Side, Se2)| {
+        let frame = dataset.frame(at);
+        KnownTouch { frame, part, side, part_from_sensor }
+    };
+    spread.map(touch).collect()
 }
 
 /// How deep the ball is pressed in by the gel that was fitted, mm.

@@ -68,22 +68,20 @@ impl fmt::Display for LampTable {
             let strength = format!("{strength:.2} ({weakest:.2} to {strongest:.2})");
             writeln!(f, "{name:<8} {strength:>28} {:>22}", format!("{turn:.0} ({least:.0} to {most:.0})"))?;
         }
-        if let Some(found) = &self.of_known_parts {
-            let range = |value: f64, error: f64| [0.0, -WITHIN, WITHIN].map(|times| value * (times * error).exp());
-            let [strength, weakest, strongest] = range(found.strength.exp(), found.strength_error);
-            let [gel, shortest, longest] = range(found.gel_length_mm, found.gel_error);
-            return writeln!(
-                f,
-                "next to a Mini's, by {} touches of {} frames; by {} of known parts all lamps together {strength:.2} ({weakest:.2} to {strongest:.2}) \
-                 times, gel length {gel:.2} mm ({shortest:.2} to {longest:.2}); correlation with their twins {:.3}",
-                self.n_touches, self.n_frames, found.n_touches, found.correlation
-            );
-        }
-        let factor = (WITHIN * self.together_error).exp();
+        write!(f, "next to a Mini's, by {} touches of {} frames; ", self.n_touches, self.n_frames)?;
+        let Some(found) = &self.of_known_parts else {
+            let factor = (WITHIN * self.together_error).exp();
+            let together = "how strong the lamps are together no touch tells: as a Mini's, within a factor of";
+            return writeln!(f, "{together} {factor:.1}");
+        };
+        let range = |value: f64, error: f64| [0.0, -WITHIN, WITHIN].map(|times| value * (times * error).exp());
+        let [strength, weakest, strongest] = range(found.strength.exp(), found.strength_error);
+        let [gel, shortest, longest] = range(found.gel_length_mm, found.gel_error);
         writeln!(
             f,
-            "next to a Mini's, by {} touches of {} frames; how strong the lamps are together no touch tells: as a Mini's, within a factor of {factor:.1}",
-            self.n_touches, self.n_frames
+            "by {} of known parts all lamps together {strength:.2} ({weakest:.2} to {strongest:.2}) times, gel length {gel:.2} mm \
+             ({shortest:.2} to {longest:.2}); correlation with their twins {:.3}",
+            found.n_touches, found.correlation
         )
     }
 }

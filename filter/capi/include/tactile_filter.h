@@ -695,14 +695,14 @@ enum tf_status tf_light_new(const struct tf_frame *at_rest,
                             struct tf_light **out);
 
 /**
- * Adds the frame of a touch, of whatever part, wherever it was. One without an edge tells nothing.
+ * Adds the frame of a touch, of any part, at any pose. One without an edge tells nothing.
  * TF_STATUS_FRAME_WRONG_SIZE: of another size than the one at rest.
  */
 enum tf_status tf_light_add(struct tf_light *light, const struct tf_frame *frame);
 
 /**
  * Learns the lamps where there are touches enough: 20 that show edges, and again after 40 and 80. Ask after each hole, and
- * give new lamps to tf_sensor_lit_by(); what holes told before (tf_episode_learn()) is then to be forgotten.
+ * give new lamps to tf_sensor_lit_by(); then forget what holes before have said (tf_config_forget_sensor()).
  * \param is_new  where 1 goes where lamps were learnt now, else 0
  * \param lamps  where they go; not written to where none were
  */

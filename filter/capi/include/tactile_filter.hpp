@@ -361,7 +361,7 @@ public:
         return detail::give(status, Light(handle));
     }
 
-    // Adds the frame of a touch, of whatever part, wherever it was.
+    // Adds the frame of a touch, of any part, at any pose.
     Done add(const tf_frame &frame) { return detail::done(tf_light_add(get(), &frame)); }
 
     // The lamps, where there are touches enough to learn them now: for Sensor::lit_by().

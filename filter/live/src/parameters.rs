@@ -78,7 +78,7 @@ pub struct CameraParameters {
     /// What that file says; the node itself reads no files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lamps: Option<CalibratedLamps>,
-    /// Whether touches of whatever holes tell the lamps, until a frame at rest shows another light; then no calibration is given.
+    /// Whether touches of any holes tell the lamps, until a frame at rest shows another light. It excludes a calibration.
     pub learn_light: bool,
     /// A picture of a touch is at most this old, seconds.
     pub max_age_s: f64,

@@ -21,7 +21,7 @@ pub struct Calibrated {
     view: View,
     stillness: Stillness,
     rest: Frame,
-    /// What its touches have told of its lamps, where they are to tell.
+    /// What is known of its lamps by its touches, where it learns them.
     light: Option<SensorLight>,
     /// Finds contacts in its pictures.
     pub watch: ContactWatch,

@@ -90,7 +90,7 @@ impl PySensorLight {
         compute(py, || Ok(Self { light: SensorLight::new(&rest, field_of_view_mm)?, size_px }))
     }
 
-    /// Adds the frame of a touch, of whatever part, wherever it was. One without an edge tells nothing.
+    /// Adds the frame of a touch, of any part, at any pose. One without an edge tells nothing.
     fn add(&mut self, py: Python<'_>, frame: &Bound<'_, PyAny>) -> PyResult<()> {
         let frame = crate::array::frame(frame, Some(self.size_px))?;
         compute(py, || Ok(self.light.add(&frame)?))

@@ -197,7 +197,7 @@ class SensorLight:
     def __new__(cls, rest_frame: npt.NDArray[np.uint8], field_of_view_mm: Sequence[float]) -> Self:
         """`rest_frame`: a frame without contact, `[height, width, 3]`, RGB; what it shows, width and height."""
     def add(self, frame: npt.NDArray[np.uint8]) -> None:
-        """Adds the frame of a touch, of whatever part, wherever it was."""
+        """Adds the frame of a touch, of any part, at any pose."""
     def learn(self) -> tuple[list[list[float]], list[list[float]]] | None:
         """New lamps for `Sensor.lit_by`, where there are touches enough to learn them now."""
 
