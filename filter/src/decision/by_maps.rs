@@ -43,12 +43,14 @@ impl<'a> Asked<'a> {
         let (part_from_first, hill) = self.belief.placed_by_maps((part, believed), &symmetry, &drawings, &mosaic);
         let verifier = self.bank.verifier().filter(|_| self.config.settings.verify > 0);
         let verified = verifier.map(|verifier| {
-            let laid = drawings.iter().flat_map(|Drawing { map, first_from_sensor }| {
-                compared((map, self.side()), &mosaic, &(part_from_first * *first_from_sensor))
+            let log_odds = drawings.iter().map(|Drawing { map, first_from_sensor }| {
+                let part_from_sensor = part_from_first * *first_from_sensor;
+                verifier.log_odds(&compared((map, self.side()), &mosaic, &part_from_sensor))
             });
+            let log_odds: Vec<f64> = log_odds.collect();
             let expected = self.bank.expected().and_then(|expected| expected.of(part, self.side()));
             let outline_mm = outline_mm(&mosaic, &drawings, &part_from_first);
-            Verified { outline_mm, ..together(&verifier.log_odds(&laid.collect::<Vec<_>>()), &drawn, expected) }
+            Verified { outline_mm, ..together(&log_odds, &drawn, expected) }
         });
         Some(Laid { part_from_first, hill, verified })
     }

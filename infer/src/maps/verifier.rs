@@ -81,21 +81,25 @@ impl VerifierConfig {
 /// A touch laid over a mosaic at a pose: `[height, width, N_COMPARED]`, zeros where the mosaic shows nothing.
 pub fn compared((touch, side): (&DrawnMap, Side), mosaic: &Mosaic<'_>, part_from_sensor: &Se2) -> Vec<f32> {
     let [width, height] = touch.size_px;
-    let mut out = Vec::with_capacity(width * height * N_COMPARED);
-    let of_sides = [side_value(side), if mosaic.side() == side { 1.0 } else { -1.0 }];
-    for at in 0..width * height {
-        let seen = touch.place_mm(at);
-        let far = OUTLINE_REACH_MM as f32;
+    let share = |share: f32| 2.0 * share - 1.0;
+    let far = OUTLINE_REACH_MM as f32;
+    let mut out = vec![0.0; width * height * N_COMPARED];
+    for (at, out) in out.chunks_exact_mut(N_COMPARED).enumerate() {
         let (mm, error) = (touch.distance_mm[at], touch.error_mm[at]);
-        let share = |share: f32| 2.0 * share - 1.0;
-        let of_touch = [mm / far, error.ln() + 1.0, share(touch.inside[at]), share(touch.contact[at])];
-        let of_part = mosaic.at(part_from_sensor.apply(seen)).map_or([0.0; 6], |there| {
-            let off = (there.distance_mm - mm) / error.hypot(there.error_mm);
+        out[..OF_PART.start].copy_from_slice(&[
+            mm / far,
+            error.ln() + 1.0,
+            share(touch.inside[at]),
+            share(touch.contact[at]),
+        ]);
+        if let Some(there) = mosaic.at(part_from_sensor.apply(touch.place_mm(at))) {
+            let off = (there.distance_mm - mm) / (error * error + there.error_mm * there.error_mm).sqrt();
             let off = off.clamp(-MOST_ERRORS, MOST_ERRORS) / MOST_ERRORS;
             let own = [there.distance_mm / far, there.error_mm.ln() + 1.0, share(there.inside), share(there.contact)];
-            [own[0], own[1], own[2], own[3], 1.0, off]
-        });
-        out.extend(of_touch.into_iter().chain(of_part).chain(of_sides));
+            out[OF_PART].copy_from_slice(&[own[0], own[1], own[2], own[3], 1.0, off]);
+        }
+        out[OF_PART.end] = side_value(side);
+        out[OF_PART.end + 1] = if mosaic.side() == side { 1.0 } else { -1.0 };
     }
     out
 }
@@ -153,22 +157,16 @@ impl Verifier {
         &self.config
     }
 
-    /// Log-odds that touches were made where they are laid, against elsewhere, nats, within the bound. `compared`:
-    /// `[n, height, width, N_COMPARED]`.
-    pub fn log_odds(&self, compared: &[f32]) -> Vec<f64> {
-        let x = self
-            .layers
-            .iter()
-            .fold(None, |x: Option<Vec<f32>>, layer| Some(layer.forward(x.as_deref().unwrap_or(compared))));
-        let x = x.unwrap_or_default();
-        let Some(([height, width], n)) = self.layers.last().map(Layer::out_size) else { return Vec::new() };
-        let n_places = height * width;
-        let mut means = Vec::with_capacity(x.len() / n_places);
-        for picture in x.chunks_exact(n_places * n) {
-            let mean = |channel: usize| picture[channel..].iter().step_by(n).sum::<f32>() / n_places as f32;
-            means.extend((0..n).map(mean));
-        }
-        self.judge.forward(&means).into_iter().map(|value| self.config.bounded(f64::from(value))).collect()
+    /// Log-odds that a touch was made where it is laid, against elsewhere, nats, within the bound. `compared`:
+    /// `[height, width, N_COMPARED]`.
+    pub fn log_odds(&self, compared: &[f32]) -> f64 {
+        let forward = |x: Option<Vec<f32>>, layer: &Layer| Some(layer.forward(x.as_deref().unwrap_or(compared)));
+        let x = self.layers.iter().fold(None, forward).unwrap_or_default();
+        let n = self.config.n_last();
+        let n_places = (x.len() / n).max(1);
+        let means: Vec<f32> =
+            (0..n).map(|at| x.iter().skip(at).step_by(n).sum::<f32>() / n_places as f32).collect();
+        self.config.bounded(self.judge.forward(&means).first().map_or(0.0, |value| f64::from(*value)))
     }
 }
 
@@ -244,7 +242,8 @@ mod tests {
             tensors,
         };
         let pictures: Vec<f32> = (0..3 * 18 * 21 * N_COMPARED).map(|i| (i as f32 * 0.37).sin()).collect();
-        let found = Verifier::new(&file).unwrap().unwrap().log_odds(&pictures);
+        let verifier = Verifier::new(&file).unwrap().unwrap();
+        let found: Vec<f64> = pictures.chunks_exact(18 * 21 * N_COMPARED).map(|one| verifier.log_odds(one)).collect();
         let tensor = Tensor::from_data(TensorData::new(pictures, [3, 18, 21, N_COMPARED]), &device);
         let expected = network.forward(tensor, config.bound).into_data().try_into_vec::<f32>().unwrap();
         assert_eq!(found.len(), 3);

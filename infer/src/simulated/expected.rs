@@ -42,7 +42,7 @@ pub(super) fn expected_of_scene(
     let background = background.lit_by(&scene.sensor.known_lamps())?;
     let of_part = |part: usize, side: Side| -> Result<Option<Spread>> {
         let first = 1 + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg));
-        let (mut laid, mut n) = (Vec::new(), 0);
+        let mut log_odds = Vec::new();
         for stream in first..first + N_TOUCHES {
             let mut rng = frame_rng(seed, stream);
             let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
@@ -53,11 +53,10 @@ pub(super) fn expected_of_scene(
                 continue;
             }
             for map in drawer.draw(&[image], side)? {
-                laid.extend(compared((&map, side), &mosaics.of(part, side), &pose));
-                n += 1;
+                log_odds.push(verifier.log_odds(&compared((&map, side), &mosaics.of(part, side), &pose)));
             }
         }
-        Ok((n >= ENOUGH).then(|| Spread::from_values(&verifier.log_odds(&laid))))
+        Ok((log_odds.len() >= ENOUGH).then(|| Spread::from_values(&log_odds)))
     };
     let of_side = |side| threads::each(0..mosaics.n_parts(), |part| of_part(part, side));
     let (holes, pegs) = (of_side(Side::Hole)?, of_side(Side::Peg)?);
