@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
 use tactile_infer::Model;
 
-use crate::belief::EngineConfig;
 use crate::belief::particle::ParticleConfig;
+use crate::belief::{EngineConfig, KnownStart};
 use crate::choice::ActionRule;
 use crate::decision::SensorMatch;
 #[cfg(feature = "experiments")]
@@ -45,6 +45,9 @@ pub struct EpisodeConfig {
     /// What was learnt of the sensor from the confident holes of this run ([`crate::Episode::learn`]); nothing at first.
     #[serde(skip_serializing_if = "SensorMatch::is_default")]
     pub sensor: SensorMatch,
+    /// Where this hole is known to be before it is touched; nothing by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<KnownStart>,
 }
 
 impl EpisodeConfig {
@@ -75,7 +78,7 @@ impl EpisodeConfig {
             },
             model: TouchModel::paper(),
             method: Method { engine, rule: ActionRule::Paper, between_poses: false },
-            sensor: SensorMatch::default(),
+            ..Self::default()
         }
     }
 
@@ -83,6 +86,18 @@ impl EpisodeConfig {
     #[must_use]
     pub fn with_sensor(self, sensor: SensorMatch) -> Self {
         Self { sensor, ..self }
+    }
+
+    /// The same for a hole that is known so well before it is touched.
+    #[must_use]
+    pub fn with_start(self, start: KnownStart) -> Self {
+        Self { start: Some(start), ..self }
+    }
+
+    /// The same for a hole that may be anywhere.
+    #[must_use]
+    pub fn without_start(self) -> Self {
+        Self { start: None, ..self }
     }
 
     /// What is measured or fixed.

@@ -6,7 +6,7 @@ use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
 
-use crate::belief::Belief;
+use crate::belief::{Belief, Start, states_between};
 use crate::choice::{Action, ActionRule, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
 use crate::decision::{Asked, Candidates, Estimate, FeltMap, RunnerUp, SensorMatch, StopReason};
@@ -42,8 +42,9 @@ impl Episode {
     /// Begins with the first touch.
     ///
     /// # Errors
-    /// A config out of range, a stop for the place with a bank that does not tell places between its poses, an
-    /// observation of another model than the bank's, or one that no sensor makes.
+    /// A config out of range, a stop for the place with a bank that does not tell places between its poses, a known start
+    /// ([`EpisodeConfig::start`]) far from where the bank's parts may be touched first, an observation of another model than the bank's, or
+    /// one that no sensor makes.
     pub fn begin(config: EpisodeConfig, bank: Arc<Bank>, observation: &Observation) -> Result<Self> {
         config.validate()?;
         observation.check_model(bank.model_sha256())?;
@@ -57,7 +58,9 @@ impl Episode {
             return Err(Error::config("episode.stop_place_mm", expected, format!("{mm}")));
         }
         let subdivisions = if between { config.settings.subdivisions } else { 1 };
-        let belief = Belief::new(&bank, config.method.engine, subdivisions, config.settings.seed, first);
+        let known = config.start.map(|start| start.over(&states_between(bank.start(), subdivisions))).transpose()?;
+        let start = Start::of(config.method.engine, config.settings.seed);
+        let belief = Belief::begin(&bank, subdivisions, start, first, known);
         let touches = vec![(Se2::IDENTITY, observation.clone())];
         Ok(Self { config, model, bank, belief, touches, candidates: OnceLock::new() })
     }

@@ -49,6 +49,7 @@ mod simd;
 mod touch;
 mod touch_model;
 
+pub use belief::KnownStart;
 pub use choice::Action;
 pub use config::{EpisodeConfig, Method};
 pub use decision::{Estimate, FeltMap, RunnerUp, SensorMatch, Standing, StopReason, Unfelt, Warning};

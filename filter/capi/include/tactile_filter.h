@@ -736,6 +736,34 @@ void tf_config_free(struct tf_config *config);
 enum tf_status tf_config_forget_sensor(struct tf_config *config);
 
 /**
+ * Tells a config where the hole of the next episode is known to be before it is touched, from a camera or a drawing; the touches then decide
+ * among places as likely as that. It is kept for all episodes that begin with this config, until it is changed or forgotten
+ * (tf_config_forget_start()). Where an episode begins, TF_STATUS_CONFIG: no pose, no covariance, or one far from where the bank's parts may be
+ * touched first.
+ * \param part_from_first  pose of the sensor at the first touch, in the part's frame
+ * \param covariance       of that pose over (x mm, y mm, theta rad), row by row, 9 numbers
+ */
+enum tf_status tf_config_know_start(struct tf_config *config,
+                                    struct tf_pose part_from_first,
+                                    const double *covariance);
+
+/**
+ * tf_config_know_start() from where the part is seen. Both poses are in any one frame, as the robot's base.
+ * \param base_from_part   the part's pose
+ * \param covariance       of that pose over (x mm, y mm, theta rad), row by row, 9 numbers
+ * \param base_from_first  pose of the sensor at the first touch
+ */
+enum tf_status tf_config_know_part(struct tf_config *config,
+                                   struct tf_pose base_from_part,
+                                   const double *covariance,
+                                   struct tf_pose base_from_first);
+
+/**
+ * Forgets where a hole is known to be: it may be anywhere.
+ */
+enum tf_status tf_config_forget_start(struct tf_config *config);
+
+/**
  * Changes a setting.
  * \param name   its name, UTF-8
  * \param value  its value as text, UTF-8: "4", "0.95", "none"

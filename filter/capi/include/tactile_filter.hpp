@@ -9,6 +9,7 @@
 #ifndef TACTILE_FILTER_HPP
 #define TACTILE_FILTER_HPP
 
+#include <array>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -200,6 +201,20 @@ public:
         };
         return detail::list<std::string>(ask, 1);
     }
+
+    // Where the hole of the next episode is known to be, from a camera or a drawing: the sensor's pose at its first touch on the part,
+    // and its covariance over (x mm, y mm, theta rad), row by row.
+    Done know_start(const tf_pose &part_from_first, const std::array<double, 9> &covariance)
+    {
+        return detail::done(tf_config_know_start(handle_.get(), part_from_first, covariance.data()));
+    }
+    // The same from where the part is seen, both poses in any one frame.
+    Done know_part(const tf_pose &base_from_part, const std::array<double, 9> &covariance, const tf_pose &base_from_first)
+    {
+        return detail::done(tf_config_know_part(handle_.get(), base_from_part, covariance.data(), base_from_first));
+    }
+    // The hole may be anywhere.
+    Done forget_start() { return detail::done(tf_config_forget_start(handle_.get())); }
 
     // Forgets what holes have told of the sensor: for a new gel or another camera.
     Done forget_sensor() { return detail::done(tf_config_forget_sensor(handle_.get())); }

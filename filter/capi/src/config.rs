@@ -3,12 +3,13 @@
 use std::ffi::c_char;
 use std::sync::{RwLock, RwLockReadGuard, RwLockWriteGuard};
 
-use tactile_filter::{EpisodeConfig, SensorMatch};
+use tactile_filter::{EpisodeConfig, KnownStart, SensorMatch};
 
 use crate::model::tf_model;
-use crate::pointer::{fill, free, get, give, text};
+use crate::pointer::{fill, free, get, give, slice, text};
 use crate::sensor::side;
 use crate::status::{Failure, call, tf_status};
+use crate::value::tf_pose;
 
 /// What an episode runs with: what was measured of a model, and these settings, each with what it may be:
 /// - stop_probability: 0..=1
@@ -37,6 +38,12 @@ impl tf_config {
 
     fn write(&self) -> Result<RwLockWriteGuard<'_, EpisodeConfig>, Failure> {
         Ok(self.config.try_write()?)
+    }
+
+    /// Takes in where a hole is known to be.
+    fn start(&self, start: Option<KnownStart>) -> Result<(), Failure> {
+        self.write()?.start = start;
+        Ok(())
     }
 
     /// Takes in what is known of the sensor.
@@ -79,6 +86,55 @@ pub unsafe extern "C" fn tf_config_free(config: *mut tf_config) {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn tf_config_forget_sensor(config: *mut tf_config) -> tf_status {
     call(|| unsafe { get(config.cast_const(), "config")?.know(SensorMatch::default()) })
+}
+
+/// Tells a config where the hole of the next episode is known to be before it is touched, from a camera or a drawing; the touches then decide
+/// among places as likely as that. It is kept for all episodes that begin with this config, until it is changed or forgotten
+/// (tf_config_forget_start()). Where an episode begins, TF_STATUS_CONFIG: no pose, no covariance, or one far from where the bank's parts may be
+/// touched first.
+/// \param part_from_first  pose of the sensor at the first touch, in the part's frame
+/// \param covariance       of that pose over (x mm, y mm, theta rad), row by row, 9 numbers
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_config_know_start(
+    config: *mut tf_config,
+    part_from_first: tf_pose,
+    covariance: *const f64,
+) -> tf_status {
+    call(|| {
+        let start = KnownStart { part_from_first: part_from_first.into(), covariance: unsafe { matrix(covariance)? } };
+        unsafe { get(config.cast_const(), "config")? }.start(Some(start))
+    })
+}
+
+/// tf_config_know_start() from where the part is seen. Both poses are in any one frame, as the robot's base.
+/// \param base_from_part   the part's pose
+/// \param covariance       of that pose over (x mm, y mm, theta rad), row by row, 9 numbers
+/// \param base_from_first  pose of the sensor at the first touch
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_config_know_part(
+    config: *mut tf_config,
+    base_from_part: tf_pose,
+    covariance: *const f64,
+    base_from_first: tf_pose,
+) -> tf_status {
+    call(|| {
+        let covariance = unsafe { matrix(covariance)? };
+        let start = KnownStart::of_part(base_from_part.into(), covariance, base_from_first.into());
+        unsafe { get(config.cast_const(), "config")? }.start(Some(start))
+    })
+}
+
+/// Forgets where a hole is known to be: it may be anywhere.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn tf_config_forget_start(config: *mut tf_config) -> tf_status {
+    call(|| unsafe { get(config.cast_const(), "config")?.start(None) })
+}
+
+/// # Safety
+/// `values` is null or of 9 numbers.
+unsafe fn matrix(values: *const f64) -> Result<[[f64; 3]; 3], Failure> {
+    let values = unsafe { slice(values, 9, "covariance")? };
+    Ok([0, 1, 2].map(|row| [0, 1, 2].map(|column| values[3 * row + column])))
 }
 
 /// Changes a setting.

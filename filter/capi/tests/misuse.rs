@@ -27,7 +27,7 @@ use tactile_data::scene::Scene;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
-use tactile_filter::{Episode, EpisodeConfig, EpisodeRecord, Settings};
+use tactile_filter::{Episode, EpisodeConfig, EpisodeRecord, KnownStart, Settings};
 use tactile_infer::{Bank, Model};
 
 const STILL: tf_pose = tf_pose { x_mm: 0.0, y_mm: 0.0, theta_rad: 0.0 };
@@ -396,6 +396,46 @@ fn lamps_are_learnt_from_twenty_touches_and_not_before() {
         assert_eq!(is_new, 0);
         tf_light_free(light);
         tf_light_free(null_mut());
+    }
+}
+
+#[test]
+fn a_known_start_is_rusts_and_one_far_away_is_refused_where_an_episode_begins() {
+    let (world, config) = (world(), config_with(tf_side::Hole, &[]));
+    let covariance = [4.0, 0.5, 0.0, 0.5, 2.0, 0.0, 0.0, 0.0, 0.1];
+    let [base_from_part, base_from_first] = [[310.0, -82.0, 0.4], [309.0, -80.5, 0.5]]
+        .map(|[x_mm, y_mm, theta_rad]| tf_pose { x_mm, y_mm, theta_rad });
+    let begin = |config| {
+        let mut episode = null_mut();
+        (unsafe { tf_episode_begin(config, world.bank, world.touches[0], &mut episode) }, episode)
+    };
+    unsafe {
+        assert_eq!(tf_config_know_start(config, STILL, null()), tf_status::NullPointer);
+        assert_eq!(tf_config_know_start(null_mut(), STILL, covariance.as_ptr()), tf_status::NullPointer);
+        ok(tf_config_know_part(config, base_from_part, covariance.as_ptr(), base_from_first));
+        let (status, episode) = begin(config);
+        ok(status);
+        let expected = KnownStart::of_part(
+            base_from_part.into(),
+            [[4.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 0.1]],
+            base_from_first.into(),
+        );
+        assert_eq!(runs_with(episode).start, Some(expected));
+        assert_ne!(estimate(episode).0.part_from_first, estimate(world.episode()).0.part_from_first);
+        tf_episode_free(episode);
+        // Metres instead of millimetres, in the part's frame.
+        ok(tf_config_know_start(config, tf_pose { x_mm: 3100.0, ..STILL }, covariance.as_ptr()));
+        assert_eq!(begin(config).0, tf_status::Config);
+        assert!(said().starts_with("start: expected a pose within"), "{}", said());
+        ok(tf_config_know_start(config, STILL, [-1.0; 9].as_ptr()));
+        assert_eq!(begin(config).0, tf_status::Config);
+        assert_eq!(tf_config_forget_start(null_mut()), tf_status::NullPointer);
+        ok(tf_config_forget_start(config));
+        let (status, episode) = begin(config);
+        ok(status);
+        assert_eq!(runs_with(episode).start, None);
+        tf_episode_free(episode);
+        tf_config_free(config);
     }
 }
 

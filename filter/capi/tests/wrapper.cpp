@@ -88,6 +88,9 @@ int main(int argc, char **argv)
     tf::Config config;
     expect(config.set("seed", 1).status() == TF_STATUS_NULL_POINTER);
     expect(config.set("seed", 1.0).status() == TF_STATUS_NULL_POINTER);
+    expect(config.know_start(tf_pose{}, {}).status() == TF_STATUS_NULL_POINTER);
+    expect(config.know_part(tf_pose{}, {}, tf_pose{}).status() == TF_STATUS_NULL_POINTER);
+    expect(config.forget_start().status() == TF_STATUS_NULL_POINTER);
     expect(config.get("seed").status() == TF_STATUS_NULL_POINTER && config.get("seed").value().empty());
     expect(!tf::Episode::begin(config, bank, observation).ok() && !tf::Episode::restore(bank, "{}").ok());
     tf::Episode episode;

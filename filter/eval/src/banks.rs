@@ -133,6 +133,7 @@ mod tests {
             absent,
             n_classes,
             choose_ms: None,
+            start_known_to: None,
             n_prints: 1,
             n_earlier: 0,
             n_touches: 2,

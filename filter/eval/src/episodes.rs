@@ -66,6 +66,9 @@ pub struct Setup {
     /// Holes of a run that were named with confidence before each episode.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub n_earlier: usize,
+    /// Standard deviations, mm and degrees, to which each hole's pose was known before it was touched.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start_known_to: Option<[f64; 2]>,
     /// Whether each hole's own part was taken out of the bank.
     pub absent: bool,
     /// Whether the holes were recorded; else they were simulated.
@@ -283,6 +286,7 @@ mod tests {
                 side: Side::Hole,
                 views: Views::Pegs,
                 choose_ms: None,
+                start_known_to: None,
                 model: ModelRecord { name: "m".into(), sha256: "ab".into(), parameters: 7, input_px: [8, 6] },
                 bank_sha256: "cd".into(),
                 verifier_sha256: None,

@@ -162,6 +162,7 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
         settings.seed = protocol.seed(index).wrapping_add(index as u64);
         method.between_poses = protocol.poses == Poses::OffGrid;
     });
+    let config = protocol.known_start(&hole, index).map_or(config, |start| config.with_start(start));
     let mut frame = hole.touch()?;
     let mut outcome = Outcome::of(&hole);
     let (observation, encode) = timed(|| observe(sensor, &frame));

@@ -2,13 +2,21 @@
 
 use std::ops::Range;
 
+use rand::RngExt;
+use rand_distr::StandardNormal;
 use tactile_data::grid::PoseGrid;
+use tactile_data::se2::Se2;
+use tactile_data::simulator::frame_rng;
+use tactile_filter::KnownStart;
 use tactile_infer::Bank;
 
 use crate::error::{Error, Result};
 use crate::hole::Hole;
 use crate::holes::Holes;
 use crate::result::Poses;
+
+/// Marks the errors of a camera among what is drawn of a seed.
+const CAMERA: u64 = 0x6361_6d65_7261;
 
 /// What is run, how often.
 #[derive(Clone, Debug)]
@@ -36,6 +44,9 @@ pub struct Protocol {
     pub n_touches: usize,
     /// Holes of a run that were named with confidence before each episode: what they told of the sensor is known.
     pub n_earlier: usize,
+    /// How well a camera knows each hole's pose before it is touched: standard deviations, mm along x and along y, and degrees; `None`:
+    /// it may be anywhere.
+    pub start_known_to: Option<[f64; 2]>,
 }
 
 impl Protocol {
@@ -52,6 +63,15 @@ impl Protocol {
         if holes.parts() != bank.parts() {
             let got = bank.parts().join(" ");
             return Err(Error::invalid("bank", format!("the scene's parts {}", holes.parts().join(" ")), got));
+        }
+        if let Some([mm, deg]) = self.start_known_to
+            && !(mm > 0.0 && deg > 0.0 && mm.is_finite() && deg.is_finite())
+        {
+            return Err(Error::invalid(
+                "known start",
+                "two standard deviations above 0",
+                format!("{mm} mm, {deg} degrees"),
+            ));
         }
         self.validate_prints(holes)?;
         let n_parts = bank.parts().len();
@@ -80,6 +100,16 @@ impl Protocol {
     /// Seed of an episode.
     pub(crate) fn seed(&self, index: usize) -> u64 {
         self.seeds[index % self.seeds.len()]
+    }
+
+    /// What a camera says of the first touch of an episode's hole: its pose, off by a normal error of as much as the camera knows it to.
+    pub(crate) fn known_start(&self, hole: &Hole<'_>, index: usize) -> Option<KnownStart> {
+        let known_to @ [mm, deg] = self.start_known_to?;
+        let mut rng = frame_rng(self.seed(index) ^ CAMERA, index as u64);
+        let mut off = |sd: f64| -> f64 { sd * rng.sample::<f64, _>(StandardNormal) };
+        let Se2 { x_mm, y_mm, theta_rad } = hole.part_from_first();
+        let seen = Se2::new(x_mm + off(mm), y_mm + off(mm), theta_rad + off(deg.to_radians()));
+        Some(KnownStart::known_to(seen, known_to))
     }
 
     /// The hole of an episode. Part, pose and frames follow from its number and are the same for any number of prints;
@@ -111,6 +141,7 @@ mod tests {
             n_prints,
             n_touches: 2,
             n_earlier: 0,
+            start_known_to: None,
         }
     }
 

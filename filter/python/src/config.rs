@@ -3,10 +3,11 @@
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use tactile_data::number::short_numbers;
-use tactile_filter::{EpisodeConfig, SensorMatch, Settings};
+use tactile_filter::{EpisodeConfig, KnownStart, SensorMatch, Settings};
 
 use crate::error::{ConfigError, InternalError};
 use crate::model::PyModel;
+use crate::pose::PoseLike;
 use crate::sensor::side_of;
 
 /// How an episode infers, chooses and stops. The README lists the settings.
@@ -52,6 +53,22 @@ impl PyEpisodeConfig {
     /// The same without what holes have told of the sensor: for a new gel or another camera.
     fn without_sensor(&self) -> Self {
         Self(self.0.with_sensor(SensorMatch::default()))
+    }
+
+    /// The same for a hole that is known to be somewhere before it is touched, from a camera or a drawing. `part_from_first`: pose of the
+    /// sensor at the first touch, in the part's frame; `covariance`: of that pose over (x mm, y mm, theta rad).
+    fn with_start(&self, part_from_first: PoseLike, covariance: [[f64; 3]; 3]) -> Self {
+        Self(self.0.with_start(KnownStart { part_from_first: part_from_first.0, covariance }))
+    }
+
+    /// `with_start` from where the part is seen, both poses in any one frame, as the robot's base. `covariance`: of `base_from_part`.
+    fn with_part(&self, base_from_part: PoseLike, covariance: [[f64; 3]; 3], base_from_first: PoseLike) -> Self {
+        Self(self.0.with_start(KnownStart::of_part(base_from_part.0, covariance, base_from_first.0)))
+    }
+
+    /// The same for a hole that may be anywhere.
+    fn without_start(&self) -> Self {
+        Self(self.0.without_start())
     }
 
     /// All settings by name.

@@ -10,6 +10,7 @@ use tactile_infer::Bank;
 
 use crate::belief::engine::{Engine, EngineConfig, Start};
 use crate::belief::hypothesis::states_between;
+use crate::belief::known_start::StartBelief;
 use crate::belief::posterior::Posterior;
 use crate::likelihood::TouchLikelihood;
 use crate::likelihood::evidence::Evidence;
@@ -39,21 +40,25 @@ impl Belief {
     /// the states of its views. More than 1 only where views are interpolated between the bank's poses: a state may
     /// then lie between them.
     pub fn new(bank: &Bank, engine: EngineConfig, subdivisions: usize, seed: u64, first: TouchLikelihood) -> Self {
-        let start = match engine {
-            EngineConfig::Exact => Start::Exact { allowed: ALLOWED_ERROR },
-            EngineConfig::Particle(config) => Start::Particles { config, seed },
-        };
-        Self::begin(bank, subdivisions, start, first)
+        Self::begin(bank, subdivisions, Start::of(engine, seed), first, None)
     }
 
     /// Like [`Self::new`] with the exact engine, which here leaves no state out: slower, and for comparison.
     pub fn of_all_states(bank: &Bank, subdivisions: usize, first: TouchLikelihood) -> Self {
-        Self::begin(bank, subdivisions, Start::Exact { allowed: 0.0 }, first)
+        Self::begin(bank, subdivisions, Start::Exact { allowed: 0.0 }, first, None)
     }
 
-    fn begin(bank: &Bank, subdivisions: usize, start: Start, first: TouchLikelihood) -> Self {
+    /// Like [`Self::new`], where the pose of the first touch may be known before it.
+    pub(crate) fn begin(
+        bank: &Bank,
+        subdivisions: usize,
+        start: Start,
+        first: TouchLikelihood,
+        known: Option<StartBelief>,
+    ) -> Self {
         let (views, states, n_parts) = (*bank.grid(), states_between(bank.start(), subdivisions), bank.parts().len());
-        let first = Evidence::of(&views, Se2::IDENTITY, 1.0, first);
+        let mut first = Evidence::of(&views, Se2::IDENTITY, 1.0, first);
+        first.start = known;
         let (engine, log_evidence) = Engine::begin([&views, &states], n_parts, start, &first);
         let posterior = engine.posterior(&states, n_parts);
         Self { views, touches: vec![first], engine, posterior, log_evidence }

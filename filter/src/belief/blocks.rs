@@ -35,9 +35,12 @@ impl<'a> Blocks<'a> {
             *views = Some(touch.views_of_angle(grids, angle));
         };
         views.iter_mut().enumerate().for_each(find);
+        // An angle's first state has the angle of all.
+        let of_start = |angle| touch.start.map_or(0.0, |start| start.highest(grids[1].pose(angle).theta_rad));
         let of_block = |block: usize| {
-            let views = views[block % n_angles].as_ref();
-            views.map_or(f64::INFINITY, |views| touch.highest(block / n_angles, views))
+            let (part, angle) = (block / n_angles, block % n_angles);
+            let views = views[angle].as_ref();
+            of_start(angle) + views.map_or(f64::INFINITY, |views| touch.highest(part, views))
         };
         (0..planes.len() * n_angles).map(of_block).collect()
     }
@@ -50,6 +53,9 @@ impl<'a> Blocks<'a> {
         let views = self.views[touch][angle].get_or_insert_with(|| evidence.views_of_angle(self.grids, angle));
         let planes = self.planes[touch][part].get_or_insert_with(|| evidence.planes(self.grids[0], part));
         evidence.add_block(self.grids[0], part, (views, planes.as_deref()), sums);
+        if let Some(start) = &evidence.start {
+            start.add_angle(self.grids[1], angle, sums);
+        }
     }
 }
 

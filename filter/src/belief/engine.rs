@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 
+use crate::belief::bayes::ALLOWED_ERROR;
 use crate::belief::blocks::{Blocks, log_states};
 use crate::belief::exact::Exact;
 use crate::belief::hypothesis::{Hypothesis, Layout};
@@ -29,6 +30,16 @@ pub(crate) enum Start {
     Exact { allowed: f64 },
     /// Particles drawn after the first touch.
     Particles { config: ParticleConfig, seed: u64 },
+}
+
+impl Start {
+    /// Of an engine.
+    pub(crate) fn of(engine: EngineConfig, seed: u64) -> Self {
+        match engine {
+            EngineConfig::Exact => Self::Exact { allowed: ALLOWED_ERROR },
+            EngineConfig::Particle(config) => Self::Particles { config, seed },
+        }
+    }
 }
 
 /// What weighs states. Two grids are always the bank's grid and the states' grid.

@@ -9,6 +9,7 @@ mod blocks;
 mod engine;
 pub(crate) mod exact;
 mod hypothesis;
+mod known_start;
 pub mod modes;
 mod of_part;
 pub mod particle;
@@ -19,8 +20,11 @@ mod spread;
 
 pub use bayes::{ALLOWED_ERROR, Belief};
 pub use engine::EngineConfig;
+pub(crate) use engine::Start;
 pub use hypothesis::Hypothesis;
 #[cfg(test)]
 pub(crate) use hypothesis::Layout;
 pub(crate) use hypothesis::states_between;
+pub use known_start::KnownStart;
+pub(crate) use known_start::StartBelief;
 pub(crate) use spread::Hill;

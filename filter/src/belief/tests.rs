@@ -1,6 +1,7 @@
 //! The posterior against its definition, and what must hold of it.
 
 use super::*;
+use crate::belief::KnownStart;
 use crate::belief::particle::ParticleConfig;
 use crate::touch::Observation;
 use proptest::prelude::*;
@@ -126,6 +127,48 @@ fn a_narrower_start_is_what_is_believed_of_the_whole_given_that_the_part_is_ther
         let share = sum * (2 * N_CELLS) as f64 / (2 * start.len()) as f64;
         assert!((of_narrow.log_evidence() - of_whole.log_evidence() - share.ln()).abs() < 1e-9);
     }
+}
+
+/// The belief without it times what was known, made one again.
+#[test]
+fn a_known_start_is_bayes_rule_before_the_first_touch() {
+    let rows = unit_rows(2 * N_CELLS, 8);
+    let bank = bank(&[&rows[..N_CELLS], &rows[N_CELLS..]]);
+    let covariance = [[9.0, 2.0, 0.1], [2.0, 6.0, 0.0], [0.1, 0.0, 0.05]];
+    let start = KnownStart { part_from_first: Se2::from_degrees(1.0, -3.0, 20.0), covariance };
+    let known = start.over(&GRID).unwrap();
+    let (config, touches) = (TouchModel::default(), touches(4, 11));
+    let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, &config).unwrap();
+    let told = |engine: Start| {
+        let mut belief = Belief::begin(&bank, 1, engine, likelihood(&touches[0].1), Some(known));
+        touches[1..].iter().for_each(|(moved, touch)| {
+            belief.update(moved, likelihood(touch));
+        });
+        belief
+    };
+    let without = run_all(&bank, &touches, &config);
+    let weight = |state: usize| known.log(&GRID.pose(state % N_CELLS)).exp();
+    let product: Vec<f64> = masses_of(&without).iter().enumerate().map(|(state, p)| p * weight(state)).collect();
+    let sum: f64 = product.iter().sum();
+    for (allowed, most) in [(0.0, 1e-9), (ALLOWED_ERROR, ALLOWED_ERROR)] {
+        let found = told(Start::Exact { allowed });
+        for (found, product) in masses_of(&found).iter().zip(&product) {
+            assert!((found - product / sum).abs() <= most, "{found} {}", product / sum);
+        }
+        // States count as one on average, so that its evidence stays what the touches say against chance.
+        let expected = without.log_evidence() + sum.ln();
+        assert!((found.log_evidence() - expected).abs() < most.max(1e-9) * 2.0, "{expected}");
+    }
+    // Particles, by their numbers.
+    let particles = ParticleConfig { n_particles: 20_000, ..ParticleConfig::default() };
+    let found = told(Start::Particles { config: particles, seed: 5 });
+    let by_part: f64 = product[..N_CELLS].iter().sum::<f64>() / sum;
+    assert!((found.posterior().by_part()[0] - by_part).abs() < 0.05, "{by_part}");
+    // Between the states, too.
+    let pose = Se2::from_degrees(0.7, -0.4, 3.0);
+    let [log, before] = [told(Start::Exact { allowed: 0.0 }), without]
+        .map(|belief| belief.touches().iter().map(|touch| touch.log_at(&GRID, 1, &pose)).sum::<f64>());
+    assert!((log - before - known.log(&pose)).abs() < 1e-9);
 }
 
 /// The power of each touch's likelihood, by the earlier touch that shares most with it.

@@ -4,6 +4,7 @@ use tactile_data::grid::{NearestCell, PoseGrid};
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 
+use crate::belief::StartBelief;
 use crate::likelihood::interpolation::ViewWeights;
 use crate::likelihood::lattice::{LatticeWeights, in_planes};
 use crate::likelihood::nearest::{Nearest, nearest_view, trusted};
@@ -19,6 +20,8 @@ pub struct Evidence {
     pub likelihood: TouchLikelihood,
     /// The power to which its likelihood is taken, 0..=1: how much of it was new after the touches before it.
     pub weight: f64,
+    /// What is known of the first touch's pose before it: part of its evidence alone.
+    pub(crate) start: Option<StartBelief>,
     cubic: bool,
     tolerance: f64,
 }
@@ -37,7 +40,7 @@ impl Evidence {
     pub(crate) fn of(grid: &PoseGrid, first_from_sensor: Se2, weight: f64, likelihood: TouchLikelihood) -> Self {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.interpolation.is_cubic(grid), config.nearest_tolerance);
-        Self { first_from_sensor, likelihood, weight, cubic, tolerance }
+        Self { first_from_sensor, likelihood, weight, start: None, cubic, tolerance }
     }
 
     /// How the states of an angle see it.
@@ -127,8 +130,14 @@ impl Evidence {
     }
 
     /// Adds log p(touch | part and pose of the first touch) at every pose of a lattice, any x and y in mm and angles in
-    /// radians, to `sums`, `[n_x, n_y, n_theta]`.
-    pub fn add_logs(&self, grid: &PoseGrid, part: usize, [xs, ys, thetas]: [&[f64]; 3], sums: &mut [f64]) {
+    /// radians, to `sums`, `[n_x, n_y, n_theta]`; of the first touch what is known of its pose before, too.
+    pub fn add_logs(&self, grid: &PoseGrid, part: usize, axes: [&[f64]; 3], sums: &mut [f64]) {
+        let [xs, ys, thetas] = axes;
+        if let Some(start) = &self.start {
+            let places = xs.iter().flat_map(|x| ys.iter().map(move |y| [*x, *y]));
+            let poses = places.flat_map(|[x, y]| thetas.iter().map(move |theta| Se2::new(x, y, *theta)));
+            sums.iter_mut().zip(poses).for_each(|(sum, pose)| *sum += start.log(&pose));
+        }
         for (k, theta) in thetas.iter().enumerate() {
             let turned = Se2::new(0.0, 0.0, *theta) * self.first_from_sensor;
             let shifted = |places: &[f64], by: f64| places.iter().map(|mm| by + mm).collect::<Vec<_>>();
@@ -150,10 +159,12 @@ impl Evidence {
         }
     }
 
-    /// log p(touch | part and pose of the first touch), as far as the touch counts.
+    /// log p(touch | part and pose of the first touch), as far as the touch counts; of the first touch what is known of its pose before,
+    /// too.
     pub fn log_at(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
         let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor));
-        seen.map_or(0.0, |seen| self.log_seen(seen))
+        let of_start = self.start.map_or(0.0, |start| start.log(part_from_first));
+        of_start + seen.map_or(0.0, |seen| self.log_seen(seen))
     }
 
     /// How well the view at a pose matches an edged touch: how many standard deviations its cosine is above the

@@ -230,6 +230,12 @@ pub fn positive(text: &str) -> std::result::Result<f64, String> {
     number.ok_or_else(|| "expected a number above 0".into())
 }
 
+/// Reads two standard deviations, mm and degrees.
+pub fn known_to(text: &str) -> std::result::Result<[f64; 2], String> {
+    let both = text.split_once(',').and_then(|(mm, deg)| Some([positive(mm.trim()).ok()?, positive(deg.trim()).ok()?]));
+    both.ok_or_else(|| "expected MM,DEG, two numbers above 0, as 2,5".into())
+}
+
 /// Refuses more episodes than this machine can hold the figures of.
 pub fn check_episodes(n_episodes: usize, n_touches: usize, n_ways: usize) -> Result<()> {
     /// What is noted of a touch: errors, probabilities, times.

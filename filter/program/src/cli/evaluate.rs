@@ -31,8 +31,8 @@ use tactile_infer::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
 use super::arguments::{
-    Engine, Inputs, Output, Seeds, SensorArgs, SideArgs, check_episodes, command_line, poses, positive, rule, to_json,
-    warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side,
+    Engine, Inputs, Output, Seeds, SensorArgs, SideArgs, check_episodes, command_line, known_to, poses, positive, rule,
+    to_json, warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side,
 };
 use super::budget::{BudgetArgs, Task};
 use super::numbers::Numbers;
@@ -100,6 +100,10 @@ pub struct Evaluate {
     /// this sensor match is then known, and its lamps, where nobody knew them
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Episodes")]
     earlier_holes: usize,
+    /// A camera or a drawing says where each hole is before it is touched, off by a normal error of these standard deviations: mm
+    /// along x and along y, and degrees [default: it may be anywhere in the bank's start]
+    #[arg(long, value_name = "MM,DEG", value_parser = known_to, help_heading = "Episodes")]
+    start_known_to: Option<[f64; 2]>,
     /// Take each hole's own part out of the bank: how often is it recognised as none of these? A bank that learnt from
     /// its parts learns again without it, from its scene
     #[arg(long, help_heading = "Episodes")]
@@ -301,6 +305,7 @@ impl Evaluate {
             n_prints: self.prints,
             n_touches: self.touches,
             n_earlier: self.earlier_holes,
+            start_known_to: self.start_known_to,
         }
     }
 
@@ -369,6 +374,7 @@ impl Evaluate {
             poses: protocol.poses,
             absent: protocol.absent,
             n_earlier: protocol.n_earlier,
+            start_known_to: protocol.start_known_to,
             recorded: holes.is_recorded(),
             recorded_parts: holes.some_parts(),
             side: holes.side(),

@@ -211,6 +211,7 @@ impl TradeoffArgs {
             absent: false,
             n_classes: None,
             choose_ms: None,
+            start_known_to: None,
             n_prints: 1,
             n_earlier: 0,
             n_touches: TOUCHES[TOUCHES.len() - 1],

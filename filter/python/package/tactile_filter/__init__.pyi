@@ -15,6 +15,7 @@ __version__: str
 
 _Path: TypeAlias = str | os.PathLike[str]
 _PoseLike: TypeAlias = Pose | Sequence[float] | npt.NDArray[np.float64]
+_Covariance: TypeAlias = npt.NDArray[np.float64] | Sequence[Sequence[float]]
 _Reach: TypeAlias = npt.NDArray[np.float64] | Sequence[_PoseLike]
 _Side: TypeAlias = Literal["hole", "peg"]
 _Reason: TypeAlias = Literal["confident", "none-of-these", "touch-limit", "nothing-to-learn"]
@@ -221,6 +222,19 @@ class EpisodeConfig:
         """Holes that have told of the sensor so far (`Episode.learn`)."""
     def without_sensor(self) -> EpisodeConfig:
         """The same without what holes have told of the sensor: for a new gel or another camera."""
+    def with_start(self, part_from_first: _PoseLike, covariance: _Covariance) -> EpisodeConfig:
+        """The same for a hole that is known to be somewhere before it is touched, from a camera or a drawing.
+
+        `part_from_first`: pose of the sensor at the first touch, in the part's frame; `covariance`: of that pose over
+        (x mm, y mm, theta rad)."""
+    def with_part(
+        self, base_from_part: _PoseLike, covariance: _Covariance, base_from_first: _PoseLike
+    ) -> EpisodeConfig:
+        """`with_start` from where the part is seen, both poses in any one frame, as the robot's base.
+
+        `covariance`: of `base_from_part`."""
+    def without_start(self) -> EpisodeConfig:
+        """The same for a hole that may be anywhere."""
     @property
     def settings(self) -> _Settings:
         """All settings by name."""
