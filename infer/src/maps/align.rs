@@ -156,7 +156,7 @@ impl Sums {
 }
 
 /// The inverse of a symmetric matrix, by its cofactors; `None` of one that has none.
-fn inverse(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+pub fn inverse(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     let cofactor = |row: usize, column: usize| {
         let [r0, r1] = [(row + 1) % 3, (row + 2) % 3];
         let [c0, c1] = [(column + 1) % 3, (column + 2) % 3];

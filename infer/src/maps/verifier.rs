@@ -164,8 +164,7 @@ impl Verifier {
         let x = self.layers.iter().fold(None, forward).unwrap_or_default();
         let n = self.config.n_last();
         let n_places = (x.len() / n).max(1);
-        let means: Vec<f32> =
-            (0..n).map(|at| x.iter().skip(at).step_by(n).sum::<f32>() / n_places as f32).collect();
+        let means: Vec<f32> = (0..n).map(|at| x.iter().skip(at).step_by(n).sum::<f32>() / n_places as f32).collect();
         self.config.bounded(self.judge.forward(&means).first().map_or(0.0, |value| f64::from(*value)))
     }
 }
