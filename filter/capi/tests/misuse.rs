@@ -403,8 +403,8 @@ fn lamps_are_learnt_from_twenty_touches_and_not_before() {
 fn a_known_start_is_rusts_and_one_far_away_is_refused_where_an_episode_begins() {
     let (world, config) = (world(), config_with(tf_side::Hole, &[]));
     let covariance = [4.0, 0.5, 0.0, 0.5, 2.0, 0.0, 0.0, 0.0, 0.1];
-    let [base_from_part, base_from_first] = [[310.0, -82.0, 0.4], [309.0, -80.5, 0.5]]
-        .map(|[x_mm, y_mm, theta_rad]| tf_pose { x_mm, y_mm, theta_rad });
+    let [base_from_part, base_from_first] =
+        [[310.0, -82.0, 0.4], [309.0, -80.5, 0.5]].map(|[x_mm, y_mm, theta_rad]| tf_pose { x_mm, y_mm, theta_rad });
     let begin = |config| {
         let mut episode = null_mut();
         (unsafe { tf_episode_begin(config, world.bank, world.touches[0], &mut episode) }, episode)

@@ -63,6 +63,7 @@ fn run(mut node: Node, mut robot: Robot) -> Result<[Vec<f64>; 2], tactile_live::
                     Sent::Image(cdr) => Input::Image(cdr),
                     Sent::CompressedImage(cdr) => Input::CompressedImage(cdr),
                     Sent::ToolPose(cdr) => Input::ToolPose(cdr),
+                    Sent::PartPose(cdr) => Input::PartPose(cdr),
                     Sent::Call(request) => {
                         n_calls += 1;
                         Input::Called { request, id: n_calls }

@@ -23,6 +23,9 @@ pub enum Input {
     CompressedImage(Vec<u8>),
     /// `geometry_msgs/msg/PoseStamped`: the tool in the robot's base frame.
     ToolPose(Vec<u8>),
+    /// `geometry_msgs/msg/PoseWithCovarianceStamped`: the part of the next hole in the robot's base frame, as it was seen before it is
+    /// touched.
+    PartPose(Vec<u8>),
     /// A service was called.
     Called {
         /// Which one.

@@ -27,6 +27,7 @@ pub mod robot;
 #[cfg(feature = "ros2")]
 pub mod ros2;
 mod running;
+mod seen;
 pub mod session;
 pub mod shell;
 pub mod sources;

@@ -10,7 +10,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use tactile_data::recording::ros::bag_writer::{BagWriter, ChannelId};
-use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, PoseStamped, Text, to_cdr};
+use tactile_data::recording::ros::messages::{
+    CompressedImage, Image, Message, PoseStamped, PoseWithCovarianceStamped, Text, to_cdr,
+};
 
 use crate::error::{Error, Result};
 use crate::event::{Event, Input, Output, Request};
@@ -20,7 +22,7 @@ use crate::parameters::Parameters;
 const FLUSH_NS: i64 = 500_000_000;
 
 /// The value of [`Setup::version`] that this program writes and reads.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// What the events of a log were given to: the first message of a log, on `~/setup`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,6 +44,8 @@ pub struct Setup {
     pub image_topic: String,
     /// The topic of the tool's poses.
     pub tool_topic: String,
+    /// The topic of parts that are seen before they are touched.
+    pub part_topic: String,
     /// All parameters.
     pub parameters: Parameters,
 }
@@ -53,6 +57,7 @@ pub(crate) enum Line {
     Image,
     CompressedImage,
     ToolPose,
+    PartPose,
     Called,
     Cameras,
     Tick,
@@ -70,6 +75,7 @@ impl Line {
             // As image_transport names it.
             Self::CompressedImage => format!("{}/compressed", setup.image_topic),
             Self::ToolPose => setup.tool_topic.clone(),
+            Self::PartPose => setup.part_topic.clone(),
             Self::Called => own("called"),
             Self::Cameras => own("cameras"),
             Self::Tick => own("tick"),
@@ -84,6 +90,7 @@ impl Line {
             Self::Image => [Image::TYPE, Image::DEFINITION],
             Self::CompressedImage => [CompressedImage::TYPE, CompressedImage::DEFINITION],
             Self::ToolPose => [PoseStamped::TYPE, PoseStamped::DEFINITION],
+            Self::PartPose => [PoseWithCovarianceStamped::TYPE, PoseWithCovarianceStamped::DEFINITION],
             Self::Output(topic) => topic.message(),
             _ => [Text::TYPE, Text::DEFINITION],
         }
@@ -96,6 +103,7 @@ impl Line {
             Input::Image(cdr) => (Self::Image, cdr.into()),
             Input::CompressedImage(cdr) => (Self::CompressedImage, cdr.into()),
             Input::ToolPose(cdr) => (Self::ToolPose, cdr.into()),
+            Input::PartPose(cdr) => (Self::PartPose, cdr.into()),
             Input::Called { request, id } => (Self::Called, text(format!("{} {id}", request.name()))),
             Input::Cameras(n) => (Self::Cameras, text(n.to_string())),
             Input::Tick => (Self::Tick, text(String::new())),
@@ -120,6 +128,7 @@ impl Line {
             Self::Image => Some(Input::Image(cdr)),
             Self::CompressedImage => Some(Input::CompressedImage(cdr)),
             Self::ToolPose => Some(Input::ToolPose(cdr)),
+            Self::PartPose => Some(Input::PartPose(cdr)),
             Self::Tick => Some(Input::Tick),
             Self::Cameras => text(&cdr)?.data.parse().ok().map(Input::Cameras),
             Self::Called => {

@@ -17,6 +17,7 @@ use crate::parameters::{Parameters, Trigger};
 use crate::published::Scene;
 use crate::rest::{Calibrated, Collecting};
 use crate::running::Running;
+use crate::seen::SeenPart;
 use crate::tool::{Placed, Tool};
 use crate::troubles::{Trouble, Troubles};
 
@@ -49,6 +50,8 @@ pub struct Node {
     collecting: Option<Collecting>,
     pending: Option<Pending>,
     running: Option<Running>,
+    /// Where the hole that is touched next was seen.
+    seen: Option<SeenPart>,
     n_episodes: u64,
     /// What the holes before have told of the sensor.
     sensor: SensorMatch,
@@ -94,6 +97,7 @@ impl Node {
             collecting,
             pending: None,
             running: None,
+            seen: None,
             n_episodes: 0,
             sensor: SensorMatch::default(),
             latest: None,
@@ -116,6 +120,7 @@ impl Node {
             Input::Image(cdr) => self.on_picture(|camera, now_ns| camera.image(now_ns, cdr)),
             Input::CompressedImage(cdr) => self.on_picture(|camera, now_ns| camera.compressed(now_ns, cdr)),
             Input::ToolPose(cdr) => self.on_pose(cdr),
+            Input::PartPose(cdr) => self.on_part(cdr),
             Input::Called { request, id } => self.on_request(*request, *id),
             Input::Cameras(n) => self.on_cameras(*n),
             Input::Tick => self.on_tick(),
@@ -284,6 +289,19 @@ impl Node {
         }
     }
 
+    fn on_part(&mut self, cdr: &[u8]) {
+        match SeenPart::of(cdr) {
+            Ok(seen) => {
+                self.seen = Some(seen);
+                self.clear(Trouble::PartPose);
+            }
+            Err(error) => {
+                self.seen = None;
+                self.raise(Trouble::PartPose, Level::Error, error.to_string());
+            }
+        }
+    }
+
     fn on_cameras(&mut self, n: u32) {
         let before = self.n_cameras.replace(n);
         match (before, n) {
@@ -305,7 +323,7 @@ impl Node {
                 if let Some(running) = self.running.as_ref().filter(|_| self.parameters.learn_sensor) {
                     self.sensor = running.episode.learn();
                 }
-                (self.running, self.latest) = (None, None);
+                (self.running, self.latest, self.seen) = (None, None, None);
                 self.learn_light();
                 self.tool.reset();
                 if let Some(pending) = self.pending.take() {
@@ -450,7 +468,11 @@ impl Node {
             return running.observe(base_from_sensor, self.parameters.tool.max_tilt_deg, observation).map(Some);
         }
         let config = self.parameters.episode_config(&self.model, self.n_episodes)?.with_sensor(self.sensor);
+        let max_tilt_deg = self.parameters.tool.max_tilt_deg;
+        let start = self.seen.as_ref().map(|seen| seen.start(placed, max_tilt_deg)).transpose()?;
+        let config = start.map_or(config, |start| config.with_start(start));
         let episode = Episode::begin(config, Arc::clone(&self.bank), observation)?;
+        self.seen = None;
         self.n_episodes += 1;
         self.running = Some(Running { episode, base_from_first: base_from_sensor, base_from_sensor });
         Ok(None)

@@ -202,7 +202,11 @@ fn places(grid: &PoseGrid, poses: impl Iterator<Item = (Se2, f64)>) -> Vec<f64> 
 
 /// The covariance of the part in the base frame, `base_from_first * part_from_first^-1`, as ROS has it: row by row, x, y
 /// and z in metres, then rotations about the base's axes in radians. First order.
-fn covariance(base_from_first: &Rigid, part_from_first: &Se2, of_part_from_first: &[[f64; 3]; 3]) -> [f64; 36] {
+pub(crate) fn covariance(
+    base_from_first: &Rigid,
+    part_from_first: &Se2,
+    of_part_from_first: &[[f64; 3]; 3],
+) -> [f64; 36] {
     let Se2 { x_mm, y_mm, theta_rad } = *part_from_first;
     let (sin, cos) = theta_rad.sin_cos();
     // The inverse is (-R^T t, -theta): its derivatives by x, y (mm) and theta.

@@ -116,13 +116,13 @@ struct Replay {
 
 impl Replay {
     fn line(&self, message: &Message) -> Option<Line> {
-        let lines =
-            [Line::Image, Line::CompressedImage, Line::ToolPose, Line::Called, Line::Cameras, Line::Tick, Line::Answer];
+        let pictures = [Line::Image, Line::CompressedImage];
+        let others = [Line::ToolPose, Line::PartPose, Line::Called, Line::Cameras, Line::Tick, Line::Answer];
         let outputs = Topic::ALL.map(Line::Output);
         let is_it = |line: &Line| {
             line.topic(&self.setup) == message.channel.topic && line.message()[0] == message.channel.type_name
         };
-        lines.into_iter().chain(outputs).find(is_it)
+        pictures.into_iter().chain(others).chain(outputs).find(is_it)
     }
 
     fn input(&mut self, line: Line, message: &Message, replayed: &mut Replayed) -> Result<()> {

@@ -30,6 +30,8 @@ pub struct Names {
     pub image_topic: String,
     /// The topic of the tool's poses.
     pub tool_topic: String,
+    /// The topic of parts that are seen before they are touched.
+    pub part_topic: String,
 }
 
 impl Default for Names {
@@ -38,6 +40,7 @@ impl Default for Names {
             node: "/tactile_filter".into(),
             image_topic: "/tactile_filter/image".into(),
             tool_topic: "/tactile_filter/tool_pose".into(),
+            part_topic: "/tactile_filter/part_pose".into(),
         }
     }
 }
@@ -57,6 +60,7 @@ impl Names {
             bank_sha256: bank.sha256().map_err(tactile_filter::Error::from)?,
             image_topic: self.image_topic.clone(),
             tool_topic: self.tool_topic.clone(),
+            part_topic: self.part_topic.clone(),
             parameters: parameters.clone(),
         })
     }

@@ -24,6 +24,8 @@ pub enum Trouble {
     Clock,
     /// Messages that hold no pose.
     MalformedPose,
+    /// Messages that say where a part is and cannot be used.
+    PartPose,
     /// A contact without a pose.
     NoPose,
 }

@@ -126,6 +126,26 @@ fn holes_are_named_and_the_log_gives_the_same_decisions() {
 }
 
 #[test]
+fn a_camera_that_sees_the_part_saves_touches_and_is_in_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("live.mcap");
+    let touches = |part_seen_to, session: &mut Session| {
+        let settings = RobotSettings { n_episodes: 12, part_seen_to, ..RobotSettings::default() };
+        let (outcomes, lines) = run(settings, session);
+        assert!(outcomes.iter().filter(|outcome| is_right(outcome)).count() >= 10, "{outcomes:?}");
+        assert!(outcomes.iter().all(|outcome| outcome.n_refused == 0), "{lines:?}");
+        outcomes.iter().map(|outcome| outcome.named.len()).sum::<usize>()
+    };
+    let mut session = logged(&log);
+    let seen = touches(Some([0.5, 2.0]), &mut session);
+    session.finish().unwrap();
+    let unseen = touches(None, &mut Session::new(node()));
+    assert!(seen < unseen, "{seen} touches instead of {unseen}");
+    let (model, bank) = model_and_bank();
+    assert_eq!(replay::replay(&log, model, bank).unwrap().decisions.len(), seen);
+}
+
+#[test]
 fn under_lamps_that_nobody_knows_holes_are_named_once_their_touches_have_told_them() {
     let (model, bank) = model_and_bank();
     let mut parameters = Parameters::default();
@@ -479,6 +499,6 @@ fn a_log_of_another_version_is_refused_whatever_else_it_holds() {
     writer.write_numbered(channel, 1, 0, &to_cdr(&Text { data })).unwrap();
     writer.finish().unwrap();
     let said = replay::setup(&log).unwrap_err().to_string();
-    assert!(said.contains("old.mcap: expected a log of version 2, got version 1"), "{said}");
+    assert!(said.contains("old.mcap: expected a log of version 3, got version 1"), "{said}");
     assert!(said.contains("tactile-live 0.0.9"), "{said}");
 }

@@ -7,8 +7,9 @@ mod camera;
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
+use rand_distr::StandardNormal;
 use tactile_data::frame::Frame;
-use tactile_data::recording::ros::messages::{Header, PoseStamped, Time, from_cdr, to_cdr};
+use tactile_data::recording::ros::messages::{Header, PoseStamped, PoseWithCovarianceStamped, Time, from_cdr, to_cdr};
 use tactile_data::recording::ros::rigid::Rigid;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
@@ -27,6 +28,9 @@ const BASE_FROM_PART: [[f64; 3]; 2] = [[0.42, -0.13, 0.08], [std::f64::consts::P
 
 /// How far the sensor is lifted between touches, metres.
 const LIFT_M: f64 = 0.01;
+
+/// Marks the errors of the camera that sees parts among what is drawn of a seed.
+const CAMERA: u64 = 0x6361_6d65_7261;
 
 /// Between two poses of the tool, nanoseconds: 50 a second.
 const POSE_NS: i64 = 20_000_000;
@@ -51,6 +55,9 @@ pub struct RobotSettings {
     pub motion_error_mm: f64,
     /// The same for the angle, degrees.
     pub motion_error_deg: f64,
+    /// A camera sees each part before it is touched, off by a normal error of these standard deviations: mm along x and along y, and
+    /// degrees; `None`: no camera does.
+    pub part_seen_to: Option<[f64; 2]>,
     /// Seconds of a motion.
     pub travel_s: f64,
     /// Seconds until a contact has settled.
@@ -69,6 +76,7 @@ impl Default for RobotSettings {
             jpeg: None,
             motion_error_mm: 0.1,
             motion_error_deg: 0.3,
+            part_seen_to: None,
             travel_s: 0.4,
             settle_s: 0.24,
             faults: Faults::default(),
@@ -103,6 +111,8 @@ pub enum Sent {
     CompressedImage(Vec<u8>),
     /// `geometry_msgs/msg/PoseStamped`.
     ToolPose(Vec<u8>),
+    /// `geometry_msgs/msg/PoseWithCovarianceStamped`: a camera sees the part.
+    PartPose(Vec<u8>),
     /// A service is called.
     Call(Request),
     /// A line for a person.
@@ -290,7 +300,10 @@ impl Robot {
         match (request, success) {
             // The node may still be at a hole of a robot that was here before.
             (Request::Calibrate, true) if self.hole.named.is_empty() => self.call(Request::Reset, time_ns, sent),
-            (Request::Calibrate | Request::Reset, true) => self.travel(time_ns),
+            (Request::Calibrate | Request::Reset, true) => {
+                sent.extend(self.seen(time_ns));
+                self.travel(time_ns);
+            }
             (Request::Calibrate | Request::Reset, false) => {
                 sent.push(Sent::Say(format!("{}: {message}", request.name())));
                 self.lift(time_ns);
@@ -306,6 +319,22 @@ impl Robot {
             }
         }
         Ok(())
+    }
+
+    /// What a camera sees of a hole that was not touched yet: the part's pose, off by a normal error.
+    fn seen(&self, time_ns: i64) -> Option<Sent> {
+        let [mm, deg] = self.settings.part_seen_to.filter(|_| self.hole.named.is_empty())?;
+        let mut rng = frame_rng(self.settings.seed ^ CAMERA, self.hole.stream);
+        let mut off = |sd: f64| -> f64 { sd * rng.sample::<f64, _>(StandardNormal) };
+        let part_from_seen = Se2::from_degrees(off(mm), off(mm), off(deg));
+        let mut covariance = [0.0; 36];
+        // Along the base's x and y, and about its z: it is level with the board.
+        [(0, mm * 1e-3), (1, mm * 1e-3), (5, deg.to_radians())]
+            .into_iter()
+            .for_each(|(at, sd)| covariance[7 * at] = sd * sd);
+        let header = Header { stamp: Time::of_nanoseconds(time_ns), frame_id: "base_link".into() };
+        let pose = (self.base_from_part * Rigid::from_plane(&part_from_seen)).to_pose();
+        Some(Sent::PartPose(to_cdr(&PoseWithCovarianceStamped { header, pose, covariance })))
     }
 
     /// Lifts the sensor, to take pictures of it at rest.

@@ -62,6 +62,7 @@ fn input_of(sent: Sent, n_calls: &mut u64, say: &mut dyn FnMut(String)) -> Optio
         Sent::Image(cdr) => Input::Image(cdr),
         Sent::CompressedImage(cdr) => Input::CompressedImage(cdr),
         Sent::ToolPose(cdr) => Input::ToolPose(cdr),
+        Sent::PartPose(cdr) => Input::PartPose(cdr),
         Sent::Call(request) => {
             *n_calls += 1;
             Input::Called { request, id: *n_calls }

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, PoseStamped};
+use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, PoseStamped, PoseWithCovarianceStamped};
 
 use crate::error::{Error, Result};
 use crate::event::{Event, Input, Output, Request, Topic};
@@ -24,6 +24,7 @@ pub struct Network {
     image: Subscription,
     compressed: Subscription,
     tool: Subscription,
+    part: Subscription,
     services: [Service; 3],
     publications: BTreeMap<Topic, Publication>,
     /// Publishers of pictures, by subscription.
@@ -44,6 +45,8 @@ impl Network {
         let image = subscribe("~/image", Image::TYPE)?;
         let compressed = subscribe("~/image/compressed", CompressedImage::TYPE)?;
         let tool = subscribe("~/tool_pose", PoseStamped::TYPE)?;
+        // It may come once.
+        let part = bus.subscribe("~/part_pose", PoseWithCovarianceStamped::TYPE, Delivery::Reliable)?;
         let [observe, reset, calibrate] = Request::ALL.map(|request| bus.serve(request.name()));
         let mut publications = BTreeMap::new();
         for topic in Topic::ALL {
@@ -55,6 +58,7 @@ impl Network {
             image,
             compressed,
             tool,
+            part,
             publications,
             cameras: BTreeMap::new(),
             calls: BTreeMap::new(),
@@ -74,6 +78,7 @@ impl Network {
             node: node.to_owned(),
             image_topic: self.bus.resolve("~/image")?,
             tool_topic: self.bus.resolve("~/tool_pose")?,
+            part_topic: self.bus.resolve("~/part_pose")?,
         })
     }
 
@@ -112,6 +117,7 @@ impl Network {
                     of if of == self.image => Input::Image(cdr),
                     of if of == self.compressed => Input::CompressedImage(cdr),
                     of if of == self.tool => Input::ToolPose(cdr),
+                    of if of == self.part => Input::PartPose(cdr),
                     _ => return None,
                 };
                 Some((received, input))
@@ -123,17 +129,18 @@ impl Network {
                 Some((received, Input::Called { request: Request::ALL[at], id: self.n_calls }))
             }
             Incoming::Matched { endpoint: Endpoint::Subscription(subscription), n_peers } => {
-                if subscription == self.tool {
+                if [self.tool, self.part].contains(&subscription) {
                     return None;
                 }
                 self.cameras.insert(subscription, n_peers);
                 let n_cameras = u32::try_from(self.n_cameras()).unwrap_or(u32::MAX);
                 Some((Instant::now(), Input::Cameras(n_cameras)))
             }
+            // Its pictures come on the other of the two topics; a part need not be seen.
             Incoming::Trouble(Trouble::NoPublisher { message_type, .. })
-                if self.n_cameras() > 0 && message_type != PoseStamped::TYPE =>
+                if self.n_cameras() > 0 && message_type != PoseStamped::TYPE
+                    || message_type == PoseWithCovarianceStamped::TYPE =>
             {
-                // Its pictures come on the other of the two topics.
                 None
             }
             Incoming::Trouble(trouble) => {

@@ -4,7 +4,9 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-use tactile_data::recording::ros::messages::{CompressedImage, Image, Message, PoseStamped, Text};
+use tactile_data::recording::ros::messages::{
+    CompressedImage, Image, Message, PoseStamped, PoseWithCovarianceStamped, Text,
+};
 
 use crate::error::{Error, Result};
 use crate::event::{Request, Topic};
@@ -24,6 +26,7 @@ pub struct RobotNetwork {
     image: Publication,
     compressed: Publication,
     tool: Publication,
+    part: Publication,
     next_pose: Subscription,
     decision: Subscription,
     clients: [Client; 3],
@@ -49,6 +52,7 @@ impl RobotNetwork {
             image: advertise("~/image", Image::TYPE)?,
             compressed: advertise("~/image/compressed", CompressedImage::TYPE)?,
             tool: advertise("~/tool_pose", PoseStamped::TYPE)?,
+            part: advertise("~/part_pose", PoseWithCovarianceStamped::TYPE)?,
             next_pose: subscribe(Topic::NextPose)?,
             decision: subscribe(Topic::Decision)?,
             clients: [observe?, reset?, calibrate?],
@@ -111,6 +115,7 @@ impl RobotNetwork {
             Sent::Image(cdr) => self.bus.publish(self.image, &cdr),
             Sent::CompressedImage(cdr) => self.bus.publish(self.compressed, &cdr),
             Sent::ToolPose(cdr) => self.bus.publish(self.tool, &cdr),
+            Sent::PartPose(cdr) => self.bus.publish(self.part, &cdr),
             Sent::Call(request) => {
                 let at = Request::ALL.iter().position(|known| *known == request).unwrap_or_default();
                 self.bus.call(self.clients[at]).map(|call| self.call = Some(call))
