@@ -187,6 +187,12 @@ impl Background {
         self.frame_px
     }
 
+    /// The frame at rest at the size that a network sees, `[3, height, width]`, counts.
+    #[cfg(feature = "sim")]
+    pub(crate) fn at_rest(&self) -> &[f32] {
+        &self.planes
+    }
+
     /// Subtracts the frame at rest: area average to the input size, exposure compensated per
     /// channel, signed difference, colours as under the lamps that the network knows ([`Self::lit_by`]), then mean and
     /// variance of the training set (paper, Sec. V-A).

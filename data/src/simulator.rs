@@ -149,6 +149,24 @@ impl Simulator {
         self.scene.fidelity >= Fidelity::Camera && self.scene.sensor.texture_mm[1] > 0.0
     }
 
+    /// How deep the gel is pressed in over one side of a part, `[height + 2, width + 2]` pixels of the sensor's frame with a margin of one, mm,
+    /// by a press of a depth: without what differs from touch to touch.
+    pub(crate) fn depths(
+        &self,
+        (part, side): (usize, Side),
+        part_from_sensor: &Se2,
+        depth_mm: f64,
+    ) -> Result<Vec<f32>> {
+        let (spec, ..) = self.sensor(part, side);
+        match self.side(part, side)? {
+            Touchable::Surface(surface) => {
+                let press = TiltedPress::level(depth_mm);
+                Ok(surface.depths(part_from_sensor, spec.frame_px, spec.mm_per_px(), press))
+            }
+            Touchable::Mask(_) => Err(Error::invalid("scene.fidelity", "one with a gel", "geometry alone")),
+        }
+    }
+
     fn exposure<'a>(&self, optics: &'a Optics, camera: &'a Camera, spec: &SensorSpec) -> Exposure<'a> {
         Exposure { fidelity: self.scene.fidelity, optics, camera, mm_per_px: spec.mm_per_px() }
     }

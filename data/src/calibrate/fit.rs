@@ -40,7 +40,7 @@ pub struct Fit {
 
 /// Which factors of the light are fitted.
 #[derive(Clone, Copy, Debug)]
-struct Model {
+pub(super) struct Model {
     n_bases: usize,
     n_polynomials: usize,
 }
@@ -49,7 +49,7 @@ struct Model {
 const N_FACTORS: usize = N_BASES * N_TERMS;
 
 /// Linear in the slope, with walls, or with the depth as well; constant, linear or quadratic over the frame.
-const MODELS: [Model; 9] = {
+pub(super) const MODELS: [Model; 9] = {
     const fn model(n_bases: usize, n_polynomials: usize) -> Model {
         Model { n_bases, n_polynomials }
     }
@@ -67,12 +67,13 @@ const MODELS: [Model; 9] = {
 };
 
 impl Model {
-    fn columns(self) -> Vec<usize> {
+    /// Of all factors.
+    pub(super) fn columns(self) -> Vec<usize> {
         (0..self.n_bases).flat_map(|basis| (0..self.n_polynomials).map(move |i| N_TERMS * basis + i)).collect()
     }
 
     /// Puts weights in their place among all.
-    fn spread(self, weights: &[Vec<f64>; 3]) -> [Vec<f64>; 3] {
+    pub(super) fn spread(self, weights: &[Vec<f64>; 3]) -> [Vec<f64>; 3] {
         weights.each_ref().map(|weights| {
             let mut all = vec![0.0; N_FACTORS];
             self.columns().into_iter().zip(weights).for_each(|(column, weight)| all[column] = *weight);
@@ -157,7 +158,7 @@ fn best_share(presses: &Presses, gel_length_mm: f64) -> Option<Guess> {
 /// The factors under which presses left out are predicted best with these contacts, and their error.
 fn judged(presses: &Presses, gel_length_mm: f64, contacts: Vec<Circle>) -> Option<Guess> {
     let sums = all_sums(presses, gel_length_mm, &contacts, STRIDE);
-    let errors = MODELS.into_iter().filter_map(|model| Some((model, left_out_error(&sums, model).ok()?)));
+    let errors = MODELS.into_iter().filter_map(|model| Some((model, left_out_error(&sums, model, RIDGE).ok()?)));
     let (model, error) = errors.min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Guess { gel_length_mm, model, contacts, sums, error })
 }
@@ -205,14 +206,14 @@ fn total(sums: &[Sums]) -> Sums {
 }
 
 /// Squared error of presses left out, one at a time.
-fn left_out_error(sums: &[Sums], model: Model) -> Result<f64> {
+pub(super) fn left_out_error(sums: &[Sums], model: Model, ridge: f64) -> Result<f64> {
     let columns = model.columns();
     let total = total(sums).select(&columns);
     let errors = sums.iter().map(|press| {
         let own = press.select(&columns);
         let mut others = total.clone();
         others.combine(&own, -1.0);
-        Ok(own.squared_error(&others.solve(RIDGE)?))
+        Ok(own.squared_error(&others.solve(ridge)?))
     });
     errors.sum()
 }

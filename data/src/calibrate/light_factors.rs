@@ -22,6 +22,29 @@ pub(super) fn bases(ball: &BallPress, [x_mm, y_mm]: [f64; 2]) -> [f64; N_BASES] 
     [along_x, along_y, steep, across, diagonal, ball.depth_mm(r)]
 }
 
+/// Everything in [`LightRig`] at a pixel, by its column and row, of depths `[height + 2, width + 2]` with a margin of one, mm.
+pub(super) fn depth_bases(
+    depths: &[f32],
+    width: usize,
+    [column, row]: [usize; 2],
+    mm_per_px: [f64; 2],
+) -> [f64; N_BASES] {
+    let at = (row + 1) * (width + 2) + column + 1;
+    let slope = |before: usize, after: usize, mm: f64| f64::from(depths[after] - depths[before]) / (2.0 * mm);
+    let (gx, gy) = (slope(at - 1, at + 1, mm_per_px[0]), slope(at - (width + 2), at + width + 2, mm_per_px[1]));
+    let [along_x, along_y, steep, across, diagonal] = slope_bases(gx, gy);
+    [along_x, along_y, steep, across, diagonal, f64::from(depths[at])]
+}
+
+/// The weights of each channel of a light, as [`factors`] orders them: what [`light`] takes.
+pub(super) fn weights_of(rig: &LightRig) -> [Vec<f64>; 3] {
+    let dark = [[0.0; N_TERMS]; 3];
+    let [steep, across, diagonal] =
+        rig.walls.as_ref().map_or([dark; 3], |Walls { steep, across, diagonal }| [*steep, *across, *diagonal]);
+    let parts = [rig.along_x, rig.along_y, steep, across, diagonal, rig.pressed.unwrap_or(dark)];
+    [0, 1, 2].map(|channel| parts.iter().flat_map(|part| part[channel].map(f64::from)).collect())
+}
+
 /// The functions of [`LightRig`] of a slope.
 pub(super) fn slope_bases(gx: f64, gy: f64) -> [f64; N_SLOPES] {
     let share = 1.0 / (1.0 + gx * gx + gy * gy);

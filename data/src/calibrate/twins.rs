@@ -1,23 +1,30 @@
-//! How strong a sensor's lamps are together, and its gel, from touches whose part and pose are known.
+//! A sensor's light and gel, from touches whose part and pose are known: no ball is needed.
 //!
-//! What touches of anything leave open ([`touch_light`](crate::touch_light)) their simulated twins tell: pictures of the same parts at the
-//! same poses, under the lamps so far, for each of some lengths of the gel. The length is that at which pictures are most alike: the share
-//! of a picture's energy that a multiple of its twin explains, the mean over the touches, each with the depth of press that suits it best.
-//! How strong the lamps are is the median of those multiples at the scene's depth, at which its bank is simulated: a deeper press and a
-//! stronger light show flat parts alike.
+//! What touches of anything leave open ([`touch_light`](crate::touch_light)) such touches tell. The gel over each part is simulated for some
+//! lengths of it and some depths of press; how each channel answers its slopes and its depth over the frame is then linear
+//! ([`LightRig`](crate::sensor::light::LightRig)), and fitted by least squares, with the light that is given as what is known before. Which
+//! terms the light has, and how strongly what is known holds, is what predicts touches left out best. The gel's length is that under which
+//! touches left out are most like their twins: the share of a picture's energy that a multiple of its twin explains, the mean over the
+//! touches, each with the depth of press that suits it best. The light is fitted at the scene's depth, at which its bank is simulated: a deeper
+//! press and a stronger light show flat parts alike.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::Calibration;
+use super::fit::{MODELS, Model};
+use super::least_squares::Sums;
+use super::light_factors::{N_BASES, N_TERMS, change, depth_bases, factors, light, place, weights_of};
+use super::{Calibration, SCHEMA};
 use crate::error::{Error, Result};
 use crate::frame::{Background, Frame, Preprocessing};
-use crate::random::frame_rng;
+use crate::lamps::Lamps;
 use crate::scene::Scene;
-use crate::se2::Se2;
+use crate::se2::{Se2, wrap_angle};
+use crate::sensor::light::LightRig;
 use crate::sensor::{Fidelity, SensorSpec};
 use crate::simulator::Simulator;
 use crate::touch::Side;
+use crate::touch_light::Change;
 
 /// Fewer touches say too little.
 pub const MIN_TOUCHES: usize = 10;
@@ -29,9 +36,18 @@ pub const MOST_TOUCHES: usize = 60;
 const GEL_LENGTHS_MM: [f64; 11] = [0.69, 0.83, 1.0, 1.2, 1.44, 1.73, 2.07, 2.49, 2.99, 3.58, 4.3];
 const DEPTHS_MM: [f64; 5] = [0.35, 0.7, 1.1, 1.7, 2.6];
 
-/// The size at which pictures are compared, pixels, and that of the simulated frames.
+/// The size at which pictures are compared, pixels, and how many pixels of the simulated gel are one of these along each axis.
 const SIZE_PX: [usize; 2] = [40, 30];
-const FRAME_PX: [usize; 2] = [160, 120];
+const BLOCK: usize = 4;
+
+/// How much a weight's square may cost that is not as it is given, counts squared a pixel.
+const RIDGES: [f64; 3] = [1e-4, 1e-3, 1e-2];
+
+/// Times that multiples and light are fitted in turn.
+const ROUNDS: usize = 3;
+
+/// Pictures of which more is unlike their twins are of other parts or poses.
+const MOST_UNEXPLAINED: f64 = 0.5;
 
 /// A touch of a part that is known.
 #[derive(Clone, Debug)]
@@ -53,26 +69,46 @@ pub struct TwinFit {
     pub gel_length_mm: f64,
     /// The standard deviation of its logarithm, had others been made.
     pub gel_error: f64,
-    /// How much stronger the lamps are than those given, the natural logarithm.
-    pub strength: f64,
-    /// Its standard deviation, had others been made.
-    pub strength_error: f64,
-    /// The mean correlation of pictures with their twins, of differences from rest, -1..=1.
+    /// How each lamp differs from a Mini's in the frame's middle.
+    pub lamps: [Change; 3],
+    /// Standard deviations of these, had others been made.
+    pub lamp_errors: [Change; 3],
+    /// The mean correlation of pictures with their twins, of differences from rest, under a light that has not seen them, -1..=1.
     pub correlation: f64,
     /// Touches that this is of.
     pub n_touches: usize,
 }
 
-/// How one picture compares with its twins.
-#[derive(Clone, Copy, Debug)]
-struct Compared {
-    /// The share of its energy that no multiple of a twin explains, by the gel's length.
-    unexplained: [f64; GEL_LENGTHS_MM.len()],
-    /// The multiple that explains it best at the scene's depth, by the gel's length.
-    times: [f64; GEL_LENGTHS_MM.len()],
+/// What a touch shows, RGB counts, and what the light of each of its pixels depends on.
+type Picture = Vec<[f64; 3]>;
+type Bases = Vec<[f64; N_BASES]>;
+
+/// The share of a picture's energy that no multiple of its twin explains, by the gel's length.
+type Unexplained = [f64; GEL_LENGTHS_MM.len()];
+
+/// A sensor's pictures of parts that are known.
+struct Touched<'a> {
+    scene: &'a Scene,
+    field_of_view_mm: [f64; 2],
+    given: LightRig,
+    touches: &'a [KnownTouch],
+    /// At rest, RGB counts.
+    rest: Picture,
+    /// What each touch shows more than that, its exposure compensated.
+    pictures: Vec<Picture>,
 }
 
-/// Fits gel and strength to touches of a scene's parts under a sensor at rest, whose light is `calibration`'s so far. What is found is put
+/// A light that was fitted.
+struct Lit {
+    model: Model,
+    ridge: f64,
+    /// What was given, as strong as the touches are.
+    given: [Vec<f64>; 3],
+    /// What each touch says of how the light differs from that.
+    sums: Vec<Sums>,
+}
+
+/// Fits gel and light to touches of a scene's parts under a sensor at rest, whose light is `calibration`'s so far. What is found is put
 /// into it.
 ///
 /// # Errors
@@ -88,58 +124,255 @@ pub fn fit(
         let expected = format!("{MIN_TOUCHES} touches or more of the scene's parts, whose pose is known");
         return Err(Error::invalid("calibration", expected, touches.len().to_string()));
     }
-    let counts = Preprocessing { field_of_view_mm: calibration.field_of_view_mm, ..Preprocessing::counts(SIZE_PX) };
+    let field_of_view_mm = calibration.field_of_view_mm;
+    let counts = Preprocessing { field_of_view_mm, ..Preprocessing::counts(SIZE_PX) };
     let background = Background::new(no_contact, &counts)?;
-    let pictures = touches.iter().map(|touch| Ok(background.tactile_image(&touch.frame)?.planes));
+    let pictures = touches.iter().map(|touch| Ok(pixels(&background.tactile_image(&touch.frame)?.planes)));
     let pictures = pictures.collect::<Result<Vec<_>>>()?;
-    let usual_mm = scene.sensor.depth_mm;
-    let mut found =
-        vec![Compared { unexplained: [1.0; GEL_LENGTHS_MM.len()], times: [0.0; GEL_LENGTHS_MM.len()] }; touches.len()];
+    let rest = pixels(background.at_rest());
+    let touched = Touched { scene, field_of_view_mm, given: calibration.light.clone(), touches, rest, pictures };
+    let mut unexplained = vec![[1.0; GEL_LENGTHS_MM.len()]; touches.len()];
     for (at, gel_length_mm) in GEL_LENGTHS_MM.into_iter().enumerate() {
-        for depth_mm in DEPTHS_MM.into_iter().chain([usual_mm]) {
-            let twins = twins(&still(scene, calibration, [gel_length_mm, depth_mm])?, &counts, touches)?;
-            for ((found, picture), twin) in found.iter_mut().zip(&pictures).zip(&twins) {
-                let [own, both, of_twin] = [(picture, picture), (picture, twin), (twin, twin)].map(product);
-                if of_twin > 0.0 && own > 0.0 && both > 0.0 {
-                    let unexplained = 1.0 - both * both / (own * of_twin);
-                    found.unexplained[at] = found.unexplained[at].min(unexplained);
-                    if depth_mm == usual_mm {
-                        found.times[at] = both / of_twin;
-                    }
-                }
-            }
-        }
+        let of_gel = touched.unexplained(gel_length_mm)?;
+        unexplained.iter_mut().zip(of_gel).for_each(|(touch, share)| touch[at] = share);
     }
-    let length = gel(&found)?;
-    let strength = strength(&found, length);
-    let n = found.len() as f64;
-    let left_out = (0..found.len()).filter_map(|out| {
-        let rest: Vec<Compared> = found.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, one)| *one).collect();
-        let of_rest = gel(&rest).ok()?;
-        Some([(of_rest / length).ln(), self::strength(&rest, of_rest) - strength])
-    });
-    let left_out: Vec<[f64; 2]> = left_out.collect();
-    let error = |of: usize| {
-        let mean = left_out.iter().map(|errors| errors[of]).sum::<f64>() / n;
-        (left_out.iter().map(|errors| (errors[of] - mean).powi(2)).sum::<f64>() * (n - 1.0) / n).sqrt()
+    let gel_length_mm = gel(&unexplained)?;
+    let lit = touched.light(gel_length_mm)?;
+    let weights = lit.without(&[])?;
+    calibration.schema = SCHEMA.to_owned();
+    calibration.gel_length_mm = Some(gel_length_mm);
+    let shadow = calibration.light.shadow;
+    calibration.light = LightRig { shadow, ..light(&weights, calibration.light.at_rest) };
+    calibration.source = format!("{}; {} of known parts", calibration.source, touches.len());
+    let left_out = |out: usize| {
+        let others = unexplained.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, one)| *one);
+        Some((gel(&others.collect::<Vec<_>>()).ok()?.ln(), lamps(&lit.without(&[out]).ok()?)))
     };
-    calibration.gel_length_mm = Some(length);
-    calibration.light = calibration.light.exposed(strength.exp() as f32);
-    calibration.source = format!("{}; {} of known parts", calibration.source, found.len());
+    let left_out: Vec<_> = (0..touches.len()).into_par_iter().filter_map(left_out).collect();
+    let error = |of: &dyn Fn(&(f64, [Change; 3])) -> f64| jackknife(&left_out.iter().map(of).collect::<Vec<_>>());
+    let correlation = |one: &Unexplained| (1.0 - between(one, gel_length_mm)).max(0.0).sqrt();
     Ok(TwinFit {
-        gel_length_mm: length,
-        gel_error: error(0),
-        strength,
-        strength_error: error(1),
-        correlation: found.iter().map(|one| (1.0 - between(&one.unexplained, length)).sqrt()).sum::<f64>() / n,
-        n_touches: found.len(),
+        gel_length_mm,
+        gel_error: error(&|(gel, _)| *gel),
+        lamps: lamps(&weights),
+        lamp_errors: [0, 1, 2].map(|lamp| Change {
+            strength: error(&|(_, lamps)| lamps[lamp].strength),
+            turn_deg: error(&|(_, lamps)| lamps[lamp].turn_deg),
+        }),
+        correlation: unexplained.iter().map(correlation).sum::<f64>() / touches.len() as f64,
+        n_touches: touches.len(),
     })
 }
 
+impl Touched<'_> {
+    /// What no twin explains of each touch under a gel of a length, by a light that the touch had no part in: the odd touches by the even
+    /// ones, and the other way round.
+    fn unexplained(&self, gel_length_mm: f64) -> Result<Vec<f64>> {
+        let lit = self.light(gel_length_mm)?;
+        let half = |first: usize| lit.without(&(first..self.touches.len()).step_by(2).collect::<Vec<_>>());
+        let weights = [half(0)?, half(1)?];
+        let mut least = vec![1.0_f64; self.touches.len()];
+        let simulator = self.simulator(gel_length_mm, DEPTHS_MM)?;
+        for depth_mm in DEPTHS_MM.into_iter().chain([self.scene.sensor.depth_mm]) {
+            let of_touch = |((at, bases), picture): ((usize, Bases), &Picture)| {
+                let twin = self.compensated(&shown(&weights[at % 2], &bases));
+                let [own, both, of_twin] = products(picture, &twin);
+                if both > 0.0 { 1.0 - both * both / (own * of_twin) } else { 1.0 }
+            };
+            let bases = self.bases(&simulator, depth_mm)?;
+            let found: Vec<f64> = bases.into_par_iter().enumerate().zip(&self.pictures).map(of_touch).collect();
+            least.iter_mut().zip(found).for_each(|(least, found)| *least = least.min(found));
+        }
+        Ok(least)
+    }
+
+    /// The light under a gel of a length, all touches as deep as the scene's; each counts as strongly as it shows.
+    fn light(&self, gel_length_mm: f64) -> Result<Lit> {
+        let depth_mm = self.scene.sensor.depth_mm;
+        let bases = self.bases(&self.simulator(gel_length_mm, [depth_mm])?, depth_mm)?;
+        let mut given = weights_of(&self.given);
+        let mut times = self.times(&given, &bases);
+        let middle = median(&times);
+        given.iter_mut().flatten().for_each(|weight| *weight *= middle);
+        let mut found: Option<Lit> = None;
+        for _ in 0..ROUNDS {
+            if let Some(lit) = &found {
+                times = self.times(&lit.without(&[])?, &bases);
+            }
+            let middle = median(&times);
+            let weights = found.as_ref().map_or_else(|| Ok(given.clone()), |lit| lit.without(&[]))?;
+            let of_touch = |((bases, picture), times): ((&Bases, &Picture), &f64)| {
+                let times = (times / middle).clamp(1.0 / 3.0, 3.0);
+                let bases: Bases = bases.iter().map(|bases| bases.map(|basis| times * basis)).collect();
+                let gains = gains(&self.rest, &shown(&weights, &bases));
+                sums_of(&given, &bases, &exposed(&self.rest, picture, gains))
+            };
+            let sums: Vec<Sums> = bases.par_iter().zip(&self.pictures).zip(&times).map(of_touch).collect();
+            let candidates = MODELS.into_iter().flat_map(|model| RIDGES.map(|ridge| (model, ridge)));
+            let errors = candidates.filter_map(|(model, ridge)| {
+                Some((model, ridge, super::fit::left_out_error(&sums, model, ridge).ok()?))
+            });
+            let Some((model, ridge, _)) = errors.min_by(|a, b| a.2.total_cmp(&b.2)) else {
+                return Err(Error::invalid(
+                    "calibration",
+                    "touches spread over the frame",
+                    "touches that say too little",
+                ));
+            };
+            found = Some(Lit { model, ridge, given: given.clone(), sums });
+        }
+        found.ok_or_else(|| Error::invalid("calibration", "at least one round", "none"))
+    }
+
+    /// What a picture shows once [`Background`] has compensated its exposure.
+    fn compensated(&self, more: &Picture) -> Picture {
+        exposed(&self.rest, more, gains(&self.rest, more).map(f64::recip))
+    }
+
+    /// The multiple of what each touch should show that is most like what it shows.
+    fn times(&self, weights: &[Vec<f64>; 3], bases: &[Bases]) -> Vec<f64> {
+        let of_touch = |(bases, picture): (&Bases, &Picture)| {
+            let [_, both, of_twin] = products(picture, &self.compensated(&shown(weights, bases)));
+            if of_twin > 0.0 && both > 0.0 { both / of_twin } else { 0.0 }
+        };
+        bases.iter().zip(&self.pictures).map(of_touch).collect()
+    }
+
+    /// The scene's parts under a gel of a length, pressed to depths from the least to the most of some.
+    fn simulator<const N: usize>(&self, gel_length_mm: f64, depths_mm: [f64; N]) -> Result<Simulator> {
+        let mut scene = self.scene.clone();
+        scene.fidelity = Fidelity::Optics;
+        let [least, most] = [f64::min, f64::max].map(|of| depths_mm.into_iter().fold(depths_mm[0], of));
+        scene.sensor = SensorSpec {
+            frame_px: SIZE_PX.map(|n| BLOCK * n),
+            field_of_view_mm: self.field_of_view_mm,
+            gel_length_mm,
+            depth_mm: 0.5 * (least + most),
+            depth_jitter_mm: 0.5 * (most - least),
+            tilt_jitter_deg: 0.0,
+            place_jitter_mm: 0.0,
+            ..SensorSpec::default()
+        };
+        Simulator::new(scene, 1)
+    }
+
+    /// What the light of each touch's pixels depends on, at a depth of press, mm.
+    fn bases(&self, simulator: &Simulator, depth_mm: f64) -> Result<Vec<Bases>> {
+        let mm_per_px = simulator.scene().sensor.mm_per_px();
+        let bases = |touch: &KnownTouch| {
+            let depths = simulator.depths((touch.part, touch.side), &touch.part_from_sensor, depth_mm)?;
+            Ok(block_bases(&depths, mm_per_px))
+        };
+        self.touches.par_iter().map(bases).collect()
+    }
+}
+
+impl Lit {
+    /// The light by all touches but some.
+    fn without(&self, left_out: &[usize]) -> Result<[Vec<f64>; 3]> {
+        let columns = self.model.columns();
+        let mut sums = Sums::new(columns.len());
+        let kept = self.sums.iter().enumerate().filter(|(at, _)| !left_out.contains(at));
+        kept.for_each(|(_, one)| sums.combine(&one.select(&columns), 1.0));
+        let mut weights = self.model.spread(&sums.solve(self.ridge)?);
+        weights.iter_mut().flatten().zip(self.given.iter().flatten()).for_each(|(weight, given)| *weight += given);
+        Ok(weights)
+    }
+}
+
+/// What a touch says of how the light differs from the one that is given.
+fn sums_of(given: &[Vec<f64>; 3], bases: &Bases, picture: &Picture) -> Sums {
+    let mut sums = Sums::new(N_BASES * N_TERMS);
+    for (pixel, (bases, seen)) in bases.iter().zip(picture).enumerate() {
+        let factors = factors(*bases, place(pixel, SIZE_PX));
+        let expected = change(given, &factors);
+        sums.add(factors.as_flattened(), [0, 1, 2].map(|channel| seen[channel] - expected[channel]));
+    }
+    sums
+}
+
+/// What a light shows, RGB counts.
+fn shown(weights: &[Vec<f64>; 3], bases: &Bases) -> Picture {
+    let pixel = |(pixel, bases): (usize, &[f64; N_BASES])| change(weights, &factors(*bases, place(pixel, SIZE_PX)));
+    bases.iter().enumerate().map(pixel).collect()
+}
+
+/// The exposures that [`Background`] takes a picture for that shows so much more than at rest: medians over the pixels.
+fn gains(rest: &Picture, more: &Picture) -> [f64; 3] {
+    [0, 1, 2].map(|channel| {
+        let ratio = |(rest, more): (&[f64; 3], &[f64; 3])| 1.0 + more[channel] / rest[channel].max(1.0);
+        let mut ratios: Vec<f64> = rest.iter().zip(more).map(ratio).collect();
+        let middle = ratios.len() / 2;
+        ratios.select_nth_unstable_by(middle, f64::total_cmp).1.clamp(0.5, 2.0)
+    })
+}
+
+/// What a picture shows more than at rest, exposed so many times as much.
+fn exposed(rest: &Picture, more: &Picture, times: [f64; 3]) -> Picture {
+    let pixel = |(rest, more): (&[f64; 3], &[f64; 3])| [0, 1, 2].map(|c| (rest[c] + more[c]) * times[c] - rest[c]);
+    rest.iter().zip(more).map(pixel).collect()
+}
+
+/// The bases of blocks of pixels: their means.
+fn block_bases(depths: &[f32], mm_per_px: [f64; 2]) -> Bases {
+    let [columns, rows] = SIZE_PX;
+    let width = BLOCK * columns;
+    let share = 1.0 / (BLOCK * BLOCK) as f64;
+    let mut bases = vec![[0.0; N_BASES]; columns * rows];
+    for pixel in 0..BLOCK * BLOCK * columns * rows {
+        let (row, column) = (pixel / width, pixel % width);
+        let of_pixel = depth_bases(depths, width, [column, row], mm_per_px);
+        let block = &mut bases[row / BLOCK * columns + column / BLOCK];
+        block.iter_mut().zip(of_pixel).for_each(|(sum, basis)| *sum += share * basis);
+    }
+    bases
+}
+
+/// `[3, height, width]` as pixels.
+fn pixels(planes: &[f32]) -> Picture {
+    let n = planes.len() / 3;
+    (0..n).map(|pixel| [0, 1, 2].map(|channel| f64::from(planes[channel * n + pixel]))).collect()
+}
+
+/// Of a picture and a twin: the square of the first, their product, the square of the second.
+fn products(picture: &Picture, twin: &Picture) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    for (a, b) in picture.as_flattened().iter().zip(twin.as_flattened()) {
+        [a * a, a * b, b * b].into_iter().zip(&mut sums).for_each(|(product, sum)| *sum += product);
+    }
+    sums
+}
+
+/// How lamps differ from a Mini's in the frame's middle.
+fn lamps(weights: &[Vec<f64>; 3]) -> [Change; 3] {
+    let Lamps { along_x, along_y } = LightRig::default().response();
+    [0, 1, 2].map(|lamp| {
+        let [own, mini] =
+            [[weights[lamp][0], weights[lamp][N_TERMS]], [f64::from(along_x[lamp][0]), f64::from(along_y[lamp][0])]];
+        let [length, of_mini] = [own, mini].map(|[x, y]| x.hypot(y).max(1e-6));
+        let turned = own[1].atan2(own[0]) - mini[1].atan2(mini[0]);
+        Change { strength: (length / of_mini).ln(), turn_deg: wrap_angle(turned).to_degrees() }
+    })
+}
+
+/// The standard deviation of what was found, by what is found without each of the touches.
+fn jackknife(left_out: &[f64]) -> f64 {
+    let n = left_out.len().max(1) as f64;
+    let mean = left_out.iter().sum::<f64>() / n;
+    (left_out.iter().map(|found| (found - mean).powi(2)).sum::<f64>() * (n - 1.0) / n).sqrt()
+}
+
+/// The middle one of what is above zero; 1 where nothing is.
+fn median(values: &[f64]) -> f64 {
+    let mut positive: Vec<f64> = values.iter().copied().filter(|value| *value > 0.0).collect();
+    positive.sort_by(f64::total_cmp);
+    positive.get(positive.len() / 2).copied().unwrap_or(1.0)
+}
+
 /// The gel's length, mm.
-fn gel(found: &[Compared]) -> Result<f64> {
-    let mean = |at: usize| found.iter().map(|one| one.unexplained[at]).sum::<f64>() / found.len() as f64;
-    let means: [f64; GEL_LENGTHS_MM.len()] = std::array::from_fn(mean);
+fn gel(unexplained: &[Unexplained]) -> Result<f64> {
+    let mean = |at: usize| unexplained.iter().map(|one| one[at]).sum::<f64>() / unexplained.len() as f64;
+    let means: Unexplained = std::array::from_fn(mean);
     let best = (0..means.len()).min_by(|a, b| means[*a].total_cmp(&means[*b])).unwrap_or(0);
     if means[best] > MOST_UNEXPLAINED {
         let got = format!("{:.0} % of what they show unlike it", 100.0 * means[best]);
@@ -159,63 +392,19 @@ fn gel(found: &[Compared]) -> Result<f64> {
     Ok(GEL_LENGTHS_MM[middle] * (off * ratio).exp())
 }
 
-/// Pictures of which more is unlike their twins are of other parts or poses.
-const MOST_UNEXPLAINED: f64 = 0.5;
-
-/// How much stronger the lamps are under a gel of a length, a logarithm: the median of the touches.
-fn strength(found: &[Compared], length_mm: f64) -> f64 {
-    let times = found.iter().map(|one| between(&one.times, length_mm));
-    let mut times: Vec<f64> = times.filter(|times| *times > 0.0).collect();
-    times.sort_by(f64::total_cmp);
-    times.get(times.len() / 2).map_or(0.0, |median| median.ln())
-}
-
 /// What is known for the lengths tried, at a length between them: linear in its logarithm.
-fn between(values: &[f64; GEL_LENGTHS_MM.len()], length_mm: f64) -> f64 {
+fn between(values: &Unexplained, length_mm: f64) -> f64 {
     let last = GEL_LENGTHS_MM.len() - 2;
     let low = GEL_LENGTHS_MM.iter().rposition(|known| *known <= length_mm).unwrap_or(0).min(last);
     let share = (length_mm / GEL_LENGTHS_MM[low]).ln() / (GEL_LENGTHS_MM[low + 1] / GEL_LENGTHS_MM[low]).ln();
     values[low] + share.clamp(0.0, 1.0) * (values[low + 1] - values[low])
 }
 
-/// A scene under a calibrated light and a gel, pressed to a depth, without all that varies from touch to touch.
-fn still(scene: &Scene, calibration: &Calibration, [gel_length_mm, depth_mm]: [f64; 2]) -> Result<Simulator> {
-    let mut scene = scene.clone();
-    scene.fidelity = Fidelity::Camera;
-    scene.sensor = SensorSpec {
-        frame_px: FRAME_PX,
-        field_of_view_mm: calibration.field_of_view_mm,
-        light: calibration.light.clone(),
-        gel_length_mm,
-        depth_mm,
-        depth_jitter_mm: 0.0,
-        tilt_jitter_deg: 0.0,
-        place_jitter_mm: 0.0,
-        ..SensorSpec::default()
-    };
-    Simulator::new(scene, 1)
-}
-
-/// What the touches would show, `[3, height, width]` each, counts.
-fn twins(simulator: &Simulator, counts: &Preprocessing, touches: &[KnownTouch]) -> Result<Vec<Vec<f32>>> {
-    let background = Background::new(&simulator.no_contact(0), counts)?;
-    let twin = |(number, touch): (usize, &KnownTouch)| {
-        let KnownTouch { part, side, part_from_sensor, .. } = touch;
-        let frame = simulator.touch(*part, *side, part_from_sensor, &mut frame_rng(0, number as u64))?;
-        Ok(background.tactile_image(&frame)?.planes)
-    };
-    touches.par_iter().enumerate().map(twin).collect()
-}
-
-fn product((a, b): (&Vec<f32>, &Vec<f32>)) -> f64 {
-    a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::calibrate::SCHEMA;
-    use crate::random::around_zero;
+    use crate::random::{around_zero, frame_rng};
     use crate::sensor::light::LightRig;
 
     /// Touches of letters under a light `times` as strong as a Mini's, and a gel.
@@ -258,17 +447,18 @@ mod tests {
             let found = fit(&mut calibration, &scene, &no_contact, &touches).unwrap();
             println!("{times} {gel_mm}: {found:?}");
             assert!((found.gel_length_mm / gel_mm).ln().abs() < 0.12, "{gel_mm}: {found:?}");
-            assert!(
-                (found.strength - f64::from(times).ln()).abs() < 0.1 && found.correlation > 0.9,
-                "{times}: {found:?}"
-            );
+            for lamp in found.lamps {
+                let strength = lamp.strength - f64::from(times).ln();
+                assert!(strength.abs() < 0.1 && lamp.turn_deg.abs() < 4.0, "{times}: {found:?}");
+            }
+            assert!(found.correlation > 0.9, "{times}: {found:?}");
             assert_eq!(calibration.gel_length_mm, Some(found.gel_length_mm));
         }
     }
 
     #[test]
     fn a_gel_beyond_those_tried_is_refused() {
-        let of = |unexplained: [f64; 11]| gel(&[Compared { unexplained, times: [1.0; 11] }]);
+        let of = |unexplained: [f64; 11]| gel(&[unexplained]);
         let rising = std::array::from_fn(|at| 0.1 + 0.01 * at as f64);
         assert!((of(rising).unwrap() / 0.69).ln().abs() < 0.1);
         let falling = std::array::from_fn(|at| 0.4 - 0.01 * at as f64);

@@ -47,7 +47,7 @@ impl LampTable {
 
     /// The same with what touches of known parts tell.
     pub fn with(self, found: TwinFit) -> Self {
-        Self { of_known_parts: Some(found), ..self }
+        Self { lamps: found.lamps, errors: found.lamp_errors, of_known_parts: Some(found), ..self }
     }
 
     /// What frames that are spread evenly over a dataset say, and the calibration.
@@ -61,8 +61,8 @@ impl LampTable {
 impl fmt::Display for LampTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{:<8} {:>28} {:>22}", "lamp", "strength next to the others'", "turned by, degrees")?;
+        let between = [0.0, -WITHIN, WITHIN];
         for (name, (lamp, error)) in ["red", "green", "blue"].into_iter().zip(self.lamps.iter().zip(&self.errors)) {
-            let between = [0.0, -WITHIN, WITHIN];
             let [strength, weakest, strongest] = between.map(|times| (lamp.strength + times * error.strength).exp());
             let [turn, least, most] = between.map(|times| lamp.turn_deg + times * error.turn_deg);
             let strength = format!("{strength:.2} ({weakest:.2} to {strongest:.2})");
@@ -74,13 +74,10 @@ impl fmt::Display for LampTable {
             let together = "how strong the lamps are together no touch tells: as a Mini's, within a factor of";
             return writeln!(f, "{together} {factor:.1}");
         };
-        let range = |value: f64, error: f64| [0.0, -WITHIN, WITHIN].map(|times| value * (times * error).exp());
-        let [strength, weakest, strongest] = range(found.strength.exp(), found.strength_error);
-        let [gel, shortest, longest] = range(found.gel_length_mm, found.gel_error);
+        let [gel, shortest, longest] = between.map(|times| found.gel_length_mm * (times * found.gel_error).exp());
         writeln!(
             f,
-            "by {} of known parts all lamps together {strength:.2} ({weakest:.2} to {strongest:.2}) times, gel length {gel:.2} mm \
-             ({shortest:.2} to {longest:.2}); correlation with their twins {:.3}",
+            "by {} of known parts gel length {gel:.2} mm ({shortest:.2} to {longest:.2}); correlation with their twins {:.3}",
             found.n_touches, found.correlation
         )
     }

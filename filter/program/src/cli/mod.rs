@@ -7,6 +7,7 @@ mod certify;
 mod evaluate;
 mod extremes;
 mod failure;
+mod label;
 mod learn;
 mod live;
 mod merge;

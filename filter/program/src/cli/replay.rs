@@ -22,6 +22,7 @@ use tactile_live::shell::speaker::Speaker;
 use super::arguments::{Engine, Inputs, SideArgs, warn_of_calibration, warn_of_light};
 use super::budget::{BudgetArgs, Task};
 use super::failure::Result;
+use super::label::LabelledTouches;
 use super::learn::LearntParts;
 use super::numbers::Numbers;
 
@@ -63,6 +64,10 @@ pub struct Replay {
     /// are known
     #[arg(long, value_name = "DIR", requires_all = ["maps", "scene"], conflicts_with = "log")]
     learn: Option<PathBuf>,
+    /// Touches of the parts that are named become a dataset with their parts and poses, whether or not they match: `tactile-data
+    /// calibrate --touches DIR --scene` then finds the sensor's gel. Record parts that the bank has
+    #[arg(long, value_name = "DIR", conflicts_with = "log")]
+    label: Option<PathBuf>,
     /// With --learn: the scene that the bank was made of
     #[arg(long, value_name = "SCENE", requires = "learn")]
     scene: Option<String>,
@@ -125,9 +130,12 @@ impl Replay {
         let limit = self.limit.unwrap_or(recorded.len());
         let learnt = self.learn.as_ref().zip(self.scene.as_ref());
         let mut learnt = learnt.map(|(folder, scene)| LearntParts::new(folder, scene)).transpose()?;
+        let label = |folder: &PathBuf| LabelledTouches::new(folder, &dataset, side);
+        let mut labelled = self.label.as_ref().map(label).transpose()?;
+        let feels_all = learnt.is_some() || labelled.is_some();
         let mut n_right = [0, 0];
         for (number, touches) in recorded.iter().take(limit).enumerate() {
-            let replayed = play((&dataset, touches), &sensor, &bank, &config, learnt.is_some())?;
+            let replayed = play((&dataset, touches), &sensor, &bank, &config, feels_all)?;
             if let Some(truth) = &replayed.truth {
                 n_right[0] += usize::from(*truth == replayed.part);
                 n_right[1] += 1;
@@ -138,11 +146,15 @@ impl Replay {
             if let Some((learnt, felt)) = learnt.as_mut().zip(felt) {
                 learnt.add(number, felt)?;
             }
+            if let Some(labelled) = &mut labelled {
+                labelled.add(number, &replayed.named)?;
+            }
             if let Some(light) = &mut light {
                 sensor = relit(sensor, light, &dataset, &replayed)?;
             }
         }
         learnt.iter().try_for_each(LearntParts::finish)?;
+        labelled.map_or(Ok(()), LabelledTouches::finish)?;
         // Said last: what goes wrong is one line.
         if let Some(why) = warn_of_played(&dataset, side, &bank) {
             program::warning(why);
