@@ -25,7 +25,7 @@ fn the_page_runs_from_presses_of_a_ball_to_a_report() {
     fs::create_dir_all(at.join("out/yours")).unwrap();
     let page = fs::read_to_string(workspace().join("data/your-sensor/README.md")).unwrap();
     let commands = commands(&page);
-    assert_eq!(commands.len(), 18);
+    assert_eq!(commands.len(), 20);
     for (long, _) in SHORTER {
         assert!(commands.iter().any(|(_, words)| words.iter().any(|word| word == long)), "{long}");
     }

@@ -109,6 +109,10 @@ enum Light {
     Model,
     /// The pictures that of a file, told by touches alone; the bank the model's.
     Touches(String),
+    /// The same of touches that are to be labelled.
+    Labelling(String),
+    /// That of a file, told by touches and what the filter takes them for, both.
+    Named(String),
 }
 
 impl Light {
@@ -118,6 +122,8 @@ impl Light {
             Self::Ball => "",
             Self::Model => "-as-it-comes",
             Self::Touches(_) => "-by-touches",
+            Self::Labelling(_) => "-labelling",
+            Self::Named(_) => "-by-parts",
         }
     }
 
@@ -126,7 +132,8 @@ impl Light {
         match self {
             Self::Ball => [Some(ball); 2],
             Self::Model => [None; 2],
-            Self::Touches(file) => [None, Some(file)],
+            Self::Touches(file) | Self::Labelling(file) => [None, Some(file)],
+            Self::Named(file) => [Some(file); 2],
         }
     }
 }
@@ -157,7 +164,8 @@ impl Balls {
         // The light for the presses of a half is fitted to the other.
         let [other, one] = [self.calibrate(bench, 0, &halves[0])?, self.calibrate(bench, 1, &halves[1])?];
         let (mut by_one, mut by_several) = (Vec::new(), Vec::new());
-        let (mut by_calibrated, mut as_it_comes, mut by_touches) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut by_calibrated, mut as_it_comes) = (Vec::new(), Vec::new());
+        let (mut by_touches, mut by_parts) = (Vec::new(), Vec::new());
         let mut twins = Twins::default();
         for (half, light, depths) in [(0, &one, &other), (1, &other, &one)] {
             let presses = &halves[half];
@@ -173,7 +181,10 @@ impl Balls {
             split(named, &mut by_calibrated);
             split(self.episodes(bench, &of_half, &Light::Model)?, &mut as_it_comes);
             let own = self.by_touches(bench, 1 - half)?;
+            let of_other = Half { half: 1 - half, presses: &halves[1 - half], fitted: depths };
+            let named = self.by_named_parts(bench, &of_other, own.clone())?;
             split(self.episodes(bench, &of_half, &Light::Touches(own))?, &mut by_touches);
+            split(self.episodes(bench, &of_half, &Light::Named(named))?, &mut by_parts);
             twins = twins.and(self.compare(bench, half, presses, [light, depths])?);
         }
         let about = format!(
@@ -183,7 +194,9 @@ impl Balls {
              not move, the sensor did. After one touch the filter is hardly ever confident. Calibrated: confidence, too, by {N_CALIBRATING} presses \
              of the half that the light was fitted to, as a user with 20 presses of a ball would. As it comes: under the light that the model knows. \
              By touches: under the light that the presses of the other half tell without a word of what was pressed or where \
-             (`tactile-data calibrate --touches`), the bank as it comes. A twin is where and as deep as the fit of its own half has the press.",
+             (`tactile-data calibrate --touches`), the bank as it comes. By touches and their names: under the light and the gel that these presses \
+             tell once the filter has named them itself (`tactile-filter replay --label`, `tactile-data calibrate --touches --scene`), the bank, too; \
+             what is given of them is the motion from each to the next. A twin is where and as deep as the fit of its own half has the press.",
             labels.len(),
             self.about
         );
@@ -193,6 +206,7 @@ impl Balls {
             ("five presses, calibrated", by_calibrated),
             ("five presses, as it comes", as_it_comes),
             ("five presses, light by touches", by_touches),
+            ("five presses, light and gel by touches and their names", by_parts),
         ];
         let named = named.into_iter().filter(|(_, named)| !named.is_empty()).collect();
         Ok(Some(Set { title: self.title, source: self.source, about, named, twins: Some(twins) }))
@@ -280,9 +294,26 @@ impl Balls {
         Ok(Fitted { file, presses })
     }
 
-    /// The bank under one light, and what it calls the presses of a half: each alone first, then episodes. Its parts are pressed as deep
-    /// as those that the light was fitted to.
+    /// What the bank under one light calls the presses of a half: each alone first, then episodes.
     fn episodes(&self, bench: &Bench<'_>, of: &Half<'_>, light: &Light) -> Result<Vec<Named>> {
+        let [bank, presses] = self.prepared(bench, of, light)?;
+        bench.replay(&bank, &presses)
+    }
+
+    /// The light and the gel that presses of a half tell, once the filter has named them under the light that they tell by themselves.
+    fn by_named_parts(&self, bench: &Bench<'_>, of: &Half<'_>, own: String) -> Result<String> {
+        let [bank, presses] = self.prepared(bench, of, &Light::Labelling(own))?;
+        let labelled = format!("{presses}-labelled");
+        let line = format!("replay --model MODEL --bank {bank}.bank --data {presses} --side peg --label {labelled}");
+        bench.run("tactile-filter", &line)?;
+        let file = format!("{}-parts-{}.toml", self.name, of.half);
+        bench.run("tactile-data", &format!("calibrate {labelled} --touches --scene {bank}.toml --out {file}"))?;
+        Ok(file)
+    }
+
+    /// The bank under one light and the presses of a half, each alone first, then episodes: their names. Its parts are pressed as deep as
+    /// those that the light was fitted to.
+    fn prepared(&self, bench: &Bench<'_>, of: &Half<'_>, light: &Light) -> Result<[String; 2]> {
         let Half { half, presses, fitted } = of;
         let mut depths: Vec<f64> = fitted.presses.iter().map(|press| press.depth_mm).collect();
         depths.sort_by(f64::total_cmp);
@@ -309,11 +340,14 @@ impl Balls {
         }
         bench.write(&format!("{name}/index.csv"), &index)?;
         self.import(bench, &name, pictures)?;
-        bench.replay(&bank, &format!("{name}-set"))
+        Ok([bank, format!("{name}-set")])
     }
 
     fn bank(&self, half: usize, light: &Light) -> String {
-        let kind = if matches!(light, Light::Ball) { "" } else { Light::Model.kind() };
+        let kind = match light {
+            Light::Ball | Light::Named(_) => light.kind(),
+            _ => Light::Model.kind(),
+        };
         format!("{}-bank{kind}-{half}", self.name)
     }
 
