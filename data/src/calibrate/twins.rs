@@ -146,18 +146,18 @@ pub fn fit(
     calibration.source = format!("{}; {} of known parts", calibration.source, touches.len());
     let left_out = |out: usize| {
         let others = unexplained.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, one)| *one);
-        Some((gel(&others.collect::<Vec<_>>()).ok()?.ln(), lamps(&lit.without(&[out]).ok()?)))
+        let gel_length_mm = gel(&others.collect::<Vec<_>>()).ok()?;
+        Some(LeftOut { gel_length_mm, lamps: lamps(&lit.without(&[out]).ok()?) })
     };
-    let left_out: Vec<_> = (0..touches.len()).into_par_iter().filter_map(left_out).collect();
-    let error = |of: &dyn Fn(&(f64, [Change; 3])) -> f64| jackknife(&left_out.iter().map(of).collect::<Vec<_>>());
+    let left_out: Vec<LeftOut> = (0..touches.len()).into_par_iter().filter_map(left_out).collect();
     let correlation = |one: &Unexplained| (1.0 - between(one, gel_length_mm)).max(0.0).sqrt();
     Ok(TwinFit {
         gel_length_mm,
-        gel_error: error(&|(gel, _)| *gel),
+        gel_error: jackknife(&left_out, |one| one.gel_length_mm.ln()),
         lamps: lamps(&weights),
         lamp_errors: [0, 1, 2].map(|lamp| Change {
-            strength: error(&|(_, lamps)| lamps[lamp].strength),
-            turn_deg: error(&|(_, lamps)| lamps[lamp].turn_deg),
+            strength: jackknife(&left_out, |one| one.lamps[lamp].strength),
+            turn_deg: jackknife(&left_out, |one| one.lamps[lamp].turn_deg),
         }),
         correlation: unexplained.iter().map(correlation).sum::<f64>() / touches.len() as f64,
         n_touches: touches.len(),
@@ -355,11 +355,17 @@ fn lamps(weights: &[Vec<f64>; 3]) -> [Change; 3] {
     })
 }
 
+/// What is found without one of the touches.
+struct LeftOut {
+    gel_length_mm: f64,
+    lamps: [Change; 3],
+}
+
 /// The standard deviation of what was found, by what is found without each of the touches.
-fn jackknife(left_out: &[f64]) -> f64 {
+fn jackknife(left_out: &[LeftOut], of: impl Fn(&LeftOut) -> f64) -> f64 {
     let n = left_out.len().max(1) as f64;
-    let mean = left_out.iter().sum::<f64>() / n;
-    (left_out.iter().map(|found| (found - mean).powi(2)).sum::<f64>() * (n - 1.0) / n).sqrt()
+    let mean = left_out.iter().map(&of).sum::<f64>() / n;
+    (left_out.iter().map(|one| (of(one) - mean).powi(2)).sum::<f64>() * (n - 1.0) / n).sqrt()
 }
 
 /// The middle one of what is above zero; 1 where nothing is.

@@ -60,7 +60,8 @@ impl LampTable {
 
 impl fmt::Display for LampTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{:<8} {:>28} {:>22}", "lamp", "strength next to the others'", "turned by, degrees")?;
+        let strength = if self.of_known_parts.is_some() { "strength" } else { "strength next to the others'" };
+        writeln!(f, "{:<8} {strength:>28} {:>22}", "lamp", "turned by, degrees")?;
         let between = [0.0, -WITHIN, WITHIN];
         for (name, (lamp, error)) in ["red", "green", "blue"].into_iter().zip(self.lamps.iter().zip(&self.errors)) {
             let [strength, weakest, strongest] = between.map(|times| (lamp.strength + times * error.strength).exp());

@@ -160,11 +160,11 @@ mod tests {
             }
         }
         assert!((sum - 1.0).abs() < 1e-9 && first.iter().all(|mean| mean.abs() < 0.01), "{sum} {first:?}");
-        for row in 0..3 {
-            for at in 0..3 {
-                let cell = [1.0, 1.0, 7.5_f64.to_radians()][row].powi(2) / 12.0;
-                let expected = covariance()[row][at] + if row == at { cell } else { 0.0 };
-                assert!((second[row][at] - expected).abs() < 0.02, "{row} {at}: {} {expected}", second[row][at]);
+        for (row, (found, known)) in second.iter().zip(covariance()).enumerate() {
+            let cell = [1.0, 1.0, 7.5_f64.to_radians()][row].powi(2) / 12.0;
+            for (at, (found, known)) in found.iter().zip(known).enumerate() {
+                let expected = known + if row == at { cell } else { 0.0 };
+                assert!((found - expected).abs() < 0.02, "{row} {at}: {found} {expected}");
             }
         }
         // All states of an angle at once.
