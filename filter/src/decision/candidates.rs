@@ -58,9 +58,7 @@ impl<'a> Asked<'a> {
         order.sort_by(|a, b| by_part[*b].total_cmp(&by_part[*a]));
         let believed = order.iter().enumerate().take(n).filter(|(rank, part)| *rank == 0 || by_part[**part] > LEAST);
         let places: Vec<(usize, Placed)> = believed.map(|(_, part)| (*part, self.find_place(*part))).collect();
-        // Where no recorded view was felt a map shows nothing either.
-        let judged =
-            places.iter().filter_map(|(part, placed)| Some((*part, placed.fit.and(placed.verified)?.log_odds)));
+        let judged = places.iter().filter_map(|(part, placed)| Some((*part, placed.verified?.log_odds)));
         let judged: Vec<(usize, f64)> = judged.collect();
         let by_part = if judged.len() > 1 { weighed(by_part, &judged) } else { by_part.to_vec() };
         let (part, probability) = likeliest(&by_part);
