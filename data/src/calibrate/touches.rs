@@ -3,6 +3,7 @@
 use super::{Calibration, SCHEMA, at_rest};
 use crate::error::Result;
 use crate::frame::Frame;
+use crate::lamps::Lamps;
 use crate::sensor::light::LightRig;
 use crate::touch_light::{SensorLight, TouchFit};
 
@@ -28,6 +29,24 @@ pub fn fit(no_contact: &Frame, frames: &[Frame], field_of_view_mm: [f64; 2]) -> 
         light: LightRig { at_rest: at_rest(no_contact)?, ..LightRig::default().varied(strength, turn_deg) },
     };
     Ok((calibration, fit))
+}
+
+/// A calibration whose lamps are known, for touches of known parts to go on from ([`twins`](super::twins)).
+///
+/// # Errors
+/// A frame at rest that no light has.
+pub fn of_lamps(no_contact: &Frame, lamps: &Lamps, field_of_view_mm: [f64; 2]) -> Result<Calibration> {
+    let Lamps { along_x, along_y } = *lamps;
+    Ok(Calibration {
+        schema: SCHEMA.to_owned(),
+        frame_px: [no_contact.width_px(), no_contact.height_px()],
+        field_of_view_mm,
+        source: "known lamps".to_owned(),
+        gel_length_mm: None,
+        contact_share: None,
+        leave_one_out: None,
+        light: LightRig { at_rest: at_rest(no_contact)?, along_x, along_y, ..LightRig::default() },
+    })
 }
 
 #[cfg(test)]

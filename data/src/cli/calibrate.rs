@@ -150,7 +150,7 @@ impl Calibrate {
             (true, None) => LampTable::fit(&Dataset::open(&self.source)?)?,
             (true, Some(scene)) => {
                 let (dataset, scene) = (Dataset::open(&self.source)?, Scene::load(scene)?);
-                let (mut calibration, lamps) = LampTable::fit(&dataset)?;
+                let (mut calibration, lamps) = LampTable::known_or_fit(&dataset)?;
                 let touches = known_touches(&dataset, &scene);
                 let found = twins::fit(&mut calibration, &scene, dataset.no_contact(), &touches)?;
                 (calibration, lamps.with(found))

@@ -50,6 +50,16 @@ impl LampTable {
         Self { lamps: found.lamps, errors: found.lamp_errors, of_known_parts: Some(found), ..self }
     }
 
+    /// The lamps that a dataset was recorded under, where it says them; else what its frames say.
+    pub fn known_or_fit(dataset: &Dataset) -> Result<(Calibration, Self)> {
+        let meta = dataset.meta();
+        let Some(known) = &meta.lamps else { return Self::fit(dataset) };
+        let calibration = touches::of_lamps(dataset.no_contact(), known, meta.field_of_view_mm())?;
+        let (lamps, errors, n) = ([Change::default(); 3], [Change::default(); 3], dataset.len());
+        let (together_error, n_touches, n_frames, curl_share, of_known_parts) = (0.0, n, n, 0.0, None);
+        Ok((calibration, Self { lamps, errors, together_error, n_touches, n_frames, curl_share, of_known_parts }))
+    }
+
     /// What frames that are spread evenly over a dataset say, and the calibration.
     pub fn fit(dataset: &Dataset) -> Result<(Calibration, Self)> {
         let n = dataset.len().min(MOST_FRAMES);
