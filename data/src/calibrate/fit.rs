@@ -67,7 +67,7 @@ pub(super) const MODELS: [Model; 9] = {
 };
 
 impl Model {
-    /// Of all factors.
+    /// Its factors among all.
     pub(super) fn columns(self) -> Vec<usize> {
         (0..self.n_bases).flat_map(|basis| (0..self.n_polynomials).map(move |i| N_TERMS * basis + i)).collect()
     }

@@ -334,7 +334,7 @@ fn pixels(planes: &[f32]) -> Picture {
     (0..n).map(|pixel| [0, 1, 2].map(|channel| f64::from(planes[channel * n + pixel]))).collect()
 }
 
-/// Of a picture and a twin: the square of the first, their product, the square of the second.
+/// The square of a picture, its product with a twin, and the square of that.
 fn products(picture: &Picture, twin: &Picture) -> [f64; 3] {
     let mut sums = [0.0; 3];
     for (a, b) in picture.as_flattened().iter().zip(twin.as_flattened()) {

@@ -33,7 +33,7 @@ pub(crate) enum Start {
 }
 
 impl Start {
-    /// Of an engine.
+    /// As an engine begins by default.
     pub(crate) fn of(engine: EngineConfig, seed: u64) -> Self {
         match engine {
             EngineConfig::Exact => Self::Exact { allowed: ALLOWED_ERROR },

@@ -111,7 +111,7 @@ enum Light {
     Touches(String),
     /// The same of touches that are to be labelled.
     Labelling(String),
-    /// That of a file, told by touches and what the filter takes them for, both.
+    /// A file's, told by touches and what the filter takes them for, both.
     Named(String),
 }
 
@@ -184,7 +184,9 @@ impl Balls {
             let of_other = Half { half: 1 - half, presses: &halves[1 - half], fitted: depths };
             let named = self.by_named_parts(bench, &of_other, own.clone())?;
             split(self.episodes(bench, &of_half, &Light::Touches(own))?, &mut by_touches);
-            split(self.episodes(bench, &of_half, &Light::Named(named))?, &mut by_parts);
+            if let Some(named) = named {
+                split(self.episodes(bench, &of_half, &Light::Named(named))?, &mut by_parts);
+            }
             twins = twins.and(self.compare(bench, half, presses, [light, depths])?);
         }
         let about = format!(
@@ -300,15 +302,19 @@ impl Balls {
         bench.replay(&bank, &presses)
     }
 
-    /// The light and the gel that presses of a half tell, once the filter has named them under the light that they tell by themselves.
-    fn by_named_parts(&self, bench: &Bench<'_>, of: &Half<'_>, own: String) -> Result<String> {
+    /// The light and the gel that presses of a half tell, once the filter has named them under the light that they tell by themselves; `None`
+    /// where it is not sure enough of any.
+    fn by_named_parts(&self, bench: &Bench<'_>, of: &Half<'_>, own: String) -> Result<Option<String>> {
         let [bank, presses] = self.prepared(bench, of, &Light::Labelling(own))?;
         let labelled = format!("{presses}-labelled");
         let line = format!("replay --model MODEL --bank {bank}.bank --data {presses} --side peg --label {labelled}");
         bench.run("tactile-filter", &line)?;
+        if !bench.out.join(&labelled).exists() {
+            return Ok(None);
+        }
         let file = format!("{}-parts-{}.toml", self.name, of.half);
         bench.run("tactile-data", &format!("calibrate {labelled} --touches --scene {bank}.toml --out {file}"))?;
-        Ok(file)
+        Ok(Some(file))
     }
 
     /// The bank under one light and the presses of a half, each alone first, then episodes: their names. Its parts are pressed as deep as
