@@ -2,7 +2,7 @@
 //!
 //! What touches of anything leave open ([`touch_light`](crate::touch_light)) such touches tell. The gel over each part is simulated for some
 //! lengths of it and some depths of press; how each channel answers its slopes and its depth over the frame is then linear
-//! ([`LightRig`](crate::sensor::light::LightRig)), and fitted by least squares, with the light that is given as what is known before. Which
+//! ([`LightRig`]), and fitted by least squares, with the light that is given as what is known before. Which
 //! terms the light has, and how strongly what is known holds, is what predicts touches left out best. The gel's length is that under which
 //! touches left out are most like their twins: the share of a picture's energy that a multiple of its twin explains, the mean over the
 //! touches, each with the depth of press that suits it best. The light is fitted at the scene's depth, at which its bank is simulated: a deeper
