@@ -18,16 +18,9 @@ pub fn fit(no_contact: &Frame, frames: &[Frame], field_of_view_mm: [f64; 2]) -> 
     frames.iter().try_for_each(|frame| light.add(frame))?;
     let fit = light.fit()?;
     let [strength, turn_deg] = fit.factors();
-    let calibration = Calibration {
-        schema: SCHEMA.to_owned(),
-        frame_px: [no_contact.width_px(), no_contact.height_px()],
-        field_of_view_mm,
-        source: format!("{} touches, without labels", fit.n_touches),
-        gel_length_mm: None,
-        contact_share: None,
-        leave_one_out: None,
-        light: LightRig { at_rest: at_rest(no_contact)?, ..LightRig::default().varied(strength, turn_deg) },
-    };
+    let light = LightRig::default().varied(strength, turn_deg);
+    let source = format!("{} touches, without labels", fit.n_touches);
+    let calibration = under(no_contact, light, field_of_view_mm, source)?;
     Ok((calibration, fit))
 }
 
@@ -37,15 +30,21 @@ pub fn fit(no_contact: &Frame, frames: &[Frame], field_of_view_mm: [f64; 2]) -> 
 /// A frame at rest that no light has.
 pub fn of_lamps(no_contact: &Frame, lamps: &Lamps, field_of_view_mm: [f64; 2]) -> Result<Calibration> {
     let Lamps { along_x, along_y } = *lamps;
+    let light = LightRig { along_x, along_y, ..LightRig::default() };
+    under(no_contact, light, field_of_view_mm, "known lamps".to_owned())
+}
+
+/// A light over a frame at rest, of a gel that is not known.
+fn under(no_contact: &Frame, light: LightRig, field_of_view_mm: [f64; 2], source: String) -> Result<Calibration> {
     Ok(Calibration {
         schema: SCHEMA.to_owned(),
         frame_px: [no_contact.width_px(), no_contact.height_px()],
         field_of_view_mm,
-        source: "known lamps".to_owned(),
+        source,
         gel_length_mm: None,
         contact_share: None,
         leave_one_out: None,
-        light: LightRig { at_rest: at_rest(no_contact)?, along_x, along_y, ..LightRig::default() },
+        light: LightRig { at_rest: at_rest(no_contact)?, ..light },
     })
 }
 

@@ -11,10 +11,10 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::Calibration;
 use super::fit::{MODELS, Model};
 use super::least_squares::Sums;
 use super::light_factors::{N_BASES, N_TERMS, change, depth_bases, factors, light, place, weights_of};
-use super::{Calibration, SCHEMA};
 use crate::error::{Error, Result};
 use crate::frame::{Background, Frame, Preprocessing};
 use crate::lamps::Lamps;
@@ -139,7 +139,6 @@ pub fn fit(
     let gel_length_mm = gel(&unexplained)?;
     let lit = touched.light(gel_length_mm)?;
     let weights = lit.without(&[])?;
-    calibration.schema = SCHEMA.to_owned();
     calibration.gel_length_mm = Some(gel_length_mm);
     let shadow = calibration.light.shadow;
     calibration.light = LightRig { shadow, ..light(&weights, calibration.light.at_rest) };

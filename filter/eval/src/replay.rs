@@ -55,29 +55,9 @@ pub struct Replayed {
     /// What was felt, where maps were drawn.
     #[serde(skip)]
     pub felt_map: Option<FeltMap>,
-    /// What all touches that were looked at say of themselves.
+    /// All touches that were looked at.
     #[serde(skip)]
-    pub named: NamedTouches,
-}
-
-/// Touches of one hole, with the part and the poses that they say themselves.
-#[derive(Clone, Debug)]
-pub struct NamedTouches {
-    /// The most probable part.
-    pub part: String,
-    /// Its probability, 0..=1.
-    pub probability: f64,
-    /// Each frame, and where the sensor was on that part.
-    pub touches: Vec<(usize, Se2)>,
-}
-
-impl NamedTouches {
-    fn of(episode: &Episode, frames: &[usize]) -> Self {
-        let estimate = episode.estimate();
-        let poses = episode.belief().touches().iter().map(|touch| estimate.part_from_first * touch.first_from_sensor);
-        let touches = frames.iter().copied().zip(poses).collect();
-        Self { part: estimate.part, probability: estimate.probability, touches }
-    }
+    pub episode: Episode,
 }
 
 /// Cuts a recording into episodes.
@@ -149,7 +129,7 @@ pub fn play(
     let observe = |frame: usize| sensor.observe(&dataset.frame(frame)).map_err(|e| at_frame(frame, &e));
     let begun = Episode::begin(*config, bank.clone(), &observe(first.frame)?);
     let mut episode = begun.map_err(|e| at_frame(first.frame, &e))?;
-    let (mut frames, mut looked_at) = (vec![first.frame], vec![first.frame]);
+    let mut frames = vec![first.frame];
     let mut ended = None;
     for next in &touches[1..] {
         if ended.is_none() && episode.stop_reason().is_some() {
@@ -160,7 +140,6 @@ pub fn play(
         }
         let moved = next.moved.unwrap_or(Se2::IDENTITY);
         episode.observe(moved, &observe(next.frame)?).map_err(|e| at_frame(next.frame, &e))?;
-        looked_at.push(next.frame);
         if ended.is_none() {
             frames.push(next.frame);
         }
@@ -170,7 +149,6 @@ pub fn play(
     Ok(Replayed {
         difference: felt_map.as_ref().and_then(|map| map.difference),
         felt_map,
-        named: NamedTouches::of(&episode, &looked_at),
         truth: dataset.touch(first.frame).part.clone(),
         confident: estimate.stop == Some(StopReason::Confident)
             && !estimate.warnings.iter().any(Warning::is_of_touches),
@@ -182,6 +160,7 @@ pub fn play(
         part_from_sensor: [pose.x_mm, pose.y_mm, pose.theta_deg()],
         symmetry_order: estimate.symmetry.order,
         frames,
+        episode,
     })
 }
 

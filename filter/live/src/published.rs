@@ -23,7 +23,7 @@ const LEAST_MASS: f64 = 1e-4;
 const MAX_PARTICLES: usize = 500;
 
 /// Metres to millimetres.
-const MM_PER_M: f64 = 1000.0;
+pub(crate) const MM_PER_M: f64 = 1000.0;
 
 /// An episode where it is in space.
 pub struct Scene<'a> {

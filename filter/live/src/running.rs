@@ -24,7 +24,10 @@ impl Running {
     /// # Errors
     /// A sensor tilted by more than `max_tilt_deg` against the touch before, and those of the filter.
     pub fn observe(&mut self, base_from_sensor: Rigid, max_tilt_deg: f64, observation: &Observation) -> Result<Se2> {
-        let moved = in_plane(&self.base_from_sensor, &base_from_sensor, max_tilt_deg)?;
+        let moved = in_plane(&self.base_from_sensor, &base_from_sensor, max_tilt_deg).map_err(|tilt_deg| {
+            let expected = format!("touches tilted by at most {max_tilt_deg} degrees against each other");
+            Error::invalid("tool pose", expected, format!("{tilt_deg:.1} degrees"))
+        })?;
         self.episode.observe(moved, observation)?;
         self.base_from_sensor = base_from_sensor;
         Ok(moved)
@@ -41,16 +44,14 @@ impl Running {
     }
 }
 
-/// The motion from one touch to the next in the plane of the first.
+/// A pose in the plane of another.
 ///
 /// # Errors
-/// A sensor tilted by more than `max_tilt_deg` against the first.
-fn in_plane(base_from_sensor: &Rigid, base_from_next: &Rigid, max_tilt_deg: f64) -> Result<Se2> {
-    let moved = (base_from_sensor.inverse() * *base_from_next).project();
-    if moved.is_turned || moved.tilt_deg > max_tilt_deg {
-        let expected = format!("touches tilted by at most {max_tilt_deg} degrees against each other");
-        let got = if moved.is_turned { 180.0 - moved.tilt_deg } else { moved.tilt_deg };
-        return Err(Error::invalid("tool pose", expected, format!("{got:.1} degrees")));
+/// By how many degrees it is tilted, where that is more than `max_tilt_deg`.
+pub(crate) fn in_plane(base_from_a: &Rigid, base_from_b: &Rigid, max_tilt_deg: f64) -> std::result::Result<Se2, f64> {
+    let found = (base_from_a.inverse() * *base_from_b).project();
+    if found.is_turned {
+        return Err(180.0 - found.tilt_deg);
     }
-    Ok(moved.pose)
+    if found.tilt_deg > max_tilt_deg { Err(found.tilt_deg) } else { Ok(found.pose) }
 }

@@ -6,9 +6,9 @@ use tactile_data::se2::Se2;
 use tactile_filter::KnownStart;
 
 use crate::error::{Error, Result};
+use crate::published::MM_PER_M;
+use crate::running::in_plane;
 use crate::tool::Placed;
-
-const MM_PER_M: f64 = 1e3;
 
 /// Where the next hole is known to be.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,14 +48,12 @@ impl SeenPart {
             let expected = format!("frame {:?} of the tool", placed.frame_id);
             return Err(Error::invalid("part pose", expected, format!("{:?}", self.frame_id)));
         }
-        let there = (placed.base_from_sensor.inverse() * self.base_from_part).project();
-        if there.is_turned || there.tilt_deg > max_tilt_deg {
+        let there = in_plane(&placed.base_from_sensor, &self.base_from_part, max_tilt_deg).map_err(|tilt_deg| {
             let expected =
                 format!("a z axis as the sensor's, into the board, tilted by at most {max_tilt_deg} degrees");
-            let got = if there.is_turned { 180.0 - there.tilt_deg } else { there.tilt_deg };
-            return Err(Error::invalid("part pose", expected, format!("{got:.1} degrees")));
-        }
-        Ok(KnownStart::of_part(there.pose, self.in_frame_of(&placed.base_from_sensor), Se2::IDENTITY))
+            Error::invalid("part pose", expected, format!("{tilt_deg:.1} degrees"))
+        })?;
+        Ok(KnownStart::of_part(there, self.in_frame_of(&placed.base_from_sensor), Se2::IDENTITY))
     }
 
     /// The covariance over x, y (mm) and theta (rad) of the part in the sensor's frame.

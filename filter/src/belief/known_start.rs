@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_infer::maps::align::inverse;
+use tactile_infer::maps::align::{Start, inverse};
 
 use crate::belief::refine::steps_of;
 use crate::error::{Error, Result};
@@ -42,9 +42,8 @@ pub(crate) struct StartBelief {
 
 impl KnownStart {
     /// A pose that is known to these standard deviations: mm along x and along y, and degrees.
-    pub fn known_to(part_from_first: Se2, [mm, deg]: [f64; 2]) -> Self {
-        let mut covariance = [[0.0; 3]; 3];
-        [mm, mm, deg.to_radians()].into_iter().enumerate().for_each(|(axis, sd)| covariance[axis][axis] = sd * sd);
+    pub fn known_to(part_from_first: Se2, deviations: [f64; 2]) -> Self {
+        let Start { covariance, .. } = Start::known_to(part_from_first, deviations);
         Self { part_from_first, covariance }
     }
 

@@ -139,7 +139,7 @@ fn a_known_start_is_bayes_rule_before_the_first_touch() {
     let known = start.over(&GRID).unwrap();
     let (config, touches) = (TouchModel::default(), touches(4, 11));
     let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, &config).unwrap();
-    let told = |engine: Start| {
+    let begun = |engine: Start| {
         let mut belief = Belief::begin(&bank, 1, engine, likelihood(&touches[0].1), Some(known));
         touches[1..].iter().for_each(|(moved, touch)| {
             belief.update(moved, likelihood(touch));
@@ -151,7 +151,7 @@ fn a_known_start_is_bayes_rule_before_the_first_touch() {
     let product: Vec<f64> = masses_of(&without).iter().enumerate().map(|(state, p)| p * weight(state)).collect();
     let sum: f64 = product.iter().sum();
     for (allowed, most) in [(0.0, 1e-9), (ALLOWED_ERROR, ALLOWED_ERROR)] {
-        let found = told(Start::Exact { allowed });
+        let found = begun(Start::Exact { allowed });
         for (found, product) in masses_of(&found).iter().zip(&product) {
             assert!((found - product / sum).abs() <= most, "{found} {}", product / sum);
         }
@@ -161,12 +161,12 @@ fn a_known_start_is_bayes_rule_before_the_first_touch() {
     }
     // Particles, by their numbers.
     let particles = ParticleConfig { n_particles: 20_000, ..ParticleConfig::default() };
-    let found = told(Start::Particles { config: particles, seed: 5 });
+    let found = begun(Start::Particles { config: particles, seed: 5 });
     let by_part: f64 = product[..N_CELLS].iter().sum::<f64>() / sum;
     assert!((found.posterior().by_part()[0] - by_part).abs() < 0.05, "{by_part}");
     // Between the states, too.
     let pose = Se2::from_degrees(0.7, -0.4, 3.0);
-    let [log, before] = [told(Start::Exact { allowed: 0.0 }), without]
+    let [log, before] = [begun(Start::Exact { allowed: 0.0 }), without]
         .map(|belief| belief.touches().iter().map(|touch| touch.log_at(&GRID, 1, &pose)).sum::<f64>());
     assert!((log - before - known.log(&pose)).abs() < 1e-9);
 }

@@ -14,10 +14,10 @@ const FAR: f64 = 2.0;
 /// The mean cost of a pixel that is as far off as the errors say.
 const USUAL_COST: f64 = 0.5;
 
-/// Neighbouring pixels share their error: every second one along each axis is compared,
+/// Every second pixel along each axis is compared: neighbours share their error.
 const EVERY: usize = 2;
 
-/// and so many of these count as one.
+/// Pixels that are compared and count as one, since they still share their error.
 const SHARED: f64 = 4.0;
 
 /// A touch of a hole: its map, and the sensor's pose in the frame of the first touch.

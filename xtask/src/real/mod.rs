@@ -7,6 +7,7 @@ mod balls;
 mod bench;
 mod cuboid;
 mod digit;
+mod light;
 mod named;
 mod page;
 mod twins;

@@ -6,7 +6,8 @@ use tactile_data::program;
 use tactile_data::store::{Dataset, DatasetWriter};
 use tactile_data::touch::{Side, Touch};
 use tactile_eval::Result;
-use tactile_eval::replay::NamedTouches;
+use tactile_eval::replay::Played;
+use tactile_filter::Episode;
 
 /// A part is taken for what its touches say where it is more probable than this; how well it matches is what such touches are to tell.
 const LEAST_PROBABILITY: f64 = 0.99;
@@ -27,19 +28,20 @@ impl<'a> LabelledTouches<'a> {
         Ok(Self { dataset, writer, side, n_episodes: 0, n_touches: 0 })
     }
 
-    /// Adds an episode's touches, where its part is probable enough.
-    pub fn add(&mut self, episode: usize, named: &NamedTouches) -> Result<()> {
+    /// Adds the touches of an episode that was played, where its part is probable enough.
+    pub fn add(&mut self, number: usize, played: &[Played], episode: &Episode) -> Result<()> {
+        let named = episode.estimate();
         if named.probability <= LEAST_PROBABILITY {
             return Ok(());
         }
         self.n_episodes += 1;
-        for (frame, part_from_sensor) in &named.touches {
+        for (Played { frame, .. }, touched) in played.iter().zip(episode.belief().touches()) {
             let touch = Touch {
                 part: Some(named.part.clone()),
                 side: Some(self.side),
-                part_from_sensor: Some(*part_from_sensor),
+                part_from_sensor: Some(named.part_from_first * touched.first_from_sensor),
                 moved: None,
-                episode: Some(format!("episode {episode}")),
+                episode: Some(format!("episode {number}")),
                 ..self.dataset.touch(*frame).clone()
             };
             self.writer.push(&self.dataset.frame(*frame), &touch)?;

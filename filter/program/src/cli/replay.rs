@@ -147,7 +147,7 @@ impl Replay {
                 learnt.add(number, felt)?;
             }
             if let Some(labelled) = &mut labelled {
-                labelled.add(number, &replayed.named)?;
+                labelled.add(number, touches, &replayed.episode)?;
             }
             if let Some(light) = &mut light {
                 sensor = relit(sensor, light, &dataset, &replayed)?;
