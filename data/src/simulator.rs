@@ -50,6 +50,7 @@ struct BoardSensor {
 pub struct Print<'a> {
     simulator: &'a Simulator,
     seed: u64,
+    slopes: [f64; 2],
 }
 
 /// One side of one part, as far as the scene's fidelity needs it.
@@ -141,7 +142,7 @@ impl Simulator {
     /// A print of the parts. The first, 0, is drawn from the board's seed; no print depends on how many there are.
     pub fn print(&self, index: usize) -> Print<'_> {
         // Far from the small seeds of datasets and banks, whose first prints these would else be.
-        Print { simulator: self, seed: self.board_seed ^ ((index as u64) << 32) }
+        Print { simulator: self, seed: self.board_seed ^ ((index as u64) << 32), slopes: [0.0; 2] }
     }
 
     /// Whether one print differs from another: its layer lines are simulated.
@@ -221,6 +222,13 @@ impl Simulator {
 }
 
 impl Print<'_> {
+    /// The same, each part tilted against the tool: by so much it rises towards the sensor along its x and along its y, mm a mm. Where a
+    /// scene's fidelity is geometry alone, a tilt leaves in contact what is.
+    #[must_use]
+    pub fn tilted(self, slopes: [f64; 2]) -> Self {
+        Self { slopes, ..self }
+    }
+
     /// Presses the sensor onto one side of a part. Depth, tilt, place, texture, gain and noise are drawn
     /// from `rng`, so that two touches at one pose differ as real ones do.
     ///
@@ -236,12 +244,12 @@ impl Print<'_> {
         let mut jitter = |half| around_zero(rng, half);
         let pose = *part_from_sensor * Se2::new(jitter(spec.place_jitter_mm), jitter(spec.place_jitter_mm), 0.0);
         let surface = match touchable {
-            // A tilt leaves in contact what is.
             Touchable::Mask(mask) => return Ok(mask.view(&pose, spec.frame_px, spec.mm_per_px())),
             Touchable::Surface(surface) => surface,
         };
         let depth_mm = (spec.depth_mm + jitter(spec.depth_jitter_mm)).max(0.0);
-        let tilt = [0, 1].map(|_| jitter(spec.tilt_jitter_deg).to_radians().tan());
+        let part_tilt = Se2::new(0.0, 0.0, -part_from_sensor.theta_rad).apply(self.slopes);
+        let tilt = [0, 1].map(|axis| jitter(spec.tilt_jitter_deg).to_radians().tan() + part_tilt[axis]);
         let press = TiltedPress { depth_mm, tilt };
         let mut depths = surface.depths(&pose, spec.frame_px, spec.mm_per_px(), press);
         if simulator.scene.fidelity >= Fidelity::Camera {
@@ -287,6 +295,39 @@ mod tests {
         let touch = |seed| simulator.touch(0, Side::Hole, &Se2::IDENTITY, &mut frame_rng(seed, 0)).unwrap();
         assert_eq!(touch(1), touch(1));
         assert_ne!(touch(1), touch(2));
+    }
+
+    /// As seen from a sensor that is turned, a plate that rises along its x rises along another axis of the picture.
+    #[test]
+    fn a_tilted_part_is_pressed_deeper_where_it_rises() {
+        let mut scene = Scene::preset("alphabet-large").unwrap();
+        scene.parts = Parts::Kit(Kit::of_letters("I", 32.0, 40.0));
+        scene.fidelity = Fidelity::Gel;
+        scene.sensor.tilt_jitter_deg = 0.0;
+        let simulator = Simulator::new(scene, 1).unwrap();
+        // Beside the letter there is nothing but the plate.
+        let touch = |slopes: [f64; 2], deg: f64| {
+            let pose = Se2::from_degrees(17.0, 0.0, deg);
+            let frame = simulator.print(0).tilted(slopes).touch(0, Side::Hole, &pose, &mut frame_rng(3, 0)).unwrap();
+            let [width, height] = [frame.width_px(), frame.height_px()];
+            let grey = |x: usize, y: usize| f64::from(frame.rgb()[3 * (y * width + x)]);
+            let halves = |x: usize, y: usize| [x < width / 2, y < height / 2];
+            let (mut sums, mut counts) = ([[0.0; 2]; 2], [[0.0; 2]; 2]);
+            for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+                for (axis, is_first) in halves(x, y).into_iter().enumerate() {
+                    sums[axis][usize::from(is_first)] += grey(x, y);
+                    counts[axis][usize::from(is_first)] += 1.0;
+                }
+            }
+            [0, 1].map(|axis| sums[axis][0] / counts[axis][0] - sums[axis][1] / counts[axis][1])
+        };
+        let level = touch([0.0; 2], 0.0);
+        let slope = 2.0_f64.to_radians().tan();
+        let [along, across] = [touch([slope, 0.0], 0.0), touch([slope, 0.0], 90.0)];
+        let changed = |found: [f64; 2]| [found[0] - level[0], found[1] - level[1]].map(f64::abs);
+        assert!(changed(along)[0] > 5.0 * changed(along)[1], "{level:?} {along:?}");
+        assert!(changed(across)[1] > 5.0 * changed(across)[0], "{level:?} {across:?}");
+        assert_eq!(touch([0.0; 2], 30.0), level);
     }
 
     #[test]

@@ -11,6 +11,7 @@ use crate::choice::{Action, ActionRule, Choice, ChoiceInputs, choose, explain};
 use crate::config::EpisodeConfig;
 use crate::decision::{Asked, Candidates, Estimate, FeltMap, RunnerUp, SensorMatch, StopReason};
 use crate::error::{Error, Result};
+use crate::insertion::Tried;
 use crate::likelihood::TouchLikelihood;
 use crate::touch::{Observation, check_motion};
 use crate::touch_model::TouchModel;
@@ -34,6 +35,8 @@ pub struct Episode {
     pub(crate) bank: Arc<Bank>,
     belief: Belief,
     pub(crate) touches: Vec<(Se2, Observation)>,
+    /// Each peg that was tried in vain, with the number of touches before it.
+    pub(crate) tried: Vec<(usize, Tried)>,
     /// Where the likeliest part is, once that was asked for after the last touch.
     candidates: OnceLock<Candidates>,
 }
@@ -62,7 +65,7 @@ impl Episode {
         let start = Start::of(config.method.engine, config.settings.seed);
         let belief = Belief::begin(&bank, subdivisions, start, first, known);
         let touches = vec![(Se2::IDENTITY, observation.clone())];
-        Ok(Self { config, model, bank, belief, touches, candidates: OnceLock::new() })
+        Ok(Self { config, model, bank, belief, touches, tried: Vec::new(), candidates: OnceLock::new() })
     }
 
     /// Takes in a touch: `moved` is the motion actually made since the last touch that was taken in, in the sensor's
@@ -81,6 +84,19 @@ impl Episode {
         let likelihood = TouchLikelihood::new(observation, &self.bank, &self.model)?;
         self.belief.update(&moved, likelihood);
         self.touches.push((moved, observation.clone()));
+        self.candidates = OnceLock::new();
+        Ok(())
+    }
+
+    /// Takes in that a peg was tried in vain ([`Search::in_vain`](crate::insertion::Search)): the hole is another part's, or
+    /// elsewhere, or was missed. Exact, as all touches are weighed again. The next decision, and the estimate, know of it.
+    ///
+    /// # Errors
+    /// A part that the bank does not have, a pose or a covariance that is none.
+    pub fn did_not_fit(&mut self, tried: &Tried) -> Result<()> {
+        let states = tried.over(&self.bank, self.belief.posterior().grid())?;
+        self.belief.did_not_fit(states);
+        self.tried.push((self.touches.len(), tried.clone()));
         self.candidates = OnceLock::new();
         Ok(())
     }
@@ -183,7 +199,7 @@ impl Episode {
     }
 
     fn asked(&self) -> Asked<'_> {
-        let Self { config, model, bank, belief, touches, candidates } = self;
+        let Self { config, model, bank, belief, touches, candidates, .. } = self;
         Asked { config, model, bank, belief, touches, candidates }
     }
 
@@ -201,6 +217,7 @@ mod tests {
     use crate::checks::synthetic::World;
     use crate::config::Method;
     use crate::decision::Warning;
+    use crate::insertion::HeldPeg;
     use crate::likelihood::interpolation::Interpolation;
     use crate::record::EpisodeRecord;
     use crate::settings::Settings;
@@ -326,6 +343,29 @@ mod tests {
             let other = World::new(3, GRID, 0.5, 0.1, 2);
             assert!(Episode::restore(&record, other.bank.clone()).unwrap_err().to_string().contains("one of bank"));
         }
+    }
+
+    #[test]
+    fn a_peg_that_did_not_go_in_is_doubted_and_the_doubt_is_saved() {
+        let world = World::new(4, GRID, 0.3, 0.05, 2);
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let config = never_confident(6);
+        let mut episode = Episode::begin(config, world.bank.clone(), &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
+        let named = episode.estimate();
+        let covariance = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 1e-4]];
+        let tried = named.search(&HeldPeg { play_mm: 2.0, radius_mm: 10.0, covariance }, 1000).unwrap().in_vain;
+        assert_eq!((&tried.part, tried.part_from_first), (&named.part, named.part_from_first));
+        episode.did_not_fit(&tried).unwrap();
+        let doubted = episode.estimate();
+        let part = world.bank.parts().iter().position(|part| *part == named.part).unwrap();
+        assert!(doubted.class_posterior[part] < named.class_posterior[part] && doubted.n_touches == 1);
+        episode.observe(Se2::from_degrees(4.0, 0.0, 0.0), &world.touch(1, &Se2::new(4.0, 0.0, 0.0), &mut rng)).unwrap();
+        let text = serde_json::to_string(&episode.record().unwrap()).unwrap();
+        let record: EpisodeRecord = serde_json::from_str(&text).unwrap();
+        assert_eq!(Episode::restore(&record, world.bank.clone()).unwrap().estimate(), episode.estimate());
+        let late = EpisodeRecord { tried: vec![(3, tried)], ..record };
+        let refused = Episode::restore(&late, world.bank.clone()).unwrap_err().to_string();
+        assert!(refused.contains("tries in order"), "{refused}");
     }
 
     #[test]

@@ -39,7 +39,9 @@ mod config;
 mod decision;
 mod episode;
 mod error;
+pub mod insertion;
 pub mod likelihood;
+mod matrix;
 mod number;
 mod record;
 #[cfg(feature = "runner")]

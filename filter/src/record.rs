@@ -10,10 +10,11 @@ use tactile_infer::maps::verifier::Verifier;
 use crate::config::EpisodeConfig;
 use crate::episode::Episode;
 use crate::error::{Error, Result};
+use crate::insertion::Tried;
 use crate::touch::Observation;
 
 /// The value of [`EpisodeRecord::version`] that this program writes and reads.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// The settings of an episode and what was touched. Serde writes it; [`Episode::restore`](crate::Episode::restore) plays
 /// it again and gives every number as it was.
@@ -30,6 +31,9 @@ pub struct EpisodeRecord {
     pub verifier_sha256: Option<String>,
     /// Each touch with the motion since the one before; the first one's is no motion.
     pub touches: Vec<(Se2, Observation)>,
+    /// Each peg that was tried in vain, with the number of touches before it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tried: Vec<(usize, Tried)>,
 }
 
 impl Episode {
@@ -44,6 +48,7 @@ impl Episode {
             bank_sha256: self.bank.sha256()?,
             verifier_sha256: self.bank.verifier().map(|verifier| verifier.sha256().to_owned()),
             touches: self.touches.clone(),
+            tried: self.tried.clone(),
         })
     }
 
@@ -70,7 +75,18 @@ impl Episode {
             return wrong("at least one touch".into(), "none".into());
         };
         let mut episode = Self::begin(record.config, bank, first)?;
-        later.iter().try_for_each(|(moved, observation)| episode.observe(*moved, observation))?;
-        Ok(episode)
+        let mut tried = record.tried.iter().peekable();
+        for n_touches in 1..=record.touches.len() {
+            if let Some((moved, observation)) = later.get(n_touches.wrapping_sub(2)) {
+                episode.observe(*moved, observation)?;
+            }
+            while let Some((_, tried)) = tried.next_if(|(after, _)| *after == n_touches) {
+                episode.did_not_fit(tried)?;
+            }
+        }
+        match tried.next() {
+            Some((after, _)) => wrong("tries in order, after touches that were made".into(), format!("one after {after}")),
+            None => Ok(episode),
+        }
     }
 }

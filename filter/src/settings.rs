@@ -37,7 +37,7 @@ numbers! {
         /// To be sure, the place must be known as well: the first touch's to this standard deviation along x and along y.
         /// Only with a bank fine enough to be interpolated. None: sure of the part is sure enough.
         stop_place_mm: Option<f64> = None, "mm", Range::POSITIVE,
-            Chosen: "the scene: `assemble` asks for a quarter of the play"; "a peg is inserted where the hole is not";
+            Chosen: "the scene: `assemble` asks for half a millimetre, or straight down for a quarter of the play"; "a peg is inserted where the hole is not";
         /// Stop after this many touches (N_max), the first included.
         max_touches: usize = 10, "", Range::up_to(MAX_TOUCHES),
             Chosen: "the paper (Sec. V)"; "an episode need not end";

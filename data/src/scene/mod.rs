@@ -52,10 +52,6 @@ pub struct Scene {
     /// By how much a hole's outline is wider than its peg's on every side, mm.
     #[serde(default = "default_clearance")]
     pub clearance_mm: f64,
-    /// By how much the pegs are recorded wider than they are on every side, mm: what is touched as a peg is a gauge
-    /// that fills its hole more closely. Flat faces only.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub gauge_mm: f64,
     /// How much of the sensor is computed.
     #[serde(default = "default_fidelity")]
     pub fidelity: Fidelity,
@@ -176,14 +172,7 @@ impl Scene {
         if !(0.0..=5.0).contains(&self.clearance_mm) {
             return Err(Error::invalid("clearance_mm", "0 to 5 mm", self.clearance_mm.to_string()));
         }
-        if !(0.0..=self.clearance_mm).contains(&self.gauge_mm) {
-            let expected = format!("0 to clearance_mm, {} mm", self.clearance_mm);
-            return Err(Error::invalid("gauge_mm", expected, self.gauge_mm.to_string()));
-        }
         match (&self.parts, &self.board) {
-            (Parts::Maze(_), _) if self.gauge_mm > 0.0 => {
-                Err(Error::invalid("gauge_mm", "none for MAZE boards", self.gauge_mm.to_string()))
-            }
             (Parts::Kit(kit), board) => {
                 let reach =
                     self.reach.ok_or_else(|| Error::invalid("reach", "a grid of poses for each part", "none"))?;
@@ -196,12 +185,6 @@ impl Scene {
                     return Err(Error::invalid("parts", format!("at most {MOST_PARTS} parts"), needs));
                 }
                 kit.validate()?;
-                if let Some(MazeParts { play_mm: Some([least, _]), .. }) = kit.maze_parts
-                    && self.gauge_mm > least
-                {
-                    let expected = format!("0 to the least of parts.maze_parts.play_mm, {least} mm");
-                    return Err(Error::invalid("gauge_mm", expected, self.gauge_mm.to_string()));
-                }
                 let (names, parts) = (kit.names(), kit.parts(self.clearance_mm)?);
                 board.as_ref().map_or(Ok(()), |board| board.validate(&names, &parts))
             }
@@ -256,15 +239,14 @@ impl Scene {
         };
         let own = kit.part(part, self.clearance_mm)?;
         let stands = own.stands;
-        let grow_mm = if side == Side::Peg { self.gauge_mm } else { 0.0 };
-        let mut reliefs = vec![own.side(side).grown(grow_mm)];
+        let mut reliefs = vec![own.side(side)];
         let Some(board) = &self.board else { return Ok(reliefs) };
         let places = board.places_mm(kit.names().len())?;
         for (other, place) in places.iter().enumerate().filter(|(other, _)| *other != part) {
             let offset = [0, 1].map(|axis| place[axis] - places[part][axis]);
             let neighbour = kit.part(other, self.clearance_mm)?;
             if is_within(neighbour.bounds(), offset, self.half_extent_mm()) {
-                reliefs.push(neighbour.side(side).grown(grow_mm).shifted(offset));
+                reliefs.push(neighbour.side(side).shifted(offset));
             }
         }
         match side {

@@ -68,7 +68,6 @@ impl Scene {
             board: None,
             reach,
             clearance_mm: default_clearance(),
-            gauge_mm: 0.0,
             fidelity: default_fidelity(),
             sensor,
         })

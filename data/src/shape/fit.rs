@@ -43,7 +43,8 @@ impl Shape {
         self.regions.iter().any(is_in)
     }
 
-    fn outline_points(&self) -> impl Iterator<Item = [f64; 2]> {
+    /// Points of the outline, 0.05 mm apart at most.
+    pub fn outline_points(&self) -> impl Iterator<Item = [f64; 2]> {
         self.regions.iter().flat_map(|region| sides(region)).flat_map(|[a, b]| {
             let n = ((b[0] - a[0]).hypot(b[1] - a[1]) / OUTLINE_STEP_MM).ceil().max(1.0);
             (0..n as usize).map(move |i| [0, 1].map(|axis| a[axis] + i as f64 / n * (b[axis] - a[axis])))

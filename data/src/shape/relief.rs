@@ -79,16 +79,6 @@ impl Relief {
         Self { layers: vec![Layer::Heights(map), Layer::Face(edge)] }
     }
 
-    /// The same relief with the outlines of its faces wider by `grow_mm` on every side.
-    pub fn grown(mut self, grow_mm: f64) -> Self {
-        for layer in &mut self.layers {
-            if let Layer::Face(face) = layer {
-                face.grow_mm += if face.outside { -grow_mm } else { grow_mm };
-            }
-        }
-        self
-    }
-
     /// The same relief with its faces as bands of this width along their outlines: shells of pegs, rims of holes.
     pub fn banded(mut self, band_mm: f64) -> Self {
         for layer in &mut self.layers {

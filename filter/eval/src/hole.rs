@@ -22,6 +22,7 @@ pub struct Hole<'a> {
     seed: u64,
     stream: u64,
     print: usize,
+    slopes: [f64; 2],
     first_view: Option<usize>,
     /// In a recording, the frame under the sensor, and all frames that were looked at.
     frame: usize,
@@ -54,13 +55,18 @@ impl<'a> Hole<'a> {
             }
         };
         let frame = first_view.unwrap_or(0);
-        let (part_from_sensor, print, touched) = (first, 0, Vec::new());
-        Self { holes, part, first, part_from_sensor, seed, stream, print, first_view, frame, touched }
+        let (part_from_sensor, print, slopes, touched) = (first, 0, [0.0; 2], Vec::new());
+        Self { holes, part, first, part_from_sensor, seed, stream, print, slopes, first_view, frame, touched }
     }
 
     /// The same hole in another print of its part; what was recorded has one.
     pub fn of_print(self, print: usize) -> Self {
         Self { print, ..self }
+    }
+
+    /// The same hole, tilted against the tool ([`Print::tilted`](tactile_data::simulator::Print::tilted)); what was recorded stays.
+    pub fn tilted(self, slopes: [f64; 2]) -> Self {
+        Self { slopes, ..self }
     }
 
     /// The simulated hole of one part; the pose follows from the seed and the episode's number.
@@ -124,7 +130,8 @@ impl<'a> Hole<'a> {
         match self.holes {
             Holes::Simulated(simulator, side) => {
                 let mut rng = frame_rng(self.seed, self.stream);
-                Ok(simulator.print(self.print).touch(self.part, side, &self.part_from_sensor, &mut rng)?)
+                let print = simulator.print(self.print).tilted(self.slopes);
+                Ok(print.touch(self.part, side, &self.part_from_sensor, &mut rng)?)
             }
             Holes::Recorded(recorded) => {
                 self.touched.push(self.frame);

@@ -12,6 +12,7 @@ use crate::belief::engine::{Engine, EngineConfig, Start};
 use crate::belief::hypothesis::states_between;
 use crate::belief::known_start::StartBelief;
 use crate::belief::posterior::Posterior;
+use crate::insertion::TriedStates;
 use crate::likelihood::TouchLikelihood;
 use crate::likelihood::evidence::Evidence;
 use crate::likelihood::new_share;
@@ -28,6 +29,7 @@ pub struct Belief {
     /// The bank's grid.
     pub(super) views: PoseGrid,
     pub(super) touches: Vec<Evidence>,
+    start: Start,
     engine: Engine,
     pub(super) posterior: Posterior,
     log_evidence: f64,
@@ -61,7 +63,7 @@ impl Belief {
         first.start = known;
         let (engine, log_evidence) = Engine::begin([&views, &states], n_parts, start, &first);
         let posterior = engine.posterior(&states, n_parts);
-        Self { views, touches: vec![first], engine, posterior, log_evidence }
+        Self { views, touches: vec![first], start, engine, posterior, log_evidence }
     }
 
     /// The settings that the first touch was judged with.
@@ -84,6 +86,20 @@ impl Belief {
         self.posterior = self.engine.posterior(&states, n_parts);
         self.log_evidence += log_evidence;
         log_evidence
+    }
+
+    /// Takes in that a peg was tried in vain after the last touch. All touches are weighed again: this is as rare as it is slow to try.
+    pub(crate) fn did_not_fit(&mut self, tried: TriedStates) {
+        let Some(last) = self.touches.last_mut() else { return };
+        last.tried.push(tried);
+        let (states, n_parts) = (*self.posterior.grid(), self.posterior.by_part().len());
+        let grids = [&self.views, &states];
+        let (mut engine, mut log_evidence) = Engine::begin(grids, n_parts, self.start, &self.touches[0]);
+        for n_touches in 2..=self.touches.len() {
+            log_evidence += engine.weigh(grids, &self.touches[..n_touches]);
+        }
+        self.posterior = engine.posterior(&states, n_parts);
+        (self.engine, self.log_evidence) = (engine, log_evidence);
     }
 
     /// How much of a touch there is new after the touches made, 0..=1, the power to which its likelihood is taken; none where

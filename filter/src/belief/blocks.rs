@@ -56,6 +56,7 @@ impl<'a> Blocks<'a> {
         if let Some(start) = &evidence.start {
             start.add_angle(self.grids[1], angle, sums);
         }
+        evidence.tried.iter().for_each(|tried| tried.add_block(self.grids[1], part, angle, sums));
     }
 }
 

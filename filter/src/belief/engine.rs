@@ -24,7 +24,7 @@ pub enum EngineConfig {
 }
 
 /// How an engine begins.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) enum Start {
     /// All states; `allowed` as in [`Exact::uniform`].
     Exact { allowed: f64 },

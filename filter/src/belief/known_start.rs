@@ -10,6 +10,7 @@ use tactile_infer::maps::align::{Start, inverse};
 
 use crate::belief::refine::steps_of;
 use crate::error::{Error, Result};
+use crate::matrix::{Matrix, by_jacobian, is_positive, square};
 
 /// A pose that is farther from all states than this is not one where the bank's parts may be touched first, standard deviations.
 const FARTHEST: f64 = 6.0;
@@ -25,7 +26,7 @@ pub struct KnownStart {
     /// The sensor's pose at the first touch in the part's frame.
     pub part_from_first: Se2,
     /// Covariance of x, y (mm) and theta (rad).
-    pub covariance: [[f64; 3]; 3],
+    pub covariance: Matrix,
 }
 
 /// A [`KnownStart`] over the states of a grid.
@@ -33,7 +34,7 @@ pub struct KnownStart {
 pub(crate) struct StartBelief {
     mean: Se2,
     /// The inverse of the covariance.
-    information: [[f64; 3]; 3],
+    information: Matrix,
     /// Variance of theta, rad².
     theta_rad2: f64,
     /// Log of the mean over the states of what is not yet divided by it: so that states are one on average.
@@ -49,12 +50,12 @@ impl KnownStart {
 
     /// The same from where the part is seen, its covariance (of x, y and theta in the same frame) and where the sensor is at the first touch:
     /// both in any one frame, as the robot's base.
-    pub fn of_part(base_from_part: Se2, covariance: [[f64; 3]; 3], base_from_first: Se2) -> Self {
+    pub fn of_part(base_from_part: Se2, covariance: Matrix, base_from_first: Se2) -> Self {
         let part_from_first = base_from_part.inverse() * base_from_first;
         // x' = R(-theta) (first - part): how the pose on the part changes with the part's.
         let (sin, cos) = base_from_part.theta_rad.sin_cos();
         let by_part = [[-cos, -sin, part_from_first.y_mm], [sin, -cos, -part_from_first.x_mm], [0.0, 0.0, -1.0]];
-        Self { part_from_first, covariance: product(&product(&by_part, &covariance), &transposed(&by_part)) }
+        Self { part_from_first, covariance: by_jacobian(&by_part, &covariance) }
     }
 
     /// Over the states of a grid. A state is a cell of the grid, so that the belief is never narrower than one.
@@ -70,8 +71,8 @@ impl KnownStart {
         steps_of(states).iter().enumerate().for_each(|(axis, step)| wide[axis][axis] += step * step / 12.0);
         let is_symmetric =
             (0..3).all(|row| (0..3).all(|at| (wide[row][at] - covariance[row][at]).abs() <= ROUNDING || row == at));
-        let is_positive = covariance_is_positive(&wide) && (0..3).all(|axis| covariance[axis][axis] >= 0.0);
-        let information = (is_symmetric && is_positive).then(|| inverse(wide)).flatten().ok_or_else(|| {
+        let is_covariance = is_positive(&wide) && (0..3).all(|axis| covariance[axis][axis] >= 0.0);
+        let information = (is_symmetric && is_covariance).then(|| inverse(wide)).flatten().ok_or_else(|| {
             let expected = "a covariance of x, y (mm) and theta (rad): symmetric, no variance below zero";
             Error::config("start", expected, format!("{covariance:?}"))
         })?;
@@ -95,9 +96,7 @@ impl StartBelief {
     pub(crate) fn log(&self, pose: &Se2) -> f64 {
         let Self { mean, information, log_mean, .. } = self;
         let off = [pose.x_mm - mean.x_mm, pose.y_mm - mean.y_mm, wrap_angle(pose.theta_rad - mean.theta_rad)];
-        let square: f64 =
-            (0..3).map(|row| (0..3).map(|at| off[row] * information[row][at] * off[at]).sum::<f64>()).sum();
-        -0.5 * square - log_mean
+        -0.5 * square(information, off) - log_mean
     }
 
     /// [`Self::log`] is at most this at an angle.
@@ -111,23 +110,6 @@ impl StartBelief {
         let cells = (angle..states.len()).step_by(states.n_theta());
         sums.iter_mut().zip(cells).for_each(|(sum, cell)| *sum += self.log(&states.pose(cell)));
     }
-}
-
-fn product(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    [0, 1, 2].map(|row| [0, 1, 2].map(|column| (0..3).map(|at| a[row][at] * b[at][column]).sum()))
-}
-
-/// Whether a distribution has such a covariance: all its leading minors are above zero (Sylvester).
-fn covariance_is_positive(m: &[[f64; 3]; 3]) -> bool {
-    let of_two = m[0][0] * m[1][1] - m[0][1] * m[1][0];
-    let of_three = m[2][0] * (m[0][1] * m[1][2] - m[0][2] * m[1][1])
-        - m[2][1] * (m[0][0] * m[1][2] - m[0][2] * m[1][0])
-        + m[2][2] * of_two;
-    [m[0][0], of_two, of_three].into_iter().all(|minor| minor > 0.0 && minor.is_finite())
-}
-
-fn transposed(m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    [0, 1, 2].map(|row| [0, 1, 2].map(|column| m[column][row]))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use super::*;
 use crate::belief::KnownStart;
 use crate::belief::particle::ParticleConfig;
+use crate::insertion::Tried;
 use crate::touch::Observation;
 use proptest::prelude::*;
 use rand::rngs::ChaCha8Rng;
@@ -397,4 +398,72 @@ fn a_touch_outside_the_recorded_area_changes_nothing() {
     for (a, b) in masses_of(&before).iter().zip(masses_of(&after).iter()) {
         assert!((a - b).abs() < 1e-12);
     }
+}
+
+/// Bayes' rule by its definition: of the part and near the pose that were tried, so much less.
+#[test]
+fn a_peg_tried_in_vain_is_evidence_against_where_it_was_tried() {
+    let rows = [unit_rows(N_CELLS, 1), unit_rows(N_CELLS, 2)];
+    let bank = bank(&[&rows[0], &rows[1]]);
+    let likelihood = |touch: &Observation| TouchLikelihood::new(touch, &bank, &TouchModel::default()).unwrap();
+    let made = touches(4, 3);
+    let at = Se2::from_degrees(3.6, -0.3, 4.0);
+    let tried = Tried {
+        part: "1".into(),
+        part_from_first: at,
+        covariance: [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 1e-4]],
+        covered: 0.9,
+    };
+    for all in [true, false] {
+        let first = likelihood(&made[0].1);
+        let mut belief = if all {
+            Belief::of_all_states(&bank, 1, first)
+        } else {
+            Belief::new(&bank, EngineConfig::Exact, 1, 1, first)
+        };
+        belief.update(&made[1].0, likelihood(&made[1].1));
+        let mut never = belief.clone();
+        let before = belief.log_evidence();
+        belief.did_not_fit(tried.over(&bank, belief.posterior().grid()).unwrap());
+        let check = |belief: &Belief, never: &Belief| {
+            // The nearest state, 4 mm, 0 mm and 0 degrees, is the only one within a cell.
+            let nearest = N_CELLS + GRID.nearest(&Se2::new(4.0, 0.0, 0.0)).unwrap();
+            let mut expected = masses_of(never);
+            expected[nearest] *= 0.1;
+            let sum: f64 = expected.iter().sum();
+            for (found, expected) in masses_of(belief).iter().zip(&expected) {
+                assert!((found - expected / sum).abs() < 2e-3 * (1.0 - f64::from(u8::from(all))) + 1e-12);
+            }
+            sum.ln()
+        };
+        let log_sum = check(&belief, &never);
+        assert!((belief.log_evidence() - before - log_sum).abs() < 1e-3);
+        for (moved, touch) in &made[2..] {
+            belief.update(moved, likelihood(touch));
+            never.update(moved, likelihood(touch));
+            check(&belief, &never);
+        }
+        // Where views are interpolated, too: by the pose itself.
+        let apart = |part: usize, pose: &Se2| {
+            let log = |belief: &Belief| -> f64 {
+                belief.touches().iter().map(|touch| touch.log_at(&belief.views, part, pose)).sum()
+            };
+            log(&belief) - log(&never)
+        };
+        assert!((apart(1, &at) - 0.1_f64.ln()).abs() < 1e-12 && apart(0, &at) == 0.0);
+        assert_eq!(apart(1, &Se2::from_degrees(-4.0, 0.0, 0.0)), 0.0);
+    }
+}
+
+#[test]
+fn a_try_that_none_was_is_refused() {
+    let rows = unit_rows(N_CELLS, 1);
+    let bank = bank(&[&rows]);
+    let good = Tried { part: "0".into(), part_from_first: Se2::IDENTITY, covariance: [[0.0; 3]; 3], covered: 0.9 };
+    assert!(good.over(&bank, &GRID).is_ok());
+    let error = |tried: Tried| tried.over(&bank, &GRID).unwrap_err().to_string();
+    assert!(error(Tried { part: "7".into(), ..good.clone() }).contains("expected a part of the bank: 0, got 7"));
+    assert!(error(Tried { covered: 1.0, ..good.clone() }).contains("a probability below 1"));
+    assert!(error(Tried { part_from_first: Se2::new(f64::NAN, 0.0, 0.0), ..good.clone() }).contains("finite numbers"));
+    assert!(error(Tried { covariance: [[-1.0, 0.0, 0.0]; 3], ..good }).contains("a covariance of x, y (mm)"));
 }

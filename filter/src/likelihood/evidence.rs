@@ -5,6 +5,7 @@ use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
 
 use crate::belief::StartBelief;
+use crate::insertion::TriedStates;
 use crate::likelihood::interpolation::ViewWeights;
 use crate::likelihood::lattice::{LatticeWeights, in_planes};
 use crate::likelihood::nearest::{Nearest, nearest_view, trusted};
@@ -22,6 +23,8 @@ pub struct Evidence {
     pub weight: f64,
     /// What is known of the first touch's pose before it: part of its evidence alone.
     pub(crate) start: Option<StartBelief>,
+    /// The pegs that were tried in vain after it and before the next touch.
+    pub(crate) tried: Vec<TriedStates>,
     cubic: bool,
     tolerance: f64,
 }
@@ -40,7 +43,7 @@ impl Evidence {
     pub(crate) fn of(grid: &PoseGrid, first_from_sensor: Se2, weight: f64, likelihood: TouchLikelihood) -> Self {
         let config = likelihood.config();
         let (cubic, tolerance) = (config.interpolation.is_cubic(grid), config.nearest_tolerance);
-        Self { first_from_sensor, likelihood, weight, start: None, cubic, tolerance }
+        Self { first_from_sensor, likelihood, weight, start: None, tried: Vec::new(), cubic, tolerance }
     }
 
     /// How the states of an angle see it.
@@ -130,13 +133,13 @@ impl Evidence {
     }
 
     /// Adds log p(touch | part and pose of the first touch) at every pose of a lattice, any x and y in mm and angles in
-    /// radians, to `sums`, `[n_x, n_y, n_theta]`; of the first touch what is known of its pose before, too.
+    /// radians, to `sums`, `[n_x, n_y, n_theta]`; with what is known of it without a touch.
     pub fn add_logs(&self, grid: &PoseGrid, part: usize, axes: [&[f64]; 3], sums: &mut [f64]) {
         let [xs, ys, thetas] = axes;
-        if let Some(start) = &self.start {
+        if self.start.is_some() || !self.tried.is_empty() {
             let places = xs.iter().flat_map(|x| ys.iter().map(move |y| [*x, *y]));
             let poses = places.flat_map(|[x, y]| thetas.iter().map(move |theta| Se2::new(x, y, *theta)));
-            sums.iter_mut().zip(poses).for_each(|(sum, pose)| *sum += start.log(&pose));
+            sums.iter_mut().zip(poses).for_each(|(sum, pose)| *sum += self.log_untouched(part, &pose));
         }
         for (k, theta) in thetas.iter().enumerate() {
             let turned = Se2::new(0.0, 0.0, *theta) * self.first_from_sensor;
@@ -159,12 +162,16 @@ impl Evidence {
         }
     }
 
-    /// log p(touch | part and pose of the first touch), as far as the touch counts; of the first touch what is known of its pose before,
-    /// too.
+    /// log p(touch | part and pose of the first touch), as far as the touch counts, with what is known of it without a touch.
     pub fn log_at(&self, grid: &PoseGrid, part: usize, part_from_first: &Se2) -> f64 {
         let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor));
+        self.log_untouched(part, part_from_first) + seen.map_or(0.0, |seen| self.log_seen(seen))
+    }
+
+    /// What is known of a state without the touch: before the first one, and by pegs that were tried after this one.
+    fn log_untouched(&self, part: usize, part_from_first: &Se2) -> f64 {
         let of_start = self.start.map_or(0.0, |start| start.log(part_from_first));
-        of_start + seen.map_or(0.0, |seen| self.log_seen(seen))
+        of_start + self.tried.iter().map(|tried| tried.log(part, part_from_first)).sum::<f64>()
     }
 
     /// How well the view at a pose matches an edged touch: how many standard deviations its cosine is above the

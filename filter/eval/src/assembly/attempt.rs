@@ -1,6 +1,7 @@
 //! What a robot is to do in an assembly, and what happened at one hole.
 
-use tactile_filter::StopReason;
+use serde::{Deserialize, Serialize};
+use tactile_filter::{Estimate, StopReason};
 
 /// How often the task is done, and how well the robot holds its pegs.
 #[derive(Clone, Debug)]
@@ -13,6 +14,56 @@ pub struct Task {
     pub grasp_error_mm: f64,
     /// A held peg is turned by up to this, each angle equally likely, degrees.
     pub grasp_error_deg: f64,
+    /// A hole's plate is tilted against the tool by this, towards any side, degrees.
+    pub tilt_deg: f64,
+    /// How pegs are put in.
+    pub insertion: Insertion,
+    /// How long what the robot does takes.
+    pub speeds: Speeds,
+}
+
+impl Default for Insertion {
+    fn default() -> Self {
+        Self { peg_touches: 2, search_poses: 200, tries: 3 }
+    }
+}
+
+/// How long what a robot does takes: what is spent on a hole.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Speeds {
+    /// A touch, or a try: down, press and up again, seconds.
+    pub touch_s: f64,
+    /// From touch to touch, mm a second.
+    pub mm_s: f64,
+    /// A peg along the plate, mm a second.
+    pub slide_mm_s: f64,
+}
+
+impl Default for Speeds {
+    fn default() -> Self {
+        Self { touch_s: 3.0, mm_s: 50.0, slide_mm_s: 10.0 }
+    }
+}
+
+impl Speeds {
+    /// Seconds that a hole took, decisions left out: they take milliseconds.
+    pub fn seconds(&self, attempt: &Attempt) -> f64 {
+        let Attempt { n_touches, n_peg_touches, n_tries, travel_mm, slide_mm, .. } = attempt;
+        (n_touches + n_peg_touches + n_tries) as f64 * self.touch_s
+            + travel_mm / self.mm_s
+            + slide_mm / self.slide_mm_s
+    }
+}
+
+/// How a peg is put in.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Insertion {
+    /// So often a held peg is pressed on a second sensor before it is tried, so that its place in the hand is known; 0: it is not.
+    pub peg_touches: usize,
+    /// At so many poses at most a try looks for the hole, at least one; 1: straight down.
+    pub search_poses: usize,
+    /// So often a peg is tried at a hole, at least once; a try in vain is evidence of where the hole is, and of which part.
+    pub tries: usize,
 }
 
 /// What became of one hole. Parts are indices into the scene's.
@@ -20,14 +71,22 @@ pub struct Task {
 pub struct Attempt {
     /// The hole's own part.
     pub part: usize,
-    /// The part that was named, and whose peg was tried.
+    /// The part that was named last, and whose peg was tried.
     pub named: usize,
     /// Pegs that the robot still had: those it chose from.
     pub n_pegs: usize,
     /// Why the touching ended. Whatever it was, the robot tries its best estimate.
     pub stop: StopReason,
-    /// Touches, the first included.
+    /// Touches of the hole, the first included.
     pub n_touches: usize,
+    /// Touches of the pegs that were tried.
+    pub n_peg_touches: usize,
+    /// Pegs tried.
+    pub n_tries: usize,
+    /// How far the sensor went from touch to touch, mm.
+    pub travel_mm: f64,
+    /// How far pegs slid along the plate, mm.
+    pub slide_mm: f64,
     /// Probability of the part that was named, 0..=1.
     pub probability: f64,
     /// How well it explains what was felt (`Estimate::fit`).
@@ -42,7 +101,45 @@ pub struct Attempt {
     pub decision_ms: Vec<f64>,
 }
 
+/// What a robot has done at a hole so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Made {
+    pub part: usize,
+    pub named: usize,
+    pub went_in: bool,
+    pub n_tries: usize,
+    pub n_peg_touches: usize,
+    pub travel_mm: f64,
+    pub slide_mm: f64,
+    pub xy_mm: f64,
+    pub theta_deg: f64,
+}
+
 impl Attempt {
+    /// What was made of a hole, by the estimate that was tried last; with the number of pegs, why the touching ended, and the times.
+    pub(super) fn of(made: &Made, estimate: &Estimate, ended: (usize, StopReason, Vec<f64>)) -> Self {
+        let Made { part, named, went_in, n_tries, n_peg_touches, travel_mm, slide_mm, xy_mm, theta_deg } = *made;
+        let (n_pegs, stop, decision_ms) = ended;
+        let Estimate { n_touches, probability, fit, .. } = *estimate;
+        Self {
+            part,
+            named,
+            n_pegs,
+            stop,
+            n_touches,
+            n_peg_touches,
+            n_tries,
+            travel_mm,
+            slide_mm,
+            probability,
+            fit,
+            went_in,
+            xy_mm,
+            theta_deg,
+            decision_ms,
+        }
+    }
+
     /// Why the touching ended, in words.
     pub fn stop_name(&self) -> &'static str {
         stop_name(self.stop)

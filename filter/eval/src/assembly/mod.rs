@@ -2,12 +2,13 @@
 //! scene and where the hole is, and puts the peg in.
 
 mod attempt;
+mod in_hand;
 mod page;
 mod result;
 pub mod trial;
 mod workcell;
 
-pub use attempt::{Attempt, Task};
+pub use attempt::{Attempt, Insertion, Speeds, Task};
 pub use page::{group_cells, group_table, html};
 #[cfg(test)]
 pub(crate) use result::tests::example;

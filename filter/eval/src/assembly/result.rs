@@ -5,13 +5,13 @@ use tactile_data::grid::PoseGrid;
 
 use tactile_filter::StopReason;
 
-use super::attempt::{Attempt, STOPS, Task};
+use super::attempt::{Attempt, Insertion, STOPS, Speeds, Task};
 use crate::result::{ModelRecord, Quantiles};
 use crate::statistics::quantile;
 use crate::statistics::share::wilson_95;
 
 /// The value of [`Assembly::schema`].
-pub const SCHEMA: &str = "tactile-filter/assembly/1";
+pub const SCHEMA: &str = "tactile-filter/assembly/2";
 
 /// All trials of a task on one scene with one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,12 @@ pub struct Assembly {
     pub grasp_error_mm: f64,
     /// ... and turned by up to this, degrees.
     pub grasp_error_deg: f64,
+    /// A hole's plate was tilted against the tool by this, towards any side, degrees.
+    pub tilt_deg: f64,
+    /// How pegs were put in.
+    pub insertion: Insertion,
+    /// How long what the robot does takes.
+    pub speeds: Speeds,
     /// Trials that ended with each hole's own peg in it.
     pub all_inserted: Share,
     /// All holes.
@@ -88,6 +94,10 @@ pub struct Group {
     pub touches_median: f64,
     /// Touches a hole.
     pub touches_mean: f64,
+    /// Pegs tried, a hole.
+    pub tries_mean: f64,
+    /// What a robot takes for a hole, seconds.
+    pub seconds_mean: f64,
     /// Distance of the peg from its hole's centre, mm.
     pub xy_mm_mean: f64,
     /// Its median, mm.
@@ -140,7 +150,7 @@ impl Assembly {
         let all: Vec<&Attempt> = trials.iter().flatten().collect();
         let some = |name: String, which: &dyn Fn(&Attempt) -> bool| {
             let of: Vec<&Attempt> = all.iter().copied().filter(|attempt| which(attempt)).collect();
-            (!of.is_empty()).then(|| Group::of(name, &of))
+            (!of.is_empty()).then(|| Group::of(name, &of, &task.speeds))
         };
         let whole = trials.iter().filter(|trial| trial.iter().all(Attempt::is_done)).count();
         let failures = trials.iter().enumerate().flat_map(|(trial, attempts)| {
@@ -155,8 +165,11 @@ impl Assembly {
             seeds: task.seeds.clone(),
             grasp_error_mm: task.grasp_error_mm,
             grasp_error_deg: task.grasp_error_deg,
+            tilt_deg: task.tilt_deg,
+            insertion: task.insertion,
+            speeds: task.speeds,
             all_inserted: Share::new(whole, trials.len()),
-            holes: Group::of("all".into(), &all),
+            holes: Group::of("all".into(), &all, &task.speeds),
             parts: parts
                 .iter()
                 .enumerate()
@@ -184,7 +197,7 @@ impl Share {
 }
 
 impl Group {
-    fn of(name: String, attempts: &[&Attempt]) -> Self {
+    fn of(name: String, attempts: &[&Attempt], speeds: &Speeds) -> Self {
         let values = |of: fn(&Attempt) -> f64, right: bool| -> Vec<f64> {
             attempts
                 .iter()
@@ -199,6 +212,8 @@ impl Group {
             name,
             inserted: Share::new(count(Attempt::is_done), attempts.len()),
             touches_mean: mean(&touches),
+            tries_mean: mean(&values(|attempt| attempt.n_tries as f64, false)),
+            seconds_mean: mean(&attempts.iter().map(|attempt| speeds.seconds(attempt)).collect::<Vec<_>>()),
             touches_median: quantile(touches, 0.5),
             xy_mm_mean: mean(&xy_mm),
             xy_mm_median: quantile(xy_mm, 0.5),
@@ -246,6 +261,10 @@ pub(crate) mod tests {
             n_pegs: 2,
             stop,
             n_touches,
+            n_peg_touches: 2,
+            n_tries: 1,
+            travel_mm: 100.0,
+            slide_mm: 5.0,
             probability: 0.97,
             fit: None,
             went_in,
@@ -271,7 +290,15 @@ pub(crate) mod tests {
             recorded: PoseGrid::LARGE,
             command: Some("tactile-filter assemble --trials 4".into()),
         };
-        let task = Task { n_trials: 4, seeds: vec![1], grasp_error_mm: 0.5, grasp_error_deg: 1.0 };
+        let task = Task {
+            n_trials: 4,
+            seeds: vec![1],
+            grasp_error_mm: 0.5,
+            grasp_error_deg: 1.0,
+            tilt_deg: 0.0,
+            insertion: Insertion::default(),
+            speeds: Speeds::default(),
+        };
         Assembly::of(run, &task, &["M".into(), "L<".into()], &trials)
     }
 
@@ -282,6 +309,9 @@ pub(crate) mod tests {
         assert_eq!((made.holes.inserted.n, made.holes.inserted.of), (5, 8));
         // 2, 3, 3, 3, 3, 4, 5, 10.
         assert_eq!((made.holes.touches_median, made.holes.touches_mean), (3.0, 33.0 / 8.0));
+        // Touches of holes and pegs and tries of 3 s, 100 mm at 50 mm/s, 5 mm at 10 mm/s.
+        let seconds = (33.0 / 8.0 + 2.0 + 1.0) * 3.0 + 2.0 + 0.5;
+        assert!((made.holes.seconds_mean - seconds).abs() < 1e-12 && made.holes.tries_mean == 1.0);
         assert_eq!((made.holes.wrong_pose, made.holes.wrong_part, made.holes.wrong_part_went_in), (1, 2, 1));
         let [m, l] = &made.parts[..] else { panic!() };
         assert_eq!((m.inserted.n, m.inserted.of, m.wrong_pose, m.wrong_part), (2, 4, 1, 1));
@@ -306,7 +336,7 @@ pub(crate) mod tests {
     #[test]
     fn it_comes_back_from_json() {
         let json = serde_json::to_string(&example()).unwrap();
-        assert!(json.starts_with(r#"{"schema":"tactile-filter/assembly/1","scene":"two <letters>""#));
+        assert!(json.starts_with(r#"{"schema":"tactile-filter/assembly/2","scene":"two <letters>""#));
         assert_eq!(serde_json::from_str::<Assembly>(&json).unwrap(), example());
     }
 }

@@ -4,11 +4,13 @@
 //! brought to the pose that was estimated, goes into the hole's opening ([`Shape::fits_in`]): geometry decides, so
 //! that twins of a symmetric part are as good as each other, and a wrong peg that is small enough goes in too.
 
+use std::f64::consts::TAU;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use rand::RngExt;
+use rand::rngs::ChaCha8Rng;
 use rand::seq::SliceRandom;
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
@@ -17,11 +19,13 @@ use tactile_data::shape::Shape;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
-use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor, StopReason};
+use tactile_filter::insertion::{HeldPeg, Tried};
+use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::threads;
 
-use super::attempt::{Attempt, Task};
+use super::attempt::{Attempt, Insertion, Made, Speeds, Task};
+use super::in_hand::{Held, Peg};
 use crate::error::{Error, Result};
 use crate::hole::{Hole, observe};
 use crate::holes::Holes;
@@ -42,6 +46,13 @@ pub struct Moment<'m> {
 /// Who watches a trial.
 pub type Watch<'w> = &'w mut dyn FnMut(&Moment<'_>) -> Result<()>;
 
+/// The second sensor, on which held pegs are pressed, and how the filter infers from its touches.
+#[derive(Debug)]
+pub(super) struct PegSense {
+    pub sensor: Sensor,
+    pub config: EpisodeConfig,
+}
+
 /// A simulated robot before a scene, its pegs in hand.
 #[derive(Debug)]
 pub struct Workcell<'a> {
@@ -49,9 +60,12 @@ pub struct Workcell<'a> {
     sensor: &'a Sensor,
     bank: &'a Arc<Bank>,
     config: &'a EpisodeConfig,
+    of_pegs: PegSense,
     task: &'a Task,
     reach: PoseGrid,
     pegs: Vec<Shape>,
+    /// How far each peg's farthest point is from its middle, mm.
+    radii_mm: Vec<f64>,
     openings: Vec<(Shape, f64)>,
 }
 
@@ -72,23 +86,56 @@ impl<'a> Workcell<'a> {
             let got = format!("{} trials of {} seeds", task.n_trials, task.seeds.len());
             return Err(Error::invalid("assembly", "trials and seeds", got));
         }
-        for (field, value, most) in
-            [("grasp-error, mm", task.grasp_error_mm, 100.0), ("grasp-error, degrees", task.grasp_error_deg, 180.0)]
-        {
+        for (field, value, most) in [
+            ("grasp-error, mm", task.grasp_error_mm, 100.0),
+            ("grasp-error, degrees", task.grasp_error_deg, 180.0),
+            ("tilt, degrees", task.tilt_deg, 10.0),
+        ] {
             if !(0.0..=most).contains(&value) {
                 return Err(Error::invalid(field, format!("0 to {most}"), value.to_string()));
             }
         }
+        if task.insertion.tries == 0 || task.insertion.search_poses == 0 {
+            let Insertion { search_poses, tries, .. } = task.insertion;
+            return Err(Error::invalid("insertion", "tries and poses, at least one", format!("{tries} of {search_poses}")));
+        }
+        let Speeds { touch_s, mm_s, slide_mm_s } = task.speeds;
+        if !(touch_s >= 0.0 && touch_s.is_finite() && mm_s > 0.0 && slide_mm_s > 0.0) {
+            let got = format!("{touch_s} s, {mm_s} and {slide_mm_s} mm a second");
+            return Err(Error::invalid("speeds", "seconds of a touch and speeds above zero", got));
+        }
         config.validate()?;
         let (scene, parts) = (simulator.scene(), simulator.parts());
         let openings = (0..parts.len()).map(|part| scene.opening(part)).collect::<std::result::Result<_, _>>()?;
-        let pegs = (0..parts.len()).map(|part| scene.shape(part, 0)).collect::<std::result::Result<_, _>>()?;
+        let pegs: Vec<Shape> =
+            (0..parts.len()).map(|part| scene.shape(part, 0)).collect::<std::result::Result<_, _>>()?;
         if parts != bank.parts() {
             let expected = format!("the scene's parts {}", parts.join(" "));
             return Err(Error::invalid("bank", expected, bank.parts().join(" ")));
         }
         let reach = scene.reach.unwrap_or(*bank.start());
-        Ok(Self { simulator, sensor, bank, config, task, reach, pegs, openings })
+        let of_pegs = PegSense {
+            sensor: sensor.clone().of_side(Side::Peg),
+            config: EpisodeConfig::of_side(sensor.model(), Side::Peg),
+        };
+        let radius = |peg: &Shape| peg.outline_points().map(|[x, y]| x.hypot(y)).fold(0.0, f64::max);
+        let radii_mm = pegs.iter().map(radius).collect();
+        Ok(Self { simulator, sensor, of_pegs, bank, config, task, reach, pegs, radii_mm, openings })
+    }
+
+    /// The pegs on the table.
+    pub(super) fn bank(&self) -> &Arc<Bank> {
+        self.bank
+    }
+
+    /// What is to be done.
+    pub(super) fn task(&self) -> &Task {
+        self.task
+    }
+
+    /// What feels held pegs.
+    pub(super) fn of_pegs(&self) -> &PegSense {
+        &self.of_pegs
     }
 
     /// The scene.
@@ -127,51 +174,81 @@ impl<'a> Workcell<'a> {
         let mut rng = frame_rng(seed ^ 0x6772_6173, index as u64);
         let mut order: Vec<usize> = (0..n_parts).collect();
         order.shuffle(&mut rng);
-        let mut in_hand = InHand { bank: self.bank.clone(), held_from_peg: Se2::IDENTITY };
+        let mut bank = self.bank.clone();
         let mut attempts = Vec::with_capacity(n_parts);
         for (turn, part) in order.into_iter().enumerate() {
-            let mut up_to = |most: f64| most * (2.0 * rng.random::<f64>() - 1.0);
-            let (mm, deg) = (self.task.grasp_error_mm, self.task.grasp_error_deg);
-            in_hand.held_from_peg = Se2::from_degrees(up_to(mm), up_to(mm), up_to(deg));
+            let held_from_peg = self.grasped(&mut rng);
             let number = index * n_parts + turn;
+            // Of what is drawn for this hole beyond its touches.
+            let mut of_hole = frame_rng(seed ^ 0x7472_6965, number as u64);
+            let slopes = self.slopes(&mut of_hole);
             let hole = Hole::of_part(Holes::Simulated(self.simulator, Side::Hole), part, &self.reach, seed, number);
             let config = self.config.changed(|settings, _, _| settings.seed = seed.wrapping_add(number as u64));
-            let attempt = self.attempt(hole, &in_hand, config, watch)?;
-            let bank = &in_hand.bank;
+            let robot = Robot { bank: &bank, next_grasp: Some(held_from_peg), in_hand: None, rng: of_hole };
+            let attempt = self.attempt(hole.tilted(slopes), robot, config, watch)?;
             let gone = bank.parts().iter().position(|name| *name == self.simulator.parts()[attempt.named]);
             if let Some(gone) = gone.filter(|_| attempt.went_in && bank.parts().len() > 1) {
-                in_hand.bank = Arc::new(bank.without(gone)?);
+                bank = Arc::new(bank.without(gone)?);
             }
             attempts.push(attempt);
         }
         Ok(attempts)
     }
 
-    /// Touches a hole until the episode's own rule ends it, then tries the peg that was named.
+    /// How a peg is held that was picked up.
+    fn grasped(&self, rng: &mut ChaCha8Rng) -> Se2 {
+        let mut up_to = |most: f64| most * (2.0 * rng.random::<f64>() - 1.0);
+        let (mm, deg) = (self.task.grasp_error_mm, self.task.grasp_error_deg);
+        Se2::from_degrees(up_to(mm), up_to(mm), up_to(deg))
+    }
+
+    /// How a hole's plate rises against the tool: by the task's tilt, towards any side.
+    fn slopes(&self, rng: &mut ChaCha8Rng) -> [f64; 2] {
+        let (sin, cos) = (TAU * rng.random::<f64>()).sin_cos();
+        [cos, sin].map(|share| share * self.task.tilt_deg.to_radians().tan())
+    }
+
+    /// Touches a hole until the episode's own rule ends it, then tries the peg that was named. Where that does not go in, the episode
+    /// learns from it, and the hole is touched again before the next try.
     fn attempt(
         &self,
         mut hole: Hole<'_>,
-        in_hand: &InHand,
+        mut robot: Robot<'_>,
         config: EpisodeConfig,
         watch: Watch<'_>,
     ) -> Result<Attempt> {
-        let InHand { bank, held_from_peg } = in_hand;
+        let bank = robot.bank;
+        let mut made = Made { part: hole.part_index(), ..Made::default() };
         let mut decision_ms = Vec::new();
         let mut frame = hole.touch()?;
         let mut started = Instant::now();
         let mut episode = Episode::begin(config, bank.clone(), &observe(self.sensor, &frame)?)?;
         loop {
-            let decision = episode.decide(&hole.reach(bank.start(), Poses::OffGrid))?;
+            let reach = hole.reach(bank.start(), Poses::OffGrid);
+            let decision = episode.decide(&reach)?;
             decision_ms.push(started.elapsed().as_secs_f64() * 1e3);
             watch(&Moment { hole: &hole, frame: &frame, episode: &episode, bank })?;
-            let action = match decision {
-                Decision::Touch(action) => action,
+            let next = match decision {
+                Decision::Touch(action) => Some(action),
                 Decision::Done(estimate, stop) => {
-                    let tried = self.insert(&hole, &estimate, held_from_peg)?;
-                    let n_pegs = bank.parts().len();
-                    return Ok(Attempt { n_pegs, stop, decision_ms, ..tried });
+                    let tried = self.insert(&hole, &estimate, &mut robot, &mut made)?;
+                    let is_last = made.went_in || made.n_tries >= self.task.insertion.tries;
+                    let next = match (is_last, tried) {
+                        (false, Some(tried)) if estimate.n_touches < config.settings.max_touches => {
+                            episode.did_not_fit(&tried)?;
+                            episode.next_touch(&reach, &mut || true)
+                        }
+                        _ => None,
+                    };
+                    if next.is_none() {
+                        let n_pegs = bank.parts().len();
+                        return Ok(Attempt::of(&made, &estimate, (n_pegs, stop, decision_ms)));
+                    }
+                    next
                 }
             };
+            let Some(action) = next else { continue };
+            made.travel_mm += action.sensor_from_next.x_mm.hypot(action.sensor_from_next.y_mm);
             let moved = hole.go(&action);
             frame = hole.touch()?;
             started = Instant::now();
@@ -179,38 +256,88 @@ impl<'a> Workcell<'a> {
         }
     }
 
-    /// Brings the named peg to where its hole is believed to be, as the robot holds it.
-    fn insert(&self, hole: &Hole<'_>, estimate: &Estimate, held_from_peg: &Se2) -> Result<Attempt> {
-        let part = hole.part_index();
-        let named = self
-            .simulator
-            .parts()
-            .iter()
-            .position(|name| *name == estimate.part)
-            .ok_or_else(|| Error::invalid("estimate", "a part of the scene", estimate.part.clone()))?;
-        let hole_from_peg = brought(&hole.part_from_sensor(), &estimate.part_from_sensor, held_from_peg);
-        let (opening, clearance_mm) = &self.openings[part];
-        let (xy_mm, theta_deg) = error(&hole_from_peg, &self.simulator.symmetry(part));
-        Ok(Attempt {
-            part,
-            named,
-            n_pegs: 0,
-            stop: StopReason::TouchLimit,
-            n_touches: estimate.n_touches,
-            probability: estimate.probability,
-            fit: estimate.fit,
-            went_in: self.pegs[named].fits_in(opening, *clearance_mm, &hole_from_peg),
-            xy_mm,
-            theta_deg,
-            decision_ms: Vec::new(),
-        })
+    /// Brings the named peg to where its hole is believed to be and slides it until it goes in. Returns what is learnt where it does not; nothing
+    /// where no place is known that could be searched.
+    fn insert(
+        &self,
+        hole: &Hole<'_>,
+        estimate: &Estimate,
+        robot: &mut Robot<'_>,
+        made: &mut Made,
+    ) -> Result<Option<Tried>> {
+        let named = self.index_of(&estimate.part)?;
+        let InHand { held_from_peg, felt, .. } = match robot.in_hand {
+            Some(held) if held.part == named => held,
+            _ => self.pick_up(named, robot, made)?,
+        };
+        let (opening, clearance_mm) = &self.openings[hole.part_index()];
+        let radius_mm = self.radii_mm[named];
+        let peg = HeldPeg { play_mm: self.simulator.scene().clearance_mm, radius_mm, covariance: felt.covariance };
+        let search = estimate.search(&peg, self.task.insertion.search_poses).ok();
+        let straight_down = [Se2::IDENTITY];
+        let offsets = search.as_ref().map_or(&straight_down[..], |search| &search.offsets);
+        let left_mm = clearance_mm - narrower_mm(self.task.tilt_deg, radius_mm);
+        let in_hand = felt.held_from_peg.inverse() * held_from_peg;
+        let brought = |offset: &Se2| {
+            brought(&hole.part_from_sensor(), &estimate.part_from_sensor, &(*offset * in_hand))
+        };
+        let goes_in = |offset: &Se2| left_mm >= 0.0 && self.pegs[named].fits_in(opening, left_mm, &brought(offset));
+        let found = offsets.iter().position(goes_in);
+        let last = found.unwrap_or(offsets.len() - 1);
+        (made.named, made.went_in) = (named, found.is_some());
+        made.n_tries += 1;
+        made.slide_mm += search.as_ref().map_or(0.0, |search| search.slide_mm(last));
+        (made.xy_mm, made.theta_deg) =
+            error(&brought(&offsets[0]), &self.simulator.symmetry(hole.part_index()));
+        Ok(search.filter(|_| found.is_none()).map(|search| search.in_vain))
+    }
+
+    /// Takes a peg, and feels where it is in the hand.
+    fn pick_up(&self, part: usize, robot: &mut Robot<'_>, made: &mut Made) -> Result<InHand> {
+        let held_from_peg = match robot.next_grasp.take() {
+            Some(drawn) => drawn,
+            None => self.grasped(&mut robot.rng),
+        };
+        let peg = Peg { part, outline: &self.pegs[part], held_from_peg, seed: robot.rng.random() };
+        let felt = Held::felt(self, &peg)?;
+        made.n_peg_touches += felt.n_touches;
+        made.travel_mm += felt.travel_mm;
+        let in_hand = InHand { part, held_from_peg, felt };
+        robot.in_hand = Some(in_hand);
+        Ok(in_hand)
+    }
+
+    fn index_of(&self, name: &str) -> Result<usize> {
+        let found = self.simulator.parts().iter().position(|part| part == name);
+        found.ok_or_else(|| Error::invalid("estimate", "a part of the scene", name.to_owned()))
     }
 }
 
-/// The pegs that the robot still has, and how it holds the one that it tries.
+/// The robot at one hole: its pegs, the one in its hand, and what is still to be drawn.
+struct Robot<'r> {
+    bank: &'r Arc<Bank>,
+    /// How the first peg will be held.
+    next_grasp: Option<Se2>,
+    in_hand: Option<InHand>,
+    rng: ChaCha8Rng,
+}
+
+/// A peg in the hand: where it is, and where the robot believes it to be.
+#[derive(Clone, Copy)]
 struct InHand {
-    bank: Arc<Bank>,
+    part: usize,
     held_from_peg: Se2,
+    felt: Held,
+}
+
+/// The peg is guided by the hole once it is in by so much; until then a tilted tool needs more room, mm.
+const ENTRY_MM: f64 = 2.0;
+
+/// By how much a hole is narrower on each side for a tool that is tilted: the peg goes aside on its way in, and the opening looks
+/// smaller along the tool.
+fn narrower_mm(tilt_deg: f64, radius_mm: f64) -> f64 {
+    let tilt = tilt_deg.to_radians();
+    0.5 * ENTRY_MM * tilt.tan() + radius_mm * (1.0 - tilt.cos())
 }
 
 /// Where a peg is in the frame of its hole: the robot knows where its sensor is and puts the peg's frame
@@ -264,7 +391,15 @@ mod tests {
     }
 
     fn task() -> Task {
-        Task { n_trials: 3, seeds: vec![1, 2], grasp_error_mm: 0.5, grasp_error_deg: 1.0 }
+        Task {
+            n_trials: 3,
+            seeds: vec![1, 2],
+            grasp_error_mm: 0.5,
+            grasp_error_deg: 1.0,
+            tilt_deg: 1.0,
+            insertion: Insertion::default(),
+            speeds: Speeds::default(),
+        }
     }
 
     /// What a workcell of a scene, a bank and a task gives.
@@ -317,6 +452,9 @@ mod tests {
                 assert_eq!(attempt.n_pegs, 3 - gone.len());
                 assert!(!gone.contains(&attempt.named));
                 assert_eq!(attempt.decision_ms.len(), attempt.n_touches);
+                assert!((1..=3).contains(&attempt.n_tries) && (attempt.went_in || attempt.n_tries == 3 || attempt.n_touches == 4));
+                // Each peg that was picked up was felt twice.
+                assert!(attempt.n_peg_touches >= 2 && attempt.n_peg_touches <= 2 * attempt.n_tries);
                 gone.extend(attempt.went_in.then_some(attempt.named));
             }
         }
@@ -326,15 +464,39 @@ mod tests {
         assert_eq!(timeless(run()), timeless(trials));
     }
 
+    /// A peg as high as it is deep in, turned about its middle: by corners of the rectangle that it sweeps.
+    #[test]
+    fn a_tilted_tool_needs_more_room() {
+        assert_eq!(narrower_mm(0.0, 14.0), 0.0);
+        let (tilt, radius) = (2.0_f64.to_radians(), 14.0);
+        // Going in by 2 mm along the tool the peg goes aside by 2 tan(tilt), half of it to each side of the best place.
+        let aside = 2.0 * tilt.tan() / 2.0;
+        // Of the opening's half width of 14 mm the tool sees the cosine.
+        let seen = radius * tilt.cos();
+        assert!((narrower_mm(2.0, radius) - aside - (radius - seen)).abs() < 1e-12);
+        assert!(narrower_mm(2.0, radius) < 0.05 && narrower_mm(3.0, radius) > narrower_mm(2.0, radius));
+    }
+
     #[test]
     fn a_task_that_is_none_is_refused() {
         let refused = |scene, bank: &Arc<Bank>, task| with(scene, bank, &task, |_| ()).unwrap_err().to_string();
         let (whole, held) = (bank("ITL"), |mm| Task { grasp_error_mm: mm, ..task() });
+        let insertion = |search_poses, tries| Task {
+            insertion: Insertion { search_poses, tries, ..Insertion::default() },
+            ..task()
+        };
         for (task, expected) in [
             (Task { n_trials: 0, ..task() }, "assembly: expected trials and seeds, got 0 trials of 2 seeds"),
             (Task { seeds: vec![], ..task() }, "assembly: expected trials and seeds, got 3 trials of 0 seeds"),
             (held(-0.1), "grasp-error, mm: expected 0 to 100, got -0.1"),
             (held(f64::NAN), "grasp-error, mm: expected 0 to 100, got NaN"),
+            (Task { tilt_deg: 11.0, ..task() }, "tilt, degrees: expected 0 to 10, got 11"),
+            (insertion(0, 3), "insertion: expected tries and poses, at least one, got 3 of 0"),
+            (insertion(9, 0), "insertion: expected tries and poses, at least one, got 0 of 9"),
+            (
+                Task { speeds: Speeds { mm_s: 0.0, ..Speeds::default() }, ..task() },
+                "speeds: expected seconds of a touch and speeds above zero, got 3 s, 0 and 10 mm a second",
+            ),
         ] {
             assert_eq!(refused(scene("ITL"), &whole, task), expected);
         }

@@ -20,10 +20,10 @@ pub fn finding(found: &Reproduction, section: &Section) -> Finding {
     let line = verdict(assembly);
     let caption = html! {
         "In each trial a robot touches one hole after the other until the filter stops by its own rule, or at the touch limit; in "
-        "both cases it then brings the peg that was named to where the hole is believed to be. A peg is in where it goes into the "
-        "hole of its own part, wider than the peg by " (assembly.run.clearance_mm) " mm on every side, held up to "
-        (assembly.grasp_error_mm) " mm and " (assembly.grasp_error_deg) "° off. The bank was recorded with gauges that fill the "
-        "holes: with the slim pegs themselves in it 5 % of holes got theirs. Place and angle: where a right peg was brought, the "
+        "both cases it then brings the peg that was named to where the hole is believed to be and slides it until it goes in. The hole "
+        "is wider by " (assembly.run.clearance_mm) " mm on every side; the peg is held up to " (assembly.grasp_error_mm) " mm and "
+        (assembly.grasp_error_deg) "° off, which " (assembly.insertion.peg_touches) " touches of a second sensor feel. Geometry decides: "
+        "there is no friction and no force. Place and angle: where a right peg was brought, the "
         "grasp’s error included. It is the paper’s last experiment, there on a real robot. " (assembly.n_trials) " trials, "
         (seeds(&assembly.seeds)) ". " b { "Belief maps" } ", hole by hole and touch by touch, in which the belief should gather in "
         "one place of one letter: " (found.link("assembly/report.html", "belief-maps", "the assembly’s own page")) "."

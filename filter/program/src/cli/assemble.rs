@@ -8,7 +8,7 @@ use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
-use tactile_eval::assembly::{Assembly, Group, Run, Task, Workcell, html, trial};
+use tactile_eval::assembly::{Assembly, Group, Insertion, Run, Speeds, Task, Workcell, html, trial};
 use tactile_eval::fits::check_bank;
 use tactile_eval::holes::Holes;
 use tactile_eval::narrative::Board;
@@ -23,10 +23,13 @@ use super::numbers::Numbers;
 /// Names of the page and of the figures.
 const FILES: [&str; 2] = ["report.html", "assembly.json"];
 
+/// The place that a search begins from is known to this standard deviation along x and along y, mm: to 0.5, 1 or 2 takes equally long.
+const SEARCHED_MM: f64 = 0.5;
+
 /// Name, find and fill every hole of a scene in simulation; write assembly.json and report.html.
 ///
-/// A peg is tried once the place is known to a quarter of the scene's clearance_mm along x and along y (a standard
-/// deviation; --set stop_place_mm=MM); with --set false_refuse=0.01 a hole may be given up as none of the pegs on the table. Memory is linear in the parts, as that of evaluate.
+/// A peg is tried once the place is known to 0.5 mm along x and along y (a standard deviation), straight down (--search 1) to a
+/// quarter of the scene's clearance_mm (--set stop_place_mm=MM). Friction and force are not simulated; with --set false_refuse=0.01 a hole may be given up as none of the pegs on the table. Memory is linear in the parts, as that of evaluate.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-filter assemble --model infer/models/maze-small.safetensors \
                         --bank four.bank --scene data/scenes/four-letters.toml --out assembly")]
@@ -48,6 +51,27 @@ pub struct Assemble {
     /// A held peg is off by up to this in x and in y, mm, and turned by up to this, degrees
     #[arg(long, value_names = ["MM", "DEG"], allow_negative_numbers = true, default_values_t = [0.5, 1.0], help_heading = "Trials")]
     grasp_error: Vec<f64>,
+    /// The plate of a hole is tilted against the tool by this, towards any side, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, help_heading = "Trials")]
+    tilt: f64,
+    /// Press a held peg on a second sensor so often before it is tried, so that its place in the hand is known
+    #[arg(long, value_name = "N", default_value_t = 2, help_heading = "Insertion")]
+    peg_touches: usize,
+    /// Slide a peg over so many poses at most until it goes in, the likeliest first; 1: straight down
+    #[arg(long, value_name = "N", default_value_t = 200, help_heading = "Insertion")]
+    search: usize,
+    /// Try a hole so often; a peg that does not go in is evidence, and the hole is touched again before the next try
+    #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Insertion")]
+    tries: usize,
+    /// Seconds of a touch, or of a try
+    #[arg(long, value_name = "S", default_value_t = 3.0, help_heading = "Seconds")]
+    touch_s: f64,
+    /// Speed from touch to touch, mm a second
+    #[arg(long, value_name = "MM", default_value_t = 50.0, help_heading = "Seconds")]
+    mm_s: f64,
+    /// Speed of a peg along the plate, mm a second
+    #[arg(long, value_name = "MM", default_value_t = 10.0, help_heading = "Seconds")]
+    slide_mm_s: f64,
     #[command(flatten)]
     numbers: Numbers,
 }
@@ -95,8 +119,9 @@ impl Assemble {
         let of_model = EpisodeConfig::of_side(model, Side::Hole).changed(|settings, model, _| {
             // Every hole's peg is on the table: a bad fit asks for another touch, not for giving up.
             settings.false_refuse = 0.0;
-            // Two standard deviations are half of the play, and what the grasp leaves is as much again.
-            let by_play = simulator.scene().clearance_mm / 4.0;
+            // Straight down two standard deviations are half of the play; where the peg is slid, less will do.
+            let straight = simulator.scene().clearance_mm / 4.0;
+            let by_play = if self.search > 1 { straight.max(SEARCHED_MM) } else { straight };
             settings.stop_place_mm = model.interpolation.is_cubic(bank.grid()).then_some(by_play);
         });
         self.numbers.applied_to(of_model)
@@ -114,18 +139,28 @@ impl Assemble {
                 self.grasp_error.len().to_string(),
             ));
         };
-        Ok(Task { n_trials: self.trials, seeds: self.seeds.seeds.clone(), grasp_error_mm, grasp_error_deg })
+        let Self { trials, tilt, peg_touches, search, tries, touch_s, mm_s, slide_mm_s, .. } = *self;
+        Ok(Task {
+            n_trials: trials,
+            seeds: self.seeds.seeds.clone(),
+            grasp_error_mm,
+            grasp_error_deg,
+            tilt_deg: tilt,
+            insertion: Insertion { peg_touches, search_poses: search, tries },
+            speeds: Speeds { touch_s, mm_s, slide_mm_s },
+        })
     }
 }
 
 fn print_table(assembly: &Assembly) {
     let Assembly { run, all_inserted, holes, .. } = assembly;
     println!(
-        "{}: {} trials of {} holes; a hole is {} mm wider on every side, a held peg up to {} mm and {} degrees off",
+        "{}: {} trials of {} holes; a hole is {} mm wider on every side and tilted by {} degrees, a held peg up to {} mm and {} degrees off",
         run.scene,
         assembly.n_trials,
         assembly.parts.len(),
         run.clearance_mm,
+        assembly.tilt_deg,
         assembly.grasp_error_mm,
         assembly.grasp_error_deg
     );
@@ -133,18 +168,19 @@ fn print_table(assembly: &Assembly) {
     let (n, of, share) = (all_inserted.n, all_inserted.of, 100.0 * all_inserted.share);
     println!("  every peg in its hole: {n} of {of} trials, {share:.1} % ({low:.1} to {high:.1})");
     println!(
-        "  {:16} {:>5} {:>8} {:>15} {:>7} {:>6} {:>7} {:>7} {:>11} {:>10}",
-        "holes", "n", "own in %", "95 % interval", "touches", "median", "mm", "degrees", "wrong place", "wrong peg"
+        "  {:16} {:>5} {:>8} {:>15} {:>7} {:>6} {:>6} {:>7} {:>7} {:>11} {:>10}",
+        "holes", "n", "own in %", "95 % interval", "touches", "tries", "s", "mm", "degrees", "wrong place", "wrong peg"
     );
     let print = |what: &str, group: &Group| {
         let [low, high] = group.inserted.ci95.map(|bound| 100.0 * bound);
         println!(
-            "  {:16} {:5} {:8.1} {low:7.1}-{high:<7.1} {:7.2} {:6} {:7.2} {:7.2} {:11} {:10}",
+            "  {:16} {:5} {:8.1} {low:7.1}-{high:<7.1} {:7.2} {:6.2} {:6.1} {:7.2} {:7.2} {:11} {:10}",
             format!("{what}{}", group.name),
             group.inserted.of,
             100.0 * group.inserted.share,
             group.touches_mean,
-            group.touches_median,
+            group.tries_mean,
+            group.seconds_mean,
             group.xy_mm_mean,
             group.theta_deg_mean,
             group.wrong_pose,
