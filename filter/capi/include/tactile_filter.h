@@ -522,6 +522,29 @@ typedef struct tf_mode {
 } tf_mode;
 
 /**
+ * A peg in the hand, above the hole that the filter named.
+ */
+typedef struct tf_held_peg {
+    /**
+     * By how much its hole is wider on every side, mm.
+     */
+    double play_mm;
+    /**
+     * From the origin of its part's frame to its farthest point, mm.
+     */
+    double radius_mm;
+    /**
+     * How well its pose in the hand is known: covariance over (x mm, y mm, theta rad) in the part's frame, row by row. Where touches of
+     * the peg itself told it, their tf_episode_offset_covariance(); zeros: exactly.
+     */
+    double covariance[9];
+    /**
+     * Poses at most, at least 1.
+     */
+    uint32_t most_poses;
+} tf_held_peg;
+
+/**
  * What came of a job.
  */
 typedef struct tf_outcome {
@@ -917,6 +940,37 @@ enum tf_status tf_episode_restore(const struct tf_bank *bank,
                                   const uint8_t *json,
                                   size_t length,
                                   struct tf_episode **out);
+
+/**
+ * Where to slide the peg of the named part along the plate until it goes in. Each offset is by what the peg is moved from where its hole
+ * is believed to be, in the part's frame: its pose from the sensor is tf_pose_compose(tf_pose_inverse(estimate.part_from_sensor),
+ * offset). The likeliest comes first; the first is no motion. They are as near to each other as the play asks for.
+ * \param covered   where the probability goes that the peg goes in at one of them, if its hole is near; null is allowed
+ * \param required  where the number of offsets goes; with a capacity of 0 no offset is written
+ * TF_STATUS_CONFIG: a play or a radius that is not above zero, or a covariance that is none.
+ */
+enum tf_status tf_episode_search(const struct tf_episode *episode,
+                                 const struct tf_held_peg *peg,
+                                 double *covered,
+                                 struct tf_pose *buffer,
+                                 size_t capacity,
+                                 size_t *required);
+
+/**
+ * Takes in that the peg of the named part went in at none of the offsets that tf_episode_search() gives now for the same peg: the hole is
+ * another part's, or elsewhere, or was missed. Touch again before the next try.
+ * TF_STATUS_CONFIG: as tf_episode_search().
+ */
+enum tf_status tf_episode_did_not_fit(struct tf_episode *episode,
+                                      const struct tf_held_peg *peg);
+
+/**
+ * How well it is known where the named part is against where it is believed to be: covariance over (x mm, y mm, theta rad) in the part's
+ * frame, row by row. Of an episode of touches of a held peg it is the covariance of that peg in the hand.
+ * \param covariance  where the 9 numbers go
+ */
+enum tf_status tf_episode_offset_covariance(const struct tf_episode *episode,
+                                            double *covariance);
 
 /**
  * Starts a thread that takes in touches and decides. It keeps what it needs of sensor and bank: both may be freed.

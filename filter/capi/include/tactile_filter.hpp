@@ -423,6 +423,28 @@ public:
         return detail::done(tf_episode_observe(handle_.get(), moved, observation.get()));
     }
 
+    // Where to slide the peg of the named part until it goes in, the likeliest first: tf_episode_search().
+    Result<std::vector<tf_pose>> search(const tf_held_peg &peg) const
+    {
+        return detail::list<std::vector<tf_pose>>([&](tf_pose *buffer, std::size_t capacity, std::size_t *required) {
+            return tf_episode_search(get(), &peg, nullptr, buffer, capacity, required);
+        });
+    }
+
+    // Takes in that the peg went in nowhere there.
+    Done did_not_fit(const tf_held_peg &peg)
+    {
+        return detail::done(tf_episode_did_not_fit(handle_.get(), &peg));
+    }
+
+    // How well it is known where the named part is; of touches of a held peg, tf_held_peg's covariance.
+    Result<std::array<double, 9>> offset_covariance() const
+    {
+        std::array<double, 9> covariance{};
+        const tf_status status = tf_episode_offset_covariance(get(), covariance.data());
+        return detail::give(status, covariance);
+    }
+
     // Whether to stop, and if not, which motion of the reach to make.
     Result<tf_decision> decide(const std::vector<tf_pose> &reach) const
     {

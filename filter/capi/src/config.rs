@@ -9,7 +9,7 @@ use crate::model::tf_model;
 use crate::pointer::{fill, free, get, give, slice, text};
 use crate::sensor::side;
 use crate::status::{Failure, call, tf_status};
-use crate::value::tf_pose;
+use crate::value::{tf_pose, unflat};
 
 /// What an episode runs with: what was measured of a model, and these settings, each with what it may be:
 /// - stop_probability: 0..=1
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn tf_config_forget_start(config: *mut tf_config) -> tf_st
 /// `values` is null or of 9 numbers.
 unsafe fn matrix(values: *const f64) -> Result<[[f64; 3]; 3], Failure> {
     let values = unsafe { slice(values, 9, "covariance")? };
-    Ok([0, 1, 2].map(|row| [0, 1, 2].map(|column| values[3 * row + column])))
+    Ok(unflat(&std::array::from_fn(|at| values[at])))
 }
 
 /// Changes a setting.

@@ -21,11 +21,11 @@ pub struct tf_episode {
 }
 
 impl tf_episode {
-    fn read(&self) -> Result<RwLockReadGuard<'_, Episode>, Failure> {
+    pub(crate) fn read(&self) -> Result<RwLockReadGuard<'_, Episode>, Failure> {
         Ok(self.episode.try_read()?)
     }
 
-    fn write(&self) -> Result<RwLockWriteGuard<'_, Episode>, Failure> {
+    pub(crate) fn write(&self) -> Result<RwLockWriteGuard<'_, Episode>, Failure> {
         Ok(self.episode.try_write()?)
     }
 }

@@ -23,6 +23,7 @@
 
 pub mod config;
 pub mod episode;
+pub mod insertion;
 pub mod light;
 pub mod model;
 mod pointer;

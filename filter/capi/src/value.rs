@@ -150,8 +150,13 @@ impl Default for tf_estimate {
     }
 }
 
+/// A covariance of C's, row by row.
+pub(crate) fn unflat(values: &[f64; 9]) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|row| [0, 1, 2].map(|column| values[3 * row + column]))
+}
+
 /// Row by row.
-fn flat(covariance: &[[f64; 3]; 3]) -> [f64; 9] {
+pub(crate) fn flat(covariance: &[[f64; 3]; 3]) -> [f64; 9] {
     let mut rows = [0.0; 9];
     rows.iter_mut().zip(covariance.as_flattened()).for_each(|(to, from)| *to = *from);
     rows

@@ -7,12 +7,19 @@ use std::path::Path;
 use cbindgen::{Builder, Config};
 
 /// The sources in the header's order.
-const SOURCES: [&str; 8] = ["status", "value", "model", "sensor", "light", "config", "episode", "runner"];
+const SOURCES: [&str; 9] =
+    ["status", "value", "model", "sensor", "light", "config", "episode", "insertion", "runner"];
 
 #[test]
 fn the_header_is_made_of_the_source() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let config = Config::from_file(folder.join("cbindgen.toml")).unwrap();
+    // No file with a function of C's is left out.
+    for file in std::fs::read_dir(folder.join("src")).unwrap().map(|file| file.unwrap().path()) {
+        let name = file.file_stem().unwrap().to_str().unwrap();
+        let is_of_c = std::fs::read_to_string(&file).unwrap().contains("extern \"C\" fn");
+        assert!(!is_of_c || SOURCES.contains(&name), "{name}.rs is in no header");
+    }
     let sources = SOURCES.iter().map(|name| folder.join(format!("src/{name}.rs")));
     let bindings = sources.fold(Builder::new().with_config(config), Builder::with_src).generate().unwrap();
     let mut made = Vec::new();

@@ -16,6 +16,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use tactile_capi::config::*;
 use tactile_capi::episode::*;
+use tactile_capi::insertion::*;
 use tactile_capi::light::*;
 use tactile_capi::model::*;
 use tactile_capi::runner::*;
@@ -27,6 +28,7 @@ use tactile_data::scene::Scene;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
+use tactile_filter::insertion::HeldPeg;
 use tactile_filter::{Episode, EpisodeConfig, EpisodeRecord, KnownStart, Settings};
 use tactile_infer::{Bank, Model};
 
@@ -781,5 +783,39 @@ proptest! {
             tf_episode_free(episode);
             tf_config_free(config);
         }
+    }
+}
+
+#[test]
+fn a_search_is_rusts_and_a_try_in_vain_is_taken_in() {
+    let world = world();
+    let episode = world.episode();
+    let peg = tf_held_peg { play_mm: 0.5, radius_mm: 8.0, covariance: [0.0; 9], most_poses: 50 };
+    let (mut covered, mut n, mut offsets) = (0.0, 0, [STILL; 50]);
+    unsafe {
+        ok(tf_episode_search(episode, &peg, &mut covered, null_mut(), 0, &mut n));
+        let known = estimate(episode).0;
+        let record = || serde_json::from_slice::<EpisodeRecord>(&recorded(episode)).unwrap();
+        let bank = Bank::load(&world.path("parts.bank"), &Model::load(&world.path("model.safetensors")).unwrap()).unwrap();
+        let rust = Episode::restore(&record(), Arc::new(bank)).unwrap().estimate();
+        let found = rust.search(&HeldPeg { play_mm: 0.5, radius_mm: 8.0, covariance: [[0.0; 3]; 3] }, 50).unwrap();
+        assert_eq!((found.offsets.len(), found.in_vain.covered), (n, covered));
+        ok(tf_episode_search(episode, &peg, null_mut(), offsets.as_mut_ptr(), n, &mut n));
+        assert_eq!(offsets[..n].iter().map(|offset| (*offset).into()).collect::<Vec<Se2>>(), found.offsets);
+        let mut covariance = [0.0; 9];
+        ok(tf_episode_offset_covariance(episode, covariance.as_mut_ptr()));
+        assert_eq!(covariance, rust.offset_covariance().as_flattened());
+        assert_eq!(tf_episode_search(episode, &peg, null_mut(), null_mut(), 1, &mut n), tf_status::NullPointer);
+        assert_eq!(tf_episode_search(episode, null(), null_mut(), null_mut(), 0, &mut n), tf_status::NullPointer);
+        assert_eq!(tf_episode_offset_covariance(episode, null_mut()), tf_status::NullPointer);
+        for wrong in [tf_held_peg { play_mm: 0.0, ..peg }, tf_held_peg { radius_mm: f64::NAN, ..peg }] {
+            assert_eq!(tf_episode_did_not_fit(episode, &wrong), tf_status::Config);
+            assert!(said().contains("expected a number above zero"), "{}", said());
+        }
+        assert_eq!(estimate(episode).0, known);
+        ok(tf_episode_did_not_fit(episode, &peg));
+        assert!(estimate(episode).0.log_evidence < known.log_evidence);
+        assert_eq!(record().tried, vec![(1, found.in_vain)]);
+        tf_episode_free(episode);
     }
 }

@@ -99,6 +99,8 @@ int main(int argc, char **argv)
     expect(!episode.decide_within(reach, std::chrono::milliseconds(1)).ok() && !episode.estimate().ok());
     expect(!episode.stop().ok() && !episode.class_posterior().ok() && !episode.belief(0).ok());
     expect(!episode.modes().ok() && episode.record().status() == TF_STATUS_NULL_POINTER);
+    expect(episode.search(tf_held_peg{}).status() == TF_STATUS_NULL_POINTER && !episode.did_not_fit(tf_held_peg{}).ok());
+    expect(episode.offset_covariance().status() == TF_STATUS_NULL_POINTER);
     const auto runner_up = episode.runner_up();
     expect(runner_up.status() == TF_STATUS_NULL_POINTER && !runner_up.value() && tf::name(tf_runner_up{}).empty());
     expect(!tf::Runner::start(sensor, bank, config, 1).ok());

@@ -7,6 +7,7 @@ use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tactile_data::se2::Se2;
+use tactile_filter::insertion::HeldPeg;
 use tactile_filter::{Decision, Episode, EpisodeRecord, StopReason};
 use tactile_infer::Bank;
 
@@ -18,6 +19,7 @@ use crate::estimate::PyEstimate;
 use crate::felt_map::PyFeltMap;
 use crate::model::PyBank;
 use crate::pose::{PoseLike, PyPose};
+use crate::search::PySearch;
 use crate::sensor::PyObservation;
 
 /// One hole being identified. Threads may share one: a call waits for the one before.
@@ -77,6 +79,28 @@ impl PyEpisode {
     /// Takes in a touch after the motion that was really made since the one before, in the sensor's frame.
     fn observe(&self, py: Python<'_>, moved: PoseLike, observation: &PyObservation) -> PyResult<()> {
         self.with(py, |episode| Ok(episode.observe(moved.0, &observation.0)?))
+    }
+
+    /// Where to slide the peg of the named part until it goes in. `play_mm`: by how much its hole is wider on every side;
+    /// `radius_mm`: from the origin of the part's frame to its farthest point; `covariance`: of the peg's pose in the hand over (x mm, y mm,
+    /// theta rad) in the part's frame, such as `Estimate.offset_covariance` of touches of it; none: exactly.
+    #[pyo3(signature = (play_mm, radius_mm, covariance = None, most = 200))]
+    fn search(
+        &self,
+        py: Python<'_>,
+        play_mm: f64,
+        radius_mm: f64,
+        covariance: Option<[[f64; 3]; 3]>,
+        most: usize,
+    ) -> PyResult<PySearch> {
+        let peg = HeldPeg { play_mm, radius_mm, covariance: covariance.unwrap_or_default() };
+        self.with(py, |episode| Ok(PySearch(episode.estimate().search(&peg, most)?)))
+    }
+
+    /// Takes in that the peg went in nowhere there: the hole is another part's, or elsewhere, or was missed. Touch again before
+    /// the next try.
+    fn did_not_fit(&self, py: Python<'_>, search: &PySearch) -> PyResult<()> {
+        self.with(py, |episode| Ok(episode.did_not_fit(&search.0.in_vain)?))
     }
 
     /// Whether to stop, and if not, which motion of `reach` to make: float64 `[n, 3]` (x mm, y mm, theta rad) in the

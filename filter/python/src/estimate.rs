@@ -62,6 +62,13 @@ impl PyEstimate {
         matrix(py, 3, self.estimate.covariance.concat())
     }
 
+    /// How well it is known where the part is against where it is believed to be: covariance over (x mm, y mm, theta rad) in the
+    /// part's frame, float64 `[3, 3]`. Of touches of a held peg it is that of the peg in the hand.
+    #[getter]
+    fn offset_covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        matrix(py, 3, self.estimate.offset_covariance().concat())
+    }
+
     /// How many standard deviations the touches look more like that part's views than touches of a part that is there; `None`
     /// where no edge was felt.
     #[getter]

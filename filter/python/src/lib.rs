@@ -26,6 +26,8 @@ mod model;
 #[cfg(feature = "python")]
 mod pose;
 #[cfg(feature = "python")]
+mod search;
+#[cfg(feature = "python")]
 mod sensor;
 #[cfg(any(test, feature = "python"))]
 #[cfg(feature = "sim")]
@@ -48,6 +50,7 @@ fn tactile_filter_module(module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo
     module.add_class::<episode::PyEpisode>()?;
     module.add_class::<episode::PyTouch>()?;
     module.add_class::<episode::PyDone>()?;
+    module.add_class::<search::PySearch>()?;
     module.add_class::<estimate::PyEstimate>()?;
     module.add_class::<estimate::PyRunnerUp>()?;
     module.add_class::<estimate::PyMode>()?;

@@ -191,6 +191,40 @@ def records(episode, bank, other_bank):
     refused(tf.ConfigError, "max_touches", tf.Episode.restore, json.dumps(record | {"config": config}), bank)
 
 
+def starts(model, bank, observation):
+    config = tf.EpisodeConfig.of(model)
+    covariance = np.diag([4.0, 4.0, 0.01]).tolist()
+    for wrong in [[[-1.0] * 3] * 3, [[np.nan] * 3] * 3]:
+        known = config.with_start((0.0, 0.0, 0.0), wrong)
+        refused(tf.ConfigError, "start covariance", tf.Episode.begin, known, bank, observation)
+    far = config.with_start((1e4, 0.0, 0.0), covariance)
+    refused(tf.ConfigError, "start pose within", tf.Episode.begin, far, bank, observation)
+    for wrong in [None, 3, "covariance", [1.0, 2.0, 3.0]]:
+        refused(TypeError, "", config.with_start, (0.0, 0.0, 0.0), wrong)
+    assert far.without_start() == config and far != config
+    seen = config.with_part((10.0, 0.0, 0.0), covariance, (11.0, 0.0, 0.0))
+    known = tf.Episode.begin(seen, bank, observation)
+    assert known.estimate() != tf.Episode.begin(config, bank, observation).estimate()
+
+
+def searches(episode):
+    before = episode.record()
+    for name, value in [("play_mm", 0.0), ("radius_mm", np.nan), ("covariance", [[-1e9, 0, 0]] * 3)]:
+        wanted = "above zero" if name != "covariance" else "covariance"
+        refused(tf.ConfigError, wanted, episode.search, **({"play_mm": 0.5, "radius_mm": 9.0} | {name: value}))
+    refused(TypeError, "", episode.search, "wide", 9.0)
+    refused(TypeError, "search", episode.did_not_fit, None)
+    assert episode.record() == before
+    search = episode.search(0.5, 9.0, episode.estimate().offset_covariance.tolist(), most=7)
+    assert search.offsets.dtype == np.float64 and search.offsets.shape[0] <= 7 and not search.offsets[0].any()
+    assert 0.0 < search.covered < 1.0
+    tried = tf.Episode.restore(before, episode.bank)
+    tried.did_not_fit(search)
+    part = episode.bank.parts.index(episode.estimate().part)
+    assert tried.class_posterior()[part] <= episode.class_posterior()[part]
+    assert tf.Episode.restore(tried.record(), episode.bank).estimate() == tried.estimate()
+
+
 def values(episode, decision):
     """What comes out cannot be changed, and says what it is."""
     estimate, belief = episode.estimate(), episode.belief()
@@ -260,6 +294,8 @@ def main(folder):
     with tempfile.TemporaryDirectory() as scratch:
         files(model, folder / "fine.bank", episode, Path(scratch))
     records(episode, bank, other_bank)
+    starts(model, bank, observation)
+    searches(episode)
     values(episode, decision)
     if hasattr(tf, "Simulator"):
         simulators(model)

@@ -6,6 +6,6 @@
 mod search;
 mod tried;
 
-pub use search::{HeldPeg, Search, offset_covariance};
+pub use search::{HeldPeg, Search};
 pub use tried::Tried;
 pub(crate) use tried::TriedStates;

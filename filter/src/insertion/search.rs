@@ -16,11 +16,9 @@ pub(crate) const CHI_SQUARE_95: f64 = 7.815;
 /// Steps from the middle at most, along each axis: what is known less well wants touches, not a search.
 const MOST_STEPS: i32 = 30;
 
-/// The covariance of where a peg is in its hole when it is brought to where the hole is believed to be: of x, y (mm) and the angle
-/// (rad) in the part's frame, to first order.
-///
-/// `part_from_first` and `covariance`: an [`Estimate`](crate::Estimate)'s.
-pub fn offset_covariance(part_from_first: &Se2, covariance: &Matrix) -> Matrix {
+/// The covariance of a peg in its hole when it is brought to where the hole is believed to be, to first order, from that of the first
+/// touch's pose on the part.
+pub(crate) fn offset_covariance(part_from_first: &Se2, covariance: &Matrix) -> Matrix {
     // The peg is at P E^-1 for a true pose P and an estimate E.
     let Se2 { x_mm, y_mm, .. } = *part_from_first;
     by_jacobian(&[[1.0, 0.0, y_mm], [0.0, 1.0, -x_mm], [0.0, 0.0, 1.0]], covariance)
@@ -51,13 +49,19 @@ pub struct HeldPeg {
 }
 
 impl Estimate {
+    /// How well it is known where the named part is against where it is believed to be: the covariance of x, y (mm) and the angle (rad), in
+    /// the part's frame, of a peg in its hole when it is brought there. Of touches of a held peg it is [`HeldPeg::covariance`].
+    pub fn offset_covariance(&self) -> Matrix {
+        offset_covariance(&self.part_from_first, &self.covariance)
+    }
+
     /// Where to slide the peg of the named part, over at most so many poses, `most`, at least one: in the order of their probability,
     /// as near to each other as the play asks for, and as far as 95 of 100 holes are, by both covariances.
     ///
     /// # Errors
     /// A covariance that no distribution has; a play or a radius that is not above zero.
     pub fn search(&self, peg: &HeldPeg, most: usize) -> Result<Search> {
-        let of_hole = offset_covariance(&self.part_from_first, &self.covariance);
+        let of_hole = self.offset_covariance();
         let covariance = [0, 1, 2].map(|row| [0, 1, 2].map(|at| of_hole[row][at] + peg.covariance[row][at]));
         let search = Search::over(&covariance, [peg.play_mm, peg.radius_mm], most)?;
         let in_vain = Tried { part: self.part.clone(), part_from_first: self.part_from_first, ..search.in_vain };

@@ -6,7 +6,6 @@ use tactile_data::se2::Se2;
 use tactile_data::shape::Shape;
 use tactile_data::simulator::frame_rng;
 use tactile_data::touch::Side;
-use tactile_filter::insertion::offset_covariance;
 use tactile_filter::{Episode, KnownStart, Observation};
 use tactile_infer::Bank;
 
@@ -63,7 +62,7 @@ impl Held {
         let estimate = episode.estimate();
         Ok(Self {
             held_from_peg: *first * estimate.part_from_first.inverse(),
-            covariance: offset_covariance(&estimate.part_from_first, &estimate.covariance),
+            covariance: estimate.offset_covariance(),
             n_touches: places.len(),
             travel_mm,
         })

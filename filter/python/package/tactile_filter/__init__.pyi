@@ -301,6 +301,10 @@ class Estimate:
     def covariance(self) -> npt.NDArray[np.float64]:
         """Of the pose over all places of the part that are believed: `[3, 3]` of x mm, y mm, theta rad."""
     @property
+    def offset_covariance(self) -> npt.NDArray[np.float64]:
+        """How well it is known where the part is against where it is believed to be: float64 `[3, 3]` over (x mm, y mm, theta
+        rad) in the part's frame. Of touches of a held peg it is that of the peg in the hand."""
+    @property
     def fit(self) -> float | None:
         """How many standard deviations the touches look more like that part's views than touches of a part that is there; `None` where no edge was felt."""
     @property
@@ -398,6 +402,18 @@ class FeltMap:
         """A picture, `[n * cell_px, n * cell_px, 3]`: blue inside, red outside; the outline of the bank's part is green, and what differs from it yellow."""
 
 @final
+class Search:
+    """Where to slide the peg of the named part along the plate until it goes in, the likeliest first."""
+
+    @property
+    def offsets(self) -> npt.NDArray[np.float64]:
+        """By what the peg is moved from where its hole is believed to be, in the part's frame: float64 `[n, 3]` (x mm, y mm,
+        theta rad); the first is no motion."""
+    @property
+    def covered(self) -> float:
+        """How probable it is that the peg goes in at one of them, if its hole is near, 0 to 1."""
+
+@final
 class Episode:
     """One hole being identified. Threads may share one: a call waits for the one before."""
 
@@ -411,6 +427,18 @@ class Episode:
         """What is needed to go on later, or elsewhere, as JSON."""
     def observe(self, moved: _PoseLike, observation: Observation) -> None:
         """Takes in a touch after the motion that was really made since the one before, in the sensor's frame."""
+    def search(
+        self, play_mm: float, radius_mm: float, covariance: _Covariance | None = None, most: int = 200
+    ) -> Search:
+        """Where to slide the peg of the named part until it goes in.
+
+        `play_mm`: by how much its hole is wider on every side; `radius_mm`: from the origin of the part's frame to its
+        farthest point; `covariance`: of the peg's pose in the hand over (x mm, y mm, theta rad) in the part's frame, such as
+        `Estimate.offset_covariance` of touches of it; none: exactly."""
+    def did_not_fit(self, search: Search) -> None:
+        """Takes in that the peg went in nowhere there: the hole is another part's, or elsewhere, or was missed.
+
+        Touch again before the next try."""
     def decide(self, reach: _Reach, time_limit_s: float | None = None) -> Touch | Done:
         """Whether to stop, and if not, which motion of `reach` to make. Changes nothing.
 
