@@ -16,6 +16,7 @@ use crate::origins::Origins;
 use crate::result::{
     Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping, is_one, is_zero, one,
 };
+use crate::speeds::Speeds;
 use crate::summary::{self, Label};
 use tactile_filter::EpisodeConfig;
 
@@ -36,6 +37,9 @@ pub struct Episodes {
     pub n_threads: usize,
     /// The command line that made this.
     pub command: String,
+    /// How long what the robot does takes.
+    #[serde(default)]
+    pub speeds: Speeds,
     /// What the first touch alone finds.
     pub singles: Vec<Single>,
     /// Each way of inferring.
@@ -219,7 +223,7 @@ impl Episodes {
         };
         let setup = &self.setup;
         let of_run = |run: &RunResult| summary::rows(run.label, &run.outcomes);
-        let stops: Vec<_> = self.runs.iter().map(|run| summary::stops(run.label, &run.outcomes, &run.config)).collect();
+        let stops: Vec<_> = self.runs.iter().map(|run| summary::stops(run.label, &run.outcomes, &run.config, &self.speeds)).collect();
         let others = self.runs[1..]
             .iter()
             .filter(|run| run.label.inference == lead.label.inference && run.label.action != lead.label.action);
@@ -294,6 +298,7 @@ mod tests {
             },
             n_threads: 1,
             command: format!("{episodes:?}"),
+            speeds: Speeds::default(),
             singles: vec![Single {
                 method: Method::Moco,
                 inside_out: false,

@@ -99,6 +99,9 @@ pub struct Outcome {
     pub scored: Vec<Scored>,
     /// Stage times of touch 1, 2, ...
     pub times: Vec<StageTimes>,
+    /// How far the sensor had gone at touch 1, 2, ..., mm.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub travel_mm: Vec<f64>,
 }
 
 impl Outcome {
@@ -170,7 +173,9 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
     let (episode, update) = timed(|| Episode::begin(config, bank.clone(), &observation));
     let mut episode = episode?;
     let mut times = StageTimes { encode, update, ..StageTimes::default() };
+    let mut travel_mm = 0.0;
     loop {
+        outcome.travel_mm.push(travel_mm);
         let (estimate, judge) = timed(|| episode.estimate());
         let place_mm2 = config.settings.stop_place_mm.and(estimate.standing().place_mm2);
         outcome.scored.push(Scored { place_mm2, ..score(&estimate, bank, &hole) });
@@ -185,6 +190,7 @@ pub fn run_one(run: &Run<'_>, bank: &Arc<Bank>, index: usize, watch: Watch<'_>) 
         outcome.times.push(times);
         let Some(action) = next else { break };
         let moved = hole.go(&action);
+        travel_mm += moved.x_mm.hypot(moved.y_mm);
         frame = hole.touch()?;
         let (observation, encode) = timed(|| observe(sensor, &frame));
         let observation = observation?;

@@ -24,6 +24,7 @@ pub mod replay;
 pub mod report;
 pub mod reproduction;
 pub mod result;
+pub mod speeds;
 pub mod statistics;
 pub mod summary;
 pub mod sweep;

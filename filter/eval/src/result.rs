@@ -318,6 +318,9 @@ pub struct Stops {
     /// Mean number of touches until a part is 95 % sure, whatever its fit; episodes that never are count
     /// as one more than their touches.
     pub touches_to_95: f64,
+    /// Mean seconds that a robot takes until the episode stops; absent where nobody noted its ways.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
 }
 
 /// Two rules of choice on the same holes after the same number of touches.

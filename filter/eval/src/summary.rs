@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::evaluate::{Outcome, Scored, StageTimes};
+use crate::speeds::Speeds;
 use crate::origins::Origins;
 use crate::result::{
     Choice, Comparison, Inference, Latency, Method, PartFigures, Poses, Quantiles, ReliabilityBin, Row, Stops,
@@ -148,11 +149,16 @@ pub fn halves(outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<Halves> {
 
 /// Where each episode would have stopped by the rule of `config`, or at its last touch. The share of
 /// confident stops that name the wrong part is of those stops, not of all episodes.
-pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig) -> Stops {
+pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig, speeds: &Speeds) -> Stops {
     let (mut touches, mut to_95, mut confident, mut wrong, mut none) = (0, 0, 0.0_f64, 0.0, 0.0);
+    let mut seconds = Some(0.0);
     for outcome in outcomes {
         let stop = stopped(outcome, config);
-        touches += stop.map_or(outcome.scored.len(), |(at, _)| at + 1);
+        let n_touches = stop.map_or(outcome.scored.len(), |(at, _)| at + 1);
+        touches += n_touches;
+        // Where nothing was left to touch, no way follows.
+        let travel_mm = outcome.travel_mm.iter().take(n_touches).last();
+        seconds = seconds.zip(travel_mm).map(|(sum, mm)| sum + speeds.seconds(n_touches.min(outcome.travel_mm.len()), *mm));
         to_95 += outcome.scored.iter().position(|s| s.probability > 0.95).unwrap_or(outcome.scored.len()) + 1;
         match stop {
             Some((at, StopReason::Confident)) => {
@@ -172,6 +178,7 @@ pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig) -> Stop
         confident_and_wrong: wrong / confident.max(1.0),
         none_of_these: none / n,
         touches_to_95: to_95 as f64 / n,
+        seconds: seconds.map(|sum| sum / n),
     }
 }
 
@@ -277,17 +284,23 @@ mod tests {
     fn an_episode_stops_when_it_is_sure_and_is_counted_wrong_if_it_is() {
         let presence = Some(Presence { log_odds: 9.0, stranger_rate: 0.0, present_rate: 1.0 });
         let scored = |probability, right| Scored { probability, right, presence, ..Scored::default() };
-        let outcome = |scored| Outcome { scored, ..Outcome::default() };
+        // 20 and then 30 mm on; of the last one the second touch was the last that there was.
+        let outcome = |scored| Outcome { scored, travel_mm: vec![0.0, 20.0, 50.0], ..Outcome::default() };
         let outcomes = [
             outcome(vec![scored(0.5, true), scored(0.97, true), scored(0.99, false)]),
             outcome(vec![scored(0.99, false), scored(0.2, true), scored(0.2, true)]),
-            outcome(vec![scored(0.2, true), scored(0.3, true), scored(0.95, true)]),
+            Outcome {
+                travel_mm: vec![0.0, 20.0],
+                ..outcome(vec![scored(0.2, true), scored(0.3, true), scored(0.95, true)])
+            },
         ];
         let config = EpisodeConfig::default().changed(|settings, _, _| settings.max_touches = 3);
-        let stops = stops(LABEL, &outcomes, &config);
+        let stops = stops(LABEL, &outcomes, &config, &Speeds::default());
         assert_eq!(stops.mean_touches, (2 + 1 + 3) as f64 / 3.0);
         assert_eq!((stops.confident, stops.confident_and_wrong, stops.none_of_these), (2.0 / 3.0, 0.5, 0.0));
         assert_eq!(stops.touches_to_95, (2 + 1 + 4) as f64 / 3.0);
+        // Of 3 s a touch and 50 mm/s: two touches and 20 mm, one, two and 20 mm.
+        assert!((stops.seconds.unwrap() - (6.4 + 3.0 + 6.4) / 3.0).abs() < 1e-12);
     }
 
     /// By another way: an episode cut after n touches, whose stops are counted as those of an evaluation.
@@ -313,7 +326,8 @@ mod tests {
             for (first, half) in [(0, halves.choosing), (1, halves.promising)] {
                 let cut = |o: &Outcome| Outcome { scored: o.scored[..=at].to_vec(), ..o.clone() };
                 let mine: Vec<Outcome> = outcomes.iter().skip(first).step_by(2).map(cut).collect();
-                let stops = stops(LABEL, &mine, &config.changed(|settings, _, _| settings.max_touches = at + 1));
+                let config = config.changed(|settings, _, _| settings.max_touches = at + 1);
+                let stops = stops(LABEL, &mine, &config, &Speeds::default());
                 let n = mine.len() as f64;
                 assert_eq!((half.n_episodes, half.n_decided), (mine.len(), (stops.confident * n).round() as usize));
                 let right = stops.confident * n * (1.0 - stops.confident_and_wrong);

@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use tactile_filter::{Estimate, StopReason};
 
+use crate::speeds::Speeds;
+
 /// How often the task is done, and how well the robot holds its pegs.
 #[derive(Clone, Debug)]
 pub struct Task {
@@ -18,40 +20,13 @@ pub struct Task {
     pub tilt_deg: f64,
     /// How pegs are put in.
     pub insertion: Insertion,
-    /// How long what the robot does takes.
+    /// How long touches, tries and ways take; a try takes as long as a touch.
     pub speeds: Speeds,
 }
 
 impl Default for Insertion {
     fn default() -> Self {
-        Self { peg_touches: 2, search_poses: 200, tries: 3 }
-    }
-}
-
-/// How long what a robot does takes: what is spent on a hole.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Speeds {
-    /// A touch, or a try: down, press and up again, seconds.
-    pub touch_s: f64,
-    /// From touch to touch, mm a second.
-    pub mm_s: f64,
-    /// A peg along the plate, mm a second.
-    pub slide_mm_s: f64,
-}
-
-impl Default for Speeds {
-    fn default() -> Self {
-        Self { touch_s: 3.0, mm_s: 50.0, slide_mm_s: 10.0 }
-    }
-}
-
-impl Speeds {
-    /// Seconds that a hole took, decisions left out: they take milliseconds.
-    pub fn seconds(&self, attempt: &Attempt) -> f64 {
-        let Attempt { n_touches, n_peg_touches, n_tries, travel_mm, slide_mm, .. } = attempt;
-        (n_touches + n_peg_touches + n_tries) as f64 * self.touch_s
-            + travel_mm / self.mm_s
-            + slide_mm / self.slide_mm_s
+        Self { peg_touches: 2, search_poses: 200, tries: 3, slide_mm_s: 10.0 }
     }
 }
 
@@ -64,6 +39,8 @@ pub struct Insertion {
     pub search_poses: usize,
     /// So often a peg is tried at a hole, at least once; a try in vain is evidence of where the hole is, and of which part.
     pub tries: usize,
+    /// How fast a peg slides along the plate, mm a second.
+    pub slide_mm_s: f64,
 }
 
 /// What became of one hole. Parts are indices into the scene's.
@@ -138,6 +115,12 @@ impl Attempt {
             theta_deg,
             decision_ms,
         }
+    }
+
+    /// Seconds that the hole took.
+    pub fn seconds(&self, speeds: &Speeds, slide_mm_s: f64) -> f64 {
+        let Self { n_touches, n_peg_touches, n_tries, travel_mm, slide_mm, .. } = self;
+        speeds.seconds(n_touches + n_peg_touches + n_tries, *travel_mm) + slide_mm / slide_mm_s
     }
 
     /// Why the touching ended, in words.

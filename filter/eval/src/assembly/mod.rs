@@ -8,7 +8,7 @@ mod result;
 pub mod trial;
 mod workcell;
 
-pub use attempt::{Attempt, Insertion, Speeds, Task};
+pub use attempt::{Attempt, Insertion, Task};
 pub use page::{group_cells, group_table, html};
 #[cfg(test)]
 pub(crate) use result::tests::example;

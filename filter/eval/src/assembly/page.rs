@@ -85,7 +85,7 @@ fn top(assembly: &Assembly) -> Markup {
                 format!("{}\u{a0}s", number(holes.seconds_mean, 1)),
                 html! {
                     "a hole, mean: " (assembly.speeds.touch_s) " s a touch or a try, " (assembly.speeds.mm_s) " mm/s between touches, "
-                    (assembly.speeds.slide_mm_s) " mm/s along the plate"
+                    (insertion.slide_mm_s) " mm/s along the plate"
                 }
             ))
             (tile(

@@ -5,9 +5,10 @@ use tactile_data::grid::PoseGrid;
 
 use tactile_filter::StopReason;
 
-use super::attempt::{Attempt, Insertion, STOPS, Speeds, Task};
+use super::attempt::{Attempt, Insertion, STOPS, Task};
 use crate::result::{ModelRecord, Quantiles};
 use crate::statistics::quantile;
+use crate::speeds::Speeds;
 use crate::statistics::share::wilson_95;
 
 /// The value of [`Assembly::schema`].
@@ -150,7 +151,7 @@ impl Assembly {
         let all: Vec<&Attempt> = trials.iter().flatten().collect();
         let some = |name: String, which: &dyn Fn(&Attempt) -> bool| {
             let of: Vec<&Attempt> = all.iter().copied().filter(|attempt| which(attempt)).collect();
-            (!of.is_empty()).then(|| Group::of(name, &of, &task.speeds))
+            (!of.is_empty()).then(|| Group::of(name, &of, task))
         };
         let whole = trials.iter().filter(|trial| trial.iter().all(Attempt::is_done)).count();
         let failures = trials.iter().enumerate().flat_map(|(trial, attempts)| {
@@ -169,7 +170,7 @@ impl Assembly {
             insertion: task.insertion,
             speeds: task.speeds,
             all_inserted: Share::new(whole, trials.len()),
-            holes: Group::of("all".into(), &all, &task.speeds),
+            holes: Group::of("all".into(), &all, task),
             parts: parts
                 .iter()
                 .enumerate()
@@ -197,7 +198,8 @@ impl Share {
 }
 
 impl Group {
-    fn of(name: String, attempts: &[&Attempt], speeds: &Speeds) -> Self {
+    fn of(name: String, attempts: &[&Attempt], task: &Task) -> Self {
+        let seconds = |attempt: &&Attempt| attempt.seconds(&task.speeds, task.insertion.slide_mm_s);
         let values = |of: fn(&Attempt) -> f64, right: bool| -> Vec<f64> {
             attempts
                 .iter()
@@ -213,7 +215,7 @@ impl Group {
             inserted: Share::new(count(Attempt::is_done), attempts.len()),
             touches_mean: mean(&touches),
             tries_mean: mean(&values(|attempt| attempt.n_tries as f64, false)),
-            seconds_mean: mean(&attempts.iter().map(|attempt| speeds.seconds(attempt)).collect::<Vec<_>>()),
+            seconds_mean: mean(&attempts.iter().map(seconds).collect::<Vec<_>>()),
             touches_median: quantile(touches, 0.5),
             xy_mm_mean: mean(&xy_mm),
             xy_mm_median: quantile(xy_mm, 0.5),

@@ -24,7 +24,7 @@ use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::threads;
 
-use super::attempt::{Attempt, Insertion, Made, Speeds, Task};
+use super::attempt::{Attempt, Insertion, Made, Task};
 use super::in_hand::{Held, Peg};
 use crate::error::{Error, Result};
 use crate::hole::{Hole, observe};
@@ -95,15 +95,12 @@ impl<'a> Workcell<'a> {
                 return Err(Error::invalid(field, format!("0 to {most}"), value.to_string()));
             }
         }
-        if task.insertion.tries == 0 || task.insertion.search_poses == 0 {
-            let Insertion { search_poses, tries, .. } = task.insertion;
-            return Err(Error::invalid("insertion", "tries and poses, at least one", format!("{tries} of {search_poses}")));
+        let Insertion { search_poses, tries, slide_mm_s, .. } = task.insertion;
+        if tries == 0 || search_poses == 0 || !(slide_mm_s > 0.0 && slide_mm_s.is_finite()) {
+            let got = format!("{tries} of {search_poses} at {slide_mm_s} mm a second");
+            return Err(Error::invalid("insertion", "tries and poses, at least one, and a speed above zero", got));
         }
-        let Speeds { touch_s, mm_s, slide_mm_s } = task.speeds;
-        if !(touch_s >= 0.0 && touch_s.is_finite() && mm_s > 0.0 && slide_mm_s > 0.0) {
-            let got = format!("{touch_s} s, {mm_s} and {slide_mm_s} mm a second");
-            return Err(Error::invalid("speeds", "seconds of a touch and speeds above zero", got));
-        }
+        task.speeds.validate()?;
         config.validate()?;
         let (scene, parts) = (simulator.scene(), simulator.parts());
         let openings = (0..parts.len()).map(|part| scene.opening(part)).collect::<std::result::Result<_, _>>()?;
@@ -358,6 +355,7 @@ mod tests {
     use std::f64::consts::PI;
     use tactile_data::scene::{Kit, Parts, Scene};
     use tactile_data::sensor::Fidelity;
+    use crate::speeds::Speeds;
     use tactile_infer::architecture::NetworkConfig;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::rows::Rows;
@@ -491,11 +489,11 @@ mod tests {
             (held(-0.1), "grasp-error, mm: expected 0 to 100, got -0.1"),
             (held(f64::NAN), "grasp-error, mm: expected 0 to 100, got NaN"),
             (Task { tilt_deg: 11.0, ..task() }, "tilt, degrees: expected 0 to 10, got 11"),
-            (insertion(0, 3), "insertion: expected tries and poses, at least one, got 3 of 0"),
-            (insertion(9, 0), "insertion: expected tries and poses, at least one, got 0 of 9"),
+            (insertion(0, 3), "insertion: expected tries and poses, at least one, and a speed above zero, got 3 of 0 at 10 mm a second"),
+            (insertion(9, 0), "insertion: expected tries and poses, at least one, and a speed above zero, got 0 of 9 at 10 mm a second"),
             (
                 Task { speeds: Speeds { mm_s: 0.0, ..Speeds::default() }, ..task() },
-                "speeds: expected seconds of a touch and speeds above zero, got 3 s, 0 and 10 mm a second",
+                "--touch-s, --mm-s: expected seconds of a touch and a speed above zero, got 3 s, 0 mm a second",
             ),
         ] {
             assert_eq!(refused(scene("ITL"), &whole, task), expected);

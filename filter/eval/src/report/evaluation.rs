@@ -342,6 +342,7 @@ mod tests {
     fn whole() -> Evaluation {
         let (inference, action) = (Inference::Exact, Choice::Information);
         let stops = Stops {
+            seconds: Some(12.5),
             inference,
             action,
             mean_touches: 3.5,

@@ -32,10 +32,19 @@ fn stops(evaluation: &Evaluation) -> Markup {
             percent(wrong),
             percent(stops.none_of_these),
             number(stops.touches_to_95, 2),
+            number(stops.seconds.unwrap_or(f64::NAN), 1),
         ]
     };
     let rows: Vec<_> = evaluation.stops.iter().map(row).collect();
-    let heads = ["Way", "touches to stop", "confident, %", "of these wrong, %", "none of these, %", "touches to 95 %"];
+    let heads = [
+        "Way",
+        "touches to stop",
+        "confident, %",
+        "of these wrong, %",
+        "none of these, %",
+        "touches to 95 %",
+        "robot seconds to stop",
+    ];
     let meaning = if evaluation.absent {
         "Every hole’s own part is missing from the bank, so “none of these parts” is the right answer and each confident \
          stop is wrong."
@@ -46,7 +55,8 @@ fn stops(evaluation: &Evaluation) -> Markup {
         "What the stopping rule does: means, and shares of all episodes. " b { "Confident:" } " sure of one part, which explains "
         "the touches. " b { "None of these:" } " no part explains them. " (meaning) " The rest go on to the last touch. "
         b { "Touches to 95 %:" } " until one part is 95 % sure, with any fit; an episode that is never so sure counts as one "
-        "more than its touches."
+        "more than its touches. " b { "Robot seconds:" } " touches and the ways between them, at the speeds given (" code { "--touch-s" } ", "
+        code { "--mm-s" } "; 3 s and 50 mm/s otherwise); decisions take milliseconds."
     };
     figure(sortable(&heads, &rows), caption)
 }
@@ -78,6 +88,7 @@ mod tests {
 
     fn evaluation(absent: bool, confident: f64) -> Evaluation {
         let stops = Stops {
+            seconds: Some(12.5),
             inference: Inference::Exact,
             action: Choice::Random,
             mean_touches: 3.25,

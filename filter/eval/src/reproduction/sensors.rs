@@ -138,6 +138,7 @@ pub(super) mod tests {
         let mut made = evaluation("sensor-x", 0.5, &[(1, 0.5), (3, three), (10, 0.99)]);
         made.rows.iter_mut().for_each(|row| row.poses = Poses::OffGrid);
         made.stops = vec![Stops {
+            seconds: None,
             inference: Inference::Exact,
             action: Choice::Information,
             mean_touches: 4.25,

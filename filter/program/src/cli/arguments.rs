@@ -18,6 +18,7 @@ use tactile_eval::fits;
 use tactile_eval::holes::Holes;
 use tactile_eval::page::shell::check_page;
 use tactile_eval::result::Poses;
+use tactile_eval::speeds::Speeds;
 use tactile_eval::{Error, Result};
 use tactile_filter::EpisodeConfig;
 use tactile_filter::belief::EngineConfig;
@@ -63,6 +64,24 @@ impl Inputs {
     pub fn files<'a>(&'a self, scene: &'a str) -> Vec<&'a Path> {
         let maps = self.maps.as_deref();
         maps.into_iter().chain([&self.model, &self.bank, Path::new(Scene::file_of(scene))]).collect()
+    }
+}
+
+/// How long what a robot does takes.
+#[derive(Args)]
+pub struct SpeedArgs {
+    /// Seconds of a touch: down, press and up again
+    #[arg(long, value_name = "S", default_value_t = Speeds::default().touch_s, help_heading = "Robot seconds")]
+    touch_s: f64,
+    /// Speed from touch to touch, mm a second
+    #[arg(long, value_name = "MM", default_value_t = Speeds::default().mm_s, help_heading = "Robot seconds")]
+    mm_s: f64,
+}
+
+impl SpeedArgs {
+    /// What was given.
+    pub fn speeds(&self) -> Speeds {
+        Speeds { touch_s: self.touch_s, mm_s: self.mm_s }
     }
 }
 

@@ -8,7 +8,7 @@ use tactile_data::progress::reporter;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_data::touch::Side;
-use tactile_eval::assembly::{Assembly, Group, Insertion, Run, Speeds, Task, Workcell, html, trial};
+use tactile_eval::assembly::{Assembly, Group, Insertion, Run, Task, Workcell, html, trial};
 use tactile_eval::fits::check_bank;
 use tactile_eval::holes::Holes;
 use tactile_eval::narrative::Board;
@@ -17,7 +17,7 @@ use tactile_eval::{Error, Result};
 use tactile_filter::EpisodeConfig;
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, command_line, to_json, warn_of_poses};
+use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, SpeedArgs, command_line, to_json, warn_of_poses};
 use super::numbers::Numbers;
 
 /// Names of the page and of the figures.
@@ -63,15 +63,11 @@ pub struct Assemble {
     /// Try a hole so often; a peg that does not go in is evidence, and the hole is touched again before the next try
     #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Insertion")]
     tries: usize,
-    /// Seconds of a touch, or of a try
-    #[arg(long, value_name = "S", default_value_t = 3.0, help_heading = "Seconds")]
-    touch_s: f64,
-    /// Speed from touch to touch, mm a second
-    #[arg(long, value_name = "MM", default_value_t = 50.0, help_heading = "Seconds")]
-    mm_s: f64,
     /// Speed of a peg along the plate, mm a second
-    #[arg(long, value_name = "MM", default_value_t = 10.0, help_heading = "Seconds")]
+    #[arg(long, value_name = "MM", default_value_t = 10.0, help_heading = "Insertion")]
     slide_mm_s: f64,
+    #[command(flatten)]
+    speeds: SpeedArgs,
     #[command(flatten)]
     numbers: Numbers,
 }
@@ -139,15 +135,15 @@ impl Assemble {
                 self.grasp_error.len().to_string(),
             ));
         };
-        let Self { trials, tilt, peg_touches, search, tries, touch_s, mm_s, slide_mm_s, .. } = *self;
+        let Self { trials, tilt, peg_touches, search, tries, slide_mm_s, .. } = *self;
         Ok(Task {
             n_trials: trials,
             seeds: self.seeds.seeds.clone(),
             grasp_error_mm,
             grasp_error_deg,
             tilt_deg: tilt,
-            insertion: Insertion { peg_touches, search_poses: search, tries },
-            speeds: Speeds { touch_s, mm_s, slide_mm_s },
+            insertion: Insertion { peg_touches, search_poses: search, tries, slide_mm_s },
+            speeds: self.speeds.speeds(),
         })
     }
 }

@@ -30,10 +30,7 @@ use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{
-    Engine, Inputs, Output, Seeds, SensorArgs, SideArgs, check_episodes, command_line, known_to, poses, positive, rule,
-    to_json, warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side,
-};
+use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, SideArgs, SpeedArgs, check_episodes, command_line, known_to, poses, positive, rule, to_json, warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side};
 use super::budget::{BudgetArgs, Task};
 use super::numbers::Numbers;
 use super::table;
@@ -130,6 +127,8 @@ pub struct Evaluate {
     /// Time for each choice of a touch, ms: the best found by then is taken [default: no limit]
     #[arg(long, value_name = "MS", value_parser = positive, help_heading = "Budget")]
     choose_ms: Option<f64>,
+    #[command(flatten)]
+    speeds: SpeedArgs,
     /// Run one part of the episodes into a file of its own: I/N with I from 1, or env, which reads the array
     /// index of Slurm or Kubernetes; tactile-filter merge makes one evaluation of all N
     #[arg(long, value_name = "I/N|env", help_heading = "Machine", conflicts_with = "json")]
@@ -182,6 +181,7 @@ impl Evaluate {
         let holes = touched.holes();
         warn_of_poses(holes, &bank, protocol.poses);
         warn_of_side(&bank, self.which.side);
+        self.speeds.speeds().validate()?;
         protocol.validate(holes, &bank)?;
         let mut ways = self.ways(&model)?;
         let locks = self.prepare_output()?;
@@ -355,6 +355,7 @@ impl Evaluate {
             episodes: protocol.episodes.clone(),
             n_threads: std::thread::available_parallelism().map_or(1, usize::from),
             command: command_line(),
+            speeds: self.speeds.speeds(),
             singles,
             runs: subject.ways.iter().map(run_one).collect::<Result<_>>()?,
         })

@@ -45,13 +45,14 @@ pub fn print(evaluation: &Evaluation, inside_out: &[Row]) {
     }
     for stops in &evaluation.stops {
         println!(
-            "  {:28} stops after {:.2} touches; confident {:.1} %, of these wrong {:.1} %; none of these {:.1} %; 95 % sure after {:.2}",
+            "  {:28} stops after {:.2} touches; confident {:.1} %, of these wrong {:.1} %; none of these {:.1} %; 95 % sure after {:.2}{}",
             format!("{:?}, {:?}", stops.inference, stops.action).to_lowercase(),
             stops.mean_touches,
             100.0 * stops.confident,
             100.0 * stops.confident_and_wrong,
             100.0 * stops.none_of_these,
             stops.touches_to_95,
+            stops.seconds.map_or_else(String::new, |seconds| format!("; {seconds:.1} robot seconds")),
         );
     }
     promise(evaluation);
