@@ -8,7 +8,7 @@ pub(crate) fn by_jacobian(jacobian: &Matrix, covariance: &Matrix) -> Matrix {
     product(&product(jacobian, covariance), &transposed(jacobian))
 }
 
-/// Of a matrix of three rows.
+/// The determinant.
 pub(crate) fn determinant(m: &Matrix) -> f64 {
     let minor = |a: usize, b: usize| m[1][a] * m[2][b] - m[1][b] * m[2][a];
     m[0][0] * minor(1, 2) - m[0][1] * minor(0, 2) + m[0][2] * minor(0, 1)

@@ -76,7 +76,7 @@ pub(super) struct Peg<'p> {
     pub outline: &'p Shape,
     /// Where it is in the hand.
     pub held_from_peg: Se2,
-    /// Of the frames' draws.
+    /// Seed of the frames' draws.
     pub seed: u64,
 }
 
