@@ -94,13 +94,9 @@ numbers! {
         low_similarity: f32 = 0.8, "cosine", Range::COSINE,
             Measured: "calibration: what 99 in 100 touches reach; without one, T small, and real presses with a bank of A to L";
             "no warning of what resembles nothing";
-        /// A touch keeps at least this far from every earlier one ...
+        /// A touch keeps at least this far from every earlier one.
         min_separation_mm: f64 = 4.0, "mm", Range::NOT_NEGATIVE,
             Fixed: "T small; 12 mm drove touches out of the recorded area of small parts"; "the next touch says the same again";
-        /// ... or is turned against it by at least this much. None: by a full turn, which counts only once the separation
-        /// was halved.
-        min_separation_deg: Option<f64> = None, "degrees", Range::NOT_NEGATIVE,
-            Fixed: "not noted"; "a place is touched again at another angle before a new one";
     }
     more {
         /// How views between recorded poses are judged.

@@ -169,7 +169,7 @@ fn score_again(scorer: &Scorer, candidate: &mut Scored) -> bool {
     score.is_some()
 }
 
-/// What no turn reaches.
+/// A touch turned by this much is another one: no turn reaches it until the separation is halved.
 const FULL_TURN_DEG: f64 = 360.0;
 
 /// The candidates apart from every earlier touch, by the smallest halving of the separation that leaves any.
@@ -180,7 +180,7 @@ fn far_candidates(model: &TouchModel, belief: &Belief, candidates: &[Se2]) -> Ve
         belief.touches().iter().all(|touched| {
             let turn = wrap_angle(touched.first_from_sensor.theta_rad - first_from_next.theta_rad).to_degrees();
             touched.first_from_sensor.distance_mm(&first_from_next) >= share * model.min_separation_mm
-                || turn.abs() >= share * model.min_separation_deg.unwrap_or(FULL_TURN_DEG)
+                || turn.abs() >= share * FULL_TURN_DEG
         })
     };
     // The tenth halving asks for 0.1 % of the separation: what is nearer is the same place.

@@ -12,7 +12,7 @@ use super::arguments::Engine;
 const EFFORT: [&str; 3] = ["n_draws", "n_suppositions", "n_finalists"];
 
 /// What only the choice of the next touch looks at, besides [`EFFORT`].
-const OF_CHOICE: [&str; 3] = ["travel_nats_per_mm", "min_separation_mm", "min_separation_deg"];
+const OF_CHOICE: [&str; 2] = ["travel_nats_per_mm", "min_separation_mm"];
 
 /// The particle filter's own.
 const N_PARTICLES: &str = "n_particles";
