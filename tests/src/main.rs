@@ -4,6 +4,7 @@
 
 mod assembly;
 mod bad_input;
+mod by_hand;
 mod chain;
 mod divergence;
 mod filter;

@@ -6,6 +6,7 @@
 pub mod assembly;
 pub mod banks;
 pub mod baselines;
+pub mod by_hand;
 pub mod certify;
 mod earlier_holes;
 pub mod episodes;

@@ -1,6 +1,7 @@
 //! `tactile-filter`: evaluates the filter over simulated holes, and plays recordings back through it.
 
 mod cli;
+mod page;
 
 use std::process::ExitCode;
 

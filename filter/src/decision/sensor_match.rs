@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::touch_model::{SHARED_VARIANCE, TouchModel};
 
-/// How far the mean cosine of a sensor may be from that of the simulated ones: one real Mini is so far off (pegs; `NOTES.md`).
+/// How far the mean cosine of a sensor may be from that of the simulated ones: one real Mini is so far off.
 const OFFSET_COSINE: f64 = 0.027;
 
 /// Shape of the prior of a sensor's own variance: that of seven drawn sensors on MAZE parts differs by 0.7 of its mean.

@@ -3,7 +3,7 @@
 mod drawing;
 pub mod episodes;
 mod next_touch;
-mod picture;
+pub(crate) mod picture;
 mod rows;
 pub mod viewer;
 

@@ -3,6 +3,7 @@
 mod arguments;
 mod assemble;
 mod budget;
+mod by_hand;
 mod certify;
 mod evaluate;
 mod extremes;
@@ -49,6 +50,7 @@ enum Command {
     Merge(merge::Merge),
     Certify(certify::Certify),
     Watch(watch::Watch),
+    Try(by_hand::Try),
     // For `cargo xtask bench` and `cargo xtask reproduce` alone.
     #[command(hide = true)]
     Extremes(extremes::ExtremesArgs),
@@ -71,6 +73,7 @@ impl Cli {
             Command::Reproduction(reproduction) => Ok(reproduction.run()?),
             Command::Tradeoff(tradeoff) => Ok(tradeoff.run()?),
             Command::Watch(watch) => watch.run(),
+            Command::Try(by_hand) => Ok(by_hand.run()?),
         }
     }
 }

@@ -1,0 +1,151 @@
+//! `tactile-filter try` as a browser meets it, and as another site's page does.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use tactile_tests::programs::{path, run};
+use tactile_tests::samples::Sample;
+
+/// A program that serves a page, stopped at the end.
+struct Served {
+    program: Child,
+    address: String,
+}
+
+impl Served {
+    fn new(sample: &Sample) -> Self {
+        let mut command = Command::new(path("tactile-filter"));
+        command.current_dir(sample.folder()).args(["try", "--scene", "two.toml", "--page", "127.0.0.1:0"]);
+        command.args(["--model", "model/model.safetensors", "--bank", "pegs.bank", "--seed", "3"]);
+        let mut program = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(program.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let address = line.split('/').nth(2).unwrap_or_else(|| panic!("no address in {line:?}")).to_owned();
+        Self { program, address }
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        stream
+    }
+
+    /// The status and the body of what is answered.
+    fn ask(&self, line: &str, headers: &[(&str, &str)], body: &str) -> (u16, String) {
+        let mut stream = self.connect();
+        let mut request = format!("{line} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
+        if !headers.iter().any(|(name, _)| *name == "Host") {
+            request += &format!("Host: {}\r\n", self.address);
+        }
+        headers.iter().for_each(|(name, value)| request += &format!("{name}: {value}\r\n"));
+        stream.write_all(format!("{request}\r\n{body}").as_bytes()).unwrap();
+        let mut answered = String::new();
+        stream.read_to_string(&mut answered).unwrap();
+        let status = answered.split(' ').nth(1).unwrap().parse().unwrap();
+        (status, answered.split_once("\r\n\r\n").unwrap().1.to_owned())
+    }
+
+    fn state(&self) -> Value {
+        serde_json::from_str(&self.ask("GET /state", &[], "").1).unwrap()
+    }
+
+    fn post(&self, path: &str, body: &Value) -> (u16, String) {
+        self.ask(&format!("POST /{path}"), &[("Content-Type", "application/json")], &body.to_string())
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ended = self.program.kill();
+        let _reaped = self.program.wait();
+    }
+}
+
+#[test]
+fn a_hole_is_touched_shown_and_followed_by_another() {
+    let sample = Sample::shared();
+    let served = Served::new(&sample);
+    let (status, page) = served.ask("GET /", &[], "");
+    assert!(status == 200 && page.contains("page.js") && page.contains("Touch a hole by hand"));
+    // Nothing comes from elsewhere.
+    for outside in ["http:", "https:", "//cdn"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    let fresh = served.state();
+    assert_eq!((&fresh["named"], &fresh["next"], &fresh["truth"]), (&Value::Null, &Value::Null, &Value::Null));
+    assert_eq!(fresh["parts"].as_array().unwrap().iter().map(|part| part["name"].as_str()).collect::<Vec<_>>(), [
+        Some("T"),
+        Some("X")
+    ]);
+    let press = |x: f64, y: f64, deg: f64| json!({ "x_mm": x, "y_mm": y, "theta_deg": deg });
+    // The filter looks for the hole within 4 mm and 30 degrees of the first touch; half of it is the hole's.
+    for far in [press(2.5, 0.0, 0.0), press(0.0, 0.0, 16.0), press(9.0, 0.0, 0.0)] {
+        let (status, why) = served.post("touch", &far);
+        assert!(status == 400 && why.starts_with("touch: expected a "), "{why}");
+    }
+    assert_eq!(served.state(), fresh);
+    let (status, text) = served.post("touch", &press(0.5, -0.5, 10.0));
+    let state: Value = serde_json::from_str(&text).unwrap();
+    assert!(status == 200 && state == served.state() && state["touches"].as_array().unwrap().len() == 1);
+    let sum: f64 = state["parts"].as_array().unwrap().iter().map(|part| part["probability"].as_f64().unwrap()).sum();
+    assert!((sum - 1.0).abs() < 1e-9 && state["picture"] != fresh["picture"] && state["changed"].is_string());
+    assert!(state["named"]["stop"].is_null() && state["next"].is_object());
+    let (status, text) = served.post("touch", &state["next"]);
+    assert!(status == 200 && serde_json::from_str::<Value>(&text).unwrap()["touches"].as_array().unwrap().len() == 2);
+    let (_, text) = served.post("show", &json!({}));
+    assert!(serde_json::from_str::<Value>(&text).unwrap()["truth"].is_array());
+    let (_, text) = served.post("renew", &json!({}));
+    let renewed: Value = serde_json::from_str(&text).unwrap();
+    assert!(renewed["touches"] == json!([]) && renewed["named"].is_null() && renewed["truth"].is_null());
+}
+
+#[test]
+fn pages_of_other_sites_and_slow_clients_change_nothing() {
+    let sample = Sample::shared();
+    let served = Served::new(&sample);
+    let fresh = served.state();
+    let json = ("Content-Type", "application/json");
+    let press = r#"{"x_mm":0,"y_mm":0,"theta_deg":0}"#;
+    // Half of a request, many times: the others are answered.
+    let slow: Vec<TcpStream> = (0..200)
+        .map(|_| {
+            let mut stream = served.connect();
+            stream.write_all(b"POST /touch HTTP/1.1\r\nHost: ").unwrap();
+            stream
+        })
+        .collect();
+    let port = served.address.rsplit(':').next().unwrap();
+    for (headers, body) in [
+        // A name of another site that leads here.
+        (vec![("Host", "evil.example"), json], press),
+        (vec![json, ("Origin", "http://evil.example")], press),
+        (vec![json, ("Origin", "null")], press),
+        // What a form of another site can send.
+        (vec![("Content-Type", "text/plain")], press),
+        (vec![], press),
+        (vec![json], "{}"),
+        (vec![json], "[[[["),
+        (vec![json], r#"{"x_mm":1e999,"y_mm":0,"theta_deg":0}"#),
+        (vec![json], r#"{"x_mm":0,"y_mm":0,"theta_deg":0,"more":1}"#),
+        (vec![json], &"x".repeat(5000)),
+    ] {
+        let (status, why) = served.ask("POST /touch", &headers, body);
+        assert!(status == 400 && !why.is_empty() && why.len() < 300, "{status} {why}");
+    }
+    for line in ["GET /../Cargo.toml", "GET /page.html", "GET /touch", "POST /state", "GET /%2e%2e/x"] {
+        let headers = if line.starts_with("POST") { vec![json] } else { vec![] };
+        assert_eq!(served.ask(line, &headers, "").0, 404, "{line}");
+    }
+    assert_eq!(served.ask("DELETE /state", &[], "").0, 400);
+    assert_eq!(served.state(), fresh);
+    // By this machine's own name it is the same page.
+    let local = format!("localhost:{port}");
+    assert_eq!(served.ask("POST /touch", &[("Host", &local), json, ("Origin", &format!("http://{local}"))], press).0, 200);
+    drop(slow);
+    let taken = ["try", "--page", &served.address, "--model", "model/model.safetensors", "--bank", "pegs.bank", "--scene", "two.toml"];
+    let ran = run("tactile-filter", sample.folder(), &taken);
+    assert!(ran.failed().contains("--page: expected an address such as 127.0.0.1:8765 that is free"), "{ran:#?}");
+}
