@@ -4,13 +4,13 @@
 
 mod assembly;
 mod bad_input;
-mod by_hand;
 mod chain;
 mod divergence;
 mod filter;
 mod infer;
 mod live;
 mod maps;
+mod pages;
 mod readme;
 mod recordings;
 mod train;

@@ -92,7 +92,7 @@ impl ByHand {
 
     /// How far the sensor may be from the plate's middle along x and along y, mm.
     pub fn reach_mm(&self) -> f64 {
-        2.0 * self.bank.start().xy_half_mm
+        (1.0 + HIDDEN) * self.bank.start().xy_half_mm
     }
 
     /// Presses the sensor on the plate.

@@ -3,7 +3,7 @@
 mod drawing;
 pub mod episodes;
 mod next_touch;
-pub(crate) mod picture;
+pub mod picture;
 mod rows;
 pub mod viewer;
 

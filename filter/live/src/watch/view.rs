@@ -1,9 +1,10 @@
 //! What the terminal shows, as plain data.
 
+use serde::Serialize;
 use tactile_data::se2::Se2;
 
 /// One moment of an episode.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct View {
     /// Time since the node started, s.
     pub time_s: f64,
@@ -28,7 +29,7 @@ pub struct View {
 }
 
 /// A part of the bank.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Part {
     /// Its name.
     pub name: String,
@@ -39,7 +40,7 @@ pub struct Part {
 }
 
 /// How probable it is that the sensor is at an x and a y of a part now, whatever its angle.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PlaceMap {
     /// Cells along x, and along y; x to the right, y downwards.
     pub n_xy: usize,
@@ -50,7 +51,7 @@ pub struct PlaceMap {
 }
 
 /// Where the sensor is on the likeliest part.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Place {
     /// Name of that part.
     pub part: String,
@@ -67,7 +68,7 @@ pub struct Place {
 }
 
 /// A touch.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pressed {
     /// The motion that was made since the touch before in the list; no motion for the first.
     pub moved: Se2,
@@ -78,7 +79,7 @@ pub struct Pressed {
 }
 
 /// The camera as its frames tell.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Camera {
     /// Frames in a second; `None` where none came.
     pub frames_per_s: Option<f64>,
@@ -89,7 +90,8 @@ pub struct Camera {
 }
 
 /// How bad something is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Level {
     /// For information.
     Info,
@@ -100,7 +102,7 @@ pub enum Level {
 }
 
 /// What the node reports.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Message {
     /// When, as [`View::time_s`], s.
     pub time_s: f64,

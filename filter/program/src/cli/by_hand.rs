@@ -1,7 +1,6 @@
 //! `tactile-filter try`.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
@@ -12,7 +11,6 @@ use tactile_data::scene::Scene;
 use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_eval::by_hand::ByHand;
-use tactile_eval::{Error, Result};
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::learn_from::LearnFrom;
 use tactile_infer::maps::Maps;
@@ -20,6 +18,8 @@ use tactile_infer::simulated::SceneBank;
 use tactile_infer::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::{Bank, Model, Views};
 
+use super::failure::Result;
+use super::live::stop_on_signals;
 use crate::page::{Asked, PageServer, Reply};
 
 /// A bank that is interpolated between its poses: mm and degrees.
@@ -64,14 +64,11 @@ struct Press {
 impl Try {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
-        let server = PageServer::bind(&self.page).map_err(|error| Error::invalid("try", "a page", error.to_string()))?;
+        let server = PageServer::bind(&self.page)?;
         let by_hand = Mutex::new(self.by_hand()?);
-        let stop = Arc::new(AtomicBool::new(false));
-        let told = stop.clone();
-        ctrlc::set_handler(move || told.store(true, Ordering::Relaxed))
-            .map_err(|error| Error::invalid("try", "Ctrl-C to stop it by", error.to_string()))?;
+        let stop = stop_on_signals()?;
         println!("{}  (Ctrl-C stops it)", server.url());
-        server.serve(&stop, &|asked| answer(&by_hand, &asked));
+        server.serve(stop, &|asked| answer(&by_hand, &asked));
         Ok(())
     }
 
@@ -104,7 +101,7 @@ impl Try {
         scene.reach = Some(*bank.start());
         let simulator = Simulator::new(scene, self.seed)?;
         let sensor = Sensor::new(model.clone(), &simulator.no_contact(self.seed))?;
-        ByHand::new(simulator, sensor, Arc::new(bank), EpisodeConfig::of(&model), self.seed)
+        Ok(ByHand::new(simulator, sensor, Arc::new(bank), EpisodeConfig::of(&model), self.seed)?)
     }
 }
 

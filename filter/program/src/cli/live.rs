@@ -2,7 +2,9 @@
 
 use std::io::stdin;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
 
 use clap::Args;
 use serde_json::{Map, Value};
@@ -14,7 +16,7 @@ use tactile_infer::Model;
 use tactile_live::log::Setup;
 use tactile_live::session::{Names, Onlooker, Session};
 use tactile_live::shell::speaker::Speaker;
-use tactile_live::shell::views::terminal;
+use tactile_live::shell::views::{Shown, terminal};
 use tactile_live::shell::watch::{channel, show};
 use tactile_live::shell::{Spoken, film, folder, simulated};
 use tactile_live::sources::NodeClock;
@@ -26,6 +28,8 @@ use tactile_live::{Error, Node, Parameters};
 use super::arguments::{load, warn_of_calibration, warn_of_steps};
 use super::failure::Result;
 use super::simulated::{SimulatedArgs, summary};
+use crate::page::PageServer;
+use crate::page::live::LivePage;
 
 /// Identify holes by touches as they are made: frames in, decisions out.
 #[derive(Args)]
@@ -59,6 +63,9 @@ pub struct Live {
     /// built with `--features foxglove`); filter/live/foxglove-layout.json is a layout for them
     #[arg(long, value_name = "HOST:PORT")]
     foxglove: Option<String>,
+    /// Serve a page for browsers at an address such as 127.0.0.1:8766: picture, belief, next touch, what the node reports
+    #[arg(long, value_name = "ADDRESS")]
+    page: Option<String>,
     /// Parameters in YAML, as ROS 2 has them; several files are read in order; with --ros they are among --ros-args
     #[arg(long, value_name = "FILE", conflicts_with = "ros")]
     params_file: Vec<PathBuf>,
@@ -119,14 +126,19 @@ impl Live {
             self.param.splice(0..0, stills);
         }
         let stop = stop_on_signals()?;
+        let mut onlookers = match &self.page {
+            Some(address) => page(address, stop)?,
+            None => Vec::new(),
+        };
         if !self.view {
             let mut speaker = Speaker::new(self.json);
-            let outcome = self.run_source(Vec::new(), stop, &mut |spoken| speaker.tell(&spoken))?;
+            let outcome = self.run_source(onlookers, stop, &mut |spoken| speaker.tell(&spoken))?;
             outcome.into_iter().for_each(|line| speaker.print(&line));
             return Ok(());
         }
         let (sender, receiver) = channel();
-        let node = std::thread::spawn(move || self.run_source(vec![terminal(sender)], stop, &mut |_| ()));
+        onlookers.push(terminal(sender));
+        let node = std::thread::spawn(move || self.run_source(onlookers, stop, &mut |_| ()));
         let shown = show(&receiver, stop);
         stop.store(true, Ordering::Relaxed);
         let ended = node.join().map_err(|_| Error::invalid("node", "an end", "a panic"))?;
@@ -250,6 +262,24 @@ fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()
         Parameters::set(read, &name, &value.to_string())?;
     }
     Ok(())
+}
+
+/// Serves the page of a node; what looks on for it.
+fn page(address: &str, stop: &'static AtomicBool) -> Result<Vec<Onlooker>> {
+    let (sender, receiver) = channel();
+    let shown = serve_page(address, receiver, stop)?;
+    Ok(vec![terminal(sender), shown.pictures()])
+}
+
+/// Serves a page of what arrives, in threads of its own, and says where.
+pub fn serve_page(address: &str, receiver: Receiver<Shown>, stop: &'static AtomicBool) -> Result<Arc<LivePage>> {
+    let server = PageServer::bind(address)?;
+    eprintln!("{}", server.url());
+    let shown = Arc::new(LivePage::default());
+    let (following, served) = (shown.clone(), shown.clone());
+    std::thread::spawn(move || following.follow(&receiver, stop));
+    std::thread::spawn(move || server.serve(stop, &|asked| served.answer(&asked)));
+    Ok(shown)
 }
 
 #[cfg(feature = "foxglove")]

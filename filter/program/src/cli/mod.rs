@@ -73,7 +73,7 @@ impl Cli {
             Command::Reproduction(reproduction) => Ok(reproduction.run()?),
             Command::Tradeoff(tradeoff) => Ok(tradeoff.run()?),
             Command::Watch(watch) => watch.run(),
-            Command::Try(by_hand) => Ok(by_hand.run()?),
+            Command::Try(by_hand) => by_hand.run(),
         }
     }
 }

@@ -1,13 +1,18 @@
 //! `tactile-filter watch`.
 
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 use clap::Args;
 use tactile_live::Error;
 use tactile_live::shell::watch::{channel, follow_log, show};
 
 use super::failure::Result;
-use super::live::stop_on_signals;
+use super::live::{serve_page, stop_on_signals};
+
+/// Between two looks whether to stop.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// Look at a running node, or at a log, in the terminal.
 #[derive(Args)]
@@ -23,6 +28,9 @@ pub struct Watch {
     /// Play the log so many times as fast as it was recorded, instead of showing what is there at once
     #[arg(long, value_name = "FACTOR", conflicts_with = "ros")]
     pace: Option<f64>,
+    /// Serve a page for browsers at an address such as 127.0.0.1:8766 instead of the terminal view, until Ctrl-C
+    #[arg(long, value_name = "ADDRESS")]
+    page: Option<String>,
     /// The node on a ROS 2 network (a program built with `--features ros2`)
     #[arg(long)]
     ros: bool,
@@ -47,7 +55,13 @@ impl Watch {
             Some(log) => follow_log(log.clone(), self.pace, sender)?,
             None => self.follow_network(sender)?,
         }
-        Ok(show(&receiver, stop_on_signals()?)?)
+        let stop = stop_on_signals()?;
+        let Some(address) = &self.page else { return Ok(show(&receiver, stop)?) };
+        let _shown = serve_page(address, receiver, stop)?;
+        while !stop.load(Ordering::Relaxed) {
+            std::thread::sleep(LOOK);
+        }
+        Ok(())
     }
 
     #[cfg(not(feature = "ros2"))]

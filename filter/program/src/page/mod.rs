@@ -3,6 +3,8 @@
 //! In: an address, and who answers. Out: replies. Pages of other sites can neither read nor press anything: each request must name this
 //! server as its host, and what changes something must come from a page of its own. It must not know what the page shows.
 
+pub mod live;
+
 use std::io::Read;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};

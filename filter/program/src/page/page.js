@@ -31,7 +31,7 @@ function drawPlate() {
   if (state.named) drawn.push(svg("path", { d: state.parts[state.named.part].outline, class: "named", transform: at(state.named.at) }));
   state.touches.forEach((pose, n) => {
     drawn.push(sensor(pose, n + 1 === state.touches.length ? "sensor last" : "sensor"));
-    drawn.push(svg("text", { x: pose.x_mm, y: pose.y_mm }, String(n + 1)));
+    drawn.push(svg("text", { x: pose.x_mm, y: pose.y_mm, "font-size": half / 14 }, String(n + 1)));
   });
   if (state.next) drawn.push(sensor(state.next, "next"));
   if (state.truth) drawn.push(svg("path", { d: state.parts[state.truth[0]].outline, class: "truth", transform: at(state.truth[1]) }));

@@ -1,4 +1,4 @@
-//! `tactile-filter try` as a browser meets it, and as another site's page does.
+//! The pages of `tactile-filter try` and `watch --page` as a browser meets them, and as another site's page does.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -21,8 +21,14 @@ impl Served {
         command.current_dir(sample.folder()).args(["try", "--scene", "two.toml", "--page", "127.0.0.1:0"]);
         command.args(["--model", "model/model.safetensors", "--bank", "pegs.bank", "--seed", "3"]);
         let mut program = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let said = program.stdout.take().unwrap();
+        Self::of(program, said)
+    }
+
+    /// A program that says where its page is.
+    fn of(program: Child, said: impl Read) -> Self {
         let mut line = String::new();
-        BufReader::new(program.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        BufReader::new(said).read_line(&mut line).unwrap();
         let address = line.split('/').nth(2).unwrap_or_else(|| panic!("no address in {line:?}")).to_owned();
         Self { program, address }
     }
@@ -49,7 +55,11 @@ impl Served {
     }
 
     fn state(&self) -> Value {
-        serde_json::from_str(&self.ask("GET /state", &[], "").1).unwrap()
+        self.read("state")
+    }
+
+    fn read(&self, path: &str) -> Value {
+        serde_json::from_str(&self.ask(&format!("GET /{path}"), &[], "").1).unwrap()
     }
 
     fn post(&self, path: &str, body: &Value) -> (u16, String) {
@@ -148,4 +158,35 @@ fn pages_of_other_sites_and_slow_clients_change_nothing() {
     let taken = ["try", "--page", &served.address, "--model", "model/model.safetensors", "--bank", "pegs.bank", "--scene", "two.toml"];
     let ran = run("tactile-filter", sample.folder(), &taken);
     assert!(ran.failed().contains("--page: expected an address such as 127.0.0.1:8765 that is free"), "{ran:#?}");
+}
+
+#[test]
+fn a_log_is_shown_in_a_page() {
+    let sample = Sample::shared();
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("live.mcap").display().to_string();
+    let model = ["--model", "model/model.safetensors", "--bank", "pegs.bank"];
+    let live = ["live", "--simulate", "two.toml", "--episodes", "1", "--fast", "--log", &log, "--page", "127.0.0.1:0"];
+    let ran = run("tactile-filter", sample.folder(), &[&live[..], &model].concat());
+    assert!(ran.done().contains("touch 1") && ran.stderr.contains("http://127.0.0.1:"), "{ran:#?}");
+    let mut command = Command::new(path("tactile-filter"));
+    command.args(["watch", "--log", &log, "--page", "127.0.0.1:0"]).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut program = command.spawn().unwrap();
+    let said = program.stderr.take().unwrap();
+    let served = Served::of(program, said);
+    let (status, page) = served.ask("GET /", &[], "");
+    assert!(status == 200 && page.contains("live.js"));
+    assert_eq!([served.ask("GET /live.js", &[], "").0, served.ask("GET /state", &[], "").0], [200, 404]);
+    assert_eq!(served.ask("GET /view", &[("Host", "evil.example")], "").0, 400);
+    // The messages arrive one after the other.
+    let shown = (0..100).map(|_| {
+        std::thread::sleep(Duration::from_millis(100));
+        served.read("view")
+    });
+    let shown = shown.into_iter().find(|shown| shown["view"]["stop"].is_string()).expect("the episode's end");
+    let view = &shown["view"];
+    let names: Vec<&str> = view["parts"].as_array().unwrap().iter().map(|part| part["name"].as_str().unwrap()).collect();
+    assert!(names.len() == 2 && names.contains(&"T") && names.contains(&"X"));
+    assert_eq!(view["touches"].as_array().unwrap().len(), shown["touched"].as_array().unwrap().len());
+    assert!(view["place"]["probability"].is_number() && view["camera"]["is_good"].is_boolean());
 }

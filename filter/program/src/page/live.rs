@@ -1,0 +1,107 @@
+//! The page that shows a node while it works, or a log.
+//!
+//! In: what the node publishes, in the messages of the terminal view, and its pictures. Out: one JSON for the page. The node never waits
+//! for it.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use serde_json::json;
+use tactile_eval::narrative::picture;
+use tactile_live::camera::Camera;
+use tactile_live::event::{Event, Input, Output};
+use tactile_live::parameters::CameraParameters;
+use tactile_live::session::Onlooker;
+use tactile_live::shell::views::Shown;
+use tactile_live::watch::Follower;
+
+use super::{Asked, Reply};
+
+/// Between two pictures that the page may show, ns: a person sees no more.
+const PICTURE_NS: i64 = 100_000_000;
+
+/// How often a thread that waits for messages looks whether to stop.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// What the page shows.
+#[derive(Default)]
+pub struct LivePage {
+    follower: Mutex<Follower>,
+    /// The latest picture as it came.
+    latest: Mutex<Option<Arc<Input>>>,
+    /// The number of pictures so far, and the one of that number as a data URI.
+    drawn: Mutex<(u64, Option<String>)>,
+    n_pictures: AtomicU64,
+}
+
+impl LivePage {
+    /// Looks at the pictures that come in: keeps the latest, ten a second.
+    pub fn pictures(self: &Arc<Self>) -> Onlooker {
+        let (page, mut next_ns) = (self.clone(), i64::MIN);
+        Box::new(move |event: &Event, _: &[Output]| {
+            if matches!(event.input, Input::Image(_) | Input::CompressedImage(_)) && event.time_ns >= next_ns {
+                next_ns = event.time_ns.saturating_add(PICTURE_NS);
+                let input = Some(Arc::new(event.input.clone()));
+                *page.latest.lock().unwrap_or_else(PoisonError::into_inner) = input;
+                page.n_pictures.fetch_add(1, Ordering::Relaxed);
+            }
+        })
+    }
+
+    /// Takes in messages until they end or a stop is asked for.
+    pub fn follow(&self, receiver: &Receiver<Shown>, stop: &AtomicBool) {
+        while !stop.load(Ordering::Relaxed) {
+            match receiver.recv_timeout(PATIENCE) {
+                Ok((time_ns, topic, cdr)) => {
+                    self.follower.lock().unwrap_or_else(PoisonError::into_inner).take(time_ns, topic, &cdr);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+        }
+    }
+
+    /// What a browser asks, answered.
+    pub fn answer(&self, asked: &Asked) -> Reply {
+        match (asked.path.as_str(), &asked.body) {
+            ("", None) => Reply::Text("text/html; charset=utf-8", include_str!("live.html").into()),
+            ("page.css", None) => Reply::Text("text/css; charset=utf-8", include_str!("page.css").into()),
+            ("live.js", None) => Reply::Text("text/javascript; charset=utf-8", include_str!("live.js").into()),
+            ("view", None) => Reply::Text("application/json", self.view()),
+            _ => Reply::Nowhere,
+        }
+    }
+
+    fn view(&self) -> String {
+        let follower = self.follower.lock().unwrap_or_else(PoisonError::into_inner);
+        let view = json!({
+            "view": follower.view(),
+            "touched": follower.view().touched(),
+            "picture": self.picture(),
+        });
+        view.to_string()
+    }
+
+    /// The latest picture as a data URI; nothing where none came, or none that can be drawn.
+    fn picture(&self) -> Option<String> {
+        let n = self.n_pictures.load(Ordering::Relaxed);
+        let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
+        if drawn.0 != n {
+            let latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            *drawn = (n, latest.and_then(|input| draw(&input)));
+        }
+        drawn.1.clone()
+    }
+}
+
+fn draw(input: &Input) -> Option<String> {
+    let mut camera = Camera::new(&CameraParameters::default());
+    match input {
+        Input::Image(cdr) => camera.image(0, cdr).ok()?,
+        Input::CompressedImage(cdr) => camera.compressed(0, cdr).ok()?,
+        _ => return None,
+    };
+    picture::frame(&camera.newest()?.decode().ok()?).ok()
+}
