@@ -350,7 +350,8 @@ mod tests {
         let world = World::new(4, GRID, 0.3, 0.05, 2);
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let config = never_confident(6);
-        let mut episode = Episode::begin(config, world.bank.clone(), &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
+        let mut episode =
+            Episode::begin(config, world.bank.clone(), &world.touch(1, &Se2::IDENTITY, &mut rng)).unwrap();
         let named = episode.estimate();
         let covariance = [[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 1e-4]];
         let tried = named.search(&HeldPeg { play_mm: 2.0, radius_mm: 10.0, covariance }, 1000).unwrap().in_vain;

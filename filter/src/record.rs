@@ -85,7 +85,9 @@ impl Episode {
             }
         }
         match tried.next() {
-            Some((after, _)) => wrong("tries in order, after touches that were made".into(), format!("one after {after}")),
+            Some((after, _)) => {
+                wrong("tries in order, after touches that were made".into(), format!("one after {after}"))
+            }
             None => Ok(episode),
         }
     }

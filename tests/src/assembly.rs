@@ -54,7 +54,11 @@ fn a_task_that_cannot_be_done_is_refused_before_it_begins() {
         (&other_scene, &[], "bank: expected the scene's parts T L, got T X"),
         ("two.toml", &["--trials", "0"], "expected trials and seeds, got 0 trials"),
         ("two.toml", &["--grasp-error", "0.5", "-1"], "grasp-error, degrees: expected 0 to 180, got -1"),
-        ("two.toml", &["--tries", "0"], "insertion: expected tries and poses, at least one, and a speed above zero, got 0 of 200"),
+        (
+            "two.toml",
+            &["--tries", "0"],
+            "insertion: expected tries and poses, at least one, and a speed above zero, got 0 of 200",
+        ),
         ("two.toml", &["--touch-s", "-1"], "--touch-s, --mm-s: expected seconds of a touch and a speed above zero"),
     ] {
         let ran = assemble(&sample, "pegs.bank", scene, &out, more);

@@ -86,10 +86,10 @@ fn a_hole_is_touched_shown_and_followed_by_another() {
     }
     let fresh = served.state();
     assert_eq!((&fresh["named"], &fresh["next"], &fresh["truth"]), (&Value::Null, &Value::Null, &Value::Null));
-    assert_eq!(fresh["parts"].as_array().unwrap().iter().map(|part| part["name"].as_str()).collect::<Vec<_>>(), [
-        Some("T"),
-        Some("X")
-    ]);
+    assert_eq!(
+        fresh["parts"].as_array().unwrap().iter().map(|part| part["name"].as_str()).collect::<Vec<_>>(),
+        [Some("T"), Some("X")]
+    );
     let press = |x: f64, y: f64, deg: f64| json!({ "x_mm": x, "y_mm": y, "theta_deg": deg });
     // The filter looks for the hole within 4 mm and 30 degrees of the first touch; half of it is the hole's.
     for far in [press(2.5, 0.0, 0.0), press(0.0, 0.0, 16.0), press(9.0, 0.0, 0.0)] {
@@ -153,9 +153,22 @@ fn pages_of_other_sites_and_slow_clients_change_nothing() {
     assert_eq!(served.state(), fresh);
     // By this machine's own name it is the same page.
     let local = format!("localhost:{port}");
-    assert_eq!(served.ask("POST /touch", &[("Host", &local), json, ("Origin", &format!("http://{local}"))], press).0, 200);
+    assert_eq!(
+        served.ask("POST /touch", &[("Host", &local), json, ("Origin", &format!("http://{local}"))], press).0,
+        200
+    );
     drop(slow);
-    let taken = ["try", "--page", &served.address, "--model", "model/model.safetensors", "--bank", "pegs.bank", "--scene", "two.toml"];
+    let taken = [
+        "try",
+        "--page",
+        &served.address,
+        "--model",
+        "model/model.safetensors",
+        "--bank",
+        "pegs.bank",
+        "--scene",
+        "two.toml",
+    ];
     let ran = run("tactile-filter", sample.folder(), &taken);
     assert!(ran.failed().contains("--page: expected an address such as 127.0.0.1:8765 that is free"), "{ran:#?}");
 }
@@ -185,8 +198,18 @@ fn a_log_is_shown_in_a_page() {
     });
     let shown = shown.into_iter().find(|shown| shown["view"]["stop"].is_string()).expect("the episode's end");
     let view = &shown["view"];
-    let names: Vec<&str> = view["parts"].as_array().unwrap().iter().map(|part| part["name"].as_str().unwrap()).collect();
+    let names: Vec<&str> =
+        view["parts"].as_array().unwrap().iter().map(|part| part["name"].as_str().unwrap()).collect();
     assert!(names.len() == 2 && names.contains(&"T") && names.contains(&"X"));
     assert_eq!(view["touches"].as_array().unwrap().len(), shown["touched"].as_array().unwrap().len());
+    // The slider: before the first touch nothing is known, after it one touch.
+    let (start, end) = (served.read("view?at=0"), shown["end_s"].as_f64().unwrap());
+    assert!(start["view"]["place"].is_null() && end > 0.0);
+    let moments = (0..=200).map(|n| served.read(&format!("view?at={}", end * f64::from(n) / 200.0)));
+    let counts: Vec<usize> = moments.map(|at| at["view"]["touches"].as_array().unwrap().len()).collect();
+    assert!(counts.is_sorted() && counts.last() == Some(&view["touches"].as_array().unwrap().len()), "{counts:?}");
+    for wrong in ["view?at=", "view?at=nan", "view?at=1e999", "view?at=x"] {
+        assert_eq!(served.ask(&format!("GET /{wrong}"), &[], "").0, 400, "{wrong}");
+    }
     assert!(view["place"]["probability"].is_number() && view["camera"]["is_good"].is_boolean());
 }

@@ -73,10 +73,7 @@ pub unsafe extern "C" fn tf_episode_did_not_fit(episode: *mut tf_episode, peg: *
 /// frame, row by row. Of an episode of touches of a held peg it is the covariance of that peg in the hand.
 /// \param covariance  where the 9 numbers go
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn tf_episode_offset_covariance(
-    episode: *const tf_episode,
-    covariance: *mut f64,
-) -> tf_status {
+pub unsafe extern "C" fn tf_episode_offset_covariance(episode: *const tf_episode, covariance: *mut f64) -> tf_status {
     call(|| unsafe {
         let estimate = get(episode, "episode")?.read()?.estimate();
         out(covariance.cast::<[f64; 9]>(), "covariance")?.put(flat(&estimate.offset_covariance()));

@@ -7,8 +7,7 @@ use std::path::Path;
 use cbindgen::{Builder, Config};
 
 /// The sources in the header's order.
-const SOURCES: [&str; 9] =
-    ["status", "value", "model", "sensor", "light", "config", "episode", "insertion", "runner"];
+const SOURCES: [&str; 9] = ["status", "value", "model", "sensor", "light", "config", "episode", "insertion", "runner"];
 
 #[test]
 fn the_header_is_made_of_the_source() {

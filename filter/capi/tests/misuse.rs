@@ -796,7 +796,8 @@ fn a_search_is_rusts_and_a_try_in_vain_is_taken_in() {
         ok(tf_episode_search(episode, &peg, &mut covered, null_mut(), 0, &mut n));
         let known = estimate(episode).0;
         let record = || serde_json::from_slice::<EpisodeRecord>(&recorded(episode)).unwrap();
-        let bank = Bank::load(&world.path("parts.bank"), &Model::load(&world.path("model.safetensors")).unwrap()).unwrap();
+        let bank =
+            Bank::load(&world.path("parts.bank"), &Model::load(&world.path("model.safetensors")).unwrap()).unwrap();
         let rust = Episode::restore(&record(), Arc::new(bank)).unwrap().estimate();
         let found = rust.search(&HeldPeg { play_mm: 0.5, radius_mm: 8.0, covariance: [[0.0; 3]; 3] }, 50).unwrap();
         assert_eq!((found.offsets.len(), found.in_vain.covered), (n, covered));

@@ -223,7 +223,8 @@ impl Episodes {
         };
         let setup = &self.setup;
         let of_run = |run: &RunResult| summary::rows(run.label, &run.outcomes);
-        let stops: Vec<_> = self.runs.iter().map(|run| summary::stops(run.label, &run.outcomes, &run.config, &self.speeds)).collect();
+        let stops: Vec<_> =
+            self.runs.iter().map(|run| summary::stops(run.label, &run.outcomes, &run.config, &self.speeds)).collect();
         let others = self.runs[1..]
             .iter()
             .filter(|run| run.label.inference == lead.label.inference && run.label.action != lead.label.action);

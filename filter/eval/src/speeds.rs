@@ -44,9 +44,13 @@ mod tests {
     #[test]
     fn seconds_are_of_touches_and_ways() {
         assert_eq!(Speeds { touch_s: 2.0, mm_s: 40.0 }.seconds(3, 100.0), 8.5);
-        for (touch_s, mm_s, is_ok) in
-            [(0.0, 1.0, true), (-0.1, 1.0, false), (1.0, 0.0, false), (f64::NAN, 1.0, false), (1.0, f64::INFINITY, false)]
-        {
+        for (touch_s, mm_s, is_ok) in [
+            (0.0, 1.0, true),
+            (-0.1, 1.0, false),
+            (1.0, 0.0, false),
+            (f64::NAN, 1.0, false),
+            (1.0, f64::INFINITY, false),
+        ] {
             assert_eq!(Speeds { touch_s, mm_s }.validate().is_ok(), is_ok, "{touch_s} {mm_s}");
         }
     }

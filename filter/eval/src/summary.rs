@@ -3,11 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::evaluate::{Outcome, Scored, StageTimes};
-use crate::speeds::Speeds;
 use crate::origins::Origins;
 use crate::result::{
     Choice, Comparison, Inference, Latency, Method, PartFigures, Poses, Quantiles, ReliabilityBin, Row, Stops,
 };
+use crate::speeds::Speeds;
 use crate::statistics::bootstrap::clustered_95;
 use crate::statistics::mcnemar::Paired;
 use crate::statistics::share::{grouped_95, wilson_of};
@@ -157,8 +157,9 @@ pub fn stops(label: Label, outcomes: &[Outcome], config: &EpisodeConfig, speeds:
         let n_touches = stop.map_or(outcome.scored.len(), |(at, _)| at + 1);
         touches += n_touches;
         // Where nothing was left to touch, no way follows.
-        let travel_mm = outcome.travel_mm.iter().take(n_touches).last();
-        seconds = seconds.zip(travel_mm).map(|(sum, mm)| sum + speeds.seconds(n_touches.min(outcome.travel_mm.len()), *mm));
+        let travel_mm = outcome.travel_mm[..n_touches.min(outcome.travel_mm.len())].last();
+        seconds =
+            seconds.zip(travel_mm).map(|(sum, mm)| sum + speeds.seconds(n_touches.min(outcome.travel_mm.len()), *mm));
         to_95 += outcome.scored.iter().position(|s| s.probability > 0.95).unwrap_or(outcome.scored.len()) + 1;
         match stop {
             Some((at, StopReason::Confident)) => {

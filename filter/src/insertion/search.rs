@@ -106,8 +106,7 @@ impl Search {
         let sum: f64 = found.iter().map(|(square, _)| (-0.5 * square).exp()).sum();
         let covered = (sum * density * steps[0] * steps[1] * steps[2]).min(0.95);
         let offsets = found.into_iter().map(|(_, offset)| offset).collect();
-        let in_vain =
-            Tried { part: String::new(), part_from_first: Se2::IDENTITY, covariance: *covariance, covered };
+        let in_vain = Tried { part: String::new(), part_from_first: Se2::IDENTITY, covariance: *covariance, covered };
         Ok(Self { offsets, in_vain, radius_mm })
     }
 

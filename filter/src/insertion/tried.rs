@@ -81,8 +81,7 @@ impl TriedStates {
         }
         // A hole that is turned by the part's own symmetry takes the peg, too.
         let tried = first_from_part.inverse();
-        let twin =
-            if symmetry.is_any() { symmetry.nearest_twin(part_from_first, &tried) } else { *part_from_first };
+        let twin = if symmetry.is_any() { symmetry.nearest_twin(part_from_first, &tried) } else { *part_from_first };
         let off = twin * *first_from_part;
         if square(information, [off.x_mm, off.y_mm, off.theta_rad]) <= 1.0 { *log_missed } else { 0.0 }
     }

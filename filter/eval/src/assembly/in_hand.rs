@@ -97,7 +97,8 @@ fn far_apart(outline: &Shape, n: usize, reach_mm: f64) -> Vec<Se2> {
     let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     let mut places: Vec<[f64; 2]> = Vec::new();
     while places.len() < n {
-        let nearest = |point: [f64; 2]| places.iter().map(|place| distance(*place, point)).fold(f64::INFINITY, f64::min);
+        let nearest =
+            |point: [f64; 2]| places.iter().map(|place| distance(*place, point)).fold(f64::INFINITY, f64::min);
         let far = |point: &[f64; 2]| if places.is_empty() { distance(*point, [0.0; 2]) } else { nearest(*point) };
         let Some(next) = points.iter().copied().max_by(|a, b| far(a).total_cmp(&far(b))) else { break };
         places.push(next);

@@ -221,9 +221,7 @@ mod tests {
     #[test]
     fn the_page_says_what_limits_its_figures() {
         let html = html(&example(), &Board::empty(), &[]).unwrap();
-        for said in
-            ["no force, no friction", "presses it 2 times", "touch limit is not given up", "no blind test"]
-        {
+        for said in ["no force, no friction", "presses it 2 times", "touch limit is not given up", "no blind test"] {
             assert!(html.contains(said), "{said}");
         }
     }

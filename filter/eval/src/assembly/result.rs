@@ -7,8 +7,8 @@ use tactile_filter::StopReason;
 
 use super::attempt::{Attempt, Insertion, STOPS, Task};
 use crate::result::{ModelRecord, Quantiles};
-use crate::statistics::quantile;
 use crate::speeds::Speeds;
+use crate::statistics::quantile;
 use crate::statistics::share::wilson_95;
 
 /// The value of [`Assembly::schema`].

@@ -275,17 +275,15 @@ impl<'a> Workcell<'a> {
         let offsets = search.as_ref().map_or(&straight_down[..], |search| &search.offsets);
         let left_mm = clearance_mm - narrower_mm(self.task.tilt_deg, radius_mm);
         let in_hand = felt.held_from_peg.inverse() * held_from_peg;
-        let brought = |offset: &Se2| {
-            brought(&hole.part_from_sensor(), &estimate.part_from_sensor, &(*offset * in_hand))
-        };
+        let brought =
+            |offset: &Se2| brought(&hole.part_from_sensor(), &estimate.part_from_sensor, &(*offset * in_hand));
         let goes_in = |offset: &Se2| left_mm >= 0.0 && self.pegs[named].fits_in(opening, left_mm, &brought(offset));
         let found = offsets.iter().position(goes_in);
         let last = found.unwrap_or(offsets.len() - 1);
         (made.named, made.went_in) = (named, found.is_some());
         made.n_tries += 1;
         made.slide_mm += search.as_ref().map_or(0.0, |search| search.slide_mm(last));
-        (made.xy_mm, made.theta_deg) =
-            error(&brought(&offsets[0]), &self.simulator.symmetry(hole.part_index()));
+        (made.xy_mm, made.theta_deg) = error(&brought(&offsets[0]), &self.simulator.symmetry(hole.part_index()));
         Ok(search.filter(|_| found.is_none()).map(|search| search.in_vain))
     }
 
@@ -352,10 +350,10 @@ fn error(hole_from_peg: &Se2, symmetry: &Symmetry) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::speeds::Speeds;
     use std::f64::consts::PI;
     use tactile_data::scene::{Kit, Parts, Scene};
     use tactile_data::sensor::Fidelity;
-    use crate::speeds::Speeds;
     use tactile_infer::architecture::NetworkConfig;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::rows::Rows;
@@ -450,7 +448,10 @@ mod tests {
                 assert_eq!(attempt.n_pegs, 3 - gone.len());
                 assert!(!gone.contains(&attempt.named));
                 assert_eq!(attempt.decision_ms.len(), attempt.n_touches);
-                assert!((1..=3).contains(&attempt.n_tries) && (attempt.went_in || attempt.n_tries == 3 || attempt.n_touches == 4));
+                assert!(
+                    (1..=3).contains(&attempt.n_tries)
+                        && (attempt.went_in || attempt.n_tries == 3 || attempt.n_touches == 4)
+                );
                 // Each peg that was picked up was felt twice.
                 assert!(attempt.n_peg_touches >= 2 && attempt.n_peg_touches <= 2 * attempt.n_tries);
                 gone.extend(attempt.went_in.then_some(attempt.named));
@@ -489,8 +490,14 @@ mod tests {
             (held(-0.1), "grasp-error, mm: expected 0 to 100, got -0.1"),
             (held(f64::NAN), "grasp-error, mm: expected 0 to 100, got NaN"),
             (Task { tilt_deg: 11.0, ..task() }, "tilt, degrees: expected 0 to 10, got 11"),
-            (insertion(0, 3), "insertion: expected tries and poses, at least one, and a speed above zero, got 3 of 0 at 10 mm a second"),
-            (insertion(9, 0), "insertion: expected tries and poses, at least one, and a speed above zero, got 0 of 9 at 10 mm a second"),
+            (
+                insertion(0, 3),
+                "insertion: expected tries and poses, at least one, and a speed above zero, got 3 of 0 at 10 mm a second",
+            ),
+            (
+                insertion(9, 0),
+                "insertion: expected tries and poses, at least one, and a speed above zero, got 0 of 9 at 10 mm a second",
+            ),
             (
                 Task { speeds: Speeds { mm_s: 0.0, ..Speeds::default() }, ..task() },
                 "--touch-s, --mm-s: expected seconds of a touch and a speed above zero, got 3 s, 0 mm a second",

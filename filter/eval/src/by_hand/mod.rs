@@ -60,7 +60,13 @@ impl ByHand {
     ///
     /// # Errors
     /// A bank of other parts than the scene's, a frame at rest that the model refuses, a part whose shape cannot be made.
-    pub fn new(simulator: Simulator, sensor: Sensor, bank: Arc<Bank>, config: EpisodeConfig, seed: u64) -> Result<Self> {
+    pub fn new(
+        simulator: Simulator,
+        sensor: Sensor,
+        bank: Arc<Bank>,
+        config: EpisodeConfig,
+        seed: u64,
+    ) -> Result<Self> {
         if simulator.parts() != bank.parts() {
             let expected = format!("the scene's parts {}", simulator.parts().join(" "));
             return Err(Error::invalid("bank", expected, bank.parts().join(" ")));

@@ -71,10 +71,10 @@ impl Inputs {
 #[derive(Args)]
 pub struct SpeedArgs {
     /// Seconds of a touch: down, press and up again
-    #[arg(long, value_name = "S", default_value_t = Speeds::default().touch_s, help_heading = "Robot seconds")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, default_value_t = Speeds::default().touch_s, help_heading = "Robot seconds")]
     touch_s: f64,
     /// Speed from touch to touch, mm a second
-    #[arg(long, value_name = "MM", default_value_t = Speeds::default().mm_s, help_heading = "Robot seconds")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, default_value_t = Speeds::default().mm_s, help_heading = "Robot seconds")]
     mm_s: f64,
 }
 

@@ -30,7 +30,10 @@ use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
-use super::arguments::{Engine, Inputs, Output, Seeds, SensorArgs, SideArgs, SpeedArgs, check_episodes, command_line, known_to, poses, positive, rule, to_json, warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side};
+use super::arguments::{
+    Engine, Inputs, Output, Seeds, SensorArgs, SideArgs, SpeedArgs, check_episodes, command_line, known_to, poses,
+    positive, rule, to_json, warn_of_calibration, warn_of_light, warn_of_poses, warn_of_side,
+};
 use super::budget::{BudgetArgs, Task};
 use super::numbers::Numbers;
 use super::table;

@@ -267,15 +267,20 @@ fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()
 /// Serves the page of a node; what looks on for it.
 fn page(address: &str, stop: &'static AtomicBool) -> Result<Vec<Onlooker>> {
     let (sender, receiver) = channel();
-    let shown = serve_page(address, receiver, stop)?;
+    let shown = serve_page(address, LivePage::default(), receiver, stop)?;
     Ok(vec![terminal(sender), shown.pictures()])
 }
 
 /// Serves a page of what arrives, in threads of its own, and says where.
-pub fn serve_page(address: &str, receiver: Receiver<Shown>, stop: &'static AtomicBool) -> Result<Arc<LivePage>> {
+pub fn serve_page(
+    address: &str,
+    page: LivePage,
+    receiver: Receiver<Shown>,
+    stop: &'static AtomicBool,
+) -> Result<Arc<LivePage>> {
     let server = PageServer::bind(address)?;
     eprintln!("{}", server.url());
-    let shown = Arc::new(LivePage::default());
+    let shown = Arc::new(page);
     let (following, served) = (shown.clone(), shown.clone());
     std::thread::spawn(move || following.follow(&receiver, stop));
     std::thread::spawn(move || server.serve(stop, &|asked| served.answer(&asked)));

@@ -10,6 +10,7 @@ use tactile_live::shell::watch::{channel, follow_log, show};
 
 use super::failure::Result;
 use super::live::{serve_page, stop_on_signals};
+use crate::page::live::LivePage;
 
 /// Between two looks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
@@ -57,7 +58,8 @@ impl Watch {
         }
         let stop = stop_on_signals()?;
         let Some(address) = &self.page else { return Ok(show(&receiver, stop)?) };
-        let _shown = serve_page(address, receiver, stop)?;
+        let page = if self.log.is_some() { LivePage::of_log() } else { LivePage::default() };
+        serve_page(address, page, receiver, stop)?;
         while !stop.load(Ordering::Relaxed) {
             std::thread::sleep(LOOK);
         }

@@ -55,7 +55,23 @@ function drawMap(view, touched) {
   }
 }
 
-function draw({ view, touched, picture }) {
+// Of a log any moment can be shown; at the slider's end what comes last.
+let atEnd = true;
+
+function drawTime(end, now) {
+  $("time").hidden = end === null;
+  if (end === null) return;
+  $("at").max = end;
+  if (atEnd) $("at").value = end;
+  $("at-words").textContent = `${now.toFixed(1)} of ${end.toFixed(1)}`;
+}
+
+$("at").addEventListener("input", () => {
+  atEnd = Number($("at").value) >= Number($("at").max);
+});
+
+function draw({ view, touched, picture, end_s: end }) {
+  drawTime(end, view.time_s);
   $("status").textContent = view.status || "Waiting for the first touch.";
   drawMap(view, touched);
   const place = view.place;
@@ -91,7 +107,7 @@ function draw({ view, touched, picture }) {
 
 async function follow() {
   try {
-    const reply = await fetch("view");
+    const reply = await fetch(atEnd ? "view" : `view?at=${$("at").value}`);
     if (!reply.ok) throw new Error(await reply.text());
     draw(await reply.json());
   } catch (error) {

@@ -29,6 +29,8 @@ const PATIENCE: Duration = Duration::from_millis(100);
 #[derive(Default)]
 pub struct LivePage {
     follower: Mutex<Follower>,
+    /// All messages so far, where any moment may be asked for.
+    kept: Option<Mutex<Vec<Shown>>>,
     /// The latest picture as it came.
     latest: Mutex<Option<Arc<Input>>>,
     /// The number of pictures so far, and the one of that number as a data URI.
@@ -37,6 +39,11 @@ pub struct LivePage {
 }
 
 impl LivePage {
+    /// A page that can show any moment: of a log.
+    pub fn of_log() -> Self {
+        Self { kept: Some(Mutex::default()), ..Self::default() }
+    }
+
     /// Looks at the pictures that come in: keeps the latest, ten a second.
     pub fn pictures(self: &Arc<Self>) -> Onlooker {
         let (page, mut next_ns) = (self.clone(), i64::MIN);
@@ -56,6 +63,9 @@ impl LivePage {
             match receiver.recv_timeout(PATIENCE) {
                 Ok((time_ns, topic, cdr)) => {
                     self.follower.lock().unwrap_or_else(PoisonError::into_inner).take(time_ns, topic, &cdr);
+                    if let Some(kept) = &self.kept {
+                        kept.lock().unwrap_or_else(PoisonError::into_inner).push((time_ns, topic, cdr));
+                    }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
@@ -69,19 +79,39 @@ impl LivePage {
             ("", None) => Reply::Text("text/html; charset=utf-8", include_str!("live.html").into()),
             ("page.css", None) => Reply::Text("text/css; charset=utf-8", include_str!("page.css").into()),
             ("live.js", None) => Reply::Text("text/javascript; charset=utf-8", include_str!("live.js").into()),
-            ("view", None) => Reply::Text("application/json", self.view()),
+            ("view", None) => match asked.query.strip_prefix("at=").map(str::parse::<f64>) {
+                Some(Ok(at_s)) if at_s.is_finite() => Reply::Text("application/json", self.view(Some(at_s))),
+                Some(_) => Reply::Refused("at: expected seconds since the start".into()),
+                None => Reply::Text("application/json", self.view(None)),
+            },
             _ => Reply::Nowhere,
         }
     }
 
-    fn view(&self) -> String {
-        let follower = self.follower.lock().unwrap_or_else(PoisonError::into_inner);
+    /// What there is to draw: now, or of a log so many seconds after its start.
+    fn view(&self, at_s: Option<f64>) -> String {
+        let now = self.follower.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let end_s = self.kept.as_ref().map(|_| now.view().time_s);
+        let follower = at_s.and_then(|at_s| self.follower_at(at_s)).unwrap_or(now);
         let view = json!({
             "view": follower.view(),
             "touched": follower.view().touched(),
             "picture": self.picture(),
+            "end_s": end_s,
         });
         view.to_string()
+    }
+
+    /// What was known at a moment; `None` where messages are not kept.
+    fn follower_at(&self, at_s: f64) -> Option<Follower> {
+        let kept = self.kept.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+        let (start_ns, ..) = kept.first()?;
+        let mut follower = Follower::default();
+        // The first message says when the log begins.
+        let until = |(n, (time_ns, ..)): &(usize, &Shown)| *n == 0 || (time_ns - start_ns) as f64 * 1e-9 <= at_s;
+        let shown = kept.iter().enumerate().take_while(until);
+        shown.for_each(|(_, (time_ns, topic, cdr))| follower.take(*time_ns, *topic, cdr));
+        Some(follower)
     }
 
     /// The latest picture as a data URI; nothing where none came, or none that can be drawn.

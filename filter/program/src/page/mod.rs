@@ -40,8 +40,10 @@ pub enum Reply {
 /// What a browser asks.
 #[derive(Debug)]
 pub struct Asked {
-    /// The path, without the first slash and without a query.
+    /// The path, without the first slash.
     pub path: String,
+    /// What follows a question mark; nothing without one.
+    pub query: String,
     /// The body of a request that changes something; nothing of one that only reads.
     pub body: Option<String>,
 }
@@ -125,9 +127,10 @@ impl PageServer {
         if !self.is_own(&host) {
             return Err(format!("host: expected {}, got another", self.address));
         }
-        let path = request.url().split('?').next().unwrap_or_default().trim_start_matches('/').to_owned();
+        let (path, query) = request.url().split_once('?').unwrap_or((request.url(), ""));
+        let (path, query) = (path.trim_start_matches('/').to_owned(), query.to_owned());
         match request.method() {
-            Method::Get => Ok(Asked { path, body: None }),
+            Method::Get => Ok(Asked { path, query, body: None }),
             Method::Post => {
                 let origin = header(request, "origin");
                 let is_from_here = origin.is_none_or(|origin| origin == format!("http://{host}"));
@@ -143,7 +146,7 @@ impl PageServer {
                     return Err(format!("expected a body of at most {MOST_BYTES} bytes"));
                 }
                 let body = String::from_utf8(body).map_err(|_| "expected UTF-8".to_owned())?;
-                Ok(Asked { path, body: Some(body) })
+                Ok(Asked { path, query, body: Some(body) })
             }
             other => Err(format!("expected GET or POST, got {other}")),
         }
@@ -154,6 +157,8 @@ impl PageServer {
         let port = self.address.port();
         let is_local = self.address.ip().is_loopback() || self.address.ip().is_unspecified();
         host == self.address.to_string()
-            || is_local && [format!("localhost:{port}"), format!("127.0.0.1:{port}"), format!("[::1]:{port}")].contains(&host.to_owned())
+            || is_local
+                && [format!("localhost:{port}"), format!("127.0.0.1:{port}"), format!("[::1]:{port}")]
+                    .contains(&host.to_owned())
     }
 }
