@@ -7,7 +7,7 @@ use tactile_filter::{EpisodeConfig, KnownStart, SensorMatch, Settings};
 
 use crate::error::{ConfigError, InternalError};
 use crate::model::PyModel;
-use crate::pose::PoseLike;
+use crate::pose::{CovarianceLike, PoseLike};
 use crate::sensor::side_of;
 
 /// How an episode infers, chooses and stops. The README lists the settings.
@@ -57,13 +57,13 @@ impl PyEpisodeConfig {
 
     /// The same for a hole that is known to be somewhere before it is touched, from a camera or a drawing. `part_from_first`: pose of the
     /// sensor at the first touch, in the part's frame; `covariance`: of that pose over (x mm, y mm, theta rad).
-    fn with_start(&self, part_from_first: PoseLike, covariance: [[f64; 3]; 3]) -> Self {
-        Self(self.0.with_start(KnownStart { part_from_first: part_from_first.0, covariance }))
+    fn with_start(&self, part_from_first: PoseLike, covariance: CovarianceLike) -> Self {
+        Self(self.0.with_start(KnownStart { part_from_first: part_from_first.0, covariance: covariance.0 }))
     }
 
     /// `with_start` from where the part is seen, both poses in any one frame, as the robot's base. `covariance`: of `base_from_part`.
-    fn with_part(&self, base_from_part: PoseLike, covariance: [[f64; 3]; 3], base_from_first: PoseLike) -> Self {
-        Self(self.0.with_start(KnownStart::of_part(base_from_part.0, covariance, base_from_first.0)))
+    fn with_part(&self, base_from_part: PoseLike, covariance: CovarianceLike, base_from_first: PoseLike) -> Self {
+        Self(self.0.with_start(KnownStart::of_part(base_from_part.0, covariance.0, base_from_first.0)))
     }
 
     /// The same for a hole that may be anywhere.

@@ -18,7 +18,7 @@ use crate::error::{Failure, InvalidError, compute};
 use crate::estimate::PyEstimate;
 use crate::felt_map::PyFeltMap;
 use crate::model::PyBank;
-use crate::pose::{PoseLike, PyPose};
+use crate::pose::{CovarianceLike, PoseLike, PyPose};
 use crate::search::PySearch;
 use crate::sensor::PyObservation;
 
@@ -90,10 +90,10 @@ impl PyEpisode {
         py: Python<'_>,
         play_mm: f64,
         radius_mm: f64,
-        covariance: Option<[[f64; 3]; 3]>,
+        covariance: Option<CovarianceLike>,
         most: usize,
     ) -> PyResult<PySearch> {
-        let peg = HeldPeg { play_mm, radius_mm, covariance: covariance.unwrap_or_default() };
+        let peg = HeldPeg { play_mm, radius_mm, covariance: covariance.map_or([[0.0; 3]; 3], |rows| rows.0) };
         self.with(py, |episode| Ok(PySearch(episode.estimate().search(&peg, most)?)))
     }
 

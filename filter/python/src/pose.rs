@@ -28,6 +28,20 @@ impl<'py> FromPyObject<'_, 'py> for PoseLike {
     }
 }
 
+/// What may be passed for a covariance over (x mm, y mm, theta rad): three rows of three numbers.
+pub struct CovarianceLike(pub [[f64; 3]; 3]);
+
+impl<'py> FromPyObject<'_, 'py> for CovarianceLike {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        object.extract().map(Self).map_err(|_| {
+            let got = object.repr().map_or_else(|_| "an object".into(), |text| text.to_string());
+            type_error("covariance", "three rows of three numbers", &got)
+        })
+    }
+}
+
 #[pymethods]
 impl PyPose {
     /// Any finite angle; it is wrapped to (-pi, pi].

@@ -199,8 +199,8 @@ def starts(model, bank, observation):
         refused(tf.ConfigError, "start covariance", tf.Episode.begin, known, bank, observation)
     far = config.with_start((1e4, 0.0, 0.0), covariance)
     refused(tf.ConfigError, "start pose within", tf.Episode.begin, far, bank, observation)
-    for wrong in [None, 3, "covariance", [1.0, 2.0, 3.0]]:
-        refused(TypeError, "", config.with_start, (0.0, 0.0, 0.0), wrong)
+    for wrong in [None, 3, "covariance", [1.0, 2.0, 3.0], [[1.0, 0.0], [0.0, 1.0]]]:
+        refused(TypeError, "covariance three rows", config.with_start, (0.0, 0.0, 0.0), wrong)
     assert far.without_start() == config and far != config
     seen = config.with_part((10.0, 0.0, 0.0), covariance, (11.0, 0.0, 0.0))
     known = tf.Episode.begin(seen, bank, observation)
