@@ -85,6 +85,7 @@ impl PyEpisode {
     /// `radius_mm`: from the origin of the part's frame to its farthest point; `covariance`: of the peg's pose in the hand over (x mm, y mm,
     /// theta rad) in the part's frame, such as `Estimate.offset_covariance` of touches of it; none: exactly.
     #[pyo3(signature = (play_mm, radius_mm, covariance = None, most = 200))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn search(
         &self,
         py: Python<'_>,
