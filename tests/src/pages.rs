@@ -1,83 +1,18 @@
 //! The pages of `tactile-filter try` and `watch --page` as a browser meets them, and as another site's page does.
 
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::Write;
 use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use tactile_tests::programs::{path, run};
+use tactile_tests::programs::run;
 use tactile_tests::samples::Sample;
-
-/// A program that serves a page, stopped at the end.
-struct Served {
-    program: Child,
-    address: String,
-}
-
-impl Served {
-    fn new(sample: &Sample) -> Self {
-        let mut command = Command::new(path("tactile-filter"));
-        command.current_dir(sample.folder()).args(["try", "--scene", "two.toml", "--page", "127.0.0.1:0"]);
-        command.args(["--model", "model/model.safetensors", "--bank", "pegs.bank", "--seed", "3"]);
-        let mut program = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-        let said = program.stdout.take().unwrap();
-        Self::of(program, said)
-    }
-
-    /// A program that says where its page is.
-    fn of(program: Child, said: impl Read) -> Self {
-        let mut line = String::new();
-        BufReader::new(said).read_line(&mut line).unwrap();
-        let address = line.split('/').nth(2).unwrap_or_else(|| panic!("no address in {line:?}")).to_owned();
-        Self { program, address }
-    }
-
-    fn connect(&self) -> TcpStream {
-        let stream = TcpStream::connect(&self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        stream
-    }
-
-    /// The status and the body of what is answered.
-    fn ask(&self, line: &str, headers: &[(&str, &str)], body: &str) -> (u16, String) {
-        let mut stream = self.connect();
-        let mut request = format!("{line} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
-        if !headers.iter().any(|(name, _)| *name == "Host") {
-            request += &format!("Host: {}\r\n", self.address);
-        }
-        headers.iter().for_each(|(name, value)| request += &format!("{name}: {value}\r\n"));
-        stream.write_all(format!("{request}\r\n{body}").as_bytes()).unwrap();
-        let mut answered = String::new();
-        stream.read_to_string(&mut answered).unwrap();
-        let status = answered.split(' ').nth(1).unwrap().parse().unwrap();
-        (status, answered.split_once("\r\n\r\n").unwrap().1.to_owned())
-    }
-
-    fn state(&self) -> Value {
-        self.read("state")
-    }
-
-    fn read(&self, path: &str) -> Value {
-        serde_json::from_str(&self.ask(&format!("GET /{path}"), &[], "").1).unwrap()
-    }
-
-    fn post(&self, path: &str, body: &Value) -> (u16, String) {
-        self.ask(&format!("POST /{path}"), &[("Content-Type", "application/json")], &body.to_string())
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ended = self.program.kill();
-        let _reaped = self.program.wait();
-    }
-}
+use tactile_tests::served::Served;
 
 #[test]
 fn a_hole_is_touched_shown_and_followed_by_another() {
     let sample = Sample::shared();
-    let served = Served::new(&sample);
+    let served = Served::of_sample(&sample);
     let (status, page) = served.ask("GET /", &[], "");
     assert!(status == 200 && page.contains("page.js") && page.contains("Touch a hole by hand"));
     // Nothing comes from elsewhere.
@@ -115,7 +50,7 @@ fn a_hole_is_touched_shown_and_followed_by_another() {
 #[test]
 fn pages_of_other_sites_and_slow_clients_change_nothing() {
     let sample = Sample::shared();
-    let served = Served::new(&sample);
+    let served = Served::of_sample(&sample);
     let fresh = served.state();
     let json = ("Content-Type", "application/json");
     let press = r#"{"x_mm":0,"y_mm":0,"theta_deg":0}"#;
@@ -182,11 +117,7 @@ fn a_log_is_shown_in_a_page() {
     let live = ["live", "--simulate", "two.toml", "--episodes", "1", "--fast", "--log", &log, "--page", "127.0.0.1:0"];
     let ran = run("tactile-filter", sample.folder(), &[&live[..], &model].concat());
     assert!(ran.done().contains("touch 1") && ran.stderr.contains("http://127.0.0.1:"), "{ran:#?}");
-    let mut command = Command::new(path("tactile-filter"));
-    command.args(["watch", "--log", &log, "--page", "127.0.0.1:0"]).stdout(Stdio::null()).stderr(Stdio::piped());
-    let mut program = command.spawn().unwrap();
-    let said = program.stderr.take().unwrap();
-    let served = Served::of(program, said);
+    let served = Served::start(folder.path(), &["watch", "--log", &log, "--page", "127.0.0.1:0"]);
     let (status, page) = served.ask("GET /", &[], "");
     assert!(status == 200 && page.contains("live.js"));
     assert_eq!([served.ask("GET /live.js", &[], "").0, served.ask("GET /state", &[], "").0], [200, 404]);

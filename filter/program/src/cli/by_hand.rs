@@ -67,7 +67,7 @@ impl Try {
         let server = PageServer::bind(&self.page)?;
         let by_hand = Mutex::new(self.by_hand()?);
         let stop = stop_on_signals()?;
-        println!("{}  (Ctrl-C stops it)", server.url());
+        eprintln!("{}  (Ctrl-C stops it)", server.url());
         server.serve(stop, &|asked| answer(&by_hand, &asked));
         Ok(())
     }
