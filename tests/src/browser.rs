@@ -65,7 +65,8 @@ fn a_touch_is_drawn() {
         assert!(page.contains(drawn), "{drawn}: {page}");
     }
     assert!(
-        !page.contains("class=\"reach\"") && page.matches("class=\"bar\"").count() == state["parts"].as_array().unwrap().len()
+        !page.contains("class=\"reach\"")
+            && page.matches("class=\"bar\"").count() == state["parts"].as_array().unwrap().len()
     );
 }
 

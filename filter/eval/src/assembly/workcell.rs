@@ -225,8 +225,8 @@ impl<'a> Workcell<'a> {
             let decision = episode.decide(&reach)?;
             decision_ms.push(started.elapsed().as_secs_f64() * 1e3);
             watch(&Moment { hole: &hole, frame: &frame, episode: &episode, bank })?;
-            let next = match decision {
-                Decision::Touch(action) => Some(action),
+            let action = match decision {
+                Decision::Touch(action) => action,
                 Decision::Done(estimate, stop) => {
                     let tried = self.insert(&hole, &estimate, &mut robot, &mut made)?;
                     let is_last = made.went_in || made.n_tries >= self.task.insertion.tries;
@@ -237,14 +237,13 @@ impl<'a> Workcell<'a> {
                         }
                         _ => None,
                     };
-                    if next.is_none() {
-                        let n_pegs = bank.parts().len();
+                    let n_pegs = bank.parts().len();
+                    let Some(action) = next else {
                         return Ok(Attempt::of(&made, &estimate, (n_pegs, stop, decision_ms)));
-                    }
-                    next
+                    };
+                    action
                 }
             };
-            let Some(action) = next else { continue };
             made.travel_mm += action.sensor_from_next.x_mm.hypot(action.sensor_from_next.y_mm);
             let moved = hole.go(&action);
             frame = hole.touch()?;
