@@ -22,7 +22,7 @@ use tactile_data::{Error, Result, output, picture, program};
 
 /// Fit a sensor's lamps to presses of a ball, to touches of anything, or to Taxim's table.
 ///
-/// Press a ball of known diameter a dozen times or more, all over the frame (its edge may cut a ball whose middle is in
+/// Press a ball of known diameter 20 times or more, all over the frame (its edge may cut a ball whose middle is in
 /// view), and save a frame of each. The program finds where the ball touched, or reads it from labels: a CSV with the
 /// columns file, center_x, center_y and radius, in pixels, some pixels off at most. It prints the error of each press
 /// when the others predict it.
