@@ -305,7 +305,7 @@ mod tests {
         scene.fidelity = Fidelity::Gel;
         scene.sensor.tilt_jitter_deg = 0.0;
         let simulator = Simulator::new(scene, 1).unwrap();
-        // Beside the letter there is nothing but the plate.
+        // Away from the letter there is nothing but the plate.
         let touch = |slopes: [f64; 2], deg: f64| {
             let pose = Se2::from_degrees(17.0, 0.0, deg);
             let frame = simulator.print(0).tilted(slopes).touch(0, Side::Hole, &pose, &mut frame_rng(3, 0)).unwrap();

@@ -1,5 +1,7 @@
 //! Matrices of three rows: what is asked of a pose's covariance.
 
+use tactile_infer::maps::align::inverse;
+
 /// Rows and columns are x, y (mm) and the angle (rad).
 pub(crate) type Matrix = [[f64; 3]; 3];
 
@@ -19,10 +21,12 @@ pub(crate) fn square(matrix: &Matrix, x: [f64; 3]) -> f64 {
     (0..3).map(|row| (0..3).map(|at| x[row] * matrix[row][at] * x[at]).sum::<f64>()).sum()
 }
 
-/// Whether a distribution has such a covariance: all its leading minors are above zero (Sylvester).
-pub(crate) fn is_positive(m: &Matrix) -> bool {
+/// The inverse of a covariance; `None` where no distribution has it: a leading minor is not above zero (Sylvester).
+pub(crate) fn information(covariance: &Matrix) -> Option<Matrix> {
+    let m = covariance;
     let of_two = m[0][0] * m[1][1] - m[0][1] * m[1][0];
-    [m[0][0], of_two, determinant(m)].into_iter().all(|minor| minor > 0.0 && minor.is_finite())
+    let mut minors = [m[0][0], of_two, determinant(m)].into_iter();
+    minors.all(|minor| minor > 0.0 && minor.is_finite()).then(|| inverse(*m)).flatten()
 }
 
 fn product(a: &Matrix, b: &Matrix) -> Matrix {

@@ -534,8 +534,8 @@ typedef struct tf_held_peg {
      */
     double radius_mm;
     /**
-     * How well its pose in the hand is known: covariance over (x mm, y mm, theta rad) in the part's frame, row by row. Where touches of
-     * the peg itself told it, their tf_episode_offset_covariance(); zeros: exactly.
+     * How well its pose in the hand is known: covariance over (x mm, y mm, theta rad) in the part's frame, row by row. After touches of
+     * the peg itself it is their tf_episode_offset_covariance(); zeros: exactly.
      */
     double covariance[9];
     /**

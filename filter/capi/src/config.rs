@@ -6,7 +6,7 @@ use std::sync::{RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tactile_filter::{EpisodeConfig, KnownStart, SensorMatch};
 
 use crate::model::tf_model;
-use crate::pointer::{fill, free, get, give, slice, text};
+use crate::pointer::{fill, free, get, give, text};
 use crate::sensor::side;
 use crate::status::{Failure, call, tf_status};
 use crate::value::{tf_pose, unflat};
@@ -133,8 +133,7 @@ pub unsafe extern "C" fn tf_config_forget_start(config: *mut tf_config) -> tf_st
 /// # Safety
 /// `values` is null or of 9 numbers.
 unsafe fn matrix(values: *const f64) -> Result<[[f64; 3]; 3], Failure> {
-    let values = unsafe { slice(values, 9, "covariance")? };
-    Ok(unflat(&std::array::from_fn(|at| values[at])))
+    Ok(unflat(unsafe { get(values.cast::<[f64; 9]>(), "covariance")? }))
 }
 
 /// Changes a setting.

@@ -16,8 +16,8 @@ pub struct tf_held_peg {
     pub play_mm: f64,
     /// From the origin of its part's frame to its farthest point, mm.
     pub radius_mm: f64,
-    /// How well its pose in the hand is known: covariance over (x mm, y mm, theta rad) in the part's frame, row by row. Where touches of
-    /// the peg itself told it, their tf_episode_offset_covariance(); zeros: exactly.
+    /// How well its pose in the hand is known: covariance over (x mm, y mm, theta rad) in the part's frame, row by row. After touches of
+    /// the peg itself it is their tf_episode_offset_covariance(); zeros: exactly.
     pub covariance: [f64; 9],
     /// Poses at most, at least 1.
     pub most_poses: u32,

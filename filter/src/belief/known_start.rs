@@ -6,11 +6,11 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_infer::maps::align::{Start, inverse};
+use tactile_infer::maps::align::Start;
 
 use crate::belief::refine::steps_of;
 use crate::error::{Error, Result};
-use crate::matrix::{Matrix, by_jacobian, is_positive, square};
+use crate::matrix::{Matrix, by_jacobian, information, square};
 
 /// A pose that is farther from all states than this is not one where the bank's parts may be touched first, standard deviations.
 const FARTHEST: f64 = 6.0;
@@ -71,8 +71,8 @@ impl KnownStart {
         steps_of(states).iter().enumerate().for_each(|(axis, step)| wide[axis][axis] += step * step / 12.0);
         let is_symmetric =
             (0..3).all(|row| (0..3).all(|at| (wide[row][at] - covariance[row][at]).abs() <= ROUNDING || row == at));
-        let is_covariance = is_positive(&wide) && (0..3).all(|axis| covariance[axis][axis] >= 0.0);
-        let information = (is_symmetric && is_covariance).then(|| inverse(wide)).flatten().ok_or_else(|| {
+        let is_covariance = is_symmetric && (0..3).all(|axis| covariance[axis][axis] >= 0.0);
+        let information = information(&wide).filter(|_| is_covariance).ok_or_else(|| {
             let expected = "a covariance of x, y (mm) and theta (rad): symmetric, no variance below zero";
             Error::config("start", expected, format!("{covariance:?}"))
         })?;

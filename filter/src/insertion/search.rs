@@ -3,12 +3,11 @@
 use std::f64::consts::PI;
 
 use tactile_data::se2::Se2;
-use tactile_infer::maps::align::inverse;
 
 use crate::decision::Estimate;
 use crate::error::{Error, Result};
 use crate::insertion::tried::Tried;
-use crate::matrix::{Matrix, by_jacobian, determinant, is_positive, square};
+use crate::matrix::{Matrix, by_jacobian, determinant, information, square};
 
 /// Poses are searched that are as near to what is believed as 95 of 100 are: the squared error by the covariance of three numbers.
 pub(crate) const CHI_SQUARE_95: f64 = 7.815;
@@ -63,58 +62,56 @@ impl Estimate {
     pub fn search(&self, peg: &HeldPeg, most: usize) -> Result<Search> {
         let of_hole = self.offset_covariance();
         let covariance = [0, 1, 2].map(|row| [0, 1, 2].map(|at| of_hole[row][at] + peg.covariance[row][at]));
-        let search = Search::over(&covariance, [peg.play_mm, peg.radius_mm], most)?;
-        let in_vain = Tried { part: self.part.clone(), part_from_first: self.part_from_first, ..search.in_vain };
-        Ok(Search { in_vain, ..search })
+        let (offsets, covered) = poses(&covariance, [peg.play_mm, peg.radius_mm], most)?;
+        let in_vain = Tried { part: self.part.clone(), part_from_first: self.part_from_first, covariance, covered };
+        Ok(Search { offsets, in_vain, radius_mm: peg.radius_mm })
     }
 }
 
 impl Search {
-    /// A search over a covariance of the peg in its hole; with its play and its radius, mm. The peg goes in where it is off by the play at
-    /// most, itself and by its turn at its farthest point.
-    fn over(covariance: &Matrix, [play_mm, radius_mm]: [f64; 2], most: usize) -> Result<Self> {
-        for (what, value) in [("play, mm", play_mm), ("radius of the peg, mm", radius_mm)] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(Error::config(what, "a number above zero", value.to_string()));
-            }
-        }
-        let information = is_positive(covariance).then(|| inverse(*covariance)).flatten().ok_or_else(|| {
-            let expected = "a covariance of x, y (mm) and the angle (rad)";
-            Error::config("search", expected, format!("{covariance:?}"))
-        })?;
-        // No pose is farther from one that is tried than half of the play by its place, and half by its turn.
-        let steps = [play_mm * 0.5_f64.sqrt(), play_mm * 0.5_f64.sqrt(), play_mm / radius_mm];
-        let reach = [0, 1, 2].map(|axis| {
-            let steps = (CHI_SQUARE_95 * covariance[axis][axis]).sqrt() / steps[axis];
-            (steps.floor() as i32).clamp(0, MOST_STEPS)
-        });
-        let mut found: Vec<(f64, Se2)> = Vec::new();
-        for x in -reach[0]..=reach[0] {
-            for y in -reach[1]..=reach[1] {
-                for turn in -reach[2]..=reach[2] {
-                    let off = [f64::from(x) * steps[0], f64::from(y) * steps[1], f64::from(turn) * steps[2]];
-                    let square = square(&information, off);
-                    if square <= CHI_SQUARE_95 {
-                        found.push((square, Se2::new(off[0], off[1], off[2])));
-                    }
-                }
-            }
-        }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        found.truncate(most.max(1));
-        let density = 1.0 / ((2.0 * PI).powi(3) * determinant(covariance)).sqrt();
-        let sum: f64 = found.iter().map(|(square, _)| (-0.5 * square).exp()).sum();
-        let covered = (sum * density * steps[0] * steps[1] * steps[2]).min(0.95);
-        let offsets = found.into_iter().map(|(_, offset)| offset).collect();
-        let in_vain = Tried { part: String::new(), part_from_first: Se2::IDENTITY, covariance: *covariance, covered };
-        Ok(Self { offsets, in_vain, radius_mm })
-    }
-
     /// How far the peg slides up to one of the poses, from the first one on, mm: its middle, and its farthest point where it turns.
     pub fn slide_mm(&self, last: usize) -> f64 {
         let pairs = self.offsets.iter().zip(self.offsets.iter().skip(1)).take(last);
         pairs.map(|(a, b)| a.distance_mm(b) + self.radius_mm * (b.theta_rad - a.theta_rad).abs()).sum()
     }
+}
+
+/// The poses of a search over a covariance of the peg in its hole, and how probable it is that one of them is the hole's; with its play
+/// and its radius, mm. The peg goes in where it is off by the play at most, itself and by its turn at its farthest point.
+fn poses(covariance: &Matrix, [play_mm, radius_mm]: [f64; 2], most: usize) -> Result<(Vec<Se2>, f64)> {
+    for (what, value) in [("play, mm", play_mm), ("radius of the peg, mm", radius_mm)] {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(Error::config(what, "a number above zero", value.to_string()));
+        }
+    }
+    let information = information(covariance).ok_or_else(|| {
+        let expected = "a covariance of x, y (mm) and the angle (rad)";
+        Error::config("search", expected, format!("{covariance:?}"))
+    })?;
+    // No pose is farther from one that is tried than half of the play by its place, and half by its turn.
+    let steps = [play_mm * 0.5_f64.sqrt(), play_mm * 0.5_f64.sqrt(), play_mm / radius_mm];
+    let reach = [0, 1, 2].map(|axis| {
+        let steps = (CHI_SQUARE_95 * covariance[axis][axis]).sqrt() / steps[axis];
+        (steps.floor() as i32).clamp(0, MOST_STEPS)
+    });
+    let mut found: Vec<(f64, Se2)> = Vec::new();
+    for x in -reach[0]..=reach[0] {
+        for y in -reach[1]..=reach[1] {
+            for turn in -reach[2]..=reach[2] {
+                let off = [f64::from(x) * steps[0], f64::from(y) * steps[1], f64::from(turn) * steps[2]];
+                let square = square(&information, off);
+                if square <= CHI_SQUARE_95 {
+                    found.push((square, Se2::new(off[0], off[1], off[2])));
+                }
+            }
+        }
+    }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.truncate(most.max(1));
+    let density = 1.0 / ((2.0 * PI).powi(3) * determinant(covariance)).sqrt();
+    let sum: f64 = found.iter().map(|(square, _)| (-0.5 * square).exp()).sum();
+    let covered = (sum * density * steps[0] * steps[1] * steps[2]).min(0.95);
+    Ok((found.into_iter().map(|(_, offset)| offset).collect(), covered))
 }
 
 #[cfg(test)]
@@ -124,6 +121,13 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
+
+    /// The search of a peg that is known exactly, over a hole so well known.
+    fn over(covariance: &Matrix, sizes: [f64; 2], most: usize) -> Result<Search> {
+        let (offsets, covered) = poses(covariance, sizes, most)?;
+        let in_vain = Tried { part: "a".into(), part_from_first: Se2::IDENTITY, covariance: *covariance, covered };
+        Ok(Search { offsets, in_vain, radius_mm: sizes[1] })
+    }
 
     /// Correlated, of 0.3 and 0.2 mm and 0.6 degrees.
     fn covariance() -> Matrix {
@@ -155,7 +159,7 @@ mod tests {
     fn of_what_is_believed_so_much_goes_in_as_is_said() {
         let draws = draws(&covariance(), 4000);
         for (play_mm, most) in [(0.3, 10_000), (0.3, 40), (0.15, 10_000), (2.0, 10_000)] {
-            let search = Search::over(&covariance(), [play_mm, 20.0], most).unwrap();
+            let search = over(&covariance(), [play_mm, 20.0], most).unwrap();
             assert!(search.offsets[0] == Se2::IDENTITY && search.offsets.len() <= most);
             let goes_in = |off: &&[f64; 3]| {
                 search.offsets.iter().any(|at| {
@@ -173,9 +177,9 @@ mod tests {
 
     #[test]
     fn with_room_enough_it_goes_straight_down() {
-        let search = Search::over(&covariance(), [2.0, 20.0], 1000).unwrap();
+        let search = over(&covariance(), [2.0, 20.0], 1000).unwrap();
         assert_eq!((search.offsets.len(), search.slide_mm(0)), (1, 0.0));
-        let fine = Search::over(&covariance(), [0.2, 20.0], 1000).unwrap();
+        let fine = over(&covariance(), [0.2, 20.0], 1000).unwrap();
         let n = fine.offsets.len();
         assert!(n > 100 && fine.slide_mm(n - 1) > fine.slide_mm(10) && fine.slide_mm(10) > 0.0);
         let by_hand = fine.offsets[0].distance_mm(&fine.offsets[1]) + 20.0 * fine.offsets[1].theta_rad.abs();
@@ -203,7 +207,7 @@ mod tests {
     #[test]
     fn what_cannot_be_searched_is_refused() {
         let error = |covariance: &Matrix, play_mm, radius_mm| {
-            Search::over(covariance, [play_mm, radius_mm], 9).unwrap_err().to_string()
+            over(covariance, [play_mm, radius_mm], 9).unwrap_err().to_string()
         };
         assert_eq!(error(&covariance(), 0.0, 1.0), "play, mm: expected a number above zero, got 0");
         assert!(error(&covariance(), 0.3, f64::NAN).starts_with("radius of the peg, mm"));

@@ -5,12 +5,11 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
-use tactile_infer::maps::align::inverse;
 
 use crate::belief::refine::steps_of;
 use crate::error::{Error, Result};
 use crate::insertion::search::{CHI_SQUARE_95, offset_covariance};
-use crate::matrix::{Matrix, is_positive, square};
+use crate::matrix::{Matrix, information, square};
 
 /// A peg was tried over a hole and went in nowhere: the hole is another part's, or elsewhere, or was missed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,8 +56,8 @@ impl Tried {
         steps_of(states).iter().enumerate().for_each(|(axis, step)| cells[axis][axis] = NEAREST * step * step);
         let cells = offset_covariance(part_from_first, &cells);
         let wide = [0, 1, 2].map(|row| [0, 1, 2].map(|at| CHI_SQUARE_95 * covariance[row][at] + cells[row][at]));
-        let is_covariance = is_positive(&wide) && (0..3).all(|axis| covariance[axis][axis] >= 0.0);
-        let information = is_covariance.then(|| inverse(wide)).flatten().ok_or_else(|| {
+        let is_covariance = (0..3).all(|axis| covariance[axis][axis] >= 0.0);
+        let information = information(&wide).filter(|_| is_covariance).ok_or_else(|| {
             let expected = "a covariance of x, y (mm) and the angle (rad)";
             Error::config("tried", expected, format!("{covariance:?}"))
         })?;
@@ -80,8 +79,11 @@ impl TriedStates {
             return 0.0;
         }
         // A hole that is turned by the part's own symmetry takes the peg, too.
-        let tried = first_from_part.inverse();
-        let twin = if symmetry.is_any() { symmetry.nearest_twin(part_from_first, &tried) } else { *part_from_first };
+        let twin = if symmetry.is_any() {
+            symmetry.nearest_twin(part_from_first, &first_from_part.inverse())
+        } else {
+            *part_from_first
+        };
         let off = twin * *first_from_part;
         if square(information, [off.x_mm, off.y_mm, off.theta_rad]) <= 1.0 { *log_missed } else { 0.0 }
     }

@@ -1,7 +1,7 @@
 //! What a robot is to do in an assembly, and what happened at one hole.
 
 use serde::{Deserialize, Serialize};
-use tactile_filter::{Estimate, StopReason};
+use tactile_filter::StopReason;
 
 use crate::speeds::Speeds;
 
@@ -24,12 +24,6 @@ pub struct Task {
     pub speeds: Speeds,
 }
 
-impl Default for Insertion {
-    fn default() -> Self {
-        Self { peg_touches: 2, search_poses: 200, tries: 3, slide_mm_s: 10.0 }
-    }
-}
-
 /// How a peg is put in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Insertion {
@@ -41,6 +35,12 @@ pub struct Insertion {
     pub tries: usize,
     /// How fast a peg slides along the plate, mm a second.
     pub slide_mm_s: f64,
+}
+
+impl Default for Insertion {
+    fn default() -> Self {
+        Self { peg_touches: 2, search_poses: 200, tries: 3, slide_mm_s: 10.0 }
+    }
 }
 
 /// What became of one hole. Parts are indices into the scene's.
@@ -78,42 +78,25 @@ pub struct Attempt {
     pub decision_ms: Vec<f64>,
 }
 
-/// What a robot has done at a hole so far.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Made {
-    pub part: usize,
-    pub named: usize,
-    pub went_in: bool,
-    pub n_tries: usize,
-    pub n_peg_touches: usize,
-    pub travel_mm: f64,
-    pub slide_mm: f64,
-    pub xy_mm: f64,
-    pub theta_deg: f64,
-}
-
 impl Attempt {
-    /// What was made of a hole, by the estimate that was tried last; with the number of pegs, why the touching ended, and the times.
-    pub(super) fn of(made: &Made, estimate: &Estimate, ended: (usize, StopReason, Vec<f64>)) -> Self {
-        let Made { part, named, went_in, n_tries, n_peg_touches, travel_mm, slide_mm, xy_mm, theta_deg } = *made;
-        let (n_pegs, stop, decision_ms) = ended;
-        let Estimate { n_touches, probability, fit, .. } = *estimate;
+    /// A hole at which nothing was done yet, with so many pegs to choose from.
+    pub(super) fn begun(part: usize, n_pegs: usize) -> Self {
         Self {
             part,
-            named,
+            named: part,
             n_pegs,
-            stop,
-            n_touches,
-            n_peg_touches,
-            n_tries,
-            travel_mm,
-            slide_mm,
-            probability,
-            fit,
-            went_in,
-            xy_mm,
-            theta_deg,
-            decision_ms,
+            stop: StopReason::TouchLimit,
+            n_touches: 0,
+            n_peg_touches: 0,
+            n_tries: 0,
+            travel_mm: 0.0,
+            slide_mm: 0.0,
+            probability: 0.0,
+            fit: None,
+            went_in: false,
+            xy_mm: 0.0,
+            theta_deg: 0.0,
+            decision_ms: Vec::new(),
         }
     }
 

@@ -24,7 +24,7 @@ use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::threads;
 
-use super::attempt::{Attempt, Insertion, Made, Task};
+use super::attempt::{Attempt, Insertion, Task};
 use super::in_hand::{Held, Peg};
 use crate::error::{Error, Result};
 use crate::hole::{Hole, observe};
@@ -215,15 +215,14 @@ impl<'a> Workcell<'a> {
         watch: Watch<'_>,
     ) -> Result<Attempt> {
         let bank = robot.bank;
-        let mut made = Made { part: hole.part_index(), ..Made::default() };
-        let mut decision_ms = Vec::new();
+        let mut made = Attempt::begun(hole.part_index(), bank.parts().len());
         let mut frame = hole.touch()?;
         let mut started = Instant::now();
         let mut episode = Episode::begin(config, bank.clone(), &observe(self.sensor, &frame)?)?;
         loop {
             let reach = hole.reach(bank.start(), Poses::OffGrid);
             let decision = episode.decide(&reach)?;
-            decision_ms.push(started.elapsed().as_secs_f64() * 1e3);
+            made.decision_ms.push(started.elapsed().as_secs_f64() * 1e3);
             watch(&Moment { hole: &hole, frame: &frame, episode: &episode, bank })?;
             let action = match decision {
                 Decision::Touch(action) => action,
@@ -237,9 +236,9 @@ impl<'a> Workcell<'a> {
                         }
                         _ => None,
                     };
-                    let n_pegs = bank.parts().len();
                     let Some(action) = next else {
-                        return Ok(Attempt::of(&made, &estimate, (n_pegs, stop, decision_ms)));
+                        let Estimate { n_touches, probability, fit, .. } = *estimate;
+                        return Ok(Attempt { stop, n_touches, probability, fit, ..made });
                     };
                     action
                 }
@@ -259,7 +258,7 @@ impl<'a> Workcell<'a> {
         hole: &Hole<'_>,
         estimate: &Estimate,
         robot: &mut Robot<'_>,
-        made: &mut Made,
+        made: &mut Attempt,
     ) -> Result<Option<Tried>> {
         let named = self.index_of(&estimate.part)?;
         let InHand { held_from_peg, felt, .. } = match robot.in_hand {
@@ -287,7 +286,7 @@ impl<'a> Workcell<'a> {
     }
 
     /// Takes a peg, and feels where it is in the hand.
-    fn pick_up(&self, part: usize, robot: &mut Robot<'_>, made: &mut Made) -> Result<InHand> {
+    fn pick_up(&self, part: usize, robot: &mut Robot<'_>, made: &mut Attempt) -> Result<InHand> {
         let held_from_peg = match robot.next_grasp.take() {
             Some(drawn) => drawn,
             None => self.grasped(&mut robot.rng),

@@ -6,6 +6,7 @@ use tactile_filter::{Estimate, StopReason};
 
 use super::ByHand;
 use crate::error::Result;
+use crate::narrative::picture::belief;
 use crate::narrative::{PartPicture, felt, picture, places};
 
 /// Everything that the page draws, as JSON.
@@ -117,13 +118,13 @@ impl ByHand {
         let n_xy = grid.n_xy();
         let places = self.hole.episode.as_ref().map(|episode| places(episode.belief(), &self.bank));
         let most = places.iter().flatten().copied().fold(f64::MIN_POSITIVE, f64::max);
-        let part = |(index, PartPicture { name, outline_mm }): (usize, &PartPicture)| {
+        let part = |(index, picture): (usize, &PartPicture)| {
             let of_part = places.as_ref().map(|places| &places[index * n_xy * n_xy..][..n_xy * n_xy]);
-            let belief = of_part.map(|places| picture::belief(places, n_xy, most)).transpose()?;
+            let belief = of_part.map(|places| belief(places, n_xy, most)).transpose()?;
             let even = 1.0 / self.board.parts.len() as f64;
             Ok(Part {
-                name: name.clone(),
-                outline: path(outline_mm),
+                name: picture.name.clone(),
+                outline: picture.svg_path(),
                 probability: estimate.map_or(even, |estimate| estimate.class_posterior[index]),
                 belief,
                 belief_half_mm: grid.xy_half_mm + 0.5 * grid.xy_step_mm,
@@ -144,13 +145,4 @@ impl ByHand {
             stop: estimate.stop,
         }
     }
-}
-
-/// Contours as an SVG path.
-fn path(contours: &[Vec<[f64; 2]>]) -> String {
-    let contour = |points: &Vec<[f64; 2]>| {
-        let places: Vec<String> = points.iter().map(|[x, y]| format!("{x:.2} {y:.2}")).collect();
-        format!("M{}Z", places.join("L"))
-    };
-    contours.iter().map(contour).collect()
 }

@@ -104,6 +104,17 @@ pub struct NextTouch {
     pub choice: Choice,
 }
 
+impl PartPicture {
+    /// Its outline as an SVG path, mm.
+    pub fn svg_path(&self) -> String {
+        let contour = |points: &Vec<[f64; 2]>| {
+            let places: Vec<_> = points.iter().map(|[x, y]| format!("{x:.2} {y:.2}")).collect();
+            format!("M{}Z", places.join("L"))
+        };
+        self.outline_mm.iter().map(contour).collect()
+    }
+}
+
 impl Board {
     /// What all episodes of some holes share.
     ///

@@ -7,7 +7,7 @@ use tactile_infer::maps::mosaic::Difference;
 
 use super::drawing::{mm, outline, transform, view_box};
 use super::next_touch::Candidates;
-use super::{Board, Felt, Narrative, NarrativeTouch, PartPicture, next_touch, picture};
+use super::{Board, Felt, Narrative, NarrativeTouch, next_touch, picture};
 use crate::error::Result;
 use crate::page::axes::path;
 use crate::page::numbers::{number, percent, touch_count};
@@ -21,18 +21,11 @@ const HEADS: [&str; 4] = ["Where it touched", "What the camera saw", "What chang
 
 /// The outlines of all parts, defined once and drawn wherever [`outline`] refers to them.
 pub fn outlines(board: &Board) -> Markup {
-    let d = |PartPicture { outline_mm, .. }: &PartPicture| -> String {
-        let contour = |points: &Vec<[f64; 2]>| {
-            let places: Vec<_> = points.iter().map(|[x, y]| format!("{x:.2} {y:.2}")).collect();
-            format!("M{}Z", places.join("L"))
-        };
-        outline_mm.iter().map(contour).collect()
-    };
     html! {
         svg.defs aria-hidden="true" {
             defs {
                 @for (part, picture) in board.parts.iter().enumerate() {
-                    path id={ "part-" (part) } d=(d(picture)) vector-effect="non-scaling-stroke" {}
+                    path id={ "part-" (part) } d=(picture.svg_path()) vector-effect="non-scaling-stroke" {}
                 }
             }
         }

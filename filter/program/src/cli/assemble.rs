@@ -55,16 +55,16 @@ pub struct Assemble {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, help_heading = "Trials")]
     tilt: f64,
     /// Press a held peg on a second sensor so often before it is tried, so that its place in the hand is known
-    #[arg(long, value_name = "N", default_value_t = 2, help_heading = "Insertion")]
+    #[arg(long, value_name = "N", default_value_t = Insertion::default().peg_touches, help_heading = "Insertion")]
     peg_touches: usize,
     /// Slide a peg over so many poses at most until it goes in, the likeliest first; 1: straight down
-    #[arg(long, value_name = "N", default_value_t = 200, help_heading = "Insertion")]
+    #[arg(long, value_name = "N", default_value_t = Insertion::default().search_poses, help_heading = "Insertion")]
     search: usize,
     /// Try a hole so often; a peg that does not go in is evidence, and the hole is touched again before the next try
-    #[arg(long, value_name = "N", default_value_t = 3, help_heading = "Insertion")]
+    #[arg(long, value_name = "N", default_value_t = Insertion::default().tries, help_heading = "Insertion")]
     tries: usize,
     /// Speed of a peg along the plate, mm a second
-    #[arg(long, value_name = "MM", default_value_t = 10.0, help_heading = "Insertion")]
+    #[arg(long, value_name = "MM", default_value_t = Insertion::default().slide_mm_s, help_heading = "Insertion")]
     slide_mm_s: f64,
     #[command(flatten)]
     speeds: SpeedArgs,

@@ -37,8 +37,8 @@ pub struct Try {
     /// The model
     #[arg(long, value_name = "FILE", default_value = "infer/models/maze-small.safetensors")]
     model: PathBuf,
-    /// Networks that draw maps of touches: what was felt so far is shown, and parts are named by it, too [default: those beside the
-    /// model, where they are]
+    /// Networks that draw maps of touches: what was felt so far is shown, and parts are named by it, too [default: MODEL with
+    /// the ending .maps.safetensors, where it is]
     #[arg(long, value_name = "FILE")]
     maps: Option<PathBuf>,
     /// A bank of the scene's parts [default: it is made]
@@ -73,8 +73,8 @@ impl Try {
     }
 
     fn by_hand(&self) -> Result<ByHand> {
-        let beside = Some(self.model.with_extension("maps.safetensors")).filter(|path| path.exists());
-        let maps = self.maps.clone().or(beside).map(|path| Maps::load(&path)).transpose()?;
+        let shipped = Some(self.model.with_extension("maps.safetensors")).filter(|path| path.exists());
+        let maps = self.maps.clone().or(shipped).map(|path| Maps::load(&path)).transpose()?;
         let model = Model::load(&self.model)?;
         let model = Arc::new(match &maps {
             Some(maps) => model.with_maps(maps.clone())?,

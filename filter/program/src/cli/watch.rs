@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 
 use clap::Args;
 use tactile_live::Error;
@@ -10,10 +9,8 @@ use tactile_live::shell::watch::{channel, follow_log, show};
 
 use super::failure::Result;
 use super::live::{serve_page, stop_on_signals};
+use crate::page::PATIENCE;
 use crate::page::live::LivePage;
-
-/// Between two looks whether to stop.
-const LOOK: Duration = Duration::from_millis(100);
 
 /// Look at a running node, or at a log, in the terminal.
 #[derive(Args)]
@@ -61,7 +58,7 @@ impl Watch {
         let page = if self.log.is_some() { LivePage::of_log() } else { LivePage::default() };
         serve_page(address, page, receiver, stop)?;
         while !stop.load(Ordering::Relaxed) {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(PATIENCE);
         }
         Ok(())
     }

@@ -3,10 +3,9 @@
 //! In: what the node publishes, in the messages of the terminal view, and its pictures. Out: one JSON for the page. The node never waits
 //! for it.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use serde_json::json;
 use tactile_eval::narrative::picture;
@@ -17,13 +16,10 @@ use tactile_live::session::Onlooker;
 use tactile_live::shell::views::Shown;
 use tactile_live::watch::Follower;
 
-use super::{Asked, Reply};
+use super::{Asked, PATIENCE, Reply};
 
 /// Between two pictures that the page may show, ns: a person sees no more.
 const PICTURE_NS: i64 = 100_000_000;
-
-/// How often a thread that waits for messages looks whether to stop.
-const PATIENCE: Duration = Duration::from_millis(100);
 
 /// What the page shows.
 #[derive(Default)]
@@ -31,11 +27,10 @@ pub struct LivePage {
     follower: Mutex<Follower>,
     /// All messages so far, where any moment may be asked for.
     kept: Option<Mutex<Vec<Shown>>>,
-    /// The latest picture as it came.
-    latest: Mutex<Option<Arc<Input>>>,
-    /// The number of pictures so far, and the one of that number as a data URI.
-    drawn: Mutex<(u64, Option<String>)>,
-    n_pictures: AtomicU64,
+    /// The latest picture as it came, until it is drawn.
+    latest: Mutex<Option<Input>>,
+    /// The one that was drawn last, a data URI.
+    drawn: Mutex<Option<String>>,
 }
 
 impl LivePage {
@@ -50,9 +45,7 @@ impl LivePage {
         Box::new(move |event: &Event, _: &[Output]| {
             if matches!(event.input, Input::Image(_) | Input::CompressedImage(_)) && event.time_ns >= next_ns {
                 next_ns = event.time_ns.saturating_add(PICTURE_NS);
-                let input = Some(Arc::new(event.input.clone()));
-                *page.latest.lock().unwrap_or_else(PoisonError::into_inner) = input;
-                page.n_pictures.fetch_add(1, Ordering::Relaxed);
+                *page.latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(event.input.clone());
             }
         })
     }
@@ -116,13 +109,12 @@ impl LivePage {
 
     /// The latest picture as a data URI; nothing where none came, or none that can be drawn.
     fn picture(&self) -> Option<String> {
-        let n = self.n_pictures.load(Ordering::Relaxed);
         let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
-        if drawn.0 != n {
-            let latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner).clone();
-            *drawn = (n, latest.and_then(|input| draw(&input)));
+        let latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(input) = latest {
+            *drawn = draw(&input);
         }
-        drawn.1.clone()
+        drawn.clone()
     }
 }
 

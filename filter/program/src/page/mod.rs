@@ -19,8 +19,8 @@ const N_THREADS: usize = 4;
 /// The largest body of a request, bytes.
 const MOST_BYTES: usize = 4096;
 
-/// How often a thread looks whether to stop.
-const PATIENCE: Duration = Duration::from_millis(100);
+/// How often a thread that waits looks whether to stop.
+pub const PATIENCE: Duration = Duration::from_millis(100);
 
 /// Nothing of other sites runs or is loaded in the page, and no other site may show it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; \
@@ -74,7 +74,7 @@ impl PageServer {
         format!("http://{}/", self.address)
     }
 
-    /// Answers until told to stop.
+    /// Answers until a stop is asked for.
     pub fn serve(&self, stop: &AtomicBool, answer: &(dyn Fn(Asked) -> Reply + Sync)) {
         std::thread::scope(|scope| {
             for _ in 0..N_THREADS {
