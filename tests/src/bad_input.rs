@@ -537,7 +537,7 @@ fn a_misspelt_name_is_answered_with_the_nearest() {
 #[test]
 fn a_budget_that_is_none_is_refused_at_once() {
     let sample = Sample::shared();
-    for flag in ["--budget-ms", "--budget-mb"] {
+    for flag in ["--budget-ms", "--budget-mb", "--budget-s"] {
         for value in ["nan", "inf", "0", "-1"] {
             let line = format!("tactile-filter replay --model m --bank b --data holes {flag}={value}");
             let ran = shell(&sample, &line);

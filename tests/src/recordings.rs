@@ -161,6 +161,13 @@ fn a_budget_promises_what_episodes_that_did_not_choose_came_to() {
     let promised = promise["decided_and_right"]["share"].as_f64().unwrap();
     assert!(within().any(|point| worth(&point) == most && of_best(point) == promised), "{promise} {points:?}");
     assert_eq!(promise["decided_and_right"]["n_episodes"], 2);
+    let seconds = |point: &Value| {
+        let half = &point["halves"]["promising"];
+        (3.0 * half["touches"].as_f64().unwrap() + half["travel_mm"].as_f64().unwrap() / 50.0) / 2.0
+    };
+    let promised = promise["robot_s"].as_f64().unwrap();
+    assert!(points.iter().any(|point| (seconds(point) - promised).abs() < 1e-9), "{promise} {points:?}");
+    assert!(points.iter().all(|point| point["strangers"]["n_episodes"] == 5), "{points:?}");
     assert!(said.contains("touches sure and right: ") && said.contains("touches right, sure or not: "), "{said}");
 }
 

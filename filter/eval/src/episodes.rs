@@ -16,9 +16,9 @@ use crate::origins::Origins;
 use crate::result::{
     Choice, Evaluation, Inference, Method, ModelRecord, Poses, Row, SCHEMA, Stopping, is_one, is_zero, one,
 };
-use crate::speeds::Speeds;
 use crate::summary::{self, Label};
 use tactile_filter::EpisodeConfig;
+use tactile_filter::budget::Speeds;
 
 /// The value of [`Episodes::schema`].
 pub const EPISODES_SCHEMA: &str = "tactile-filter/episodes/1";

@@ -25,7 +25,6 @@ pub mod replay;
 pub mod report;
 pub mod reproduction;
 pub mod result;
-pub mod speeds;
 pub mod statistics;
 pub mod summary;
 pub mod sweep;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tactile_data::touch::Side;
-use tactile_filter::budget::{Half, Point, Tradeoff};
+use tactile_filter::budget::{Speeds, Tradeoff};
 use tactile_infer::{Model, Views};
 
 use crate::statistics::mcnemar::Paired;
@@ -114,10 +114,12 @@ pub struct Promise {
     /// Share of episodes that end sure and right within these touches: of episodes that did not choose the settings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decided_and_right: Option<PromisedShare>,
-    /// Share that names the right part after these touches, sure or not: of the same episodes, or where decisions were
-    /// not counted, of those that chose.
+    /// Share of the same episodes that names the right part after these touches, sure or not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<PromisedShare>,
+    /// Robot seconds of the same episodes, mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot_s: Option<f64>,
 }
 
 /// A share of episodes.
@@ -132,24 +134,23 @@ pub struct PromisedShare {
 }
 
 impl Promise {
-    /// What a setting chosen from a trade-off promises; `settings` names it.
-    pub fn of(choice: &tactile_filter::budget::Choice, tradeoff: &Tradeoff, settings: String) -> Self {
-        let Point { accuracy, accuracy_ci95, n_touches, .. } = choice.point;
-        let halves = choice.point.halves;
-        let share = |half: Half, n: usize| PromisedShare {
+    /// What a setting chosen from a trade-off promises of a robot of these speeds; `settings` names it.
+    pub fn of(choice: &tactile_filter::budget::Choice, tradeoff: &Tradeoff, speeds: &Speeds, settings: String) -> Self {
+        let half = choice.point.halves.promising;
+        let share = |n: usize| PromisedShare {
             share: n as f64 / half.n_episodes.max(1) as f64,
             ci95: wilson_95(n, half.n_episodes),
             n_episodes: half.n_episodes,
         };
-        let of_all = PromisedShare { share: accuracy, ci95: accuracy_ci95, n_episodes: tradeoff.n_episodes };
         Self {
             settings,
             decision_ms: choice.decision_ms,
             memory_mb: choice.memory_mb,
-            n_touches,
+            n_touches: choice.point.n_touches,
             scene: Some(tradeoff.scene.clone()),
-            decided_and_right: halves.map(|h| share(h.promising, h.promising.n_decided_and_right)),
-            accuracy: Some(halves.map_or(of_all, |h| share(h.promising, h.promising.n_right))),
+            decided_and_right: Some(share(half.n_decided_and_right)),
+            accuracy: Some(share(half.n_right)),
+            robot_s: Some(half.seconds(speeds)),
         }
     }
 }
@@ -411,7 +412,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::report::tradeoff::tests::tradeoff;
     use serde_json::{Value, json};
-    use tactile_filter::budget::{Budget, Cost, Halves, Setup};
+    use tactile_filter::budget::{Budget, Cost, Half, Halves, Point, Setup};
 
     /// An evaluation in the schema as it is published, every optional field absent.
     pub(crate) fn published() -> Value {
@@ -449,15 +450,20 @@ pub(crate) mod tests {
             let mut only = |settings: &Setup, n: usize| {
                 Ok((*settings == point.settings && n == point.n_touches).then(|| here(&point)))
             };
-            let choice = tradeoff.choose(&Budget::default(), &mut only).unwrap();
-            Promise::of(&choice, tradeoff, "s".into())
+            let (budget, speeds) = (Budget::default(), Speeds { touch_s: 2.0, ..Speeds::default() });
+            let choice = tradeoff.choose(&budget, &speeds, &mut only).unwrap();
+            Promise::of(&choice, tradeoff, &speeds, "s".into())
         };
-        let of_before = promise(&tradeoff);
-        assert_eq!((of_before.decided_and_right, of_before.accuracy.map(|of| of.n_episodes)), (None, Some(100)));
-        let half =
-            |n_decided_and_right, n_episodes| Half { n_episodes, n_right: 160, n_decided: 100, n_decided_and_right };
+        let half = |n_decided_and_right, n_episodes| Half {
+            n_episodes,
+            n_right: 160,
+            n_decided: 100,
+            n_decided_and_right,
+            touches: 3 * n_episodes,
+            travel_mm: 0.0,
+        };
         for point in &mut tradeoff.points {
-            point.halves = Some(Halves { choosing: half(99, 264), promising: half(81, 263) });
+            point.halves = Halves { choosing: half(99, 264), promising: half(81, 263) };
         }
         let promise = promise(&tradeoff);
         let PromisedShare { share, ci95: [low, high], n_episodes } = promise.decided_and_right.unwrap();
@@ -465,6 +471,7 @@ pub(crate) mod tests {
         assert!((low - 0.2553).abs() < 5e-5 && (high - 0.3662).abs() < 5e-5);
         assert_eq!((share, n_episodes, promise.accuracy.unwrap().share), (81.0 / 263.0, 263, 160.0 / 263.0));
         assert_eq!((promise.n_touches, promise.scene.as_deref()), (1, Some("a<b")));
+        assert_eq!(promise.robot_s, Some(6.0));
     }
 
     #[test]

@@ -7,12 +7,11 @@ use crate::origins::Origins;
 use crate::result::{
     Choice, Comparison, Inference, Latency, Method, PartFigures, Poses, Quantiles, ReliabilityBin, Row, Stops,
 };
-use crate::speeds::Speeds;
 use crate::statistics::bootstrap::clustered_95;
 use crate::statistics::mcnemar::Paired;
 use crate::statistics::share::{grouped_95, wilson_of};
 use crate::statistics::{Z_95, quantile};
-use tactile_filter::budget::Halves;
+use tactile_filter::budget::{Halves, Speeds};
 use tactile_filter::{EpisodeConfig, StopReason};
 
 /// What a row is about.
@@ -126,12 +125,14 @@ fn stopped(outcome: &Outcome, config: &EpisodeConfig) -> Option<(usize, StopReas
 }
 
 /// After each number of touches the episodes of each half (even and odd numbers, from that of the first outcome, 0) that
-/// name the right part, and those that the rule of `config` would have ended as confident by then.
+/// name the right part, those that the rule of `config` would have ended as confident by then, and what all spent until it
+/// ended them.
 pub fn halves(outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<Halves> {
     let n_touches = outcomes.iter().map(|outcome| outcome.scored.len()).min().unwrap_or(0);
     let mut all = vec![Halves::default(); n_touches];
     for (index, outcome) in outcomes.iter().enumerate() {
-        let decided = match stopped(outcome, config) {
+        let stopped = stopped(outcome, config);
+        let decided = match stopped {
             Some((at, StopReason::Confident)) => Some((at, outcome.scored[at].right)),
             _ => None,
         };
@@ -142,6 +143,9 @@ pub fn halves(outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<Halves> {
             half.n_right += usize::from(scored.right);
             half.n_decided += usize::from(decided.is_some());
             half.n_decided_and_right += usize::from(decided.is_some_and(|(_, right)| right));
+            let n_touches = stopped.map_or(n, |(at, _)| at.min(n)) + 1;
+            half.touches += n_touches;
+            half.travel_mm += outcome.travel_mm.iter().take(n_touches).last().unwrap_or(&0.0);
         }
     }
     all
@@ -318,14 +322,22 @@ mod tests {
             }),
             ..Scored::default()
         };
-        let outcomes: Vec<Outcome> =
-            (0..101).map(|_| Outcome { scored: (0..6).map(|_| scored()).collect(), ..Outcome::default() }).collect();
+        let mut outcome = || Outcome {
+            scored: (0..6).map(|_| scored()).collect(),
+            travel_mm: (0..6).map(|n| 7.0 * f64::from(n)).collect(),
+            ..Outcome::default()
+        };
+        let outcomes: Vec<Outcome> = (0..101).map(|_| outcome()).collect();
         let config = EpisodeConfig::default();
         let found = halves(&outcomes, &config);
         assert_eq!(found.len(), 6);
         for (at, halves) in found.iter().enumerate() {
             for (first, half) in [(0, halves.choosing), (1, halves.promising)] {
-                let cut = |o: &Outcome| Outcome { scored: o.scored[..=at].to_vec(), ..o.clone() };
+                let cut = |o: &Outcome| Outcome {
+                    scored: o.scored[..=at].to_vec(),
+                    travel_mm: o.travel_mm[..=at].to_vec(),
+                    ..o.clone()
+                };
                 let mine: Vec<Outcome> = outcomes.iter().skip(first).step_by(2).map(cut).collect();
                 let config = config.changed(|settings, _, _| settings.max_touches = at + 1);
                 let stops = stops(LABEL, &mine, &config, &Speeds::default());
@@ -334,6 +346,8 @@ mod tests {
                 let right = stops.confident * n * (1.0 - stops.confident_and_wrong);
                 assert_eq!(half.n_decided_and_right, right.round() as usize);
                 assert_eq!(half.n_right, mine.iter().filter(|o| o.scored[at].right).count());
+                assert_eq!(half.touches as f64, (stops.mean_touches * n).round());
+                assert!((half.seconds(&Speeds::default()) - stops.seconds.unwrap()).abs() < 1e-9);
             }
         }
         assert!(found[5].choosing.n_decided > found[0].choosing.n_decided);

@@ -20,7 +20,7 @@ use crate::summary::{Label, halves, rows};
 use tactile_filter::EpisodeConfig;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::belief::particle::ParticleConfig;
-use tactile_filter::budget::{Halves, Pace, Point, Setup};
+use tactile_filter::budget::{Half, Halves, Pace, Point, Setup, Strangers};
 use tactile_filter::choice::ActionRule;
 
 /// Touches after which a point is taken.
@@ -46,6 +46,9 @@ const EFFORTS: [(usize, usize, Option<usize>); 7] = [
     (160, 24, None),
 ];
 
+/// Rates of strangers that are tried besides the default.
+const RATES: [f64; 4] = [0.1, 0.03, 0.003, 0.001];
+
 /// One setting to measure, with the model that it takes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Planned {
@@ -56,7 +59,8 @@ pub struct Planned {
 }
 
 /// The settings of a sweep over some models, the first of which is turned at every knob: from a lean and the default
-/// setting each knob alone, a rich one, and the leanest there are; from both with maps where `has_maps`. None twice.
+/// setting each knob alone, a rich one, and the leanest there are; from both with maps where `has_maps`. From the default other
+/// rates of strangers, with maps, too. None twice.
 ///
 /// # Errors
 /// No model.
@@ -71,8 +75,10 @@ pub fn plan(models: &[Arc<Model>], has_maps: bool) -> Result<Vec<Planned>> {
     let default = of(first, [2.0, 15.0]);
     let lean = Setup { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), EFFORTS[1]) };
     let by_maps = [&default, &lean].into_iter().filter(|_| has_maps).flat_map(verified);
+    let mapped = Setup { verify: EpisodeConfig::default().settings.verify.into(), ..default.clone() };
+    let by_rate = [Some(&default), has_maps.then_some(&mapped)].into_iter().flatten().flat_map(at_rates);
     let of_first = [turned(&default), turned(&lean), rich(&default), engines(&default), least(&default)].concat();
-    let of_first = of_first.into_iter().chain(by_maps);
+    let of_first = of_first.into_iter().chain(by_maps).chain(by_rate);
     let of_others = models.iter().enumerate().skip(1).flat_map(|(index, model)| {
         let Setup { model, model_sha256, .. } = of(model, [2.0, 15.0]);
         [&default, &lean]
@@ -107,6 +113,11 @@ fn turned(base: &Setup) -> Vec<Setup> {
 /// The same with maps, and so many parts verified by them.
 fn verified(base: &Setup) -> [Setup; 4] {
     [0, 1, 8, 24].map(|n| Setup { verify: Some(n), ..base.clone() })
+}
+
+/// The same at other rates of strangers.
+fn at_rates(base: &Setup) -> [Setup; 4] {
+    RATES.map(|rate| Setup { false_accept: Some(rate), ..base.clone() })
 }
 
 /// A rich setting takes ten times as long to measure: it is turned down only.
@@ -159,7 +170,8 @@ pub struct Bench<'a> {
     pub protocol: &'a Protocol,
 }
 
-/// Measures one setting: accuracy and decisions on all cores, then time on one. A point for each of [`TOUCHES`] that the protocol reaches.
+/// Measures one setting: accuracy and decisions, with strangers too, on all cores, then time on one. A point for each of
+/// [`TOUCHES`] that the protocol reaches.
 pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
     let Bench { holes, model, no_contact, protocol, .. } = bench;
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
@@ -189,6 +201,7 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
         let pace_ms = pace.decision_ms(&config, PACE_S, &mut || begun.elapsed().as_secs_f64())?;
         Ok((decisions, pace_ms))
     })?;
+    let strangers = strangers(bench, &bank, &config)?;
     let after = rows(label, &outcomes).into_iter().zip(halves(&outcomes, &config));
     let reached = after.filter(|(row, _)| TOUCHES.contains(&row.n_touches));
     let point = |(row, halves): (Row, Halves)| {
@@ -197,7 +210,8 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
             n_touches: row.n_touches,
             accuracy: row.accuracy,
             accuracy_ci95: row.accuracy_ci95,
-            halves: Some(halves),
+            halves,
+            strangers: strangers.get(row.n_touches - 1).copied(),
             xy_mm_mean: row.xy_mm_mean,
             theta_deg_mean: row.theta_deg_mean,
             decision_ms_p50: quantile(decisions.clone(), 0.5),
@@ -208,6 +222,24 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
         })
     };
     reached.map(point).collect()
+}
+
+/// After each number of touches the same episodes where the bank lacks the hole's own part; none where the bank learnt from that
+/// part, too, or has one part.
+fn strangers(bench: &Bench<'_>, bank: &Arc<Bank>, config: &EpisodeConfig) -> Result<Vec<Strangers>> {
+    if bank.metric().is_some() || bank.parts().len() < 2 {
+        return Ok(Vec::new());
+    }
+    let protocol = &Protocol { absent: true, ..bench.protocol.clone() };
+    let sensor = bench.holes.sensor(bench.model, bench.no_contact)?;
+    let banks = Banks::new(bank.clone(), protocol, None)?;
+    let run = Run { holes: bench.holes, sensor: &sensor, banks: &banks, config, protocol };
+    let after = halves(&run_all(&run, &|_, _| ())?, config);
+    let named = |halves: Halves| {
+        let Half { n_episodes, n_decided, .. } = halves.together();
+        Strangers { n_episodes, n_named: n_decided }
+    };
+    Ok(after.into_iter().map(named).collect())
 }
 
 /// Runs some work with one thread for all that it divides.
@@ -246,6 +278,7 @@ mod tests {
             Knob::Rule,
             Knob::Effort,
             Knob::Verify,
+            Knob::Risk,
         ];
         assert!(knobs.into_iter().all(turned));
         assert!(plan(&[], false).is_err());

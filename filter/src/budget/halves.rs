@@ -2,9 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::speeds::Speeds;
+
 /// Episodes after some touches, in two halves. Who chooses the best of many settings by some episodes has chosen their
 /// luck, too: what is promised are the figures of other episodes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Halves {
     /// The episodes of even number, from 0: by these a setting is chosen.
     pub choosing: Half,
@@ -13,7 +15,7 @@ pub struct Halves {
 }
 
 /// Episodes of one half, counted after some touches.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Half {
     /// Episodes.
     pub n_episodes: usize,
@@ -23,20 +25,32 @@ pub struct Half {
     pub n_decided: usize,
     /// How many of them named the right part when they ended.
     pub n_decided_and_right: usize,
+    /// Touches of all of them, each until the stopping rule ended it or after these.
+    pub touches: usize,
+    /// How far the sensor went for these, mm.
+    pub travel_mm: f64,
 }
 
 impl Halves {
-    /// The share of all episodes together that ended sure and right, 0..=1.
-    pub fn decided_and_right(&self) -> f64 {
+    /// Both halves as one.
+    pub fn together(&self) -> Half {
         let [a, b] = [self.choosing, self.promising];
-        share(a.n_decided_and_right + b.n_decided_and_right, a.n_episodes + b.n_episodes)
+        Half {
+            n_episodes: a.n_episodes + b.n_episodes,
+            n_right: a.n_right + b.n_right,
+            n_decided: a.n_decided + b.n_decided,
+            n_decided_and_right: a.n_decided_and_right + b.n_decided_and_right,
+            touches: a.touches + b.touches,
+            travel_mm: a.travel_mm + b.travel_mm,
+        }
     }
 
     /// Whether no count is of more episodes than there are.
     pub(super) fn add_up(&self) -> bool {
         [self.choosing, self.promising].iter().all(|half| {
-            let Half { n_episodes, n_right, n_decided, n_decided_and_right } = *half;
-            n_right <= n_episodes && n_decided_and_right <= n_decided && n_decided <= n_episodes
+            let Half { n_episodes, n_right, n_decided, n_decided_and_right, travel_mm, .. } = *half;
+            let is_way = travel_mm >= 0.0 && travel_mm.is_finite();
+            n_right <= n_episodes && n_decided_and_right <= n_decided && n_decided <= n_episodes && is_way
         }) && self.choosing.n_episodes > 0
     }
 }
@@ -50,6 +64,17 @@ impl Half {
     /// Share that ended sure and right, 0..=1; 0 of no episodes.
     pub fn decided_and_right(&self) -> f64 {
         share(self.n_decided_and_right, self.n_episodes)
+    }
+
+    /// Robot seconds of an episode, mean; 0 of no episodes.
+    pub fn seconds(&self, speeds: &Speeds) -> f64 {
+        speeds.seconds(self.touches, self.travel_mm) / self.n_episodes.max(1) as f64
+    }
+
+    /// Robot seconds of all episodes by those that ended sure and right: what each of them cost, the others' time with it;
+    /// infinite where none did.
+    pub fn seconds_by_decided(&self, speeds: &Speeds) -> f64 {
+        speeds.seconds(self.touches, self.travel_mm) / self.n_decided_and_right as f64
     }
 }
 

@@ -17,18 +17,16 @@
 //! let pace = Pace { sensor, frame: rest, bank, reach };
 //! let (begun, base) = (std::time::Instant::now(), EpisodeConfig::of(model));
 //! let mut here = |settings: &_, n_touches| {
-//!     if !tradeoff.settings_of(model, bank.grid()).contains(&settings) {
+//!     if !tradeoff.settings_of(model, bank.grid(), base.settings.false_accept).contains(&settings) {
 //!         return Ok(None);
 //!     }
 //!     let pace_ms = pace.decision_ms(&settings.applied_to(&base), 0.1, &mut || begun.elapsed().as_secs_f64())?;
 //!     Ok(Some(Cost { pace_ms, memory_mb: settings.memory_mb(model, bank, n_touches)? }))
 //! };
 //! let budget = Budget { decision_ms: Some(4.0), max_touches: Some(4), ..Budget::default() };
-//! let choice = tradeoff.choose(&budget, &mut here)?;
-//! if let Some(halves) = choice.point.halves {
-//!     let Half { n_decided_and_right, n_episodes, .. } = halves.promising;
-//!     println!("{n_decided_and_right} of {n_episodes} other episodes ended sure and right");
-//! }
+//! let choice = tradeoff.choose(&budget, &Speeds::default(), &mut here)?;
+//! let Half { n_decided_and_right, n_episodes, .. } = choice.point.halves.promising;
+//! println!("{n_decided_and_right} of {n_episodes} other episodes ended sure and right");
 //! // The bank's rows belong in the format `choice.point.settings.rows`: `Bank::with_precision`.
 //! let config = choice.point.settings.applied_to(&base);
 //! # Ok(config)
@@ -38,9 +36,11 @@
 mod halves;
 mod pace;
 mod setup;
+mod speeds;
 mod tradeoff;
 
 pub use halves::{Half, Halves};
 pub use pace::Pace;
 pub use setup::{Knob, Setup};
-pub use tradeoff::{Budget, Choice, Cost, Point, SCHEMA, Tradeoff};
+pub use speeds::Speeds;
+pub use tradeoff::{Budget, Choice, Cost, Point, SCHEMA, Strangers, Tradeoff};

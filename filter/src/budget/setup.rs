@@ -42,6 +42,8 @@ pub struct Setup {
     /// Parts that a verifier judges ([`crate::Settings::verify`]); `None` without networks that draw maps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify: Option<usize>,
+    /// How rarely a stranger may be named ([`crate::Settings::false_accept`]). A budget keeps the user's.
+    pub false_accept: Option<f64>,
 }
 
 /// A knob of [`Setup`].
@@ -64,6 +66,8 @@ pub enum Knob {
     Effort,
     /// Maps, and how many parts are verified by them.
     Verify,
+    /// How rarely a stranger may be named.
+    Risk,
 }
 
 impl Setup {
@@ -83,6 +87,7 @@ impl Setup {
             n_suppositions: config.settings.n_suppositions,
             n_finalists: config.settings.n_finalists,
             verify: model.maps().map(|_| config.settings.verify),
+            false_accept: config.settings.false_accept,
         }
     }
 
@@ -96,6 +101,7 @@ impl Setup {
         config.settings.n_suppositions = self.n_suppositions;
         config.settings.n_finalists = self.n_finalists;
         config.settings.verify = self.verify.unwrap_or(config.settings.verify);
+        config.settings.false_accept = self.false_accept;
         config
     }
 
@@ -116,6 +122,7 @@ impl Setup {
             (Knob::Rule, self.rule != other.rule),
             (Knob::Effort, effort(self) != effort(other)),
             (Knob::Verify, self.verify != other.verify),
+            (Knob::Risk, self.false_accept != other.false_accept),
         ];
         knobs.into_iter().filter(|(_, turned)| *turned).map(|(knob, _)| knob).collect()
     }
@@ -150,6 +157,10 @@ impl Setup {
                 None => "no maps".into(),
                 Some(1) => "maps, 1 part verified".into(),
                 Some(n) => format!("maps, {n} parts verified"),
+            },
+            Knob::Risk => match self.false_accept {
+                None => "strangers are not told".into(),
+                Some(rate) => format!("{} % of strangers", (1e5 * rate).round() / 1e3),
             },
         }
     }
@@ -216,6 +227,7 @@ pub(crate) mod tests {
             n_suppositions: 24,
             n_finalists: Some(24),
             verify: None,
+            false_accept: Some(0.01),
         }
     }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tactile_filter::StopReason;
 
-use crate::speeds::Speeds;
+use tactile_filter::budget::Speeds;
 
 /// How often the task is done, and how well the robot holds its pegs.
 #[derive(Clone, Debug)]

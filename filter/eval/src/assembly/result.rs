@@ -7,9 +7,9 @@ use tactile_filter::StopReason;
 
 use super::attempt::{Attempt, Insertion, STOPS, Task};
 use crate::result::{ModelRecord, Quantiles};
-use crate::speeds::Speeds;
 use crate::statistics::quantile;
 use crate::statistics::share::wilson_95;
+use tactile_filter::budget::Speeds;
 
 /// The value of [`Assembly::schema`].
 pub const SCHEMA: &str = "tactile-filter/assembly/2";

@@ -348,10 +348,10 @@ fn error(hole_from_peg: &Se2, symmetry: &Symmetry) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::speeds::Speeds;
     use std::f64::consts::PI;
     use tactile_data::scene::{Kit, Parts, Scene};
     use tactile_data::sensor::Fidelity;
+    use tactile_filter::budget::Speeds;
     use tactile_infer::architecture::NetworkConfig;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::rows::Rows;

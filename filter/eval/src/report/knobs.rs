@@ -8,12 +8,26 @@ use crate::page::shell::figure;
 use crate::page::table::{cells, sortable};
 
 /// The knobs in the order in which a setting is described.
-pub(super) const KNOBS: [Knob; 8] =
-    [Knob::Model, Knob::BankStep, Knob::Rows, Knob::Engine, Knob::Subdivisions, Knob::Rule, Knob::Effort, Knob::Verify];
+pub(super) const KNOBS: [Knob; 9] = [
+    Knob::Model,
+    Knob::BankStep,
+    Knob::Rows,
+    Knob::Engine,
+    Knob::Subdivisions,
+    Knob::Rule,
+    Knob::Effort,
+    Knob::Verify,
+    Knob::Risk,
+];
 
 /// A setting in words.
 pub fn in_words(settings: &Setup) -> String {
-    KNOBS.map(|knob| settings.tell(knob)).join(", ")
+    told(settings, &KNOBS)
+}
+
+/// The values of some knobs in words.
+pub(super) fn told(settings: &Setup, knobs: &[Knob]) -> String {
+    knobs.iter().map(|knob| settings.tell(*knob)).collect::<Vec<_>>().join(", ")
 }
 
 /// The number of touches at which knobs are compared.

@@ -7,6 +7,7 @@ pub mod knobs;
 mod paper;
 mod parts;
 mod reliability;
+mod risk;
 pub(crate) mod series;
 mod steps;
 mod stopping;

@@ -6,6 +6,7 @@ use maud::{Markup, html};
 use tactile_filter::budget::{Point, Setup, Tradeoff};
 
 use super::knobs::{KNOBS, in_words, knobs};
+use super::risk;
 use crate::page::numbers::{interval, milliseconds, number, over, percent, percent_sign, seeds, touch_count};
 use crate::page::scatter::{Dot, Scatter};
 use crate::page::shell::{Section, definitions, figure, page, tile};
@@ -18,9 +19,8 @@ pub struct Verdict<'a> {
     pub best: &'a Point,
     /// The fastest of at most two points less than `best`, after as many touches or fewer.
     pub fast: &'a Point,
-    /// The one with which most episodes end sure and right; of equals the most accurate, then the fastest. `None` where
-    /// decisions were not counted.
-    pub surest: Option<&'a Point>,
+    /// The one with which most episodes end sure and right; of equals the most accurate, then the fastest.
+    pub surest: &'a Point,
     /// Distinct settings.
     pub n_settings: usize,
     /// Points that none dominates.
@@ -37,7 +37,7 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     let best = points.iter().filter(|p| p.accuracy == highest).min_by(faster)?;
     let fast = points.iter().filter(|p| p.accuracy >= highest - 0.02).min_by(faster)?;
     let decided =
-        |p: &&Point| Some((p.halves?.decided_and_right(), p.accuracy, -p.decision_ms_p50, Reverse(p.n_touches)));
+        |p: &Point| (p.halves.together().decided_and_right(), p.accuracy, -p.decision_ms_p50, Reverse(p.n_touches));
     let surest = |a: &&Point, b: &&Point| decided(a).partial_cmp(&decided(b)).unwrap_or(Ordering::Equal);
     let mut settings: Vec<&Setup> = Vec::new();
     for point in points {
@@ -49,7 +49,7 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     Some(Verdict {
         best,
         fast,
-        surest: points.iter().filter(|p| p.halves.is_some()).max_by(surest),
+        surest: points.iter().max_by(surest)?,
         n_settings: settings.len(),
         n_frontier: kept().count(),
         span: kept().fold(0.0, f64::max) / kept().fold(f64::INFINITY, f64::min),
@@ -69,6 +69,7 @@ pub fn html(tradeoff: &Tradeoff) -> String {
     let sections = [
         Section::new("Frontier", "What can be had for what", planes(tradeoff)),
         Section::new("Knobs", "Which knob buys most", knobs(tradeoff)),
+        Section::new("Risk", "What a lower rate of strangers costs", risk::tables(tradeoff)),
         Section::new("Points", "Every setting measured", every_point(tradeoff)),
         Section::new("How", "How it was made", definitions(&how)),
     ];
@@ -77,7 +78,7 @@ pub fn html(tradeoff: &Tradeoff) -> String {
 
 /// What was run on what, and what that says of other parts and sensors.
 fn about(tradeoff: &Tradeoff) -> Markup {
-    let Tradeoff { n_episodes, n_classes, machine, .. } = tradeoff;
+    let Tradeoff { n_episodes, n_classes, machine, speeds, .. } = tradeoff;
     let is_anywhere = tradeoff.poses == "off-grid";
     html! {
         p {
@@ -90,12 +91,11 @@ fn about(tradeoff: &Tradeoff) -> Markup {
                 @if is_anywhere { "touched anywhere, at any angle" } @else { "touched at recorded poses" }
             }
             ", and its decisions were timed on one core (" (machine) "). A decision is to see (encode), to update the belief and to "
-            "choose the next touch; the robot’s motion is not counted."
-            @if tradeoff.has_halves() {
-                " An episode is " b { "decided and right" } " if the stopping rule ended it as confident by then and its part was "
-                "right. Half of the episodes (of even number) choose among the settings; what a budget promises is what the other "
-                "half found."
-            }
+            "choose the next touch. " b { "Robot seconds" } " are those of the touches and of the ways between them (" (speeds.touch_s)
+            " s a touch, " (speeds.mm_s) " mm/s), until the stopping rule ends an episode or its touches are used up. "
+            " An episode is " b { "decided and right" } " if the stopping rule ended it as confident by then and its part was "
+            "right. Half of the episodes (of even number) choose among the settings; what a budget promises is what the other "
+            "half found."
             @if !tradeoff.recorded {
                 " Where the scene is one of letters for tuning, what is chosen here says nothing in advance about the letters of "
                 "the evaluation."
@@ -123,11 +123,9 @@ pub(crate) fn tiles(verdict: &Verdict<'_>) -> Markup {
             "the fastest within 2 points of it: " (percent_sign(fast.accuracy)) " after " (touch_count(fast.n_touches)) ", "
             (faster) " times as fast"
         }))
-        @if let Some((point, halves)) = surest.and_then(|point| Some((point, point.halves?))) {
-            (tile(percent_sign(halves.decided_and_right()), html! {
-                "of the episodes end sure and right, the most: within " (touch_count(point.n_touches)) ", " (ms(point)) " a decision"
-            }))
-        }
+        (tile(percent_sign(surest.halves.together().decided_and_right()), html! {
+            "of the episodes end sure and right, the most: within " (touch_count(surest.n_touches)) ", " (ms(surest)) " a decision"
+        }))
         (tile(n_settings, "settings measured"))
         (tile(n_frontier, html! { "points on the frontier, whose decisions span a factor of " (number(*span, 0)) }))
     }
@@ -136,25 +134,24 @@ pub(crate) fn tiles(verdict: &Verdict<'_>) -> Markup {
 /// Accuracy against time, touches and memory; and where they were counted, decisions against time and touches.
 pub(crate) fn planes(tradeoff: &Tradeoff) -> Markup {
     const TIME: (&str, bool, fn(&Point) -> f64) = ("milliseconds a decision", true, |p| p.decision_ms_p50);
-    const TOUCHES: (&str, bool, fn(&Point) -> f64) = ("touches", false, |p| p.n_touches as f64);
     let right = |p: &Point| 100.0 * p.accuracy;
-    let decided = |p: &Point| p.halves.map_or(f64::NAN, |halves| 100.0 * halves.decided_and_right());
+    let decided = |p: &Point| 100.0 * p.halves.together().decided_and_right();
+    let speeds = tradeoff.speeds;
+    let seconds = |p: &Point| p.halves.together().seconds(&speeds);
     let planes = html! {
         div.planes {
             (plane(tradeoff, "Right part, %, against time", TIME, right))
-            (plane(tradeoff, "Right part, %, against touches", TOUCHES, right))
-            (plane(tradeoff, "Right part, %, against memory", ("megabytes an episode holds", true, |p| p.memory_mb), right))
-            @if tradeoff.has_halves() {
-                (plane(tradeoff, "Decided and right, %, against time", TIME, decided))
-                (plane(tradeoff, "Decided and right, %, against touches", TOUCHES, decided))
-            }
+            (plane(tradeoff, "Right part, %, against touches", ("touches", false, |p: &Point| p.n_touches as f64), right))
+            (plane(tradeoff, "Right part, %, against memory", ("megabytes an episode holds", true, |p: &Point| p.memory_mb), right))
+            (plane(tradeoff, "Decided and right, %, against time", TIME, decided))
+            (plane(tradeoff, "Decided and right, %, against robot seconds", ("robot seconds an episode, mean", false, seconds), decided))
         }
     };
     figure(
         planes,
-        "A dot is a setting after a number of touches; point at one to read what it is. Blue: nothing else is as \
-        accurate, decides as much, is as fast, as sparing of touches and of memory at once. Grey: something else is. The line is \
-        the best that can be had for the cost on the axis, at any other cost.",
+        "A dot is a setting after a number of touches; point at one to read what it is. Blue: nothing else that names strangers as \
+        rarely is as accurate, decides as much, is as fast, takes as few robot seconds for each hole that it decides and as little \
+        memory at once. Grey: something else is. The line is the best that can be had for the cost on the axis, at any other cost.",
     )
 }
 
@@ -162,7 +159,7 @@ pub(crate) fn planes(tradeoff: &Tradeoff) -> Markup {
 fn plane(
     tradeoff: &Tradeoff,
     title: &str,
-    (x_axis, log_x, x): (&str, bool, fn(&Point) -> f64),
+    (x_axis, log_x, x): (&str, bool, impl Fn(&Point) -> f64),
     y: impl Fn(&Point) -> f64,
 ) -> Markup {
     let dot = |point: &Point| Dot {
@@ -203,7 +200,9 @@ fn every_point(tradeoff: &Tradeoff) -> Markup {
         row.extend(cells![
             point.n_touches,
             over(percent(point.accuracy), interval(point.accuracy_ci95)),
-            percent(point.halves.map_or(f64::NAN, |halves| halves.decided_and_right())),
+            percent(point.halves.together().decided_and_right()),
+            number(point.halves.together().seconds(&tradeoff.speeds), 1),
+            percent(point.strangers.map_or(f64::NAN, |of| of.n_named as f64 / of.n_episodes as f64)),
             number(point.xy_mm_mean, 2),
             number(point.theta_deg_mean, 1),
             over(number(point.decision_ms_p50, 2), number(point.decision_ms_p99, 2)),
@@ -213,8 +212,19 @@ fn every_point(tradeoff: &Tradeoff) -> Markup {
         row
     };
     let rows: Vec<_> = tradeoff.points.iter().map(row).collect();
-    let of_settings = ["Model", "Bank", "Rows", "Inference", "States", "Rule", "Effort"];
-    let heads = ["Touches", "Right, %", "Decided and right, %", "mm", "degrees", "ms, half (99 %)", "MB", "Frontier"];
+    let of_settings = ["Model", "Bank", "Rows", "Inference", "States", "Rule", "Effort", "Maps", "Strangers asked for"];
+    let heads = [
+        "Touches",
+        "Right, %",
+        "Decided and right, %",
+        "Robot seconds",
+        "Strangers named, %",
+        "mm",
+        "degrees",
+        "ms, half (99 %)",
+        "MB",
+        "Frontier",
+    ];
     html! {
         details { summary { (rows.len()) " points, sortable" } (sortable(&[&of_settings[..], &heads].concat(), &rows)) }
     }
@@ -224,7 +234,7 @@ fn every_point(tradeoff: &Tradeoff) -> Markup {
 pub(crate) mod tests {
     use super::*;
     use tactile_filter::belief::EngineConfig;
-    use tactile_filter::budget::{Half, Halves, SCHEMA};
+    use tactile_filter::budget::{Half, Halves, SCHEMA, Speeds};
     use tactile_filter::choice::ActionRule;
     use tactile_infer::precision::Precision;
 
@@ -243,7 +253,23 @@ pub(crate) mod tests {
             n_suppositions: 24,
             n_finalists: Some(24),
             verify: None,
+            false_accept: Some(0.01),
         }
+    }
+
+    /// Halves of 100 episodes each of which so many named the right part, half of these sure of it.
+    pub(crate) fn halves(accuracy: f64, n_touches: usize) -> Halves {
+        let n_right = (100.0 * accuracy).round() as usize;
+        let n_decided = n_right / 2;
+        let half = Half {
+            n_episodes: 100,
+            n_right,
+            n_decided,
+            n_decided_and_right: n_decided,
+            touches: 100 * n_touches,
+            travel_mm: 0.0,
+        };
+        Halves { choosing: half, promising: half }
     }
 
     fn point(change: impl Fn(&mut Setup), n_touches: usize, accuracy: f64, ms: f64) -> Point {
@@ -254,7 +280,8 @@ pub(crate) mod tests {
             n_touches,
             accuracy,
             accuracy_ci95: [0.25, 1.0],
-            halves: None,
+            halves: halves(accuracy, n_touches),
+            strangers: None,
             xy_mm_mean: 0.5,
             theta_deg_mean: 2.0,
             decision_ms_p50: ms,
@@ -285,6 +312,7 @@ pub(crate) mod tests {
             seeds: vec![1, 2],
             machine: "two cores".into(),
             command: "tactile-filter tradeoff".into(),
+            speeds: Speeds::default(),
             points,
         };
         tradeoff.mark_dominated();
@@ -310,25 +338,24 @@ pub(crate) mod tests {
     fn the_page_shows_every_point_and_needs_nothing_else() {
         let html = html(&tradeoff());
         assert!(html.contains("a&lt;b") && !html.contains("a<b"));
-        assert_eq!(html.matches("<circle").count(), 3 * 6);
+        assert_eq!(html.matches("<circle").count(), 5 * 6);
         assert!(!html.replace("http://www.w3.org/2000/svg", "").contains("http"));
         assert!(html.contains("Most is bought by bank of 1 mm, 15° (+2.0 points, 10.0 times as long)"));
     }
 
     #[test]
-    fn what_was_decided_is_shown_where_it_was_counted() {
-        let of_before = html(&tradeoff());
-        assert!(!of_before.contains("decided and right"));
+    fn the_surest_is_the_one_that_decides_most() {
         let mut counted = tradeoff();
         for (n, point) in counted.points.iter_mut().enumerate() {
-            let half = |n_right| Half { n_episodes: 50, n_right: 45, n_decided: 44, n_decided_and_right: n_right };
-            point.halves = Some(Halves { choosing: half(40 - n), promising: half(20 + 3 * n) });
+            let half =
+                |n_right| Half { n_episodes: 50, touches: 150, n_decided_and_right: n_right, ..point.halves.choosing };
+            point.halves = Halves { choosing: half(40 - n), promising: half(20 + 3 * n) };
         }
-        // 60, 62, 64, ... of 100.
-        assert_eq!(verdict(&counted).unwrap().surest.unwrap().n_touches, 1);
+        // 60, 62, 64, ... of 100; three touches each, 9 s.
+        assert_eq!(verdict(&counted).unwrap().surest.n_touches, 1);
         let page = html(&counted);
-        assert_eq!(page.matches("<circle").count(), 5 * 6);
-        assert!(page.contains("70.0\u{a0}%") && page.contains("Decided and right, %, against time"));
+        assert!(page.contains("70.0\u{a0}%") && page.contains("Decided and right, %, against robot seconds"));
+        assert!(page.contains(">9.0<") && page.contains("3 s a touch, 50 mm/s"));
     }
 
     #[test]

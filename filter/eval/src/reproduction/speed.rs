@@ -1,6 +1,7 @@
 //! Speed against accuracy: the verdict, the planes, the default setting.
 
 use maud::{Markup, html};
+use tactile_filter::Settings;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::budget::{Point, Setup, Tradeoff};
 use tactile_filter::choice::ActionRule;
@@ -90,6 +91,7 @@ fn default_setting<'a>(tradeoff: &'a Tradeoff, model_sha256: Option<&str>) -> Op
             && (of.rows, of.rule) == (Precision::F32, ActionRule::Information)
             && matches!(of.engine, EngineConfig::Exact)
             && (of.n_finalists, of.n_draws, of.n_suppositions) == (Some(24), 160, 24)
+            && (of.verify, of.false_accept) == (None, Settings::default().false_accept)
     };
     let points = || tradeoff.points.iter().filter(|point| is_default(&point.settings));
     let same_model = |point: &&Point| Some(point.settings.model_sha256.as_str()) == model_sha256;
@@ -100,9 +102,9 @@ fn default_setting<'a>(tradeoff: &'a Tradeoff, model_sha256: Option<&str>) -> Op
 mod tests {
     use super::super::experiments::tests::section;
     use super::*;
-    use crate::report::tradeoff::tests::settings;
+    use crate::report::tradeoff::tests::{halves, settings};
     use maud::Render;
-    use tactile_filter::budget::SCHEMA;
+    use tactile_filter::budget::{SCHEMA, Speeds};
 
     fn tradeoff() -> Tradeoff {
         let point = |settings, accuracy, ms: f64| Point {
@@ -110,7 +112,8 @@ mod tests {
             n_touches: 3,
             accuracy,
             accuracy_ci95: [0.5, 1.0],
-            halves: None,
+            halves: halves(accuracy, 3),
+            strangers: None,
             xy_mm_mean: 0.5,
             theta_deg_mean: 2.0,
             decision_ms_p50: ms,
@@ -131,6 +134,7 @@ mod tests {
             seeds: vec![1],
             machine: "one core".into(),
             command: "tactile-filter tradeoff".into(),
+            speeds: Speeds::default(),
             points: vec![point(slow, 0.96, 40.0), point(settings(), 0.95, 5.0), point(other_model, 0.9, 1.0)],
         }
     }

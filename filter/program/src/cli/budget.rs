@@ -9,11 +9,10 @@ use tactile_data::bounded_file::{self, Kind};
 use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_data::printable::printable;
-use tactile_data::program;
 use tactile_eval::report::knobs::in_words;
 use tactile_eval::result::{Promise, PromisedShare};
 use tactile_eval::{Error, Result};
-use tactile_filter::budget::{Budget, Cost, Pace, Setup, Tradeoff};
+use tactile_filter::budget::{Budget, Cost, Pace, Setup, Speeds, Tradeoff};
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::Bank;
 use tactile_infer::Model;
@@ -35,6 +34,10 @@ pub struct BudgetArgs {
     /// Choose the settings with which most episodes end sure and right and that take at most this much memory, 10^6 bytes
     #[arg(long, value_name = "MB", value_parser = positive, group = "spent")]
     budget_mb: Option<f64>,
+    /// Choose the settings with which most episodes end sure and right and whose touches and ways take at most this, mean of
+    /// the episodes measured, seconds
+    #[arg(long, value_name = "S", value_parser = positive, group = "spent")]
+    budget_s: Option<f64>,
     /// Stop after this many touches [default: 10]
     #[arg(long, value_name = "N")]
     max_touches: Option<usize>,
@@ -61,12 +64,14 @@ pub struct Task<'a> {
     pub reach: PoseGrid,
     /// Whether poses lie between recorded ones.
     pub between_poses: bool,
+    /// How long the robot takes.
+    pub speeds: Speeds,
 }
 
 impl BudgetArgs {
     /// Whether settings are to be chosen.
     pub fn is_given(&self) -> bool {
-        self.budget_ms.is_some() || self.budget_mb.is_some()
+        self.budget_ms.is_some() || self.budget_mb.is_some() || self.budget_s.is_some()
     }
 
     /// Refuses flags and numbers that a budget chooses itself.
@@ -97,8 +102,13 @@ impl BudgetArgs {
         let text = bounded_file::read_to_string(&path, Kind::FIGURES)?;
         let tradeoff = Tradeoff::from_json(&path.display().to_string(), &text)?;
         let paces = self.paces(&tradeoff, task, base)?;
-        let budget = Budget { decision_ms: self.budget_ms, memory_mb: self.budget_mb, max_touches: self.max_touches };
-        let choice = tradeoff.choose(&budget, &mut |settings, n_touches| {
+        let budget = Budget {
+            decision_ms: self.budget_ms,
+            memory_mb: self.budget_mb,
+            max_touches: self.max_touches,
+            robot_s: self.budget_s,
+        };
+        let choice = tradeoff.choose(&budget, &task.speeds, &mut |settings, n_touches| {
             let Some((_, pace_ms)) = paces.iter().find(|(of, _)| of == settings) else { return Ok(None) };
             let memory_mb = settings.memory_mb(task.model, task.bank, n_touches)?;
             Ok(Some(Cost { pace_ms: *pace_ms, memory_mb }))
@@ -106,14 +116,14 @@ impl BudgetArgs {
         let settings = &choice.point.settings;
         let config = settings.applied_to(base).changed(|settings, _, _| settings.max_touches = choice.point.n_touches);
         config.validate()?;
-        let promise = Promise::of(&choice, &tradeoff, in_words(settings));
-        print(&promise, &tradeoff, &path);
+        let promise = Promise::of(&choice, &tradeoff, &task.speeds, in_words(settings));
+        print(&promise, &tradeoff);
         Ok((with_rows(task.bank, settings)?, config, promise))
     }
 
     /// How long a made-up decision takes here, for each setting that can be had.
     fn paces(&self, tradeoff: &Tradeoff, task: &Task<'_>, base: &EpisodeConfig) -> Result<Vec<(Setup, f64)>> {
-        let settings = tradeoff.settings_of(task.model, task.bank.grid());
+        let settings = tradeoff.settings_of(task.model, task.bank.grid(), base.settings.false_accept);
         let sensor = Sensor::new(task.model.clone(), task.no_contact)?;
         let begun = Instant::now();
         let share_s = CALIBRATION_S / settings.len().max(1) as f64;
@@ -133,17 +143,12 @@ fn with_rows(bank: &Bank, settings: &Setup) -> Result<Arc<Bank>> {
     Ok(Arc::new(bank.clone().with_precision(settings.rows)?))
 }
 
-fn print(promise: &Promise, tradeoff: &Tradeoff, frontier: &Path) {
-    if !tradeoff.has_halves() {
-        program::note(format_args!(
-            "{} does not say how many episodes were decided: the most accurate setting is chosen, and its accuracy is \
-             of the episodes that chose it. tactile-filter tradeoff measures both",
-            frontier.display()
-        ));
-    }
+fn print(promise: &Promise, tradeoff: &Tradeoff) {
     let Promise { settings, decision_ms, memory_mb, n_touches, .. } = promise;
+    let robot_s = promise.robot_s.map_or_else(String::new, |s| format!(", {s:.1} robot seconds on average"));
     eprintln!(
-        "budget: {decision_ms:.2} ms a decision and {memory_mb:.1} MB here, at most {n_touches} touches; {} on {}, {}: {settings}",
+        "budget: {decision_ms:.2} ms a decision and {memory_mb:.1} MB here, at most {n_touches} touches{robot_s}; {} on {}, {}: \
+         {settings}",
         promised(promise),
         printable(&tradeoff.scene),
         printable(&tradeoff.poses),

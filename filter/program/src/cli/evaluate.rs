@@ -194,7 +194,8 @@ impl Evaluate {
             let between_poses = protocol.poses == Poses::OffGrid;
             let reach = if between_poses { holes.reach(&bank) } else { *bank.start() };
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, &no_contact);
-            let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
+            let speeds = self.speeds.speeds();
+            let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses, speeds };
             let base = self.config(Engine::Exact, ActionRule::Information, model)?;
             let (kept, config, promised) = self.budget.choose(&task, &base)?;
             (bank, ways, promise) = (kept, vec![("chosen for the budget".into(), config)], Some(promised));

@@ -12,6 +12,7 @@ use tactile_data::{picture, program};
 use tactile_eval::Error;
 use tactile_eval::fits::warn_of_played;
 use tactile_eval::replay::{Replayed, episodes, play};
+use tactile_filter::budget::Speeds;
 use tactile_filter::{Sensor, StopReason};
 use tactile_infer::maps::mosaic::Difference;
 use tactile_infer::{Bank, Model};
@@ -123,7 +124,8 @@ impl Replay {
         if self.budget.is_given() {
             let (model_path, model, no_contact) = (self.inputs.model.as_path(), &model, dataset.no_contact());
             let (reach, between_poses) = (*bank.start(), config.method().between_poses);
-            let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses };
+            let speeds = Speeds::default();
+            let task = Task { model_path, model, bank: &bank, no_contact, reach, between_poses, speeds };
             (bank, config, _) = self.budget.choose(&task, &config)?;
         }
         let recorded = episodes(&dataset, side)?;

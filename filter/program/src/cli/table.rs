@@ -108,4 +108,7 @@ fn promise(evaluation: &Evaluation) {
             );
         }
     }
+    if let (Some(promised), Some(found)) = (promise.robot_s, stops.seconds) {
+        println!("  robot seconds, mean: {found:.1}; promised {promised:.1}");
+    }
 }

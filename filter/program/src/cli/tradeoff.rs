@@ -22,7 +22,7 @@ use tactile_infer::Model;
 use tactile_infer::maps::Maps;
 use tactile_infer::safefile::write_whole;
 
-use super::arguments::{Output, Seeds, check_episodes, command_line, poses, to_json};
+use super::arguments::{Output, Seeds, SpeedArgs, check_episodes, command_line, poses, to_json};
 use source::{MeasuredOn, Source, SourceArgs};
 
 mod source;
@@ -65,6 +65,8 @@ pub struct TradeoffArgs {
     /// Kubernetes; the command without it puts all together
     #[arg(long, value_name = "I/N|env", help_heading = "Machine", conflicts_with = "json")]
     shard: Option<Shard>,
+    #[command(flatten)]
+    speeds: SpeedArgs,
 }
 
 /// A setting as it was measured, with all that its figures depend on.
@@ -96,6 +98,7 @@ impl TradeoffArgs {
     /// Runs the command.
     pub fn run(self) -> Result<()> {
         check_episodes(self.episodes, TOUCHES[TOUCHES.len() - 1], 1)?;
+        self.speeds.speeds().validate()?;
         let sweep = self.sweep()?;
         let n_settings = sweep.planned.len();
         let mine = self.shard.map_or(0..n_settings, |shard| shard.range(n_settings));
@@ -152,9 +155,7 @@ impl TradeoffArgs {
         let found: Measured = serde_json::from_str(&text)
             .map_err(|e| Error::invalid(path.display().to_string(), "a measured setting", e.to_string()))?;
         let expected = self.measured(sweep, index, found.points.clone())?;
-        // Of before decisions were counted.
-        let counted = found.points.iter().all(|point| point.halves.is_some());
-        Ok((counted && found == expected).then_some(found))
+        Ok((found == expected).then_some(found))
     }
 
     fn measured(&self, sweep: &Sweep, index: usize, points: Vec<Point>) -> Result<Measured> {
@@ -240,6 +241,7 @@ impl TradeoffArgs {
             seeds: self.seeds.seeds.clone(),
             machine: format!("{}, {threads} threads", std::env::consts::ARCH),
             command: command_line(),
+            speeds: self.speeds.speeds(),
             points,
         };
         tradeoff.mark_dominated();
@@ -286,7 +288,7 @@ fn print_findings(tradeoff: &Tradeoff) {
         println!(
             "{name}: {:.1} %{} after {} touches, {:.2} ms a decision (99 %: {:.2}), {:.1} MB: {}",
             100.0 * point.accuracy,
-            point.halves.map_or_else(String::new, |of| format!(" ({:.1} % and sure)", 100.0 * of.decided_and_right())),
+            format_args!(" ({:.1} % and sure)", 100.0 * point.halves.together().decided_and_right()),
             point.n_touches,
             point.decision_ms_p50,
             point.decision_ms_p99,
@@ -300,9 +302,7 @@ fn print_findings(tradeoff: &Tradeoff) {
     );
     print("most accurate", verdict.best);
     print("fastest within 2 points of it", verdict.fast);
-    if let Some(point) = verdict.surest {
-        print("most decided and right", point);
-    }
+    print("most decided and right", verdict.surest);
     if tradeoff.recorded {
         println!("recorded touches: intervals cover which of them are drawn, not other sensors, parts or prints");
     }
@@ -319,7 +319,7 @@ mod tests {
         let settings = serde_json::json!({
             "model": "small", "model_sha256": "ab", "xy_step_mm": 2.0, "theta_step_deg": 15.0, "rows": "f32",
             "engine": "exact", "subdivisions": 2, "rule": "information", "n_draws": 8, "n_suppositions": 2,
-            "n_finalists": null,
+            "n_finalists": null, "false_accept": 0.01,
         });
         let scene = Scene::preset("alphabet-small").unwrap();
         let saved = serde_json::json!({

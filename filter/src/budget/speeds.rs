@@ -33,7 +33,7 @@ impl Speeds {
             return Ok(());
         }
         let expected = "seconds of a touch and a speed above zero";
-        Err(Error::invalid("--touch-s, --mm-s", expected, format!("{touch_s} s, {mm_s} mm a second")))
+        Err(Error::config("--touch-s, --mm-s", expected, format!("{touch_s} s, {mm_s} mm a second")))
     }
 }
 
