@@ -49,6 +49,8 @@ pub mod inspection;
 #[cfg(feature = "sim")]
 pub mod lab;
 pub mod lamps;
+#[cfg(feature = "lerobot")]
+pub mod lerobot;
 #[cfg(feature = "datasets")]
 pub mod moved_view;
 #[cfg(feature = "sim")]

@@ -103,9 +103,14 @@ pub fn read_folder(folder: &Path, at_rest: &Path) -> Result<BTreeMap<String, Fra
 
 /// Writes a frame as an 8-bit RGB PNG.
 pub fn write_png(path: &Path, frame: &Frame) -> Result<()> {
+    fs::write(path, png(frame)?).map_err(Error::io(path))
+}
+
+/// The bytes of a frame as a PNG.
+pub fn png(frame: &Frame) -> Result<Vec<u8>> {
     let mut png = Cursor::new(Vec::new());
-    image_from(frame)?.write_to(&mut png, ImageFormat::Png).map_err(Error::picture(path))?;
-    fs::write(path, png.into_inner()).map_err(Error::io(path))
+    image_from(frame)?.write_to(&mut png, ImageFormat::Png).map_err(Error::picture("PNG"))?;
+    Ok(png.into_inner())
 }
 
 /// The frame at another size by area average, `[width, height]` pixels: a pixel is the mean of what it covers, with

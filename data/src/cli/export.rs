@@ -6,10 +6,11 @@ use clap::{Args, ValueEnum};
 use tactile_data::store::Dataset;
 use tactile_data::{Error, Result, export, output, program, progress};
 
-/// Export a dataset as a folder of pictures, as NumPy arrays, or as a ROS 2 bag in MCAP.
+/// Export a dataset as a folder of pictures, as NumPy arrays, as a ROS 2 bag in MCAP, or as a LeRobot dataset.
 ///
 /// folder: 000000.png and so on, index.csv and no_contact.png, which `import` reads back. npy: frames.npy, poses.npy
-/// (x_mm, y_mm, theta_rad; NaN unknown), no_contact.npy and touches.json. mcap: /gelsight/image and /tool_pose.
+/// (x_mm, y_mm, theta_rad; NaN unknown), no_contact.npy and touches.json. mcap: /gelsight/image and /tool_pose. lerobot
+/// (a build with --features lerobot): version 3, pictures as dtype image, every bit kept.
 #[derive(Args)]
 #[command(after_help = "Example:\n  tactile-data export letters --to mcap --out letters.mcap")]
 pub struct Export {
@@ -32,13 +33,15 @@ enum To {
     Folder,
     Npy,
     Mcap,
+    #[cfg(feature = "lerobot")]
+    Lerobot,
 }
 
 impl Export {
     /// Exports and says how to read it back.
     pub fn run(self) -> Result<()> {
-        if self.to == To::Npy && self.jpeg.is_some() {
-            return Err(Error::invalid("--jpeg", "--to folder or mcap", "--to npy, which keeps every bit"));
+        if !matches!(self.to, To::Folder | To::Mcap) && self.jpeg.is_some() {
+            return Err(Error::invalid("--jpeg", "--to folder or mcap", "another, which keeps every bit"));
         }
         let dataset = Dataset::open(&self.dir)?;
         output::check_room(&self.out, dataset.len(), dataset.meta().frame_px)?;
@@ -47,6 +50,8 @@ impl Export {
             To::Folder => export::folder::export(&dataset, out, self.jpeg, &progress)?,
             To::Npy => export::arrays::export(&dataset, out, &progress)?,
             To::Mcap => export::bag::export(&dataset, out, self.jpeg, &progress)?,
+            #[cfg(feature = "lerobot")]
+            To::Lerobot => export::lerobot::export(&dataset, out, &progress)?,
         }
         program::say(format_args!("{} frames in {}", dataset.len(), out.display()));
         let meta = dataset.meta();
@@ -58,6 +63,11 @@ impl Export {
             }
             To::Mcap => "--touches each".to_owned(),
             To::Npy => return Ok(()),
+            #[cfg(feature = "lerobot")]
+            To::Lerobot => {
+                program::say(format_args!("back again: tactile-data import {} --out NEW", out.display()));
+                return Ok(());
+            }
         };
         let import = format!("tactile-data import {} {rest} --field-of-view-mm {x_mm} {y_mm} --out NEW", out.display());
         program::say(format_args!("back again: {import}"));

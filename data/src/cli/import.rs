@@ -6,6 +6,7 @@ use clap::Args;
 use tactile_data::program;
 use tactile_data::progress;
 use tactile_data::recording::folder::{self, NoContact};
+use tactile_data::recording::lerobot;
 use tactile_data::recording::parquet;
 use tactile_data::{Error, Result};
 
@@ -14,7 +15,7 @@ use super::import_bag::{BagArgs, Frames};
 
 /// Import a recording, a folder of PNG, JPEG and GIF frames or a ROS 2 bag in MCAP, as a dataset.
 ///
-/// A build with --features ros1,parquet reads ROS 1 bags and Parquet with Hugging Face's images as well.
+/// A build with --features ros1,lerobot reads ROS 1 bags, Parquet with Hugging Face's images and LeRobot datasets as well.
 ///
 /// Every frame of an animated GIF counts. The index, CSV with a header or JSON lines, has the columns
 /// file, part, side, x_mm, y_mm, theta_deg, moved_x_mm, moved_y_mm, moved_theta_deg, pair, episode, time_s;
@@ -42,6 +43,10 @@ pub struct Import {
     geometry: GeometryArgs,
     #[command(flatten)]
     bag: BagArgs,
+    /// The names in observation.state of x, y and the angle of the sensor's pose, each with its unit, such as x:m,y:m,yaw:rad
+    /// [default: x_mm,y_mm,theta_deg where there]
+    #[arg(long, value_name = "X,Y,ANGLE", help_heading = "LeRobot datasets")]
+    state: Option<String>,
 }
 
 impl Import {
@@ -49,6 +54,10 @@ impl Import {
     pub fn run(self) -> Result<()> {
         let no_contact = self.no_contact.unwrap_or(NoContact::Guess);
         let geometry = self.geometry.geometry()?;
+        let is_lerobot = lerobot::is_lerobot(&self.source);
+        if self.state.is_some() && !is_lerobot {
+            return Err(Error::invalid("--state", "a LeRobot dataset", "another source"));
+        }
         if BagArgs::is_bag(&self.source) {
             if let Some(index) = &self.index {
                 let expected = "pictures or Parquet, of which an index says what they show";
@@ -56,11 +65,16 @@ impl Import {
             }
             return self.bag.run(&self.source, &self.out, Frames { no_contact, geometry });
         }
-        self.bag.refuse_for_pictures()?;
         let how = folder::Import { index: self.index, no_contact, geometry };
-        let imported = match parquet::is_parquet(&self.source) {
-            true => parquet::import(&self.source, &how, &self.out, &progress::reporter("rows"))?,
-            false => folder::import(&self.source, &how, &self.out, &progress::reporter("files"))?,
+        let imported = if is_lerobot {
+            let how = self.bag.of_lerobot(how, self.state)?;
+            lerobot::import(&self.source, &how, &self.out, &progress::reporter("rows"))?
+        } else {
+            self.bag.refuse_for_pictures()?;
+            match parquet::is_parquet(&self.source) {
+                true => parquet::import(&self.source, &how, &self.out, &progress::reporter("rows"))?,
+                false => folder::import(&self.source, &how, &self.out, &progress::reporter("files"))?,
+            }
         };
         for warning in imported.warnings {
             program::warning(warning);

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use tactile_data::recording::folder::NoContact;
+use tactile_data::recording::folder::{self, NoContact};
 use tactile_data::recording::geometry::Geometry;
+use tactile_data::recording::lerobot::LeRobot;
 use tactile_data::recording::ros::bag;
 use tactile_data::recording::ros::import::{self, PoseSource};
 use tactile_data::recording::ros::touches::Touches;
@@ -15,9 +16,9 @@ use tactile_data::{Error, Result, program, progress};
 
 /// What an import of a bag asks for.
 #[derive(Args)]
-#[command(next_help_heading = "Bags")]
+#[command(next_help_heading = "Bags and LeRobot datasets")]
 pub struct BagArgs {
-    /// The topic of pictures, Image or CompressedImage [default: the only one]
+    /// The topic of pictures, Image or CompressedImage, or LeRobot's feature [default: the only one]
     #[arg(long, value_name = "TOPIC")]
     image_topic: Option<String>,
     /// The topic of poses, PoseStamped or TransformStamped [default: the only one]
@@ -65,24 +66,34 @@ impl BagArgs {
 
     /// Refuses the flags of bags where pictures or Parquet are imported, which would do nothing.
     pub fn refuse_for_pictures(&self) -> Result<()> {
+        let got = "pictures or Parquet, whose index or folders PART/hole and PART/peg say what was touched";
+        self.refuse_topics(got)?;
         let flags = [
             ("--image-topic", self.image_topic.is_some()),
-            ("--pose-topic", self.pose_topic.is_some()),
-            ("--frames", self.frames.is_some()),
-            ("--touches", self.touches.is_some()),
-            ("--max-gap-ms", self.max_gap_ms.is_some()),
             ("--part", self.part.is_some()),
             ("--side", self.side.is_some()),
             ("--tool-from-sensor", self.tool_from_sensor.is_some()),
             ("--board", self.board.is_some()),
         ];
-        match flags.iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => {
-                let got = "pictures or Parquet, whose index or folders PART/hole and PART/peg say what was touched";
-                Err(Error::invalid(*flag, "a bag", got))
-            }
-            None => Ok(()),
-        }
+        refuse(&flags, got)
+    }
+
+    /// Refuses the flags of messages with times, which only bags have.
+    fn refuse_topics(&self, got: &str) -> Result<()> {
+        let flags = [
+            ("--pose-topic", self.pose_topic.is_some()),
+            ("--frames", self.frames.is_some()),
+            ("--touches", self.touches.is_some()),
+            ("--max-gap-ms", self.max_gap_ms.is_some()),
+        ];
+        refuse(&flags, got)
+    }
+
+    /// What these flags ask of a LeRobot dataset.
+    pub fn of_lerobot(self, frames: folder::Import, state: Option<String>) -> Result<LeRobot> {
+        self.refuse_topics("a LeRobot dataset, whose rows have poses and are touches (--state)")?;
+        let Self { image_topic, part, side, tool_from_sensor, board, .. } = self;
+        Ok(LeRobot { pictures: image_topic, state, part, side, tool_from_sensor, board, frames })
     }
 
     /// Imports a bag and says what came of it.
@@ -113,6 +124,14 @@ impl BagArgs {
         }
         program::say(format_args!("{} frames in {}", imported.n_frames, out.display()));
         Ok(())
+    }
+}
+
+/// Refuses the first of some flags that is given.
+fn refuse(flags: &[(&str, bool)], got: &str) -> Result<()> {
+    match flags.iter().find(|(_, is_given)| *is_given) {
+        Some((flag, _)) => Err(Error::invalid(*flag, "a bag", got)),
+        None => Ok(()),
     }
 }
 

@@ -84,7 +84,7 @@ fn cells(pose: Option<Se2>) -> [String; 3] {
 }
 
 /// The number of degrees that gives `theta_rad` when it is taken back to radians; the nearest where none does.
-fn degrees(theta_rad: f64) -> f64 {
+pub(super) fn degrees(theta_rad: f64) -> f64 {
     let near = theta_rad.to_degrees();
     let candidates = [near, near.next_up(), near.next_down(), near.next_up().next_up(), near.next_down().next_down()];
     candidates.into_iter().find(|degrees| degrees.to_radians() == theta_rad).unwrap_or(near)

@@ -1,4 +1,4 @@
-//! Datasets out: as a folder of pictures, as NumPy arrays, as a ROS 2 bag.
+//! Datasets out: as a folder of pictures, as NumPy arrays, as a ROS 2 bag, as a LeRobot dataset.
 //!
 //! An export is whole or not there: it is written to `OUT.partial` and then takes its name.
 
@@ -6,6 +6,8 @@ pub mod arrays;
 #[cfg(feature = "mcap")]
 pub mod bag;
 pub mod folder;
+#[cfg(feature = "lerobot")]
+pub mod lerobot;
 mod partial;
 
 use image::ExtendedColorType;

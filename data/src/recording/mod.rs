@@ -4,6 +4,7 @@ pub mod contradiction;
 pub mod folder;
 pub mod geometry;
 pub mod index;
+pub mod lerobot;
 pub mod listing;
 pub mod parquet;
 pub mod pipeline;

@@ -45,7 +45,7 @@ pub fn tidy(workspace: &Workspace) -> Result<()> {
     findings.extend(figures::check(workspace, &files)?);
     findings.extend(packages::layers(&workspace.packages()?));
     let tree = |of: &str| cargo().words(format!("tree {of} --prefix none --format {{p}}")).output(&workspace.root);
-    let with_imports = "--workspace --features tactile-data/ros1,tactile-data/parquet --edges normal,build";
+    let with_imports = "--workspace --features tactile-data/ros1,tactile-data/lerobot --edges normal,build";
     findings.extend(packages::compiled_c(&tree(with_imports)?));
     let embedded = tree("--package tactile-filter --no-default-features --edges normal")?;
     println!("tactile-filter without default features: {} crates", packages::names(&embedded).len());

@@ -17,8 +17,12 @@ mod tests;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+#[cfg(feature = "lerobot")]
+pub(super) use rows::Tables;
 #[cfg(feature = "parquet")]
 pub use rows::import;
+#[cfg(feature = "lerobot")]
+pub(super) use table::{Layout, State};
 
 use crate::picture::is_picture;
 

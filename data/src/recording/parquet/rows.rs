@@ -7,7 +7,7 @@ use crate::recording::contradiction;
 use crate::recording::folder::{Import, Imported, begin, frames_of};
 use crate::recording::index::{COLUMNS, Place, Row};
 use crate::recording::parquet::shards;
-use crate::recording::parquet::table::Table;
+use crate::recording::parquet::table::{Layout, Table};
 use crate::recording::pipeline::{Item, Picture, push};
 use crate::store::provenance::sha256;
 use crate::suggest::with_closest;
@@ -24,52 +24,75 @@ pub fn import(source: &Path, how: &Import, out: &Path, progress: &dyn Fn(usize, 
         let got = index.display().to_string();
         return Err(Error::invalid("--index", "none for Parquet, whose rows are the index", got));
     }
-    let mut warnings = Vec::new();
     let files = shards::find(source)?;
-    let rows = rows(&files, &mut warnings)?;
-    if rows.is_empty() {
-        return Err(Error::invalid(source.display().to_string(), "at least one row", "none"));
-    }
-    contradiction::check(source, &rows, &mut warnings)?;
-    let n_rows = rows.len();
-    let mut frames = pictures(&files).flat_map(|picture| {
-        let (bytes, place) = match picture {
-            Ok((place, bytes)) => (Ok(bytes), place.to_string()),
-            Err(error) => (Err(error), String::new()),
-        };
-        frames_of(bytes, place)
-    });
-    let (view, mut writer) = begin(source, how, (&mut frames, n_rows), out, &mut warnings)?;
-    let mut items = pictures(&files).zip(rows).map(|(picture, row)| {
-        let (place, bytes) = picture?;
-        Ok(Item { picture: Picture::Encoded(bytes), touch: row.touch, place: place.to_string() })
-    });
-    let n_frames = push(&mut items, n_rows, &view, &mut writer, progress)?;
-    writer.set_recording(view.recording(sha256(&files)?));
-    writer.finish()?;
-    Ok(Imported { n_frames, warnings })
+    let tables = Tables { source, files: &files, layout: &Layout::of_index() };
+    tables.import(how, tables.rows()?, out, progress)
 }
 
-/// What the rows of all files say, without their pictures.
-fn rows(files: &[PathBuf], warnings: &mut Vec<String>) -> Result<Vec<Row>> {
-    let mut rows = Vec::new();
-    let mut unknown = Vec::new();
-    for file in files {
-        let table = Table::open(file)?;
-        unknown.extend(table.unknown.iter().filter(|name| !unknown.contains(*name)).cloned().collect::<Vec<_>>());
-        rows.extend(table.rows()?);
-    }
-    warnings.extend(unknown.iter().map(|name| format!("column {} is left out", with_closest(name, COLUMNS))));
-    Ok(rows)
+/// The files of a recording in Parquet.
+pub struct Tables<'a> {
+    /// What was asked for, for messages.
+    pub source: &'a Path,
+    /// Its files, in order.
+    pub files: &'a [PathBuf],
+    /// What is in which column.
+    pub layout: &'a Layout,
 }
 
-/// The pictures of all files, in order; one file is open at a time.
-fn pictures(files: &[PathBuf]) -> impl Iterator<Item = Result<(Place, Vec<u8>)>> {
-    files.iter().flat_map(|file| {
-        let (pictures, error) = match Table::open(file) {
-            Ok(table) => (Some(table.pictures()), None),
-            Err(error) => (None, Some(Err(error))),
-        };
-        error.into_iter().chain(pictures.into_iter().flatten())
-    })
+impl Tables<'_> {
+    /// Imports the pictures of all files with what is known of each.
+    pub fn import(
+        &self,
+        how: &Import,
+        (rows, mut warnings): (Vec<Row>, Vec<String>),
+        out: &Path,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<Imported> {
+        let Self { source, files, .. } = *self;
+        if rows.is_empty() {
+            return Err(Error::invalid(source.display().to_string(), "at least one row", "none"));
+        }
+        contradiction::check(source, &rows, &mut warnings)?;
+        let n_rows = rows.len();
+        let mut frames = self.pictures().flat_map(|picture| {
+            let (bytes, place) = match picture {
+                Ok((place, bytes)) => (Ok(bytes), place.to_string()),
+                Err(error) => (Err(error), String::new()),
+            };
+            frames_of(bytes, place)
+        });
+        let (view, mut writer) = begin(source, how, (&mut frames, n_rows), out, &mut warnings)?;
+        let mut items = self.pictures().zip(rows).map(|(picture, row)| {
+            let (place, bytes) = picture?;
+            Ok(Item { picture: Picture::Encoded(bytes), touch: row.touch, place: place.to_string() })
+        });
+        let n_frames = push(&mut items, n_rows, &view, &mut writer, progress)?;
+        writer.set_recording(view.recording(sha256(files)?));
+        writer.finish()?;
+        Ok(Imported { n_frames, warnings })
+    }
+
+    /// What the rows of all files say, without their pictures, and what a person should know.
+    pub fn rows(&self) -> Result<(Vec<Row>, Vec<String>)> {
+        let mut rows = Vec::new();
+        let mut unknown = Vec::new();
+        for file in self.files {
+            let table = Table::open(file, self.layout)?;
+            unknown.extend(table.unknown.iter().filter(|name| !unknown.contains(*name)).cloned().collect::<Vec<_>>());
+            rows.extend(table.rows()?);
+        }
+        let warnings = unknown.iter().map(|name| format!("column {} is left out", with_closest(name, COLUMNS)));
+        Ok((rows, warnings.collect()))
+    }
+
+    /// The pictures of all files, in order; one file is open at a time.
+    fn pictures(&self) -> impl Iterator<Item = Result<(Place, Vec<u8>)>> {
+        self.files.iter().flat_map(|file| {
+            let (pictures, error) = match Table::open(file, self.layout) {
+                Ok(table) => (Some(table.pictures()), None),
+                Err(error) => (None, Some(Err(error))),
+            };
+            error.into_iter().chain(pictures.into_iter().flatten())
+        })
+    }
 }

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use parquet::basic::{Compression, ConvertedType, LogicalType, Type as Physical};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::{ByteArray, DataType};
+use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::schema::types::ColumnDescriptor;
 use serde_json::{Map, Number, Value};
@@ -18,8 +19,46 @@ use crate::bounded_file;
 use crate::error::{Error, Result};
 use crate::recording::index::{COLUMNS, Place, Row, TEXT, touch_of};
 
-/// The column whose field `bytes` holds the picture.
-const IMAGE: &str = "image";
+/// Which columns of a file hold what.
+#[derive(Clone, Debug, Default)]
+pub struct Layout {
+    /// The column whose field `bytes` holds the picture.
+    pub image: String,
+    /// Columns that say what one of an index does, each with that one's name; what an index calls the same is known anyway.
+    pub renamed: Vec<(String, &'static str)>,
+    /// Columns that say nothing of touches.
+    pub ignored: Vec<String>,
+    /// Whether NaN and empty text say that nobody knows.
+    pub has_blanks: bool,
+    /// Where lists of numbers hold the pose.
+    pub state: Option<State>,
+}
+
+/// A column of lists in which each list holds a pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// The column.
+    pub column: String,
+    /// Numbers in each list.
+    pub len: usize,
+    /// Which of them are x, y and the angle.
+    pub axes: [usize; 3],
+    /// What brings these to mm, mm and degrees.
+    pub units: [f64; 3],
+}
+
+impl Layout {
+    /// That of Hugging Face's images, with the columns of an index.
+    pub fn of_index() -> Self {
+        Self { image: "image".into(), ..Self::default() }
+    }
+
+    /// What a column that is not a picture's is called in an index.
+    fn index_name(&self, name: &str) -> Option<&'static str> {
+        let renamed = self.renamed.iter().find(|(column, _)| column == name).map(|(_, known)| *known);
+        renamed.or_else(|| COLUMNS.into_iter().find(|known| *known != "file" && *known == name))
+    }
+}
 
 /// Pictures read at once.
 const BATCH: usize = 16;
@@ -32,6 +71,9 @@ pub struct Table {
     reader: SerializedFileReader<File>,
     image: usize,
     columns: Vec<Column>,
+    /// Where each row's pose is a list, the column and what it holds.
+    state: Option<(Column, State)>,
+    has_blanks: bool,
 }
 
 /// A column that is read.
@@ -56,7 +98,7 @@ impl Table {
     ///
     /// # Errors
     /// Another format, no pictures, or the column that is not as it should be.
-    pub fn open(path: &Path) -> Result<Self> {
+    pub fn open(path: &Path, layout: &Layout) -> Result<Self> {
         let place = || path.display().to_string();
         let (file, len) = bounded_file::open(path)?;
         let reader =
@@ -67,25 +109,33 @@ impl Table {
             let got = format!("{} in {len} bytes", about.num_rows());
             return Err(Error::invalid(place(), "at most a row for each byte", got));
         }
-        let (mut image, mut columns, mut unknown) = (None, Vec::new(), Vec::new());
+        let (mut image, mut columns, mut unknown, mut state) = (None, Vec::new(), Vec::new(), None);
         for (leaf, descriptor) in about.schema_descr().columns().iter().enumerate() {
             let parts: Vec<&str> = descriptor.path().parts().iter().map(String::as_str).collect();
-            let known = COLUMNS.into_iter().find(|name| *name != "file" && parts == [*name]);
+            let known = if let [name] = parts[..] { layout.index_name(name) } else { None };
+            let of_state = layout.state.as_ref().filter(|state| parts[0] == state.column);
             match (known, parts.as_slice()) {
                 (Some(name), _) if columns.iter().any(|column: &Column| column.name == name) => {
                     return Err(Error::invalid(place(), "each column once", format!("{name} twice")));
                 }
                 (Some(name), _) => columns.push(Column { name, leaf }),
-                (None, [IMAGE, "bytes"]) => image = Some(leaf),
-                (None, [IMAGE, "path"]) => {}
-                (None, _) => unknown.push(parts.join(".")),
+                (None, [name, "bytes"]) if *name == layout.image => image = Some(leaf),
+                (None, [name, "path"]) if *name == layout.image => {}
+                _ if of_state.is_some() => state = of_state.map(|of| (Column { name: "state", leaf }, of.clone())),
+                (None, [name, ..]) if layout.ignored.iter().any(|ignored| ignored == name) => {}
+                (None, _) if unknown.iter().any(|name| name == parts[0]) => {}
+                (None, _) => unknown.push(parts[0].to_owned()),
             }
         }
         let Some(image) = image else {
             let got = unknown.first().map_or("none", String::as_str);
-            return Err(Error::invalid(place(), "a column image with the fields bytes and path", got));
+            let expected = format!("a column {} with the fields bytes and path", layout.image);
+            return Err(Error::invalid(place(), expected, got));
         };
-        let table = Self { unknown, file: path.into(), reader, image, columns };
+        if let (Some(State { column, .. }), None) = (&layout.state, &state) {
+            return Err(Error::invalid(place(), format!("a column {column}"), "none"));
+        }
+        let table = Self { unknown, file: path.into(), reader, image, columns, state, has_blanks: layout.has_blanks };
         table.check()?;
         Ok(table)
     }
@@ -99,7 +149,8 @@ impl Table {
             return Err(Error::invalid(self.file.display().to_string(), expected, format!("{n_rows:?} in its groups")));
         }
         let picture = Column { name: "image.bytes", leaf: self.image };
-        for column in self.columns.iter().chain([&picture]) {
+        let state = self.state.as_ref().map(|(column, _)| column);
+        for column in self.columns.iter().chain([&picture]).chain(state) {
             let descriptor = about.file_metadata().schema_descr().column(column.leaf);
             let place = format!("{}: column {}", self.file.display(), column.name);
             check_type(column.name, &descriptor, &place)?;
@@ -122,17 +173,46 @@ impl Table {
             for column in &self.columns {
                 let mut reader = self.column(group, *column)?;
                 for (i, cell) in self.cells(&mut reader, *column, n, rows.len())?.into_iter().enumerate() {
+                    if self.has_blanks && cell.is_blank() {
+                        continue;
+                    }
                     if let Some(value) = cell.value(column.name, &self.place(rows.len() + i))? {
                         cells[i].insert(column.name.to_owned(), value);
                     }
                 }
             }
+            self.insert_poses(group, rows.len(), &mut cells)?;
             for cells in cells {
                 let place = self.place(rows.len());
                 rows.push(Row { touch: touch_of(cells, &place)?, place, file: None });
             }
         }
         Ok(rows)
+    }
+
+    /// Puts the poses of a group's lists, if it has any, into the cells of its rows, the first of which is `first`.
+    fn insert_poses(&self, group: usize, first: usize, cells: &mut [Map<String, Value>]) -> Result<()> {
+        let Some((column, State { column: name, len, axes, units })) = &self.state else { return Ok(()) };
+        let mut reader = self.column(group, *column)?;
+        // The values of all lists, one behind the other.
+        let values = self.cells(&mut reader, *column, cells.len(), first)?;
+        let bad = |row: usize| {
+            let expected = format!("a list of {len} numbers in each row");
+            Error::invalid(format!("{}: {name}", self.place(first + row)), expected, format!("{} in all", values.len()))
+        };
+        if values.len() != len * cells.len() {
+            return Err(bad(0));
+        }
+        for (row, (cells, list)) in cells.iter_mut().zip(values.chunks(*len)).enumerate() {
+            for ((axis, unit), named) in axes.iter().zip(units).zip(["x_mm", "y_mm", "theta_deg"]) {
+                match list[*axis] {
+                    Cell::Number(value) if value.is_nan() => continue,
+                    Cell::Number(value) => cells.insert(named.to_owned(), (unit * value).into()),
+                    _ => return Err(bad(row)),
+                };
+            }
+        }
+        Ok(())
     }
 
     /// The pictures, in order, each with its place: the bytes of PNG or JPEG files.
@@ -179,28 +259,34 @@ impl Table {
         });
         let place = || format!("{} and behind it: {}", self.place(first), column.name);
         let cells = cells.map_err(|e| Error::invalid(place(), "values that can be read", e))?;
-        if cells.len() == n {
+        if cells.len() == n || descriptor.max_rep_level() > 0 {
             return Ok(cells);
         }
         Err(Error::invalid(place(), format!("{n} values"), cells.len().to_string()))
     }
 }
 
-/// The next `n` cells of a column; fewer where it ends before. A value is there where its level is `max_level`.
+/// The cells of a column's next `n` rows, of lists those of one behind the other; fewer where it ends before. A value is there where
+/// its level is `max_level`.
 fn values<T: DataType>(
     reader: &mut ColumnReaderImpl<T>,
     n: usize,
     max_level: i16,
     cell: impl Fn(T::T) -> Cell,
 ) -> parquet::errors::Result<Vec<Cell>> {
-    let (mut levels, mut values) = (Vec::new(), Vec::new());
-    let (n_rows, ..) = reader.read_records(n, Some(&mut levels), None, &mut values)?;
+    let (mut levels, mut begins, mut values) = (Vec::new(), Vec::new(), Vec::new());
+    let (_, _, n_levels) = reader.read_records(n, Some(&mut levels), Some(&mut begins), &mut values)?;
+    // Of lists each begins at level 0.
+    let len = begins.iter().skip(1).position(|level| *level == 0).map_or(begins.len(), |last| last + 1);
+    if begins.iter().enumerate().any(|(i, level)| (*level == 0) != i.is_multiple_of(len)) {
+        return Err(ParquetError::General("lists of different lengths".into()));
+    }
     let mut values = values.into_iter().map(cell);
     if max_level == 0 {
         return Ok(values.collect());
     }
     let of_level = |level| if level == max_level { values.next().unwrap_or(Cell::Null) } else { Cell::Null };
-    Ok(levels.into_iter().take(n_rows).map(of_level).collect())
+    Ok(levels.into_iter().take(n_levels).map(of_level).collect())
 }
 
 /// The pictures of a table.
@@ -251,6 +337,16 @@ impl Iterator for Pictures {
 }
 
 impl Cell {
+    /// Whether it says that nobody knows, where a file has no nulls.
+    fn is_blank(&self) -> bool {
+        match self {
+            Self::Null => true,
+            Self::Number(value) => value.is_nan(),
+            Self::Bytes(bytes) => bytes.is_empty(),
+            Self::Integer(_) => false,
+        }
+    }
+
     /// What the cell says under a name of an index.
     fn value(self, name: &str, place: &Place) -> Result<Option<Value>> {
         let is_text = TEXT.contains(&name);
@@ -281,6 +377,8 @@ fn check_type(name: &str, descriptor: &ColumnDescriptor, place: &str) -> Result<
     let is_text = matches!(logical, None | Some(LogicalType::String | LogicalType::Enum))
         && matches!(converted, NONE | UTF8 | ENUM);
     let (is_right, expected) = match descriptor.physical_type() {
+        Physical::FLOAT | Physical::DOUBLE if name == "state" => (descriptor.max_rep_level() == 1, "lists of numbers"),
+        _ if name == "state" => (false, "lists of numbers (FLOAT or DOUBLE)"),
         _ if descriptor.max_rep_level() > 0 => (false, "one value in each row"),
         Physical::BYTE_ARRAY if name == "image.bytes" => (true, ""),
         _ if name == "image.bytes" => (false, "bytes (BYTE_ARRAY)"),
