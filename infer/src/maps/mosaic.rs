@@ -305,6 +305,13 @@ impl Mosaic<'_> {
         ([column, row].map(|cell| middle(self.n, cell)), Place::of(|at| values[at]))
     }
 
+    /// The middles of the cells that the part's outline crosses, mm about its origin.
+    pub fn outline_mm(&self) -> Vec<[f64; 2]> {
+        let cells = (0..self.n * self.n).map(|at| self.cell(at % self.n, at / self.n));
+        let crossed = |place: &Place| place.n_seen > 0.0 && f64::from(place.distance_mm.abs()) < 0.5 * CELL_MM;
+        cells.filter(|(_, place)| crossed(place)).map(|(at, _)| at).collect()
+    }
+
     /// What is at a place of the part, mm; `None` where no touch showed it.
     pub fn at(&self, place_mm: [f64; 2]) -> Option<Place> {
         let corners = self.corners(place_mm)?;

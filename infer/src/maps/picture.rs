@@ -15,6 +15,9 @@ const OUTLINE: [u8; 3] = [20, 160, 60];
 /// Where they differ.
 const DIFFERENT: [u8; 3] = [240, 200, 0];
 
+/// Where what was felt is inside of a part by a probability that is so far from the part's own, the two differ.
+const SURELY_OTHER: f32 = 0.7;
+
 /// Black at the outline, blue inside, red outside; the paler, the less sure it is.
 pub fn of_distance(mm: f32, error_mm: f32) -> [u8; 3] {
     let far = (mm.abs() / OUTLINE_REACH_MM as f32).min(1.0).sqrt();
@@ -61,6 +64,36 @@ pub fn compared(mosaic: &Mosaic<'_>, part: Option<&Mosaic<'_>>, enlarged: usize)
     Ok(Frame::new(n, n, rgb)?)
 }
 
+/// What was felt as a node tells it, the probability of each cell of a square to be inside, %, rows from the top, -1 where nothing was
+/// felt: blue inside, red outside, dark between; with the outline of a part (green) over it and where the two differ (yellow). A cell is
+/// `enlarged` pixels wide and high. `None` of cells that are no square.
+pub fn felt(percents: &[i8], part: Option<&Mosaic<'_>>, enlarged: usize) -> Option<Frame> {
+    let n = percents.len().isqrt();
+    if n == 0 || n * n != percents.len() {
+        return None;
+    }
+    let cell = |column: usize, row: usize| match percents[row * n + column] {
+        percent @ 0..=100 => Some(f32::from(percent) / 100.0),
+        _ => None,
+    };
+    let mut rgb = Vec::with_capacity(3 * (n * enlarged).pow(2));
+    for row in 0..n * enlarged {
+        for column in 0..n * enlarged {
+            let here = cell(column / enlarged, row / enlarged);
+            let at = [column, row].map(|at| ((at as f64 + 0.5) / enlarged as f64 - 0.5 * n as f64) * CELL_MM);
+            let there = part.and_then(|part| part.at(at));
+            rgb.extend(match (here, there) {
+                (_, Some(there)) if f64::from(there.distance_mm.abs()) < 0.5 * CELL_MM => OUTLINE,
+                (Some(here), Some(there)) if (here - there.inside).abs() > SURELY_OTHER => DIFFERENT,
+                // A distance that is as far as it is sure.
+                (Some(here), _) => of_distance((1.0 - 2.0 * here) * OUTLINE_REACH_MM as f32, 0.05),
+                (None, _) => UNSEEN,
+            });
+        }
+    }
+    Frame::new(n * enlarged, n * enlarged, rgb).ok()
+}
+
 #[cfg(test)]
 mod tests {
     use tactile_data::touch::Side;
@@ -90,5 +123,22 @@ mod tests {
         assert!((100..1_200).contains(&outline.len()), "{}", outline.len());
         assert!(outline.iter().all(|at| plain[*at].iter().all(|value| *value < 120)));
         assert!(!with.contains(&DIFFERENT) && plain[0] == UNSEEN);
+        // As a node tells it.
+        let n = mosaic.n();
+        let percent = |at: usize| match mosaic.cell(at % n, at / n).1 {
+            Place { n_seen: 0.0, .. } => -1,
+            Place { inside, .. } => (100.0 * inside).round() as i8,
+        };
+        let told: Vec<i8> = (0..n * n).map(percent).collect();
+        let same = pixels(&felt(&told, Some(&mosaic), 2).unwrap());
+        assert!(outline.iter().all(|at| same[*at] == OUTLINE) && !same.contains(&DIFFERENT) && same[0] == UNSEEN);
+        let other: Vec<i8> = told.iter().map(|percent| if *percent < 0 { -1 } else { 100 - percent }).collect();
+        let other = pixels(&felt(&other, Some(&mosaic), 2).unwrap());
+        assert!(other.iter().filter(|pixel| **pixel == DIFFERENT).count() > 1_000);
+        assert!(felt(&told[1..], None, 2).is_none() && felt(&[], None, 2).is_none());
+        // The outline alone, in mm: on the oval.
+        let alone = mosaic.outline_mm();
+        assert!((30..300).contains(&alone.len()), "{}", alone.len());
+        assert!(alone.iter().all(|at| f64::from(mosaic.at(*at).unwrap().distance_mm.abs()) < 0.5 * CELL_MM));
     }
 }

@@ -17,6 +17,7 @@ pub struct Follower {
     view: View,
     start_ns: Option<i64>,
     map: Option<PlaceMap>,
+    felt: Vec<i8>,
 }
 
 impl Follower {
@@ -42,6 +43,11 @@ impl Follower {
                     self.place_map();
                 }
             }
+            Topic::Felt => {
+                if let Ok(grid) = from_cdr::<OccupancyGrid>(cdr, "felt") {
+                    self.felt = grid.data;
+                }
+            }
             Topic::Diagnostics => {
                 if let Ok(diagnostics) = from_cdr::<DiagnosticArray>(cdr, "diagnostics") {
                     self.diagnosed(&diagnostics);
@@ -54,6 +60,11 @@ impl Follower {
     /// What is shown now.
     pub fn view(&self) -> &View {
         &self.view
+    }
+
+    /// What was felt so far, as the node tells it ([`tactile_infer::maps::picture::felt`]); empty where it draws no maps.
+    pub fn felt(&self) -> &[i8] {
+        &self.felt
     }
 
     fn decided(&mut self, report: &DecisionReport) {
@@ -82,6 +93,7 @@ impl Follower {
         view.stop = report.stop.map(|reason| words(reason).to_owned());
         view.status = format!("episode {}, {}", report.episode, report.line());
         self.map = None;
+        self.felt.clear();
     }
 
     fn said(&mut self, text: String) {
@@ -183,6 +195,8 @@ mod tests {
             data: vec![0, 100, 0, 0],
         };
         follower.take(3_500_000_000, Topic::Belief, &to_cdr(&belief));
+        follower.take(3_500_000_000, Topic::Felt, &to_cdr(&belief));
+        assert_eq!(follower.felt(), [0, 100, 0, 0]);
         let view = follower.view();
         assert_eq!(
             (view.time_s, view.parts[0].name.as_str(), view.place.as_ref().unwrap().sd_mm),
@@ -196,7 +210,7 @@ mod tests {
         follower.take(5_000_000_000, Topic::Decision, &decision(2, "\"confident\""));
         let view = follower.view();
         assert_eq!((view.touches.len(), view.touches[1].refused.as_deref()), (3, Some("dark")));
-        assert_eq!(view.stop.as_deref(), Some("confident"));
+        assert!(view.stop.as_deref() == Some("confident") && follower.felt().is_empty());
         // Another hole.
         follower.take(6_000_000_000, Topic::Decision, &decision(1, "null"));
         assert_eq!((follower.view().touches.len(), follower.view().stop.as_deref()), (1, None));

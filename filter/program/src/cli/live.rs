@@ -126,19 +126,21 @@ impl Live {
             self.param.splice(0..0, stills);
         }
         let stop = stop_on_signals()?;
-        let mut onlookers = match &self.page {
+        let (mut onlookers, page) = match &self.page {
             Some(address) => page(address, stop)?,
-            None => Vec::new(),
+            None => Default::default(),
         };
         if !self.view {
             let mut speaker = Speaker::new(self.json);
-            let outcome = self.run_source(onlookers, stop, &mut |spoken| speaker.tell(&spoken))?;
+            let looking = Looking { onlookers, page };
+            let outcome = self.run_source(looking, stop, &mut |spoken| speaker.tell(&spoken))?;
             outcome.into_iter().for_each(|line| speaker.print(&line));
             return Ok(());
         }
         let (sender, receiver) = channel();
         onlookers.push(terminal(sender));
-        let node = std::thread::spawn(move || self.run_source(onlookers, stop, &mut |_| ()));
+        let looking = Looking { onlookers, page };
+        let node = std::thread::spawn(move || self.run_source(looking, stop, &mut |_| ()));
         let shown = show(&receiver, stop);
         stop.store(true, Ordering::Relaxed);
         let ended = node.join().map_err(|_| Error::invalid("node", "an end", "a panic"))?;
@@ -147,20 +149,15 @@ impl Live {
     }
 
     /// Feeds a node from the source that was asked for; what a simulated robot's holes came to, in a line.
-    fn run_source(
-        self,
-        onlookers: Vec<Onlooker>,
-        stop: &AtomicBool,
-        tell: &mut dyn FnMut(Spoken),
-    ) -> Result<Option<String>> {
+    fn run_source(self, looking: Looking, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<Option<String>> {
         if self.source.ros {
-            return self.run_ros(onlookers, stop, tell).map(|()| None);
+            return self.run_ros(looking, stop, tell).map(|()| None);
         }
         let commands = self.source.stdin_mjpeg.then(|| self.lines()).transpose()?;
         let names = Names::default();
         let parameters = self.parameters(&names.node)?;
         let side = parameters.side;
-        let session = self.session(&names, parameters, onlookers)?;
+        let session = self.session(&names, parameters, looking)?;
         if let Some(path) = &self.source.watch {
             let folder = Folder::open(path)?;
             folder::run(session, folder, self.once, stop, tell)?;
@@ -202,16 +199,19 @@ impl Live {
         Ok(parameters)
     }
 
-    fn session(&self, names: &Names, parameters: Parameters, onlookers: Vec<Onlooker>) -> Result<Session> {
+    fn session(&self, names: &Names, parameters: Parameters, looking: Looking) -> Result<Session> {
         let (model, bank) = load(Model::load(&self.model)?, &self.bank, self.maps.as_deref())?;
         warn_of_calibration(&model, parameters.side);
         warn_of_steps(&bank);
+        if let Some(page) = &looking.page {
+            page.knows(bank.clone(), parameters.side);
+        }
         let setup = names.setup(&parameters, &model, &bank)?;
         let mut session = Session::new(Node::new(parameters, model, bank)?);
         if let Some(address) = &self.foxglove {
             session = session.with_onlooker(foxglove(address, &setup)?);
         }
-        let session = onlookers.into_iter().fold(session, Session::with_onlooker);
+        let session = looking.onlookers.into_iter().fold(session, Session::with_onlooker);
         match &self.log {
             Some(log) => Ok(session.with_log(log, &setup, NodeClock::start().now_ns())?),
             None => Ok(session),
@@ -220,12 +220,12 @@ impl Live {
 
     #[cfg(not(feature = "ros2"))]
     #[allow(clippy::unused_self, reason = "the same as with ROS 2")]
-    fn run_ros(self, _: Vec<Onlooker>, _: &AtomicBool, _: &mut dyn FnMut(Spoken)) -> Result<()> {
+    fn run_ros(self, _: Looking, _: &AtomicBool, _: &mut dyn FnMut(Spoken)) -> Result<()> {
         Err(super::ros::no_ros().into())
     }
 
     #[cfg(feature = "ros2")]
-    fn run_ros(self, onlookers: Vec<Onlooker>, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
+    fn run_ros(self, looking: Looking, stop: &AtomicBool, tell: &mut dyn FnMut(Spoken)) -> Result<()> {
         use tactile_live::parameters::DISTRIBUTION;
         use tactile_live::ros2::Bus;
         use tactile_live::shell::ros::Network;
@@ -249,7 +249,7 @@ impl Live {
         let (bus, inbox) = Bus::open(settings).map_err(Error::from)?;
         let network = Network::join(bus, inbox)?;
         let names = network.names(&node)?;
-        let session = self.session(&names, parameters, onlookers)?;
+        let session = self.session(&names, parameters, looking)?;
         tell(Spoken::Line(format!("{node}: pictures on {}, tool poses on {}", names.image_topic, names.tool_topic)));
         Ok(network.run(session, stop, tell)?)
     }
@@ -264,11 +264,18 @@ fn add_file(read: &mut Map<String, Value>, path: &Path, node: &str) -> Result<()
     Ok(())
 }
 
-/// Serves the page of a node; what looks on for it.
-fn page(address: &str, stop: &'static AtomicBool) -> Result<Vec<Onlooker>> {
+/// Who looks on while a node works.
+struct Looking {
+    onlookers: Vec<Onlooker>,
+    /// The page, which draws the parts of the bank once it is loaded.
+    page: Option<Arc<LivePage>>,
+}
+
+/// Serves the page of a node; what looks on for it, and the page.
+fn page(address: &str, stop: &'static AtomicBool) -> Result<(Vec<Onlooker>, Option<Arc<LivePage>>)> {
     let (sender, receiver) = channel();
     let shown = serve_page(address, LivePage::default(), receiver, stop)?;
-    Ok(vec![terminal(sender), shown.pictures()])
+    Ok((vec![terminal(sender), shown.pictures()], Some(shown)))
 }
 
 /// Serves a page of what arrives, in threads of its own, and says where.

@@ -12,8 +12,8 @@ function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
-// The belief over the places of the likeliest part, darker where it is more probable, with the touches and the next one.
-function drawMap(view, touched) {
+// The belief over the places of the likeliest part, darker where it is more probable, with its outline, the touches and the next one.
+function drawMap(view, touched, outline) {
   const canvas = $("map");
   const context = canvas.getContext("2d");
   context.clearRect(0, 0, canvas.width, canvas.height);
@@ -21,17 +21,22 @@ function drawMap(view, touched) {
   $("where").textContent = view.place ? `Where the sensor is on ${view.place.part}` : "Where the sensor is on the likeliest part";
   if (!part || !part.map) return;
   const { n_xy: n, half_mm: half, values } = part.map;
-  const span = 2 * half * (n > 1 ? n / (n - 1) : 1);
+  const believed = 2 * half * (n > 1 ? n / (n - 1) : 1);
+  const span = (outline || []).reduce((most, [x, y]) => Math.max(most, 2.1 * Math.abs(x), 2.1 * Math.abs(y)), believed);
   const scale = canvas.width / span;
   const at = (mm) => canvas.width / 2 + mm * scale;
   const most = Math.max(...values, Number.MIN_VALUE);
-  const cell = canvas.width / n;
+  const cell = (believed * scale) / n;
+  const corner = at(-believed / 2);
   context.fillStyle = colour("--touch");
   values.forEach((value, index) => {
     context.globalAlpha = Math.sqrt(Math.max(value, 0) / most);
-    context.fillRect(Math.floor(index / n) * cell, (index % n) * cell, cell + 0.5, cell + 0.5);
+    context.fillRect(corner + Math.floor(index / n) * cell, corner + (index % n) * cell, cell + 0.5, cell + 0.5);
   });
   context.globalAlpha = 1;
+  context.fillStyle = colour("--ink");
+  const dot = Math.max(0.3 * scale, 1.5);
+  (outline || []).forEach(([x, y]) => context.fillRect(at(x) - dot / 2, at(y) - dot / 2, dot, dot));
   context.font = "15px system-ui, sans-serif";
   context.textAlign = "center";
   context.textBaseline = "middle";
@@ -70,10 +75,10 @@ $("at").addEventListener("input", () => {
   atEnd = Number($("at").value) >= Number($("at").max);
 });
 
-function draw({ view, touched, picture, end_s: end }) {
+function draw({ view, touched, picture, outline, felt, end_s: end }) {
   drawTime(end, view.time_s);
   $("status").textContent = view.status || "Waiting for the first touch.";
-  drawMap(view, touched);
+  drawMap(view, touched, outline);
   const place = view.place;
   const n = view.touches.filter((touch) => touch.refused === null).length;
   let said = "No touch yet.";
@@ -86,6 +91,8 @@ function draw({ view, touched, picture, end_s: end }) {
   $("answer").textContent = said;
   $("picture").hidden = !picture;
   if (picture) $("picture").src = picture;
+  $("felt").hidden = $("felt-words").hidden = !felt;
+  if (felt) $("felt").src = felt;
   const camera = view.camera;
   const rate = camera.frames_per_s === null ? "no pictures" : `${camera.frames_per_s.toFixed(1)} pictures a second`;
   $("camera").textContent = `What the camera sees: ${rate}${camera.is_good ? "" : ", not trusted now"}`;

@@ -5,10 +5,14 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use serde_json::json;
+use tactile_data::touch::Side;
 use tactile_eval::narrative::picture;
+use tactile_infer::Bank;
+use tactile_infer::maps::mosaic::Mosaic;
+use tactile_infer::maps::picture::felt;
 use tactile_live::camera::Camera;
 use tactile_live::event::{Event, Input, Output};
 use tactile_live::parameters::CameraParameters;
@@ -21,6 +25,9 @@ use super::{Asked, PATIENCE, Reply};
 /// Between two pictures that the page may show, ns: a person sees no more.
 const PICTURE_NS: i64 = 100_000_000;
 
+/// Pixels of a cell of what was felt.
+const CELL_PX: usize = 2;
+
 /// What the page shows.
 #[derive(Default)]
 pub struct LivePage {
@@ -31,12 +38,21 @@ pub struct LivePage {
     latest: Mutex<Option<Input>>,
     /// The one that was drawn last, a data URI.
     drawn: Mutex<Option<String>>,
+    /// The parts and the side that is touched, where they are known here.
+    parts: OnceLock<(Arc<Bank>, Side)>,
+    /// What was felt as it was drawn last: of which cells, over which part, a data URI.
+    felt: Mutex<(Vec<i8>, Option<String>, Option<String>)>,
 }
 
 impl LivePage {
     /// A page that can show any moment: of a log.
     pub fn of_log() -> Self {
         Self { kept: Some(Mutex::default()), ..Self::default() }
+    }
+
+    /// Makes the parts of a bank known, whose outlines are then drawn.
+    pub fn knows(&self, bank: Arc<Bank>, side: Side) {
+        drop(self.parts.set((bank, side)));
     }
 
     /// Looks at the pictures that come in: keeps the latest, ten a second.
@@ -89,6 +105,8 @@ impl LivePage {
         let view = json!({
             "view": follower.view(),
             "touched": follower.view().touched(),
+            "outline": self.on_likeliest(&follower, |mosaic: &Mosaic<'_>| mosaic.outline_mm()),
+            "felt": self.felt(&follower),
             "picture": self.picture(),
             "end_s": end_s,
         });
@@ -105,6 +123,29 @@ impl LivePage {
         let shown = kept.iter().enumerate().take_while(until);
         shown.for_each(|(_, (time_ns, topic, cdr))| follower.take(*time_ns, *topic, cdr));
         Some(follower)
+    }
+
+    /// What something is of the likeliest part; nothing where no map of it is known here.
+    fn on_likeliest<T>(&self, follower: &Follower, of: impl Fn(&Mosaic<'_>) -> T) -> Option<T> {
+        let (bank, side) = self.parts.get()?;
+        let part = bank
+            .parts()
+            .iter()
+            .position(|name| Some(name) == follower.view().place.as_ref().map(|place| &place.part))?;
+        Some(of(&bank.mosaics()?.of(part, *side)))
+    }
+
+    /// What was felt so far as a data URI; nothing where the node draws no maps.
+    fn felt(&self, follower: &Follower) -> Option<String> {
+        let part = follower.view().place.as_ref().map(|place| place.part.clone());
+        let mut drawn = self.felt.lock().unwrap_or_else(PoisonError::into_inner);
+        if (drawn.0.as_slice(), &drawn.1) != (follower.felt(), &part) {
+            let over = |mosaic: &Mosaic<'_>| felt(follower.felt(), Some(mosaic), CELL_PX);
+            let frame = self.on_likeliest(follower, over).unwrap_or_else(|| felt(follower.felt(), None, CELL_PX));
+            let uri = frame.and_then(|frame| picture::frame(&frame).ok());
+            *drawn = (follower.felt().to_vec(), part, uri);
+        }
+        drawn.2.clone()
     }
 
     /// The latest picture as a data URI; nothing where none came, or none that can be drawn.
