@@ -16,6 +16,7 @@ import contextlib
 import csv
 import dataclasses
 import io
+import itertools
 import json
 import multiprocessing
 import os
@@ -931,7 +932,74 @@ def check_restart(_seconds):
     row("restart", "node killed within a hole and started again", f"{summary} ({time.monotonic() - start:.0f} s)", "4 of 4")
 
 
+class PlannersNode:
+    """What `identify` asks, over the robot's CycloneDDS."""
+
+    def __init__(self, robot):
+        self.robot = robot
+        self.poses = reader(robot.participant, f"rt{robot.node}/pose", ros.PoseWithCovarianceStamped, "reliable")
+        self.readers = {"decision": robot.decisions, "next_pose": robot.goals, "pose": self.poses}
+
+    def call(self, service):
+        [take(of) for of in self.readers.values()]
+        answer, _ = self.robot.call(service)
+        return bool(answer and answer.success), answer.message if answer else "no answer"
+
+    def latest(self, topic):
+        return wait_for(f"nothing on {topic}", lambda: take(self.readers[topic]))[-1]
+
+
+class PlannersArm:
+    """The two motions of a touch, over a hole of a part."""
+
+    def __init__(self, robot, part, first):
+        self.robot, self.part, self.first = robot, part, first
+
+    def press(self, pose):
+        place = self.first
+        if pose is not None:
+            place = tuple(snapped(1000 * metres) for metres in (pose.pose.position.x, pose.pose.position.y))
+        self.robot.show(None, (*place, 10))
+        time.sleep(0.12)
+        self.robot.show((self.part, *place), (*place, 0))
+        time.sleep(SETTLE_S + 0.1)
+
+    def lift(self):
+        self.robot.show(None, (0, 0, 10))
+
+
+def check_planner(_seconds):
+    """The example for planners: whole holes, and a touch that is refused."""
+    sys.path.insert(0, os.path.join(os.path.dirname(__file__), "../../filter/live/examples"))
+    import identify as planner
+
+    n_right, n_holes, n_touches = 0, 8, 0
+    with Node() as node, Robot(node.name, PICTURES) as robot:
+        robot.ready().rest()
+        asked = PlannersNode(robot)
+        for part, first in itertools.islice(holes(11), n_holes):
+            found = planner.identify(asked, PlannersArm(robot, part, first))
+            n_right += found.part == part
+            n_touches += len(found.touches)
+            if found.part is not None:
+                variances = found.pose.pose.covariance[0], found.pose.pose.covariance[7]
+                check(all(0 < variance < 1e-4 for variance in variances), f"{found.pose}")
+        robot.is_filming = False
+        time.sleep(1)
+        part, first = next(holes(12))
+        try:
+            planner.identify(asked, PlannersArm(robot, part, first))
+            check(False, "a touch without pictures was taken")
+        except planner.Refused as refused:
+            said = str(refused)
+        check(said.startswith("observe: "), said)
+    row("planner", "identify(region) of filter/live/examples: holes named right; touches", f"{n_right} of {n_holes}; {n_touches}")
+    row("planner", "a touch without pictures", said[:60])
+    check(n_right >= n_holes - 1, "holes named wrongly")
+
+
 CHECKS = {
+    "planner": check_planner,
     "restart": check_restart,
     "encodings": check_encodings,
     "trouble": check_trouble,

@@ -18,7 +18,7 @@ pub struct DdsArgs {
     #[arg(long)]
     node: bool,
     /// One check alone: in, out, services, plain, late, quality, namespaces, malformed, packets, large, restart, clock,
-    /// long; with --node restart, encodings, trouble, late, two, large, damaged, fuzz, camera, stopped, log, fresh,
+    /// long; with --node planner, restart, encodings, trouble, late, two, large, damaged, fuzz, camera, stopped, log, fresh,
     /// run, bare.
     #[arg(long)]
     only: Option<String>,
