@@ -20,7 +20,7 @@ pub struct Banks {
     absent: bool,
     n_classes: Option<usize>,
     /// Makes a bank that learnt from its parts again without the one that is to be absent.
-    learner: Option<Learner>,
+    learner: Option<Arc<Learner>>,
 }
 
 impl Banks {
@@ -29,7 +29,7 @@ impl Banks {
     ///
     /// # Errors
     /// No learner where one is needed.
-    pub fn new(whole: Arc<Bank>, protocol: &Protocol, learner: Option<Learner>) -> Result<Self> {
+    pub fn new(whole: Arc<Bank>, protocol: &Protocol, learner: Option<Arc<Learner>>) -> Result<Self> {
         let absent = protocol.absent;
         if absent && whole.metric().is_some() && learner.is_none() {
             let got = "one that learnt from the absent part's touches, too";

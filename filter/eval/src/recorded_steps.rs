@@ -87,7 +87,7 @@ mod tests {
             theta_step_deg: *theta_step_deg,
             ..settings()
         };
-        steps.iter().map(|steps| Planned { model: 0, settings: with(steps) }).collect()
+        steps.iter().map(|steps| Planned { model: 0, settings: with(steps), strangers: false }).collect()
     }
 
     fn steps_of(recorded: &RecordedSteps, wanted: &[[f64; 2]]) -> Vec<[f64; 2]> {

@@ -9,6 +9,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::precision::Precision;
+use tactile_infer::simulated::learner::Learner;
 
 use crate::banks::Banks;
 use crate::error::{Error, Result};
@@ -56,11 +57,14 @@ pub struct Planned {
     pub model: usize,
     /// The setting.
     pub settings: Setup,
+    /// Whether strangers are touched, too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub strangers: bool,
 }
 
 /// The settings of a sweep over some models, the first of which is turned at every knob: from a lean and the default
 /// setting each knob alone, a rich one, and the leanest there are; from both with maps where `has_maps`. From the default other
-/// rates of strangers, with maps, too. None twice.
+/// rates of strangers, with maps, too, and with strangers. None twice.
 ///
 /// # Errors
 /// No model.
@@ -76,7 +80,8 @@ pub fn plan(models: &[Arc<Model>], has_maps: bool) -> Result<Vec<Planned>> {
     let lean = Setup { subdivisions: 1, ..with_effort(&of(first, [4.0, 15.0]), EFFORTS[1]) };
     let by_maps = [&default, &lean].into_iter().filter(|_| has_maps).flat_map(verified);
     let mapped = Setup { verify: EpisodeConfig::default().settings.verify.into(), ..default.clone() };
-    let by_rate = [Some(&default), has_maps.then_some(&mapped)].into_iter().flatten().flat_map(at_rates);
+    let risked = [Some(&default), has_maps.then_some(&mapped)];
+    let by_rate = risked.into_iter().flatten().flat_map(at_rates);
     let of_first = [turned(&default), turned(&lean), rich(&default), engines(&default), least(&default)].concat();
     let of_first = of_first.into_iter().chain(by_maps).chain(by_rate);
     let of_others = models.iter().enumerate().skip(1).flat_map(|(index, model)| {
@@ -86,7 +91,9 @@ pub fn plan(models: &[Arc<Model>], has_maps: bool) -> Result<Vec<Planned>> {
     });
     let mut planned = Vec::new();
     for (model, settings) in of_first.map(|settings| (0, settings)).chain(of_others) {
-        let new = Planned { model, settings };
+        let at_a_rate = |base: &&Setup| Setup { false_accept: base.false_accept, ..settings.clone() } == **base;
+        let strangers = model == 0 && risked.iter().flatten().any(at_a_rate);
+        let new = Planned { model, settings, strangers };
         if !planned.contains(&new) {
             planned.push(new);
         }
@@ -168,11 +175,14 @@ pub struct Bench<'a> {
     pub no_contact: &'a Frame,
     /// The episodes.
     pub protocol: &'a Protocol,
+    /// Where strangers are touched, too: makes the bank again without a part, if it learnt from its parts.
+    pub learner: Option<Arc<Learner>>,
 }
 
-/// Measures one setting: accuracy and decisions, with strangers too, on all cores, then time on one. A point for each of
+/// Measures one setting: accuracy and decisions, with strangers where they are planned, on all cores, then time on one. A point for each of
 /// [`TOUCHES`] that the protocol reaches.
-pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
+pub fn measure(bench: &Bench<'_>, planned: &Planned) -> Result<Vec<Point>> {
+    let settings = &planned.settings;
     let Bench { holes, model, no_contact, protocol, .. } = bench;
     let bank = Arc::new(bench.bank.clone().with_precision(settings.rows)?);
     let sensor = holes.sensor(model, no_contact)?;
@@ -201,7 +211,7 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
         let pace_ms = pace.decision_ms(&config, PACE_S, &mut || begun.elapsed().as_secs_f64())?;
         Ok((decisions, pace_ms))
     })?;
-    let strangers = strangers(bench, &bank, &config)?;
+    let strangers = if planned.strangers { strangers(bench, &bank, &config)? } else { Vec::new() };
     let after = rows(label, &outcomes).into_iter().zip(halves(&outcomes, &config));
     let reached = after.filter(|(row, _)| TOUCHES.contains(&row.n_touches));
     let point = |(row, halves): (Row, Halves)| {
@@ -224,15 +234,14 @@ pub fn measure(bench: &Bench<'_>, settings: &Setup) -> Result<Vec<Point>> {
     reached.map(point).collect()
 }
 
-/// After each number of touches the same episodes where the bank lacks the hole's own part; none where the bank learnt from that
-/// part, too, or has one part.
+/// After each number of touches the same episodes where the bank lacks the hole's own part; none of a bank of one part.
 fn strangers(bench: &Bench<'_>, bank: &Arc<Bank>, config: &EpisodeConfig) -> Result<Vec<Strangers>> {
-    if bank.metric().is_some() || bank.parts().len() < 2 {
+    if bank.parts().len() < 2 {
         return Ok(Vec::new());
     }
     let protocol = &Protocol { absent: true, ..bench.protocol.clone() };
     let sensor = bench.holes.sensor(bench.model, bench.no_contact)?;
-    let banks = Banks::new(bank.clone(), protocol, None)?;
+    let banks = Banks::new(bank.clone(), protocol, bench.learner.clone())?;
     let run = Run { holes: bench.holes, sensor: &sensor, banks: &banks, config, protocol };
     let after = halves(&run_all(&run, &|_, _| ())?, config);
     let named = |halves: Halves| {
@@ -281,6 +290,9 @@ mod tests {
             Knob::Risk,
         ];
         assert!(knobs.into_iter().all(turned));
+        // The default and four other rates, without maps and with.
+        assert_eq!(planned.iter().filter(|planned| planned.strangers).count(), 10);
+        assert!(planned.iter().all(|planned| planned.strangers || planned.settings.false_accept == Some(0.01)));
         assert!(plan(&[], false).is_err());
     }
 }

@@ -3,6 +3,7 @@
 use std::cmp::{Ordering, Reverse};
 
 use maud::{Markup, html};
+use tactile_filter::Settings;
 use tactile_filter::budget::{Point, Setup, Tradeoff};
 
 use super::knobs::{KNOBS, in_words, knobs};
@@ -19,7 +20,8 @@ pub struct Verdict<'a> {
     pub best: &'a Point,
     /// The fastest of at most two points less than `best`, after as many touches or fewer.
     pub fast: &'a Point,
-    /// The one with which most episodes end sure and right; of equals the most accurate, then the fastest.
+    /// The one with which most episodes end sure and right, at the usual rate of strangers where that was measured; of equals the most
+    /// accurate, then the fastest.
     pub surest: &'a Point,
     /// Distinct settings.
     pub n_settings: usize,
@@ -39,6 +41,7 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     let decided =
         |p: &Point| (p.halves.together().decided_and_right(), p.accuracy, -p.decision_ms_p50, Reverse(p.n_touches));
     let surest = |a: &&Point, b: &&Point| decided(a).partial_cmp(&decided(b)).unwrap_or(Ordering::Equal);
+    let is_usual = |p: &&Point| p.settings.false_accept == Settings::default().false_accept;
     let mut settings: Vec<&Setup> = Vec::new();
     for point in points {
         if !settings.contains(&&point.settings) {
@@ -49,7 +52,7 @@ pub fn verdict(tradeoff: &Tradeoff) -> Option<Verdict<'_>> {
     Some(Verdict {
         best,
         fast,
-        surest: points.iter().max_by(surest)?,
+        surest: points.iter().filter(is_usual).max_by(surest).or_else(|| points.iter().max_by(surest))?,
         n_settings: settings.len(),
         n_frontier: kept().count(),
         span: kept().fold(0.0, f64::max) / kept().fold(f64::INFINITY, f64::min),

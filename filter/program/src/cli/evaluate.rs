@@ -202,7 +202,7 @@ impl Evaluate {
         }
         let sensor = holes.sensor(&model, &no_contact)?;
         warn_of_calibration(&model, self.which.side);
-        let learner = self.learner(&model, &bank)?;
+        let learner = self.learner(&model, &bank)?.map(Arc::new);
         let banks = Banks::new(bank, &protocol, learner)?;
         Ok(Subject { touched, model, banks, sensor, protocol, ways, promise, _locks: locks })
     }

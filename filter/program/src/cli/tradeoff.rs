@@ -190,11 +190,13 @@ impl TradeoffArgs {
             let (bank, holes) = (&touched.bank, touched.holes.holes());
             protocol.validate(holes, bank)?;
             let no_contact = holes.at_rest(&self.seeds.seeds);
-            let bench = Bench { holes, model, bank, no_contact: &no_contact, protocol: &protocol };
+            let has_strangers = same_bank.iter().any(|index| sweep.planned[*index].strangers);
+            let learner = if has_strangers { sweep.source.learner(model, bank)? } else { None };
+            let bench = Bench { holes, model, bank, no_contact: &no_contact, protocol: &protocol, learner };
             for index in same_bank {
                 let settings = &sweep.planned[*index].settings;
                 progress.on_bar(done, todo.len(), &in_words(settings));
-                let measured = self.measured(sweep, *index, measure(&bench, settings)?)?;
+                let measured = self.measured(sweep, *index, measure(&bench, &sweep.planned[*index])?)?;
                 write_whole(&sweep.path(*index), to_json("setting", &measured)?.as_bytes())?;
                 done += 1;
                 progress.line(&format!("{done}/{} settings: {}", todo.len(), in_words(settings)));
@@ -270,13 +272,13 @@ impl Sweep {
 
     /// What the bank of a setting depends on: model, whether that draws maps, and steps.
     fn bank_of(&self, index: usize) -> (usize, bool, u64, u64) {
-        let Planned { model, settings: Setup { xy_step_mm, theta_step_deg, verify, .. } } = &self.planned[index];
+        let Planned { model, settings: Setup { xy_step_mm, theta_step_deg, verify, .. }, .. } = &self.planned[index];
         (*model, verify.is_some(), xy_step_mm.to_bits(), theta_step_deg.to_bits())
     }
 
     /// The model of a setting.
     fn model_of(&self, index: usize) -> &Arc<Model> {
-        let Planned { model, settings } = &self.planned[index];
+        let Planned { model, settings, .. } = &self.planned[index];
         let with_maps = self.mapped.as_ref().filter(|_| settings.verify.is_some());
         with_maps.unwrap_or(&self.models[*model])
     }

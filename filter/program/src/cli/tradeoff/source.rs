@@ -19,6 +19,7 @@ use tactile_filter::budget::Setup;
 use tactile_infer::recorded::mosaics::with_maps_of_dataset;
 use tactile_infer::recorded::{PegPoses, bank_of_dataset};
 use tactile_infer::simulated::bank_of_scene;
+use tactile_infer::simulated::learner::Learner;
 use tactile_infer::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::views::Views;
 use tactile_infer::{Bank, Model};
@@ -157,6 +158,15 @@ impl Source {
         let kept = recording.steps.plan(planned.clone());
         let note = recording.steps.note(&planned, &kept);
         (kept, note)
+    }
+
+    /// Makes a bank of a scene again without one of its parts; nothing of recordings, whose banks learn nothing of holes.
+    ///
+    /// # Errors
+    /// A scene that does not give this bank.
+    pub fn learner(&self, model: &Model, bank: &Bank) -> Result<Option<Arc<Learner>>> {
+        let (Self::Scene { simulator, .. }, Some(_)) = (self, bank.metric()) else { return Ok(None) };
+        Ok(Some(Arc::new(Learner::of_bank(model, bank, simulator.scene(), &|_, _| ())?)))
     }
 
     /// The bank of a setting's steps, and the holes.
