@@ -59,6 +59,8 @@ impl Turn<'_> {
 pub fn turns(tradeoff: &Tradeoff) -> Vec<Vec<Turn<'_>>> {
     let compared: Vec<&Point> = tradeoff.points.iter().filter(|p| p.n_touches == COMPARED).collect();
     let turn = |base: &'_ Point, other: &'_ Point| match base.settings.turned(&other.settings)[..] {
+        // Which part is named does not depend on it.
+        [Knob::Risk] => None,
         [knob] => Some(knob),
         _ => None,
     };

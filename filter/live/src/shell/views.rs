@@ -65,8 +65,8 @@ pub fn terminal(sender: SyncSender<Shown>) -> Onlooker {
     })
 }
 
-/// Whether the terminal view shows a topic.
+/// Whether the views of a running node show a topic: the terminal, or the page, which alone shows what was felt.
 #[cfg(feature = "watch")]
 pub fn is_shown(topic: Topic) -> bool {
-    matches!(topic, Topic::Decision | Topic::Belief | Topic::Diagnostics | Topic::Events)
+    matches!(topic, Topic::Decision | Topic::Belief | Topic::Felt | Topic::Diagnostics | Topic::Events)
 }
