@@ -178,7 +178,7 @@ fn a_trade_off_resamples_finer_recordings() {
     let fine = SCENE.replace("xy_step_mm = 4.0", "xy_step_mm = 2.0").replace("deg = 30.0", "deg = 15.0");
     fs::write(at.join("fine.toml"), fine).unwrap();
     done("tactile-data", at, "generate --scene fine.toml --sides peg --lab missing=0.05 --out fine-pegs");
-    let words = "tradeoff --model model/model.safetensors --pegs fine-pegs --holes holes --settings 3 --episodes 4 \
+    let words = "tradeoff --model model/model.safetensors --pegs fine-pegs --holes holes --settings 4 --episodes 4 \
                  --seeds 1,2 --out out";
     let ran = run("tactile-filter", at, &words.split_whitespace().collect::<Vec<_>>());
     ran.done();
