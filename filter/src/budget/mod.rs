@@ -7,7 +7,7 @@
 //!
 //! ```no_run
 //! # use tactile_data::{frame::Frame, grid::PoseGrid};
-//! # use tactile_filter::budget::{Budget, Cost, Half, Pace, Tradeoff};
+//! # use tactile_filter::budget::{Budget, Cost, Half, Pace, Speeds, Tradeoff};
 //! # use tactile_filter::{EpisodeConfig, Sensor};
 //! # use tactile_infer::{Bank, Model};
 //! # fn choose(
