@@ -64,8 +64,7 @@ pub fn export(dataset: &Dataset, out: &Path, progress: &dyn Fn(usize, usize)) ->
     write_tasks(&at(lerobot::TASKS), &tasks)?;
     picture::write_png(&at(lerobot::NO_CONTACT), dataset.no_contact())?;
     write_json(&at(lerobot::STATS), &statistics)?;
-    let info = serde_json::to_value(info(dataset, episodes.len(), tasks.len())).expect("numbers and text become JSON");
-    write_json(&at(lerobot::INFO), &info)?;
+    write_json(&at(lerobot::INFO), &json!(info(dataset, episodes.len(), tasks.len())))?;
     partial.finish()
 }
 
@@ -294,7 +293,7 @@ fn info(dataset: &Dataset, n_episodes: usize, n_tasks: usize) -> Info {
     let feature =
         |dtype: &str, shape: Vec<usize>, names: Value| Feature { dtype: dtype.into(), shape, names, info: None };
     let picture = Feature {
-        info: Some(serde_json::to_value(sensor).expect("numbers and text become JSON")),
+        info: Some(json!(sensor)),
         ..feature("image", vec![height, width, 3], json!(["height", "width", "channels"]))
     };
     let first: Vec<&Touch> = dataset.touches().iter().take(1).collect();

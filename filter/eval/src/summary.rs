@@ -145,7 +145,7 @@ pub fn halves(outcomes: &[Outcome], config: &EpisodeConfig) -> Vec<Halves> {
             half.n_decided_and_right += usize::from(decided.is_some_and(|(_, right)| right));
             let n_touches = stopped.map_or(n, |(at, _)| at.min(n)) + 1;
             half.touches += n_touches;
-            half.travel_mm += outcome.travel_mm.iter().take(n_touches).last().unwrap_or(&0.0);
+            half.travel_mm += outcome.travel_mm[..n_touches.min(outcome.travel_mm.len())].last().unwrap_or(&0.0);
         }
     }
     all

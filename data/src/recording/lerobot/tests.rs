@@ -34,7 +34,7 @@ fn touches() -> Vec<Touch> {
         moved: (i == 3).then(|| Se2::from_degrees(1.0 / 3.0, 1e-7, -0.1)),
         pair: (i < 2).then(|| "p".into()),
         episode: (i == 2).then(|| "=run".into()),
-        time_s: (i > 3).then(|| 1_700_000_000.125 + i as f64),
+        time_s: (i > 3).then_some(1_700_000_000.125 + i as f64),
     };
     (0..6).map(touch).chain([Touch::default()]).collect()
 }

@@ -18,7 +18,8 @@ fn by_rate(tradeoff: &Tradeoff) -> Vec<Vec<&Point>> {
     for base in compared() {
         let differs = |other: &&Point| base.settings.turned(&other.settings) == [Knob::Risk];
         let mut same: Vec<&Point> = compared().filter(differs).chain([base]).collect();
-        same.sort_by(|a, b| b.settings.false_accept.partial_cmp(&a.settings.false_accept).expect("no rate is NaN"));
+        let rate = |point: &Point| point.settings.false_accept.unwrap_or(1.0);
+        same.sort_by(|a, b| rate(b).total_cmp(&rate(a)));
         if same.len() > 1 && !all.contains(&same) {
             all.push(same);
         }
