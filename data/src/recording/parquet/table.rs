@@ -48,7 +48,7 @@ pub struct State {
 }
 
 impl Layout {
-    /// That of Hugging Face's images, with the columns of an index.
+    /// The layout of Hugging Face's images, with the columns of an index.
     pub fn of_index() -> Self {
         Self { image: "image".into(), ..Self::default() }
     }
