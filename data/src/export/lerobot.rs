@@ -255,9 +255,7 @@ fn write_episodes(path: &Path, episodes: &[Episode<'_>], tasks: &[String]) -> Re
         Column::new("meta/episodes/chunk_index", zeros()),
         Column::new("meta/episodes/file_index", zeros()),
     ];
-    let mut table = Table::create(path, &columns, &[])?;
-    table.push(columns)?;
-    table.finish()
+    Table::write(path, columns, &[])
 }
 
 /// LeRobot reads the tasks with pandas, and each one's text is its row's name.
@@ -273,9 +271,7 @@ fn write_tasks(path: &Path, tasks: &[String]) -> Result<()> {
         Column::new("task_index", Values::Longs((0..tasks.len() as i64).collect())),
         Column::new("task", Values::Texts(tasks.to_vec())),
     ];
-    let mut table = Table::create(path, &columns, &[("pandas", pandas.to_string())])?;
-    table.push(columns)?;
-    table.finish()
+    Table::write(path, columns, &[("pandas", pandas.to_string())])
 }
 
 fn write_json(path: &Path, value: &Value) -> Result<()> {

@@ -35,4 +35,4 @@ pub fn jpeg(frame: &Frame, quality: u8) -> Result<Vec<u8>> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

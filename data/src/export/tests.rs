@@ -10,9 +10,9 @@ use crate::se2::Se2;
 use crate::store::{Dataset, DatasetWriter, Meta};
 use crate::touch::{Side, Touch};
 
-const PX: [usize; 2] = [16, 12];
+pub(crate) const PX: [usize; 2] = [16, 12];
 
-fn frame(value: u8) -> Frame {
+pub(crate) fn frame(value: u8) -> Frame {
     let rgb = (0..16 * 12 * 3).map(|i| (i / 3 % 16 * 5) as u8 + value).collect();
     Frame::new(PX[0], PX[1], rgb).unwrap()
 }
@@ -31,6 +31,11 @@ fn touches() -> Vec<Touch> {
 
 fn dataset(folder: &Path, touches: &[Touch]) -> Dataset {
     let meta = Meta::new("few", "a test", PX, [FIELD_OF_VIEW_MM[0] / 16.0, FIELD_OF_VIEW_MM[1] / 12.0]);
+    dataset_of(folder, meta, touches)
+}
+
+/// Frames of those touches, the first the darkest, and what holds for all.
+pub(crate) fn dataset_of(folder: &Path, meta: Meta, touches: &[Touch]) -> Dataset {
     let path = folder.join("dataset");
     let mut writer = DatasetWriter::create(&path, meta, &frame(60)).unwrap();
     for (i, touch) in touches.iter().enumerate() {
@@ -40,7 +45,7 @@ fn dataset(folder: &Path, touches: &[Touch]) -> Dataset {
     Dataset::open(&path).unwrap()
 }
 
-fn quiet(_: usize, _: usize) {}
+pub(crate) fn quiet(_: usize, _: usize) {}
 
 fn import_folder(pictures: &Path, out: PathBuf) -> Dataset {
     let how = recorded::Import {

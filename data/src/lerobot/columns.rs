@@ -142,6 +142,16 @@ impl Table {
         Ok(Self { path: path.to_path_buf(), writer })
     }
 
+    /// Writes a whole file of some rows.
+    ///
+    /// # Errors
+    /// As of [`Self::create`].
+    pub fn write(path: &Path, columns: Vec<Column>, notes: &[(&str, String)]) -> Result<()> {
+        let mut table = Self::create(path, &columns, notes)?;
+        table.push(columns)?;
+        table.finish()
+    }
+
     /// Appends rows: a value of each column for each.
     ///
     /// # Errors

@@ -211,7 +211,7 @@ pub fn measure(bench: &Bench<'_>, planned: &Planned) -> Result<Vec<Point>> {
         let pace_ms = pace.decision_ms(&config, PACE_S, &mut || begun.elapsed().as_secs_f64())?;
         Ok((decisions, pace_ms))
     })?;
-    let strangers = if planned.strangers { strangers(bench, &bank, &config)? } else { Vec::new() };
+    let strangers = if planned.strangers { strangers(bench, &run)? } else { Vec::new() };
     let after = rows(label, &outcomes).into_iter().zip(halves(&outcomes, &config));
     let reached = after.filter(|(row, _)| TOUCHES.contains(&row.n_touches));
     let point = |(row, halves): (Row, Halves)| {
@@ -235,15 +235,15 @@ pub fn measure(bench: &Bench<'_>, planned: &Planned) -> Result<Vec<Point>> {
 }
 
 /// After each number of touches the same episodes where the bank lacks the hole's own part; none of a bank of one part.
-fn strangers(bench: &Bench<'_>, bank: &Arc<Bank>, config: &EpisodeConfig) -> Result<Vec<Strangers>> {
+fn strangers(bench: &Bench<'_>, run: &Run<'_>) -> Result<Vec<Strangers>> {
+    let bank = run.banks.whole();
     if bank.parts().len() < 2 {
         return Ok(Vec::new());
     }
     let protocol = &Protocol { absent: true, ..bench.protocol.clone() };
-    let sensor = bench.holes.sensor(bench.model, bench.no_contact)?;
     let banks = Banks::new(bank.clone(), protocol, bench.learner.clone())?;
-    let run = Run { holes: bench.holes, sensor: &sensor, banks: &banks, config, protocol };
-    let after = halves(&run_all(&run, &|_, _| ())?, config);
+    let run = Run { banks: &banks, protocol, ..*run };
+    let after = halves(&run_all(&run, &|_, _| ())?, run.config);
     let named = |halves: Halves| {
         let Half { n_episodes, n_decided, .. } = halves.together();
         Strangers { n_episodes, n_named: n_decided }
@@ -260,8 +260,8 @@ fn on_one_core<T: Send>(work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::knobs::KNOBS;
     use tactile_data::frame::Preprocessing;
-    use tactile_filter::budget::Knob;
     use tactile_infer::DeviceKind;
     use tactile_infer::architecture::NetworkConfig;
     use tactile_infer::checkpoint::{Checkpoint, Provenance};
@@ -278,18 +278,7 @@ mod tests {
         assert!(planned.len() >= 40, "{}", planned.len());
         assert!((0..planned.len()).all(|i| !planned[..i].contains(&planned[i])));
         let turned = |knob| planned.iter().any(|p| planned[0].settings.turned(&p.settings) == [knob]);
-        let knobs = [
-            Knob::Model,
-            Knob::BankStep,
-            Knob::Rows,
-            Knob::Engine,
-            Knob::Subdivisions,
-            Knob::Rule,
-            Knob::Effort,
-            Knob::Verify,
-            Knob::Risk,
-        ];
-        assert!(knobs.into_iter().all(turned));
+        assert!(KNOBS.into_iter().all(turned));
         // The default and four other rates, without maps and with.
         assert_eq!(planned.iter().filter(|planned| planned.strangers).count(), 10);
         assert!(planned.iter().all(|planned| planned.strangers || planned.settings.false_accept == Some(0.01)));

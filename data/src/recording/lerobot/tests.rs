@@ -8,21 +8,14 @@ use serde_json::{Value, json};
 use super::*;
 use crate::error::Result;
 use crate::export;
-use crate::frame::Frame;
+use crate::export::tests::{PX, dataset_of, frame, quiet};
 use crate::lamps::Lamps;
 use crate::lerobot::columns::{Column, Table, Values};
 use crate::lerobot::{INFO, PICTURES, data_file};
 use crate::picture;
 use crate::recording::folder::{Imported, NoContact};
-use crate::store::{Dataset, DatasetWriter, Meta};
+use crate::store::{Dataset, Meta};
 use crate::touch::Touch;
-
-const PX: [usize; 2] = [16, 12];
-
-fn frame(value: u8) -> Frame {
-    let rgb = (0..16 * 12 * 3).map(|i| (i / 3 % 16 * 5) as u8 + value).collect();
-    Frame::new(PX[0], PX[1], rgb).unwrap()
-}
 
 /// Touches of which everything is known, some of it, and nothing.
 fn touches() -> Vec<Touch> {
@@ -42,16 +35,8 @@ fn touches() -> Vec<Touch> {
 fn dataset(folder: &Path, touches: &[Touch]) -> Dataset {
     let lamps = Lamps::towards([65.0, 45.0, 47.0], [178.0, 62.0, -54.0]);
     let meta = Meta { lamps: Some(lamps), ..Meta::new("few", "a test", PX, [1.25, 1.125]) };
-    let path = folder.join("dataset");
-    let mut writer = DatasetWriter::create(&path, meta, &frame(60)).unwrap();
-    for (i, touch) in touches.iter().enumerate() {
-        writer.push(&frame(80 + 10 * i as u8), touch).unwrap();
-    }
-    writer.finish().unwrap();
-    Dataset::open(&path).unwrap()
+    dataset_of(folder, meta, touches)
 }
-
-fn quiet(_: usize, _: usize) {}
 
 /// A LeRobot dataset as others write it: three frames, poses in metres and radians in the robot's frame, no frame at rest.
 struct Foreign(tempfile::TempDir);
@@ -74,9 +59,7 @@ impl Foreign {
             Column::new("index", Values::Longs(vec![0, 1, 2])),
             Column::new("task_index", Values::Longs(vec![0, 0, 0])),
         ];
-        let mut table = Table::create(&foreign.at(data_file(0)), &columns, &[]).unwrap();
-        table.push(columns).unwrap();
-        table.finish().unwrap();
+        Table::write(&foreign.at(data_file(0)), columns, &[]).unwrap();
         foreign
     }
 

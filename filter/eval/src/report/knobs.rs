@@ -8,7 +8,7 @@ use crate::page::shell::figure;
 use crate::page::table::{cells, sortable};
 
 /// The knobs in the order in which a setting is described.
-pub(super) const KNOBS: [Knob; 9] = [
+pub(crate) const KNOBS: [Knob; 9] = [
     Knob::Model,
     Knob::BankStep,
     Knob::Rows,
