@@ -106,6 +106,9 @@ fn a_log_is_drawn() {
         served.read("view")["view"]["stop"].is_string()
     });
     assert!(ended);
+    let picture = |at: &str| served.read(&format!("view{at}"))["picture"].clone();
+    assert!(picture("").as_str().unwrap().starts_with("data:image/jpeg;base64,"), "{}", picture(""));
+    assert!(picture("?at=0").is_null() && picture("?at=1e9") == picture(""));
     let page = shown(&served);
     assert!(page.contains("Stopped: ") && page.contains("Where the sensor is on ") && page.contains(" of "), "{page}");
     assert_eq!(page.matches("class=\"bar\"").count(), 2);

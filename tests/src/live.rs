@@ -45,6 +45,14 @@ fn a_simulated_robots_holes_are_named_and_the_log_is_replayed() {
     let over = live(&[&simulate[..], &["--log", "three.bank"]].concat());
     assert!(over.failed().contains("three.bank"), "{over:#?}");
 
+    // Outlines of another bank would be drawn wrongly.
+    fs::write(folder.join("two.toml"), SCENE.replacen("height_mm = 12.0", "height_mm = 13.0", 1)).unwrap();
+    let other = ["bank", "--model", &model, "--scene", "two.toml", "--out", "other.bank"];
+    run("tactile-infer", folder, &other).done();
+    let page = ["watch", "--log", "live.mcap", "--page", "127.0.0.1:0", "--model", &model, "--bank", "other.bank"];
+    let ran = run("tactile-filter", folder, &page);
+    assert!(ran.failed().contains("other.bank: expected the bank that the log is of"), "{ran:#?}");
+
     let replay = run("tactile-filter", folder, &[&["replay"], &inputs[..], &["--log", "live.mcap", "--json"]].concat());
     let decisions: Vec<Value> = replay.done().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(decisions.iter().filter(|decision| decision["stop"] == "confident").count(), 3, "{replay:#?}");

@@ -6,7 +6,7 @@ use std::sync::mpsc::SyncSender;
 #[cfg(feature = "foxglove")]
 use crate::error::Result;
 #[cfg(feature = "watch")]
-use crate::event::{Output, Topic};
+use crate::event::{Input, Output, Topic};
 #[cfg(feature = "foxglove")]
 use crate::log::{Line, Setup};
 use crate::session::Onlooker;
@@ -46,9 +46,27 @@ pub fn foxglove(address: &str, setup: Setup) -> Result<Onlooker> {
     }))
 }
 
-/// A message for the terminal view: time, topic, bytes.
+/// A message for the terminal view or the page.
 #[cfg(feature = "watch")]
-pub type Shown = (i64, Topic, Vec<u8>);
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// When it was said, ns.
+    pub time_ns: i64,
+    /// What it is of.
+    pub topic: Topic,
+    /// The message.
+    pub cdr: Vec<u8>,
+    /// With the decision of a log: the last picture before it.
+    pub picture: Option<Input>,
+}
+
+#[cfg(feature = "watch")]
+impl Shown {
+    /// A message without a picture.
+    pub fn new(time_ns: i64, topic: Topic, cdr: Vec<u8>) -> Self {
+        Self { time_ns, topic, cdr, picture: None }
+    }
+}
 
 /// Sends what the terminal view shows; what does not fit is left out.
 #[cfg(feature = "watch")]
@@ -59,7 +77,7 @@ pub fn terminal(sender: SyncSender<Shown>) -> Onlooker {
                 && is_shown(*topic)
             {
                 // A view that is late shows the next one.
-                drop(sender.try_send((event.time_ns, *topic, cdr.clone())));
+                drop(sender.try_send(Shown::new(event.time_ns, *topic, cdr.clone())));
             }
         }
     })

@@ -44,7 +44,7 @@ fn feed(receiver: &Receiver<Shown>, follower: &mut Follower, wait: Duration, sto
     let mut is_new = false;
     loop {
         match receiver.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
-            Ok((time_ns, topic, cdr)) => {
+            Ok(Shown { time_ns, topic, cdr, .. }) => {
                 follower.take(time_ns, topic, &cdr);
                 is_new = true;
             }
@@ -56,22 +56,23 @@ fn feed(receiver: &Receiver<Shown>, follower: &mut Follower, wait: Duration, sto
 }
 
 /// Sends the messages of a log, and of what is added to it, until it ends or nobody looks any more. `pace` is how many
-/// times as fast as they were recorded; `None` as fast as it goes.
+/// times as fast as they were recorded; `None` as fast as it goes. Returns what the log is of.
 ///
 /// # Errors
 /// A file that is no log.
-pub fn follow_log(log: PathBuf, pace: Option<f64>, sender: SyncSender<Shown>) -> Result<()> {
+pub fn follow_log(log: PathBuf, pace: Option<f64>, sender: SyncSender<Shown>) -> Result<Setup> {
     let setup = replay::setup(&log)?;
+    let of = setup.clone();
     std::thread::spawn(move || {
         // What goes wrong later ends the view's messages, not the view.
-        drop(send_log(&log, &setup, pace, &sender));
+        drop(send_log(&log, &of, pace, &sender));
     });
-    Ok(())
+    Ok(setup)
 }
 
 fn send_log(log: &Path, setup: &Setup, pace: Option<f64>, sender: &SyncSender<Shown>) -> Result<()> {
     let started = Instant::now();
-    let (mut n_sent, mut start_ns) = (0, None);
+    let (mut n_sent, mut start_ns, mut picture) = (0, None, None);
     loop {
         let bag = Bag::open(log)?;
         let mut messages = bag.messages();
@@ -79,6 +80,12 @@ fn send_log(log: &Path, setup: &Setup, pace: Option<f64>, sender: &SyncSender<Sh
             let message = message?;
             n_sent += 1;
             let time_ns = message.log_time_ns;
+            if let Some(line) =
+                [Line::Image, Line::CompressedImage].into_iter().find(|line| line.topic(setup) == message.channel.topic)
+            {
+                picture = line.input(message.bytes().to_vec());
+                continue;
+            }
             let is_it = |topic: &Topic| Line::Output(*topic).topic(setup) == message.channel.topic;
             let Some(topic) = Topic::ALL.into_iter().filter(|topic| is_shown(*topic)).find(is_it) else { continue };
             if let Some(pace) = pace {
@@ -87,7 +94,8 @@ fn send_log(log: &Path, setup: &Setup, pace: Option<f64>, sender: &SyncSender<Sh
                     Duration::try_from_secs_f64(since_s).unwrap_or_default().saturating_sub(started.elapsed()),
                 );
             }
-            if sender.send((time_ns, topic, message.bytes().to_vec())).is_err() {
+            let picture = picture.take_if(|_| topic == Topic::Decision);
+            if sender.send(Shown { picture, ..Shown::new(time_ns, topic, message.bytes().to_vec()) }).is_err() {
                 return Ok(());
             }
         }
@@ -124,7 +132,7 @@ pub fn follow_network(
             match inbox.recv_timeout(LOOK) {
                 Ok(Incoming::Message { subscription, cdr, received, .. }) => {
                     let Some((_, topic)) = topics.iter().find(|(of, _)| *of == subscription) else { continue };
-                    if sender.send((clock.at_ns(received), *topic, cdr)).is_err() {
+                    if sender.send(Shown::new(clock.at_ns(received), *topic, cdr)).is_err() {
                         return;
                     }
                 }
@@ -146,10 +154,10 @@ mod tests {
         let (sender, receiver) = channel();
         let (mut follower, stop) = (Follower::default(), AtomicBool::new(false));
         let mut next = || feed(&receiver, &mut follower, Duration::ZERO, &stop);
-        sender.send((1, Topic::Events, Vec::new())).unwrap();
+        sender.send(Shown::new(1, Topic::Events, Vec::new())).unwrap();
         assert!(matches!(next(), Feed::View(_)) && matches!(next(), Feed::Same));
         stop.store(true, Ordering::Relaxed);
-        sender.send((2, Topic::Events, Vec::new())).unwrap();
+        sender.send(Shown::new(2, Topic::Events, Vec::new())).unwrap();
         assert!(matches!(next(), Feed::Stopped));
         drop(sender);
         assert!(matches!(next(), Feed::Stopped));

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use clap::Args;
+use tactile_infer::{Bank, Model};
 use tactile_live::Error;
+use tactile_live::log::Setup;
 use tactile_live::shell::watch::{channel, follow_log, show};
 
 use super::failure::Result;
@@ -16,6 +18,7 @@ use crate::page::live::LivePage;
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  tactile-filter watch --log live.mcap\n  tactile-filter watch --log live.mcap --pace 1\n  \
+                        tactile-filter watch --log live.mcap --page 127.0.0.1:8766 --model m.safetensors --bank pegs.bank\n  \
                         tactile-filter watch --ros\n\nKeys: q leaves; the arrows choose the part whose map is shown; \
                         Home follows the likeliest."
 )]
@@ -29,6 +32,12 @@ pub struct Watch {
     /// Serve a page for browsers at an address such as 127.0.0.1:8766 instead of the terminal view, until Ctrl-C
     #[arg(long, value_name = "ADDRESS")]
     page: Option<String>,
+    /// With --page: the bank that the log is of; the outline of the likeliest part is then drawn
+    #[arg(long, value_name = "FILE", requires_all = ["page", "log", "model"])]
+    bank: Option<PathBuf>,
+    /// With --bank: its model
+    #[arg(long, value_name = "FILE", requires = "bank")]
+    model: Option<PathBuf>,
     /// The node on a ROS 2 network (a program built with `--features ros2`)
     #[arg(long)]
     ros: bool,
@@ -49,17 +58,30 @@ impl Watch {
         if let Some(pace) = self.pace.filter(|pace| !(pace.is_finite() && *pace > 0.0)) {
             return Err(Error::invalid("--pace", "a positive number", pace.to_string()).into());
         }
+        let page = if self.log.is_some() { LivePage::of_log() } else { LivePage::default() };
         match &self.log {
-            Some(log) => follow_log(log.clone(), self.pace, sender)?,
+            Some(log) => self.draw_outlines(&page, &follow_log(log.clone(), self.pace, sender)?)?,
             None => self.follow_network(sender)?,
         }
         let stop = stop_on_signals()?;
         let Some(address) = &self.page else { return Ok(show(&receiver, stop)?) };
-        let page = if self.log.is_some() { LivePage::of_log() } else { LivePage::default() };
         serve_page(address, page, receiver, stop)?;
         while !stop.load(Ordering::Relaxed) {
             std::thread::sleep(PATIENCE);
         }
+        Ok(())
+    }
+
+    /// Gives the page the outlines of the log's own bank, where it is given.
+    fn draw_outlines(&self, page: &LivePage, of: &Setup) -> Result<()> {
+        let (Some(path), Some(model)) = (&self.bank, &self.model) else { return Ok(()) };
+        let bank = Bank::load(path, &Model::load(model)?)?;
+        let sha256 = bank.sha256()?;
+        if sha256 != of.bank_sha256 {
+            let expected = format!("the bank that the log is of, {:.12}", of.bank_sha256);
+            return Err(Error::invalid(path.display().to_string(), expected, format!("{sha256:.12}")).into());
+        }
+        page.knows(bank.into(), of.parameters.side);
         Ok(())
     }
 

@@ -32,8 +32,8 @@ const CELL_PX: usize = 2;
 #[derive(Default)]
 pub struct LivePage {
     follower: Mutex<Follower>,
-    /// All messages so far, where any moment may be asked for.
-    kept: Option<Mutex<Vec<Shown>>>,
+    /// All messages so far, where any moment may be asked for, each with the picture of its touch, a data URI.
+    kept: Option<Mutex<Vec<(Shown, Option<String>)>>>,
     /// The latest picture as it came, until it is drawn.
     latest: Mutex<Option<Input>>,
     /// The one that was drawn last, a data URI.
@@ -70,10 +70,15 @@ impl LivePage {
     pub fn follow(&self, receiver: &Receiver<Shown>, stop: &AtomicBool) {
         while !stop.load(Ordering::Relaxed) {
             match receiver.recv_timeout(PATIENCE) {
-                Ok((time_ns, topic, cdr)) => {
-                    self.follower.lock().unwrap_or_else(PoisonError::into_inner).take(time_ns, topic, &cdr);
+                Ok(mut shown) => {
+                    let picture = shown.picture.take().and_then(|input| draw(&input));
+                    let Shown { time_ns, topic, ref cdr, .. } = shown;
+                    self.follower.lock().unwrap_or_else(PoisonError::into_inner).take(time_ns, topic, cdr);
+                    if picture.is_some() {
+                        self.drawn.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&picture);
+                    }
                     if let Some(kept) = &self.kept {
-                        kept.lock().unwrap_or_else(PoisonError::into_inner).push((time_ns, topic, cdr));
+                        kept.lock().unwrap_or_else(PoisonError::into_inner).push((shown, picture));
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -101,28 +106,33 @@ impl LivePage {
     fn view(&self, at_s: Option<f64>) -> String {
         let now = self.follower.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let end_s = self.kept.as_ref().map(|_| now.view().time_s);
-        let follower = at_s.and_then(|at_s| self.follower_at(at_s)).unwrap_or(now);
+        let then = at_s.and_then(|at_s| self.known_at(at_s));
+        let (follower, picture) = then.unwrap_or_else(|| (now, self.picture()));
         let view = json!({
             "view": follower.view(),
             "touched": follower.view().touched(),
             "outline": self.on_likeliest(&follower, |mosaic: &Mosaic<'_>| mosaic.outline_mm()),
             "felt": self.felt(&follower),
-            "picture": self.picture(),
+            "picture": picture,
             "end_s": end_s,
         });
         view.to_string()
     }
 
-    /// What was known at a moment; `None` where messages are not kept.
-    fn follower_at(&self, at_s: f64) -> Option<Follower> {
+    /// What was known at a moment, and the picture of the last touch; `None` where messages are not kept.
+    fn known_at(&self, at_s: f64) -> Option<(Follower, Option<String>)> {
         let kept = self.kept.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
-        let (start_ns, ..) = kept.first()?;
-        let mut follower = Follower::default();
-        // The first message says when the log begins.
-        let until = |(n, (time_ns, ..)): &(usize, &Shown)| *n == 0 || (time_ns - start_ns) as f64 * 1e-9 <= at_s;
-        let shown = kept.iter().enumerate().take_while(until);
-        shown.for_each(|(_, (time_ns, topic, cdr))| follower.take(*time_ns, *topic, cdr));
-        Some(follower)
+        let start_ns = kept.first()?.0.time_ns;
+        let (mut follower, mut picture) = (Follower::default(), None);
+        for (n, (Shown { time_ns, topic, cdr, .. }, of_touch)) in kept.iter().enumerate() {
+            // The first message says when the log begins.
+            if n > 0 && (time_ns - start_ns) as f64 * 1e-9 > at_s {
+                break;
+            }
+            follower.take(*time_ns, *topic, cdr);
+            picture = of_touch.as_ref().or(picture);
+        }
+        Some((follower, picture.cloned()))
     }
 
     /// What something is of the likeliest part; nothing where no map of it is known here.
