@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
-use tactile_infer::calibration::Spread;
 use tactile_infer::matches::{Matches, PartMatch};
 use tactile_infer::neighbours::Neighbours;
 use tactile_infer::similarity::dot;
@@ -24,10 +23,25 @@ use crate::likelihood::nearest::Nearest;
 use crate::touch::Observation;
 use crate::touch_model::TouchModel;
 
-/// Other parts than the calibration's match with so much more variance, a standard deviation of the cosine: 0.050 on
-/// outlines drawn at random instead of 0.034 on the tuning letters. Where a bank knows how well each of its parts matches,
-/// that counts instead.
-const OTHER_PARTS: f64 = 0.0325;
+/// The cosine of a touch with the view that it is made at: its mean and the parts of its variance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExpectedMatch {
+    /// The mean.
+    pub mean: f64,
+    /// Variance of the touches of one hole.
+    pub touches: f64,
+    /// Variance between holes under one sensor.
+    pub holes: f64,
+    /// Variance between sensors.
+    pub sensors: f64,
+}
+
+impl ExpectedMatch {
+    /// The standard deviation of all touches under any sensor; positive.
+    pub fn sd(&self) -> f64 {
+        (self.touches + self.holes + self.sensors).sqrt().max(f64::EPSILON)
+    }
+}
 
 /// Where a touch may be no more than so many nats likelier than an outlier, it is one.
 const OUTLIER_NATS: f64 = 2e-3;
@@ -137,17 +151,20 @@ impl TouchLikelihood {
         })
     }
 
-    /// What is expected of a touch of a part: its cosine with the view that it is made at, as the bank measured it of this part,
-    /// and as widely spread as under the sensors of the calibration. Where that is of the user's own sensor and of such views, no
-    /// more than it says.
-    pub fn expected(&self, part: usize) -> Spread {
+    /// What is expected of a touch of a part: its cosine with the view that it is made at, as the bank measured it of this part
+    /// or else as the calibration did. Where that is of the user's own sensor and of such views, no more than it says.
+    pub fn expected(&self, part: usize) -> ExpectedMatch {
         let TouchModel { matched_mean, matched_sd, sensor_views, .. } = self.config;
+        let [sensors, holes, parts] =
+            [self.config.matched_sensors, self.config.matched_holes, self.config.matched_parts].map(|sd| sd * sd);
         match self.matches.of(part, self.side) {
             Some(PartMatch { matched, .. }) => {
                 let most = if sensor_views == Some(self.views) { matched_mean } else { f64::INFINITY };
-                Spread { mean: matched.mean.min(most), sd: matched.sd.max(matched_sd) }
+                ExpectedMatch { mean: matched.mean.min(most), touches: matched.sd * matched.sd, holes, sensors }
             }
-            None => Spread { mean: matched_mean, sd: matched_sd.hypot(OTHER_PARTS) },
+            None => {
+                ExpectedMatch { mean: matched_mean, touches: matched_sd * matched_sd, holes: holes + parts, sensors }
+            }
         }
     }
 
@@ -276,6 +293,7 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
 mod tests {
     use super::*;
     use tactile_data::grid::PoseGrid;
+    use tactile_infer::calibration::Spread;
     use tactile_infer::metric::{Measured, Metric};
     use tactile_infer::rows::Rows;
 
@@ -415,14 +433,20 @@ mod tests {
         let good = PartMatch { matched: spread(0.99, 0.01) };
         let known = Matches { holes: vec![Some(poor), Some(good), None], pegs: vec![None; 3] };
         let bank = bank(&[[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]], &[0.3; 3]).with_matches(known).unwrap();
-        let config = TouchModel { matched_mean: 0.94, matched_sd: 0.03, ..round() };
+        let of = [0.02, 0.01, 0.015, 0.04];
+        let [matched_sd, matched_sensors, matched_holes, matched_parts] = of;
+        let of_sd = TouchModel { matched_mean: 0.94, matched_sd, ..round() };
+        let config = TouchModel { matched_sensors, matched_holes, matched_parts, ..of_sd };
         let seen = TouchLikelihood::new(&touch([1.0, 0.0], 0.3), &bank, &config).unwrap();
-        assert_eq!(seen.expected(0), poor.matched);
-        assert_eq!(seen.expected(1), Spread { sd: 0.03, ..good.matched });
         // Nothing is known of the third: as of other parts, but less surely.
-        let Spread { mean, sd } = seen.expected(2);
-        assert_eq!(mean, 0.94);
-        assert!((sd - 0.03_f64.hypot(OTHER_PARTS)).abs() < 1e-15);
+        for (part, mean, touches, holes) in
+            [(0, 0.7, 0.08, 0.015), (1, 0.99, 0.01, 0.015), (2, 0.94, 0.02, 0.04_f64.hypot(0.015))]
+        {
+            let expected = seen.expected(part);
+            let sd = (f64::powi(touches, 2) + f64::powi(holes, 2) + 0.0001).sqrt();
+            assert!(expected.mean == mean && (expected.sd() - sd).abs() < 1e-12, "{part}: {expected:?}");
+            assert!((expected.holes.sqrt() - holes).abs() < 1e-12, "{part}: {expected:?}");
+        }
     }
 
     #[test]
@@ -540,6 +564,9 @@ mod tests {
         let scaled = |cosine: f64| 1.0 - 0.8 * (1.0 - cosine);
         let same =
             TouchModel { matched_mean: scaled(config.matched_mean), matched_sd: 0.8 * config.matched_sd, ..config };
+        let [matched_sensors, matched_holes, matched_parts] =
+            [config.matched_sensors, config.matched_holes, config.matched_parts].map(|sd| 0.8 * sd);
+        let same = TouchModel { matched_sensors, matched_holes, matched_parts, ..same };
         let seen = TouchLikelihood::new(&touch([0.8, 0.6], 0.2), &learnt, &config.in_metric_of(&learnt)).unwrap();
         let turned = TouchLikelihood::new(&touch(by_hand([0.8, 0.6]), 0.2), &bank(&rows.map(by_hand), &shares), &same);
         let turned = turned.unwrap();
@@ -547,7 +574,7 @@ mod tests {
             assert!((seen.log_row(row) - turned.log_row(row)).abs() < 1e-4, "{row}");
         }
         let (a, b) = (seen.expected(0), turned.expected(0));
-        assert!((a.mean - b.mean).abs() < 1e-12 && (a.sd - b.sd).abs() < 1e-12);
+        assert!((a.mean - b.mean).abs() < 1e-12 && (a.sd() - b.sd()).abs() < 1e-12);
     }
 
     #[test]
