@@ -13,8 +13,8 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_filter::{Episode, EpisodeConfig, Observation};
 use tactile_infer::Bank;
-use tactile_infer::rows::Rows;
-use tactile_infer::similarity::normalize_rows;
+use tactile_infer::bank::rows::Rows;
+use tactile_infer::bank::similarity::normalize_rows;
 
 const N_PARTS: usize = 12;
 

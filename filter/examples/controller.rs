@@ -12,8 +12,8 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Error as FilterError, Sensor};
-use tactile_infer::simulated::bank_of_scene;
-use tactile_infer::views::Views;
+use tactile_infer::bank::simulated::bank_of_scene;
+use tactile_infer::bank::views::Views;
 use tactile_infer::{Bank, Model};
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -227,13 +227,13 @@ mod tests {
     use tactile_data::FrameFault;
     use tactile_data::frame::{Frame, Preprocessing};
     use tactile_data::grid::PoseGrid;
-    use tactile_infer::architecture::NetworkConfig;
-    use tactile_infer::checkpoint::{Checkpoint, Provenance};
-    use tactile_infer::learn_from::{LearnFrom, Learning};
-    use tactile_infer::metric::{Measured, Metric};
-    use tactile_infer::rows::Rows;
-    use tactile_infer::similarity::normalize_rows;
-    use tactile_infer::views::Views;
+    use tactile_infer::bank::learn_from::{LearnFrom, Learning};
+    use tactile_infer::bank::metric::{Measured, Metric};
+    use tactile_infer::bank::rows::Rows;
+    use tactile_infer::bank::similarity::normalize_rows;
+    use tactile_infer::bank::views::Views;
+    use tactile_infer::embedding::architecture::NetworkConfig;
+    use tactile_infer::embedding::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::{DeviceKind, Model};
 
     use crate::touch::Sensor;

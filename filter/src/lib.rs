@@ -10,7 +10,8 @@
 //! use std::sync::Arc;
 //! use tactile_data::{grid::PoseGrid, se2::Se2};
 //! use tactile_filter::{Decision, Episode, EpisodeConfig, Observation};
-//! use tactile_infer::{Bank, rows::Rows};
+//! use tactile_infer::Bank;
+//! use tactile_infer::bank::rows::Rows;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! // Two pegs, three recorded views of each; they differ in the last one only.
@@ -61,6 +62,6 @@ pub use number::{Kind, Number, Range};
 pub use record::{EpisodeRecord, VERSION};
 pub use settings::Settings;
 pub use tactile_data::FrameFault;
-pub use tactile_infer::presence::{Presence, Verified};
+pub use tactile_infer::calibration::presence::{Presence, Verified};
 pub use touch::{Observation, Sensor};
 pub use touch_model::TouchModel;

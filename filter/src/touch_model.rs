@@ -5,10 +5,10 @@
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
 use tactile_infer::Model;
+use tactile_infer::bank::views::Views;
+use tactile_infer::calibration::match_odds::OUTLIER_SHARE;
+use tactile_infer::calibration::presence::{PresenceOdds, Tail};
 use tactile_infer::calibration::{BLANK_SHARE, Between, Calibration, Spread};
-use tactile_infer::match_odds::OUTLIER_SHARE;
-use tactile_infer::presence::{PresenceOdds, Tail};
-use tactile_infer::views::Views;
 
 use crate::error::Result;
 use crate::likelihood::interpolation::Interpolation;
@@ -265,9 +265,9 @@ mod tests {
     use crate::touch::Sensor;
     use tactile_data::frame::{Frame, Preprocessing};
     use tactile_infer::DeviceKind;
-    use tactile_infer::architecture::NetworkConfig;
-    use tactile_infer::checkpoint::{Checkpoint, Provenance};
-    use tactile_infer::match_odds::MatchOdds;
+    use tactile_infer::calibration::match_odds::MatchOdds;
+    use tactile_infer::embedding::architecture::NetworkConfig;
+    use tactile_infer::embedding::checkpoint::{Checkpoint, Provenance};
 
     /// A network that has learnt nothing, with what was fitted where holes are touched, and where pegs are.
     fn model(of_sides: [Option<MatchOdds>; 2]) -> Model {

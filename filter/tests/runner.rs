@@ -14,9 +14,9 @@ use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::runner::{Answer, Fault, Job, MAX_CAPACITY, Outcome, Runner, SubmitError};
 use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Sensor, Settings};
-use tactile_infer::rows::Rows;
-use tactile_infer::simulated::bank_of_scene;
-use tactile_infer::views::Views;
+use tactile_infer::bank::rows::Rows;
+use tactile_infer::bank::simulated::bank_of_scene;
+use tactile_infer::bank::views::Views;
 use tactile_infer::{Bank, Model};
 
 /// A config with other settings.

@@ -9,8 +9,8 @@ use std::path::Path;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use tactile_data::frame::TactileImage;
 use tactile_data::grid::PoseGrid;
-use tactile_infer::rows::Rows;
-use tactile_infer::similarity::normalize_rows;
+use tactile_infer::bank::rows::Rows;
+use tactile_infer::bank::similarity::normalize_rows;
 use tactile_infer::{Bank, Model};
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/maze-small.safetensors");

@@ -12,7 +12,7 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_infer::Model;
-use tactile_infer::similarity::dot;
+use tactile_infer::bank::similarity::dot;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/models/maze-small.safetensors");

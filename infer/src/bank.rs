@@ -1,7 +1,27 @@
 //! The bank: one embedding for each recorded pose of each peg.
+//!
+//! In: rows of recorded or simulated touches at their poses. Out: [`Bank`], its cosines with a touch, and what it knows of its
+//! parts: views, metric, symmetry, how well touches match. It must not know beliefs.
 
+pub mod between;
 mod file;
+pub mod learn_from;
+pub mod matches;
+pub mod metric;
+#[cfg(feature = "datasets")]
+mod nearest_touches;
+pub mod neighbours;
 mod part_maps;
+#[cfg(feature = "datasets")]
+pub mod recorded;
+#[cfg(feature = "datasets")]
+mod resampling;
+pub mod rows;
+pub mod similarity;
+#[cfg(feature = "sim")]
+pub mod simulated;
+mod symmetry;
+pub mod views;
 
 use std::borrow::Cow;
 use std::collections::HashSet;
@@ -15,14 +35,14 @@ use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
 use tactile_data::touch::Side;
 
+use crate::bank::matches::Matches;
+use crate::bank::metric::Metric;
+use crate::bank::neighbours::{Neighbours, neighbours};
+use crate::bank::rows::Rows;
+use crate::bank::views::Views;
 use crate::calibration::BLANK_SHARE;
+use crate::embedding::precision::Precision;
 use crate::error::{Error, Result};
-use crate::matches::Matches;
-use crate::metric::Metric;
-use crate::neighbours::{Neighbours, neighbours};
-use crate::precision::Precision;
-use crate::rows::Rows;
-use crate::views::Views;
 use part_maps::PartMaps;
 
 /// The version of the bank's layout.
@@ -476,15 +496,15 @@ fn check_names(parts: &[String]) -> Result<()> {
 #[cfg(all(test, feature = "burn"))]
 mod tests {
     use super::*;
-    use crate::architecture::NetworkConfig;
+    use crate::bank::matches::PartMatch;
+    use crate::bank::metric::Measured;
+    use crate::bank::similarity::normalize_rows;
     use crate::calibration::Spread;
-    use crate::checkpoint::{Checkpoint, Provenance};
-    use crate::device::DeviceKind;
-    use crate::matches::PartMatch;
-    use crate::metric::Measured;
-    use crate::model::Model;
+    use crate::embedding::architecture::NetworkConfig;
+    use crate::embedding::checkpoint::{Checkpoint, Provenance};
+    use crate::embedding::device::DeviceKind;
+    use crate::embedding::model::Model;
     use crate::safefile::SafeFile;
-    use crate::similarity::normalize_rows;
     use tactile_data::frame::Preprocessing;
     use tactile_data::touch::Side;
 
@@ -561,8 +581,8 @@ mod tests {
             let mut cosines = Vec::new();
             kept.similarities(&query, &mut cosines);
             for (row, cosine) in cosines.iter().enumerate() {
-                let length = f64::from(crate::similarity::dot(&plain.row(row), &plain.row(row))).sqrt();
-                let touched = f64::from(crate::similarity::dot(&query, &query)).sqrt();
+                let length = f64::from(crate::bank::similarity::dot(&plain.row(row), &plain.row(row))).sqrt();
+                let touched = f64::from(crate::bank::similarity::dot(&query, &query)).sqrt();
                 let expected: f64 = by_hand(&query).iter().zip(by_hand(&plain.row(row))).map(|(a, b)| a * b).sum();
                 let tolerance = if precision == Precision::F32 { 1e-6 } else { 4e-3 };
                 assert!((f64::from(*cosine) - expected * length * touched).abs() < tolerance, "{cosine} {expected}");

@@ -1,9 +1,26 @@
 //! How far a model's cosines can be believed, measured on parts it was not trained on.
+//!
+//! In: touches of known part and pose, and a bank. Out: the numbers that a model's file holds for the filter ([`Calibration`],
+//! [`match_odds`], [`presence`]) and what is measured by them.
+
+#[cfg(feature = "datasets")]
+pub mod calibrate;
+#[cfg(feature = "datasets")]
+pub mod fit;
+pub mod match_odds;
+#[cfg(feature = "datasets")]
+pub mod matching;
+#[cfg(feature = "datasets")]
+pub mod minimum;
+#[cfg(feature = "datasets")]
+pub mod offset;
+pub mod presence;
+pub mod touches_of_bank;
 
 use serde::{Deserialize, Serialize};
 
+use crate::bank::views::Views;
 use crate::error::{Error, Result};
-use crate::views::Views;
 
 /// A view with a smaller share of edge pixels is blank.
 pub const BLANK_SHARE: f32 = 0.01;
@@ -21,7 +38,7 @@ pub struct Calibration {
     /// What touches have in common of the standard deviation in `matched`. `None` where touches of one sensor were compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub between: Option<Between>,
-    /// How many times as much a distance of touch and view costs as was fitted ([`crate::match_odds`]), 1 at most: less under a rough
+    /// How many times as much a distance of touch and view costs as was fitted ([`crate::calibration::match_odds`]), 1 at most: less under a rough
     /// sensor. `None` where nobody measured it, or of several sensors: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steepness: Option<f64>,

@@ -7,18 +7,18 @@ use tactile_data::frame::Preprocessing;
 use tactile_data::grid::PoseGrid;
 use tactile_data::touch::Side;
 
-use crate::architecture::NetworkConfig;
+use crate::bank::rows::Rows;
+use crate::bank::similarity::normalize_rows;
+use crate::bank::views::Views;
 use crate::bank::{self, Bank};
+use crate::calibration::match_odds::MatchOdds;
 use crate::calibration::{Between, Calibration, Prior, Spread};
-use crate::checkpoint::{self, Checkpoint, Provenance};
-use crate::device::DeviceKind;
-use crate::match_odds::MatchOdds;
-use crate::model::Model;
-use crate::precision::Precision;
-use crate::rows::Rows;
+use crate::embedding::architecture::NetworkConfig;
+use crate::embedding::checkpoint::{self, Checkpoint, Provenance};
+use crate::embedding::device::DeviceKind;
+use crate::embedding::model::Model;
+use crate::embedding::precision::Precision;
 use crate::safefile::SafeFile;
-use crate::similarity::normalize_rows;
-use crate::views::Views;
 
 /// A model with a calibration and match odds of each side and a bank of it, each in a file of its own.
 struct Whole {

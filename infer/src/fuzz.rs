@@ -11,13 +11,13 @@ use tactile_data::frame::{Preprocessing, TactileImage};
 use tactile_data::grid::PoseGrid;
 use tactile_data::touch::Side;
 
-use crate::architecture::NetworkConfig;
+use crate::bank::rows::Rows;
 use crate::bank::{self, Bank};
-use crate::checkpoint::{self, Checkpoint, Provenance};
-use crate::device::DeviceKind;
+use crate::embedding::architecture::NetworkConfig;
+use crate::embedding::checkpoint::{self, Checkpoint, Provenance};
+use crate::embedding::device::DeviceKind;
+use crate::embedding::model::Model;
 use crate::error::Result;
-use crate::model::Model;
-use crate::rows::Rows;
 use crate::safefile::SafeFile;
 
 /// A tiny model and a bank of it, whole.
@@ -37,7 +37,7 @@ static WHOLE: LazyLock<Whole> = LazyLock::new(|| {
     let sha256 = checkpoint.save(&of_model).unwrap();
     let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
     let mut rows: Vec<f32> = (0..18).map(|i| i as f32 / 18.0).collect();
-    crate::similarity::normalize_rows(&mut rows, 3);
+    crate::bank::similarity::normalize_rows(&mut rows, 3);
     let held =
         Bank::from_rows(vec!["A".into(), "B".into()], grid, Rows::new(3, rows).unwrap(), vec![0.2; 6], sha256.clone())
             .unwrap();

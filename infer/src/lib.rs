@@ -8,7 +8,7 @@
 //! # #[cfg(feature = "burn")]
 //! # fn main() -> tactile_infer::Result<()> {
 //! use tactile_data::frame::{Frame, Preprocessing};
-//! use tactile_infer::architecture::NetworkConfig;
+//! use tactile_infer::embedding::architecture::NetworkConfig;
 //! use tactile_infer::{Checkpoint, DeviceKind, Model};
 //!
 //! // A network that has learnt nothing yet; `Model::load` takes a trained one from its file.
@@ -34,64 +34,21 @@
 
 #![cfg_attr(test, allow(clippy::expect_used, clippy::panic, clippy::unwrap_used, reason = "a test fails by a panic"))]
 
-pub mod architecture;
 pub mod bank;
-pub mod between;
-#[cfg(feature = "datasets")]
-pub mod calibrate;
 pub mod calibration;
-#[cfg(feature = "wgpu")]
-pub mod card;
-pub mod checkpoint;
-// Gradients are for training alone.
-#[cfg_attr(not(feature = "autodiff"), allow(dead_code))]
-mod conv;
-pub mod device;
-pub mod encoder;
+pub mod embedding;
 pub mod error;
-#[cfg(feature = "datasets")]
-pub mod fit;
 #[cfg(all(test, feature = "burn"))]
 mod forged;
 #[cfg(all(test, feature = "burn"))]
 mod fuzz;
-pub mod learn_from;
 pub mod maps;
-pub mod match_odds;
-pub mod matches;
-#[cfg(feature = "datasets")]
-pub mod matching;
-pub mod metric;
-#[cfg(feature = "datasets")]
-pub mod minimum;
-pub mod model;
-#[cfg(feature = "datasets")]
-mod nearest_touches;
-pub mod neighbours;
-#[cfg(feature = "burn")]
-pub mod network;
-#[cfg(feature = "datasets")]
-pub mod offset;
-pub mod precision;
-pub mod presence;
-#[cfg(feature = "datasets")]
-pub mod recorded;
-#[cfg(feature = "datasets")]
-mod resampling;
-pub mod rows;
 pub mod safefile;
-pub mod similarity;
-#[cfg(feature = "sim")]
-pub mod simulated;
-mod symmetry;
-pub mod threads;
-pub mod touches_of_bank;
-pub mod views;
 
 pub use bank::Bank;
-pub use checkpoint::Checkpoint;
-pub use device::DeviceKind;
+pub use bank::views::Views;
+pub use embedding::checkpoint::Checkpoint;
+pub use embedding::device::DeviceKind;
+pub use embedding::model::Model;
+pub use embedding::precision::Precision;
 pub use error::{Error, Result};
-pub use model::Model;
-pub use precision::Precision;
-pub use views::Views;

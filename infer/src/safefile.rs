@@ -12,8 +12,8 @@ use tactile_data::whole_file;
 
 pub(crate) mod pieces;
 
+use crate::embedding::precision::Precision;
 use crate::error::{Error, Result};
-use crate::precision::Precision;
 
 const CHECKSUM: &str = "sha256";
 const SCHEMA: &str = "schema";

@@ -7,7 +7,7 @@ use tactile_data::frame::Frame;
 use tactile_data::se2::Se2;
 use tactile_data::store::{Dataset, DatasetWriter, Meta};
 use tactile_data::touch::{Side, Touch};
-use tactile_infer::architecture::NetworkConfig;
+use tactile_infer::embedding::architecture::NetworkConfig;
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_tests::samples::Sample;
 use tactile_train::config::{Flips, Optimizer, TrainConfig};

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use tactile_data::store::Dataset;
-use tactile_infer::architecture::NetworkConfig;
+use tactile_infer::embedding::architecture::NetworkConfig;
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_tests::programs::{self, run};
 use tactile_tests::samples::{Sample, text};

@@ -10,7 +10,7 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::architecture::NetworkConfig;
+use tactile_infer::embedding::architecture::NetworkConfig;
 use tactile_infer::{DeviceKind, Model};
 use tactile_tests::programs::workspace;
 use tactile_train::config::TrainConfig;
@@ -92,7 +92,7 @@ fn training_begins_alike_on_cpu_and_card() {
             println!("step {}: loss and gradient {a:.6?} on the CPU, {b:.6?} on the card", step + 1);
             // The card's pictures are rounded to 1 / 1,024 of a deviation, which normalisation over eight pairs enlarges; LAMB divides
             // gradients by their own size, so that each step may enlarge a difference. The kernels alone agree to 1e-4
-            // (infer/src/network.rs).
+            // (infer/src/embedding/network.rs).
             let bounds = if step == 0 { [1e-3, 5e-3] } else { [1e-2, 1e-1] };
             assert!((0..2).all(|i| (a[i] - b[i]).abs() < bounds[i] * a[i]), "step {}: {a:?} {b:?}", step + 1);
         }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
-use tactile_infer::architecture::NetworkConfig;
+use tactile_infer::embedding::architecture::NetworkConfig;
 
 use crate::error::{Error, Result};
 use crate::mating::Within;

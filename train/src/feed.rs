@@ -1,7 +1,7 @@
 //! Where the pictures of a step come from: made by the processor, or on a graphics card from pictures that are there.
 
 use burn::tensor::{Device, Tensor};
-use tactile_infer::network::is_card;
+use tactile_infer::embedding::network::is_card;
 
 use crate::batch::Batch;
 #[cfg(feature = "wgpu")]

@@ -34,7 +34,7 @@ impl ModuleVisitor for Squares<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let Some(gradient) = self.gradients.get::<D>(param.id) else { return };
         #[cfg(feature = "wgpu")]
-        if tactile_infer::network::is_card(&gradient.device()) {
+        if tactile_infer::embedding::network::is_card(&gradient.device()) {
             self.on_card.add(gradient.inner());
             return;
         }

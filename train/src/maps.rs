@@ -16,9 +16,9 @@ use tactile_data::simulator::Simulator;
 use tactile_data::store::Dataset;
 use tactile_data::touch::OUTLINE_REACH_MM;
 use tactile_data::touch_map::TouchMaps;
+use tactile_infer::embedding::network::tensors_of;
 use tactile_infer::maps::network::MapNetwork;
 use tactile_infer::maps::{Drawn, LOG_ERRORS, MapConfig, MapFile, MapProvenance, N_DRAWN, N_SEEN, side_value};
-use tactile_infer::network::tensors_of;
 use tactile_infer::{Checkpoint, DeviceKind};
 
 use crate::error::{Error, Result};

@@ -10,8 +10,8 @@ use std::collections::HashMap;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Tensor};
-use tactile_infer::architecture::NetworkConfig;
-use tactile_infer::network::{Encoder, Network, tensors_of, with_tensors};
+use tactile_infer::embedding::architecture::NetworkConfig;
+use tactile_infer::embedding::network::{Encoder, Network, tensors_of, with_tensors};
 use tactile_infer::safefile::NamedTensor;
 
 use crate::error::Result;
@@ -131,7 +131,7 @@ impl ModuleVisitor for ByPath {
 /// `m slow + (1 - m) fast`.
 fn moving_average<const D: usize>(slow: Tensor<D>, fast: Tensor<D>, m: f64) -> Tensor<D> {
     #[cfg(feature = "wgpu")]
-    if tactile_infer::network::is_card(&slow.device()) {
+    if tactile_infer::embedding::network::is_card(&slow.device()) {
         return crate::lamb::follow(slow, fast, 1.0 - m);
     }
     slow * m + fast * (1.0 - m)

@@ -8,10 +8,10 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use tactile_data::store::Dataset;
 use tactile_infer::Model;
-use tactile_infer::architecture::NetworkConfig;
 use tactile_infer::calibration::Calibration;
-use tactile_infer::checkpoint::Provenance;
-use tactile_infer::network::is_card;
+use tactile_infer::embedding::architecture::NetworkConfig;
+use tactile_infer::embedding::checkpoint::Provenance;
+use tactile_infer::embedding::network::is_card;
 use tactile_infer::safefile::write_whole;
 use tactile_infer::{Checkpoint, DeviceKind};
 

@@ -7,7 +7,7 @@ use burn::module::Module;
 use burn::optim::{AdamWConfig, LambConfig, ModuleOptimizer};
 use burn::store::ModuleRecord;
 use burn::tensor::{Bytes, Device};
-use tactile_infer::network::{Encoder, Network, tensors_of};
+use tactile_infer::embedding::network::{Encoder, Network, tensors_of};
 use tactile_infer::safefile::SafeFile;
 
 use crate::config::{Optimizer, TrainConfig};
@@ -32,7 +32,7 @@ impl State {
         let optimizer = match config.optimizer {
             Optimizer::Adamw => AdamWConfig::new().with_epsilon(1e-8).with_weight_decay(config.weight_decay).init(),
             #[cfg(feature = "wgpu")]
-            Optimizer::Lamb if tactile_infer::network::is_card(device) => {
+            Optimizer::Lamb if tactile_infer::embedding::network::is_card(device) => {
                 crate::lamb::CardLamb { weight_decay: config.weight_decay }.into()
             }
             Optimizer::Lamb => LambConfig::new().with_weight_decay(config.weight_decay).init(),

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 use tactile_infer::Model;
-use tactile_infer::matching::{best, recorded_cosines};
-use tactile_infer::recorded::{BankPoses, bank_of_dataset, parts_on_grid, tactile_images};
+use tactile_infer::bank::recorded::{BankPoses, bank_of_dataset, parts_on_grid, tactile_images};
+use tactile_infer::calibration::matching::{best, recorded_cosines};
 
 use crate::error::{Error, Result};
 

@@ -3,8 +3,8 @@
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use tactile_data::se2::{Se2, wrap_angle};
-use tactile_infer::network::Network;
-use tactile_infer::similarity::{dot, normalize_rows};
+use tactile_infer::bank::similarity::{dot, normalize_rows};
+use tactile_infer::embedding::network::Network;
 
 use crate::batch::Batch;
 use crate::error::{Error, Result};

@@ -13,13 +13,13 @@ use tactile_data::frame::TactileImage;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::fit::N_PARTS;
+use tactile_infer::calibration::fit::N_PARTS;
+use tactile_infer::embedding::network::tensors_of;
 use tactile_infer::maps::align::{Drawing, Start, align};
 use tactile_infer::maps::mosaic::Mosaics;
 use tactile_infer::maps::verifier::network::VerifierNetwork;
 use tactile_infer::maps::verifier::{N_COMPARED, VerifierConfig};
 use tactile_infer::maps::{DrawnMap, MapDrawer, MapFile};
-use tactile_infer::network::tensors_of;
 use tactile_infer::{Bank, DeviceKind, Model};
 
 use crate::error::{Error, Result};

@@ -22,7 +22,7 @@ from forward import EPSILON, forward
 BATCH = 64
 BOUND = 1e-4
 
-# Layer, stride, whether its input is added: infer/src/architecture.rs.
+# Layer, stride, whether its input is added: infer/src/embedding/architecture.rs.
 CONVOLUTIONS = [("stem", 2, False), ("half", 2, False), ("residual_1", 1, True), ("quarter", 2, False),
                 ("residual_2", 1, True), ("narrow", 1, False)]
 

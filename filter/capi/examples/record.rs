@@ -19,8 +19,8 @@ use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, RunnerUp, Sensor, Settings, StopReason};
 use tactile_infer::Model;
-use tactile_infer::simulated::bank_of_scene;
-use tactile_infer::views::Views;
+use tactile_infer::bank::simulated::bank_of_scene;
+use tactile_infer::bank::views::Views;
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 

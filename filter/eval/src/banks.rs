@@ -5,8 +5,8 @@ use std::sync::Arc;
 use rand::RngExt;
 use tactile_data::simulator::frame_rng;
 use tactile_infer::Bank;
-use tactile_infer::simulated::learner::Learner;
-use tactile_infer::threads;
+use tactile_infer::bank::simulated::learner::Learner;
+use tactile_infer::embedding::threads;
 
 use crate::error::{Error, Result};
 use crate::hole::Hole;
@@ -115,8 +115,8 @@ mod tests {
     use tactile_data::scene::Scene;
     use tactile_data::simulator::Simulator;
     use tactile_data::touch::Side;
-    use tactile_infer::metric::{Measured, Metric};
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::metric::{Measured, Metric};
+    use tactile_infer::bank::rows::Rows;
 
     fn bank(names: &[String]) -> Bank {
         let grid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };

@@ -4,8 +4,8 @@ use tactile_data::frame::{Background, Frame, Preprocessing};
 use tactile_data::store::Dataset;
 use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::matching::{best, images_by_row, nearest_by_pixel, recorded_cosines};
-use tactile_infer::threads;
+use tactile_infer::calibration::matching::{best, images_by_row, nearest_by_pixel, recorded_cosines};
+use tactile_infer::embedding::threads;
 
 use crate::banks::Banks;
 use crate::error::{Error, Result};

@@ -7,8 +7,8 @@
 
 use std::collections::BTreeSet;
 
-use tactile_infer::minimum::minimum;
-use tactile_infer::presence::{Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, against_both, left};
+use tactile_infer::calibration::minimum::minimum;
+use tactile_infer::calibration::presence::{Felt, N_WEIGHTS, PresenceOdds, Shared, Tail, Verified, against_both, left};
 
 use crate::episodes::Episodes;
 use crate::error::{Error, Result};

@@ -72,7 +72,7 @@ mod tests {
     use super::*;
     use tactile_data::grid::PoseGrid;
     use tactile_data::simulator::Simulator;
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::rows::Rows;
 
     fn bank(scene: &Scene, grid: PoseGrid) -> Bank {
         let names = scene.part_names();

@@ -275,7 +275,7 @@ mod tests {
     use std::path::Path;
     use tactile_data::store::{DatasetWriter, Meta};
     use tactile_data::touch::Touch;
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::rows::Rows;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
 

@@ -191,7 +191,7 @@ mod tests {
         let bank = tactile_infer::Bank::from_rows(
             holes.parts().to_vec(),
             PoseGrid { xy_half_mm: 0.0, xy_step_mm: 1.0, theta_half_deg: 0.0, theta_step_deg: 1.0 },
-            tactile_infer::rows::Rows::new(1, vec![1.0; holes.parts().len()]).unwrap(),
+            tactile_infer::bank::rows::Rows::new(1, vec![1.0; holes.parts().len()]).unwrap(),
             vec![0.2; holes.parts().len()],
             "",
         );

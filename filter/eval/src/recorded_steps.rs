@@ -2,7 +2,7 @@
 
 use tactile_data::grid::PoseGrid;
 use tactile_filter::budget::Setup;
-use tactile_infer::recorded::{BankPoses, PegPoses};
+use tactile_infer::bank::recorded::{BankPoses, PegPoses};
 
 use crate::sweep::{Planned, STEPS};
 

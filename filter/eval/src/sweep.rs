@@ -8,8 +8,8 @@ use tactile_data::frame::Frame;
 use tactile_data::grid::PoseGrid;
 use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::precision::Precision;
-use tactile_infer::simulated::learner::Learner;
+use tactile_infer::bank::simulated::learner::Learner;
+use tactile_infer::embedding::precision::Precision;
 
 use crate::banks::Banks;
 use crate::error::{Error, Result};
@@ -263,8 +263,8 @@ mod tests {
     use crate::report::knobs::KNOBS;
     use tactile_data::frame::Preprocessing;
     use tactile_infer::DeviceKind;
-    use tactile_infer::architecture::NetworkConfig;
-    use tactile_infer::checkpoint::{Checkpoint, Provenance};
+    use tactile_infer::embedding::architecture::NetworkConfig;
+    use tactile_infer::embedding::checkpoint::{Checkpoint, Provenance};
 
     #[test]
     fn a_sweep_has_forty_settings_none_twice_and_turns_every_knob() {

@@ -10,8 +10,8 @@ use std::time::Instant;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::Simulator;
 use tactile_infer::Model;
-use tactile_infer::simulated::bank_of_scene;
-use tactile_infer::views::Views;
+use tactile_infer::bank::simulated::bank_of_scene;
+use tactile_infer::bank::views::Views;
 use tactile_live::robot::{Heard, Robot, RobotSettings, Sent};
 use tactile_live::{Event, Input, Node, Output, Parameters, Request, Topic};
 

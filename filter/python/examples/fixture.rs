@@ -17,8 +17,8 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
-use tactile_infer::simulated::bank_of_scene;
-use tactile_infer::views::Views;
+use tactile_infer::bank::simulated::bank_of_scene;
+use tactile_infer::bank::views::Views;
 use tactile_infer::{Bank, Model};
 
 /// A program's error.

@@ -10,7 +10,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::scene::Scene;
 use tactile_data::simulator::{Simulator, frame_rng};
 use tactile_data::touch::Side;
-use tactile_infer::simulated::SceneBank;
+use tactile_infer::bank::simulated::SceneBank;
 
 use crate::array::vector;
 use crate::error::compute;

@@ -166,7 +166,7 @@ fn add_square(moments: &mut Moments, off: [f64; 3], mass: f64) {
 mod tests {
     use tactile_data::grid::PoseGrid;
     use tactile_infer::Bank;
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::rows::Rows;
 
     use super::*;
     use crate::belief::engine::EngineConfig;

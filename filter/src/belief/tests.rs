@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use tactile_data::symmetry::Symmetry;
-use tactile_infer::rows::Rows;
+use tactile_infer::bank::rows::Rows;
 
 /// 3 x 3 x 3 = 27 poses.
 const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_infer::Bank;
 use tactile_infer::Model;
-use tactile_infer::precision::Precision;
+use tactile_infer::embedding::precision::Precision;
 
 use crate::belief::EngineConfig;
 use crate::belief::states_between;
@@ -192,7 +192,7 @@ impl Setup {
 /// A precision as its name.
 mod by_name {
     use serde::{Deserialize, Deserializer, Serializer, de::Error};
-    use tactile_infer::precision::Precision;
+    use tactile_infer::embedding::precision::Precision;
 
     pub fn serialize<S: Serializer>(precision: &Precision, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(precision)
@@ -209,9 +209,9 @@ pub(crate) mod tests {
     use crate::belief::particle::ParticleConfig;
     use tactile_data::frame::Preprocessing;
     use tactile_infer::DeviceKind;
-    use tactile_infer::architecture::NetworkConfig;
-    use tactile_infer::checkpoint::{Checkpoint, Provenance};
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::rows::Rows;
+    use tactile_infer::embedding::architecture::NetworkConfig;
+    use tactile_infer::embedding::checkpoint::{Checkpoint, Provenance};
 
     pub(crate) fn settings() -> Setup {
         Setup {

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
-use tactile_infer::rows::Rows;
+use tactile_infer::bank::rows::Rows;
 
 use crate::belief::EngineConfig;
 use crate::belief::particle::ParticleConfig;

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
-use tactile_infer::rows::Rows;
+use tactile_infer::bank::rows::Rows;
 
 use crate::belief::Belief;
 use crate::belief::Layout;

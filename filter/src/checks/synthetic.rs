@@ -9,10 +9,10 @@ use rand::{RngExt, SeedableRng};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
-use tactile_infer::between::is_fine;
-use tactile_infer::match_odds::distance;
-use tactile_infer::rows::Rows;
-use tactile_infer::similarity::{dot, normalize_rows};
+use tactile_infer::bank::between::is_fine;
+use tactile_infer::bank::rows::Rows;
+use tactile_infer::bank::similarity::{dot, normalize_rows};
+use tactile_infer::calibration::match_odds::distance;
 
 use crate::touch::Observation;
 use crate::touch_model::TouchModel;

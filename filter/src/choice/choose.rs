@@ -201,7 +201,7 @@ pub(super) mod tests {
     use crate::touch::Observation;
     use tactile_data::grid::PoseGrid;
     use tactile_infer::Bank;
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::rows::Rows;
 
     /// Three angles at one place.
     pub(in crate::choice) const GRID: PoseGrid =

@@ -269,7 +269,7 @@ mod tests {
     use crate::likelihood::TouchLikelihood;
     use crate::touch::Observation;
     use tactile_infer::Bank;
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::rows::Rows;
 
     const X: [f32; 3] = [1.0, 0.0, 0.0];
     const Y: [f32; 3] = [0.0, 1.0, 0.0];

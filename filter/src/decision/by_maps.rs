@@ -5,10 +5,10 @@
 
 use tactile_data::se2::Se2;
 use tactile_infer::calibration::Spread;
+use tactile_infer::calibration::presence::Verified;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::coverage::outline_mm;
 use tactile_infer::maps::verifier::compared;
-use tactile_infer::presence::Verified;
 
 use crate::belief::Hill;
 use crate::decision::verdict::Asked;

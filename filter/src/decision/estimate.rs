@@ -2,7 +2,7 @@
 
 use tactile_data::se2::Se2;
 use tactile_data::symmetry::Symmetry;
-use tactile_infer::presence::{Presence, Verified};
+use tactile_infer::calibration::presence::{Presence, Verified};
 
 use crate::belief::modes::{Mode, modes};
 use crate::decision::verdict::{Asked, RunnerUp, Standing, StopReason, Verdict, Warning, place_mm2};

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
-use tactile_infer::presence::{Felt, Presence, Verified};
+use tactile_infer::calibration::presence::{Felt, Presence, Verified};
 
 use crate::belief::{Belief, Hill, Hypothesis};
 use crate::config::EpisodeConfig;

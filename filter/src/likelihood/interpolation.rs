@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_infer::between::{Around, is_fine};
-use tactile_infer::neighbours::{Across, Neighbours};
+use tactile_infer::bank::between::{Around, is_fine};
+use tactile_infer::bank::neighbours::{Across, Neighbours};
 
 /// How a view between recorded poses is judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -205,10 +205,10 @@ mod tests {
         let bank = |cell_of: &dyn Fn(usize) -> usize| {
             let row = |cell: usize| {
                 let mut row: Vec<f32> = (0..DIM).map(|i| noise(cell_of(cell) * DIM + i)).collect();
-                tactile_infer::similarity::normalize_rows(&mut row, DIM);
+                tactile_infer::bank::similarity::normalize_rows(&mut row, DIM);
                 row
             };
-            let rows = tactile_infer::rows::Rows::new(DIM, (0..ring.len()).flat_map(row).collect()).unwrap();
+            let rows = tactile_infer::bank::rows::Rows::new(DIM, (0..ring.len()).flat_map(row).collect()).unwrap();
             tactile_infer::Bank::from_rows(vec!["A".into()], ring, rows, vec![0.3; ring.len()], "").unwrap()
         };
         let (plain, other) = (bank(&|cell| cell), bank(&turned));
@@ -244,9 +244,9 @@ mod tests {
                 rows.extend(values.iter().map(|waves| waves.iter().map(of_wave).sum::<f32>()));
             }
         }
-        tactile_infer::similarity::normalize_rows(&mut rows, DIM);
+        tactile_infer::bank::similarity::normalize_rows(&mut rows, DIM);
         let shares = vec![0.3; 2 * grid.len()];
-        let rows = tactile_infer::rows::Rows::new(DIM, rows).unwrap();
+        let rows = tactile_infer::bank::rows::Rows::new(DIM, rows).unwrap();
         tactile_infer::Bank::from_rows(vec!["A".into(), "B".into()], grid, rows, shares, "").unwrap()
     }
 
@@ -273,7 +273,7 @@ mod tests {
                 let mut query = bank.row(part * grid.len() + weights.cell).into_owned();
                 query.iter_mut().for_each(|value| *value += rng.random_range(-0.1..0.1));
                 let dim = query.len();
-                tactile_infer::similarity::normalize_rows(&mut query, dim);
+                tactile_infer::bank::similarity::normalize_rows(&mut query, dim);
                 let dot = |cell: usize| -> f32 {
                     bank.row(part * grid.len() + cell).iter().zip(&query).map(|(a, b)| a * b).sum()
                 };
@@ -301,7 +301,7 @@ mod tests {
         let bank = tactile_infer::Bank::from_rows(
             vec!["A".into()],
             FINE,
-            tactile_infer::rows::Rows::new(8, rows).unwrap(),
+            tactile_infer::bank::rows::Rows::new(8, rows).unwrap(),
             vec![0.3; FINE.len()],
             "",
         );

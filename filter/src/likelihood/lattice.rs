@@ -7,8 +7,8 @@ use std::ops::Range;
 use multiversion::multiversion;
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_infer::between::Around;
-use tactile_infer::neighbours::{Across, Neighbours};
+use tactile_infer::bank::between::Around;
+use tactile_infer::bank::neighbours::{Across, Neighbours};
 
 use crate::likelihood::cosine_bounds::PartBounds;
 use crate::likelihood::interpolation::{Fading, ViewWeights, directed, trust};

@@ -1,6 +1,6 @@
 //! The log-odds that an edged or blank touch was made at a view, by their cosine.
 
-use tactile_infer::match_odds::{MatchOdds, distance};
+use tactile_infer::calibration::match_odds::{MatchOdds, distance};
 
 use crate::likelihood::softplus::softplus;
 use crate::simd;
@@ -21,7 +21,7 @@ pub(crate) enum MatchModel {
     },
 }
 
-/// The formula of [`tactile_infer::match_odds`], of one touch.
+/// The formula of [`tactile_infer::calibration::match_odds`], of one touch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Odds {
     /// At a distance of 0, and what it falls by with a distance of 1, nats.

@@ -1,5 +1,5 @@
 //! How likely one touch is at each recorded view: the log-odds that it was made there, against a touch of anything in the
-//! world of parts ([`tactile_infer::match_odds`]).
+//! world of parts ([`tactile_infer::calibration::match_odds`]).
 //!
 //! What was not recorded is as likely as the mean of the bank's views, and no less than the world; all is measured against it. A share
 //! of all touches (`outlier_share`) is of something else than it was meant for, so that one touch cannot rule a state out.
@@ -9,10 +9,10 @@ use std::sync::Arc;
 
 use tactile_data::touch::Side;
 use tactile_infer::Bank;
-use tactile_infer::matches::{Matches, PartMatch};
-use tactile_infer::neighbours::Neighbours;
-use tactile_infer::similarity::dot;
-use tactile_infer::views::Views;
+use tactile_infer::bank::matches::{Matches, PartMatch};
+use tactile_infer::bank::neighbours::Neighbours;
+use tactile_infer::bank::similarity::dot;
+use tactile_infer::bank::views::Views;
 
 use crate::error::{Error, Result};
 use crate::likelihood::cosine_bounds::{CosineBounds, PartBounds};
@@ -293,9 +293,9 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
 mod tests {
     use super::*;
     use tactile_data::grid::PoseGrid;
+    use tactile_infer::bank::metric::{Measured, Metric};
+    use tactile_infer::bank::rows::Rows;
     use tactile_infer::calibration::Spread;
-    use tactile_infer::metric::{Measured, Metric};
-    use tactile_infer::rows::Rows;
 
     const ONE_POSE: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };
 

@@ -17,7 +17,7 @@ pub struct Observation {
     /// Share of the view that shows an edge, 0..=1.
     pub edge_share: f32,
     /// How rare what is felt is in the world of parts, above the average touch, nats
-    /// ([`MatchOdds::rarity_of`](tactile_infer::match_odds::MatchOdds::rarity_of)); 0 where that is not known.
+    /// ([`MatchOdds::rarity_of`](tactile_infer::calibration::match_odds::MatchOdds::rarity_of)); 0 where that is not known.
     #[serde(default)]
     pub rarity: f32,
     /// What the touch shows, place by place, where the model draws maps ([`Model::with_maps`](tactile_infer::Model::with_maps)).

@@ -14,19 +14,19 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::symmetry::Symmetry;
 
 use super::{Bank, SCHEMA};
-use crate::checkpoint::{from_json, to_json};
+use crate::bank::matches::Matches;
+use crate::bank::metric::Metric;
+use crate::bank::rows::{MAX_DIM, Rows};
+use crate::bank::similarity::dot;
+use crate::bank::views::Views;
+use crate::embedding::checkpoint::{from_json, to_json};
+use crate::embedding::model::Model;
+use crate::embedding::precision::Precision;
 use crate::error::{Error, Result};
 use crate::maps::Maps;
 use crate::maps::mosaic::Mosaics;
-use crate::matches::Matches;
-use crate::metric::Metric;
-use crate::model::Model;
-use crate::precision::Precision;
-use crate::rows::{MAX_DIM, Rows};
 use crate::safefile::pieces::{Entry, Opened, header, read_values, sha256_of};
 use crate::safefile::{ContentHash, text_of, write_in_pieces};
-use crate::similarity::dot;
-use crate::views::Views;
 
 /// Names of the tensors.
 const ROWS: &str = "rows";

@@ -8,7 +8,7 @@ use tactile_data::progress::reporter;
 use tactile_data::se2::Se2;
 use tactile_data::store::{self, Dataset};
 use tactile_infer::Result;
-use tactile_infer::offset::{Offset, estimate};
+use tactile_infer::calibration::offset::{Offset, estimate};
 
 use super::{ModelArgs, print_json};
 

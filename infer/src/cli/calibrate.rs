@@ -8,10 +8,10 @@ use tactile_data::store::{Dataset, FILES};
 use tactile_data::touch::{Side, instead_of};
 use tactile_data::{output, program};
 use tactile_infer::bank::Bank;
-use tactile_infer::calibrate::{Choice, Judgement, PRIOR_TOUCHES, Touches, calibrate};
+use tactile_infer::calibration::calibrate::{Choice, Judgement, PRIOR_TOUCHES, Touches, calibrate};
 use tactile_infer::calibration::{Between, Calibration, Prior, Spread};
-use tactile_infer::checkpoint::Checkpoint;
-use tactile_infer::model::Model;
+use tactile_infer::embedding::checkpoint::Checkpoint;
+use tactile_infer::embedding::model::Model;
 use tactile_infer::{Error, Result};
 
 use super::{ModelArgs, print_json};

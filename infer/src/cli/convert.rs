@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::{output, program};
-use tactile_infer::checkpoint::Checkpoint;
+use tactile_infer::embedding::checkpoint::Checkpoint;
 use tactile_infer::{Error, Precision, Result};
 
 #[derive(Args)]

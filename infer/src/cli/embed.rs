@@ -8,7 +8,7 @@ use tactile_data::calibrate::Calibration;
 use tactile_data::frame::TactileImage;
 use tactile_data::touch::Side;
 use tactile_data::{npy, output, picture, program};
-use tactile_infer::similarity::dot;
+use tactile_infer::bank::similarity::dot;
 use tactile_infer::{Model, Result};
 
 use super::{ModelArgs, print_json, side};

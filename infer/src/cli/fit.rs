@@ -9,10 +9,10 @@ use tactile_data::touch::Side;
 use tactile_data::{output, program};
 use tactile_infer::Result;
 use tactile_infer::bank::Bank;
-use tactile_infer::checkpoint::Checkpoint;
-use tactile_infer::fit::{Samples, fit};
-use tactile_infer::match_odds::MatchOdds;
-use tactile_infer::touches_of_bank::TouchesOfBank;
+use tactile_infer::calibration::fit::{Samples, fit};
+use tactile_infer::calibration::match_odds::MatchOdds;
+use tactile_infer::calibration::touches_of_bank::TouchesOfBank;
+use tactile_infer::embedding::checkpoint::Checkpoint;
 
 use super::{ModelArgs, print_json};
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
-use tactile_infer::matching::{Touched, match_single_touches};
+use tactile_infer::calibration::matching::{Touched, match_single_touches};
 use tactile_infer::{Error, Precision, Result};
 
 use super::{ModelArgs, PosesArgs, embed_pegs, precision, print_json, side};

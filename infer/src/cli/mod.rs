@@ -23,9 +23,9 @@ use tactile_data::progress::reporter;
 use tactile_data::store::Dataset;
 use tactile_data::touch::Side;
 use tactile_infer::bank::Bank;
-use tactile_infer::learn_from::LearnFrom;
-use tactile_infer::recorded::{BankPoses, bank_of_dataset};
-use tactile_infer::views::Views;
+use tactile_infer::bank::learn_from::LearnFrom;
+use tactile_infer::bank::recorded::{BankPoses, bank_of_dataset};
+use tactile_infer::bank::views::Views;
 use tactile_infer::{DeviceKind, Error, Model, Precision, Result};
 
 /// The part-mating model at work: banks of pegs, embeddings and matches of single touches.

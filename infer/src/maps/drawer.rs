@@ -1,4 +1,4 @@
-//! The trained network on the CPU without tensors, as [`crate::encoder`] is: normalisations folded into the weights, the weights
+//! The trained network on the CPU without tensors, as [`crate::embedding::encoder`] is: normalisations folded into the weights, the weights
 //! packed once.
 
 use std::path::Path;
@@ -9,7 +9,7 @@ use tactile_data::touch::Side;
 
 use super::mosaic::Stitcher;
 use super::{Drawn, LOG_ERRORS, MapConfig, MapFile, N_DRAWN, N_SEEN, StageLayers, side_value};
-use crate::encoder::{Dense, Layer, Tensors, pixel_by_pixel};
+use crate::embedding::encoder::{Dense, Layer, Tensors, pixel_by_pixel};
 use crate::error::{Error, Result};
 
 /// Draws maps of touches.
@@ -203,9 +203,9 @@ mod tests {
     use burn::tensor::{Tensor, TensorData};
 
     use super::*;
-    use crate::device::DeviceKind;
+    use crate::embedding::device::DeviceKind;
+    use crate::embedding::network::{tensors_of, with_tensors};
     use crate::maps::MapProvenance;
-    use crate::network::{tensors_of, with_tensors};
 
     /// A file of a network with statistics that are not those of a fresh one, of sizes that halve unevenly.
     fn file() -> MapFile {

@@ -19,11 +19,11 @@ use serde::{Deserialize, Serialize};
 use tactile_data::frame::Preprocessing;
 use tactile_data::touch::Side;
 
-use crate::architecture::ConvLayer;
-use crate::checkpoint::{from_json, push_sides, to_json};
+use crate::calibration::presence::{ENTRIES, PresenceOdds, entry_of};
+use crate::embedding::architecture::ConvLayer;
+use crate::embedding::checkpoint::{from_json, push_sides, to_json};
+use crate::embedding::precision::Precision;
 use crate::error::{Error, Result};
-use crate::precision::Precision;
-use crate::presence::{ENTRIES, PresenceOdds, entry_of};
 use crate::safefile::{ContentHash, NamedTensor, SafeFile};
 pub use drawer::{DrawnMap, MapDrawer};
 use verifier::{PREFIX, Verifier, VerifierConfig};

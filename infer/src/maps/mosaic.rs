@@ -7,8 +7,8 @@ use tactile_data::se2::Se2;
 use tactile_data::touch::{OUTLINE_REACH_MM, Side};
 
 use super::DrawnMap;
+use crate::embedding::precision::Precision;
 use crate::error::{Error, Result};
-use crate::precision::Precision;
 
 /// Side of a cell, mm: two thirds of a map's at 40 x 30 pixels.
 pub const CELL_MM: f64 = 0.3;

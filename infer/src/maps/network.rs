@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 
 use super::{MapConfig, N_DRAWN, StageLayers};
-use crate::network::{ConvBn, DrawWeights};
+use crate::embedding::network::{ConvBn, DrawWeights};
 
 impl MapConfig {
     /// A network with weights drawn from `seed`.
@@ -81,7 +81,7 @@ fn doubled(x: Tensor<4>, [height, width]: [usize; 2]) -> Tensor<4> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::DeviceKind;
+    use crate::embedding::device::DeviceKind;
     use crate::maps::N_SEEN;
     use burn::tensor::TensorData;
 

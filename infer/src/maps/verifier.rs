@@ -10,10 +10,10 @@ use tactile_data::touch::{OUTLINE_REACH_MM, Side};
 
 use super::mosaic::Mosaic;
 use super::{DrawnMap, MapFile, side_value};
-use crate::architecture::ConvLayer;
-use crate::encoder::{Dense, Layer, Tensors};
+use crate::calibration::presence::{PresenceOdds, entry_of};
+use crate::embedding::architecture::ConvLayer;
+use crate::embedding::encoder::{Dense, Layer, Tensors};
 use crate::error::{Error, Result};
-use crate::presence::{PresenceOdds, entry_of};
 
 /// Values of a place that is compared: distance, error, inside and contact of the touch; the same of the mosaic, and whether it
 /// was seen; how far the distances differ, in errors; the side, and whether the mosaic is of that side, too.
@@ -180,7 +180,7 @@ pub mod network {
     use rand::rngs::ChaCha8Rng;
 
     use super::VerifierConfig;
-    use crate::network::{ConvBn, DrawWeights};
+    use crate::embedding::network::{ConvBn, DrawWeights};
 
     impl VerifierConfig {
         /// A verifier with weights drawn from `seed`.
@@ -214,9 +214,9 @@ mod tests {
 
     use super::super::mosaic::tests::{map, mosaics};
     use super::*;
-    use crate::device::DeviceKind;
+    use crate::embedding::device::DeviceKind;
+    use crate::embedding::network::{tensors_of, with_tensors};
     use crate::maps::{MapConfig, MapProvenance};
-    use crate::network::{tensors_of, with_tensors};
     use crate::safefile::NamedTensor;
     use tactile_data::frame::Preprocessing;
 

@@ -10,8 +10,8 @@ use sha2::{Digest, Sha256};
 use tactile_data::bounded_file;
 
 use super::{CHECKSUM, SCHEMA, hex};
+use crate::embedding::precision::Precision;
 use crate::error::{Error, Result};
-use crate::precision::Precision;
 
 /// The longest header that is read, bytes: as many as the library of the format allows.
 const MOST_HEADER_BYTES: u64 = 100_000_000;

@@ -11,7 +11,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl::prelude::{CubeCount, CubeDim};
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
-use tactile_infer::card::{like, one_a_value};
+use tactile_infer::embedding::card::{like, one_a_value};
 
 use kernels::{MAX_CUBES, THREADS};
 

@@ -17,8 +17,8 @@ const WORDS: [&str; 7] =
 
 /// The files that name a backend: where one is chosen, and where our own kernels join one; and the list of words.
 const MAY_NAME: [&str; 5] = [
-    "infer/src/device.rs",
-    "infer/src/conv/op.rs",
+    "infer/src/embedding/device.rs",
+    "infer/src/embedding/conv/op.rs",
     "train/src/card_frames/mod.rs",
     "train/src/lamb/mod.rs",
     "xtask/src/tidy/sources.rs",

@@ -22,7 +22,7 @@ use tactile_data::touch::Side;
 use tactile_filter::insertion::{HeldPeg, Tried};
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
-use tactile_infer::threads;
+use tactile_infer::embedding::threads;
 
 use super::attempt::{Attempt, Insertion, Task};
 use super::in_hand::{Held, Peg};
@@ -352,9 +352,9 @@ mod tests {
     use tactile_data::scene::{Kit, Parts, Scene};
     use tactile_data::sensor::Fidelity;
     use tactile_filter::budget::Speeds;
-    use tactile_infer::architecture::NetworkConfig;
-    use tactile_infer::checkpoint::{Checkpoint, Provenance};
-    use tactile_infer::rows::Rows;
+    use tactile_infer::bank::rows::Rows;
+    use tactile_infer::embedding::architecture::NetworkConfig;
+    use tactile_infer::embedding::checkpoint::{Checkpoint, Provenance};
     use tactile_infer::{DeviceKind, Model};
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };

@@ -317,12 +317,12 @@ mod tests {
     fn the_librarys_cosines_are_within_their_error() {
         use tactile_filter::likelihood::interpolation::ViewWeights;
         let (recorded, mut rows) = recorded(0.5);
-        tactile_infer::similarity::normalize_rows(&mut rows, 6);
+        tactile_infer::bank::similarity::normalize_rows(&mut rows, 6);
         let names = vec!["A".into(), "B".into()];
         let bank = tactile_infer::Bank::from_rows(
             names,
             SMALL,
-            tactile_infer::rows::Rows::new(6, rows).unwrap(),
+            tactile_infer::bank::rows::Rows::new(6, rows).unwrap(),
             vec![0.2; 2 * SMALL.len()],
             "",
         );

@@ -6,7 +6,7 @@ use tactile_data::grid::PoseGrid;
 use tactile_data::se2::{Se2, wrap_angle};
 use tactile_data::symmetry::Symmetry;
 use tactile_infer::Bank;
-use tactile_infer::rows::Rows;
+use tactile_infer::bank::rows::Rows;
 
 use super::case::{Case, Group};
 use super::production::largest;

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_filter::{Episode, TouchModel};
-use tactile_infer::precision::Precision;
+use tactile_infer::embedding::precision::Precision;
 
 use super::between::Recorded;
 use super::case::{Case, Group};

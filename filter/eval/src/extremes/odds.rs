@@ -5,7 +5,7 @@ use tactile_data::se2::Se2;
 use tactile_filter::Observation;
 use tactile_filter::TouchModel;
 use tactile_filter::belief::EngineConfig;
-use tactile_infer::precision::Precision;
+use tactile_infer::embedding::precision::Precision;
 
 use super::case::{Case, Group};
 use super::cases::{DIM, N_PARTS, OF_COSINES, compared, names_truth, of_one_touch, spread};

@@ -2,7 +2,7 @@
 
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
-use tactile_infer::between::Around;
+use tactile_infer::bank::between::Around;
 
 use super::reference::Pose;
 

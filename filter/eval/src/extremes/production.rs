@@ -6,7 +6,7 @@ use tactile_data::se2::Se2;
 use tactile_data::touch::Side;
 use tactile_filter::Episode;
 use tactile_infer::calibration::Spread;
-use tactile_infer::precision::Precision;
+use tactile_infer::embedding::precision::Precision;
 
 use super::case::{Case, Group};
 use super::evidence::{Evidence, Posterior};

@@ -5,8 +5,8 @@ use rand::{RngExt, SeedableRng};
 use tactile_data::grid::PoseGrid;
 use tactile_data::se2::Se2;
 use tactile_infer::Bank;
-use tactile_infer::rows::Rows;
-use tactile_infer::similarity::normalize_rows;
+use tactile_infer::bank::rows::Rows;
+use tactile_infer::bank::similarity::normalize_rows;
 
 use super::reference::{Expected, Touch, cosines, expected};
 use crate::error::Result;

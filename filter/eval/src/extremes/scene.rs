@@ -11,12 +11,12 @@ use tactile_data::touch::Side;
 use tactile_filter::TouchModel;
 use tactile_filter::{Episode, EpisodeConfig, Observation};
 use tactile_infer::Bank;
+use tactile_infer::bank::matches::{Matches, PartMatch};
+use tactile_infer::bank::metric::{Measured, Metric};
+use tactile_infer::bank::rows::Rows;
+use tactile_infer::bank::similarity::normalize_rows;
 use tactile_infer::calibration::Spread;
-use tactile_infer::matches::{Matches, PartMatch};
-use tactile_infer::metric::{Measured, Metric};
-use tactile_infer::precision::Precision;
-use tactile_infer::rows::Rows;
-use tactile_infer::similarity::normalize_rows;
+use tactile_infer::embedding::precision::Precision;
 
 use super::between::Recorded;
 use super::reference::Touch;

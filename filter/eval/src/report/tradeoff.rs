@@ -239,7 +239,7 @@ pub(crate) mod tests {
     use tactile_filter::belief::EngineConfig;
     use tactile_filter::budget::{Half, Halves, SCHEMA, Speeds};
     use tactile_filter::choice::ActionRule;
-    use tactile_infer::precision::Precision;
+    use tactile_infer::embedding::precision::Precision;
 
     /// The default settings of the filter.
     pub(crate) fn settings() -> Setup {

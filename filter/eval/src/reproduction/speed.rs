@@ -5,7 +5,7 @@ use tactile_filter::Settings;
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::budget::{Point, Setup, Tradeoff};
 use tactile_filter::choice::ActionRule;
-use tactile_infer::precision::Precision;
+use tactile_infer::embedding::precision::Precision;
 
 use super::experiments::Section;
 use super::folder::Reproduction;

@@ -12,10 +12,10 @@ use tactile_data::se2::Se2;
 use tactile_data::simulator::Simulator;
 use tactile_eval::by_hand::ByHand;
 use tactile_filter::{EpisodeConfig, Sensor};
-use tactile_infer::learn_from::LearnFrom;
+use tactile_infer::bank::learn_from::LearnFrom;
+use tactile_infer::bank::simulated::SceneBank;
+use tactile_infer::bank::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::maps::Maps;
-use tactile_infer::simulated::SceneBank;
-use tactile_infer::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::{Bank, Model, Views};
 
 use super::failure::Result;

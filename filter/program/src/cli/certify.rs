@@ -8,10 +8,10 @@ use tactile_data::{output, program};
 use tactile_eval::certify::{Certified, certify};
 use tactile_eval::{Error, Result};
 use tactile_filter::Settings;
-use tactile_infer::checkpoint::Checkpoint;
+use tactile_infer::bank::views::Views;
+use tactile_infer::embedding::checkpoint::Checkpoint;
 use tactile_infer::maps::MapFile;
 use tactile_infer::maps::verifier::Verifier;
-use tactile_infer::views::Views;
 
 use super::merge::{merged, shards_at};
 

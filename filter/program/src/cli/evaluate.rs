@@ -27,7 +27,7 @@ use tactile_eval::{baselines, summary};
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::choice::ActionRule;
 use tactile_filter::{EpisodeConfig, Sensor};
-use tactile_infer::simulated::learner::Learner;
+use tactile_infer::bank::simulated::learner::Learner;
 use tactile_infer::{Bank, Model};
 
 use super::arguments::{

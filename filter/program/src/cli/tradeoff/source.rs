@@ -16,12 +16,12 @@ use tactile_eval::result::Poses;
 use tactile_eval::sweep::Planned;
 use tactile_eval::{Error, Result};
 use tactile_filter::budget::Setup;
-use tactile_infer::recorded::mosaics::with_maps_of_dataset;
-use tactile_infer::recorded::{PegPoses, bank_of_dataset};
-use tactile_infer::simulated::bank_of_scene;
-use tactile_infer::simulated::learner::Learner;
-use tactile_infer::simulated::mosaics::with_maps_of_scene;
-use tactile_infer::views::Views;
+use tactile_infer::bank::recorded::mosaics::with_maps_of_dataset;
+use tactile_infer::bank::recorded::{PegPoses, bank_of_dataset};
+use tactile_infer::bank::simulated::bank_of_scene;
+use tactile_infer::bank::simulated::learner::Learner;
+use tactile_infer::bank::simulated::mosaics::with_maps_of_scene;
+use tactile_infer::bank::views::Views;
 use tactile_infer::{Bank, Model};
 
 /// What pegs and holes are touched.

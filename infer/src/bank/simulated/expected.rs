@@ -1,0 +1,64 @@
+//! What a verifier says of the touches of a scene's parts, where they were made.
+
+use rand::RngExt;
+use tactile_data::frame::Background;
+use tactile_data::scene::Scene;
+use tactile_data::se2::Se2;
+use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::touch::Side;
+
+use crate::calibration::{BLANK_SHARE, Spread};
+use crate::embedding::threads;
+use crate::error::{Error, Result};
+use crate::maps::MapDrawer;
+use crate::maps::expected::Expected;
+use crate::maps::mosaic::Mosaics;
+use crate::maps::verifier::{Verifier, compared};
+
+/// Touches of each side of each part.
+const N_TOUCHES: u64 = 64;
+
+/// Fewer edged ones say too little.
+const ENOUGH: usize = 16;
+
+/// Sets these touches apart from a bank's and from those of its maps.
+const TOUCHES: u64 = 0x7665_7269_6669_6564;
+
+/// Touches both sides of a scene's parts anywhere within its reach, and lays them over the parts' maps where they were made.
+///
+/// # Errors
+/// A scene without a reach, or that cannot be touched, or whose frames cannot be drawn.
+pub(super) fn expected_of_scene(
+    drawer: &MapDrawer,
+    verifier: &Verifier,
+    mosaics: &Mosaics,
+    scene: &Scene,
+    seed: u64,
+) -> Result<Expected> {
+    let reach = scene.reach.ok_or_else(|| Error::invalid(&scene.name, "a reach: where parts are touched", "none"))?;
+    let seed = seed ^ TOUCHES;
+    let simulator = Simulator::new(scene.clone(), seed)?;
+    let background = Background::new(&simulator.no_contact(seed), drawer.preprocessing())?;
+    let background = background.lit_by(&scene.sensor.known_lamps())?;
+    let of_part = |part: usize, side: Side| -> Result<Option<Spread>> {
+        let first = 1 + N_TOUCHES * (2 * part as u64 + u64::from(side == Side::Peg));
+        let mut log_odds = Vec::new();
+        for stream in first..first + N_TOUCHES {
+            let mut rng = frame_rng(seed, stream);
+            let mut around = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
+            let pose =
+                Se2::from_degrees(around(reach.xy_half_mm), around(reach.xy_half_mm), around(reach.theta_half_deg));
+            let image = background.tactile_image(&simulator.touch(part, side, &pose, &mut rng)?)?;
+            if image.edge_share < BLANK_SHARE {
+                continue;
+            }
+            for map in drawer.draw(&[image], side)? {
+                log_odds.push(verifier.log_odds(&compared((&map, side), &mosaics.of(part, side), &pose)));
+            }
+        }
+        Ok((log_odds.len() >= ENOUGH).then(|| Spread::from_values(&log_odds)))
+    };
+    let of_side = |side| threads::each(0..mosaics.n_parts(), |part| of_part(part, side));
+    let (holes, pegs) = (of_side(Side::Hole)?, of_side(Side::Peg)?);
+    Ok(Expected { maps_sha256: verifier.sha256().to_owned(), holes, pegs })
+}
