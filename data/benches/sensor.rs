@@ -5,10 +5,10 @@
 #![allow(missing_docs)]
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use tactile_data::generate::{Places, plan};
+use tactile_data::dataset::generate::{Places, plan};
 use tactile_data::scene::{Parts, Scene};
 use tactile_data::sensor::Fidelity;
-use tactile_data::simulator::{Simulator, frame_rng};
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 
 /// Boards touched: some with walls, some with islands, and few enough to prepare at once.
 const N_BOARDS: usize = 4;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::number::short_numbers;
+use crate::text::number::short_numbers;
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;

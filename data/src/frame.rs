@@ -1,9 +1,20 @@
 //! Camera frames, and the one way from a frame to what the network sees.
 
+#[cfg(feature = "sim")]
+pub mod contact_sheet;
+#[cfg(feature = "datasets")]
+pub mod moved_view;
+#[cfg(feature = "sim")]
+pub mod npy;
+#[cfg(feature = "datasets")]
+pub mod picture;
+#[cfg(feature = "sim")]
+pub(crate) mod sheet;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, FrameFault, Result};
-use crate::lamps::Lamps;
+use crate::light::lamps::Lamps;
 
 /// One RGB frame of a tactile camera, 8 bits a channel, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -364,7 +375,7 @@ mod tests {
                 let slope = [0.25 * (3.0 * y).sin(), 0.2 * (4.0 * x).cos()];
                 [0, 1, 2].map(|c| {
                     let response =
-                        [&lamps.along_x[c], &lamps.along_y[c]].map(|factors| crate::lamps::value(factors, x, y));
+                        [&lamps.along_x[c], &lamps.along_y[c]].map(|factors| crate::light::lamps::value(factors, x, y));
                     let change = response[0] * slope[0] + response[1] * slope[1];
                     (f32::from(rest.rgb()[3 * i + c]) + change).round() as u8
                 })

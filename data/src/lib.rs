@@ -7,8 +7,10 @@
 //!
 //! ```
 //! use tactile_data::frame::{Background, Preprocessing};
-//! use tactile_data::simulator::{Simulator, frame_rng};
-//! use tactile_data::{scene::Scene, se2::Se2, touch::Side};
+//! use tactile_data::sensor::simulator::{Simulator, frame_rng};
+//! use tactile_data::scene::Scene;
+//! use tactile_data::pose::se2::Se2;
+//! use tactile_data::dataset::touch::Side;
 //!
 //! # fn main() -> tactile_data::Result<()> {
 //! // The hole of an A, 12 mm high, touched in its middle.
@@ -23,80 +25,20 @@
 //! # }
 //! ```
 
-pub mod bounded_file;
-#[cfg(feature = "sim")]
-pub mod calibrate;
-#[cfg(feature = "cli")]
-pub mod closed_output;
-#[cfg(feature = "sim")]
-pub mod compare;
-#[cfg(feature = "datasets")]
-pub mod contact;
-#[cfg(feature = "sim")]
-pub mod contact_sheet;
-#[cfg(feature = "datasets")]
-pub mod dataset_merge;
+pub mod dataset;
 pub mod error;
-#[cfg(feature = "datasets")]
-pub mod export;
+pub mod file;
 pub mod frame;
-#[cfg(feature = "sim")]
-pub mod generate;
-pub mod grid;
-pub mod grid_fit;
-#[cfg(feature = "datasets")]
-pub mod inspection;
-#[cfg(feature = "sim")]
-pub mod lab;
-pub mod lamps;
-#[cfg(feature = "lerobot")]
-pub mod lerobot;
-#[cfg(feature = "datasets")]
-pub mod moved_view;
-#[cfg(feature = "sim")]
-pub mod needs;
-#[cfg(feature = "sim")]
-pub mod npy;
-pub mod number;
-pub mod origin;
-#[cfg(feature = "datasets")]
-pub mod output;
-pub mod output_lock;
-#[cfg(feature = "datasets")]
-pub mod picture;
-pub mod printable;
+pub mod light;
+pub mod pose;
 #[cfg(feature = "cli")]
 pub mod program;
-#[cfg(feature = "cli")]
-pub mod progress;
-#[cfg(feature = "sim")]
-mod random;
 #[cfg(feature = "datasets")]
 pub mod recording;
 #[cfg(feature = "sim")]
-pub mod render;
-#[cfg(feature = "sim")]
 pub mod scene;
-pub mod se2;
 #[cfg(feature = "sim")]
 pub mod sensor;
-#[cfg(feature = "sim")]
-pub mod shape;
-#[cfg(feature = "datasets")]
-pub mod shard;
-#[cfg(feature = "sim")]
-mod sheet;
-#[cfg(feature = "sim")]
-pub mod simulator;
-#[cfg(feature = "datasets")]
-pub mod store;
-#[cfg(feature = "datasets")]
-pub mod suggest;
-pub mod symmetry;
-pub mod touch;
-pub mod touch_light;
-#[cfg(feature = "sim")]
-pub mod touch_map;
-pub mod whole_file;
+pub mod text;
 
 pub use error::{Error, FrameFault, Result};

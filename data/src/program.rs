@@ -1,10 +1,12 @@
 //! What the `main` of every program does with its work: threads, the error in one line, the exit code.
 
+pub mod closed_output;
+pub mod progress;
+
 use std::fmt::Display;
 use std::process::{ExitCode, Termination};
 
-use crate::closed_output;
-use crate::printable::{printable, printable_lines};
+use crate::text::printable::{printable, printable_lines};
 
 /// Stack of a thread, bytes: as large as a main thread's.
 const STACK_BYTES: usize = 8 << 20;

@@ -11,17 +11,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use libtest_mimic::{Arguments, Trial};
-use tactile_data::calibrate::ball::BallPress;
-use tactile_data::calibrate::fit::fit;
-use tactile_data::calibrate::presses::{Press, Presses, Source};
-use tactile_data::compare::Figures;
-use tactile_data::contact::{contact_runs, measure};
+use tactile_data::dataset::compare::Figures;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::light::calibrate::ball::BallPress;
+use tactile_data::light::calibrate::fit::fit;
+use tactile_data::light::calibrate::presses::{Press, Presses, Source};
+use tactile_data::recording::contact::{contact_runs, measure};
 use tactile_data::recording::folder::{Import, NoContact, import};
 use tactile_data::sensor::SensorSpec;
 use tactile_data::sensor::light::Shadow;
 use tactile_data::sensor::optics::Optics;
 use tactile_data::sensor::shadow::cast;
-use tactile_data::store::Dataset;
 
 /// One press on a printed digit.
 const DIGIT: &str = "gsmini-digits-tactilemnist/tactile-mnist-touch-real-seq-t256-320x240.gif";

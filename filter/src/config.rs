@@ -1,7 +1,7 @@
 //! What an episode runs with: what a user chooses, what is measured or fixed, and by which method.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 use tactile_infer::Model;
 
 use crate::belief::particle::ParticleConfig;

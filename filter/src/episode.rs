@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, OnceLock};
 
-use tactile_data::se2::Se2;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 
 use crate::belief::{Belief, Start, states_between};
@@ -119,7 +119,7 @@ impl Episode {
     /// judged, and once it says no the best found so far is taken. With a clock it is a time budget.
     ///
     /// ```no_run
-    /// # fn choose(episode: &tactile_filter::Episode, reach: &[tactile_data::se2::Se2]) {
+    /// # fn choose(episode: &tactile_filter::Episode, reach: &[tactile_data::pose::se2::Se2]) {
     /// let start = std::time::Instant::now();
     /// let decision = episode.decide_while(reach, &mut || start.elapsed().as_micros() < 1_500);
     /// # }
@@ -226,7 +226,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use tactile_data::FrameFault;
     use tactile_data::frame::{Frame, Preprocessing};
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::pose::grid::PoseGrid;
     use tactile_infer::bank::learn_from::{LearnFrom, Learning};
     use tactile_infer::bank::metric::{Measured, Metric};
     use tactile_infer::bank::rows::Rows;

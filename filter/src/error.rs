@@ -1,8 +1,8 @@
 //! What can go wrong between a touch and a belief: cases that a controller can match on.
 
 use tactile_data::FrameFault;
-use tactile_data::number::{short, short_numbers};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::text::number::{short, short_numbers};
 
 /// The result of this crate's functions.
 pub type Result<T> = std::result::Result<T, Error>;

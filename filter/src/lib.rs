@@ -8,7 +8,8 @@
 //!
 //! ```
 //! use std::sync::Arc;
-//! use tactile_data::{grid::PoseGrid, se2::Se2};
+//! use tactile_data::pose::grid::PoseGrid;
+//! use tactile_data::pose::se2::Se2;
 //! use tactile_filter::{Decision, Episode, EpisodeConfig, Observation};
 //! use tactile_infer::Bank;
 //! use tactile_infer::bank::rows::Rows;

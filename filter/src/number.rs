@@ -5,7 +5,7 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use tactile_data::printable::printable;
+use tactile_data::text::printable::printable;
 
 use crate::error::{Error, Result};
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::maps::verifier::Verifier;
 

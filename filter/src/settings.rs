@@ -1,6 +1,6 @@
 //! What a user chooses, and nothing else: the numbers of an episode that neither a calibration nor a bank can know.
 
-use tactile_data::number::short;
+use tactile_data::text::number::short;
 
 use crate::error::{Error, Result};
 use crate::number::{Range, numbers};

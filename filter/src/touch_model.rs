@@ -2,7 +2,7 @@
 //!
 //! A user sets none of it. On which parts each fixed number was chosen is in `filter/eval/NOTES.md`; T are the letters M to X.
 
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::bank::views::Views;

@@ -6,12 +6,12 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use tactile_data::FrameFault;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::{Kit, Parts, Scene};
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_filter::runner::{Answer, Fault, Job, MAX_CAPACITY, Outcome, Runner, SubmitError};
 use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Sensor, Settings};
 use tactile_infer::bank::rows::Rows;

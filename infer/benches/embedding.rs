@@ -8,7 +8,7 @@ use std::path::Path;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use tactile_data::frame::TactileImage;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_infer::bank::rows::Rows;
 use tactile_infer::bank::similarity::normalize_rows;
 use tactile_infer::{Bank, Model};

@@ -2,15 +2,15 @@
 //!
 //!     cargo run --release --example embed [MODEL]
 //!
-//! The frames are simulated here; `tactile_data::picture::read` reads yours from PNG or JPEG.
+//! The frames are simulated here; `tactile_data::frame::picture::read` reads yours from PNG or JPEG.
 
 use std::error::Error;
 use std::path::PathBuf;
 
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_infer::Model;
 use tactile_infer::bank::similarity::dot;
 

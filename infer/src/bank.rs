@@ -27,13 +27,13 @@ use std::borrow::Cow;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::lamps::Lamps;
-use tactile_data::origin::Origin;
-use tactile_data::printable::is_printable;
-use tactile_data::se2::Se2;
-use tactile_data::symmetry::Symmetry;
-use tactile_data::touch::Side;
+use tactile_data::dataset::origin::Origin;
+use tactile_data::dataset::touch::Side;
+use tactile_data::light::lamps::Lamps;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
+use tactile_data::pose::symmetry::Symmetry;
+use tactile_data::text::printable::is_printable;
 
 use crate::bank::matches::Matches;
 use crate::bank::metric::Metric;
@@ -505,8 +505,8 @@ mod tests {
     use crate::embedding::device::DeviceKind;
     use crate::embedding::model::Model;
     use crate::safefile::SafeFile;
+    use tactile_data::dataset::touch::Side;
     use tactile_data::frame::Preprocessing;
-    use tactile_data::touch::Side;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 0.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };
 

@@ -26,7 +26,7 @@ use crate::error::{Error, Result};
 pub const BLANK_SHARE: f32 = 0.01;
 
 /// What touches of a side match like, as a model sees them: stored in its checkpoint. What is said of holes here is said of
-/// the touched pegs where it is of [`Side::Peg`](tactile_data::touch::Side::Peg).
+/// the touched pegs where it is of [`Side::Peg`](tactile_data::dataset::touch::Side::Peg).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// 99 in 100 holes with an edge reach this cosine with some recorded peg.

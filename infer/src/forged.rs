@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Preprocessing;
-use tactile_data::grid::PoseGrid;
-use tactile_data::touch::Side;
+use tactile_data::pose::grid::PoseGrid;
 
 use crate::bank::rows::Rows;
 use crate::bank::similarity::normalize_rows;

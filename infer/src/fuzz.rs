@@ -7,9 +7,9 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use proptest::prelude::*;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::{Preprocessing, TactileImage};
-use tactile_data::grid::PoseGrid;
-use tactile_data::touch::Side;
+use tactile_data::pose::grid::PoseGrid;
 
 use crate::bank::rows::Rows;
 use crate::bank::{self, Bank};

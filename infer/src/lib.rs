@@ -17,7 +17,7 @@
 //! let checkpoint = Checkpoint::of(&network, config, Preprocessing::counts([16, 12]), Default::default());
 //! let model = Model::new(checkpoint, "none yet".into(), DeviceKind::Flex)?;
 //!
-//! // From the camera: the sensor at rest once, then each touch (`tactile_data::picture::read` reads them from files).
+//! // From the camera: the sensor at rest once, then each touch (`tactile_data::frame::picture::read` reads them from files).
 //! let camera = |touched: u8| {
 //!     let rgb = (0..32 * 24).flat_map(|i| [100 + if i % 32 > 15 { touched } else { 0 }, 110, 120 + (i % 9) as u8]);
 //!     Frame::new(32, 24, rgb.collect())

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use sha2::{Digest, Sha256};
-use tactile_data::bounded_file::{self, Kind};
-use tactile_data::whole_file;
+use tactile_data::file::bounded_file::{self, Kind};
+use tactile_data::file::whole_file;
 
 pub(crate) mod pieces;
 

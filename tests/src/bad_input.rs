@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
-use tactile_data::output_lock::OutputLock;
+use tactile_data::file::output_lock::OutputLock;
 use tactile_infer::bank::SCHEMA;
 use tactile_infer::safefile::SafeFile;
 use tactile_tests::programs::{Ran, path, run};

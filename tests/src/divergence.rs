@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::Path;
 
+use tactile_data::dataset::store::{Dataset, DatasetWriter, Meta};
+use tactile_data::dataset::touch::{Side, Touch};
 use tactile_data::frame::Frame;
-use tactile_data::se2::Se2;
-use tactile_data::store::{Dataset, DatasetWriter, Meta};
-use tactile_data::touch::{Side, Touch};
+use tactile_data::pose::se2::Se2;
 use tactile_infer::embedding::architecture::NetworkConfig;
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_tests::samples::Sample;

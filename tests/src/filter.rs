@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_filter::belief::EngineConfig;
 use tactile_filter::belief::particle::ParticleConfig;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Error, Estimate, FrameFault, Sensor, StopReason};

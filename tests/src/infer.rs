@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use tactile_data::picture;
-use tactile_data::store::Dataset;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::frame::picture;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_tests::programs::run;

@@ -134,7 +134,7 @@ fn a_film_on_standard_input_and_lines_of_commands() {
     let mut child = command.spawn().unwrap();
     let mut film = child.stdin.take().unwrap();
     for (name, line) in [("rest.png", "rest\n"), ("touch.png", "touch 1 0 10\n")] {
-        let picture = tactile_data::picture::read(&folder.join(name)).unwrap();
+        let picture = tactile_data::frame::picture::read(&folder.join(name)).unwrap();
         for i in 0..60_usize {
             if i == 5 {
                 // A writer of its own for each, and one that writes no text.
@@ -144,7 +144,7 @@ fn a_film_on_standard_input_and_lines_of_commands() {
             let mut rgb = picture.rgb().to_vec();
             rgb.iter_mut().skip(i).step_by(61).for_each(|value| *value ^= 1);
             let frame = tactile_data::frame::Frame::new(picture.width_px(), picture.height_px(), rgb).unwrap();
-            film.write_all(&tactile_data::export::jpeg(&frame, 98).unwrap()).unwrap();
+            film.write_all(&tactile_data::dataset::export::jpeg(&frame, 98).unwrap()).unwrap();
             std::thread::sleep(std::time::Duration::from_millis(20));
         }
     }

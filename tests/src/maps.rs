@@ -4,8 +4,8 @@ use std::cell::{Cell, RefCell};
 use std::fs;
 
 use serde_json::Value;
-use tactile_data::picture;
-use tactile_data::store::Dataset;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::frame::picture;
 use tactile_infer::maps::{MapConfig, MapFile};
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_tests::programs::run;

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use tactile_data::store::Dataset;
+use tactile_data::dataset::store::Dataset;
 use tactile_infer::embedding::architecture::NetworkConfig;
 use tactile_infer::{Checkpoint, DeviceKind};
 use tactile_tests::programs::{self, run};

@@ -3,13 +3,13 @@
 
 use std::path::Path;
 
+use tactile_data::dataset::generate::{Places, Sampling, generate};
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::TactileImage;
-use tactile_data::generate::{Places, Sampling, generate};
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::{Parts, Scene};
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_infer::embedding::architecture::NetworkConfig;
 use tactile_infer::{DeviceKind, Model};
 use tactile_tests::programs::workspace;

@@ -3,8 +3,8 @@
 use std::fs;
 
 use serde_json::Value;
-use tactile_data::calibrate::Calibration;
-use tactile_data::se2::wrap_angle;
+use tactile_data::light::calibrate::Calibration;
+use tactile_data::pose::se2::wrap_angle;
 use tactile_data::sensor::light::value;
 use tactile_infer::Checkpoint;
 use tactile_tests::programs::{run, workspace};

@@ -4,7 +4,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 
 use crate::augmentation::Augmentation;
 use crate::config::{Flips, TrainConfig};

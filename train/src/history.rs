@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
-use tactile_data::bounded_file::{self, Kind};
+use tactile_data::file::bounded_file::{self, Kind};
 use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};

@@ -3,8 +3,8 @@
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
-use tactile_data::se2::Se2;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::maps::DrawnMap;
 use tactile_infer::maps::mosaic::Mosaic;
 use tactile_infer::maps::verifier::{N_COMPARED, OF_PART, compared};

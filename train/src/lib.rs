@@ -5,7 +5,7 @@
 //!
 //! ```no_run
 //! use std::path::Path;
-//! use tactile_data::store::Dataset;
+//! use tactile_data::dataset::store::Dataset;
 //! use tactile_infer::DeviceKind;
 //! use tactile_train::config::TrainConfig;
 //! use tactile_train::output_folder::OutputFolder;

@@ -4,8 +4,8 @@
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
-use tactile_data::se2::Se2;
-use tactile_data::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::pose::se2::Se2;
 use tactile_infer::maps::coverage::outline;
 use tactile_infer::maps::mosaic::{Mosaic, Mosaics, Place};
 

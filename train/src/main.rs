@@ -8,10 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Parser;
 use serde::Serialize;
-use tactile_data::printable::printable_json;
+use tactile_data::dataset::store::Dataset;
 use tactile_data::program;
-use tactile_data::progress::{Progress, reporter};
-use tactile_data::store::Dataset;
+use tactile_data::program::progress::{Progress, reporter};
+use tactile_data::text::printable::printable_json;
 use tactile_infer::calibration::touches_of_bank::TouchesOfBank;
 use tactile_infer::maps::{MapDrawer, MapFile};
 use tactile_infer::{Bank, Checkpoint, DeviceKind, Model};

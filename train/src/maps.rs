@@ -1,5 +1,5 @@
 //! Trains the network that draws a touch's map: from the touch's picture, as the encoder sees it, to what the simulator knows is
-//! in view ([`tactile_data::touch_map`]).
+//! in view ([`tactile_data::sensor::touch_map`]).
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 
@@ -9,13 +9,13 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use serde::Serialize;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::OUTLINE_REACH_MM;
 use tactile_data::frame::{Background, Preprocessing};
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::Simulator;
-use tactile_data::store::Dataset;
-use tactile_data::touch::OUTLINE_REACH_MM;
-use tactile_data::touch_map::TouchMaps;
+use tactile_data::sensor::simulator::Simulator;
+use tactile_data::sensor::touch_map::TouchMaps;
 use tactile_infer::embedding::network::tensors_of;
 use tactile_infer::maps::network::MapNetwork;
 use tactile_infer::maps::{Drawn, LOG_ERRORS, MapConfig, MapFile, MapProvenance, N_DRAWN, N_SEEN, side_value};

@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, Touch};
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::{Side, Touch};
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 /// The frames of one mating pair in a dataset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -292,8 +292,8 @@ fn region(dataset: &Dataset, pairs: Vec<Pair>) -> (Vec<Pair>, Vec<Pair>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tactile_data::dataset::store::{DatasetWriter, Meta};
     use tactile_data::frame::Frame;
-    use tactile_data::store::{DatasetWriter, Meta};
 
     const WITHIN: Within = Within { mm: 1.0, deg: 3.0 };
 

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use tactile_data::output_lock::OutputLock;
+use tactile_data::file::output_lock::OutputLock;
 
 use crate::error::{Error, Result};
 

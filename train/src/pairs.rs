@@ -1,11 +1,11 @@
 //! The pairs of a dataset, and what is computed from them once before training.
 
 use rayon::prelude::*;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
+use tactile_data::frame::moved_view::moved_view;
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
-use tactile_data::moved_view::moved_view;
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 use tactile_infer::calibration::BLANK_SHARE;
 
 use crate::config::{Flips, TrainConfig};

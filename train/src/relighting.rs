@@ -6,7 +6,7 @@
 //! brightness) does not change. `A` is computed from the frames ([`Response`]), up to a factor that cancels.
 
 use tactile_data::frame::{Preprocessing, TactileImage};
-use tactile_data::touch_light::curl::{Moments, Response};
+use tactile_data::light::touch_light::curl::{Moments, Response};
 
 use crate::error::{Error, Result};
 
@@ -89,13 +89,13 @@ mod tests {
     use super::*;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
+    use tactile_data::dataset::touch::Side;
     use tactile_data::frame::Background;
-    use tactile_data::render::{Press, render};
-    use tactile_data::se2::Se2;
+    use tactile_data::pose::se2::Se2;
+    use tactile_data::scene::shape::Relief;
+    use tactile_data::scene::shape::glyph::glyph;
+    use tactile_data::sensor::render::{Press, render};
     use tactile_data::sensor::{Fidelity, SensorSpec};
-    use tactile_data::shape::Relief;
-    use tactile_data::shape::glyph::glyph;
-    use tactile_data::touch::Side;
 
     const SIZE: [usize; 2] = [40, 30];
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
-use tactile_data::store::Dataset;
+use tactile_data::dataset::store::Dataset;
 use tactile_infer::Model;
 use tactile_infer::calibration::Calibration;
 use tactile_infer::embedding::architecture::NetworkConfig;

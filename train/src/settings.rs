@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use tactile_data::bounded_file::{self, Kind};
+use tactile_data::file::bounded_file::{self, Kind};
 use toml::Table;
 
 use crate::config::{Flips, Optimizer, Preset, TrainConfig, steps_of};

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use rayon::prelude::*;
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
 use tactile_infer::Model;
 use tactile_infer::bank::recorded::{BankPoses, bank_of_dataset, parts_on_grid, tactile_images};
 use tactile_infer::calibration::matching::{best, recorded_cosines};

@@ -2,7 +2,7 @@
 
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::se2::{Se2, wrap_angle};
 use tactile_infer::bank::similarity::{dot, normalize_rows};
 use tactile_infer::embedding::network::Network;
 

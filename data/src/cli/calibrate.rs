@@ -6,19 +6,21 @@ use clap::Args;
 use serde_json::json;
 
 use super::lamp_table::LampTable;
-use tactile_data::calibrate::ball::BallPress;
-use tactile_data::calibrate::circle::Circle;
-use tactile_data::calibrate::presses::{Presses, Source};
-use tactile_data::calibrate::twins::{self, KnownTouch};
-use tactile_data::calibrate::{Calibration, at_rest, fit, taxim};
-use tactile_data::compare::Figures;
+use tactile_data::dataset::compare::Figures;
+use tactile_data::dataset::store::{self, Dataset};
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
 use tactile_data::frame::Frame;
+use tactile_data::frame::picture;
+use tactile_data::light::calibrate::ball::BallPress;
+use tactile_data::light::calibrate::circle::Circle;
+use tactile_data::light::calibrate::presses::{Presses, Source};
+use tactile_data::light::calibrate::twins::{self, KnownTouch};
+use tactile_data::light::calibrate::{Calibration, at_rest, fit, taxim};
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
-use tactile_data::se2::Se2;
 use tactile_data::sensor::light::LightRig;
-use tactile_data::store::{self, Dataset};
-use tactile_data::touch::Side;
-use tactile_data::{Error, Result, output, picture, program};
+use tactile_data::{Error, Result, program};
 
 /// Fit a sensor's lamps to presses of a ball, to touches of anything, or to Taxim's table.
 ///

@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
-use tactile_data::compare::region::Region;
-use tactile_data::compare::{Press, compare};
+use tactile_data::dataset::compare::region::Region;
+use tactile_data::dataset::compare::{Press, compare};
+use tactile_data::file::output;
 use tactile_data::frame::Frame;
+use tactile_data::frame::picture;
 use tactile_data::recording::geometry::FIELD_OF_VIEW_MM;
-use tactile_data::{Error, Result, output, picture, program};
+use tactile_data::{Error, Result, program};
 
 /// A picture of contact is white where a part touches, counts.
 const WHITE: u8 = 128;

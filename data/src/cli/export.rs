@@ -3,8 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use tactile_data::store::Dataset;
-use tactile_data::{Error, Result, export, output, program, progress};
+use tactile_data::dataset::export;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::file::output;
+use tactile_data::program::progress;
+use tactile_data::{Error, Result, program};
 
 /// Export a dataset as a folder of pictures, as NumPy arrays, as a ROS 2 bag in MCAP, or as a LeRobot dataset.
 ///

@@ -3,16 +3,16 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use tactile_data::calibrate::Calibration;
-use tactile_data::generate::{Made, Places, Sampling, generate, generate_shard, needs};
-use tactile_data::lab::Lab;
+use tactile_data::dataset::generate::{Made, Places, Sampling, generate, generate_shard, needs};
+use tactile_data::dataset::shard::Shard;
+use tactile_data::dataset::touch::Side;
+use tactile_data::light::calibrate::Calibration;
+use tactile_data::pose::se2::Se2;
 use tactile_data::program;
-use tactile_data::progress;
+use tactile_data::program::progress;
+use tactile_data::scene::lab::Lab;
 use tactile_data::scene::{Parts, Scene, SensorRange};
-use tactile_data::se2::Se2;
 use tactile_data::sensor::Fidelity;
-use tactile_data::shard::Shard;
-use tactile_data::touch::Side;
 use tactile_data::{Error, Result};
 
 /// Simulate the touches of a scene and write them as a dataset.

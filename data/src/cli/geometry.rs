@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::calibrate::Calibration;
+use tactile_data::dataset::store::{Channels, Mirror};
+use tactile_data::light::calibrate::Calibration;
 use tactile_data::recording::geometry::{Crop, Geometry};
-use tactile_data::store::{Channels, Mirror};
 
 /// How pictures become frames; the steps are made in this order.
 #[derive(Args)]

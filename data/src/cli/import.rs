@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::program;
-use tactile_data::progress;
+use tactile_data::program::progress;
 use tactile_data::recording::folder::{self, NoContact};
 use tactile_data::recording::lerobot;
 use tactile_data::recording::parquet;

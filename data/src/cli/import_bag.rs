@@ -4,15 +4,16 @@ use std::path::Path;
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
+use tactile_data::program::progress;
 use tactile_data::recording::folder::{self, NoContact};
 use tactile_data::recording::geometry::Geometry;
 use tactile_data::recording::lerobot::LeRobot;
 use tactile_data::recording::ros::bag;
 use tactile_data::recording::ros::import::{self, PoseSource};
 use tactile_data::recording::ros::touches::Touches;
-use tactile_data::se2::Se2;
-use tactile_data::touch::Side;
-use tactile_data::{Error, Result, program, progress};
+use tactile_data::{Error, Result, program};
 
 /// What an import of a bag asks for.
 #[derive(Args)]

@@ -6,14 +6,17 @@ use std::path::PathBuf;
 use super::lamp_table::LampTable;
 use clap::Args;
 use serde::Serialize;
-use tactile_data::contact::{self, FrameContact};
-use tactile_data::grid::PoseGrid;
-use tactile_data::inspection::{self, Finding};
-use tactile_data::printable::printable;
-use tactile_data::shard::Fragment;
-use tactile_data::store::{self, Channels, Dataset, Meta, Mirror, Recording};
-use tactile_data::touch::Side;
-use tactile_data::{Result, contact_sheet, output, picture, program};
+use tactile_data::dataset::inspection::{self, Finding};
+use tactile_data::dataset::shard::Fragment;
+use tactile_data::dataset::store::{self, Channels, Dataset, Meta, Mirror, Recording};
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
+use tactile_data::frame::contact_sheet;
+use tactile_data::frame::picture;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::recording::contact::{self, FrameContact};
+use tactile_data::text::printable::printable;
+use tactile_data::{Result, program};
 
 /// Parts named in the text before it says only how many there are.
 const MAX_NAMES: usize = 12;

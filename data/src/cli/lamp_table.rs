@@ -4,12 +4,12 @@ use std::fmt;
 
 use serde::Serialize;
 use tactile_data::Result;
-use tactile_data::calibrate::Calibration;
-use tactile_data::calibrate::touches;
-use tactile_data::calibrate::twins::TwinFit;
+use tactile_data::dataset::store::Dataset;
 use tactile_data::frame::Frame;
-use tactile_data::store::Dataset;
-use tactile_data::touch_light::{Change, TOGETHER, TouchFit};
+use tactile_data::light::calibrate::Calibration;
+use tactile_data::light::calibrate::touches;
+use tactile_data::light::calibrate::twins::TwinFit;
+use tactile_data::light::touch_light::{Change, TOGETHER, TouchFit};
 
 /// Touches that are looked at in a dataset: more tell hardly more.
 const MOST_FRAMES: usize = 400;

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use tactile_data::Result;
-use tactile_data::dataset_merge::merge;
-use tactile_data::{program, progress};
+use tactile_data::dataset::dataset_merge::merge;
+use tactile_data::program;
+use tactile_data::program::progress;
 
 /// Join the shards of a dataset, given in any order, into the dataset that a single run would write.
 #[derive(Args)]

@@ -16,7 +16,7 @@ mod speed;
 mod validate;
 
 use clap::{Parser, Subcommand};
-use tactile_data::printable::printable_json;
+use tactile_data::text::printable::printable_json;
 use tactile_data::{Error, Result};
 
 /// Make, import and inspect datasets of tactile frames, and compare simulated frames with real ones.

@@ -4,10 +4,11 @@ use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::calibrate::Calibration;
-use tactile_data::calibrate::practice::ball_presses;
+use tactile_data::frame::picture;
+use tactile_data::light::calibrate::Calibration;
+use tactile_data::light::calibrate::practice::ball_presses;
 use tactile_data::sensor::SensorSpec;
-use tactile_data::{Error, Result, picture, program};
+use tactile_data::{Error, Result, program};
 
 /// Presses that are simulated: as many as `calibrate` asks of a person.
 const N_PRESSES: usize = 20;

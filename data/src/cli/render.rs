@@ -3,15 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use tactile_data::calibrate::Calibration;
-use tactile_data::output_lock::OutputLock;
-use tactile_data::render::{Press, Rendered, relief, render};
-use tactile_data::se2::Se2;
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
+use tactile_data::file::output_lock::OutputLock;
+use tactile_data::frame::npy;
+use tactile_data::frame::picture;
+use tactile_data::light::calibrate::Calibration;
+use tactile_data::pose::se2::Se2;
+use tactile_data::scene::shape::file::{FileScale, ending};
+use tactile_data::scene::shape::heights::GreyScale;
+use tactile_data::sensor::render::{Press, Rendered, relief, render};
 use tactile_data::sensor::{Fidelity, SensorSpec};
-use tactile_data::shape::file::{FileScale, ending};
-use tactile_data::shape::heights::GreyScale;
-use tactile_data::touch::Side;
-use tactile_data::{Error, Result, npy, output, picture};
+use tactile_data::{Error, Result};
 
 /// The frame of a Mini that is not reduced, pixels.
 const FRAME_PX: [usize; 2] = [320, 240];

@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use tactile_data::generate::{Places, plan, prepare};
+use tactile_data::dataset::generate::{Places, plan, prepare};
+use tactile_data::dataset::touch::Side;
 use tactile_data::scene::Scene;
 use tactile_data::sensor::Fidelity;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_data::{Error, Result};
 
 /// Touches spread over a scene that are rendered again and again: enough to have all kinds of them, few

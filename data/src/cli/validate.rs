@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
-use tactile_data::compare::Press;
-use tactile_data::compare::ring::{self, Ring};
-use tactile_data::compare::walls::{self, Shading};
+use tactile_data::dataset::compare::Press;
+use tactile_data::dataset::compare::ring::{self, Ring};
+use tactile_data::dataset::compare::walls::{self, Shading};
 use tactile_data::frame::Frame;
-use tactile_data::shape::file::{Drawn, FileScale, read};
-use tactile_data::shape::heights::GreyScale;
-use tactile_data::{Error, Result, picture};
+use tactile_data::frame::picture;
+use tactile_data::scene::shape::file::{Drawn, FileScale, read};
+use tactile_data::scene::shape::heights::GreyScale;
+use tactile_data::{Error, Result};
 
 /// Measure how far from a predicted outline the ring is that a face's edge makes in a frame.
 #[derive(Args)]

@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
+use crate::pose::se2::wrap_angle;
 use crate::recording::index::Row;
-use crate::se2::wrap_angle;
-use crate::touch::Side;
 
 /// A motion may differ from the two poses around it by this much, mm: an arm that touches repeats to a tenth of it.
 const MOTION_MM: f64 = 1.0;
@@ -131,7 +131,7 @@ fn check_motion(before: &Row, row: &Row) -> Result<()> {
     if moved.distance_mm(&expected) <= MOTION_MM && turned_deg <= MOTION_DEG {
         return Ok(());
     }
-    let show = |motion: crate::se2::Se2| {
+    let show = |motion: crate::pose::se2::Se2| {
         format!("{:.2}, {:.2} mm and {:.1} degrees", motion.x_mm, motion.y_mm, motion.theta_deg())
     };
     let between =

@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use sha2::Digest;
 
-use crate::bounded_file::{self, Kind};
+use crate::dataset::store::DatasetWriter;
+use crate::dataset::touch::Touch;
 use crate::error::Result;
+use crate::file::bounded_file::{self, Kind};
+use crate::file::output;
 use crate::frame::Frame;
-use crate::output;
-use crate::picture;
+use crate::frame::picture;
 use crate::recording::geometry::{Geometry, View};
 use crate::recording::listing::{Listing, list};
 use crate::recording::pipeline::{Item, Picture, push};
 use crate::recording::rest;
-use crate::store::DatasetWriter;
-use crate::touch::Touch;
 
 pub use crate::recording::geometry::FIELD_OF_VIEW_MM;
 pub use crate::recording::rest::NoContact;
@@ -105,10 +105,10 @@ pub(super) fn frames_of(bytes: Result<Vec<u8>>, place: String) -> impl Iterator<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::store::Dataset;
+    use crate::dataset::touch::Side;
+    use crate::pose::se2::Se2;
     use crate::recording::geometry::Crop;
-    use crate::se2::Se2;
-    use crate::store::Dataset;
-    use crate::touch::Side;
     use image::codecs::gif::GifEncoder;
     use image::{Delay, Rgb, RgbImage};
     use std::fs;

@@ -3,11 +3,11 @@
 use std::ffi::OsStr;
 use std::str::FromStr;
 
+use crate::dataset::store::{Channels, Meta, Mirror, Recording};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::lamps::{CalibratedLamps, Lamps};
-use crate::picture;
-use crate::store::{Channels, Meta, Mirror, Recording};
+use crate::frame::picture;
+use crate::light::lamps::{CalibratedLamps, Lamps};
 
 /// Field of view of a GelSight Mini along x and y, mm (data sheet; FEATS' homography of 14 px/mm at
 /// 320x240 gives about the same height).

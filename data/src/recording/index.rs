@@ -7,11 +7,11 @@ use std::sync::Arc;
 use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Number, Value};
 
+use crate::dataset::touch::{Side, Touch};
 use crate::error::{Error, Result};
+use crate::pose::se2::Se2;
 use crate::recording::spreadsheet::text_of;
-use crate::se2::Se2;
-use crate::suggest::with_closest;
-use crate::touch::{Side, Touch};
+use crate::text::suggest::with_closest;
 
 /// Columns of an index; all are optional but `file`.
 pub const COLUMNS: [&str; 12] = [

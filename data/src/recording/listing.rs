@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::bounded_file::{self, Kind};
+use crate::dataset::touch::Touch;
 use crate::error::{Error, Result};
-use crate::picture;
+use crate::file::bounded_file::{self, Kind};
+use crate::frame::picture;
 use crate::recording::{contradiction, index};
-use crate::touch::Touch;
 
 /// No picture is looked for deeper in subfolders.
 const DEEPEST: usize = 8;
@@ -134,7 +134,7 @@ fn natural_key(name: &str) -> (Vec<(String, u64)>, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::touch::Side;
+    use crate::dataset::touch::Side;
 
     fn folder(files: &[&str]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();

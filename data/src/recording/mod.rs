@@ -1,5 +1,6 @@
-//! Recordings of real sensors, brought into the native format of [`crate::store`].
+//! Recordings of real sensors, brought into the native format of [`crate::dataset::store`].
 
+pub mod contact;
 pub mod contradiction;
 pub mod folder;
 pub mod geometry;

@@ -2,13 +2,13 @@
 
 use rayon::prelude::*;
 
+use crate::dataset::store::DatasetWriter;
+use crate::dataset::touch::Touch;
 use crate::error::Result;
 use crate::frame::Frame;
-use crate::picture;
+use crate::frame::picture;
+use crate::pose::se2::Se2;
 use crate::recording::geometry::View;
-use crate::se2::Se2;
-use crate::store::DatasetWriter;
-use crate::touch::Touch;
 
 /// Pictures decoded at once, and frames waiting to be written, take about this much memory each, bytes.
 const CHUNK_BYTES: usize = 32 << 20;
@@ -140,8 +140,8 @@ impl Shots<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::store::{Dataset, Meta};
     use crate::error::Error;
-    use crate::store::{Dataset, Meta};
     use std::path::Path;
 
     fn writer(out: &Path) -> DatasetWriter {

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use crate::error::{Error, Result};
+use crate::file::output;
 use crate::frame::Frame;
-use crate::output;
-use crate::picture;
+use crate::frame::picture;
 use crate::recording::geometry::check_px;
 
 /// Where no frame at rest is named, at most this many first frames are taken for it.

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::part::Part;
 use crate::error::{Error, Result};
-use crate::shape::relief::rectangle;
-use crate::shape::{Raster, Shape};
+use crate::scene::shape::relief::rectangle;
+use crate::scene::shape::{Raster, Shape};
 
 /// The largest side of a board, mm.
 const MAX_SIDE_MM: f64 = 1_000.0;

@@ -5,11 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use super::side_shares::SideShares;
 use super::{SensorRange, is_zero};
+use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
-use crate::random::{around_zero, frame_rng, uniform};
+use crate::scene::random::{around_zero, frame_rng, uniform};
+use crate::scene::shape::maze::MazeSpec;
 use crate::sensor::SensorSpec;
-use crate::shape::maze::MazeSpec;
-use crate::touch::Side;
 
 /// A set of MAZE boards.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -142,10 +142,10 @@ impl MazeBoards {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::shape::relief::rectangle;
+    use crate::scene::shape::{Face, Layer, Relief, Rounding, Shape};
     use crate::scene::{Parts, Scene};
     use crate::sensor::obstacle::{Cells, obstacle};
-    use crate::shape::relief::rectangle;
-    use crate::shape::{Face, Layer, Relief, Rounding, Shape};
 
     fn boards(band_share: f64, core_share: f64) -> MazeBoards {
         let Parts::Maze(maze) = Scene::preset("maze").unwrap().parts else { panic!("maze boards") };
@@ -188,7 +188,7 @@ mod tests {
             let felt = |side: Side| {
                 obstacle(&[drawn(&boards, board, side, 0.2, 3)], side, Cells { half_mm, cell_mm }, None, 1.0)
             };
-            let at = |raster: &crate::shape::Raster, y: f64| {
+            let at = |raster: &crate::scene::shape::Raster, y: f64| {
                 let cell = |mm: f64| ((mm + half_mm) / cell_mm) as usize;
                 raster.values[cell(y) * raster.n + cell(0.0)]
             };

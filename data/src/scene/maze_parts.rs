@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 use super::part::Part;
 use super::parts::MOST_PARTS;
 use super::side_shares::SideShares;
+use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
-use crate::random::uniform;
-use crate::shape::maze_part::{barred_part, cut_part, maze_part, name, part_rng, width_mm};
-use crate::shape::{Face, Layer, Relief, Rounding};
-use crate::touch::Side;
+use crate::scene::random::uniform;
+use crate::scene::shape::maze_part::{barred_part, cut_part, maze_part, name, part_rng, width_mm};
+use crate::scene::shape::{Face, Layer, Relief, Rounding};
 
 /// Parts without end, drawn as MAZE boards are and never trained on: crops of boards, islands and outlines in turn, see
-/// [`maze_part`](crate::shape::maze_part). On top of an outline, holes may be rims instead of openings in a plate and pegs
+/// [`maze_part`](crate::scene::shape::maze_part). On top of an outline, holes may be rims instead of openings in a plate and pegs
 /// shells, both with or without a core and with sharp or rounded edges.
 ///
 /// A part follows from the seed and its number alone. A peg goes into its hole by their outlines; a core, which the gel
@@ -173,9 +173,9 @@ mod tests {
 
     use super::*;
     use crate::scene::Scene;
+    use crate::scene::shape::Shape;
+    use crate::scene::shape::maze_part::name;
     use crate::sensor::obstacle::{Cells, obstacle};
-    use crate::shape::Shape;
-    use crate::shape::maze_part::name;
 
     const PARTS: MazeParts = MazeParts {
         n: 300,

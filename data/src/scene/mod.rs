@@ -1,31 +1,34 @@
 //! What is simulated: parts, board, sensor, reach and fidelity. Everything else follows from a scene.
 
 mod board;
+pub mod lab;
 mod maze_boards;
 mod maze_parts;
 mod origin;
 mod part;
 mod parts;
 mod preset;
+pub(crate) mod random;
 mod sensor_range;
 mod sensor_table;
+pub mod shape;
 mod side_shares;
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::bounded_file::{self, Kind};
-use crate::calibrate::Calibration;
+use crate::dataset::needs::Needs;
+use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
-use crate::grid::PoseGrid;
-use crate::needs::Needs;
-use crate::printable::is_printable;
+use crate::file::bounded_file::{self, Kind};
+use crate::light::calibrate::Calibration;
+use crate::pose::grid::PoseGrid;
+use crate::scene::shape::maze::maze;
+use crate::scene::shape::{Relief, Shape};
 use crate::sensor::{Fidelity, SensorSpec};
-use crate::shape::maze::maze;
-use crate::shape::{Relief, Shape};
-use crate::suggest::with_closest;
-use crate::touch::Side;
+use crate::text::printable::is_printable;
+use crate::text::suggest::with_closest;
 
 pub use board::Board;
 pub use maze_boards::MazeBoards;

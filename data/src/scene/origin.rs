@@ -3,7 +3,7 @@
 use sha2::{Digest, Sha256};
 
 use super::{Parts, Scene};
-use crate::origin::{Origin, PartOrigin, SensorOrigin};
+use crate::dataset::origin::{Origin, PartOrigin, SensorOrigin};
 use crate::sensor::light::LightRig;
 
 impl Scene {

@@ -1,7 +1,7 @@
 //! One part of a kit.
 
-use crate::shape::{Relief, Shape};
-use crate::touch::Side;
+use crate::dataset::touch::Side;
+use crate::scene::shape::{Relief, Shape};
 
 /// One part of a kit, with both its sides; all mm round its centre.
 #[derive(Clone, Debug, PartialEq)]

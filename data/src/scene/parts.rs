@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use super::part::Part;
 use super::{MazeBoards, MazeParts};
+use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
-use crate::printable::is_printable;
-use crate::shape::connector::Connector;
-use crate::shape::file::{self, FileScale, ending};
-use crate::shape::glyph::{Font, glyph_of};
-use crate::shape::heights::GreyScale;
-use crate::shape::{Relief, Shape, Solid, outline};
-use crate::touch::Side;
+use crate::scene::shape::connector::Connector;
+use crate::scene::shape::file::{self, FileScale, ending};
+use crate::scene::shape::glyph::{Font, glyph_of};
+use crate::scene::shape::heights::GreyScale;
+use crate::scene::shape::{Relief, Shape, Solid, outline};
+use crate::text::printable::is_printable;
 
 /// The parts of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,10 +1,10 @@
 //! Scenes known by name.
 
 use super::{Connectors, Kit, MazeBoards, Parts, Scene, default_clearance, default_fidelity};
-use crate::grid::PoseGrid;
+use crate::pose::grid::PoseGrid;
+use crate::scene::shape::connector::Connector;
+use crate::scene::shape::maze::MazeSpec;
 use crate::sensor::SensorSpec;
-use crate::shape::connector::Connector;
-use crate::shape::maze::MazeSpec;
 
 impl Scene {
     /// Names that [`Scene::load`] knows without a file. Names with `-dev` are for tuning; the other scenes are never
@@ -110,10 +110,10 @@ fn rough() -> SensorSpec {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::touch::Side;
     use crate::frame::{Background, Preprocessing};
-    use crate::se2::Se2;
-    use crate::simulator::{Simulator, frame_rng};
-    use crate::touch::Side;
+    use crate::pose::se2::Se2;
+    use crate::sensor::simulator::{Simulator, frame_rng};
 
     #[test]
     fn a_hard_alphabet_is_its_plain_one_under_a_sensor_that_varies_more() {

@@ -4,11 +4,11 @@ use rand::rngs::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::random::{frame_rng, uniform};
+use crate::scene::random::{frame_rng, uniform};
 use crate::sensor::SensorSpec;
 
 /// What differs from sensor to sensor, lowest and highest. Other lamps are not among it: pictures are
-/// brought under the lamps that the network knows ([`Lamps`](crate::lamps::Lamps)).
+/// brought under the lamps that the network knows ([`Lamps`](crate::light::lamps::Lamps)).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorRange {
@@ -103,12 +103,12 @@ impl SensorRange {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::touch::Side;
     use crate::frame::Frame;
+    use crate::pose::se2::Se2;
     use crate::scene::{Parts, Scene};
-    use crate::se2::Se2;
     use crate::sensor::light_field::LightField;
-    use crate::simulator::Simulator;
-    use crate::touch::Side;
+    use crate::sensor::simulator::Simulator;
 
     #[test]
     fn a_sensor_is_drawn_in_the_ranges_and_all_over_them() {

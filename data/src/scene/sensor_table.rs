@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 use crate::sensor::SensorSpec;
-use crate::suggest;
+use crate::text::suggest;
 
 /// Width and height in mm of what sensors of the same kind show under different drivers.
 const VIEWS: [(&str, [f64; 2]); 3] = [

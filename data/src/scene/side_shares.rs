@@ -3,9 +3,9 @@
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
-use crate::random::uniform;
-use crate::shape::{Face, Layer, Relief, Rounding, Shape};
-use crate::touch::Side;
+use crate::dataset::touch::Side;
+use crate::scene::random::uniform;
+use crate::scene::shape::{Face, Layer, Relief, Rounding, Shape};
 
 /// Least and greatest distance between a rim or shell and its core, mm.
 const CORE_INSET_MM: [f64; 2] = [0.2, 1.0];

@@ -1,9 +1,9 @@
 use std::path::{Path, PathBuf};
 
 use super::*;
-use crate::se2::Se2;
+use crate::pose::se2::Se2;
 use crate::sensor::light::{self, LightRig};
-use crate::simulator::{Simulator, frame_rng};
+use crate::sensor::simulator::{Simulator, frame_rng};
 
 /// A folder with a scene file of these lines before `[reach]`, and with files next to it.
 struct Written {
@@ -207,7 +207,7 @@ fn a_calibration_gives_its_light_to_every_view_within_it() {
     let written = Written::new();
     let light = LightRig::named("cmu").unwrap();
     let calibration = Calibration {
-        schema: crate::calibrate::SCHEMA.into(),
+        schema: crate::light::calibrate::SCHEMA.into(),
         frame_px: [320, 240],
         field_of_view_mm: [18.6, 14.3],
         source: "by hand".into(),
@@ -240,7 +240,7 @@ fn a_calibration_gives_its_light_to_every_view_within_it() {
 #[test]
 fn a_preset_under_a_calibrated_sensor_shows_what_that_sensor_shows() {
     let mine = Calibration {
-        schema: crate::calibrate::SCHEMA.into(),
+        schema: crate::light::calibrate::SCHEMA.into(),
         frame_px: [320, 240],
         field_of_view_mm: [20.3, 15.2],
         source: "by hand".into(),
@@ -398,7 +398,7 @@ fn letters_of_another_font_digits_and_outlines_are_parts() {
     assert_eq!(scene.part_names(), ["A", "7", "blob-0", "polygon-1", "star-2"]);
     let sans = written.load(&letters.replace("font = \"serif\"", "")).unwrap();
     assert_ne!(sans.shape(0, 1).unwrap(), scene.shape(0, 1).unwrap());
-    assert_eq!(scene.shape(3, 1).unwrap(), crate::shape::outline::outline(5, 1, [8.0, 14.0]));
+    assert_eq!(scene.shape(3, 1).unwrap(), crate::scene::shape::outline::outline(5, 1, [8.0, 14.0]));
     written.refused(&outlines("n = 0\nseed = 5\nsize_mm = [8.0, 14.0]"), &["parts.outlines.n", "1 to 10000"]);
     written.refused(&outlines("n = 3\nseed = 5\nsize_mm = [14.0, 8.0]"), &["parts.outlines.size_mm", "in order"]);
     written.refused(&letters.replace("serif", "comic"), &["comic", "serif"]);

@@ -26,10 +26,10 @@ use multiversion::multiversion;
 use super::membrane::membrane;
 use super::obstacle::{Cells, obstacle};
 use super::rounding::to_whole;
+use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
-use crate::se2::Se2;
-use crate::shape::{Layer, Raster, Relief};
-use crate::touch::Side;
+use crate::pose::se2::Se2;
+use crate::scene::shape::{Layer, Raster, Relief};
 
 /// Largest and smallest side of a cell, mm.
 const CELL_MM: [f64; 2] = [0.1, 0.025];
@@ -277,7 +277,7 @@ fn blur(field: &mut Raster) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Face, HeightMap, Shape};
+    use crate::scene::shape::{Face, HeightMap, Shape};
 
     const L: f64 = 1.2;
 
@@ -453,7 +453,7 @@ mod tests {
 
     #[test]
     fn one_solution_of_the_board_serves_tilted_views_as_one_of_each_view_does() {
-        let letter = crate::shape::glyph::glyph('R', 12.0, 16.0).unwrap();
+        let letter = crate::scene::shape::glyph::glyph('R', 12.0, 16.0).unwrap();
         let (pose, frame_px, mm_per_px, depth_mm) = (Se2::from_degrees(2.0, 1.0, 30.0), [124, 95], [0.15; 2], 0.6);
         let tilt = [0.5_f64.to_radians().tan(), -0.5_f64.to_radians().tan()];
         for (side, relief) in [(Side::Peg, Relief::peg(letter.clone())), (Side::Hole, Relief::hole(letter, 0.15))] {
@@ -478,7 +478,7 @@ mod tests {
 
     #[test]
     fn cells_half_as_large_change_little() {
-        let letter = crate::shape::glyph::glyph('R', 12.0, 16.0).unwrap();
+        let letter = crate::scene::shape::glyph::glyph('R', 12.0, 16.0).unwrap();
         for (side, relief) in [(Side::Peg, Relief::peg(letter.clone())), (Side::Hole, Relief::hole(letter, 0.15))] {
             for gel_length in [0.3, L, 4.0] {
                 let reliefs = [relief.clone()];

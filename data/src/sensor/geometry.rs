@@ -4,11 +4,11 @@ use multiversion::multiversion;
 
 use super::obstacle::{Cells, obstacle};
 use super::rounding::to_whole;
+use crate::dataset::touch::Side;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::se2::Se2;
-use crate::shape::Relief;
-use crate::touch::Side;
+use crate::pose::se2::Se2;
+use crate::scene::shape::Relief;
 
 /// Side of a cell, mm: below a pixel of the Mini's full frame.
 const CELL_MM: f64 = 0.05;
@@ -90,7 +90,7 @@ fn look_up(line: &mut [u8], greys: &[u8], n: usize, first: [f32; 2], step: [f32;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::Shape;
+    use crate::scene::shape::Shape;
 
     #[test]
     fn a_turned_bar_is_where_it_must_be() {

@@ -21,9 +21,9 @@ mod known;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::{Error, Result};
-use crate::lamps::{Lamps, on_view, turned};
-pub use crate::lamps::{Quadratic, value};
-use crate::suggest::with_closest;
+use crate::light::lamps::{Lamps, on_view, turned};
+pub use crate::light::lamps::{Quadratic, value};
+use crate::text::suggest::with_closest;
 
 /// The most that a factor may be, counts: a lamp's change cannot leave the 8 bits by much.
 const MAX_COUNTS: f32 = 4_096.0;

@@ -8,7 +8,7 @@
 use multiversion::multiversion;
 
 use crate::error::{Error, Result};
-use crate::shape::Raster;
+use crate::scene::shape::Raster;
 
 /// The solver stops when no cell is off `max(obstacle, w (sum of the four neighbours))` by more than this
 /// share of the press.

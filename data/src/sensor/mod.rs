@@ -10,8 +10,11 @@ pub mod light_field;
 pub mod membrane;
 pub mod obstacle;
 pub mod optics;
+pub mod render;
 pub(crate) mod rounding;
 pub mod shadow;
+pub mod simulator;
+pub mod touch_map;
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -20,8 +23,8 @@ use serde::{Deserialize, Serialize};
 use strum::{IntoStaticStr, VariantArray};
 
 use crate::error::{Error, Result};
-use crate::lamps::Lamps;
-use crate::suggest;
+use crate::light::lamps::Lamps;
+use crate::text::suggest;
 use light::LightRig;
 use light_field::LightField;
 

@@ -1,7 +1,7 @@
 //! What a part puts in the gel's way.
 
-use crate::shape::{Layer, Raster, Relief};
-use crate::touch::Side;
+use crate::dataset::touch::Side;
+use crate::scene::shape::{Layer, Raster, Relief};
 
 /// A square raster round a part's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,7 +84,7 @@ fn raise(highest: &mut Raster, layer: &Layer, half_mm: f64, gel_length_mm: Optio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Face, HeightMap, Rounding, Shape};
+    use crate::scene::shape::{Face, HeightMap, Rounding, Shape};
 
     fn square(half: f64) -> Shape {
         Shape { regions: vec![vec![vec![[-half, -half], [half, -half], [half, half], [-half, half]]]] }

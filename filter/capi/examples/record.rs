@@ -11,12 +11,12 @@ use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::{Kit, Parts, Scene};
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_filter::{Decision, Episode, EpisodeConfig, Estimate, RunnerUp, Sensor, Settings, StopReason};
 use tactile_infer::Model;
 use tactile_infer::bank::simulated::bank_of_scene;

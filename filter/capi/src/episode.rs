@@ -3,7 +3,7 @@
 use std::sync::{Arc, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::{Duration, Instant};
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::{Decision, Episode, EpisodeRecord};
 
 use crate::config::{checked, tf_config};

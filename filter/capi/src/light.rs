@@ -2,8 +2,8 @@
 
 use std::sync::RwLock;
 
-use tactile_data::lamps::Lamps;
-use tactile_data::touch_light::SensorLight;
+use tactile_data::light::lamps::Lamps;
+use tactile_data::light::touch_light::SensorLight;
 
 use crate::pointer::{free, get, give, out};
 use crate::sensor::{read, tf_frame, tf_lamps};

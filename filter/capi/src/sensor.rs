@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
-use tactile_data::lamps::Lamps;
-use tactile_data::touch::Side;
+use tactile_data::light::lamps::Lamps;
 use tactile_filter::{Observation, Sensor};
 
 use crate::model::tf_model;

@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::TryLockError;
 
 use tactile_data::FrameFault;
-use tactile_data::number::short_numbers;
+use tactile_data::text::number::short_numbers;
 use tactile_filter::Error;
 use tactile_filter::runner::{Fault, SubmitError};
 

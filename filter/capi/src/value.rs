@@ -2,8 +2,8 @@
 
 use std::ffi::c_char;
 
-use tactile_data::se2::Se2;
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::se2::Se2;
+use tactile_data::pose::symmetry::Symmetry;
 use tactile_filter::belief::modes::Mode;
 use tactile_filter::{Decision, Estimate, RunnerUp, StopReason, Warning};
 

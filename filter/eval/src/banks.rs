@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use rand::RngExt;
-use tactile_data::simulator::frame_rng;
+use tactile_data::sensor::simulator::frame_rng;
 use tactile_infer::Bank;
 use tactile_infer::bank::simulated::learner::Learner;
 use tactile_infer::embedding::threads;
@@ -111,10 +111,10 @@ impl Banks {
 mod tests {
     use super::*;
     use crate::result::Poses;
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::dataset::touch::Side;
+    use tactile_data::pose::grid::PoseGrid;
     use tactile_data::scene::Scene;
-    use tactile_data::simulator::Simulator;
-    use tactile_data::touch::Side;
+    use tactile_data::sensor::simulator::Simulator;
     use tactile_infer::bank::metric::{Measured, Metric};
     use tactile_infer::bank::rows::Rows;
 

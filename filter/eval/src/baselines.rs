@@ -1,7 +1,7 @@
 //! What one touch alone finds, by nearest neighbour: the paper's Pixel and MoCo (Sec. V-B).
 
+use tactile_data::dataset::store::Dataset;
 use tactile_data::frame::{Background, Frame, Preprocessing};
-use tactile_data::store::Dataset;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::calibration::matching::{best, images_by_row, nearest_by_pixel, recorded_cosines};

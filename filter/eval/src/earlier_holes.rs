@@ -4,8 +4,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tactile_data::frame::Frame;
-use tactile_data::se2::Se2;
-use tactile_data::touch_light::SensorLight;
+use tactile_data::light::touch_light::SensorLight;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::{Decision, Episode, EpisodeConfig, Sensor, SensorMatch};
 use tactile_infer::Bank;
 

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use tactile_data::bounded_file::{self, Kind};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::bounded_file::{self, Kind};
 use tactile_infer::Views;
 use tactile_infer::safefile::write_whole;
 

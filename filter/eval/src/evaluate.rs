@@ -9,8 +9,8 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 use tactile_filter::{Episode, EpisodeConfig, Estimate, Presence, Sensor, Standing, Verified};
 use tactile_infer::Bank;
 

@@ -1,8 +1,8 @@
 //! Whether a bank fits what it is used for.
 
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::{Side, Touch};
 use tactile_data::scene::Scene;
-use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, Touch};
 use tactile_filter::likelihood::interpolation::Interpolation;
 use tactile_infer::Bank;
 
@@ -70,8 +70,8 @@ pub fn too_coarse(bank: &Bank) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_data::grid::PoseGrid;
-    use tactile_data::simulator::Simulator;
+    use tactile_data::pose::grid::PoseGrid;
+    use tactile_data::sensor::simulator::Simulator;
     use tactile_infer::bank::rows::Rows;
 
     fn bank(scene: &Scene, grid: PoseGrid) -> Bank {
@@ -115,9 +115,9 @@ mod tests {
 
     #[test]
     fn played_touches_between_coarse_poses_are_warned_of() {
+        use tactile_data::dataset::store::{DatasetWriter, Meta};
         use tactile_data::frame::Frame;
-        use tactile_data::se2::Se2;
-        use tactile_data::store::{DatasetWriter, Meta};
+        use tactile_data::pose::se2::Se2;
 
         let small = Scene::preset("alphabet-small").unwrap();
         let folder = tempfile::tempdir().unwrap();

@@ -2,10 +2,10 @@
 
 use rand::RngExt;
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::simulator::frame_rng;
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
+use tactile_data::pose::symmetry::Symmetry;
+use tactile_data::sensor::simulator::frame_rng;
 use tactile_filter::choice::Action;
 use tactile_filter::{Observation, Sensor};
 
@@ -64,7 +64,7 @@ impl<'a> Hole<'a> {
         Self { print, ..self }
     }
 
-    /// The same hole, tilted against the tool ([`Print::tilted`](tactile_data::simulator::Print::tilted)); what was recorded stays.
+    /// The same hole, tilted against the tool ([`Print::tilted`](tactile_data::sensor::simulator::Print::tilted)); what was recorded stays.
     pub fn tilted(self, slopes: [f64; 2]) -> Self {
         Self { slopes, ..self }
     }

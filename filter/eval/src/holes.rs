@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::{Side, instead_of};
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
-use tactile_data::lamps::Lamps;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::Simulator;
-use tactile_data::store::Dataset;
-use tactile_data::symmetry::Symmetry;
-use tactile_data::touch::{Side, instead_of};
+use tactile_data::light::lamps::Lamps;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
+use tactile_data::pose::symmetry::Symmetry;
+use tactile_data::sensor::simulator::Simulator;
 use tactile_filter::Sensor;
 use tactile_infer::{Bank, Model};
 
@@ -273,8 +273,8 @@ mod tests {
     use crate::hole::Hole;
     use crate::result::Poses;
     use std::path::Path;
-    use tactile_data::store::{DatasetWriter, Meta};
-    use tactile_data::touch::Touch;
+    use tactile_data::dataset::store::{DatasetWriter, Meta};
+    use tactile_data::dataset::touch::Touch;
     use tactile_infer::bank::rows::Rows;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 30.0 };

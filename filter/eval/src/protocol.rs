@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use rand::RngExt;
 use rand_distr::StandardNormal;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::frame_rng;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
+use tactile_data::sensor::simulator::frame_rng;
 use tactile_filter::KnownStart;
 use tactile_infer::Bank;
 
@@ -123,9 +123,9 @@ impl Protocol {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tactile_data::dataset::touch::Side;
     use tactile_data::scene::Scene;
-    use tactile_data::simulator::Simulator;
-    use tactile_data::touch::Side;
+    use tactile_data::sensor::simulator::Simulator;
 
     fn protocol(n_prints: usize, poses: Poses) -> Protocol {
         let (seeds, episodes) = (vec![1, 2], 0..12);

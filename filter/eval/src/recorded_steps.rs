@@ -1,6 +1,6 @@
 //! A sweep's settings where pegs were recorded: none with finer steps than they were touched at.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_filter::budget::Setup;
 use tactile_infer::bank::recorded::{BankPoses, PegPoses};
 

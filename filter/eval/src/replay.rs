@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use serde::Serialize;
-use tactile_data::contact;
-use tactile_data::se2::Se2;
-use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, Touch, instead_of};
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::{Side, Touch, instead_of};
+use tactile_data::pose::se2::Se2;
+use tactile_data::recording::contact;
 use tactile_infer::Bank;
 use tactile_infer::maps::mosaic::Difference;
 

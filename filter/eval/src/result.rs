@@ -1,7 +1,7 @@
 //! What an evaluation found, as other programs read it: `evaluation.json`.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 use tactile_filter::budget::{Speeds, Tradeoff};
 use tactile_infer::{Model, Views};
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::bank::simulated::learner::Learner;

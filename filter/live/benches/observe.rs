@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use tactile_data::scene::Scene;
-use tactile_data::simulator::Simulator;
+use tactile_data::sensor::simulator::Simulator;
 use tactile_infer::Model;
 use tactile_infer::bank::simulated::bank_of_scene;
 use tactile_infer::bank::views::Views;

@@ -4,7 +4,7 @@
 
 use std::time::{Duration, Instant};
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_live::watch::{Camera, Feed, Level, Message, Part, Place, PlaceMap, Pressed, View, run};
 
 /// A touch every so many seconds, and a fault instead of the third.

@@ -4,7 +4,7 @@
 //! only where its bytes differ from those of the one before; the noise of a camera makes sure that they do.
 
 use tactile_data::frame::Frame;
-use tactile_data::picture;
+use tactile_data::frame::picture;
 use tactile_data::recording::pipeline::Picture;
 use tactile_data::recording::ros::messages::{CompressedImage, Image, Time, from_cdr};
 use tactile_data::recording::ros::picture::{Shown, of_compressed, of_image};
@@ -373,7 +373,7 @@ mod tests {
     #[test]
     fn a_cut_jpeg_is_no_frame_under_any_name() {
         let frame = Frame::new(16, 16, (0..768).map(|i| (i % 251) as u8).collect()).unwrap();
-        let jpeg = tactile_data::export::jpeg(&frame, 90).unwrap();
+        let jpeg = tactile_data::dataset::export::jpeg(&frame, 90).unwrap();
         let send = |data: &[u8]| {
             let mut camera = camera();
             let raw = Image { encoding: "bgr8".into(), height: 16, width: 16, data: data.to_vec(), ..Image::default() };

@@ -1,7 +1,7 @@
 //! A touch and what followed from it, in JSON: for programs, the terminal view and the comparison of replays.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::{Decision, Episode, RunnerUp, StopReason};
 use tactile_infer::Bank;
 

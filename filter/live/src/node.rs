@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{Level, Text, Time, to_cdr};
-use tactile_data::se2::Se2;
 use tactile_filter::{Episode, Observation, SensorMatch};
 use tactile_infer::{Bank, Model};
 

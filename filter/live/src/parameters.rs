@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use tactile_data::grid::PoseGrid;
-use tactile_data::lamps::CalibratedLamps;
+use tactile_data::dataset::store::{Channels, Mirror};
+use tactile_data::dataset::touch::Side;
+use tactile_data::light::lamps::CalibratedLamps;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_data::recording::geometry::{Crop, Geometry};
 use tactile_data::recording::ros::rigid::Rigid;
-use tactile_data::store::{Channels, Mirror};
-use tactile_data::touch::Side;
 use tactile_filter::{EpisodeConfig, Settings};
 use tactile_infer::Model;
 

@@ -1,12 +1,12 @@
 //! What is known of an episode, as messages in the robot's base frame.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{
     Header, OccupancyGrid, PointCloud2, Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, Text, Time,
     TransformStamped, to_cdr,
 };
 use tactile_data::recording::ros::rigid::Rigid;
-use tactile_data::se2::Se2;
 use tactile_filter::belief::Hypothesis;
 use tactile_filter::{Episode, FeltMap};
 use tactile_infer::maps::mosaic::{CELL_MM, Mosaic, Place};
@@ -233,7 +233,7 @@ pub(crate) fn covariance(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_data::touch::Side;
+    use tactile_data::dataset::touch::Side;
     use tactile_infer::maps::mosaic::Mosaics;
 
     #[test]

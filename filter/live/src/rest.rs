@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
+use tactile_data::light::touch_light::{SensorLight, TouchFit};
 use tactile_data::recording::geometry::View;
 use tactile_data::recording::rest::median;
-use tactile_data::touch::Side;
-use tactile_data::touch_light::{SensorLight, TouchFit};
 use tactile_filter::{Observation, Sensor};
 use tactile_infer::{Bank, Model};
 

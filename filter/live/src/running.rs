@@ -1,8 +1,8 @@
 //! An episode where it is in space.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::rigid::Rigid;
-use tactile_data::se2::Se2;
 use tactile_filter::{Decision, Episode, Observation};
 
 use crate::error::{Error, Result};

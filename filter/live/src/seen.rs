@@ -1,8 +1,8 @@
 //! A part that was seen before it is touched: by a camera over the board, in a drawing of the cell.
 
+use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{PoseWithCovarianceStamped, from_cdr};
 use tactile_data::recording::ros::rigid::Rigid;
-use tactile_data::se2::Se2;
 use tactile_filter::KnownStart;
 
 use crate::error::{Error, Result};

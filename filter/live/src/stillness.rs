@@ -1,7 +1,7 @@
 //! Whether a contact has settled: two pictures of one touch agree, but for the camera's noise.
 
-use tactile_data::contact::{FrameContact, background};
 use tactile_data::frame::{Background, Frame};
+use tactile_data::recording::contact::{FrameContact, background};
 
 use crate::error::{Error, Result};
 

@@ -180,8 +180,8 @@ impl Tool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tactile_data::pose::se2::Se2;
     use tactile_data::recording::ros::messages::{Header, Pose, to_cdr};
-    use tactile_data::se2::Se2;
 
     fn pose(x_mm: f64) -> Vec<u8> {
         let pose = Rigid::from_plane(&Se2::new(x_mm, 0.0, 0.0)).to_pose();

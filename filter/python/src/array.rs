@@ -6,7 +6,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tactile_data::FrameFault;
 use tactile_data::frame::Frame;
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 use crate::error::{exception, type_error};
 use crate::pose::PoseLike;

@@ -2,8 +2,8 @@
 
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::Episode;
 
 use crate::array::{matrix, vector};

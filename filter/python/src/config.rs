@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use tactile_data::number::short_numbers;
+use tactile_data::text::number::short_numbers;
 use tactile_filter::{EpisodeConfig, KnownStart, SensorMatch, Settings};
 
 use crate::error::{ConfigError, InternalError};

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::insertion::HeldPeg;
 use tactile_filter::{Decision, Episode, EpisodeRecord, StopReason};
 use tactile_infer::Bank;

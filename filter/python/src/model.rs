@@ -6,7 +6,7 @@ use std::sync::Arc;
 use numpy::PyArray2;
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 use tactile_infer::maps::Maps;
 use tactile_infer::{Bank, Model};
 

@@ -1,7 +1,7 @@
 //! Poses and motions in the plane.
 
 use pyo3::prelude::*;
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 use crate::error::type_error;
 

@@ -2,9 +2,9 @@
 
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
-use tactile_data::lamps::Lamps;
-use tactile_data::touch::Side;
-use tactile_data::touch_light::SensorLight;
+use tactile_data::dataset::touch::Side;
+use tactile_data::light::lamps::Lamps;
+use tactile_data::light::touch_light::SensorLight;
 use tactile_filter::{Observation, Sensor};
 
 use crate::array::{frame, vector};

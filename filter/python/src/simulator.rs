@@ -5,11 +5,11 @@ use std::sync::Arc;
 use numpy::{PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_data::scene::Scene;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_infer::bank::simulated::SceneBank;
 
 use crate::array::vector;

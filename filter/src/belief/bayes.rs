@@ -4,8 +4,8 @@
 //! controller reports, `part_from_sensor = part_from_first * first_from_sensor` (paper, Sec. IV-D). The
 //! likelihood of each touch is kept, so that any state can be scored again over all touches.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 
 use crate::belief::engine::{Engine, EngineConfig, Start};

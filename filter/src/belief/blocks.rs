@@ -1,6 +1,6 @@
 //! The states of one part at one angle, which are judged together: one motion takes them all to poses of one angle.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 use crate::likelihood::evidence::{AngleViews, Evidence};
 
@@ -83,7 +83,7 @@ pub(crate) fn log_states(grids: [&PoseGrid; 2], touch: &Evidence) -> Vec<f64> {
 mod tests {
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;
-    use tactile_data::se2::Se2;
+    use tactile_data::pose::se2::Se2;
 
     use super::*;
     use crate::checks::synthetic::World;

@@ -1,7 +1,7 @@
 //! The two ways to weigh states by touches.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 use crate::belief::bayes::ALLOWED_ERROR;
 use crate::belief::blocks::{Blocks, log_states};
@@ -172,7 +172,7 @@ fn neighbour(grid: &PoseGrid, cell: usize, direction: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_data::se2::wrap_angle;
+    use tactile_data::pose::se2::wrap_angle;
 
     /// 3 x 3 x 3 = 27 poses.
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 4.0, theta_half_deg: 30.0, theta_step_deg: 30.0 };

@@ -181,7 +181,7 @@ mod tests {
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::pose::grid::PoseGrid;
 
     /// States of a block.
     const LENGTH: usize = 3;

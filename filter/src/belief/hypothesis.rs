@@ -1,6 +1,6 @@
 //! A state of the filter, and where states are.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 /// One state: which part, and where on it the first touch was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -4,8 +4,8 @@
 //! the first touch's evidence carries. It must not know touches.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 use tactile_infer::maps::align::Start;
 
 use crate::belief::refine::steps_of;

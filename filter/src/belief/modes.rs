@@ -1,8 +1,8 @@
 //! The belief in a few numbers: its modes, each with a mean pose and a covariance.
 
-use tactile_data::grid::{NearestCell, PoseGrid};
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::grid::{NearestCell, PoseGrid};
+use tactile_data::pose::se2::{Se2, wrap_angle};
+use tactile_data::pose::symmetry::Symmetry;
 
 use crate::belief::hypothesis::Hypothesis;
 use crate::belief::posterior::Posterior;

@@ -1,7 +1,7 @@
 //! What is believed of one part: where it is, and how well it explains the touches.
 
-use tactile_data::se2::Se2;
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::se2::Se2;
+use tactile_data::pose::symmetry::Symmetry;
 
 use super::bayes::Belief;
 use crate::belief::hypothesis::Hypothesis;

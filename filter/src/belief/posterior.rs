@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 use crate::belief::hypothesis::{Hypothesis, Layout};
 use crate::simd;

@@ -1,7 +1,7 @@
 //! A pose to below the bank's step: the mean of the posterior around a state, over all touches.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 
 use crate::likelihood::evidence::Evidence;
 
@@ -89,8 +89,8 @@ fn along(half: f64) -> [f64; N_POINTS] {
 mod tests {
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;
-    use tactile_data::se2::wrap_angle;
-    use tactile_data::symmetry::Symmetry;
+    use tactile_data::pose::se2::wrap_angle;
+    use tactile_data::pose::symmetry::Symmetry;
 
     use super::*;
     use crate::belief::{Belief, EngineConfig};

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::se2::{Se2, wrap_angle};
+use tactile_data::pose::symmetry::Symmetry;
 use tactile_infer::maps::align::{Drawing, Start, align};
 use tactile_infer::maps::mosaic::Mosaic;
 
@@ -164,7 +164,7 @@ fn add_square(moments: &mut Moments, off: [f64; 3], mass: f64) {
 
 #[cfg(test)]
 mod tests {
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::pose::grid::PoseGrid;
     use tactile_infer::Bank;
     use tactile_infer::bank::rows::Rows;
 

@@ -8,7 +8,7 @@ use crate::touch::Observation;
 use proptest::prelude::*;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::symmetry::Symmetry;
 use tactile_infer::bank::rows::Rows;
 
 /// 3 x 3 x 3 = 27 poses.

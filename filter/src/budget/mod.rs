@@ -6,7 +6,8 @@
 //! expect ([`Halves`]).
 //!
 //! ```no_run
-//! # use tactile_data::{frame::Frame, grid::PoseGrid};
+//! # use tactile_data::frame::Frame;
+//! # use tactile_data::pose::grid::PoseGrid;
 //! # use tactile_filter::budget::{Budget, Cost, Half, Pace, Speeds, Tradeoff};
 //! # use tactile_filter::{EpisodeConfig, Sensor};
 //! # use tactile_infer::{Bank, Model};

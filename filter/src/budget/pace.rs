@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_infer::Bank;
 
 use crate::config::EpisodeConfig;

@@ -1,7 +1,7 @@
 //! What trades speed, memory and touches for accuracy: the settings that a trade-off measures and a budget chooses.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_infer::Bank;
 use tactile_infer::Model;
 use tactile_infer::embedding::precision::Precision;

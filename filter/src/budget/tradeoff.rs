@@ -1,7 +1,7 @@
 //! What was measured of each setting (`tradeoff.json`), and the choice of one within a budget.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_infer::Model;
 
 use super::halves::{Half, Halves};

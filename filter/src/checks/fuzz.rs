@@ -5,8 +5,8 @@
 use std::sync::Arc;
 
 use proptest::prelude::*;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::bank::rows::Rows;
 

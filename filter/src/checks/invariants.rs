@@ -1,8 +1,8 @@
 //! What must hold for any numbers, and bugs of other filters that no other file tests.
 
 use proptest::prelude::*;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::bank::rows::Rows;
 

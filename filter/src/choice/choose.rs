@@ -7,7 +7,7 @@
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 use super::inputs::ChoiceInputs;
 use super::rule::ActionRule;
@@ -199,7 +199,7 @@ pub(super) mod tests {
     use crate::likelihood::TouchLikelihood;
     use crate::settings::Settings;
     use crate::touch::Observation;
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::pose::grid::PoseGrid;
     use tactile_infer::Bank;
     use tactile_infer::bank::rows::Rows;
 

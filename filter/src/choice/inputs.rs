@@ -1,6 +1,6 @@
 //! What a choice of the next touch is made of.
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 
 use crate::belief::Belief;

@@ -2,8 +2,8 @@
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
-use tactile_data::grid::NearestCell;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::NearestCell;
+use tactile_data::pose::se2::Se2;
 
 use super::inputs::ChoiceInputs;
 use super::pairing::Pairing;

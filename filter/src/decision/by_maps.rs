@@ -3,7 +3,7 @@
 //! In: the bank's map of the part, the maps of the touches, a pose to begin with. Out: the pose at which they fit, and what the
 //! verifier says of them there. It must not know thresholds.
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::calibration::Spread;
 use tactile_infer::calibration::presence::Verified;
 use tactile_infer::maps::align::Drawing;

@@ -1,7 +1,7 @@
 //! What is known of a hole after the touches so far.
 
-use tactile_data::se2::Se2;
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::se2::Se2;
+use tactile_data::pose::symmetry::Symmetry;
 use tactile_infer::calibration::presence::{Presence, Verified};
 
 use crate::belief::modes::{Mode, modes};

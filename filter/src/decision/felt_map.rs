@@ -2,8 +2,8 @@
 //!
 //! In: the maps of the touches, the estimated pose, the bank's map of the part. Out: one mosaic, and how it differs from the part's.
 
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
-use tactile_data::touch::Side;
 use tactile_infer::Bank;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::mosaic::{Difference, Mosaic, Mosaics, Stitcher};

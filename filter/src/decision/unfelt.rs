@@ -3,7 +3,7 @@
 //! In: the bank's map of the part, the touches, where they are on it. Out: the places of its outline that no touch showed. It must not
 //! know the candidates of the next touch.
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::coverage::{View, outline, views};
 

@@ -6,8 +6,8 @@
 use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::Se2;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::calibration::presence::{Felt, Presence, Verified};
 

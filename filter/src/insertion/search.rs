@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 use crate::decision::Estimate;
 use crate::error::{Error, Result};

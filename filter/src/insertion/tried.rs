@@ -1,9 +1,9 @@
 //! What a peg that did not go in tells of its hole.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
+use tactile_data::pose::symmetry::Symmetry;
 use tactile_infer::Bank;
 
 use crate::belief::refine::steps_of;

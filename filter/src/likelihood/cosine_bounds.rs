@@ -1,6 +1,6 @@
 //! Upper bounds of a touch's cosine with the views of a part: at each angle, and along each line of places at each angle.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 /// Upper bounds for every part of a bank.
 #[derive(Clone, Debug, PartialEq)]

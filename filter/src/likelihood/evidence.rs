@@ -1,7 +1,7 @@
 //! One touch of an episode: where it was relative to the first, and how likely it is from each state.
 
-use tactile_data::grid::{NearestCell, PoseGrid};
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::{NearestCell, PoseGrid};
+use tactile_data::pose::se2::Se2;
 
 use crate::belief::StartBelief;
 use crate::insertion::TriedStates;

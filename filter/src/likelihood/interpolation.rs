@@ -1,8 +1,8 @@
 //! What the bank knows of a pose that it did not record: similarities interpolated between the views around it.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::bank::between::{Around, is_fine};
 use tactile_infer::bank::neighbours::{Across, Neighbours};
 

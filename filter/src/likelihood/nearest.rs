@@ -1,7 +1,7 @@
 //! The recorded view nearest to a pose, and how far it can be trusted for what would be seen there.
 
-use tactile_data::grid::{NearestCell, PoseGrid};
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::grid::{NearestCell, PoseGrid};
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 /// The recorded view used for a pose, and how far it is trusted to.
 #[derive(Clone, Copy, Debug, PartialEq)]

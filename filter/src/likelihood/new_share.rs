@@ -1,6 +1,6 @@
 //! How much of a touch is new after an earlier one.
 
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 /// The share of a touch that an earlier one did not tell, 0..=1: `1 - exp(-sqrt((d / shared_mm)^2 + turn^2))` where the sensor
 /// moved by `d` and turned by `turn` radians. What makes one touch match a wrong part, the same print and the same play under the

@@ -7,7 +7,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 use tactile_infer::Bank;
 use tactile_infer::bank::matches::{Matches, PartMatch};
 use tactile_infer::bank::neighbours::Neighbours;
@@ -292,7 +292,7 @@ fn cosines(observation: &Observation, bank: &Bank) -> Result<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::pose::grid::PoseGrid;
     use tactile_infer::bank::metric::{Measured, Metric};
     use tactile_infer::bank::rows::Rows;
     use tactile_infer::calibration::Spread;

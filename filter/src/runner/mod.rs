@@ -14,7 +14,7 @@ mod worker;
 use std::sync::Arc;
 
 use tactile_data::frame::Frame;
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 
 use crate::config::EpisodeConfig;

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::Se2;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::maps::DrawnMap;
 
 use crate::error::{Error, Result};

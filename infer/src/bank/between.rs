@@ -1,7 +1,7 @@
 //! Between the recorded poses of a grid: which are around a pose, and how much each counts.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 use crate::bank::Bank;
 use crate::bank::similarity::dot;

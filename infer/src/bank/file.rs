@@ -10,8 +10,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use half::f16;
-use tactile_data::grid::PoseGrid;
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::symmetry::Symmetry;
 
 use super::{Bank, SCHEMA};
 use crate::bank::matches::Matches;

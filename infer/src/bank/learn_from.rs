@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 
 use crate::error::{Error, Result};
 

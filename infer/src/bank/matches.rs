@@ -2,7 +2,7 @@
 //! unlike the plug; fine teeth are lost between recorded poses.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 
 use crate::calibration::Spread;
 use crate::calibration::match_odds::distance;

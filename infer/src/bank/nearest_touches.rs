@@ -1,8 +1,8 @@
 //! Which recorded touch is the view of each pose of a grid.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::grid_fit::Tolerance;
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::grid_fit::Tolerance;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 /// Which poses a bank gets from recorded touches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

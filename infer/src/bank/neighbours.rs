@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 use crate::bank::between::Around;
 use crate::bank::rows::Rows;
@@ -204,7 +204,7 @@ impl Halves<'_> {
 
 #[cfg(test)]
 mod tests {
-    use tactile_data::se2::Se2;
+    use tactile_data::pose::se2::Se2;
 
     use super::*;
     use crate::bank::Bank;

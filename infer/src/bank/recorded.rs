@@ -3,14 +3,14 @@
 pub mod mosaics;
 
 use rayon::prelude::*;
+use tactile_data::dataset::origin::{Origin, PartOrigin, SensorOrigin};
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::{Side, instead_of};
+use tactile_data::frame::moved_view::moved_view;
 use tactile_data::frame::{Background, Frame, TactileImage};
-use tactile_data::grid::PoseGrid;
-use tactile_data::grid_fit::{self, Tolerance};
-use tactile_data::moved_view::moved_view;
-use tactile_data::origin::{Origin, PartOrigin, SensorOrigin};
-use tactile_data::se2::Se2;
-use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, instead_of};
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::grid_fit::{self, Tolerance};
+use tactile_data::pose::se2::Se2;
 
 use crate::bank::Bank;
 pub use crate::bank::nearest_touches::BankPoses;
@@ -215,7 +215,7 @@ fn with_known_parts(model: &Model, bank: Bank, dataset: &Dataset) -> Result<Bank
     if let (Some(scene), Some(seed)) = (dataset.meta().scene.clone(), dataset.meta().seed)
         && let Ok(scene) = serde_json::from_value(scene)
     {
-        let simulator = tactile_data::simulator::Simulator::new(scene, seed)?;
+        let simulator = tactile_data::sensor::simulator::Simulator::new(scene, seed)?;
         if bank.parts().iter().all(|part| simulator.parts().contains(part)) {
             return crate::bank::simulated::with_geometry(model, bank, (&simulator, seed));
         }
@@ -301,8 +301,8 @@ mod tests {
     #[cfg(feature = "burn")]
     use crate::bank::simulated::tests::{by_cosine, scene_and_model, touches};
     use std::path::Path;
-    use tactile_data::store::{DatasetWriter, Meta};
-    use tactile_data::touch::Touch;
+    use tactile_data::dataset::store::{DatasetWriter, Meta};
+    use tactile_data::dataset::touch::Touch;
 
     /// Pegs of two parts touched at some poses each, the second at one fewer.
     fn dataset(at: &Path, poses: &[Se2]) -> Dataset {

@@ -1,7 +1,7 @@
 //! Recorded views brought to the poses of a grid.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 use crate::bank::nearest_touches::{BankPoses, nearest_touches};
 use crate::bank::similarity::normalize_rows;
@@ -136,7 +136,7 @@ fn solve(mut rows: [[f64; 5]; 4]) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_data::grid_fit::Tolerance;
+    use tactile_data::pose::grid_fit::Tolerance;
 
     const GRID: PoseGrid = PoseGrid { xy_half_mm: 8.0, xy_step_mm: 2.0, theta_half_deg: 45.0, theta_step_deg: 15.0 };
 

@@ -12,12 +12,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
+use tactile_data::dataset::generate::{Places, Planned, plan, render};
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::{Background, Frame, TactileImage};
-use tactile_data::generate::{Places, Planned, plan, render};
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_data::scene::Scene;
-use tactile_data::simulator::Simulator;
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::Simulator;
 
 use crate::bank::Bank;
 use crate::bank::learn_from::{LearnFrom, Learning};
@@ -264,11 +264,11 @@ pub(crate) mod tests {
     use crate::embedding::architecture::NetworkConfig;
     use crate::embedding::checkpoint::{Checkpoint, Provenance};
     use crate::embedding::device::DeviceKind;
+    use tactile_data::dataset::generate::{Sampling, generate};
+    use tactile_data::dataset::store::Dataset;
     use tactile_data::frame::Preprocessing;
-    use tactile_data::generate::{Sampling, generate};
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::pose::grid::PoseGrid;
     use tactile_data::scene::{Kit, Parts};
-    use tactile_data::store::Dataset;
 
     /// Two letters at few poses, and a small network that has learnt nothing.
     pub fn scene_and_model() -> (Scene, Model) {

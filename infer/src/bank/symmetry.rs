@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::symmetry::Symmetry;
 
 use crate::bank::Bank;
 use crate::calibration::BLANK_SHARE;
@@ -139,8 +139,8 @@ fn likeness(bank: &Bank, part: usize, symmetry: &Symmetry, theta_rad: f64, n_pai
 mod tests {
     use super::*;
     use crate::bank::rows::Rows;
-    use tactile_data::grid::PoseGrid;
-    use tactile_data::se2::Se2;
+    use tactile_data::pose::grid::PoseGrid;
+    use tactile_data::pose::se2::Se2;
 
     const DIM: usize = 24;
 

@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::{Side, instead_of};
 use tactile_data::frame::{Background, Preprocessing, TactileImage};
-use tactile_data::se2::wrap_angle;
-use tactile_data::store::Dataset;
-use tactile_data::touch::{Side, instead_of};
+use tactile_data::pose::se2::wrap_angle;
 
 use crate::bank::Bank;
 use crate::bank::recorded::{frames_by_row, tactile_images};

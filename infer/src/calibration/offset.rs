@@ -8,12 +8,12 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
+use tactile_data::frame::moved_view::moved_view;
+use tactile_data::frame::picture;
 use tactile_data::frame::{Background, Frame, TactileImage};
-use tactile_data::moved_view::moved_view;
-use tactile_data::picture;
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 use crate::bank::similarity::dot;
 use crate::calibration::BLANK_SHARE;

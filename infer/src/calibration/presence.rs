@@ -17,7 +17,7 @@
 //! bank, the best of which it looks like; how often a part that is there comes to `L` or less is another.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 
 use crate::calibration::Spread;
 use crate::error::{Error, Result};

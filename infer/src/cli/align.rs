@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tactile_data::dataset::store::{self, Dataset};
+use tactile_data::pose::se2::Se2;
 use tactile_data::program;
-use tactile_data::progress::reporter;
-use tactile_data::se2::Se2;
-use tactile_data::store::{self, Dataset};
+use tactile_data::program::progress::reporter;
 use tactile_infer::Result;
 use tactile_infer::calibration::offset::{Offset, estimate};
 

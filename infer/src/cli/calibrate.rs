@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use tactile_data::store::{Dataset, FILES};
-use tactile_data::touch::{Side, instead_of};
-use tactile_data::{output, program};
+use tactile_data::dataset::store::{Dataset, FILES};
+use tactile_data::dataset::touch::{Side, instead_of};
+use tactile_data::file::output;
+use tactile_data::program;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibration::calibrate::{Choice, Judgement, PRIOR_TOUCHES, Touches, calibrate};
 use tactile_infer::calibration::{Between, Calibration, Prior, Spread};

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::{output, program};
+use tactile_data::file::output;
+use tactile_data::program;
 use tactile_infer::embedding::checkpoint::Checkpoint;
 use tactile_infer::{Error, Precision, Result};
 

@@ -4,10 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use tactile_data::calibrate::Calibration;
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
 use tactile_data::frame::TactileImage;
-use tactile_data::touch::Side;
-use tactile_data::{npy, output, picture, program};
+use tactile_data::frame::npy;
+use tactile_data::frame::picture;
+use tactile_data::light::calibrate::Calibration;
+use tactile_data::program;
 use tactile_infer::bank::similarity::dot;
 use tactile_infer::{Model, Result};
 

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::progress::reporter;
-use tactile_data::store::{Dataset, FILES};
-use tactile_data::touch::Side;
-use tactile_data::{output, program};
+use tactile_data::dataset::store::{Dataset, FILES};
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
+use tactile_data::program;
+use tactile_data::program::progress::reporter;
 use tactile_infer::Result;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibration::fit::{Samples, fit};

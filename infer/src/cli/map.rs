@@ -4,10 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
-use tactile_data::calibrate::Calibration;
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
+use tactile_data::frame::picture;
 use tactile_data::frame::{Background, Frame};
-use tactile_data::touch::Side;
-use tactile_data::{output, picture, program};
+use tactile_data::light::calibrate::Calibration;
+use tactile_data::program;
 use tactile_infer::maps::picture::{of_contact, of_distance};
 use tactile_infer::maps::{DrawnMap, MapDrawer};
 use tactile_infer::{Error, Result};

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
 use tactile_infer::calibration::matching::{Touched, match_single_touches};
 use tactile_infer::{Error, Precision, Result};
 

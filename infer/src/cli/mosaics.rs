@@ -3,9 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tactile_data::dataset::touch::OUTLINE_REACH_MM;
+use tactile_data::file::output;
 use tactile_data::frame::Frame;
-use tactile_data::touch::OUTLINE_REACH_MM;
-use tactile_data::{output, picture, program};
+use tactile_data::frame::picture;
+use tactile_data::program;
 use tactile_infer::maps::mosaic::{CELL_MM, Mosaic, Place};
 use tactile_infer::maps::picture::{of_contact, of_distance, row_of};
 use tactile_infer::{Bank, Error, Result};

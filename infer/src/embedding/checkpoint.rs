@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Preprocessing;
-use tactile_data::touch::Side;
 
 use crate::calibration::Calibration;
 use crate::calibration::match_odds::MatchOdds;

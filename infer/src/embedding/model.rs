@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 #[cfg(feature = "burn")]
 use burn::tensor::{Device, Tensor, TensorData};
-use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 #[cfg(feature = "datasets")]
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
+use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
 
 use crate::bank::similarity::{dot, normalize_rows};
 use crate::calibration::Calibration;

@@ -1,6 +1,6 @@
 //! Where touches of one hole lie on a part's mosaic: the pose at which their distances are those of the mosaic (Gauss-Newton).
 
-use tactile_data::se2::{Se2, wrap_angle};
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 use super::DrawnMap;
 use super::mosaic::Mosaic;
@@ -169,7 +169,7 @@ pub fn inverse(m: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
 
 #[cfg(test)]
 mod tests {
-    use tactile_data::touch::Side;
+    use tactile_data::dataset::touch::Side;
 
     use super::super::mosaic::tests::{map, mosaics};
     use super::*;

@@ -1,6 +1,6 @@
 //! How much of a part's outline touches showed: a stranger may have all of that in common with it, and differ in the rest.
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 use super::align::Drawing;
 use super::mosaic::{CELL_MM, Mosaic, Place};
@@ -59,7 +59,7 @@ pub fn outline_mm(mosaic: &Mosaic<'_>, touches: &[Drawing<'_>], part_from_first:
 mod tests {
     use std::f64::consts::TAU;
 
-    use tactile_data::touch::Side;
+    use tactile_data::dataset::touch::Side;
 
     use super::super::mosaic::tests::{map, mosaics, outline};
     use super::{Drawing, Se2, outline_mm};

@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::{Preprocessing, TactileImage};
-use tactile_data::touch::Side;
 
 use super::mosaic::Stitcher;
 use super::{Drawn, LOG_ERRORS, MapConfig, MapFile, N_DRAWN, N_SEEN, StageLayers, side_value};

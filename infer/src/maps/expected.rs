@@ -2,7 +2,7 @@
 //! plug; fine teeth are lost in a map.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 
 use crate::calibration::Spread;
 use crate::error::{Error, Result};

@@ -1,5 +1,5 @@
 //! What a touch shows of its part, drawn by a network from its picture: how far each place is from the outline of the peg, and what
-//! touches the gel, each with how sure that is. What is to be drawn is [`tactile_data::touch_map`]; an embedding says that two
+//! touches the gel, each with how sure that is. What is to be drawn is [`tactile_data::sensor::touch_map`]; an embedding says that two
 //! touches are alike, maps say where they differ.
 
 pub mod align;
@@ -16,8 +16,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Preprocessing;
-use tactile_data::touch::Side;
 
 use crate::calibration::presence::{ENTRIES, PresenceOdds, entry_of};
 use crate::embedding::architecture::ConvLayer;

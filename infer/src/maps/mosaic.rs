@@ -3,8 +3,8 @@
 
 use half::f16;
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::Se2;
-use tactile_data::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::pose::se2::Se2;
 
 use super::DrawnMap;
 use crate::embedding::precision::Precision;

@@ -1,7 +1,7 @@
 //! Pictures of maps, for people.
 
+use tactile_data::dataset::touch::OUTLINE_REACH_MM;
 use tactile_data::frame::Frame;
-use tactile_data::touch::OUTLINE_REACH_MM;
 
 use super::mosaic::{CELL_MM, Mosaic, Place};
 use crate::error::Result;
@@ -96,7 +96,7 @@ pub fn felt(percents: &[i8], part: Option<&Mosaic<'_>>, enlarged: usize) -> Opti
 
 #[cfg(test)]
 mod tests {
-    use tactile_data::touch::Side;
+    use tactile_data::dataset::touch::Side;
 
     use super::super::mosaic::tests::mosaics;
     use super::*;

@@ -5,8 +5,8 @@
 //! of the touch is compared with the place of the part that it would lie on.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::se2::Se2;
-use tactile_data::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
+use tactile_data::pose::se2::Se2;
 
 use super::mosaic::Mosaic;
 use super::{DrawnMap, MapFile, side_value};

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use safetensors::tensor::{Metadata, TensorInfo};
 use sha2::{Digest, Sha256};
-use tactile_data::bounded_file;
+use tactile_data::file::bounded_file;
 
 use super::{CHECKSUM, SCHEMA, hex};
 use crate::embedding::precision::Precision;

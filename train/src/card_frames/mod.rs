@@ -10,7 +10,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 use rayon::prelude::*;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 use tactile_infer::embedding::card::threads;
 
 use crate::batch::{Change, Drawn};

@@ -5,13 +5,13 @@ use std::path::{Component, Path, PathBuf};
 
 use super::LeRobot;
 use super::state;
+use crate::dataset::touch::Touch;
 use crate::error::{Error, Result};
-use crate::lamps::CalibratedLamps;
-use crate::lerobot::{INFO, Info, STATE, Sensor};
+use crate::light::lamps::CalibratedLamps;
 use crate::recording::folder::{Import, Imported, NoContact};
 use crate::recording::geometry::Geometry;
+use crate::recording::lerobot::format::{INFO, Info, STATE, Sensor};
 use crate::recording::parquet::{Layout, Tables};
-use crate::touch::Touch;
 
 /// What LeRobot itself adds to each frame.
 const ADDED: [&str; 5] = ["timestamp", "frame_index", "episode_index", "index", "task_index"];

@@ -1,6 +1,8 @@
 //! A LeRobot dataset of version 3 whose touches are pictures (dtype image), read with the feature `lerobot`.
 
 #[cfg(feature = "lerobot")]
+pub mod format;
+#[cfg(feature = "lerobot")]
 mod import;
 #[cfg(feature = "lerobot")]
 mod state;
@@ -13,9 +15,9 @@ use std::path::Path;
 #[cfg(feature = "lerobot")]
 pub use import::import;
 
+use crate::dataset::touch::Side;
+use crate::pose::se2::Se2;
 use crate::recording::folder::Import;
-use crate::se2::Se2;
-use crate::touch::Side;
 
 #[cfg(not(feature = "lerobot"))]
 use crate::error::{Error, Result};

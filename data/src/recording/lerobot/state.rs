@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::error::{Error, Result};
-use crate::lerobot::{Feature, STATE};
+use crate::recording::lerobot::format::{Feature, STATE};
 use crate::recording::parquet::State;
 
 /// The names of an export.

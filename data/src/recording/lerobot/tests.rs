@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::*;
+use crate::dataset::export;
+use crate::dataset::export::tests::{PX, dataset_of, frame, quiet};
+use crate::dataset::store::{Dataset, Meta};
+use crate::dataset::touch::Touch;
 use crate::error::Result;
-use crate::export;
-use crate::export::tests::{PX, dataset_of, frame, quiet};
-use crate::lamps::Lamps;
-use crate::lerobot::columns::{Column, Table, Values};
-use crate::lerobot::{INFO, PICTURES, data_file};
-use crate::picture;
+use crate::frame::picture;
+use crate::light::lamps::Lamps;
 use crate::recording::folder::{Imported, NoContact};
-use crate::store::{Dataset, Meta};
-use crate::touch::Touch;
+use crate::recording::lerobot::format::columns::{Column, Table, Values};
+use crate::recording::lerobot::format::{INFO, PICTURES, data_file};
 
 /// Touches of which everything is known, some of it, and nothing.
 fn touches() -> Vec<Touch> {

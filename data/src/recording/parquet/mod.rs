@@ -24,7 +24,7 @@ pub use rows::import;
 #[cfg(feature = "lerobot")]
 pub(super) use table::{Layout, State};
 
-use crate::picture::is_picture;
+use crate::frame::picture::is_picture;
 
 #[cfg(not(feature = "parquet"))]
 use crate::error::{Error, Result};

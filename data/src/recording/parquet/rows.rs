@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::dataset::store::provenance::sha256;
 use crate::error::{Error, Result};
 use crate::recording::contradiction;
 use crate::recording::folder::{Import, Imported, begin, frames_of};
@@ -9,8 +10,7 @@ use crate::recording::index::{COLUMNS, Place, Row};
 use crate::recording::parquet::shards;
 use crate::recording::parquet::table::{Layout, Table};
 use crate::recording::pipeline::{Item, Picture, push};
-use crate::store::provenance::sha256;
-use crate::suggest::with_closest;
+use crate::text::suggest::with_closest;
 
 /// Imports `source`, a Parquet file or a folder of shards, to a dataset at `out`, as
 /// [`folder::import`](crate::recording::folder::import) does a folder with an index. Columns that an index does not

@@ -15,8 +15,8 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::schema::types::ColumnDescriptor;
 use serde_json::{Map, Number, Value};
 
-use crate::bounded_file;
 use crate::error::{Error, Result};
+use crate::file::bounded_file;
 use crate::recording::index::{COLUMNS, Place, Row, TEXT, touch_of};
 
 /// Which columns of a file hold what.

@@ -7,9 +7,9 @@ use parquet::basic::{Compression, GzipLevel};
 
 use super::test_table::{Cells, png, table};
 use super::*;
+use crate::dataset::store::Dataset;
 use crate::error::Result;
 use crate::recording::folder::{self, Import, Imported, NoContact};
-use crate::store::Dataset;
 
 const N: usize = 7;
 

@@ -4,12 +4,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::dataset::store::provenance;
 use crate::error::{Error, Result};
 pub use crate::recording::ros::bag_message::{Channel, Message};
 use crate::recording::ros::mcap_file::McapFile;
 #[cfg(feature = "ros1")]
 use crate::recording::ros::ros1::Ros1File;
-use crate::store::provenance;
 
 /// A recording's files, in order.
 #[derive(Clone, Debug)]

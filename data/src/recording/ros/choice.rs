@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::recording::ros::survey::{Survey, is_picture, is_pose};
-use crate::suggest::with_closest;
+use crate::text::suggest::with_closest;
 
 /// The topic of pictures: the one that is named, or the only one.
 ///

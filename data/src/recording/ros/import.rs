@@ -5,10 +5,13 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::contact::{self, FrameContact};
+use crate::dataset::store::{self, DatasetWriter, Meta};
+use crate::dataset::touch::{Side, Touch};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
-use crate::picture;
+use crate::frame::picture;
+use crate::pose::se2::Se2;
+use crate::recording::contact::{self, FrameContact};
 use crate::recording::folder::NoContact;
 use crate::recording::geometry::{Geometry, View};
 use crate::recording::pipeline::{Item, Picture, push};
@@ -21,9 +24,6 @@ use crate::recording::ros::placement::{Placement, Placer};
 use crate::recording::ros::pose_track::PoseTrack;
 use crate::recording::ros::survey::Survey;
 use crate::recording::ros::touches::{self, Picked, Touches};
-use crate::se2::Se2;
-use crate::store::{self, DatasetWriter, Meta};
-use crate::touch::{Side, Touch};
 
 /// Frames whose contact is judged at once, on all cores.
 const BATCH: usize = 64;

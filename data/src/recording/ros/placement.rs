@@ -1,8 +1,8 @@
 //! From the poses of a bag to the sensor's poses on the part.
 
+use crate::pose::se2::Se2;
 use crate::recording::ros::pose_track::FoundPose;
 use crate::recording::ros::rigid::Rigid;
-use crate::se2::Se2;
 
 /// A sensor tilted by more than this does not touch a plate with its whole gel, degrees.
 const MOST_TILT_DEG: f64 = 5.0;

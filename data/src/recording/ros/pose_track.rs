@@ -79,7 +79,7 @@ fn between(poses: &[TimedPose], time_ns: i64, max_gap_ns: i64) -> Option<FoundPo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::se2::Se2;
+    use crate::pose::se2::Se2;
 
     fn track(poses: &[(i64, f64, &str)]) -> PoseTrack {
         let pose = |(time_ns, x_mm, frame): &(i64, f64, &str)| TimedPose {

@@ -8,8 +8,8 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::bounded_file;
 use crate::error::{Error, Result};
+use crate::file::bounded_file;
 
 /// The largest record, and the largest message once it is unpacked, bytes: a picture of 9000 x 9000 pixels.
 pub const MAX_RECORD_BYTES: u64 = 1 << 28;

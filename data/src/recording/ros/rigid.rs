@@ -3,8 +3,8 @@
 use std::ops::Mul;
 
 use crate::error::{Error, Result};
+use crate::pose::se2::Se2;
 use crate::recording::ros::messages::Pose;
-use crate::se2::Se2;
 
 /// Metres to millimetres.
 const MM_PER_M: f64 = 1000.0;

@@ -1,7 +1,7 @@
 //! Which frames of a film are touches, and where the sensor was.
 
-use crate::contact::{FrameContact, contact_runs};
 use crate::error::Result;
+use crate::recording::contact::{FrameContact, contact_runs};
 use crate::recording::ros::pose_track::{FoundPose, PoseTrack};
 
 /// The first frames of a contact, in which the gel still gives way and the camera's exposure still follows.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use crate::error::{Error, Result};
 use crate::recording::ros::rigid::Rigid;
-use crate::suggest::with_closest;
+use crate::text::suggest::with_closest;
 
 /// One frame in another, over time.
 #[derive(Clone, Debug, Default)]
@@ -116,7 +116,7 @@ impl Chain {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::se2::Se2;
+    use crate::pose::se2::Se2;
 
     fn at(x_mm: f64, y_mm: f64, theta_deg: f64) -> Se2 {
         Se2::from_degrees(x_mm, y_mm, theta_deg)

@@ -1,9 +1,9 @@
 //! Known rigs, by name.
 
 use super::{LightRig, Quadratic, Shadow, Walls};
-use crate::lamps::{MINI_ALONG_X, MINI_ALONG_Y};
+use crate::light::lamps::{MINI_ALONG_X, MINI_ALONG_Y};
 
-/// What the same table leaves for walls ([`MINI_ALONG_X`](crate::lamps::MINI_ALONG_X)).
+/// What the same table leaves for walls ([`MINI_ALONG_X`](crate::light::lamps::MINI_ALONG_X)).
 const TABLE_STEEP: [Quadratic; 3] = [
     [-17.5, -8.4, 22.7, 21.0, -28.7, -17.6],
     [-14.6, 3.3, -1.0, 11.5, 12.8, -11.9],

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use tactile_data::se2::Se2;
-use tactile_data::shape::Shape;
-use tactile_data::simulator::frame_rng;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
+use tactile_data::scene::shape::Shape;
+use tactile_data::sensor::simulator::frame_rng;
 use tactile_filter::{Episode, KnownStart, Observation};
 use tactile_infer::Bank;
 
@@ -108,7 +108,7 @@ fn far_apart(outline: &Shape, n: usize, reach_mm: f64) -> Vec<Se2> {
 
 #[cfg(test)]
 mod tests {
-    use tactile_data::shape::Shape;
+    use tactile_data::scene::shape::Shape;
 
     use super::*;
 

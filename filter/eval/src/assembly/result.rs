@@ -1,7 +1,7 @@
 //! What an assembly found, as other programs read it: `assembly.json`.
 
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 use tactile_filter::StopReason;
 

@@ -8,10 +8,10 @@ mod state;
 use std::sync::Arc;
 
 use rand::RngExt;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::{Background, Frame};
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::pose::se2::Se2;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_filter::{Action, Episode, EpisodeConfig, Estimate, Sensor};
 use tactile_infer::Bank;
 

@@ -1,7 +1,7 @@
 //! What a page draws of a hole that is touched by hand.
 
 use serde::Serialize;
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::{Estimate, StopReason};
 
 use super::ByHand;

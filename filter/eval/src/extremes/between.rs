@@ -5,7 +5,7 @@
 //! is taken as a product of those along each axis, each between the recorded lines around, and is corrected by what
 //! it is half way along several axes, where it is found from the embedding itself.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_filter::TouchModel;
 use tactile_infer::calibration::Spread;
 
@@ -249,7 +249,7 @@ fn strides(grid: &PoseGrid) -> [usize; 3] {
 mod tests {
     use super::*;
     use crate::extremes::reference::Pose;
-    use tactile_data::se2::Se2;
+    use tactile_data::pose::se2::Se2;
 
     const SMALL: PoseGrid = PoseGrid { xy_half_mm: 4.0, xy_step_mm: 2.0, theta_half_deg: 30.0, theta_step_deg: 15.0 };
 

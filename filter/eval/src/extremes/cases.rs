@@ -2,9 +2,9 @@
 
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::symmetry::Symmetry;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
+use tactile_data::pose::symmetry::Symmetry;
 use tactile_infer::Bank;
 use tactile_infer::bank::rows::Rows;
 

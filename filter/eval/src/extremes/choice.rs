@@ -5,8 +5,8 @@
 
 use std::sync::Arc;
 
-use tactile_data::se2::Se2;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::{Episode, TouchModel};
 use tactile_infer::embedding::precision::Precision;
 

@@ -2,8 +2,8 @@
 
 use std::cell::Cell;
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 
 use super::between::Recorded;
 use super::place::{Place, trust};

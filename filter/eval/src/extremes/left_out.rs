@@ -1,7 +1,7 @@
 //! What the exact engine leaves out, against the f64 reference over all states.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::Observation;
 use tactile_filter::TouchModel;
 use tactile_filter::belief::{Belief, EngineConfig};

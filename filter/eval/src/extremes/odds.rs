@@ -1,7 +1,7 @@
 //! The likelihood of one touch at its extremes: how steep it is, how near and how far views are, how rare touches.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::Observation;
 use tactile_filter::TouchModel;
 use tactile_filter::belief::EngineConfig;

@@ -1,7 +1,7 @@
 //! Where a pose is among the recorded ones: splines along each axis, and how far a view is trusted.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::bank::between::Around;
 
 use super::reference::Pose;

@@ -1,7 +1,7 @@
 //! Where a part is and how sure that is, from the definition, in f64. Only this file says what [`covariance`] is.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 
 use super::evidence::Evidence;
 use super::reference::{Pose, poses};

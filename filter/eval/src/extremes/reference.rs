@@ -3,8 +3,8 @@
 //! Rotations are matrices, the nearest view is found by trying all, inner products are f64, and every
 //! state's logs are added up touch by touch.
 
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 
 use tactile_filter::TouchModel;
 

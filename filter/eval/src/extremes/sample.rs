@@ -2,8 +2,8 @@
 
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 use tactile_infer::bank::rows::Rows;
 use tactile_infer::bank::similarity::normalize_rows;

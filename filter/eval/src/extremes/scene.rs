@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::TouchModel;
 use tactile_filter::{Episode, EpisodeConfig, Observation};
 use tactile_infer::Bank;

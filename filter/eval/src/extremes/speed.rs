@@ -4,8 +4,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use serde::Serialize;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::Bank;
 
 use super::sample::Sample;

@@ -1,7 +1,7 @@
 //! What every drawing on a part shares: its outline, its frame, lengths and poses.
 
 use maud::{Markup, PreEscaped};
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 /// A reference to the outline of a part, which `rows::outlines` defines.
 pub fn outline(part: usize) -> Markup {

@@ -8,8 +8,8 @@ mod rows;
 pub mod viewer;
 
 use tactile_data::frame::{Background, Frame, Preprocessing, TactileImage};
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::belief::Belief;
 use tactile_filter::choice::{ActionRule, Choice};
 use tactile_filter::{Episode, Presence};

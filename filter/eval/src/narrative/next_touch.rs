@@ -1,7 +1,7 @@
 //! Why this next touch: the candidates as the rule judged them, drawn where they are thought to lead, and in words.
 
 use maud::{Markup, html};
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_filter::choice::{ActionRule, Expected, Scored};
 
 use super::drawing::{mm, outline, transform, view_box};
@@ -156,7 +156,7 @@ fn information(expected: &Expected, board: &Board) -> Markup {
 mod tests {
     use super::*;
     use crate::narrative::PartPicture;
-    use tactile_data::grid::PoseGrid;
+    use tactile_data::pose::grid::PoseGrid;
 
     fn board() -> Board {
         let part = |name: &str| PartPicture { name: name.into(), outline_mm: Vec::new() };

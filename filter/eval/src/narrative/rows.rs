@@ -2,7 +2,7 @@
 //! how probable each place is.
 
 use maud::{Markup, html};
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 use tactile_infer::maps::mosaic::Difference;
 
 use super::drawing::{mm, outline, transform, view_box};

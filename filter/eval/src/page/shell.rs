@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
-use tactile_data::bounded_file::{self, Kind};
+use tactile_data::file::bounded_file::{self, Kind};
 use tactile_infer::safefile::write_whole;
 
 use crate::error::{Error, Result};

@@ -84,7 +84,7 @@ impl PaperNumbers {
 mod tests {
     use super::*;
     use crate::result::tests::published;
-    use tactile_data::touch::Side;
+    use tactile_data::dataset::touch::Side;
     use tactile_infer::Views;
 
     #[test]

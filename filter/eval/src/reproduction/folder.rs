@@ -9,7 +9,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use maud::{Markup, html};
-use tactile_data::bounded_file::{self, Kind};
+use tactile_data::file::bounded_file::{self, Kind};
 use tactile_filter::budget::Tradeoff;
 
 use super::experiments::Experiments;

@@ -7,7 +7,7 @@
 //! little: prints of a part resemble each other.
 
 use rand::RngExt;
-use tactile_data::simulator::frame_rng;
+use tactile_data::sensor::simulator::frame_rng;
 
 use super::{Z_95, quantile};
 

@@ -2,10 +2,10 @@
 
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
-use tactile_data::export::jpeg;
+use tactile_data::dataset::export::jpeg;
 use tactile_data::frame::Frame;
 use tactile_data::recording::ros::messages::{CompressedImage, Header, Image, Time, to_cdr};
-use tactile_data::simulator::frame_rng;
+use tactile_data::sensor::simulator::frame_rng;
 
 use crate::error::Result;
 use crate::robot::{RobotSettings, Sent};

@@ -8,12 +8,12 @@ mod camera;
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::StandardNormal;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Frame;
+use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{Header, PoseStamped, PoseWithCovarianceStamped, Time, from_cdr, to_cdr};
 use tactile_data::recording::ros::rigid::Rigid;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_filter::StopReason;
 
 pub use camera::Faults;
@@ -139,7 +139,7 @@ pub struct Robot {
     settings: RobotSettings,
     simulator: Simulator,
     base_from_part: Rigid,
-    reach: tactile_data::grid::PoseGrid,
+    reach: tactile_data::pose::grid::PoseGrid,
     camera: Camera,
     hole: Hole,
     phase: Phase,
@@ -406,7 +406,7 @@ fn read_decision(cdr: &[u8]) -> Option<DecisionReport> {
 
 impl Hole {
     /// The hole of an episode as an evaluation of this seed draws it: part and pose anywhere in the recorded range.
-    fn draw(simulator: &Simulator, reach: &tactile_data::grid::PoseGrid, seed: u64, episode: usize) -> Self {
+    fn draw(simulator: &Simulator, reach: &tactile_data::pose::grid::PoseGrid, seed: u64, episode: usize) -> Self {
         let stream = (episode as u64 + 1) << 20;
         let mut rng = frame_rng(seed ^ HOLES, stream);
         let part = rng.random_range(0..simulator.parts().len());

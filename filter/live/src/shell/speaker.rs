@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use tactile_data::printable::{printable, printable_json};
+use tactile_data::text::printable::{printable, printable_json};
 
 use crate::shell::Spoken;
 

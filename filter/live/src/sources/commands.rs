@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 use crate::error::{Error, Result};
 use crate::event::{Input, Request};

@@ -11,10 +11,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use tactile_data::bounded_file::{self, Kind};
-use tactile_data::picture::is_picture;
-use tactile_data::se2::Se2;
-use tactile_data::whole_file;
+use tactile_data::file::bounded_file::{self, Kind};
+use tactile_data::file::whole_file;
+use tactile_data::frame::picture::is_picture;
+use tactile_data::pose::se2::Se2;
 
 use crate::error::{Error, Result};
 use crate::event::{Input, Request};

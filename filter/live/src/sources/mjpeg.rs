@@ -130,7 +130,7 @@ impl Splitter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tactile_data::export::jpeg;
+    use tactile_data::dataset::export::jpeg;
     use tactile_data::frame::Frame;
 
     fn picture(seed: usize) -> Vec<u8> {

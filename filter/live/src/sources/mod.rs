@@ -7,9 +7,9 @@ pub mod mjpeg;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
+use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{CompressedImage, Header, PoseStamped, to_cdr};
 use tactile_data::recording::ros::rigid::Rigid;
-use tactile_data::se2::Se2;
 
 use crate::event::Input;
 

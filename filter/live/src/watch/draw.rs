@@ -5,8 +5,8 @@ use ratatui::layout::{Alignment, Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
-use tactile_data::printable::printable;
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
+use tactile_data::text::printable::printable;
 
 use super::heat::{self, Mark, arrow};
 use super::view::{Camera, Level, Message, Part, Pressed, View};

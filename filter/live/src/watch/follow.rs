@@ -1,7 +1,7 @@
 //! A view that follows what a node publishes: from the node itself, the network or a log, which all have the same bytes.
 
+use tactile_data::pose::se2::Se2;
 use tactile_data::recording::ros::messages::{DiagnosticArray, Level as Status, OccupancyGrid, Text, from_cdr};
-use tactile_data::se2::Se2;
 use tactile_filter::StopReason;
 
 use super::view::{Camera, Level, Message, Part, Place, PlaceMap, Pressed, View};

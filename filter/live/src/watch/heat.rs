@@ -3,7 +3,7 @@
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 use super::view::PlaceMap;
 

@@ -1,7 +1,7 @@
 //! What the terminal shows, as plain data.
 
 use serde::Serialize;
-use tactile_data::se2::Se2;
+use tactile_data::pose::se2::Se2;
 
 /// One moment of an episode.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

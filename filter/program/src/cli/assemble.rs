@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use clap::Args;
-use tactile_data::output;
-use tactile_data::progress::reporter;
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
+use tactile_data::program::progress::reporter;
 use tactile_data::scene::Scene;
-use tactile_data::simulator::Simulator;
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::Simulator;
 use tactile_eval::assembly::{Assembly, Group, Insertion, Run, Task, Workcell, html, trial};
 use tactile_eval::fits::check_bank;
 use tactile_eval::holes::Holes;

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::{ArgGroup, Args};
-use tactile_data::bounded_file::{self, Kind};
+use tactile_data::file::bounded_file::{self, Kind};
 use tactile_data::frame::Frame;
-use tactile_data::grid::PoseGrid;
-use tactile_data::printable::printable;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::text::printable::printable;
 use tactile_eval::report::knobs::in_words;
 use tactile_eval::result::{Promise, PromisedShare};
 use tactile_eval::{Error, Result};

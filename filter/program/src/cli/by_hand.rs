@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
 use serde::Deserialize;
-use tactile_data::grid::PoseGrid;
-use tactile_data::progress::reporter;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
+use tactile_data::program::progress::reporter;
 use tactile_data::scene::Scene;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::Simulator;
+use tactile_data::sensor::simulator::Simulator;
 use tactile_eval::by_hand::ByHand;
 use tactile_filter::{EpisodeConfig, Sensor};
 use tactile_infer::bank::learn_from::LearnFrom;

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tactile_data::touch::Side;
-use tactile_data::{output, program};
+use tactile_data::dataset::touch::Side;
+use tactile_data::file::output;
+use tactile_data::program;
 use tactile_eval::certify::{Certified, certify};
 use tactile_eval::{Error, Result};
 use tactile_filter::Settings;

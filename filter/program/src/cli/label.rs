@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use tactile_data::dataset::store::{Dataset, DatasetWriter};
+use tactile_data::dataset::touch::{Side, Touch};
 use tactile_data::program;
-use tactile_data::store::{Dataset, DatasetWriter};
-use tactile_data::touch::{Side, Touch};
 use tactile_eval::Result;
 use tactile_eval::replay::Played;
 use tactile_filter::Episode;

@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf, absolute};
 
-use tactile_data::npy;
-use tactile_data::output::prepare_file;
+use tactile_data::file::output::prepare_file;
+use tactile_data::frame::npy;
 use tactile_data::program;
 use tactile_data::scene::{PartFile, Parts, Scene};
 use tactile_eval::{Error, Result};

@@ -8,9 +8,9 @@ use std::sync::mpsc::Receiver;
 
 use clap::Args;
 use serde_json::{Map, Value};
-use tactile_data::bounded_file::{self, Kind};
-use tactile_data::calibrate::Calibration;
-use tactile_data::output::check_file;
+use tactile_data::file::bounded_file::{self, Kind};
+use tactile_data::file::output::check_file;
+use tactile_data::light::calibrate::Calibration;
 use tactile_data::scene::Scene;
 use tactile_infer::Model;
 use tactile_live::log::Setup;

@@ -4,11 +4,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use tactile_data::output::prepare_file;
-use tactile_data::printable::printable_json;
-use tactile_data::store::{Dataset, FILES};
-use tactile_data::touch_light::SensorLight;
-use tactile_data::{picture, program};
+use tactile_data::dataset::store::{Dataset, FILES};
+use tactile_data::file::output::prepare_file;
+use tactile_data::frame::picture;
+use tactile_data::light::touch_light::SensorLight;
+use tactile_data::program;
+use tactile_data::text::printable::printable_json;
 use tactile_eval::Error;
 use tactile_eval::fits::warn_of_played;
 use tactile_eval::replay::{Replayed, episodes, play};

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use tactile_data::{output, program};
+use tactile_data::file::output;
+use tactile_data::program;
 use tactile_eval::Result;
 use tactile_eval::page::shell::{check_page, write_page};
 use tactile_eval::reproduction;

@@ -34,8 +34,8 @@ impl RobotArgs {
     /// Runs the command.
     #[cfg(feature = "ros2")]
     pub fn run(self) -> Result<()> {
+        use tactile_data::dataset::touch::Side;
         use tactile_data::scene::Scene;
-        use tactile_data::touch::Side;
         use tactile_live::shell::ros_robot::RobotNetwork;
 
         use tactile_live::shell::speaker::Speaker;

@@ -3,9 +3,9 @@
 use std::str::FromStr;
 
 use clap::Args;
+use tactile_data::dataset::touch::Side;
 use tactile_data::scene::Scene;
-use tactile_data::simulator::Simulator;
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::Simulator;
 use tactile_live::robot::{Faults, Outcome, Robot, RobotSettings};
 use tactile_live::{Error, Result};
 

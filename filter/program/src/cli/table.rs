@@ -1,7 +1,7 @@
 //! An evaluation as a table on the terminal.
 
-use tactile_data::printable::printable;
 use tactile_data::program;
+use tactile_data::text::printable::printable;
 use tactile_eval::result::{Evaluation, Method, PromisedShare, Row};
 
 /// Prints it; `inside_out` is the Pixel baseline with its pictures turned inside out.

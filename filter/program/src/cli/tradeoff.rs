@@ -7,11 +7,11 @@ use std::sync::Arc;
 
 use clap::Args;
 use serde::{Deserialize, Serialize};
-use tactile_data::bounded_file::{self, Kind};
-use tactile_data::output_lock::OutputLock;
+use tactile_data::dataset::shard::Shard;
+use tactile_data::file::bounded_file::{self, Kind};
+use tactile_data::file::output_lock::OutputLock;
 use tactile_data::program;
-use tactile_data::progress::Progress;
-use tactile_data::shard::Shard;
+use tactile_data::program::progress::Progress;
 use tactile_eval::evaluate::Protocol;
 use tactile_eval::report::{knobs::in_words, tradeoff as page};
 use tactile_eval::result::Poses;

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use serde_json::json;
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 use tactile_eval::narrative::picture;
 use tactile_infer::Bank;
 use tactile_infer::maps::mosaic::Mosaic;

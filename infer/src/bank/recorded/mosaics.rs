@@ -1,9 +1,9 @@
 //! The mosaics of recorded pegs: no drawing of the parts is needed for them.
 
 use rayon::prelude::*;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::TactileImage;
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
 
 use super::{Peg, pegs};
 use crate::bank::Bank;

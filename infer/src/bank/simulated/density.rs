@@ -4,11 +4,11 @@
 //! seen half way between two of them, where it is farthest off: the view is touched there, and at the four places.
 
 use rand::RngExt;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Background;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::Se2;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 
 use crate::bank::between::Around;
 use crate::bank::similarity::dot;

@@ -1,11 +1,11 @@
 //! What a verifier says of the touches of a scene's parts, where they were made.
 
 use rand::RngExt;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Background;
+use tactile_data::pose::se2::Se2;
 use tactile_data::scene::Scene;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 
 use crate::calibration::{BLANK_SHARE, Spread};
 use crate::embedding::threads;

@@ -6,7 +6,7 @@
 //! part is touched once, however often one is left out.
 
 use tactile_data::scene::Scene;
-use tactile_data::simulator::Simulator;
+use tactile_data::sensor::simulator::Simulator;
 
 use crate::bank::Bank;
 use crate::bank::learn_from::Learning;
@@ -186,8 +186,10 @@ mod tests {
         let loaded = Bank::load(&path, &model).unwrap();
         assert_eq!(loaded, kept);
         // The scene says other poses than the bank has.
-        let coarse =
-            Scene { reach: made.reach.map(|reach| tactile_data::grid::PoseGrid { xy_step_mm: 8.0, ..reach }), ..made };
+        let coarse = Scene {
+            reach: made.reach.map(|reach| tactile_data::pose::grid::PoseGrid { xy_step_mm: 8.0, ..reach }),
+            ..made
+        };
         let again = |scene: &Scene| Learner::of_bank(&model, &loaded, scene, &|_, _| ());
         let learnt = again(&coarse).unwrap().without(0).unwrap();
         let expected = learner(&model, &scene, "KLM").without(0).unwrap().with_declared("L", Some(2)).unwrap();

@@ -1,10 +1,10 @@
 //! How well the touches of each part match its own views, and the metric in which they do best, measured in simulation.
 
 use rand::RngExt;
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::Background;
-use tactile_data::se2::Se2;
-use tactile_data::simulator::{Simulator, frame_rng};
-use tactile_data::touch::Side;
+use tactile_data::pose::se2::Se2;
+use tactile_data::sensor::simulator::{Simulator, frame_rng};
 
 use crate::bank::Bank;
 use crate::bank::between::is_fine;

@@ -3,12 +3,12 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
+use tactile_data::dataset::generate::{Places, plan, render};
+use tactile_data::dataset::touch::Side;
 use tactile_data::frame::{Background, TactileImage};
-use tactile_data::generate::{Places, plan, render};
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_data::scene::Scene;
-use tactile_data::simulator::Simulator;
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::Simulator;
 
 use super::expected::expected_of_scene;
 use crate::bank::Bank;

@@ -5,10 +5,10 @@ mod sensors;
 mod steepness;
 
 use serde::Serialize;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 use crate::bank::Bank;
 use crate::bank::metric::by_cosine;

@@ -1,7 +1,7 @@
 //! How steep the likelihood of one touch is under a user's own sensor: the factor of the fitted steepness at which touches of known
 //! parts are most probable at their own states, among all views of a bank ([`crate::calibration::match_odds`]).
 
-use tactile_data::touch::Side;
+use tactile_data::dataset::touch::Side;
 
 use crate::bank::Bank;
 use crate::calibration::match_odds::{MatchOdds, OUTLIER_SHARE, distance};

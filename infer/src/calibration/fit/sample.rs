@@ -1,10 +1,10 @@
 //! Touches whose parts and poses are known, each compared with the states of the parts that it might be of.
 
 use rayon::prelude::*;
-use tactile_data::grid::PoseGrid;
-use tactile_data::se2::{Se2, wrap_angle};
-use tactile_data::store::Dataset;
-use tactile_data::touch::Side;
+use tactile_data::dataset::store::Dataset;
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::grid::PoseGrid;
+use tactile_data::pose::se2::{Se2, wrap_angle};
 
 use super::states::{TIMES, states};
 use crate::bank::Bank;

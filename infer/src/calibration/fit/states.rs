@@ -1,6 +1,6 @@
 //! Embeddings of one part at all the states that the filter weighs: the recorded poses, and half way between them.
 
-use tactile_data::grid::PoseGrid;
+use tactile_data::pose::grid::PoseGrid;
 
 use crate::bank::between::Around;
 use crate::bank::similarity::dot;
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use crate::bank::Bank;
     use crate::bank::rows::Rows;
-    use tactile_data::se2::Se2;
+    use tactile_data::pose::se2::Se2;
 
     /// As the bank interpolates one pose after the other.
     #[test]

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::test_bag::{End, PACKINGS, bag, image, pose, transform};
 use super::*;
+use crate::dataset::store::Dataset;
+use crate::pose::se2::Se2;
 use crate::recording::ros::bag::Bag;
 use crate::recording::ros::cdr::Reader;
 use crate::recording::ros::import::tests::how;
@@ -15,8 +17,6 @@ use crate::recording::ros::messages::{
     self, CompressedImage, Header, Image, Message as _, PoseStamped, TFMessage, Time, TransformStamped, to_cdr,
 };
 use crate::recording::ros::test_bag::{self, Packing, Received, Sent, expected, in_plane};
-use crate::se2::Se2;
-use crate::store::Dataset;
 
 fn sent() -> Vec<Sent> {
     let message = |i| match i % 3 {

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use clap::Args;
 use serde::{Deserialize, Serialize};
-use tactile_data::grid::PoseGrid;
+use tactile_data::dataset::store::{self, Dataset};
+use tactile_data::dataset::touch::Side;
+use tactile_data::pose::grid::PoseGrid;
 use tactile_data::scene::Scene;
-use tactile_data::simulator::Simulator;
-use tactile_data::store::{self, Dataset};
-use tactile_data::touch::Side;
+use tactile_data::sensor::simulator::Simulator;
 use tactile_eval::holes::{OwnedHoles, RecordedHoles};
 use tactile_eval::recorded_steps::RecordedSteps;
 use tactile_eval::result::Poses;
