@@ -1,4 +1,4 @@
-//! Files that are whole or not there: read within bounds, written beside and renamed, never over an input.
+//! Files that are whole or not there: read within bounds, written under another name and renamed, never over an input.
 
 pub mod bounded_file;
 #[cfg(feature = "datasets")]
