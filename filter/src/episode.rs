@@ -190,7 +190,7 @@ impl Episode {
     /// episode of the run ([`EpisodeConfig::sensor`]), as long as gel and camera stay.
     pub fn learn(&self) -> SensorMatch {
         let sensor = self.config.sensor;
-        self.asked().confident().map_or(sensor, |scores| sensor.with(scores))
+        self.asked().confident().map_or(sensor, |scores| sensor.with(&self.config.model, scores))
     }
 
     /// What the touches so far show of what they were made on, about the named part's origin; `None` where the model draws no maps.

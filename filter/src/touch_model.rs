@@ -8,7 +8,7 @@ use tactile_infer::Model;
 use tactile_infer::bank::views::Views;
 use tactile_infer::calibration::match_odds::OUTLIER_SHARE;
 use tactile_infer::calibration::presence::{PresenceOdds, Tail};
-use tactile_infer::calibration::{BLANK_SHARE, Between, Calibration, Spread};
+use tactile_infer::calibration::{BLANK_SHARE, Calibration, Spread};
 
 use crate::error::Result;
 use crate::likelihood::interpolation::Interpolation;
@@ -53,18 +53,12 @@ numbers! {
         /// was made at, mean ...
         matched_mean: f64 = 0.94, "cosine", Range::COSINE,
             Measured: "the bank, of each part; where it does not know, or of the user's own sensor, the calibration"; "a present part is refused";
-        /// ... and standard deviations: of the touches of one hole, where the bank does not know it of the part, ...
-        matched_sd: f64 = 0.0285, "cosine", Range::POSITIVE,
-            Measured: "the bank, of each part; where it does not know, calibration over sensors and parts"; "a present part is refused";
-        /// ... from sensor to sensor, ...
-        matched_sensors: f64 = 0.0, "cosine", Range::NOT_NEGATIVE,
-            Measured: "calibration over sensors and parts"; "many touches refuse a present part";
-        /// ... from hole to hole beyond that ...
-        matched_holes: f64 = 0.0095, "cosine", Range::NOT_NEGATIVE,
-            Measured: "calibration over sensors and parts"; "many touches refuse a present part";
-        /// ... and from part to part, where the bank does not know the part.
-        matched_parts: f64 = 0.0325, "cosine", Range::NOT_NEGATIVE,
-            Measured: "calibration over sensors and parts"; "a bank of recorded pegs refuses a part that matches worse than most";
+        /// ... and standard deviation ...
+        matched_sd: f64 = 0.03, "cosine", Range::POSITIVE,
+            Measured: "calibration; of each part the larger of that and the bank's"; "a present part is refused";
+        /// ... of whose square the touches of one hole have this share in common: the same print, the same sensor.
+        matched_shared: f64 = SHARED_VARIANCE, "", Range::SHARE,
+            Measured: "calibration over sensors; 0.1 of it is fixed (T small anywhere)"; "many touches refuse a present part";
         /// Touches so far from each other, or turned by a radian, have all but 1 / e of their error for themselves: the likelihood
         /// of a touch is taken to the power of `1 - exp(-sqrt((d / shared_mm)^2 + turn^2))` by the earlier touch nearest to it.
         /// Zero: all they say is multiplied.
@@ -146,34 +140,16 @@ impl TouchModel {
             of_model = of_model.with_presence(odds);
         }
         let Some(calibration) = calibration_of(model, side) else { return of_model };
+        let default = Spread { mean: of_model.matched_mean, sd: of_model.matched_sd };
+        let Spread { mean, sd } = calibration.matched.unwrap_or(default);
         Self {
+            matched_mean: mean,
+            matched_sd: sd.max(LEAST_SD),
+            matched_shared: shared_variance(calibration),
             sensor_views: calibration.prior.map(|_| calibration.views),
             low_similarity: calibration.low_similarity,
             steepness: of_model.steepness * calibration.steepness.unwrap_or(1.0),
-            ..of_model.matched_as(calibration)
-        }
-    }
-
-    /// With what a calibration measured of the cosine with the view touched. What it did not compare has the share of the variance
-    /// that it has here.
-    fn matched_as(self, calibration: &Calibration) -> Self {
-        let Some(Spread { mean, sd }) = calibration.matched else { return self };
-        let all = [self.matched_sd, self.matched_sensors, self.matched_holes, self.matched_parts];
-        let scale = sd / all.iter().map(|sd| sd * sd).sum::<f64>().sqrt();
-        let scaled = |value: f64| scale * value;
-        let between = calibration.between.unwrap_or(Between {
-            sensors: scaled(self.matched_sensors),
-            parts: scaled(self.matched_parts),
-            holes: scaled(self.matched_holes),
-        });
-        let common = [between.sensors, between.parts, between.holes].iter().map(|sd| sd * sd).sum::<f64>();
-        Self {
-            matched_mean: mean,
-            matched_sd: (sd * sd - common).max(0.0).sqrt().max(LEAST_SD),
-            matched_sensors: between.sensors,
-            matched_holes: between.holes,
-            matched_parts: between.parts,
-            ..self
+            ..of_model
         }
     }
 
@@ -192,9 +168,6 @@ impl TouchModel {
         Self {
             matched_mean: (1.0 - scale * (1.0 - self.matched_mean)).max(-1.0),
             matched_sd: scale * self.matched_sd,
-            matched_sensors: scale * self.matched_sensors,
-            matched_holes: scale * self.matched_holes,
-            matched_parts: scale * self.matched_parts,
             ..*self
         }
     }
@@ -252,6 +225,21 @@ pub(crate) const PAPER_TEMPERATURE: f64 = 0.08;
 /// What was measured of a model where a side is touched; without it, what was measured where holes are.
 pub(crate) fn calibration_of(model: &Model, side: Side) -> Option<&Calibration> {
     model.calibration(side).or_else(|| model.calibration(Side::Hole))
+}
+
+/// Share of the cosines' variance that the touches of one hole under one sensor have in common: the same print, the same
+/// network. On the tuning letters anywhere the mean of eight has a standard deviation of 0.015, each one of 0.034.
+pub(crate) const SHARED_VARIANCE: f64 = 0.1;
+
+/// The share with what sensors differ by, which all touches of one have in common.
+fn shared_variance(calibration: &Calibration) -> f64 {
+    match (calibration.between_sensors, calibration.matched) {
+        (Some(between), Some(matched)) if matched.sd > 0.0 => {
+            let between = (between / matched.sd).powi(2).min(1.0);
+            between + (1.0 - between) * SHARED_VARIANCE
+        }
+        _ => SHARED_VARIANCE,
+    }
 }
 
 /// Few touches may agree by chance; cosines of no sensor lie nearer together.

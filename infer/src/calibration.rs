@@ -35,9 +35,10 @@ pub struct Calibration {
     /// ([`Bank::cosine_at`](crate::Bank::cosine_at)); `None` in models calibrated before it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
-    /// What touches have in common of the standard deviation in `matched`. `None` where touches of one sensor were compared.
+    /// How far the mean of that differs from sensor to sensor, a standard deviation that is part of the one in
+    /// `matched`: touches of one sensor have it in common. `None` where touches of one sensor were compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub between: Option<Between>,
+    pub between_sensors: Option<f64>,
     /// How many times as much a distance of touch and view costs as was fitted ([`crate::calibration::match_odds`]), 1 at most: less under a rough
     /// sensor. `None` where nobody measured it, or of several sensors: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -58,18 +59,15 @@ impl Calibration {
     /// # Errors
     /// A cosine outside -1..=1, a negative spread, numbers that are not finite.
     pub fn validate(&self) -> Result<()> {
-        let Self { low_similarity, matched, between, .. } = *self;
+        let Self { low_similarity, matched, between_sensors, .. } = *self;
         let low = f64::from(low_similarity);
         check("low_similarity", "-1..=1", low, (-1.0..=1.0).contains(&low))?;
         if let Some(Spread { mean, sd }) = matched {
             check("matched", "a finite mean", mean, mean.is_finite())?;
             check("matched", "a finite deviation, not negative", sd, sd.is_finite() && sd >= 0.0)?;
         }
-        if let Some(Between { sensors, parts, holes }) = between {
-            for (name, sd) in [("between.sensors", sensors), ("between.parts", parts), ("between.holes", holes)] {
-                check(name, "a finite number, not negative", sd, sd.is_finite() && sd >= 0.0)?;
-            }
-        }
+        let between = between_sensors.unwrap_or(0.0);
+        check("between_sensors", "a finite number, not negative", between, between.is_finite() && between >= 0.0)?;
         let steepness = self.steepness.unwrap_or(1.0);
         check("steepness", "a positive number", steepness, steepness.is_finite() && steepness > 0.0)?;
         let Some(prior) = self.prior else { return Ok(()) };
@@ -85,7 +83,7 @@ impl Calibration {
             n_touches,
             low_similarity: self.low_similarity,
             matched: self.matched,
-            between: self.between,
+            between_sensors: self.between_sensors,
             views: self.views,
         };
         self.prior.map_or(own, |prior| Prior { n_touches, ..prior })
@@ -102,9 +100,9 @@ pub struct Prior {
     /// The cosine with the view that was touched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Spread>,
-    /// What touches have in common of its standard deviation.
+    /// How far the mean of that differs from sensor to sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub between: Option<Between>,
+    pub between_sensors: Option<f64>,
     /// What the bank's views were of.
     #[serde(default, skip_serializing_if = "Views::is_pegs")]
     pub views: Views,
@@ -113,25 +111,13 @@ pub struct Prior {
 impl Prior {
     /// What was known, in the place of what a calibration says.
     fn as_calibration(&self, of: &Calibration) -> Calibration {
-        let Self { n_touches: _, low_similarity, matched, between, views } = *self;
-        Calibration { low_similarity, matched, between, views, prior: None, ..*of }
+        let Self { n_touches: _, low_similarity, matched, between_sensors, views } = *self;
+        Calibration { low_similarity, matched, between_sensors, views, prior: None, ..*of }
     }
 }
 
 fn check(field: &str, expected: &str, got: f64, is_fine: bool) -> Result<()> {
     if is_fine { Ok(()) } else { Err(Error::invalid(field, expected, got.to_string())) }
-}
-
-/// What touches of many parts under many sensors have in common: standard deviations of the mean cosine with the view touched, each
-/// of which is part of that of all touches.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Between {
-    /// From sensor to sensor.
-    pub sensors: f64,
-    /// From part to part.
-    pub parts: f64,
-    /// From one hole to the next beyond what its sensor and its part explain: another print, a part that one sensor sees worse.
-    pub holes: f64,
 }
 
 /// Mean and spread of many values.

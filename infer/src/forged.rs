@@ -12,7 +12,7 @@ use crate::bank::similarity::normalize_rows;
 use crate::bank::views::Views;
 use crate::bank::{self, Bank};
 use crate::calibration::match_odds::MatchOdds;
-use crate::calibration::{Between, Calibration, Prior, Spread};
+use crate::calibration::{Calibration, Prior, Spread};
 use crate::embedding::architecture::NetworkConfig;
 use crate::embedding::checkpoint::{self, Checkpoint, Provenance};
 use crate::embedding::device::DeviceKind;
@@ -30,10 +30,16 @@ struct Whole {
 const CALIBRATION: Calibration = Calibration {
     low_similarity: 0.7,
     matched: Some(Spread { mean: 0.9, sd: 0.03 }),
-    between: Some(Between { sensors: 0.01, parts: 0.02, holes: 0.005 }),
+    between_sensors: Some(0.01),
     steepness: Some(0.8),
     views: Views::Pegs,
-    prior: Some(Prior { n_touches: 100.0, low_similarity: 0.7, matched: None, between: None, views: Views::Pegs }),
+    prior: Some(Prior {
+        n_touches: 100.0,
+        low_similarity: 0.7,
+        matched: None,
+        between_sensors: None,
+        views: Views::Pegs,
+    }),
     n_holes: 60,
 };
 
@@ -135,8 +141,7 @@ fn a_calibration_that_no_touches_give_is_refused_with_its_field() {
     for (at, values) in [
         ("/low_similarity", vec![json!(-2.0), json!(1e30), json!(null)]),
         ("/matched/sd", vec![json!(-1.0)]),
-        ("/between/sensors", vec![json!(-1.0)]),
-        ("/between/holes", vec![json!(-1.0)]),
+        ("/between_sensors", vec![json!(-1.0)]),
         ("/steepness", vec![json!(0.0), json!(-1.0)]),
         ("/prior/n_touches", vec![json!(-1.0)]),
         ("/prior/low_similarity", vec![json!(2.0)]),

@@ -27,7 +27,6 @@ impl Belief {
     pub(crate) fn scores(&self, part: usize, part_from_first: &Se2) -> Option<Scores> {
         let scores = self.touches.iter().filter_map(|touch| touch.standard_score(&self.views, part, part_from_first));
         let (sum, n) = scores.fold((0.0, 0), |(sum, n), score| (sum + score, n + 1));
-        let expected = self.touches.first()?.expected(part);
-        (n > 0).then(|| Scores { mean: sum / n as f64, n, expected })
+        (n > 0).then(|| Scores { mean: sum / n as f64, n })
     }
 }

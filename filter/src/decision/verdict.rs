@@ -246,7 +246,7 @@ impl<'a> Asked<'a> {
         let is_between = self.config.method.between_poses;
         let believed = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
         let scores = self.belief.scores(part, &believed);
-        let fit = scores.map(|scores| self.config.sensor.fit(scores));
+        let fit = scores.map(|scores| self.config.sensor.fit(&self.config.model, scores));
         match self.laid(part, &believed) {
             Some(Laid { part_from_first, hill, verified }) => {
                 Placed { part_from_first, hill: Some(hill), verified, scores, fit }

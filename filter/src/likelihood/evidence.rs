@@ -2,13 +2,14 @@
 
 use tactile_data::pose::grid::{NearestCell, PoseGrid};
 use tactile_data::pose::se2::Se2;
+use tactile_infer::calibration::Spread;
 
 use crate::belief::StartBelief;
 use crate::insertion::TriedStates;
 use crate::likelihood::interpolation::ViewWeights;
 use crate::likelihood::lattice::{LatticeWeights, in_planes};
 use crate::likelihood::nearest::{Nearest, nearest_view, trusted};
-use crate::likelihood::touch_likelihood::{ExpectedMatch, OnLattice, TouchLikelihood};
+use crate::likelihood::touch_likelihood::{OnLattice, TouchLikelihood};
 use crate::simd;
 
 /// A touch, judged from every state.
@@ -185,15 +186,10 @@ impl Evidence {
         let seen = self.seen(grid, part, &(*part_from_first * self.first_from_sensor))?;
         let is_known = self.likelihood.is_recorded(seen.row) && (!self.cubic || seen.trust == 1.0);
         let score = || {
-            let expected = self.likelihood.expected(part);
-            ((f64::from(seen.similarity) - expected.mean) / expected.sd()).max(LEAST)
+            let Spread { mean, sd } = self.likelihood.expected(part);
+            ((f64::from(seen.similarity) - mean) / sd).max(LEAST)
         };
         is_known.then(score)
-    }
-
-    /// What is expected of a touch of a part ([`TouchLikelihood::expected`]).
-    pub fn expected(&self, part: usize) -> ExpectedMatch {
-        self.likelihood.expected(part)
     }
 
     /// The view of a part from the sensor's pose; `None` where it is unknown.

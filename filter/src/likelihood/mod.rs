@@ -17,4 +17,4 @@ mod touch_likelihood;
 pub(crate) use match_model::{Felt, Foreseen};
 pub(crate) use nearest::{Nearest, trusted};
 pub(crate) use new_share::new_share;
-pub use touch_likelihood::{ExpectedMatch, TouchLikelihood};
+pub use touch_likelihood::TouchLikelihood;

@@ -10,7 +10,7 @@ use tactile_data::file::output;
 use tactile_data::program;
 use tactile_infer::bank::Bank;
 use tactile_infer::calibration::calibrate::{Choice, Judgement, PRIOR_TOUCHES, Touches, calibrate};
-use tactile_infer::calibration::{Between, Calibration, Prior, Spread};
+use tactile_infer::calibration::{Calibration, Prior, Spread};
 use tactile_infer::embedding::checkpoint::Checkpoint;
 use tactile_infer::embedding::model::Model;
 use tactile_infer::{Error, Result};
@@ -162,7 +162,7 @@ fn by_other_touches(n_holes: usize, n_before: f64, sd: f64) -> [f64; 2] {
 
 /// A calibration, and what was known before it.
 fn text(calibration: &Calibration) -> String {
-    let Calibration { low_similarity, n_holes, matched, between, steepness, prior, .. } = calibration;
+    let Calibration { low_similarity, n_holes, matched, between_sensors, steepness, prior, .. } = calibration;
     let before =
         |of: &dyn Fn(&Prior) -> String| prior.as_ref().map_or(String::new(), |prior| format!("{} -> ", of(prior)));
     let counted = prior.map_or(String::new(), |prior| format!(", and as much as {} from before", prior.n_touches));
@@ -178,10 +178,8 @@ fn text(calibration: &Calibration) -> String {
             before(&was)
         );
     }
-    if let Some(Between { sensors, parts, holes }) = between {
-        text += &format!(
-            ", of it {sensors:.3} from sensor to sensor, {parts:.3} from part to part, {holes:.3} from hole to hole"
-        );
+    if let Some(between) = between_sensors {
+        text += &format!(", of it {between:.3} from sensor to sensor");
     }
     if let Some(steepness) = steepness {
         text += &format!("\n  a distance costs {steepness:.2} times as much as was fitted");

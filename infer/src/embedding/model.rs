@@ -360,7 +360,7 @@ mod tests {
         let of = |low_similarity: f32| Calibration {
             low_similarity,
             matched: None,
-            between: None,
+            between_sensors: None,
             steepness: None,
             views: Views::Pegs,
             prior: None,

@@ -19,6 +19,9 @@ const STEPS: usize = 3;
 /// theta, all.
 const HALF_WAY: [[bool; 3]; 4] = [[true, true, false], [true, false, true], [false, true, true], [true; 3]];
 
+/// Parts of which nothing is known match with so much more variance than those calibrated on, a standard deviation.
+const OTHER_PARTS: f64 = 0.0325;
+
 /// The weights of a spline sum to this at most along an axis, by their sizes.
 const WEIGHTS: f64 = 1.25;
 
@@ -74,14 +77,12 @@ impl Recorded {
         if self.matched.is_empty() { self.config.own_distance } else { sum / self.matched.len() as f64 }
     }
 
-    /// The cosine that is expected of a touch of a part, its standard deviation, and the standard deviation of the mean of many
-    /// touches of one hole.
-    pub fn expected(&self, part: usize) -> [f64; 3] {
-        let TouchModel { matched_mean, matched_sd, matched_sensors, matched_holes, matched_parts, .. } = self.config;
-        let of_any = matched_sensors.hypot(matched_holes);
+    /// The cosine that is expected of a touch of a part, and its standard deviation.
+    pub fn expected(&self, part: usize) -> [f64; 2] {
+        let TouchModel { matched_mean, matched_sd, .. } = self.config;
         match self.matched.get(part) {
-            Some(Spread { mean, sd }) => [*mean, sd.hypot(of_any), of_any],
-            None => [matched_mean, matched_sd.hypot(of_any).hypot(matched_parts), of_any.hypot(matched_parts)],
+            Some(Spread { mean, sd }) => [*mean, sd.max(matched_sd)],
+            None => [matched_mean, matched_sd.hypot(OTHER_PARTS)],
         }
     }
 

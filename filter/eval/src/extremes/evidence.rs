@@ -128,7 +128,7 @@ impl<'a> Evidence<'a> {
     /// How well a part at a pose of the first touch explains the edged ones: the mean of how many standard deviations
     /// the cosine is above that of a true view, in standard deviations of such a mean; and how far that may be off.
     pub fn fit(&self, part: usize, first: &Se2) -> Option<[f64; 2]> {
-        let [mean, sd, shared] = self.recorded.expected(part);
+        let [mean, sd] = self.recorded.expected(part);
         let score = |touch: &Judged| {
             let at = self.places(touch, &Pose::of(first), first);
             let is_inside = at.iter().all(|place| place.outside.abs() < 1e-6);
@@ -136,9 +136,8 @@ impl<'a> Evidence<'a> {
             is_scored.then(|| ((self.recorded.cosine(&touch.cosines, part, &at) - mean) / sd).max(-6.0))
         };
         let scores: Vec<f64> = self.touches.iter().filter_map(score).collect();
-        let n = scores.len() as f64;
-        let common = (shared / sd).powi(2);
-        let of_mean = (common + (1.0 - common) / n).sqrt();
+        let (n, shared) = (scores.len() as f64, self.recorded.config.matched_shared);
+        let of_mean = (shared + (1.0 - shared) / n).sqrt();
         (n > 0.0).then(|| [scores.iter().sum::<f64>() / n / of_mean, self.between_off / sd / of_mean])
     }
 }

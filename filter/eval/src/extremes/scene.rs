@@ -47,9 +47,9 @@ const RARITY: f32 = 2.0;
 
 /// What a calibration measured of the shipped model where holes are touched and where pegs are.
 pub fn shipped(side: Side) -> TouchModel {
-    let [matched_mean, matched_sd, matched_sensors, matched_holes, matched_parts] = match side {
-        Side::Hole => [0.907_186_679, 0.038_587_579_98, 0.012, 0.011, 0.0],
-        Side::Peg => [0.973_573_490_77, 0.015_544_131_685, 0.004, 0.005, 0.0],
+    let [matched_mean, matched_sd, matched_shared] = match side {
+        Side::Hole => [0.907_186_679, 0.038_587_579_98, 0.190_727_7],
+        Side::Peg => [0.973_573_490_77, 0.015_544_131_685, 0.169_418_03],
     };
     let [match_offset, steepness, steepness_by_edge, own_distance, distance_by_own] = match side {
         Side::Hole => [11.285_923_444, 20.848_392_758, 0.206_481_008, 0.397_873_369, 0.416_347_788],
@@ -78,7 +78,7 @@ pub fn shipped(side: Side) -> TouchModel {
         };
     let presence = TouchModel { presence_offset, presence_by_fit, presence_by_touch, ..TouchModel::default() };
     let presence = TouchModel { stranger_at, stranger_scale, present_at, present_scale, ..presence };
-    let matched = TouchModel { matched_mean, matched_sd, matched_sensors, matched_holes, matched_parts, ..presence };
+    let matched = TouchModel { matched_mean, matched_sd, matched_shared, ..presence };
     TouchModel { match_offset, steepness, steepness_by_edge, own_distance, distance_by_own, ..matched }
 }
 
@@ -269,9 +269,7 @@ impl Scene {
         }
         let scale = 0.64_f64.sqrt();
         let (matched_mean, matched_sd) = (1.0 - scale * (1.0 - plain.matched_mean), scale * plain.matched_sd);
-        let [matched_sensors, matched_holes, matched_parts] =
-            [plain.matched_sensors, plain.matched_holes, plain.matched_parts].map(|sd| scale * sd);
-        TouchModel { matched_mean, matched_sd, matched_sensors, matched_holes, matched_parts, ..plain }
+        TouchModel { matched_mean, matched_sd, ..plain }
     }
 
     /// The recorded views as f64 has them: `rows` are the bank's as kept, or before they were rounded.
@@ -333,7 +331,7 @@ mod tests {
                 let of_odds = [c.match_offset, c.steepness, c.steepness_by_edge, c.own_distance, c.distance_by_own];
                 let of_presence = [c.presence_offset, c.presence_by_fit, c.presence_by_touch];
                 let of_tails = [c.stranger_at, c.stranger_scale, c.present_at, c.present_scale];
-                let of_match = [c.matched_mean, c.matched_sd, c.matched_sensors, c.matched_holes, c.matched_parts];
+                let of_match = [c.matched_mean, c.matched_sd, c.matched_shared];
                 of_odds.into_iter().chain(of_presence).chain(of_tails).chain(of_match)
             };
             for (here, of_model) in numbers(&here).zip(numbers(&of_model)) {
@@ -347,9 +345,7 @@ mod tests {
                 distance_by_own: 1.0,
                 matched_mean: 0.0,
                 matched_sd: 1.0,
-                matched_sensors: 0.0,
-                matched_holes: 0.0,
-                matched_parts: 0.0,
+                matched_shared: 0.0,
                 presence_offset: 0.0,
                 presence_by_fit: 0.0,
                 presence_by_touch: 0.0,

@@ -56,8 +56,8 @@ pub struct Touches {
     side: Side,
     /// The best cosine of each with any edged view.
     bests: Vec<f32>,
-    /// The part and the cosine with the view that was touched, of those for which the bank has one, sensor by sensor.
-    matched: Vec<Vec<(usize, f64)>>,
+    /// The cosine with the view that was touched, of those for which the bank has one, sensor by sensor.
+    matched: Vec<Vec<f64>>,
     /// The same touches next to all views, where the model has a fitted likelihood.
     among_views: Vec<AmongViews>,
     /// What the bank's views are of.
@@ -110,7 +110,7 @@ impl Touches {
                 let best = edged.iter().map(|row| all[*row].clamp(-1.0, 1.0)).fold(-1.0, f32::max);
                 found.bests.push(plain(best));
                 let Some(own) = bank.cosine_at(query, part, &pose) else { continue };
-                found.matched[0].push((part, f64::from(plain(own))));
+                found.matched[0].push(f64::from(plain(own)));
                 let edge_share = images[i].edge_share;
                 let of_touch = |odds| AmongViews::new((odds, side), bank, (query, edge_share), (own, &all));
                 found.among_views.extend(odds.map(of_touch));
@@ -147,7 +147,7 @@ impl Touches {
     /// How well a calibration suits these touches; `None` without any.
     pub fn judge(&self, low_similarity: f32) -> Option<Judgement> {
         let n_low = self.bests.iter().filter(|best| **best < low_similarity).count();
-        let matched: Vec<f64> = self.matched.iter().flatten().map(|(_, cosine)| *cosine).collect();
+        let matched: Vec<f64> = self.matched.iter().flatten().copied().collect();
         (!self.is_empty()).then(|| Judgement {
             low_share: n_low as f64 / self.len() as f64,
             matched: (!matched.is_empty()).then(|| Spread::from_values(&matched)),
@@ -186,7 +186,7 @@ pub fn calibrate(touches: &Touches, prior: Option<&Prior>) -> Result<Calibration
     Ok(Calibration {
         low_similarity: low_similarity(&touches.bests, prior).unwrap_or(-1.0),
         matched: matched.map(|matched| matched.all),
-        between: matched.and_then(|matched| matched.between),
+        between_sensors: matched.and_then(|matched| matched.between),
         steepness,
         views: touches.views,
         n_holes: touches.len(),
@@ -206,7 +206,7 @@ mod tests {
     use super::*;
 
     fn touches(bests: &[f32]) -> Touches {
-        let matched = vec![bests.iter().map(|best| (0, f64::from(*best) - 0.1)).collect()];
+        let matched = vec![bests.iter().map(|best| f64::from(*best) - 0.1).collect()];
         Touches {
             name: "mine".into(),
             side: Side::Hole,
@@ -221,7 +221,7 @@ mod tests {
         n_touches: 2.0,
         low_similarity: 0.7,
         matched: Some(Spread { mean: 0.9, sd: 0.0 }),
-        between: None,
+        between_sensors: None,
         views: Views::Pegs,
     };
 

@@ -68,7 +68,7 @@ mod tests {
             n_touches,
             low_similarity: 0.7,
             matched: Some(Spread { mean: 2.0, sd: 1.0 }),
-            between: None,
+            between_sensors: None,
             views: Views::Pegs,
         }
     }
