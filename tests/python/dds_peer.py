@@ -125,6 +125,34 @@ def take(of):
     return [sample for sample in of.take(100) if not isinstance(sample, InvalidSample)]
 
 
+def n_matched(of):
+    """How many endpoints match a reader or writer."""
+    is_writer = isinstance(of, DataWriter)
+    return (of.get_publication_matched_status() if is_writer else of.get_subscription_matched_status()).current_count
+
+
+class Client:
+    """Calls a service of std_srvs/Trigger as rmw_cyclonedds does: whose answer it is says its first field."""
+
+    def __init__(self, participant, service):
+        self.to = writer(participant, f"rq{service}Request", ros.CycloneRequest, "reliable")
+        self.answers = reader(participant, f"rr{service}Reply", ros.CycloneResponse, "reliable")
+        self.id, self.n_calls = random.randrange(1 << 62), 0
+
+    def is_found(self):
+        return n_matched(self.to) and n_matched(self.answers)
+
+    def ask(self):
+        """Calls; the call's number."""
+        self.n_calls += 1
+        self.to.write(ros.CycloneRequest(self.id, self.n_calls))
+        return self.n_calls
+
+    def answer(self, call):
+        """The answer of a call, if it came."""
+        return next((of for of in take(self.answers) if (of.client, of.number) == (self.id, call)), None)
+
+
 def wait_for(what, condition, seconds=15):
     deadline = time.monotonic() + seconds
     while not (result := condition()):

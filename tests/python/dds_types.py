@@ -222,6 +222,24 @@ class ParticipantEntities(IdlStruct, typename="rmw_dds_common::msg::dds_::Partic
 
 @dataclass
 @final
+class HumbleNode(IdlStruct, typename="rmw_dds_common::msg::dds_::NodeEntitiesInfo_"):
+    """A node of the graph as ROS 2 has it up to Humble."""
+
+    node_namespace: str
+    node_name: str
+    readers: sequence[array[uint8, 24]]
+    writers: sequence[array[uint8, 24]]
+
+
+@dataclass
+@final
+class HumbleEntities(IdlStruct, typename="rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"):
+    gid: array[uint8, 24]
+    nodes: sequence[HumbleNode]
+
+
+@dataclass
+@final
 class CycloneRequest(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
     """As rmw_cyclonedds sends it."""
 

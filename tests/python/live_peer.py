@@ -1,4 +1,4 @@
-"""The live node against a robot and a camera on CycloneDDS: whole holes, with all that goes wrong. Run by
+"""The live node against a robot and a camera on CycloneDDS or Fast DDS: whole holes, with all that goes wrong. Run by
 `cargo xtask dds --node`.
 
     pip install cyclonedds==11.0.1 mcap numpy pillow
@@ -7,12 +7,13 @@
     tactile-data export holes --to folder --out pictures
     python tests/python/live_peer.py tactile-filter --model M --bank B --pictures pictures [--seconds 600] [--only NAME]
 
-The bank is one of the scene's pegs. CycloneDDS shares no code with the middleware that is checked. All traffic stays on
-127.0.0.1. Ends with a table of the figures, or with exit code 1 at the first check that fails.
+The bank is one of the scene's pegs. With FASTDDS_PEER robot and camera are on Fast DDS (`fastdds_peer.py`). Neither
+shares code with the middleware that is checked. All traffic stays on 127.0.0.1. Ends with a table of the figures, or with exit code 1 at the first check that fails.
 """
 
 import argparse
 import contextlib
+import copy
 import csv
 import dataclasses
 import io
@@ -24,6 +25,7 @@ import random
 import re
 import signal
 import statistics
+import struct
 import subprocess
 import sys
 import tempfile
@@ -33,10 +35,16 @@ import time
 import dds_peer as dds
 import dds_types as ros
 import numpy as np
-from cyclonedds.domain import DomainParticipant
-from dds_peer import check, paced, reader, take, wait_for, writer
+from dds_peer import check, paced, wait_for
 from mcap.reader import make_reader
 from PIL import Image
+
+# A variable, since the processes that are started here need it as well.
+if "FASTDDS_PEER" in os.environ:
+    from fastdds_peer import Client, DomainParticipant, n_matched, reader, take, writer
+else:
+    from cyclonedds.domain import DomainParticipant
+    from dds_peer import Client, n_matched, reader, take, writer
 
 DOMAIN = 79
 RATE_HZ = 25
@@ -103,12 +111,12 @@ def stamp(offset_s=0.0):
 class Node(dds.Ours):
     """`tactile-filter live --ros` in the background: its decisions and what it says."""
 
-    def __init__(self, *words, ros_args=(), namespace="", log=None):
+    def __init__(self, *words, ros_args=(), namespace="", log=None, variables=()):
         self.name = f"{namespace}/tactile_filter"
         program = [dds.PROGRAM, "live", "--ros", "--json", "--model", WORDS.model, "--bank", WORDS.bank, *words]
         program += ["--log", log] if log else []
         names = ["-r", f"__ns:={namespace}"] if namespace else []
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), **dict(variables)}
         command = [*program, "--ros-args", *REACH, *names, *ros_args]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdout=pipe, stderr=pipe, env=environment, text=True)
@@ -159,11 +167,7 @@ class Robot:
         self.to_image = writer(self.participant, f"{name}/image/compressed")
         self.to_raw = None
         self.to_pose = writer(self.participant, f"{name}/tool_pose", ros.PoseStamped)
-        self.calls, self.n_calls, self.client = {}, 0, random.randrange(1 << 62)
-        for service in SERVICES:
-            asking = writer(self.participant, f"rq{node}/{service}Request", ros.CycloneRequest, "reliable")
-            answers = reader(self.participant, f"rr{node}/{service}Reply", ros.CycloneResponse, "reliable")
-            self.calls[service] = (asking, answers)
+        self.calls = {service: Client(self.participant, f"{node}/{service}") for service in SERVICES}
         self.decisions = reading("decision", ros.String)
         self.actions = reading("next_action", ros.TransformStamped)
         self.goals = reading("next_pose", ros.PoseStamped)
@@ -220,26 +224,22 @@ class Robot:
             self.shows = (place, pose_mm)
 
     def ready(self):
-        for asking, answers in self.calls.values():
-            wait_for(f"{self.node} is not found", lambda: asking.get_publication_matched_status().current_count
-                     and answers.get_subscription_matched_status().current_count, 30)
-        wait_for("the camera is not found", lambda: self.to_image.get_publication_matched_status().current_count)
+        for client in self.calls.values():
+            wait_for(f"{self.node} is not found", client.is_found, 30)
+        wait_for("the camera is not found", lambda: n_matched(self.to_image))
         time.sleep(0.5)
         return self
 
     def call(self, service, seconds=15, heard=None):
         """Calls; the answer and what it took, ms. `None`: none came. The first message on the topic of `heard`, its reader,
         is put there with its time."""
-        asking, answers = self.calls[service]
-        self.n_calls += 1
-        start = time.monotonic()
-        asking.write(ros.CycloneRequest(self.client, self.n_calls))
+        client, start = self.calls[service], time.monotonic()
+        call = client.ask()
         while time.monotonic() < start + seconds:
             if heard is not None and len(heard) == 1 and (came := take(heard[0])):
                 heard.extend([came[-1], 1000 * (time.monotonic() - start)])
-            for answer in take(answers):
-                if (answer.client, answer.number) == (self.client, self.n_calls):
-                    return answer, 1000 * (time.monotonic() - start)
+            if answer := client.answer(call):
+                return answer, 1000 * (time.monotonic() - start)
             time.sleep(0.0003)
         return None, 1000 * seconds
 
@@ -614,26 +614,52 @@ LATCHED = {
 
 
 def check_late(_seconds):
-    """Who comes late gets the latest of each latched topic."""
+    """Who comes late gets the latest of each latched topic, and nothing older: the first viewer, and two after it."""
     with Node() as node, Robot(node.name, PICTURES) as robot:
         robot.ready().rest()
-        robot.must("reset")
-        touches = script(robot, [("B", 0, 0), ("B", 2, 0)])
-        time.sleep(2)
-        late = DomainParticipant(DOMAIN)
-        readers = {topic: reader(late, f"rt{node.name}/{topic}", kind, "latched", 1) for topic, kind in LATCHED.items()}
-        came = {topic: wait_for(f"the latest {topic}", lambda: take(of)) for topic, of in readers.items()}
-        check(all(len(of) == 1 for of in came.values()), "more than the latest")
-        decision = json.loads(came["decision"][0].data)
-        check(decision == touches[-1]["decision"] and decision["touch"] == 2, f"{decision}")
-        stamps = {(of[0].header.stamp.sec, of[0].header.stamp.nanosec) for of in came.values() if hasattr(of[0], "header")}
-        check(len(stamps) == 1, "messages of several touches")
-        n = len(came["particles"][0].poses)
-        check(n == came["particle_cloud"][0].width * came["particle_cloud"][0].height, "particles")
-        graph = reader(late, "ros_discovery_info", ros.ParticipantEntities, "latched")
+        viewers, counts = [], []
+        for n_holes in (12, 3, 3):
+            for _ in range(n_holes):
+                robot.must("reset")
+                touches = script(robot, [("B", 0, 0), ("B", 2, 0)])
+            viewers.append(DomainParticipant(DOMAIN))
+            latched = lambda topic, kind: reader(viewers[-1], f"rt{node.name}/{topic}", kind, "latched", 10)
+            readers = {topic: latched(topic, kind) for topic, kind in LATCHED.items()}
+            came = {topic: wait_for(f"the latest {topic}", lambda: take(of)) for topic, of in readers.items()}
+            time.sleep(2)
+            [came[topic].extend(take(of)) for topic, of in readers.items()]
+            counts.append(max(map(len, came.values())))
+            n_older = {topic: sum(message != of[-1] for message in of) for topic, of in came.items()}
+            check(not any(n_older.values()), f"older messages to viewer {len(viewers)}: {n_older}")
+            decision = json.loads(came["decision"][0].data)
+            check(decision == touches[-1]["decision"] and decision["touch"] == 2, f"{decision}")
+            stamps = {(of[0].header.stamp.sec, of[0].header.stamp.nanosec) for of in came.values() if hasattr(of[0], "header")}
+            check(len(stamps) == 1, "messages of several touches")
+            n = len(came["particles"][0].poses)
+            check(n == came["particle_cloud"][0].width * came["particle_cloud"][0].height, "particles")
+        graph = reader(viewers[-1], "ros_discovery_info", ros.ParticipantEntities, "latched")
         nodes = wait_for("the graph", lambda: take(graph))[-1].nodes
         check([node.node_name for node in nodes] == ["tactile_filter"], f"{nodes}")
-        row("late", f"{len(came)} latched topics", f"the latest of each, of one touch; {n} particles", "the latest")
+        text = f"at most {counts}, all of the last touch; {n} particles"
+        row("late", f"{len(LATCHED)} latched topics: messages of a topic to three viewers, after 12, 15 and 18 holes", text, "1")
+
+
+def check_graph(_seconds):
+    """Where nothing says how ROS 2's graph is laid out, the node learns it from another node."""
+    with Node(variables={"ROS_DISTRO": ""}) as node:
+        participant = DomainParticipant(DOMAIN)
+        events = reader(participant, f"rt{node.name}/events", ros.String, "reliable")
+        graph = reader(participant, "ros_discovery_info", ros.HumbleEntities, "latched")
+        wait_for("the node is not found", lambda: n_matched(events))
+        time.sleep(5)
+        check(not take(graph), "a message before any node was heard")
+        to = writer(participant, "ros_discovery_info", ros.HumbleEntities, "latched")
+        humble = ros.HumbleNode("/", "viewer", [[7] * 24], [])
+        to.write(ros.HumbleEntities([9] * 24, [humble]))
+        ours = lambda: [node for message in take(graph) for node in message.nodes if node.node_name == "tactile_filter"]
+        found = wait_for("the graph", ours)[-1]
+        n_endpoints = len(found.readers) + len(found.writers)
+        row("graph", "without ROS_DISTRO", f"nothing for 5 s, then as Humble's node: {n_endpoints} endpoints", "Humble's layout")
 
 
 def fuzz_bodies(source, pictures):
@@ -693,7 +719,7 @@ def fuzz(node, folder, n_sent):
         is_call = topic in SERVICES
         full = f"rq{node}/{topic}Request" if is_call else f"rt{node}/{topic}"
         to = writer(participant, full, kind, "reliable" if is_call else "newest")
-        wait_for(f"nobody listens to {full}", lambda: to.get_publication_matched_status().current_count)
+        wait_for(f"nobody listens to {full}", lambda: n_matched(to))
         time.sleep(0.2)
         for body in bodies:
             to.write(kind(body))
@@ -717,7 +743,8 @@ def check_fuzz(_seconds):
             for (part, first), number in places:
                 if (not noise.is_alive()) if is_fuzzed else number >= ends[0]:
                     break
-                touches += robot.hole(part, first)
+                # While most poses are wrong a touch may be refused.
+                touches += robot.hole(part, first, tries=10)
             if is_fuzzed:
                 noise.join()
                 check(noise.exitcode == 0, "the noise ended")
@@ -777,28 +804,62 @@ def check_damaged(_seconds):
     del ended
 
 
+def kept_on_wire(message):
+    """A function that gives the message anew with the present stamp and another last byte: large ones take long to
+    serialise."""
+    cdr = bytearray(message.serialize(use_version_2=False))
+
+    def anew(number):
+        now = stamp()
+        cdr[4:12] = struct.pack("<iI", now.sec, now.nanosec)
+        cdr[-1] = number % 256
+        made, data = copy.copy(message), bytes(cdr)
+        made.serialize = lambda **_: data
+        return made
+
+    return anew
+
+
 def check_large(_seconds):
-    """Pictures of 3280 x 2464 pixels as JPEG."""
-    kept = {}
+    """Pictures of 3280 x 2464 pixels as JPEG, and of 1280 x 960 as they are."""
+    header = lambda: ros.Header(stamp(), "gelsight")
+    larger = lambda place, size: Image.fromarray(PICTURES.rgb(place)).resize(size, Image.BILINEAR)
 
-    def film(place, number):
-        if place not in kept:
-            large = Image.fromarray(PICTURES.rgb(place)).resize((3280, 2464), Image.BILINEAR)
-            kept[place] = jpeg(np.asarray(large))
-        return ros.CompressedImage(ros.Header(stamp(), "gelsight"), "jpeg", remarked(kept[place], number))
+    def compressed(place):
+        data = jpeg(np.asarray(larger(place, (3280, 2464))))
+        return lambda number: ros.CompressedImage(header(), "jpeg", remarked(data, number))
 
-    with Node() as node, Robot(node.name, PICTURES) as robot:
-        robot.make, robot.rate_hz = film, 10
-        robot.ready().rest()
-        before, start = node.cpu_s(), time.monotonic()
-        time.sleep(5)
-        idle = 100 * (node.cpu_s() - before) / (time.monotonic() - start)
-        touches = robot.hole("G", (0, 0), settle_s=0.6)
-        times = [touch["answered_ms"] for touch in touches]
-        n_bytes = len(kept[None])
-        check(names_right("G", touches), f"{touches[-1]}")
-        row("large", f"3280x2464, JPEG of {n_bytes // 1000} kB, 10 Hz", f"{len(touches)} touches, named right; call to answer "
-            f"{milliseconds(times)}; {idle:.1f} % of a core between, {node.rss_kib() // 1024} MiB")
+    def plain(place):
+        pixels = larger(place, (1280, 960)).tobytes()
+        return kept_on_wire(ros.Image(header(), 960, 1280, "rgb8", 0, 3 * 1280, pixels))
+
+    for name, make in (("3280x2464, JPEG", compressed), ("1280x960, rgb8 of 3.7 MB", plain)):
+        kept = {}
+
+        def film(place, number):
+            if place not in kept:
+                kept[place] = make(place)
+            return kept[place](number)
+
+        with Node() as node, Robot(node.name, PICTURES) as robot:
+            # What is sent before the node is found cannot come.
+            robot.is_filming, robot.make, robot.rate_hz = False, film, 10
+            n_before = robot.ready().n_pictures
+            robot.is_filming = True
+            time.sleep(1)
+            robot.rest()
+            before, start = node.cpu_s(), time.monotonic()
+            time.sleep(5)
+            idle = 100 * (node.cpu_s() - before) / (time.monotonic() - start)
+            touches = robot.hole("G", (0, 0), settle_s=0.6)
+            times = [touch["answered_ms"] for touch in touches]
+            check(names_right("G", touches), f"{touches[-1]}")
+            robot.is_filming = False
+            time.sleep(2)
+            diagnostics = reader(robot.participant, f"rt{node.name}/diagnostics", ros.DiagnosticArray, "reliable")
+            n_came = int(wait_for("diagnostics", lambda: take(diagnostics))[-1].status[0].values[0].value)
+            row("large", f"{name}, 10 Hz", f"{n_came} of {robot.n_pictures - n_before} came; {len(touches)} touches, named right; call to "
+                f"answer {milliseconds(times)}; {idle:.1f} % of a core between, {node.rss_kib() // 1024} MiB")
 
 
 def check_two(_seconds):
@@ -837,13 +898,21 @@ def hang(node):
     time.sleep(1000)
 
 
+def stop(process):
+    """Stops a process and those that it has started."""
+    with open(f"/proc/{process.pid}/task/{process.pid}/children") as file:
+        children = map(int, file.read().split())
+    for pid in (process.pid, *children):
+        os.kill(pid, signal.SIGSTOP)
+
+
 def check_stopped(_seconds):
     """A viewer that stands still, as in a debugger: the node goes on."""
     with Node() as node, Robot(node.name, PICTURES) as robot:
         robot.ready().rest()
         viewer = apart(hang, node.name)
         time.sleep(3)
-        os.kill(viewer.pid, signal.SIGSTOP)
+        stop(viewer)
         start, touches = time.monotonic(), []
         for part, first in holes(6):
             if time.monotonic() - start > 60:
@@ -933,7 +1002,7 @@ def check_restart(_seconds):
 
 
 class PlannersNode:
-    """What `identify` asks, over the robot's CycloneDDS."""
+    """What `identify` asks, over the robot's middleware."""
 
     def __init__(self, robot):
         self.robot = robot
@@ -1004,6 +1073,7 @@ CHECKS = {
     "encodings": check_encodings,
     "trouble": check_trouble,
     "late": check_late,
+    "graph": check_graph,
     "two": check_two,
     "large": check_large,
     "damaged": check_damaged,

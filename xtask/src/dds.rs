@@ -1,8 +1,12 @@
 //! What goes over the network, checked with independent programs: ROS 2's topics and services, and the live views.
 
-use clap::Args;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
-use crate::error::Result;
+use clap::{Args, ValueEnum};
+
+use crate::error::{Error, Result};
 use crate::live;
 use crate::program::Program;
 use crate::python::environment;
@@ -14,14 +18,28 @@ pub struct DdsArgs {
     /// How long memory and processor are watched, s.
     #[arg(long, default_value_t = 60)]
     seconds: u32,
-    /// Instead of the transport: the live node, with a robot and a camera on CycloneDDS and all that goes wrong.
+    /// Instead of the transport: the live node, with a robot and a camera of another make and all that goes wrong.
     #[arg(long)]
     node: bool,
+    /// With --node: what robot and camera speak with.
+    #[arg(long, value_enum, requires = "node", default_value_t = Middleware::Cyclonedds)]
+    middleware: Middleware,
     /// One check alone: in, out, services, plain, late, quality, namespaces, malformed, packets, large, restart, clock,
-    /// long; with --node planner, restart, encodings, trouble, late, two, large, damaged, fuzz, camera, stopped, log, fresh,
-    /// run, bare.
+    /// long; with --node planner, restart, encodings, trouble, late, graph, two, large, damaged, fuzz, camera, stopped, log,
+    /// fresh, run, bare.
     #[arg(long)]
     only: Option<String>,
+}
+
+/// The middleware of the robot and the camera.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Middleware {
+    /// CycloneDDS, from PyPI.
+    Cyclonedds,
+    /// Fast DDS, ROS 2's default, over shared memory and UDP; needs g++ and Debian's libfastrtps-dev, or is skipped.
+    Fastdds,
+    /// The same over UDP alone.
+    FastddsUdp,
 }
 
 /// What the script imports: CycloneDDS, compiled, from PyPI.
@@ -52,6 +70,14 @@ const HOLES: &str =
 /// Runs `tests/python/live_peer.py` against `tactile-filter live --ros`, with a bank and pictures made once.
 fn node(workspace: &Workspace, args: &DdsArgs) -> Result<()> {
     let out = workspace.folder(None, &workspace.target.join("live_peer"))?;
+    let fast_dds = match args.middleware {
+        Middleware::Cyclonedds => None,
+        Middleware::Fastdds | Middleware::FastddsUdp => Some(fast_dds(workspace, &out)?),
+    };
+    if fast_dds == Some(None) {
+        println!("skipped: Fast DDS 2 or a compiler is not there; on Debian: apt-get install {FAST_DDS_PACKAGES}");
+        return Ok(());
+    }
     let python = environment(&out, NODE_REQUIREMENTS)?;
     workspace.build_program("tactile-data")?;
     let model = live::prepare(workspace, &out)?;
@@ -67,7 +93,33 @@ fn node(workspace: &Workspace, args: &DdsArgs) -> Result<()> {
     if let Some(only) = &args.only {
         peer = peer.words("--only").arg(only);
     }
+    if let Some(program) = fast_dds.flatten() {
+        peer = peer.variable("FASTDDS_PEER", program);
+    }
+    if args.middleware == Middleware::FastddsUdp {
+        peer = peer.variable("FASTDDS_TRANSPORT", "udp");
+    }
     peer.run(&out).map(|_| ())
+}
+
+/// What the program on Fast DDS is compiled with.
+const FAST_DDS_PACKAGES: &str = "g++ libfastrtps-dev";
+
+/// Compiles `tests/fastdds/peer.cpp` into a folder, if it has changed; its program. `None`: that cannot be done here.
+fn fast_dds(workspace: &Workspace, out: &Path) -> Result<Option<PathBuf>> {
+    let gcc = || Program::new("g++");
+    // Version 2 of the library has this header.
+    let probe = gcc().words("-fsyntax-only -x c++ -include fastrtps/config.h /dev/null").command(out).output();
+    if !probe.is_ok_and(|probe| probe.status.success()) {
+        return Ok(None);
+    }
+    let (source, program) = (workspace.root.join("tests/fastdds/peer.cpp"), out.join("fastdds-peer"));
+    let changed = |path: &Path| fs::metadata(path).and_then(|data| data.modified()).map_err(Error::io(path));
+    if changed(&program).unwrap_or(SystemTime::UNIX_EPOCH) < changed(&source)? {
+        let compile = gcc().words("-std=c++17 -O1 -Wall -Wextra -Werror -o").arg(&program).arg(&source);
+        compile.words("-lfastrtps -lfastcdr").run(out)?;
+    }
+    Ok(Some(program))
 }
 
 /// Runs `tests/python/foxglove_peer.py`, a viewer, against the live views. The first run needs Python 3 and PyPI.

@@ -78,7 +78,7 @@ enum Chore {
     #[command(after_help = "Example:\n  cargo xtask capi --install /usr/local")]
     Capi(capi::CapiArgs),
     /// Compare our ROS 2 topics and services with CycloneDDS: nothing lost, nothing changed, nothing that ends the node.
-    #[command(after_help = "Example:\n  cargo xtask dds --seconds 600")]
+    #[command(after_help = "Example:\n  cargo xtask dds --seconds 600\n  cargo xtask dds --node --middleware fastdds")]
     Dds(dds::DdsArgs),
     /// Check the live views with a viewer of our own: what is advertised, and each message byte for byte.
     #[command(after_help = "Example:\n  cargo xtask views")]

@@ -126,12 +126,13 @@ impl Bus {
     /// # Errors
     /// Another header; a subscriber that does not keep up; no network.
     pub fn publish(&self, publication: Publication, cdr: &[u8]) -> Result<()> {
-        let (dds, name) = {
+        let outlet = {
             let mut state = self.shared.state();
             let writer = state.publications.get(publication.0).copied();
             let writer = writer.ok_or_else(|| Error::Unknown("publication".to_owned()))?;
             state.outlet(writer, cdr)?
         };
+        let Some((dds, name)) = outlet else { return Ok(()) };
         // Outside of the lock: sending may wait, and reading must not wait with it.
         send(&dds, &name, cdr, options(None)).map(|_| ())
     }
@@ -142,7 +143,7 @@ impl Bus {
         let time_ns = i64::try_from(since_1970.as_nanos()).unwrap_or(i64::MAX);
         let cdr = graph::log(time_ns, level, &self.settings.node, text);
         let outlet = self.shared.state().log_outlet(&cdr);
-        if let Ok((dds, name)) = outlet {
+        if let Ok(Some((dds, name))) = outlet {
             drop(send(&dds, &name, &cdr, options(None)));
         }
     }

@@ -1,10 +1,10 @@
 //! Who comes late to a latched topic gets its newest message, and no other.
 //!
 //! RustDDS 0.15.1 offers each newcomer all that a writer keeps, and it keeps too much: it removes old messages every
-//! six seconds only, and none of the latest 64 while nobody reads. So a writer that has written more than once is
-//! replaced by a new one before a newcomer is offered anything, and the newcomer alone is sent the newest message. The
-//! others, who find the new writer empty, get nothing a second time; only on a machine too busy for readers to
-//! acknowledge in time is the newest message sent again rather than not at all.
+//! six seconds only, and none of the latest 64 while nobody reads. So nothing is written while nobody reads, and a
+//! writer that has written more than once is replaced by a new one before a newcomer is offered anything; the newcomer
+//! alone is sent the newest message. The others, who find the new writer empty, get nothing a second time; only on a
+//! machine too busy for readers to acknowledge in time is the newest message sent again rather than not at all.
 
 use std::collections::BTreeSet;
 use std::pin::Pin;
@@ -35,6 +35,8 @@ pub(super) struct Latch {
     /// Messages for all by this writer, and whether it sent one to single readers.
     n_written: usize,
     has_served: bool,
+    /// Whether the newest message is not among them, since nobody read when it came.
+    lacks_newest: bool,
     /// Whether every reader had the newest message before the last newcomer, and those that may lack it else.
     is_acked: bool,
     serving: BTreeSet<Guid>,
@@ -56,6 +58,7 @@ impl Latch {
             gate: Arc::new(Gate::new(bell)),
             n_written: 0,
             has_served: false,
+            lacks_newest: false,
             is_acked: true,
             serving: BTreeSet::new(),
             known: BTreeSet::new(),
@@ -66,10 +69,22 @@ impl Latch {
         }
     }
 
+    /// There is a newer message; whether it is to be written. `has_readers`: the writer has found some.
+    pub(super) fn newer(&mut self, has_readers: bool) -> bool {
+        let is_read = has_readers || !self.known.is_empty() || !self.owed.is_empty();
+        if is_read {
+            self.wrote();
+        } else {
+            self.lacks_newest = true;
+            self.gate.hold(self.keeps_more());
+        }
+        is_read
+    }
+
     /// A message for all is written: nobody is owed the one before.
-    pub(super) fn wrote(&mut self) {
+    fn wrote(&mut self) {
         self.n_written += 1;
-        self.is_acked = false;
+        (self.is_acked, self.lacks_newest) = (false, false);
         self.written = Instant::now();
         self.serving.clear();
         self.owed.clear();
@@ -95,7 +110,7 @@ impl Latch {
 
     /// Whether RustDDS would offer a newcomer anything but the newest message.
     fn keeps_more(&self) -> bool {
-        self.n_written > 1 || self.has_served
+        self.n_written > 1 || self.has_served || (self.lacks_newest && self.n_written > 0)
     }
 
     /// A reader was found; whether the writer must be replaced. `has_last`: there is a message to get.
@@ -131,7 +146,8 @@ impl Latch {
         } else {
             self.owed.append(&mut others);
         }
-        (self.n_written, self.has_served, self.is_acked, self.since) = (0, false, true, now);
+        (self.n_written, self.has_served, self.lacks_newest) = (0, false, false);
+        (self.is_acked, self.since) = (true, now);
         self.gate.hold(false);
     }
 
@@ -317,6 +333,28 @@ mod tests {
         assert!(latch.found(D, true) && !latch.serving.contains(&A));
         latch.wrote();
         assert!(latch.due(&readers(&[A, C, D]), Instant::now() + RETURN).is_empty());
+    }
+
+    #[test]
+    fn nothing_is_written_while_nobody_reads() {
+        let (_poll, mut latch) = latch();
+        assert!(!latch.newer(false) && !latch.newer(false));
+        // Nothing has to be replaced for the first reader, which gets the newest message alone.
+        assert!(!latch.found(A, true));
+        assert!(latch.newer(false), "it is owed one, and gets this one with all");
+        assert!(latch.newer(true));
+        // All are gone, and what the writer keeps is not the newest.
+        latch.lose(|_| true);
+        latch.acked();
+        assert!(!latch.newer(false));
+        assert!(latch.found(B, true));
+        latch.replaced(&readers(&[B]), Instant::now());
+        assert!(!latch.found(B, true));
+        assert_eq!(latch.due(&readers(&[B]), Instant::now() + COLLECT), [B]);
+        // One message that is not the newest is too much as well.
+        let (_poll, mut latch) = self::latch();
+        assert!(latch.newer(true));
+        assert!(!latch.newer(false) && latch.found(A, true));
     }
 
     #[test]

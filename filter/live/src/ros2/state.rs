@@ -16,7 +16,7 @@ use super::readers::{ReaderSlot, Reads, count_lost};
 use super::settings::Settings;
 use super::trouble::Trouble;
 use super::wire::{Reader, Sample, Wire, Wish, Writer, options, send, wishes_of_the_node};
-use super::writers::{WriterSlot, Writes};
+use super::writers::{Retired, WriterSlot, Writes};
 use super::{Call, Client, Delivery, Endpoint, RequestId, Service};
 
 /// How long an answer waits for its caller's endpoint.
@@ -52,6 +52,7 @@ pub(super) struct State {
     readers: Vec<ReaderSlot>,
     /// The first two are the graph's and the log's.
     writers: Vec<WriterSlot>,
+    retired: Retired,
     /// The reader of each subscription, the writer of each publication and of each service's answers.
     pub(super) subscriptions: Vec<usize>,
     pub(super) publications: Vec<usize>,
@@ -78,6 +79,7 @@ impl State {
             heard: None,
             readers: Vec::new(),
             writers: Vec::new(),
+            retired: Retired::default(),
             subscriptions: Vec::new(),
             publications: Vec::new(),
             services: Vec::new(),
@@ -137,7 +139,7 @@ impl State {
         let readers: Vec<_> = self.readers.iter().filter_map(|slot| slot.reader.as_ref().map(Reader::guid)).collect();
         let writers: Vec<_> = self.writers.iter().filter_map(|slot| slot.writer.as_ref().map(Writer::guid)).collect();
         let cdr = graph::participant(&self.settings.node, self.wire()?.guid(), &readers, &writers, identifiers);
-        let (dds, name) = self.outlet(GRAPH, &cdr)?;
+        let Some((dds, name)) = self.outlet(GRAPH, &cdr)? else { return Ok(()) };
         send(&dds, &name, &cdr, options(None)).map(|_| ())
     }
 
@@ -180,23 +182,26 @@ impl State {
     /// Makes a writer anew that has written nothing.
     fn replace(&mut self, at: usize) -> Result<()> {
         let Some(wire) = &self.wire else { return Ok(()) };
-        self.writers[at].replace(wire)
+        if let Some(before) = self.writers[at].replace(wire)? {
+            self.retired.push(at, before);
+            self.retired.go_on(&self.writers, Instant::now());
+        }
+        Ok(())
     }
 
-    /// Where a message goes out; a latched one is remembered.
-    pub(super) fn outlet(&mut self, writer: usize, cdr: &[u8]) -> Result<Outlet> {
+    /// Where a message goes out. A latched one is remembered; `None`: nobody is there to read it.
+    pub(super) fn outlet(&mut self, writer: usize, cdr: &[u8]) -> Result<Option<Outlet>> {
         let slot = &mut self.writers[writer];
-        let Some(writer) = &slot.writer else {
+        let Some(dds) = slot.writer.as_ref().map(|writer| Arc::clone(&writer.dds)) else {
             return Err(Error::network(&slot.writes.name)("the network is being opened again"));
         };
         if slot.wish.delivery == Delivery::Latched {
             slot.writes.last = Some(cdr.to_vec());
         }
-        slot.latch.iter_mut().for_each(Latch::wrote);
-        Ok((Arc::clone(&writer.dds), slot.writes.name.clone()))
+        Ok(slot.newer().then(|| (dds, slot.writes.name.clone())))
     }
 
-    pub(super) fn log_outlet(&mut self, cdr: &[u8]) -> Result<Outlet> {
+    pub(super) fn log_outlet(&mut self, cdr: &[u8]) -> Result<Option<Outlet>> {
         self.outlet(LOG, cdr)
     }
 
@@ -219,7 +224,7 @@ impl State {
     fn answer(&mut self, answering: &Answering) -> Result<()> {
         let options = WriteOptionsBuilder::new().source_timestamp(Timestamp::now());
         let options = options.related_sample_identity(answering.id.request).build();
-        let (dds, name) = self.outlet(answering.writer, &answering.cdr)?;
+        let Some((dds, name)) = self.outlet(answering.writer, &answering.cdr)? else { return Ok(()) };
         send(&dds, &name, &answering.cdr, options).map(|_| ())
     }
 
@@ -299,6 +304,7 @@ impl State {
                 queue.push(Incoming::Trouble(Trouble::Refused { name, n_messages: 1, reason: error.to_string() }));
             }
         }
+        self.retired.go_on(&self.writers, now);
         if is_replaced && let Err(error) = self.announce() {
             queue.push(Incoming::Trouble(Trouble::NoNetwork { reason: error.to_string() }));
         }
@@ -322,7 +328,7 @@ impl State {
 
     /// Whether something is soon to be looked at again.
     pub(super) fn is_settling(&self, now: Instant) -> bool {
-        self.writers.iter().any(|slot| slot.is_settling(now))
+        !self.retired.is_empty() || self.writers.iter().any(|slot| slot.is_settling(now))
     }
 
     pub(super) fn is_closed(&self) -> bool {
@@ -333,6 +339,7 @@ impl State {
     pub(super) fn close(&mut self) {
         self.readers.iter_mut().for_each(|slot| slot.reader = None);
         self.writers.iter_mut().for_each(|slot| slot.writer = None);
+        self.retired = Retired::default();
         self.graph = None;
         self.clients.iter_mut().for_each(|slot| slot.waiting.clear());
         self.answering.clear();
@@ -343,6 +350,7 @@ impl State {
     pub(super) fn abandon(&mut self) {
         self.readers.iter_mut().for_each(|slot| std::mem::forget(slot.reader.take()));
         self.writers.iter_mut().for_each(|slot| std::mem::forget(slot.writer.take()));
+        self.retired.abandon();
         std::mem::forget(self.graph.take());
         std::mem::forget(self.wire.take());
         self.close();

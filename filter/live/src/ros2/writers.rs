@@ -1,7 +1,7 @@
 //! What a bus writes: its writers with their readers, and what of it comes to those that are late.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::Endpoint;
 use super::error::Result;
@@ -41,26 +41,36 @@ impl WriterSlot {
         Ok(())
     }
 
-    /// Makes the writer anew: one that has written nothing.
-    pub(super) fn replace(&mut self, wire: &Wire) -> Result<()> {
+    /// Makes the writer anew: one that has written nothing. The writer before.
+    pub(super) fn replace(&mut self, wire: &Wire) -> Result<Option<Writer>> {
         let before = self.writer.take();
-        let opened = self.open(wire);
-        if opened.is_err() {
+        if let Err(error) = self.open(wire) {
             self.writer = before;
-            return opened;
+            return Err(error);
         }
         if let (Some(latch), Some(before)) = (&mut self.latch, &before) {
             latch.replaced(&before.peers.guids, Instant::now());
         }
-        Ok(())
+        Ok(before)
     }
 
-    /// Sends the last message of a latched topic again.
+    fn has_readers(&self) -> bool {
+        self.writer.as_ref().is_some_and(|writer| !writer.peers.guids.is_empty())
+    }
+
+    /// There is a newer message; whether it is to be written.
+    pub(super) fn newer(&mut self) -> bool {
+        let has_readers = self.has_readers();
+        self.latch.as_mut().is_none_or(|latch| latch.newer(has_readers))
+    }
+
+    /// Sends the last message of a topic again, where those that come late get it from RustDDS.
     pub(super) fn send_last(&mut self) -> Result<()> {
+        if !self.newer() {
+            return Ok(());
+        }
         let (Some(writer), Some(last)) = (&self.writer, &self.writes.last) else { return Ok(()) };
-        send(&writer.dds, &self.writes.name, last, options(None))?;
-        self.latch.iter_mut().for_each(Latch::wrote);
-        Ok(())
+        send(&writer.dds, &self.writes.name, last, options(None)).map(|_| ())
     }
 
     /// Takes in a change of the readers of others.
@@ -114,6 +124,58 @@ impl WriterSlot {
             send(&writer.dds, &writes.name, last, options(Some(reader)))?;
         }
         Ok(())
+    }
+}
+
+/// Removals that RustDDS 0.15.1 takes in at once. One above that it forgets, and such a writer would offer its old
+/// messages to newcomers for ever.
+const MAX_REMOVALS: usize = 4;
+
+/// How long RustDDS may take with them where nothing shows it.
+const REMOVAL: Duration = Duration::from_millis(200);
+
+/// Writers that were replaced, until they are removed.
+#[derive(Default)]
+pub(super) struct Retired {
+    /// Each with its slot.
+    waiting: Vec<(usize, Writer)>,
+    /// Removals that RustDDS may not have taken in, and the time of the last.
+    n_removing: usize,
+    since: Option<Instant>,
+    /// Slots whose present writer is found only after that: writers are added and removed in one step.
+    signs: Vec<usize>,
+}
+
+impl Retired {
+    pub(super) fn is_empty(&self) -> bool {
+        self.waiting.is_empty()
+    }
+
+    /// The writer before the present one of a slot.
+    pub(super) fn push(&mut self, at: usize, before: Writer) {
+        self.waiting.push((at, before));
+    }
+
+    /// Removes as many as RustDDS takes in.
+    pub(super) fn go_on(&mut self, slots: &[WriterSlot], now: Instant) {
+        let is_late = self.since.is_none_or(|since| now.saturating_duration_since(since) >= REMOVAL);
+        let is_over = is_late && !slots.iter().any(WriterSlot::is_held);
+        if is_over || self.signs.iter().any(|at| slots[*at].has_readers()) {
+            self.n_removing = 0;
+            self.signs.clear();
+        }
+        while self.n_removing < MAX_REMOVALS && !self.waiting.is_empty() {
+            let (at, before) = self.waiting.remove(0);
+            drop(before);
+            self.n_removing += 1;
+            self.since = Some(now);
+            self.signs.extend((!slots[at].has_readers()).then_some(at));
+        }
+    }
+
+    /// Leaves them to a network that is left as it is.
+    pub(super) fn abandon(&mut self) {
+        std::mem::forget(std::mem::take(self));
     }
 }
 
