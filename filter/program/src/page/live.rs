@@ -28,12 +28,18 @@ const PICTURE_NS: i64 = 100_000_000;
 /// Pixels of a cell of what was felt.
 const CELL_PX: usize = 2;
 
+/// A message of a log, and with a decision the picture of its touch, a data URI.
+struct Kept {
+    shown: Shown,
+    picture: Option<String>,
+}
+
 /// What the page shows.
 #[derive(Default)]
 pub struct LivePage {
     follower: Mutex<Follower>,
-    /// All messages so far, where any moment may be asked for, each with the picture of its touch, a data URI.
-    kept: Option<Mutex<Vec<(Shown, Option<String>)>>>,
+    /// All messages so far, where any moment may be asked for.
+    kept: Option<Mutex<Vec<Kept>>>,
     /// The latest picture as it came, until it is drawn.
     latest: Mutex<Option<Input>>,
     /// The one that was drawn last, a data URI.
@@ -78,7 +84,7 @@ impl LivePage {
                         self.drawn.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&picture);
                     }
                     if let Some(kept) = &self.kept {
-                        kept.lock().unwrap_or_else(PoisonError::into_inner).push((shown, picture));
+                        kept.lock().unwrap_or_else(PoisonError::into_inner).push(Kept { shown, picture });
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -122,9 +128,9 @@ impl LivePage {
     /// What was known at a moment, and the picture of the last touch; `None` where messages are not kept.
     fn known_at(&self, at_s: f64) -> Option<(Follower, Option<String>)> {
         let kept = self.kept.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
-        let start_ns = kept.first()?.0.time_ns;
+        let start_ns = kept.first()?.shown.time_ns;
         let (mut follower, mut picture) = (Follower::default(), None);
-        for (n, (Shown { time_ns, topic, cdr, .. }, of_touch)) in kept.iter().enumerate() {
+        for (n, Kept { shown: Shown { time_ns, topic, cdr, .. }, picture: of_touch }) in kept.iter().enumerate() {
             // The first message says when the log begins.
             if n > 0 && (time_ns - start_ns) as f64 * 1e-9 > at_s {
                 break;
