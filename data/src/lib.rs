@@ -2,7 +2,7 @@
 //! recordings in and out.
 //!
 //! The main types are [`frame::Frame`] (what a camera saw), [`frame::TactileImage`] (what a network
-//! sees), [`scene::Scene`] (what is simulated) and [`store::Dataset`] (what is on disk). This crate
+//! sees), [`scene::Scene`] (what is simulated) and [`dataset::store::Dataset`] (what is on disk). This crate
 //! must not know networks, embeddings or beliefs.
 //!
 //! ```
