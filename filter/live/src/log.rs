@@ -9,13 +9,14 @@ use std::fs::File;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use tactile_data::recording::ros::bag;
 use tactile_data::recording::ros::bag_writer::{BagWriter, ChannelId};
 use tactile_data::recording::ros::messages::{
     CompressedImage, Image, Message, PoseStamped, PoseWithCovarianceStamped, Text, to_cdr,
 };
 
 use crate::error::{Error, Result};
-use crate::event::{Event, Input, Output, Request};
+use crate::event::{Event, Input, Output, Request, Topic};
 use crate::parameters::Parameters;
 
 /// Between two flushes, nanoseconds: what a program that is killed loses at most.
@@ -62,7 +63,7 @@ pub(crate) enum Line {
     Cameras,
     Tick,
     Answer,
-    Output(crate::event::Topic),
+    Output(Topic),
 }
 
 impl Line {
@@ -94,6 +95,16 @@ impl Line {
             Self::Output(topic) => topic.message(),
             _ => [Text::TYPE, Text::DEFINITION],
         }
+    }
+
+    /// The line that a message of a log is on; `None`: not one of the node's. The setup is the first message alone.
+    pub(crate) fn of_message(message: &bag::Message, setup: &Setup) -> Option<Self> {
+        let pictures = [Self::Image, Self::CompressedImage];
+        let others = [Self::ToolPose, Self::PartPose, Self::Called, Self::Cameras, Self::Tick, Self::Answer];
+        let outputs = Topic::ALL.map(Self::Output);
+        let is_it =
+            |line: &Self| line.topic(setup) == message.channel.topic && line.message()[0] == message.channel.type_name;
+        pictures.into_iter().chain(others).chain(outputs).find(is_it)
     }
 
     /// The line of an input and its bytes.

@@ -82,7 +82,7 @@ pub fn replay(log: &Path, model: Arc<Model>, bank: Arc<Bank>) -> Result<Replayed
     let mut replayed = Replayed::default();
     for message in &mut messages {
         let message = message?;
-        match replay.line(&message) {
+        match Line::of_message(&message, &replay.setup) {
             Some(line) if is_input(line) => {
                 replay.expect_silence()?;
                 replay.input(line, &message, &mut replayed)?;
@@ -115,16 +115,6 @@ struct Replay {
 }
 
 impl Replay {
-    fn line(&self, message: &Message) -> Option<Line> {
-        let pictures = [Line::Image, Line::CompressedImage];
-        let others = [Line::ToolPose, Line::PartPose, Line::Called, Line::Cameras, Line::Tick, Line::Answer];
-        let outputs = Topic::ALL.map(Line::Output);
-        let is_it = |line: &Line| {
-            line.topic(&self.setup) == message.channel.topic && line.message()[0] == message.channel.type_name
-        };
-        pictures.into_iter().chain(others).chain(outputs).find(is_it)
-    }
-
     fn input(&mut self, line: Line, message: &Message, replayed: &mut Replayed) -> Result<()> {
         if message.sequence != self.number {
             let got = format!("event {}: what came between is missing", message.sequence);

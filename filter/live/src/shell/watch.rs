@@ -80,14 +80,14 @@ fn send_log(log: &Path, setup: &Setup, pace: Option<f64>, sender: &SyncSender<Sh
             let message = message?;
             n_sent += 1;
             let time_ns = message.log_time_ns;
-            if let Some(line) =
-                [Line::Image, Line::CompressedImage].into_iter().find(|line| line.topic(setup) == message.channel.topic)
-            {
-                picture = line.input(message.bytes().to_vec());
-                continue;
-            }
-            let is_it = |topic: &Topic| Line::Output(*topic).topic(setup) == message.channel.topic;
-            let Some(topic) = Topic::ALL.into_iter().filter(|topic| is_shown(*topic)).find(is_it) else { continue };
+            let topic = match Line::of_message(&message, setup) {
+                Some(Line::Output(topic)) if is_shown(topic) => topic,
+                Some(line @ (Line::Image | Line::CompressedImage)) => {
+                    picture = Some((line, message));
+                    continue;
+                }
+                _ => continue,
+            };
             if let Some(pace) = pace {
                 let since_s = (time_ns - *start_ns.get_or_insert(time_ns)) as f64 * 1e-9 / pace;
                 std::thread::sleep(
@@ -95,6 +95,7 @@ fn send_log(log: &Path, setup: &Setup, pace: Option<f64>, sender: &SyncSender<Sh
                 );
             }
             let picture = picture.take_if(|_| topic == Topic::Decision);
+            let picture = picture.and_then(|(line, message)| line.input(message.bytes().to_vec()));
             if sender.send(Shown { picture, ..Shown::new(time_ns, topic, message.bytes().to_vec()) }).is_err() {
                 return Ok(());
             }
