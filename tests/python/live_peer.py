@@ -8,7 +8,8 @@
     python tests/python/live_peer.py tactile-filter --model M --bank B --pictures pictures [--seconds 600] [--only NAME]
 
 The bank is one of the scene's pegs. With FASTDDS_PEER robot and camera are on Fast DDS (`fastdds_peer.py`). Neither
-shares code with the middleware that is checked. All traffic stays on 127.0.0.1. Ends with a table of the figures, or with exit code 1 at the first check that fails.
+shares code with the middleware that is checked. All traffic stays on 127.0.0.1. Ends with a table of the figures, or
+with exit code 1 at the first check that fails.
 """
 
 import argparse

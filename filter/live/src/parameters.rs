@@ -73,7 +73,7 @@ pub struct CameraParameters {
     pub letterbox: bool,
     /// What the kept picture shows along x and y, mm; a GelSight Mini's if not given.
     pub field_of_view_mm: Option<[f64; 2]>,
-    /// A file of the sensor's light, as `tactile-data calibrate` writes it, of pictures turned and mirrored likewise.
+    /// A file of the sensor's light, as `tactile-data calibrate` writes it, of pictures turned and mirrored in the same way.
     pub calibration: Option<String>,
     /// What that file says; the node itself reads no files.
     #[serde(skip_serializing_if = "Option::is_none")]
