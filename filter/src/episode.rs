@@ -64,7 +64,7 @@ impl Episode {
         let known = config.start.map(|start| start.over(&states_between(bank.start(), subdivisions))).transpose()?;
         let start = Start::of(config.method.engine, config.settings.seed);
         let belief = Belief::begin(&bank, subdivisions, start, first, known);
-        let touches = vec![(Se2::IDENTITY, observation.clone())];
+        let touches = vec![(Se2::IDENTITY, observation.seen_as(&bank))];
         Ok(Self { config, model, bank, belief, touches, tried: Vec::new(), candidates: OnceLock::new() })
     }
 
@@ -83,7 +83,7 @@ impl Episode {
         }
         let likelihood = TouchLikelihood::new(observation, &self.bank, &self.model)?;
         self.belief.update(&moved, likelihood);
-        self.touches.push((moved, observation.clone()));
+        self.touches.push((moved, observation.seen_as(&self.bank)));
         self.candidates = OnceLock::new();
         Ok(())
     }

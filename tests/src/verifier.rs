@@ -278,6 +278,34 @@ fn a_place_is_found_by_the_maps_of_touches_and_part() {
     assert!(Episode::restore(&record, bank).unwrap_err().to_string().contains("each error above 0"));
 }
 
+#[test]
+fn maps_are_in_millimetres_whatever_a_sensor_shows() {
+    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // The Mini's view, one that is a fifth smaller, the SDK's.
+    for (width, height) in [(18.6, 14.3), (14.9, 11.4), (20.3, 15.2)] {
+        let scene = format!(
+            "name = \"bar\"\n\n[parts.solids]\nnames = [\"cuboid:10x6\"]\n\n[reach]\nxy_half_mm = 4.0\nxy_step_mm = 4.0\n\
+             theta_half_deg = 0.0\ntheta_step_deg = 45.0\n\n[sensor]\nfield_of_view_mm = [{width}, {height}]\n"
+        );
+        fs::write(at.join("bar.toml"), scene).unwrap();
+        let (model, maps) = (shipped("maze-small"), shipped("maze-small.maps"));
+        let given = ["bank", "--model", &model, "--maps", &maps, "--scene", "bar.toml", "--views", "pegs"];
+        run("tactile-infer", at, &[&given[..], &["--learn-from", "nothing", "--out", "bar.bank"]].concat()).done();
+        let bank = Bank::load(&at.join("bar.bank"), &Model::load(model.as_ref()).unwrap()).unwrap();
+        let outline = bank.mosaics().unwrap().of(0, Side::Peg).outline_mm();
+        // How far each place is from a rectangle of 10 x 6 mm.
+        let off = outline.iter().map(|[x, y]| {
+            let [x, y] = [x.abs() - 5.0, y.abs() - 3.0];
+            x.max(0.0).hypot(y.max(0.0)) + x.max(y).min(0.0)
+        });
+        let mean = off.sum::<f64>() / outline.len() as f64;
+        assert!(outline.len() > 60 && mean.abs() < 0.2, "{width} mm: {mean} mm off, {} places", outline.len());
+        fs::remove_file(at.join("bar.bank")).unwrap();
+    }
+}
+
 /// Letters that a robot knows, and one that it does not, touched near their middle.
 const REACH: &str = r"
 height_mm = 12.0

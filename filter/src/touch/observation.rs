@@ -5,6 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use tactile_data::dataset::touch::Side;
 use tactile_data::pose::se2::Se2;
+use tactile_infer::Bank;
 use tactile_infer::maps::DrawnMap;
 
 use crate::error::{Error, Result};
@@ -51,6 +52,16 @@ impl Observation {
     #[must_use]
     pub fn of_simulation(self) -> Self {
         Self { frame_hash: None, ..self }
+    }
+
+    /// The same, whose map shows as much as the views of a bank: one sensor, or two alike, touch both.
+    pub(crate) fn seen_as(&self, bank: &Bank) -> Self {
+        let view_mm = bank.origin().map(|origin| origin.sensor.field_of_view_mm);
+        let mut seen = self.clone();
+        if let Some(view_mm) = view_mm {
+            seen.map = seen.map.map(|map| Box::new(map.of_view(view_mm)));
+        }
+        seen
     }
 
     /// Refuses a map that no sensor draws.

@@ -69,10 +69,12 @@ impl MapArgs {
         let background = Background::new(&picture::read(rest)?, drawer.preprocessing());
         let background = background.map_err(|error| Error::from(error).within(rest.display()))?;
         let calibration = self.calibration.as_ref().map(Calibration::load).transpose()?;
+        let view_mm = calibration.as_ref().map_or(drawer.view_mm(), |of| of.field_of_view_mm);
         let background = background.lit_by(&calibration.map(|of| of.light.response()))?;
         let frame = picture::read(&self.image)?;
         let seen = background.tactile_image(&frame).map_err(|error| Error::from(error).within(self.image.display()))?;
         for map in drawer.draw(std::slice::from_ref(&seen), self.side)? {
+            let map = map.of_view(view_mm);
             if let Some(out) = &self.out {
                 picture::write_png(out, &side_by_side(&frame, &map)?)?;
                 program::say(format_args!("{}: {}", out.display(), said(&map)));

@@ -4,10 +4,9 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use tactile_data::dataset::touch::Side;
+use tactile_data::dataset::touch::{OUTLINE_REACH_MM, Side};
 use tactile_data::frame::{Preprocessing, TactileImage};
 
-use super::mosaic::Stitcher;
 use super::{Drawn, LOG_ERRORS, MapConfig, MapFile, N_DRAWN, N_SEEN, StageLayers, side_value};
 use crate::embedding::encoder::{Dense, Layer, Tensors, pixel_by_pixel};
 use crate::error::{Error, Result};
@@ -93,13 +92,7 @@ impl MapDrawer {
         self.preprocessing.field_of_view_mm
     }
 
-    /// Stitches the maps of touches that are made so far from a part's origin, mm.
-    pub fn stitcher(&self, farthest_mm: f64) -> Stitcher {
-        let [width, height] = self.view_mm();
-        Stitcher::new(farthest_mm + 0.5 * width.hypot(height))
-    }
-
-    /// Draws what touches of a side show.
+    /// Draws what touches of a side show, as of the view that the network was trained on ([`DrawnMap::of_view`]).
     ///
     /// # Errors
     /// A picture of another size than the network's.
@@ -180,6 +173,21 @@ impl DrawnMap {
     pub fn place_mm(&self, at: usize) -> [f64; 2] {
         let pixel = [at % self.size_px[0], at / self.size_px[0]];
         [0, 1].map(|axis| ((pixel[axis] as f64 + 0.5) / self.size_px[axis] as f64 - 0.5) * self.view_mm[axis])
+    }
+
+    /// The same where the pictures show so much, mm: the network measures in pixels, so that distances grow with the view.
+    #[must_use]
+    pub fn of_view(mut self, view_mm: [f64; 2]) -> Self {
+        let is_other = |axis: usize| (view_mm[axis] / self.view_mm[axis] - 1.0).abs() > 1e-9;
+        if is_other(0) || is_other(1) {
+            let area = |[width, height]: [f64; 2]| width * height;
+            let ratio = (area(view_mm) / area(self.view_mm)).sqrt() as f32;
+            let reach = OUTLINE_REACH_MM as f32;
+            self.distance_mm.iter_mut().for_each(|mm| *mm = (*mm * ratio).clamp(-reach, reach));
+            self.error_mm.iter_mut().for_each(|mm| *mm *= ratio);
+            self.view_mm = view_mm;
+        }
+        self
     }
 
     fn of(size_px: [usize; 2], view_mm: [f64; 2], values: &[f32]) -> Self {

@@ -114,6 +114,11 @@ struct Sums {
 }
 
 impl Stitcher {
+    /// For touches that are made so far from a part's origin and show so much, mm.
+    pub fn around(farthest_mm: f64, [width, height]: [f64; 2]) -> Self {
+        Self::new(farthest_mm + 0.5 * width.hypot(height))
+    }
+
     /// For a part that reaches so far from its origin, mm.
     pub fn new(half_mm: f64) -> Self {
         let n = (2.0 * half_mm / CELL_MM).ceil().clamp(2.0, MOST_CELLS as f64) as usize;
@@ -406,6 +411,27 @@ pub(super) mod tests {
             (map.distance_mm[at], map.inside[at]) = (mm, if mm < 0.0 { 1.0 } else { 0.0 });
         }
         DrawnMap { contact: map.inside.clone(), ..map }
+    }
+
+    #[test]
+    fn a_map_of_another_view_is_that_of_a_part_as_much_larger() {
+        // What a network draws of the same picture where it shows less, and more, than the network knows.
+        for ratio in [0.8, 1.15] {
+            let pose = Se2::from_degrees(1.3, -2.1, 25.0);
+            let of_view = map(&pose, 0.2).of_view(VIEW_MM.map(|mm| ratio * mm));
+            let known = map(&pose, 0.2).of_view(VIEW_MM);
+            assert_eq!(known, map(&pose, 0.2));
+            let there = Se2::new(ratio * pose.x_mm, ratio * pose.y_mm, pose.theta_rad);
+            let larger = |place: [f64; 2]| ratio * outline(place.map(|mm| mm / ratio));
+            let mut n_near = 0;
+            for at in 0..SIZE_PX[0] * SIZE_PX[1] {
+                let expected = larger(there.apply(of_view.place_mm(at)));
+                let found = f64::from(of_view.distance_mm[at]);
+                assert!((found - expected.clamp(-OUTLINE_REACH_MM, OUTLINE_REACH_MM)).abs() < 1e-5, "{ratio}: {found}");
+                n_near += usize::from(expected.abs() < 1.0);
+            }
+            assert!(n_near > 100 && (f64::from(of_view.error_mm[7]) - 0.2 * ratio).abs() < 1e-6);
+        }
     }
 
     /// A part that was touched all over.

@@ -8,7 +8,7 @@ use tactile_data::frame::TactileImage;
 use super::{Peg, pegs};
 use crate::bank::Bank;
 use crate::error::{Error, Result};
-use crate::maps::mosaic::Mosaics;
+use crate::maps::mosaic::{Mosaics, Stitcher};
 use crate::maps::{MapDrawer, Maps};
 
 /// Touches that are drawn at a time.
@@ -45,15 +45,16 @@ fn mosaics_of_dataset(
     let pegs = pegs(dataset)?;
     let background = dataset.background(drawer.preprocessing())?;
     let farthest = pegs.iter().map(|peg| peg.pose.x_mm.abs().max(peg.pose.y_mm.abs())).fold(0.0, f64::max);
-    let mut stitchers = vec![drawer.stitcher(farthest); parts.len()];
+    let view_mm = dataset.meta().field_of_view_mm();
+    let mut stitchers = vec![Stitcher::around(farthest, view_mm); parts.len()];
     let mut n_of_part = vec![0; parts.len()];
     for (done, some) in pegs.chunks(AT_ONCE).enumerate() {
         progress(done * AT_ONCE, pegs.len());
         let see = |peg: &Peg<'_>| Ok(background.tactile_image(&dataset.frame(peg.frame))?);
         let images = some.par_iter().map(see).collect::<Result<Vec<TactileImage>>>()?;
-        for (map, peg) in drawer.draw(&images, Side::Peg)?.iter().zip(some) {
+        for (map, peg) in drawer.draw(&images, Side::Peg)?.into_iter().zip(some) {
             if let Some(part) = parts.iter().position(|part| part == peg.part) {
-                stitchers[part].add(map, &peg.pose);
+                stitchers[part].add(&map.of_view(view_mm), &peg.pose);
                 n_of_part[part] += 1;
             }
         }

@@ -53,6 +53,7 @@ pub(super) fn expected_of_scene(
                 continue;
             }
             for map in drawer.draw(&[image], side)? {
+                let map = map.of_view(scene.sensor.field_of_view_mm);
                 log_odds.push(verifier.log_odds(&compared((&map, side), &mosaics.of(part, side), &pose)));
             }
         }

@@ -69,7 +69,7 @@ fn mosaics_of_scene(
     let n_touches = n_stitched * poses.len();
     let background = Background::new(&simulator.no_contact(seed), drawer.preprocessing())?;
     let background = background.lit_by(&scene.sensor.known_lamps())?;
-    let done = AtomicUsize::new(0);
+    let (done, view_mm) = (AtomicUsize::new(0), scene.sensor.field_of_view_mm);
     let stitch = |at: usize| -> Result<Stitcher> {
         let first = at * poses.len();
         let side = if at < simulator.parts().len() { Side::Peg } else { Side::Hole };
@@ -77,9 +77,9 @@ fn mosaics_of_scene(
         let frames = render(&simulator, seed, first, touches)?;
         let images = frames.par_iter().map(|frame| background.tactile_image(frame));
         let images = images.collect::<tactile_data::Result<Vec<TactileImage>>>()?;
-        let mut stitcher = drawer.stitcher(reach.xy_half_mm);
-        for (map, touch) in drawer.draw(&images, side)?.iter().zip(touches) {
-            stitcher.add(map, &touch.part_from_sensor);
+        let mut stitcher = Stitcher::around(reach.xy_half_mm, view_mm);
+        for (map, touch) in drawer.draw(&images, side)?.into_iter().zip(touches) {
+            stitcher.add(&map.of_view(view_mm), &touch.part_from_sensor);
         }
         progress(done.fetch_add(touches.len(), Ordering::Relaxed) + touches.len(), n_touches);
         Ok(stitcher)
