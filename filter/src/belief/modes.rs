@@ -67,7 +67,7 @@ pub fn modes(posterior: &Posterior, first_from_sensor: &Se2, symmetry: &dyn Fn(u
 }
 
 /// Whether two poses are so near that their hills are one.
-fn is_one_hill(grid: &PoseGrid, a: &Se2, b: &Se2) -> bool {
+pub(crate) fn is_one_hill(grid: &PoseGrid, a: &Se2, b: &Se2) -> bool {
     let turned = wrap_angle(a.theta_rad - b.theta_rad).to_degrees().abs();
     a.distance_mm(b) <= 2.0 * grid.xy_step_mm && turned <= 2.0 * grid.theta_step_deg
 }

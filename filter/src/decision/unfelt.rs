@@ -52,7 +52,7 @@ impl Asked<'_> {
         if named.probability <= config.settings.stop_probability || named.placed.verified.is_none() {
             return None;
         }
-        let presence = self.presence(&named.placed)?;
+        let presence = named.presence?;
         let drawings: Vec<Drawing<'_>> = self.drawn().iter().map(|touch| touch.drawing).collect();
         let (view_mm, views) = (drawings.last()?.map.view_mm, views(&drawings, &Se2::IDENTITY));
         let first_from_part = named.placed.part_from_first.inverse();

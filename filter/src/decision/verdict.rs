@@ -183,9 +183,8 @@ pub(crate) struct Asked<'a> {
 impl<'a> Asked<'a> {
     /// The verdict.
     pub(crate) fn verdict(self) -> Verdict {
-        let Candidates { part, probability, placed, .. } = *self.candidates();
+        let Candidates { part, probability, placed, presence, .. } = *self.candidates();
         let covariance = self.covariance(part, &placed);
-        let presence = self.presence(&placed);
         let standing = self.standing(probability, presence, || covariance);
         Verdict {
             part,
@@ -209,8 +208,8 @@ impl<'a> Asked<'a> {
             let n_touches = self.belief.touches().len();
             return self.config.stop(&Standing { probability, n_touches, ..Standing::default() });
         }
-        let Candidates { part, probability, placed, .. } = *self.candidates();
-        self.config.stop(&self.standing(probability, self.presence(&placed), || self.covariance(part, &placed)))
+        let Candidates { part, probability, placed, presence, .. } = *self.candidates();
+        self.config.stop(&self.standing(probability, presence, || self.covariance(part, &placed)))
     }
 
     /// How the touches of the part match that is named with confidence; `None` where none is.
@@ -245,13 +244,18 @@ impl<'a> Asked<'a> {
         let refined = || self.belief.refine(state, &self.bank.symmetry(part));
         let is_between = self.config.method.between_poses;
         let believed = if is_between { refined() } else { self.belief.posterior().grid().pose(state.cell) };
-        let scores = self.belief.scores(part, &believed);
+        self.place_at(part, &believed)
+    }
+
+    /// The same around a pose that is believed.
+    pub(crate) fn place_at(self, part: usize, believed: &Se2) -> Placed {
+        let scores = self.belief.scores(part, believed);
         let fit = scores.map(|scores| self.config.sensor.fit(&self.config.model, scores));
-        match self.laid(part, &believed) {
+        match self.laid(part, believed) {
             Some(Laid { part_from_first, hill, verified }) => {
                 Placed { part_from_first, hill: Some(hill), verified, scores, fit }
             }
-            None => Placed { part_from_first: believed, hill: None, verified: None, scores, fit },
+            None => Placed { part_from_first: *believed, hill: None, verified: None, scores, fit },
         }
     }
 
