@@ -14,10 +14,11 @@ use tactile_data::sensor::simulator::{Simulator, frame_rng};
 use tactile_data::sensor::touch_map::{TouchMap, TouchMaps};
 use tactile_filter::{Episode, EpisodeConfig, Estimate, Observation, Sensor};
 use tactile_infer::bank::simulated::bank_of_scene;
+use tactile_infer::bank::simulated::mosaics::with_maps_of_scene;
 use tactile_infer::bank::views::Views;
 use tactile_infer::maps::mosaic::{Mosaics, Stitcher};
 use tactile_infer::maps::verifier::{Verifier, VerifierConfig};
-use tactile_infer::maps::{DrawnMap, MapFile};
+use tactile_infer::maps::{DrawnMap, MapFile, Maps};
 use tactile_infer::{Bank, Model};
 use tactile_tests::programs::run;
 use tactile_tests::samples::Sample;
@@ -276,6 +277,37 @@ fn a_place_is_found_by_the_maps_of_touches_and_part() {
     spoilt["touches"][0][1]["map"]["error_mm"][3] = 0.0.into();
     let record = serde_json::from_value(spoilt).unwrap();
     assert!(Episode::restore(&record, bank).unwrap_err().to_string().contains("each error above 0"));
+}
+
+#[test]
+fn a_verifier_says_nothing_of_a_touch_without_an_edge() {
+    let shipped = |name: &str| format!("{}/../infer/models/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    let maps = Maps::load(shipped("maze-small.maps").as_ref()).unwrap();
+    let model = Model::load(shipped("maze-small").as_ref()).unwrap().with_maps(maps.clone()).unwrap();
+    let model = Arc::new(model);
+    let reach = PoseGrid { xy_half_mm: 12.0, xy_step_mm: 4.0, theta_half_deg: 0.0, theta_step_deg: 45.0 };
+    let mut scene = Scene { reach: Some(reach), ..Scene::load("alphabet-small").unwrap() };
+    scene.parts = Parts::Kit(Kit::of_letters("TF", 6.0, 6.0));
+    let bank = bank_of_scene(&model, &scene, Views::Pegs, 1, &|_, _| ()).unwrap();
+    let bank = with_maps_of_scene(bank, &maps, (&scene, Views::Pegs), 1, &|_, _| ()).unwrap();
+    let simulator = Simulator::new(scene, 1).unwrap();
+    let sensor = Sensor::new(model.clone(), &simulator.no_contact(7)).unwrap();
+    let touch = |pose: Se2, n: u64| {
+        sensor.observe(&simulator.touch(0, Side::Hole, &pose, &mut frame_rng(5, n)).unwrap()).unwrap()
+    };
+    // Two touches beside the letter, then one on it.
+    let (beside, moved) = (Se2::new(12.0, 12.0, 0.0), Se2::new(-24.0, 0.0, 0.0));
+    let mut episode = Episode::begin(EpisodeConfig::of(&model), Arc::new(bank), &touch(beside, 1)).unwrap();
+    episode.observe(moved, &touch(beside * moved, 2)).unwrap();
+    let blank = episode.estimate();
+    let verified = blank.verified.unwrap();
+    assert_eq!((verified.log_odds, verified.n_new, blank.presence), (0.0, 0.0, None));
+    let on_it = Se2::new(12.0, -12.0, 0.0);
+    episode.observe(on_it, &touch(beside * moved * on_it, 3)).unwrap();
+    let found = episode.estimate();
+    let verified = found.verified.unwrap();
+    assert!(verified.n_new > 0.5 && verified.n_new <= 1.0 && verified.log_odds.abs() <= 8.0, "{verified:?}");
+    assert!(found.presence.is_some() && found.part == "T", "{}", found.part);
 }
 
 #[test]

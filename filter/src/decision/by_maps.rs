@@ -4,7 +4,6 @@
 //! verifier says of them there. It must not know thresholds.
 
 use tactile_data::pose::se2::Se2;
-use tactile_infer::calibration::Spread;
 use tactile_infer::calibration::presence::Verified;
 use tactile_infer::maps::align::Drawing;
 use tactile_infer::maps::coverage::outline_mm;
@@ -43,14 +42,18 @@ impl<'a> Asked<'a> {
         let (part_from_first, hill) = self.belief.placed_by_maps((part, believed), &symmetry, &drawings, &mosaic);
         let verifier = self.bank.verifier().filter(|_| self.config.settings.verify > 0);
         let verified = verifier.map(|verifier| {
-            let log_odds = drawings.iter().map(|Drawing { map, first_from_sensor }| {
+            // Where no edge was felt the belief knows; a verifier may be sure of the contrary where an outline is just out of view.
+            let edged = || drawn.iter().filter(|touch| !touch.is_blank);
+            let log_odds = |Drawing { map, first_from_sensor }: &Drawing<'_>| {
                 let part_from_sensor = part_from_first * *first_from_sensor;
                 verifier.log_odds(&compared((map, self.side()), &mosaic, &part_from_sensor))
-            });
-            let log_odds: Vec<f64> = log_odds.collect();
-            let expected = self.bank.expected().and_then(|expected| expected.of(part, self.side()));
-            let outline_mm = outline_mm(&mosaic, &drawings, &part_from_first);
-            Verified { outline_mm, ..together(&log_odds, &drawn, expected) }
+            };
+            Verified {
+                log_odds: edged().map(|touch| touch.new_share * log_odds(&touch.drawing)).sum(),
+                n_new: edged().map(|touch| touch.new_share).sum(),
+                expected: self.bank.expected().and_then(|expected| expected.of(part, self.side())),
+                outline_mm: outline_mm(&mosaic, &drawings, &part_from_first),
+            }
         });
         Some(Laid { part_from_first, hill, verified })
     }
@@ -65,11 +68,4 @@ impl<'a> Asked<'a> {
         });
         drawn.collect()
     }
-}
-
-/// What touches say together, each as much as it is new. One that shows no edge is no evidence for a part, but may be against it.
-fn together(log_odds: &[f64], drawn: &[Drawn<'_>], expected: Option<Spread>) -> Verified {
-    let n_new = drawn.iter().filter(|touch| !touch.is_blank).map(|touch| touch.new_share).sum();
-    let log_odds = log_odds.iter().zip(drawn).map(|(log_odds, touch)| touch.new_share * log_odds).sum();
-    Verified { log_odds, n_new, expected, outline_mm: [0.0; 2] }
 }

@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! p(part) ~ sum over its places of belief(part, place) exp(0.5 V(part, place))
-//! V: the verifier's log-odds of all touches, each as much as it is new
+//! V: the verifier's log-odds of the touches with an edge, each as much as it is new
 //! ```
 //!
 //! What is not verified counts as the least likely of what is.
@@ -76,20 +76,20 @@ impl<'a> Asked<'a> {
         if judged.len() < 2 {
             let (part, probability) = likeliest(by_part);
             let placed = places.first().map_or_else(|| self.find_place(part), |place| place.placed);
-            return Candidates { by_part: by_part.to_vec(), part, probability, placed, presence: self.presence(&placed) };
+            return Candidates {
+                by_part: by_part.to_vec(),
+                part,
+                probability,
+                placed,
+                presence: self.presence(&placed),
+            };
         }
         let (by_part, by_place) = weighed(by_part, &judged);
         let (part, probability) = likeliest(&by_part);
         let of_part = || places.iter().zip(&by_place).filter(|(place, _)| place.part == part);
         let best = of_part().reduce(|best, next| if next.1 > best.1 { next } else { best });
         let placed = best.map_or_else(|| self.find_place(part), |(place, _)| place.placed);
-        // A part that may well be elsewhere is not refused for what it is like here.
-        let least = self.config.settings.false_refuse;
-        let believed = places.iter().zip(&by_place).filter(|(_, weight)| **weight >= least);
-        let rates = believed.filter_map(|(place, _)| Some(self.presence(&place.placed)?.present_rate));
-        let rate = rates.fold(0.0, f64::max);
         let presence = self.presence(&placed);
-        let presence = presence.map(|found| Presence { present_rate: found.present_rate.max(rate), ..found });
         Candidates { by_part, part, probability, placed, presence }
     }
 
