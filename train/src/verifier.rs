@@ -151,7 +151,7 @@ impl<'a> LaidTouches<'a> {
         };
         let image = std::slice::from_ref(image);
         let query = self.model.embed_side(image, side)?;
-        let map = self.drawer.draw(image, side)?.pop().map(|map| map.of_view(dataset.meta().field_of_view_mm()));
+        let map = self.drawer.draw(image, side, dataset.meta().field_of_view_mm())?.pop();
         let map = map.ok_or_else(|| Error::invalid(format!("{name}: frame {frame}"), "a map", "none"))?;
         let (bank_index, is_held_out) = (self.mosaics.len() - 1, part / N_PARTS % HELD_OUT == HELD_OUT - 1);
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ dataset.meta().seed.unwrap_or_default());

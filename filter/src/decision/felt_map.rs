@@ -48,17 +48,12 @@ impl Asked<'_> {
     /// The maps of the touches stitched at their estimated poses; `None` where none was drawn, or they reach nowhere.
     pub(crate) fn felt_map(self) -> Option<FeltMap> {
         let drawn = self.drawn();
-        if drawn.is_empty() {
-            return None;
-        }
+        let view_mm = drawn.first()?.drawing.map.view_mm;
         let Candidates { part, placed, .. } = *self.candidates();
         let pose_of = |drawing: &Drawing<'_>| placed.part_from_first * drawing.first_from_sensor;
         let drawn: Vec<_> = drawn.iter().map(|touch| (touch.drawing.map, pose_of(&touch.drawing))).collect();
-        let reach = drawn.iter().map(|(map, pose)| {
-            let [width, height] = map.view_mm;
-            pose.x_mm.abs().max(pose.y_mm.abs()) + 0.5 * width.hypot(height)
-        });
-        let mut stitcher = Stitcher::new(reach.reduce(f64::max)?);
+        let farthest = drawn.iter().map(|(_, pose)| pose.x_mm.abs().max(pose.y_mm.abs())).fold(0.0, f64::max);
+        let mut stitcher = Stitcher::around(farthest, view_mm);
         drawn.iter().for_each(|(map, pose)| stitcher.add(map, pose));
         let mosaics = Mosaics::stitched(&[stitcher], None).ok()?;
         let side = self.side();

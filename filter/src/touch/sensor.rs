@@ -74,7 +74,8 @@ impl Sensor {
         let image = std::slice::from_ref(&image);
         let query = self.model.embed_side(image, self.side)?;
         let map = match self.model.maps() {
-            Some(maps) => maps.drawer().draw(image, self.side)?.pop().map(Box::new),
+            // The episode knows the view: that of its bank.
+            Some(maps) => maps.drawer().draw(image, self.side, maps.drawer().view_mm())?.pop().map(Box::new),
             None => None,
         };
         let model_sha256 = Some(self.model.sha256().clone());

@@ -73,8 +73,7 @@ impl MapArgs {
         let background = background.lit_by(&calibration.map(|of| of.light.response()))?;
         let frame = picture::read(&self.image)?;
         let seen = background.tactile_image(&frame).map_err(|error| Error::from(error).within(self.image.display()))?;
-        for map in drawer.draw(std::slice::from_ref(&seen), self.side)? {
-            let map = map.of_view(view_mm);
+        for map in drawer.draw(std::slice::from_ref(&seen), self.side, view_mm)? {
             if let Some(out) = &self.out {
                 picture::write_png(out, &side_by_side(&frame, &map)?)?;
                 program::say(format_args!("{}: {}", out.display(), said(&map)));

@@ -87,16 +87,16 @@ impl MapDrawer {
         &self.preprocessing
     }
 
-    /// Width and height of what a picture shows, mm.
+    /// Width and height of what the pictures showed that the network learnt from, mm.
     pub fn view_mm(&self) -> [f64; 2] {
         self.preprocessing.field_of_view_mm
     }
 
-    /// Draws what touches of a side show, as of the view that the network was trained on ([`DrawnMap::of_view`]).
+    /// Draws what touches of a side show, by pictures of so much, mm.
     ///
     /// # Errors
     /// A picture of another size than the network's.
-    pub fn draw(&self, images: &[TactileImage], side: Side) -> Result<Vec<DrawnMap>> {
+    pub fn draw(&self, images: &[TactileImage], side: Side, view_mm: [f64; 2]) -> Result<Vec<DrawnMap>> {
         let [width, height] = self.config.input_px;
         let mut seen = Vec::with_capacity(images.len() * N_SEEN * width * height);
         for image in images {
@@ -108,7 +108,7 @@ impl MapDrawer {
             seen.resize(seen.len() + width * height, side_value(side));
         }
         let drawn = self.forward(&pixel_by_pixel::<N_SEEN>(&seen, [height, width]));
-        let of = |values| DrawnMap::of(self.config.input_px, self.view_mm(), values);
+        let of = |values| DrawnMap::of(self.config.input_px, self.view_mm(), values).of_view(view_mm);
         Ok(drawn.chunks_exact(N_DRAWN * width * height).map(of).collect())
     }
 
@@ -215,6 +215,8 @@ mod tests {
     use crate::embedding::network::{tensors_of, with_tensors};
     use crate::maps::MapProvenance;
 
+    const VIEW_MM: [f64; 2] = [18.6, 14.3];
+
     /// A file of a network with statistics that are not those of a fresh one, of sizes that halve unevenly.
     fn file() -> MapFile {
         let config = MapConfig { input_px: [21, 18], width: 5 };
@@ -244,7 +246,7 @@ mod tests {
             let seen = Tensor::from_data(TensorData::new(seen.collect::<Vec<f32>>(), [3, N_SEEN, 18, 21]), &device);
             let expected = network.forward(seen).into_data().try_into_vec::<f32>().unwrap();
             let largest = expected.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
-            let found = MapDrawer::new(&file).unwrap().draw(&images, side).unwrap();
+            let found = MapDrawer::new(&file).unwrap().draw(&images, side, VIEW_MM).unwrap();
             assert_eq!((found.len(), found[1].contact.len()), (3, 21 * 18));
             for (at, expected) in expected.chunks_exact(N_DRAWN).enumerate() {
                 let (map, place) = (&found[at / (21 * 18)], at % (21 * 18));
@@ -277,7 +279,7 @@ mod tests {
         loaded.save(&path).unwrap();
         assert_eq!(MapFile::load(&path).unwrap(), loaded);
         let [exact, rounded] =
-            [&file, &loaded].map(|of| MapDrawer::new(of).unwrap().draw(&images(1), Side::Hole).unwrap());
+            [&file, &loaded].map(|of| MapDrawer::new(of).unwrap().draw(&images(1), Side::Hole, VIEW_MM).unwrap());
         let off =
             exact[0].distance_mm.iter().zip(&rounded[0].distance_mm).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         let largest = exact[0].distance_mm.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
@@ -294,7 +296,7 @@ mod tests {
         assert!(
             MapDrawer::new(&file)
                 .unwrap()
-                .draw(&[other], Side::Peg)
+                .draw(&[other], Side::Peg, VIEW_MM)
                 .unwrap_err()
                 .to_string()
                 .contains("[21, 18] pixels")

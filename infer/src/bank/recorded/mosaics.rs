@@ -52,9 +52,9 @@ fn mosaics_of_dataset(
         progress(done * AT_ONCE, pegs.len());
         let see = |peg: &Peg<'_>| Ok(background.tactile_image(&dataset.frame(peg.frame))?);
         let images = some.par_iter().map(see).collect::<Result<Vec<TactileImage>>>()?;
-        for (map, peg) in drawer.draw(&images, Side::Peg)?.into_iter().zip(some) {
+        for (map, peg) in drawer.draw(&images, Side::Peg, view_mm)?.iter().zip(some) {
             if let Some(part) = parts.iter().position(|part| part == peg.part) {
-                stitchers[part].add(&map.of_view(view_mm), &peg.pose);
+                stitchers[part].add(map, &peg.pose);
                 n_of_part[part] += 1;
             }
         }

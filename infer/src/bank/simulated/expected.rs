@@ -52,8 +52,7 @@ pub(super) fn expected_of_scene(
             if image.edge_share < BLANK_SHARE {
                 continue;
             }
-            for map in drawer.draw(&[image], side)? {
-                let map = map.of_view(scene.sensor.field_of_view_mm);
+            for map in drawer.draw(&[image], side, scene.sensor.field_of_view_mm)? {
                 log_odds.push(verifier.log_odds(&compared((&map, side), &mosaics.of(part, side), &pose)));
             }
         }

@@ -78,8 +78,8 @@ fn mosaics_of_scene(
         let images = frames.par_iter().map(|frame| background.tactile_image(frame));
         let images = images.collect::<tactile_data::Result<Vec<TactileImage>>>()?;
         let mut stitcher = Stitcher::around(reach.xy_half_mm, view_mm);
-        for (map, touch) in drawer.draw(&images, side)?.into_iter().zip(touches) {
-            stitcher.add(&map.of_view(view_mm), &touch.part_from_sensor);
+        for (map, touch) in drawer.draw(&images, side, view_mm)?.iter().zip(touches) {
+            stitcher.add(map, &touch.part_from_sensor);
         }
         progress(done.fetch_add(touches.len(), Ordering::Relaxed) + touches.len(), n_touches);
         Ok(stitcher)
